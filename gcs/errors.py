@@ -1,0 +1,56 @@
+"""One visible tree of errors. Each carries its facts as attributes, so that callers need not parse text.
+
+``GcsError`` is what a command-line entry catches: its text is for the user and says what to do.
+"""
+
+from __future__ import annotations
+
+
+class GcsError(Exception):
+    """Root of every error that this project raises on purpose."""
+
+
+class ConfigError(GcsError):
+    """A configuration is wrong.
+
+    Attributes
+    ----------
+    file : str
+        The file (or scenario name) that was read.
+    key : str
+        Dotted path of the key, empty when the file as a whole is at fault.
+    expected : str
+        What would have been right.
+    """
+
+    def __init__(self, file: str, key: str, expected: str) -> None:
+        self.file, self.key, self.expected = file, key, expected
+        super().__init__(f"{file}: {key}: {expected}" if key else f"{file}: {expected}")
+
+
+class LinkError(GcsError):
+    """A link cannot be opened or used; ``endpoint`` names it."""
+
+    def __init__(self, endpoint: str, problem: str) -> None:
+        self.endpoint, self.problem = endpoint, problem
+        super().__init__(f"{endpoint}: {problem}")
+
+
+class WireError(GcsError):
+    """A payload from outside does not have the documented form; ``key`` names where it came from."""
+
+    def __init__(self, key: str, problem: str) -> None:
+        self.key, self.problem = key, problem
+        super().__init__(f"{key}: {problem}")
+
+
+class RecordingError(GcsError):
+    """A recording cannot be read or written; ``path`` names it."""
+
+    def __init__(self, path: str, problem: str) -> None:
+        self.path, self.problem = path, problem
+        super().__init__(f"{path}: {problem}")
+
+
+class SimulationError(GcsError):
+    """A process of the simulation failed or could not be started."""

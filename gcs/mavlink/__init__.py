@@ -1,0 +1,1 @@
+"""MAVLink without I/O: codec, routing, mission transfer, vehicle state."""

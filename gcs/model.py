@@ -1,0 +1,270 @@
+"""What flows between the rooms: frozen records with units in their names.
+
+Frame: local east/north metres (see `gcs.geo`). Time: integer nanoseconds of the run's clock, since the Unix
+epoch, and always an argument. Arrays are float64 and read-only; tuples of tracks are ordered by label.
+State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
+
+Events go into `gcs.command`, effects come out; both are plain data, so a recording is a list of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+NS_PER_S = 1_000_000_000
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+Label: TypeAlias = tuple[int, int]
+"""Identity of a track: (scan count at its birth, index within that scan); ordered."""
+
+Kind: TypeAlias = Literal["agents", "targets"]
+Level: TypeAlias = Literal["info", "warning", "alarm"]
+
+
+def read_only(array: npt.ArrayLike) -> FloatArray:
+    """Return a float64 copy of `array` that nobody can write to."""
+    result = np.array(array, dtype=np.float64)
+    result.flags.writeable = False
+    return result
+
+
+# ---------------------------------------------------------------- events: what goes into the fold
+
+
+@dataclass(frozen=True, slots=True)
+class Datagram:
+    """Bytes that arrived on a link. `peer` is the sender as the link writes it ("127.0.0.1:50000")."""
+
+    t_ns: int
+    link: str
+    peer: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """What a sensor says of itself. Clutter is Poisson, uniform over the field of view."""
+
+    name: str
+    detection_probability: float
+    clutter_density_per_m2: float
+    noise_cov_m2: FloatArray
+    """(2, 2) covariance of a detection's east/north."""
+    field_of_view_m: tuple[float, float, float, float]
+    """east_min, north_min, east_max, north_max: outside it the sensor sees nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """One scan of a sensor: detections without identity, in no meaningful order."""
+
+    t_ns: int
+    """When it arrived."""
+    measured_t_ns: int
+    """When it was measured."""
+    sensor: Sensor
+    z_m: FloatArray
+    """(m, 2) east/north of each detection; m may be 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Time passed. Every timer of the fold is driven by it."""
+
+    t_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class BadInput:
+    """Something arrived at the edge that could not be read; it is counted and shown, never raised."""
+
+    t_ns: int
+    source: str
+    problem: str
+
+
+Event: TypeAlias = Datagram | Scan | Tick | BadInput
+
+
+# ---------------------------------------------------------------- the picture
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One object as a tracker sees it."""
+
+    label: Label
+    mean: FloatArray
+    """(4,) east_m, north_m, v_east_m_s, v_north_m_s."""
+    cov: FloatArray
+    """(4, 4)."""
+    existence: float
+    """Existence probability in [0, 1]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """All tracks of one kind after one scan."""
+
+    t_ns: int
+    scan_t_ns: int
+    kind: Kind
+    tracks: tuple[Track, ...]
+    """Ordered by label."""
+    cardinality: FloatArray
+    """(n + 1,) probability of each number of objects."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """What a vehicle last said of itself over MAVLink."""
+
+    system_id: int
+    t_ns: int
+    """When its last position report arrived."""
+    east_m: float
+    north_m: float
+    alt_msl_m: float
+    ground_speed_m_s: float
+    course_rad: float
+    mode: str
+    """Mode name of its autopilot, such as AUTO or LOITER; empty before the first heartbeat."""
+    armed: bool
+    mission_seq: int
+    """Item that it flies to, -1 when unknown."""
+
+
+# ---------------------------------------------------------------- plans and missions
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    """One place to fly to."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_rel_m: float
+    accept_radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """Waypoints for one vehicle, home excluded; it loiters at the last one."""
+
+    mission_id: int
+    vehicle: int
+    waypoints: tuple[Waypoint, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A way for one vehicle to one target."""
+
+    vehicle: int
+    target: Label
+    points_m: FloatArray
+    """(k, 2) east/north, the vehicle's position excluded, the target's included."""
+    length_m: float
+    """From the vehicle's position along the points."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Who flies where, and why this was decided."""
+
+    t_ns: int
+    picture_t_ns: int
+    routes: tuple[Route, ...]
+    """Ordered by vehicle."""
+    unassigned_vehicles: tuple[int, ...]
+    unassigned_targets: tuple[Label, ...]
+    reason: str
+    changed: tuple[int, ...] = ()
+    """Vehicles whose route differs from what they fly now: only these get a new mission."""
+
+
+# ---------------------------------------------------------------- effects: what comes out of the fold
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Bytes for a peer of a link."""
+
+    link: str
+    peer: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class UploadReport:
+    """How one mission transfer ended."""
+
+    t_ns: int
+    vehicle: int
+    mission_id: int
+    items: int
+    ok: bool
+    detail: str
+    """Why it failed, or how it went: "verified by read-back"."""
+    duration_s: float
+    retries: int
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something an operator should know."""
+
+    t_ns: int
+    level: Level
+    text: str
+    vehicle: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Fate:
+    """What became of an agent, as central command sees it from measurements."""
+
+    t_ns: int
+    vehicle: int
+    fate: Literal["flying", "arrived", "dead"]
+    target: Label | None = None
+    position_m: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MissionEnded:
+    """Every agent has arrived or is dead."""
+
+    t_ns: int
+    arrived: tuple[int, ...]
+    dead: tuple[int, ...]
+
+
+Effect: TypeAlias = Send | Picture | Plan | UploadReport | Notice | Fate | MissionEnded
+
+
+# ---------------------------------------------------------------- truth: known to a simulation alone
+
+
+@dataclass(frozen=True, slots=True)
+class TruthObject:
+    """One real object of a simulated world."""
+
+    kind: Kind
+    id: int
+    """System id of an agent, index of a target."""
+    east_m: float
+    north_m: float
+    alive: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The simulated world at the moment of one scan. Central command never sees it; the judge does."""
+
+    t_ns: int
+    objects: tuple[TruthObject, ...] = field(default_factory=tuple)

@@ -1,0 +1,1 @@
+"""Grid search, assignment and routes: pure numerics, no I/O."""

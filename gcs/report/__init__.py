@@ -1,0 +1,1 @@
+"""Scores, summaries and figures of a run."""

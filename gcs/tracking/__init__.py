@@ -1,0 +1,1 @@
+"""GLMB multi-object tracking: pure numerics, no I/O."""

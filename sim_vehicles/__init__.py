@@ -1,0 +1,1 @@
+"""Simulated fixed-wing vehicles and the world they fly in, over real MAVLink and real zenoh."""
