@@ -1,0 +1,276 @@
+"""Mission files: TOML in, validated settings out.
+
+One file describes a mission: where it lies on Earth, the map, the agents, where targets may appear, how to track,
+plan and link. The same file may carry a `[simulation]` table, which only the simulated world reads: central
+command keeps it unread, since it holds the truth.
+
+Every mistake raises `ConfigError` with the file, the dotted key and what was expected. The shipped scenarios in
+`gcs/scenarios/` show every key with its unit, range and default.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from gcs.errors import ConfigError
+from gcs.geo import LocalFrame
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NotNegative = Annotated[float, Meta(ge=0.0)]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+InnerProbability = Annotated[float, Meta(gt=0.0, lt=1.0)]
+SystemId = Annotated[int, Meta(ge=1, le=250)]
+Point3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
+Box = Annotated[list[float], Meta(min_length=4, max_length=4)]
+
+
+class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A TOML table: unknown keys are mistakes."""
+
+
+class FrameTable(Table, kw_only=True):
+    """Origin of the local east/north frame on WGS84."""
+
+    lat_deg: Annotated[float, Meta(ge=-85.0, le=85.0)]
+    lon_deg: Annotated[float, Meta(ge=-180.0, le=180.0)]
+    alt_msl_m: Annotated[float, Meta(ge=-500.0, le=9000.0)]
+
+
+class MapTable(Table, kw_only=True):
+    """Mission area and its search grid; node (0, 0) lies at the frame's origin."""
+
+    width_m: Positive = 2000.0
+    height_m: Positive = 2000.0
+    nodes_east: Annotated[int, Meta(ge=2, le=4000)] = 51
+    nodes_north: Annotated[int, Meta(ge=2, le=4000)] = 51
+    discs_m: list[Point3] = []
+    boxes_m: list[Box] = []
+    random_threshold: Annotated[float, Meta(ge=0.0, le=0.6)] = 0.0
+    keep_clear_m: NotNegative = 120.0
+
+
+class AgentTable(Table, kw_only=True):
+    """One agent: its MAVLink system id and where it starts."""
+
+    system_id: SystemId
+    east_m: float
+    north_m: float
+    course_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 90.0
+
+
+class BirthTable(Table, kw_only=True):
+    """A place where targets may appear: a Gaussian on position and on velocity."""
+
+    east_m: float
+    north_m: float
+    std_m: Positive = 10.0
+    v_east_m_s: float = 0.0
+    v_north_m_s: float = 0.0
+    speed_std_m_s: Positive = 4.5
+
+
+class KindTracking(Table, kw_only=True):
+    """Tracking of one kind of object."""
+
+    accel_std_m_s2: Positive
+    birth_probability: InnerProbability = 0.03
+
+
+class TrackingTable(Table, kw_only=True):
+    """The two GLMB filters and how their output is read."""
+
+    agents: KindTracking = KindTracking(accel_std_m_s2=4.0)
+    targets: KindTracking = KindTracking(accel_std_m_s2=0.5)
+    survival_probability_per_s: InnerProbability = 0.99
+    max_hypotheses: Annotated[int, Meta(ge=10, le=100_000)] = 200
+    gate_chi2: Annotated[float, Meta(ge=4.0, le=100.0)] = 32.2
+    confirm_existence: InnerProbability = 0.5
+    dead_existence: InnerProbability = 0.01
+    agent_birth_std_m: Positive = 10.0
+    agent_birth_speed_std_m_s: Positive = 10.0
+    seed: Annotated[int, Meta(ge=0)] = 0
+
+
+class TelemetryTable(Table, kw_only=True):
+    """MAVLink position reports as a sensor of agents."""
+
+    rate_hz: Annotated[float, Meta(gt=0.0, le=50.0)] = 4.0
+    noise_std_m: Positive = 3.0
+    detection_probability: InnerProbability = 0.9
+    clutter_density_per_m2: Positive = 1e-6
+    max_age_s: Positive = 1.0
+
+
+class PlanningTable(Table, kw_only=True):
+    """When and how to plan."""
+
+    period_s: Positive = 5.0
+    target_moved_m: Positive = 50.0
+    capture_radius_m: Positive = 40.0
+    clearance_m: NotNegative = 0.0
+    shape: Literal["grid", "pulled"] = "grid"
+    search_cost: Literal["metric", "paper"] = "metric"
+    switch_gain_m: NotNegative = 0.0
+
+
+class MissionTable(Table, kw_only=True):
+    """What is written into the missions."""
+
+    altitude_rel_m: Positive = 100.0
+    accept_radius_m: Annotated[float, Meta(gt=0.0, le=255.0)] = 10.0
+    max_duration_s: Positive = 600.0
+
+
+class LinksTable(Table, kw_only=True):
+    """Where central command listens."""
+
+    mavlink: Annotated[str, Meta(pattern=r"^udpin:[^:]+:\d{1,5}$")] = "udpin:0.0.0.0:14550"
+    zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
+    zenoh_role: Literal["listen", "connect"] = "listen"
+
+
+class Config(Table, kw_only=True):
+    """A whole mission file."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+    description: str = ""
+    frame: FrameTable
+    map: MapTable = MapTable()
+    agents: Annotated[list[AgentTable], Meta(min_length=1)]
+    births: list[BirthTable] = []
+    tracking: TrackingTable = TrackingTable()
+    telemetry: TelemetryTable = TelemetryTable()
+    planning: PlanningTable = PlanningTable()
+    mission: MissionTable = MissionTable()
+    links: LinksTable = LinksTable()
+    simulation: dict[str, Any] = {}
+
+    @property
+    def local_frame(self) -> LocalFrame:
+        """The frame that all east/north of this mission refer to."""
+        return LocalFrame(self.frame.lat_deg, self.frame.lon_deg, self.frame.alt_msl_m)
+
+    @property
+    def spacing_m(self) -> tuple[float, float]:
+        """Grid spacing east and north."""
+        return self.map.width_m / (self.map.nodes_east - 1), self.map.height_m / (self.map.nodes_north - 1)
+
+
+T = TypeVar("T")
+
+_WHERE = re.compile(r"^(?P<problem>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)
+
+
+def convert(raw: object, to: type[T], source: str, prefix: str = "") -> T:
+    """Validate plain data against a table type.
+
+    Raises
+    ------
+    ConfigError
+        With the dotted key at fault and what was expected there.
+    """
+    try:
+        return msgspec.convert(raw, to)
+    except msgspec.ValidationError as error:
+        match = _WHERE.match(str(error))
+        assert match is not None
+        path = (match["path"] or "$").removeprefix("$").removeprefix(".")
+        key = ".".join(part for part in (prefix, path) if part)
+        raise ConfigError(source, key, _plain(match["problem"])) from None
+
+
+def _plain(problem: str) -> str:
+    """Put msgspec's wording into words for somebody who edits TOML."""
+    problem = re.sub(r"Object missing required field `(\w+)`", r"the key `\1` is missing here", problem)
+    problem = re.sub(
+        r"Object contains unknown field `(\w+)`", r"unknown key `\1`: misspelt, or in the wrong table?", problem
+    )
+    return problem.replace("`object`", "a table").replace("Expected", "expected")
+
+
+def scenario_names() -> list[str]:
+    """Names of the shipped scenarios, in the order in which they build on one another."""
+    order = ["deterministic", "prescribed", "random-obstacles", "random-targets", "swarm-50"]
+    found = [f.name.removesuffix(".toml") for f in (resources.files("gcs") / "scenarios").iterdir() if f.name.endswith(".toml")]
+    return sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name))
+
+
+def read_text(scenario: str) -> tuple[str, str]:
+    """Return (text, source name) of a shipped scenario or of a file.
+
+    Raises
+    ------
+    ConfigError
+        When there is neither a scenario nor a readable file of that name.
+    """
+    if re.fullmatch(r"[A-Za-z0-9_-]+", scenario):
+        shipped = resources.files("gcs") / "scenarios" / f"{scenario}.toml"
+        if shipped.is_file():
+            return shipped.read_text(encoding="utf-8"), scenario
+    path = Path(scenario)
+    if not path.is_file():
+        raise ConfigError(
+            scenario, "", f"no such file or scenario; shipped scenarios: {', '.join(scenario_names())}"
+        )
+    try:
+        return path.read_text(encoding="utf-8"), os.fspath(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(scenario, "", f"cannot be read as text: {error}") from None
+
+
+def parse(text: str, source: str) -> Config:
+    """Validate the text of a mission file.
+
+    Raises
+    ------
+    ConfigError
+        For broken TOML, unknown or missing keys, values out of range, and contradictions between keys.
+    """
+    try:
+        raw = msgspec.toml.decode(text)
+    except (msgspec.DecodeError, ValueError) as error:
+        raise ConfigError(source, "", f"not valid TOML: {error}") from None
+    config = convert(raw, Config, source)
+    _cross_check(config, source)
+    return config
+
+
+def load(scenario: str) -> Config:
+    """Read and validate a shipped scenario or a file."""
+    return parse(*read_text(scenario))
+
+
+def _cross_check(config: Config, source: str) -> None:
+    ids = [agent.system_id for agent in config.agents]
+    for index, system_id in enumerate(ids):
+        if system_id in ids[:index]:
+            raise ConfigError(source, f"agents[{index}].system_id", f"{system_id} is used twice; each agent needs its own")
+    area = config.map
+    places: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [("agents", config.agents), ("births", config.births)]
+    for name, rows in places:
+        for index, row in enumerate(rows):
+            if not (0.0 <= row.east_m <= area.width_m and 0.0 <= row.north_m <= area.height_m):
+                raise ConfigError(
+                    source,
+                    f"{name}[{index}]",
+                    f"({row.east_m}, {row.north_m}) lies outside the map of {area.width_m} m x {area.height_m} m",
+                )
+    east, north = config.spacing_m
+    if not np.isclose(east, north, rtol=1e-6):
+        raise ConfigError(
+            source,
+            "map",
+            f"the grid's cells must be square: width gives {east:.3f} m a cell, height {north:.3f} m; "
+            "change nodes_east or nodes_north",
+        )
+    if config.tracking.dead_existence >= config.tracking.confirm_existence:
+        raise ConfigError(source, "tracking.dead_existence", "must be below tracking.confirm_existence")

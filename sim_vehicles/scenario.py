@@ -1,0 +1,124 @@
+"""The simulated side of a mission file: the `[simulation]` table, validated, and what a seed makes of it.
+
+Central command never reads this table: it holds the truth (where targets really are and how they move, who dies
+and when, what the sensor really does). Everything random here is drawn from generators seeded by (seed, purpose),
+so that a seed means the same world in every process and at every speed.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from gcs.config import Config, NotNegative, Positive, Probability, SystemId, Table, convert, parse, read_text
+from gcs.errors import ConfigError
+from gcs.geo import LocalFrame
+
+
+class SensorTable(Table, kw_only=True):
+    """What the world's sensor does: misses, noise, clutter."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "radar"
+    period_s: Positive = 1.0
+    detection_probability: Probability = 0.98
+    noise_std_m: Positive = 3.16
+    clutter_per_scan: NotNegative = 20.0
+
+
+class PrescribedDeath(Table, kw_only=True):
+    """An agent that dies at a given time."""
+
+    system_id: SystemId
+    at_s: NotNegative
+
+
+class DeathTable(Table, kw_only=True):
+    """The death process of the agents."""
+
+    survival_probability: Probability = 1.0
+    check_period_s: Positive = 1.0
+    prescribed: list[PrescribedDeath] = []
+
+
+class TargetTable(Table, kw_only=True):
+    """One target with prescribed motion."""
+
+    east_m: float
+    north_m: float
+    v_east_m_s: float = 0.0
+    v_north_m_s: float = 0.0
+    appears_s: NotNegative = 0.0
+
+
+class GaussianTargets(Table, kw_only=True):
+    """Targets whose places and velocities are drawn: place i from `births[i]`, velocity from a Gaussian."""
+
+    speed_std_m_s: NotNegative
+    max_speed_m_s: Positive
+    appear_by_s: NotNegative = 0.0
+
+
+class Simulation(Table, kw_only=True):
+    """The `[simulation]` table."""
+
+    forward_speed_m_s: Positive
+    gps_noise_std_m: NotNegative = 1.0
+    sensor: SensorTable = SensorTable()
+    death: DeathTable = DeathTable()
+    targets: list[TargetTable] = []
+    gaussian_targets: GaussianTargets | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A mission file as the simulated world sees it."""
+
+    config: Config
+    simulation: Simulation
+    source: str
+    text: str
+    """The file as it was read, for recordings."""
+
+    @property
+    def frame(self) -> LocalFrame:
+        """The mission's local frame."""
+        return self.config.local_frame
+
+
+def load(scenario: str) -> Scenario:
+    """Read a shipped scenario or a file.
+
+    Raises
+    ------
+    ConfigError
+        Also when the file has no usable `[simulation]` table.
+    """
+    text, source = read_text(scenario)
+    config = parse(text, source)
+    if not config.simulation:
+        raise ConfigError(source, "simulation", "the table is missing: this file describes a mission, but no world to simulate")
+    simulation = convert(config.simulation, Simulation, source, "simulation")
+    _cross_check(config, simulation, source)
+    return Scenario(config, simulation, source, text)
+
+
+def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
+    known = {agent.system_id for agent in config.agents}
+    for index, death in enumerate(simulation.death.prescribed):
+        if death.system_id not in known:
+            raise ConfigError(
+                source, f"simulation.death.prescribed[{index}].system_id", f"{death.system_id} is none of the agents"
+            )
+    if simulation.targets and simulation.gaussian_targets:
+        raise ConfigError(source, "simulation", "give either `targets` or `gaussian_targets`, not both")
+    if simulation.gaussian_targets and not config.births:
+        raise ConfigError(source, "simulation.gaussian_targets", "needs `[[births]]` to draw the places from")
+
+
+def generator(seed: int, purpose: str, *index: int) -> np.random.Generator:
+    """Return the random generator for one purpose of one seed; the same everywhere, independent of all others."""
+    return np.random.default_rng([seed, zlib.crc32(purpose.encode()), *index])
