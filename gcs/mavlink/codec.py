@@ -1,0 +1,161 @@
+"""MAVLink frames to messages and back, one datagram at a time.
+
+Frame layout (https://mavlink.io/en/guide/serialization.html)::
+
+    MAVLink 2: FD len incompat compat seq sys comp id(3) payload(len) crc(2) [signature(13)]
+    MAVLink 1: FE len                 seq sys comp id(1) payload(len) crc(2)
+
+The checksum is CRC-16/MCRF4XX over everything after the first byte, plus one byte that depends on the
+message's definition: so a frame of an unknown id can be skipped, never checked.
+
+Every datagram is scanned from empty: what one sender truncated can never swallow the next sender's frame. A
+false start costs one byte, not the length it claims, so good frames behind a damaged one are found; the
+number of false starts per datagram is bounded, so that hostile bytes cannot buy much time. Nothing here
+raises on any input. Signatures are accepted unread.
+
+The scan and the checksum are ours (a checksum must not depend on an environment variable, as it does in
+pymavlink); fields are unpacked by the dialect that pymavlink generates.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, NamedTuple, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+Message: TypeAlias = Any
+"""A message object of the dialect, such as ``dialect.MAVLink_heartbeat_message``."""
+
+GCS_SYSTEM_ID = 255
+GCS_COMPONENT_ID = 190
+AUTOPILOT_COMPONENT_ID = 1
+
+_MAGIC_V1, _MAGIC_V2 = 0xFE, 0xFD
+_HEADER_V1, _HEADER_V2 = 6, 10
+_CRC = 2
+_SIGNATURE = 13
+_SIGNED = 0x01
+_MAX_FALSE_STARTS = 64
+_MARKER = re.compile(b"[\xfd\xfe]")
+
+
+class Frame(NamedTuple):
+    """One frame whose checksum holds."""
+
+    system_id: int
+    component_id: int
+    sequence: int
+    message_id: int
+    signed: bool
+    data: bytes
+
+    def message(self) -> Message | None:
+        """Unpack the fields; None when they do not fit the message's definition."""
+        try:
+            return dialect.MAVLink(None).decode(bytearray(self.data))
+        except (dialect.MAVError, ValueError, TypeError, IndexError):
+            return None
+
+
+class Scanned(NamedTuple):
+    """What one datagram held."""
+
+    frames: list[Frame]
+    bad_bytes: int
+    """Bytes that belong to no frame."""
+    crc_errors: int
+    """Whole frames of a known id whose checksum does not hold."""
+    unknown: int
+    """Well-placed frames of an id that the dialect does not have."""
+
+
+def scan(data: bytes) -> Scanned:
+    """Find the frames of a datagram, from empty."""
+    frames: list[Frame] = []
+    bad_bytes = crc_errors = unknown = false_starts = 0
+    at, end = 0, len(data)
+    while at < end:
+        length = _frame_length(data, at, end)
+        if length:
+            frame = _checked(data, at, length)
+            if frame is not None:
+                frames.append(frame)
+                at += length
+                continue
+            if _message_id(data, at) not in dialect.mavlink_map:
+                if at + length == end or data[at + length] in (_MAGIC_V1, _MAGIC_V2):
+                    unknown += 1
+                    at += length
+                    continue
+            else:
+                crc_errors += 1
+            false_starts += 1
+            if false_starts >= _MAX_FALSE_STARTS:
+                bad_bytes += end - at
+                break
+        marker = _MARKER.search(data, at + 1)
+        next_at = marker.start() if marker else end
+        bad_bytes += next_at - at
+        at = next_at
+    return Scanned(frames, bad_bytes, crc_errors, unknown)
+
+
+def decode(data: bytes) -> tuple[list[Message], Scanned]:
+    """Messages of a datagram, and what the scan found; for callers that want every message."""
+    found = scan(data)
+    return [message for frame in found.frames if (message := frame.message()) is not None], found
+
+
+class Encoder:
+    """Messages to MAVLink 2 frames from one sender to one peer; the sequence counter is the peer's own.
+
+    One counter per peer, so that a vehicle which counts gaps sees its own loss and not other vehicles'
+    traffic.
+    """
+
+    def __init__(self, system_id: int = GCS_SYSTEM_ID, component_id: int = GCS_COMPONENT_ID) -> None:
+        self._packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+
+    def __call__(self, message: Message) -> bytes:
+        """Pack one message and count it."""
+        frame: bytes = message.pack(self._packer)
+        self._packer.seq = (self._packer.seq + 1) % 256
+        return frame
+
+
+def _frame_length(data: bytes, at: int, end: int) -> int:
+    """Length of the frame that may start at `at`, 0 when none can."""
+    magic = data[at]
+    if magic == _MAGIC_V2 and at + _HEADER_V2 + _CRC <= end:
+        flags = data[at + 2]
+        if flags & ~_SIGNED:
+            return 0
+        length = _HEADER_V2 + data[at + 1] + _CRC + (_SIGNATURE if flags & _SIGNED else 0)
+    elif magic == _MAGIC_V1 and at + _HEADER_V1 + _CRC <= end:
+        length = _HEADER_V1 + data[at + 1] + _CRC
+    else:
+        return 0
+    return length if at + length <= end else 0
+
+
+def _message_id(data: bytes, at: int) -> int:
+    if data[at] == _MAGIC_V1:
+        return data[at + 5]
+    return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+
+
+def _checked(data: bytes, at: int, length: int) -> Frame | None:
+    """Return the frame at `at` when its id is known and its checksum holds."""
+    message_id = _message_id(data, at)
+    definition = dialect.mavlink_map.get(message_id)
+    if definition is None:
+        return None
+    second = data[at] == _MAGIC_V2
+    signed = second and bool(data[at + 2] & _SIGNED)
+    crc_at = at + length - _CRC - (_SIGNATURE if signed else 0)
+    crc = dialect.x25crc(data[at + 1 : crc_at] + bytes((definition.crc_extra,))).crc
+    if crc != data[crc_at] | data[crc_at + 1] << 8:
+        return None
+    sender = at + (5 if second else 3)
+    return Frame(data[sender], data[sender + 1], data[sender - 1], message_id, signed, data[at : at + length])

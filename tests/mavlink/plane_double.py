@@ -1,0 +1,314 @@
+"""A scripted ArduPlane and a lossy channel: the other end of the link, in memory, on the test's time.
+
+It does what ArduPlane 4.7 was seen to do with missions: item 0 is home, uploads are in place, it asks with
+MISSION_REQUEST each second and gives up after 8 s with ACK 15, a duplicate gets ACK 13 and the transfer goes on,
+what it sends back is normalised, it refuses to clear while armed in AUTO, flies on to the waypoint that it has
+cached, and goes to RTL at the mission's end.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.codec import Encoder, decode
+
+S = 1_000_000_000
+HOME = (-353632621, 1491652370, 584.09)
+MANUAL, AUTO, RTL, LOITER = 0, 10, 11, 12
+GCS = (255, 190)
+
+
+@dataclass(frozen=True)
+class Stored:
+    command: int
+    frame: int
+    x: int
+    y: int
+    z_cm: int
+    param2: float
+    param3: float
+
+
+def stored(message) -> Stored:
+    waypoint = message.command == 16
+    return Stored(
+        message.command,
+        {5: 0, 6: 3}.get(message.frame, message.frame),
+        message.x,
+        message.y,
+        round(message.z * 100),
+        float(min(255, int(message.param2))) if waypoint else 0.0,
+        0.0 if math.isnan(message.param3) else message.param3,
+    )
+
+
+class Plane:
+    """One ArduPlane, `leg_s` seconds from waypoint to waypoint."""
+
+    def __init__(self, system_id=1, *, mode=LOITER, armed=True, leg_s=math.inf, home=HOME, boot_t_ns=0):
+        self.system_id, self.home = system_id, home
+        self.mode, self.armed, self.leg_s = mode, armed, leg_s
+        self.store: list[Stored | None] = []
+        self.whole: list[list[Stored]] = []
+        """Missions that somebody meant to be flown: anything else in the store is a mix."""
+        self.mixed_legs: list[int] = []
+        self.current, self.cached = 0, None
+        self.accepts: Callable[[object], int] = lambda message: 0
+        self.uploader: tuple[int, int] | None = None
+        self.boot_t_ns = boot_t_ns
+        self.silent = False
+        self.ignores: set[str] = set()
+        self.commands: list[int] = []
+        self.requests: list[int] = []
+        self.first_wait_s = 1.0
+        self._encode = Encoder(system_id, 1)
+        self._count = self._want = 0
+        self._asked_t_ns = self._item_t_ns = 0
+        self._beat_t_ns = self._leg_t_ns = -(10**18)
+
+    # -- what the test looks at
+
+    def holds(self, items) -> bool:
+        """Whether the store is exactly these items, home aside."""
+        want = [stored(item.message(seq, 1, 1)) for seq, item in enumerate(items)]
+        return self.store[1:] == want[1:] and len(self.store) == len(want)
+
+    def mixed(self) -> bool:
+        return len(self.store) > 1 and all(self.store[1:] != mission[1:] for mission in self.whole)
+
+    def mean(self, items) -> None:
+        self.whole.append([stored(item.message(seq, 1, 1)) for seq, item in enumerate(items)])
+
+    def load(self, items, current=1) -> None:
+        """Hold a mission from before, and fly item `current` of it."""
+        self.mean(items)
+        self.store = list(self.whole[-1])
+        self._fly_to(current)
+
+    def reboot(self, t_ns) -> None:
+        self.uploader, self.mode, self.boot_t_ns, self.current = None, MANUAL, t_ns, 0
+        self._encode = Encoder(self.system_id, 1)
+
+    # -- bytes in, bytes out
+
+    def receive(self, data: bytes, t_ns: int) -> list[bytes]:
+        out = []
+        for message in decode(data)[0]:
+            if self.silent or message.get_type() in self.ignores:
+                continue
+            sender = (message.get_srcSystem(), message.get_srcComponent())
+            target = getattr(message, "target_system", None)
+            handler = getattr(self, f"_on_{message.get_type().lower()}", None)
+            if handler is not None and target in (0, self.system_id):
+                out += handler(message, sender, t_ns)
+        return [self._encode(message) for message in out]
+
+    def poll(self, t_ns: int) -> list[bytes]:
+        if self.silent:
+            return []
+        out = []
+        if self.uploader is not None and t_ns - self._item_t_ns >= 8 * S:
+            out.append(self._ack(15, self.uploader))
+            self.uploader = None
+        elif self.uploader is not None and t_ns - self._asked_t_ns >= S:
+            out.append(self._request(t_ns))
+        if t_ns - self._beat_t_ns >= S:
+            self._beat_t_ns = t_ns
+            base = 1 | (128 if self.armed else 0)
+            out.append(dialect.MAVLink_heartbeat_message(1, 3, base, self.mode, 4, 3))
+            out.append(dialect.MAVLink_mission_current_message(self.current))
+        self._fly(t_ns)
+        return [self._encode(message) for message in out]
+
+    # -- flight
+
+    def _fly(self, t_ns):
+        if self.mode != AUTO:
+            self._leg_t_ns = t_ns
+        elif t_ns - self._leg_t_ns >= self.leg_s * S and (self.cached is None or self.cached.command != 17):
+            self._leg_t_ns = t_ns
+            if self.current + 1 < len(self.store):
+                if self.mixed():
+                    self.mixed_legs.append(t_ns)
+                self._fly_to(self.current + 1)
+            else:
+                self.mode = RTL
+
+    def _fly_to(self, seq):
+        self.current, self.cached = seq, self.store[seq]
+
+    # -- missions
+
+    def _request(self, t_ns):
+        self._asked_t_ns = t_ns
+        self.requests.append(self._want)
+        return dialect.MAVLink_mission_request_message(*self.uploader, self._want, 0)
+
+    def _ack(self, result, sender):
+        return dialect.MAVLink_mission_ack_message(*sender, result, 0)
+
+    def _on_mission_count(self, message, sender, t_ns):
+        if self.uploader not in (None, sender):
+            return [self._ack(14, sender)]
+        self.uploader, self._count, self._want, self._item_t_ns = sender, message.count, 0, t_ns
+        del self.store[message.count :]
+        return [self._request(t_ns)]
+
+    def _on_mission_item_int(self, message, sender, t_ns):
+        if self.uploader != sender:
+            return [self._ack(1, sender)]
+        if message.seq != self._want:
+            return [self._ack(13, sender)]
+        result = self.accepts(message)
+        if result:
+            self.uploader = None
+            return [self._ack(result, sender)]
+        item = stored(message)
+        if self._want < len(self.store):
+            self.store[self._want] = item
+        else:
+            self.store.append(item)
+        self._want += 1
+        self._item_t_ns = t_ns
+        if self._want < self._count:
+            return [self._request(t_ns)]
+        self.uploader = None
+        return [self._ack(0, sender)]
+
+    def _on_mission_request_list(self, message, sender, t_ns):
+        if self.uploader is not None:
+            return [self._ack(14, sender)]
+        return [dialect.MAVLink_mission_count_message(*sender, len(self.store), 0)]
+
+    def _on_mission_request_int(self, message, sender, t_ns):
+        seq = message.seq
+        if seq >= len(self.store):
+            return [self._ack(13, sender)]
+        if seq == 0:
+            lat, lon, alt = self.home
+            fields = (0, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, lat, lon, alt)
+        else:
+            it = self.store[seq]
+            now = int(seq == self.current)
+            fields = (it.frame, it.command, now, 1, 0.0, it.param2, it.param3, 0.0, it.x, it.y, it.z_cm / 100)
+        return [dialect.MAVLink_mission_item_int_message(*sender, seq, *fields, 0)]
+
+    def _on_mission_clear_all(self, message, sender, t_ns):
+        if self.armed and self.mode == AUTO:
+            return [self._ack(1, sender)]
+        self.store = []
+        return [self._ack(0, sender)]
+
+    def _on_mission_set_current(self, message, sender, t_ns):
+        if message.seq < len(self.store):
+            self._fly_to(max(1, message.seq))
+        return []
+
+    def _on_command_long(self, message, sender, t_ns):
+        self.commands.append(message.command)
+        result, extra = 3, []
+        if message.command == 224:
+            seq = max(1, int(message.param1))
+            result = 0 if seq < len(self.store) else 2
+            if result == 0:
+                self._fly_to(seq)
+        elif message.command == 176:
+            result = 2 if message.param2 == AUTO and len(self.store) < 2 else 0
+            if result == 0:
+                self.mode = int(message.param2)
+        elif message.command == 511:
+            result = 0
+        elif message.command == 512 and message.param1 == 242:
+            result = 0
+            lat, lon, alt = self.home
+            nan4 = [math.nan] * 4
+            extra = [
+                dialect.MAVLink_home_position_message(lat, lon, round(alt * 1000), 0, 0, 0, nan4, 0, 0, 0)
+            ]
+        elif message.command == 512 and message.param1 == 148:
+            result = 0
+            extra = [dialect.MAVLink_autopilot_version_message(4, 0, 0, 0, 0, b"", b"", b"", 0, 0, 0)]
+        return [dialect.MAVLink_command_ack_message(message.command, result, 0, 0, *sender), *extra]
+
+
+class Channel:
+    """One way of a bad radio: loses, delays, doubles and so reorders, from a seed."""
+
+    def __init__(self, seed, *, loss=0.0, delay_s=(0.005, 0.03), doubles=0.0):
+        self._rng = np.random.default_rng(seed)
+        self.loss, self._delay_s, self._doubles = loss, delay_s, doubles
+        self._queue: list[tuple[int, int, bytes]] = []
+        self._sent = 0
+
+    def put(self, frames: list[bytes], t_ns: int) -> None:
+        for frame in frames:
+            for _ in range(1 + (self._rng.random() < self._doubles)):
+                delay_s = self._rng.uniform(*self._delay_s)
+                if self._rng.random() >= self.loss:
+                    self._sent += 1
+                    heapq.heappush(self._queue, (t_ns + round(delay_s * S), self._sent, frame))
+
+    def get(self, t_ns: int) -> list[bytes]:
+        out = []
+        while self._queue and self._queue[0][0] <= t_ns:
+            out.append(heapq.heappop(self._queue)[2])
+        return out
+
+
+@dataclass
+class Joined:
+    """A task and a plane over two channels."""
+
+    task: object
+    plane: Plane
+    up: Channel
+    down: Channel
+    t_ns: int = 0
+    each_step: Callable[[Joined], None] | None = None
+
+    def run(self, limit_s=400.0, extra_s=0.0, step_s=0.05):
+        """Let time pass until the task ends (and `extra_s` more); returns its result."""
+        end = self.t_ns + round(limit_s * S)
+        if self.task.stage == "new":
+            self.up.put(self.task.start(self.t_ns), self.t_ns)
+        while self.t_ns < end and self.task.result is None:
+            self.step(step_s)
+        for _ in range(round(extra_s / step_s)):
+            self.step(step_s)
+        return self.task.result
+
+    def step(self, step_s=0.05):
+        sub_ns = round(step_s * S / 5)
+        for _ in range(5):
+            self.t_ns += sub_ns
+            for frame in self.up.get(self.t_ns):
+                self.down.put(self.plane.receive(frame, self.t_ns), self.t_ns)
+            for frame in self.down.get(self.t_ns):
+                for message in decode(frame)[0]:
+                    self.up.put(self.task.receive(message, self.t_ns), self.t_ns)
+        self.down.put(self.plane.poll(self.t_ns), self.t_ns)
+        self.up.put(self.task.poll(self.t_ns), self.t_ns)
+        if self.each_step is not None:
+            self.each_step(self)
+
+
+__all__ = [
+    "AUTO",
+    "GCS",
+    "HOME",
+    "LOITER",
+    "MANUAL",
+    "RTL",
+    "Channel",
+    "Joined",
+    "Plane",
+    "S",
+    "replace",
+    "stored",
+]
