@@ -1,0 +1,194 @@
+"""Composition: sources fill one queue, one consumer feeds the fold, sinks take what comes out.
+
+Sources are the UDP link, zenoh scans and a ticker; each stamps its events with the run's clock and puts them into one bounded queue.
+The consumer hands every event to the sinks (the recorder among them) *before* it works it, so that a recording holds
+exactly what the fold saw, in its order. When the queue is full, new input is dropped and counted; ticks never pile up.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from gcs.command.fold import Command
+from gcs.config import Config
+from gcs.edge.clock import RunClock
+from gcs.edge.udp import UdpLink
+from gcs.edge.wire import decode_scan, encode_effect, effect_key, sensor_scan_keys
+from gcs.edge.zenoh_bus import Bus
+from gcs.errors import WireError
+from gcs.model import (
+    NS_PER_S,
+    BadInput,
+    Datagram,
+    Effect,
+    Event,
+    MissionEnded,
+    Notice,
+    Picture,
+    Plan,
+    Scan,
+    Send,
+    Tick,
+)
+
+TICK_NS = NS_PER_S // 20
+QUEUE_SIZE = 20_000
+LAG_WARNING_NS = NS_PER_S // 2
+
+
+class Sink(Protocol):
+    """Takes everything that goes into and comes out of the fold, in order."""
+
+    def event(self, event: Event) -> None:
+        """Take an event, before the fold works it."""
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Take an effect."""
+
+
+@dataclass(slots=True)
+class Health:
+    """How the service itself is doing."""
+
+    scan_ms: list[float] = field(default_factory=list)
+    plan_ms: list[float] = field(default_factory=list)
+    dropped: int = 0
+    """Events that found the queue full."""
+    worst_lag_s: float = 0.0
+    """Longest run time that an event waited in the queue."""
+
+
+class Service:
+    """Central command on real links.
+
+    Parameters
+    ----------
+    config : Config
+        The mission.
+    seed : int
+        Makes the random obstacles of the map.
+    link : UdpLink
+        Where vehicles talk to us, already bound.
+    bus : Bus
+        Where sensors publish.
+    """
+
+    def __init__(self, config: Config, seed: int, link: UdpLink, bus: Bus) -> None:
+        self.config = config
+        self.command = Command(config, seed)
+        self.health = Health()
+        self.clock = RunClock()
+        self._link = link
+        self._bus = bus
+        self.sinks: list[Sink] = []
+        """Recorder, view, judge: what is here when an event is taken sees it."""
+        self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
+        self._tick_waits = False
+        self._lag_warned = False
+
+    async def run(self, clock: RunClock, stop: asyncio.Event, end_with_mission: bool = False) -> None:
+        """Serve until `stop` is set, or until the mission ends when `end_with_mission`."""
+        self.clock = clock
+        loop = asyncio.get_running_loop()
+        self._link.start(loop, self._on_datagram)
+        self._bus.subscribe(
+            sensor_scan_keys(self.config.name),
+            lambda key, payload: loop.call_soon_threadsafe(self._on_scan, key, payload),
+        )
+        try:
+            async with asyncio.TaskGroup() as group:
+                ticker = group.create_task(self._tick())
+                consumer = group.create_task(self._consume(stop, end_with_mission))
+                await stop.wait()
+                ticker.cancel()
+                consumer.cancel()
+        finally:
+            self._link.close(loop)
+
+    def _put(self, event: Event) -> None:
+        try:
+            self._queue.put_nowait(event)
+        except asyncio.QueueFull:
+            self.health.dropped += 1
+
+    def _on_datagram(self, peer: str, data: bytes) -> None:
+        self._put(Datagram(self.clock.now_ns(), self._link.endpoint, peer, data))
+
+    def _on_scan(self, key: str, payload: bytes) -> None:
+        t_ns = self.clock.now_ns()
+        try:
+            self._put(decode_scan(key, payload, t_ns, self.config.local_frame))
+        except WireError as error:
+            self._put(BadInput(t_ns, key, str(error)))
+
+    async def _tick(self) -> None:
+        t_ns = self.clock.now_ns()
+        while True:
+            t_ns = max(t_ns + TICK_NS, self.clock.now_ns() - TICK_NS)
+            await asyncio.sleep(max(0.0, self.clock.wall_s_until(t_ns)))
+            if not self._tick_waits:
+                self._tick_waits = True
+                self._put(Tick(self.clock.now_ns()))
+
+    async def _consume(self, stop: asyncio.Event, end_with_mission: bool) -> None:
+        while True:
+            event = await self._queue.get()
+            if isinstance(event, Tick):
+                self._tick_waits = False
+            self._watch_lag(event)
+            ended = self._work(event)
+            if ended and end_with_mission:
+                stop.set()
+                return
+
+    def _work(self, event: Event) -> bool:
+        for sink in self.sinks:
+            sink.event(event)
+        started = time.perf_counter()
+        effects = self.command.step(event)
+        took_ms = (time.perf_counter() - started) * 1e3
+        if isinstance(event, Scan):
+            self.health.scan_ms.append(took_ms)
+        for effect in effects:
+            if isinstance(effect, Plan):
+                self.health.plan_ms.append(took_ms)
+            self._carry_out(event.t_ns, effect)
+        return any(isinstance(effect, MissionEnded) for effect in effects)
+
+    def _carry_out(self, t_ns: int, effect: Effect) -> None:
+        if isinstance(effect, Send):
+            self._link.send(effect.peer, effect.data)
+        else:
+            self._bus.publish(effect_key(self.config.name, effect), encode_effect(effect))
+        for sink in self.sinks:
+            sink.effect(t_ns, effect)
+
+    def _watch_lag(self, event: Event) -> None:
+        lag_ns = self.clock.now_ns() - event.t_ns
+        self.health.worst_lag_s = max(self.health.worst_lag_s, lag_ns / NS_PER_S)
+        if lag_ns > LAG_WARNING_NS and not self._lag_warned:
+            self._lag_warned = True
+            text = (
+                f"this machine cannot keep up: input waited {lag_ns / NS_PER_S:.1f} s of run time; "
+                "a lower --speed would help"
+            )
+            self._carry_out(event.t_ns, Notice(event.t_ns, "warning", text))
+
+
+def wait_for_interrupt(stop: asyncio.Event) -> Callable[[], None]:
+    """Set `stop` on SIGINT or SIGTERM; return what undoes that."""
+    import signal
+
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+
+    def undo() -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.remove_signal_handler(number)
+
+    return undo

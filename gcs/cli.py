@@ -1,0 +1,137 @@
+"""The ``gcs`` command: arguments in, exit codes out; the work is done elsewhere.
+
+Exit codes: 0 done as it should be, 1 the mission did not end as it should (the reason is printed), 2 a mistake in arguments or files,
+130 interrupted.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from gcs.errors import GcsError
+
+app = typer.Typer(
+    help="Central command for a swarm of fixed-wing vehicles: tracks agents and targets through clutter, plans, uploads MAVLink "
+    "missions, and re-tasks the survivors.\n\nStart with **gcs demo**.",
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+)
+
+ScenarioArgument = Annotated[str, typer.Argument(help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.")]
+ConfigArgument = Annotated[str, typer.Argument(help="A mission file, or the name of a shipped scenario.", metavar="CONFIG")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Makes everything random: obstacles, deaths, targets, noise.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="End with one JSON object on its own line.")]
+
+
+@app.command()
+def demo(
+    scenario: ScenarioArgument = "prescribed",
+    speed: Annotated[float, typer.Option(min=0.1, max=50.0, help="Run time for each second of wall time.")] = 1.0,
+    seed: SeedOption = 1,
+    headless: Annotated[bool, typer.Option("--headless", help="Plain lines instead of the live view.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for the recording and the picture.  [default: runs/SCENARIO-SEED]")] = None,
+    duration: Annotated[
+        float | None, typer.Option(min=1.0, help="Seconds of run time after which it ends.  [default: the scenario's max_duration_s]")
+    ] = None,
+    as_json: JsonOption = False,
+    loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")] = 0.0,
+    pack: Annotated[int, typer.Option(min=1, max=250, help="Simulated vehicles in each process.")] = 1,
+) -> None:
+    """Fly a whole mission against simulated vehicles: real MAVLink over UDP, real zenoh, one process for each vehicle.
+
+    Ends when every agent has reached a target or is lost, with a summary, a recording and a picture of the run.
+    Ctrl-C ends it early and leaves a readable recording.
+    """
+    from gcs.commands.demo import DemoOptions, run_demo
+
+    options = DemoOptions(scenario, seed, speed, duration, loss, pack, headless, as_json, out)
+    with _errors_shown():
+        code = run_demo(options, Console(stderr=as_json))
+    raise typer.Exit(code)
+
+
+@app.command()
+def simulate(
+    scenario: ScenarioArgument = "prescribed",
+    seed: SeedOption = 1,
+    runs: Annotated[int, typer.Option(min=1, help="How many seeds, from --seed upwards.")] = 1,
+    as_json: JsonOption = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for recordings; none is written without it.")] = None,
+    loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(min=1.0, help="Seconds of run time after which a run has failed.")] = None,
+) -> None:
+    """Fly whole missions on virtual time, without sockets, as fast as the machine can; the same seed, the same outcome."""
+    arguments = [scenario, "--seed", str(seed), "--runs", str(runs), "--loss", str(loss)]
+    arguments += ["--json"] if as_json else []
+    arguments += ["--out", str(out)] if out is not None else []
+    arguments += ["--duration", str(duration)] if duration is not None else []
+    command = [sys.executable, "-m", "sim_vehicles", "simulate", *arguments]
+    process = subprocess.Popen(command)  # noqa: S603  our own module, no shell
+    try:
+        code = process.wait()
+    except KeyboardInterrupt:
+        process.wait()
+        code = 130
+    raise typer.Exit(code)
+
+
+@app.command()
+def run(
+    config: ConfigArgument,
+    seed: SeedOption = 1,
+    headless: Annotated[bool, typer.Option("--headless", help="Plain lines instead of the live view.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for the recording.  [default: runs/NAME]")] = None,
+) -> None:
+    """Run central command alone, against whatever links and sensors the mission file names, until Ctrl-C.
+
+    To see it work, start `sim-vehicles run SCENARIO` in a second terminal with the same scenario and seed.
+    """
+    from gcs.commands.serve import serve
+
+    with _errors_shown():
+        serve(config, seed, Console(), headless=headless, out=out)
+
+
+@app.command()
+def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
+    """Validate a mission file and say what it would do. A mistake is shown with its file, its key and what was expected."""
+    from gcs.commands.check import describe
+
+    with _errors_shown():
+        describe(config, seed, Console())
+
+
+@app.command()
+def scenarios() -> None:
+    """List the shipped scenarios."""
+    from gcs.config import load, scenario_names
+
+    console = Console()
+    for name in scenario_names():
+        console.print(f"[bold]{name:18}[/] {load(name).description}", highlight=False)
+
+
+class _errors_shown:  # noqa: N801  reads as a statement
+    """Turn an error of ours into one readable line and exit code 2."""
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, _type: object, error: BaseException | None, _trace: object) -> None:
+        if isinstance(error, GcsError):
+            Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
+            raise typer.Exit(2) from None
+        if isinstance(error, KeyboardInterrupt):
+            raise typer.Exit(130) from None
+
+
+def main() -> None:
+    """Entry point."""
+    app()

@@ -1,0 +1,22 @@
+"""The obstacle map of a mission: what is placed by hand, and what a seed places at random."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gcs.config import Config
+from gcs.planning.grid import Grid, free_grid, random_obstacles
+
+_PURPOSE = 0x6D6170
+"""Keeps the map's random numbers apart from those of anything else with the same seed."""
+
+
+def mission_grid(config: Config, seed: int) -> Grid:
+    """Return the search grid of a mission; random obstacles depend on `seed` alone."""
+    area = config.map
+    grid = free_grid((area.nodes_north, area.nodes_east), config.spacing_m[0])
+    grid = grid.with_obstacles(area.discs_m, area.boxes_m)
+    places = [(agent.east_m, agent.north_m) for agent in config.agents]
+    places += [(birth.east_m, birth.north_m) for birth in config.births]
+    rng = np.random.default_rng([seed, _PURPOSE])
+    return random_obstacles(grid, area.random_threshold, rng, places, area.keep_clear_m)

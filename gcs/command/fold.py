@@ -1,0 +1,164 @@
+"""The fold: one event in, effects out. The one place where tracking, planning and the vehicle links meet.
+
+``Command.step`` is synchronous and reads no clock, no socket and no random source: the same events give the same effects, byte for byte.
+A recording is the list of events, and replaying it is calling `step` on them.
+
+- A datagram goes to the fleet (what vehicles say of themselves) and to the mission transfer of its vehicle.
+- A scan goes to both trackers; ties and fates follow; when a plan is due, so does the plan.
+- A tick drives every timer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gcs.command.area import mission_grid
+from gcs.command.fates import Fates
+from gcs.command.replanning import Replanner, Situation, confirmed
+from gcs.command.tasking import Tasking
+from gcs.command.ties import Ties
+from gcs.command.trackers import Trackers
+from gcs.config import Config
+from gcs.mavlink.fleet import Fleet
+from gcs.model import (
+    NS_PER_S,
+    BadInput,
+    Datagram,
+    Effect,
+    Event,
+    Fate,
+    MissionEnded,
+    Notice,
+    Plan,
+    Scan,
+    Tick,
+    UploadReport,
+    VehicleState,
+)
+
+_BAD_INPUT_NOTICES = 20
+"""After so many from one run, bad input is counted only: noise must not drown what matters."""
+
+
+class Command:
+    """Central command's whole state.
+
+    Parameters
+    ----------
+    config : Config
+        The mission.
+    seed : int
+        Makes the random obstacles of the map.
+    """
+
+    def __init__(self, config: Config, seed: int) -> None:
+        vehicles = [agent.system_id for agent in config.agents]
+        tracking, telemetry = config.tracking, config.telemetry
+        self.grid = mission_grid(config, seed)
+        self.fleet = Fleet(vehicles, config.local_frame, position_rate_hz=telemetry.rate_hz)
+        self.trackers = Trackers(config)
+        self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, tracking.confirm_existence, telemetry.max_age_s)
+        self.fates = Fates(vehicles, tracking.confirm_existence, tracking.dead_existence, config.planning.capture_radius_m)
+        self.replanner = Replanner(config, self.grid)
+        self.tasking = Tasking(config.mission, config.local_frame, self.fleet)
+        self.bad_input = 0
+        self._confirm_existence = tracking.confirm_existence
+        self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
+        self._ended = False
+
+    def step(self, event: Event) -> list[Effect]:
+        """Work one event; return what is to be done and shown because of it."""
+        match event:
+            case Datagram():
+                return self._datagram(event)
+            case Scan():
+                return self._scan(event)
+            case Tick():
+                return self._tick(event)
+            case BadInput():
+                return self._bad(event)
+
+    def _datagram(self, event: Datagram) -> list[Effect]:
+        effects: list[Effect] = []
+        for vehicle, message in self.fleet.receive(event):
+            effects += self._settle(self.tasking.receive(vehicle, message, event.t_ns))
+        return effects
+
+    def _tick(self, event: Tick) -> list[Effect]:
+        effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
+        return effects + self._settle(self.tasking.poll(event.t_ns))
+
+    def _scan(self, event: Scan) -> list[Effect]:
+        states = self._states()
+        agents, targets = self.trackers.scan(event, states)
+        self.ties.update(agents, states)
+        effects: list[Effect] = [agents, targets]
+        reporting = {s.system_id for s in states if abs(event.t_ns - s.t_ns) <= self._report_age_ns}
+        for fate in self.fates.update(agents, targets, self.ties.labels, self.replanner.assigned, reporting):
+            effects.append(fate)
+            self._follow(fate)
+        effects += self._plan(event)
+        effects += self._end(event.t_ns)
+        return effects
+
+    def _states(self) -> Sequence[VehicleState]:
+        """Reports of vehicles that are not known to have done their work or died unseen."""
+        return self.fleet.states()
+
+    def _follow(self, fate: Fate) -> None:
+        if fate.fate != "flying":
+            self.replanner.drop(fate.vehicle)
+        if fate.fate == "dead":
+            self.ties.forget(fate.vehicle)
+            self.tasking.cancel(fate.vehicle)
+
+    def _plan(self, event: Scan) -> list[Effect]:
+        if self._ended or not self.replanner.is_due(event.t_ns):
+            return []
+        plan = self.replanner.check(self._situation(event))
+        if plan is None:
+            return []
+        return [plan, *self._task(plan)]
+
+    def _situation(self, event: Scan) -> Situation:
+        agents, targets = self.trackers.agents, self.trackers.targets
+        assert agents is not None
+        assert targets is not None
+        believed = confirmed(agents, self._confirm_existence)
+        labels = self.ties.labels
+        reached = self.fates.reached()
+        return Situation(
+            t_ns=event.t_ns,
+            picture_t_ns=event.measured_t_ns,
+            agents={v: believed[labels[v]] for v in self.fates.flying() if v in labels and labels[v] in believed},
+            targets={t: track for t, track in confirmed(targets, self._confirm_existence).items() if t not in reached},
+        )
+
+    def _task(self, plan: Plan) -> list[Effect]:
+        effects: list[Effect] = []
+        for route in plan.routes:
+            if route.vehicle in plan.changed:
+                effects += self._settle(self.tasking.task(route, plan.t_ns))
+        return effects
+
+    def _settle(self, effects: Sequence[Effect]) -> list[Effect]:
+        """A mission that was not delivered is not flown: its route is dropped, so that the next look plans again."""
+        for effect in effects:
+            if isinstance(effect, UploadReport) and not effect.ok:
+                self.replanner.drop(effect.vehicle)
+        return list(effects)
+
+    def _end(self, t_ns: int) -> list[Effect]:
+        if self._ended or self.fates.flying():
+            return []
+        self._ended = True
+        fates = self.fates.by_vehicle.values()
+        arrived = tuple(f.vehicle for f in fates if f.fate == "arrived")
+        dead = tuple(f.vehicle for f in fates if f.fate == "dead")
+        return [MissionEnded(t_ns, arrived, dead)]
+
+    def _bad(self, event: BadInput) -> list[Effect]:
+        self.bad_input += 1
+        if self.bad_input > _BAD_INPUT_NOTICES:
+            return []
+        return [Notice(event.t_ns, "warning", f"bad input: {event.problem}")]

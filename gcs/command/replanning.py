@@ -1,0 +1,170 @@
+"""When to plan again, and what the plan changes.
+
+Every period the picture is held against what the vehicles fly: an agent died or came back, a target appeared, was lost, or
+moved away from where its route ends. Only then A* and the assignment run (the paper, Algorithm 1 at 0.2 Hz), and only
+vehicles whose route changed get a new mission.
+
+The distance that a target may move is `target_moved_m` far away, as in the paper, and shrinks as the agent closes in: with a
+fixed threshold an agent may wait at the end of its route while the target walks around just inside the threshold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gcs.config import Config
+from gcs.model import NS_PER_S, FloatArray, Label, Picture, Plan, Route, Track
+from gcs.planning.grid import Grid
+from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
+
+_FIRST_PLAN_WAIT_S = 5.0
+_CLOSE_FRACTION = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What a plan is made from, at one moment."""
+
+    t_ns: int
+    picture_t_ns: int
+    agents: Mapping[int, Track]
+    """Track of each flying vehicle that is tied to one."""
+    targets: Mapping[Label, Track]
+    """Confirmed targets that nobody has reached."""
+
+
+class Replanner:
+    """Keeps the routes being flown and decides when to plan anew."""
+
+    def __init__(self, config: Config, grid: Grid) -> None:
+        planning = config.planning
+        self._grid = grid
+        self._options = PlanOptions(
+            clearance_m=planning.clearance_m,
+            shape=planning.shape,
+            cost=planning.search_cost,
+            switch_gain_m=planning.switch_gain_m,
+        )
+        self._planning = planning
+        self._period_ns = int(planning.period_s * NS_PER_S)
+        self._expected_agents = len(config.agents)
+        self._expected_targets = len(config.births)
+        self._started_t_ns: int | None = None
+        self._next_check_t_ns: int | None = None
+        self._planned_agents: frozenset[int] = frozenset()
+        self._planned_targets: frozenset[Label] = frozenset()
+        self.routes: dict[int, Route] = {}
+        """What each vehicle flies, or is being told to fly."""
+
+    @property
+    def assigned(self) -> dict[int, Label]:
+        """Target of each tasked vehicle."""
+        return {vehicle: route.target for vehicle, route in self.routes.items()}
+
+    def drop(self, vehicle: int) -> None:
+        """Forget what a vehicle flies: it arrived, died, or its mission could not be delivered."""
+        self.routes.pop(vehicle, None)
+
+    def is_due(self, t_ns: int) -> bool:
+        """Whether the time for a look has come."""
+        return self._next_check_t_ns is None or t_ns >= self._next_check_t_ns
+
+    def check(self, situation: Situation) -> Plan | None:
+        """Look whether something changed; if so, plan."""
+        if self._next_check_t_ns is None:
+            return self._first_plan(situation)
+        self._next_check_t_ns += self._period_ns
+        reasons = self._reasons(situation)
+        return self._plan(situation, "; ".join(reasons)) if reasons else None
+
+    def _first_plan(self, situation: Situation) -> Plan | None:
+        """Plan as soon as everybody expected is there, or after a short wait with whoever is."""
+        if self._started_t_ns is None:
+            self._started_t_ns = situation.t_ns
+        everybody = (
+            len(situation.agents) >= self._expected_agents and len(situation.targets) >= self._expected_targets
+        )
+        waited = situation.t_ns - self._started_t_ns >= _FIRST_PLAN_WAIT_S * NS_PER_S
+        if not (everybody or (waited and situation.agents and situation.targets)):
+            return None
+        self._next_check_t_ns = situation.t_ns + self._period_ns
+        return self._plan(situation, "first plan")
+
+    def _reasons(self, situation: Situation) -> list[str]:
+        reasons = [f"agent {v} lost" for v in sorted(self._planned_agents - set(situation.agents)) if v in self.routes]
+        reasons += [f"agent {v} joined" for v in sorted(set(situation.agents) - self._planned_agents)]
+        reasons += [
+            f"agent {v} has no route"
+            for v in sorted(set(situation.agents) & self._planned_agents - set(self.routes))
+            if len(situation.targets) > len(set(self.assigned.values()) & set(situation.targets))
+        ]
+        reasons += [f"target {_name(t)} appeared" for t in sorted(set(situation.targets) - self._planned_targets)]
+        for vehicle, route in sorted(self.routes.items()):
+            agent, target = situation.agents.get(vehicle), situation.targets.get(route.target)
+            if target is None:
+                reasons.append(f"target {_name(route.target)} lost")
+            elif agent is not None:
+                moved_m = _distance_m(target.mean, route.points_m[-1])
+                if moved_m > self._tolerance_m(agent, route):
+                    reasons.append(f"target {_name(route.target)} moved {moved_m:.0f} m")
+        return reasons
+
+    def _tolerance_m(self, agent: Track, route: Route) -> float:
+        to_go_m = _distance_m(agent.mean, route.points_m[-1])
+        floor_m = 0.5 * self._planning.capture_radius_m
+        return min(self._planning.target_moved_m, max(floor_m, _CLOSE_FRACTION * to_go_m))
+
+    def _plan(self, situation: Situation, reason: str) -> Plan:
+        result = plan_routes(
+            self._grid,
+            {v: AgentStart(float(t.mean[0]), float(t.mean[1]), _course_rad(t)) for v, t in situation.agents.items()},
+            {label: (float(t.mean[0]), float(t.mean[1])) for label, t in situation.targets.items()},
+            self.assigned,
+            self._options,
+        )
+        self._planned_agents = frozenset(situation.agents)
+        self._planned_targets = frozenset(situation.targets)
+        kept: list[Route] = []
+        changed: list[int] = []
+        for route in result.routes:
+            flown = self.routes.get(route.vehicle)
+            if flown is not None and self._is_still_good(flown, route, situation):
+                kept.append(flown)
+            else:
+                kept.append(route)
+                changed.append(route.vehicle)
+        self.routes = {route.vehicle: route for route in kept}
+        return Plan(
+            t_ns=situation.t_ns,
+            picture_t_ns=situation.picture_t_ns,
+            routes=tuple(kept),
+            unassigned_vehicles=tuple(result.unassigned_vehicles),
+            unassigned_targets=tuple(result.unassigned_targets),
+            reason="; ".join([reason, *result.notes]),
+            changed=tuple(changed),
+        )
+
+    def _is_still_good(self, flown: Route, new: Route, situation: Situation) -> bool:
+        if flown.target != new.target:
+            return False
+        moved_m = _distance_m(situation.targets[new.target].mean, flown.points_m[-1])
+        return moved_m <= self._tolerance_m(situation.agents[new.vehicle], flown)
+
+
+def _distance_m(a: FloatArray, b: FloatArray) -> float:
+    return math.hypot(float(a[0]) - float(b[0]), float(a[1]) - float(b[1]))
+
+
+def _course_rad(track: Track) -> float:
+    return math.atan2(float(track.mean[2]), float(track.mean[3]))
+
+
+def _name(label: Label) -> str:
+    return f"{label[0]}.{label[1]}"
+
+
+def confirmed(picture: Picture, existence: float) -> dict[Label, Track]:
+    """Tracks of a picture at or above an existence probability."""
+    return {track.label: track for track in picture.tracks if track.existence >= existence}

@@ -1,0 +1,93 @@
+"""Which track is which vehicle: gated assignment over time.
+
+A sensor does not say whom it sees, a MAVLink report does. A vehicle is tied to the agent track that its reports
+fall onto. A tie holds through silence; it breaks when the vehicle's reports stay outside its track's gate for
+several scans, as they do after two tracks swapped their objects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from gcs.command.trackers import at_time, distance2
+from gcs.model import NS_PER_S, FloatArray, Label, Picture, Track, VehicleState
+
+_FORBIDDEN = 1e9
+
+
+class Ties:
+    """Vehicle to track label, kept over time.
+
+    Parameters
+    ----------
+    gate_chi2 : float
+        Squared Mahalanobis distance within which a report belongs to a track.
+    noise_std_m : float
+        Standard deviation of a report.
+    confirm_existence : float
+        Only tracks above this existence probability are tied anew.
+    max_age_s : float
+        Older reports say nothing.
+    break_after : int
+        Scans in a row with the report outside the gate that break a tie.
+    """
+
+    def __init__(
+        self, gate_chi2: float, noise_std_m: float, confirm_existence: float, max_age_s: float, break_after: int = 3
+    ) -> None:
+        self._gate_chi2 = gate_chi2
+        self._noise: FloatArray = np.eye(2) * noise_std_m**2
+        self._confirm_existence = confirm_existence
+        self._max_age_ns = int(max_age_s * NS_PER_S)
+        self._break_after = break_after
+        self._labels: dict[int, Label] = {}
+        self._outside: dict[int, int] = {}
+
+    @property
+    def labels(self) -> Mapping[int, Label]:
+        """Label of the track of each tied vehicle."""
+        return self._labels
+
+    def update(self, picture: Picture, states: Sequence[VehicleState]) -> None:
+        """Check the ties against one picture of the agents, break those that fail, and tie the rest."""
+        tracks = {track.label: track for track in picture.tracks}
+        places = {
+            state.system_id: at_time(state, picture.scan_t_ns)
+            for state in states
+            if abs(picture.scan_t_ns - state.t_ns) <= self._max_age_ns
+        }
+        for vehicle, label in list(self._labels.items()):
+            if vehicle in places and label in tracks:
+                self._check(vehicle, places[vehicle], tracks[label])
+        free = [vehicle for vehicle in sorted(places) if vehicle not in self._labels]
+        taken = set(self._labels.values())
+        candidates = [
+            track for track in picture.tracks if track.label not in taken and track.existence >= self._confirm_existence
+        ]
+        if free and candidates:
+            self._tie(free, candidates, places)
+
+    def forget(self, vehicle: int) -> None:
+        """Untie a vehicle."""
+        self._labels.pop(vehicle, None)
+        self._outside.pop(vehicle, None)
+
+    def _check(self, vehicle: int, place: tuple[float, float], track: Track) -> None:
+        inside = distance2(place, track.mean, track.cov, self._noise) <= self._gate_chi2
+        count = 0 if inside else self._outside.get(vehicle, 0) + 1
+        self._outside[vehicle] = count
+        if count >= self._break_after:
+            self.forget(vehicle)
+
+    def _tie(self, free: list[int], candidates: list[Track], places: Mapping[int, tuple[float, float]]) -> None:
+        costs = np.array(
+            [[distance2(places[v], track.mean, track.cov, self._noise) for track in candidates] for v in free]
+        )
+        costs[~(costs <= self._gate_chi2)] = _FORBIDDEN
+        for row, column in zip(*linear_sum_assignment(costs), strict=True):
+            if costs[row, column] < _FORBIDDEN:
+                self._labels[free[row]] = candidates[column].label
+                self._outside[free[row]] = 0

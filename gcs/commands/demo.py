@@ -1,0 +1,204 @@
+"""`gcs demo`: a simulated swarm as processes of their own, and central command among them.
+
+The service runs in this process; vehicles and the world run in others, started through ``sim_vehicles`` as a program, and speak to it by
+MAVLink over UDP and by zenoh, as they would from another machine. They end when their standard input closes, however this process ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from gcs.app import Health, Service, wait_for_interrupt
+from gcs.command.area import mission_grid
+from gcs.commands.sinks import JudgeSink, RecorderSink, open_recorder, view_for, warm_up
+from gcs.config import Config, parse, read_text
+from gcs.edge.clock import RunClock
+from gcs.edge.recorder import Recorder
+from gcs.edge.udp import UdpLink
+from gcs.edge.wire import decode_truth, truth_key
+from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.errors import SimulationError
+from gcs.model import NS_PER_S, Truth
+from gcs.report.judge import Judge, Summary, summary_json
+from gcs.report.summary import print_summary
+
+_STARTS_WITHIN_S = 90.0
+_STOPS_WITHIN_S = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class DemoOptions:
+    """What the command line says."""
+
+    scenario: str
+    seed: int
+    speed: float
+    duration_s: float | None
+    loss: float
+    pack: int
+    headless: bool
+    as_json: bool
+    out: Path | None
+
+
+def run_demo(options: DemoOptions, console: Console) -> int:
+    """Fly a scenario, show it, record it and judge it; return the exit code.
+
+    Raises
+    ------
+    GcsError
+        When it cannot be flown: a mistake in the file, a port that is taken, vehicles that do not start.
+    """
+    text, source = read_text(options.scenario)
+    config = parse(text, source)
+    warm_up(console)
+    judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    with open_recorder(options.out, f"{config.name}-{options.seed}", text) as recorder:
+        health, duration_s, interrupted = asyncio.run(_fly(config, options, recorder, judge, console))
+        folder = recorder.folder
+    summary = judge.summary(
+        scenario=config.name,
+        seed=options.seed,
+        duration_s=duration_s,
+        scan_ms_p99=percentile(health.scan_ms),
+        plan_ms_p99=percentile(health.plan_ms),
+        recording=str(folder),
+    )
+    return _show(config, options, summary, folder, console, interrupted=interrupted)
+
+
+def _show(
+    config: Config, options: DemoOptions, summary: Summary, folder: Path, console: Console, *, interrupted: bool
+) -> int:
+    from gcs.report.figures import draw_run
+
+    with console.status("drawing the picture of the run"):
+        grid = mission_grid(config, options.seed)
+        picture = folder / "run.png"
+        draw_run(folder, picture, obstacles_m=grid.obstacles_m(), cell_m=grid.spacing_m)
+    print_summary(summary, console, picture=picture)
+    (folder / "summary.json").write_text(summary_json(summary) + "\n", encoding="utf-8")
+    if options.as_json:
+        print(summary_json(summary), flush=True)  # noqa: T201  the promised last line
+    if interrupted:
+        return 130
+    return 0 if summary.outcome == "complete" else 1
+
+
+def percentile(values_ms: list[float]) -> float:
+    """99th percentile, NaN-free: 0 when nothing was measured."""
+    return float(np.percentile(values_ms, 99)) if values_ms else 0.0
+
+
+async def _fly(
+    config: Config, options: DemoOptions, recorder: Recorder, judge: Judge, console: Console
+) -> tuple[Health, float, bool]:
+    """Fly from start to end; return the service's health, the run time, and whether somebody interrupted it."""
+    link = UdpLink("udpin:127.0.0.1:0")
+    stop, interrupt = asyncio.Event(), asyncio.Event()
+    loop = asyncio.get_running_loop()
+    endpoint = free_endpoint()
+
+    def take_truth(truth: Truth) -> None:
+        judge.truth(truth)
+        recorder.truth(truth)
+
+    with Bus(listen=endpoint) as bus:
+        service = Service(config, options.seed, link, bus)
+        service.sinks += [RecorderSink(recorder), JudgeSink(judge)]
+        bus.subscribe(
+            truth_key(config.name),
+            lambda key, payload: loop.call_soon_threadsafe(take_truth, decode_truth(key, payload)),
+        )
+        undo = wait_for_interrupt(interrupt)
+        relay = asyncio.create_task(_relay(interrupt, stop))
+        try:
+            console.print(f"starting {len(config.agents)} vehicles and the world", highlight=False)
+            async with _simulation(options, link.port, endpoint, stop) as clock:
+                limit_s = options.duration_s or config.mission.max_duration_s
+                limit = loop.call_later(limit_s / options.speed, stop.set)
+                async with view_for(service, console, speed=options.speed, headless=options.headless):
+                    await service.run(clock, stop, end_with_mission=True)
+                limit.cancel()
+                duration_s = (clock.now_ns() - clock.start_t_ns) / NS_PER_S
+        finally:
+            relay.cancel()
+            undo()
+    return service.health, duration_s, interrupt.is_set()
+
+
+async def _relay(interrupt: asyncio.Event, stop: asyncio.Event) -> None:
+    await interrupt.wait()
+    stop.set()
+
+
+@asynccontextmanager
+async def _simulation(options: DemoOptions, port: int, zenoh: str, stop: asyncio.Event) -> AsyncIterator[RunClock]:
+    """The simulated side as a process; yields the clock that it flies by, and ends it on the way out."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "sim_vehicles", "run", options.scenario,
+        "--seed", str(options.seed), "--speed", str(options.speed),
+        "--gcs", f"127.0.0.1:{port}", "--zenoh", zenoh, "--zenoh-role", "connect",
+        "--loss", str(options.loss), "--pack", str(options.pack), "--json", "--until-stdin-closes",
+        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+    watcher: asyncio.Task[None] | None = None
+    try:
+        starting = asyncio.create_task(_until_started(process))
+        stopping = asyncio.create_task(stop.wait())
+        await asyncio.wait({starting, stopping}, timeout=_STARTS_WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
+        if not starting.done():
+            starting.cancel()
+            raise SimulationError("interrupted" if stop.is_set() else "the simulated vehicles did not start in time")
+        stopping.cancel()
+        clock = starting.result()
+        watcher = asyncio.create_task(_watch(process, stop))
+        yield clock
+        if watcher.done():
+            raise SimulationError("the simulated side ended before the mission did: see the messages above")
+    finally:
+        if watcher is not None:
+            watcher.cancel()
+        await _end(process)
+
+
+async def _end(process: asyncio.subprocess.Process) -> None:
+    assert process.stdin is not None
+    process.stdin.close()
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(process.wait(), _STOPS_WITHIN_S)
+    if process.returncode is None:
+        process.kill()
+        await process.wait()
+
+
+async def _events(process: asyncio.subprocess.Process) -> AsyncIterator[dict[str, Any]]:
+    assert process.stdout is not None
+    async for line in process.stdout:
+        with contextlib.suppress(ValueError):
+            yield json.loads(line)
+
+
+async def _until_started(process: asyncio.subprocess.Process) -> RunClock:
+    async for event in _events(process):
+        if event.get("event") == "started":
+            return RunClock(event["epoch_ns"], event["start_t_ns"], event["speed"])
+    raise SimulationError("the simulated vehicles could not be started: see the messages above")
+
+
+async def _watch(process: asyncio.subprocess.Process, stop: asyncio.Event) -> None:
+    """Read on, so that the pipe never fills; when the simulated side ends by itself, the run is over."""
+    async for _ in _events(process):
+        pass
+    stop.set()

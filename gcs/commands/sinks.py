@@ -1,0 +1,116 @@
+"""Sinks that several commands share: recorder, view, judge."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib import metadata
+from pathlib import Path
+
+from rich.console import Console
+from rich.live import Live
+
+from gcs.app import Service
+from gcs.edge.recorder import Recorder
+from gcs.edge.terminal import LiveView, PlainLines
+from gcs.model import Effect, Event
+from gcs.report.judge import Judge
+
+_LIBRARIES = ("swarm-gcs", "numpy", "scipy", "numba", "pymavlink", "eclipse-zenoh", "mcap", "msgspec")
+_REFRESH_S = 0.25
+
+
+class RecorderSink:
+    """Writes everything to the recording; flushes once a second of wall time."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._flushed = time.monotonic()
+
+    def event(self, event: Event) -> None:
+        """Record an event."""
+        self._recorder.event(event)
+        if time.monotonic() - self._flushed > 1.0:
+            self._recorder.flush()
+            self._flushed = time.monotonic()
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Record an effect."""
+        self._recorder.effect(effect, t_ns)
+
+
+class JudgeSink:
+    """Feeds the judge."""
+
+    def __init__(self, judge: Judge) -> None:
+        self._judge = judge
+
+    def event(self, event: Event) -> None:
+        """Events say nothing that the judge needs."""
+
+    def effect(self, _t_ns: int, effect: Effect) -> None:
+        """Keep an effect, to hold it against the truth."""
+        self._judge.effect(effect)
+
+
+@asynccontextmanager
+async def view_for(service: Service, console: Console, *, speed: float, headless: bool) -> AsyncIterator[None]:
+    """Show a service's run while it lasts: live where there is a terminal, plain lines elsewhere."""
+    if headless or not console.is_terminal:
+        service.sinks.append(PlainLines(console))
+        yield
+        return
+    view = LiveView(service.config, service.command, speed)
+    service.sinks.append(view)
+    with Live(view, console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live:
+        refresher = asyncio.create_task(_refresh(live))
+        try:
+            yield
+        finally:
+            refresher.cancel()
+
+
+async def _refresh(live: Live) -> None:
+    """Draw on the event loop, between events: a drawing thread would read the fold's state while it changes."""
+    while True:
+        live.refresh()
+        await asyncio.sleep(_REFRESH_S)
+
+
+def open_recorder(out: Path | None, name: str, config_text: str) -> Recorder:
+    """Start a recording in `out`, or in a new folder under ``runs/``."""
+    folder = out if out is not None else new_folder(Path("runs"), name)
+    folder.mkdir(parents=True, exist_ok=True)
+    return Recorder(folder, config_text, versions())
+
+
+def new_folder(parent: Path, name: str) -> Path:
+    """Make a folder for a run that is not there yet: NAME, NAME-2, ..."""
+    for count in range(1, 10_000):
+        folder = parent / (name if count == 1 else f"{name}-{count}")
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(parents=True)
+            return folder
+    raise FileExistsError(f"{parent / name}: thousands of runs of this name; clear some out")
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that a result depends on."""
+    found = {}
+    for library in _LIBRARIES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[library] = metadata.version(library)
+    return found
+
+
+def warm_up(console: Console) -> None:
+    """Load the compiled kernels, or compile them on the first run after an installation; says so when it takes time."""
+    from gcs.planning.routes import warm_up as warm_up_planning
+    from gcs.tracking.glmb import warm_up as warm_up_tracking
+
+    with console.status("loading the compiled kernels (the first run after an installation compiles them, once)"):
+        warm_up_tracking()
+        warm_up_planning()

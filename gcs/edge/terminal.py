@@ -1,0 +1,219 @@
+"""What an operator sees in a terminal: a live view, or plain lines where there is no terminal to draw on.
+
+Both are sinks: they take events and effects in order and read nothing but those and the fold's own state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console, Group, RenderableType
+from rich.layout import Layout
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from gcs.command.fold import Command
+from gcs.config import Config
+from gcs.model import NS_PER_S, Effect, Event, Fate, Label, MissionEnded, Notice, Picture, Plan, Track, UploadReport
+
+_STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
+_FATE_STYLE: Final = {"flying": "cyan", "arrived": "green", "dead": "red"}
+_LOG_LINES: Final = 200
+_MAP_COLUMNS, _MAP_ROWS = 62, 26
+
+
+def label_text(label: Label | None) -> str:
+    """A track label as people write it: birth scan and index."""
+    return "–" if label is None else f"{label[0]}.{label[1]}"
+
+
+def effect_line(effect: Effect) -> tuple[str, str] | None:
+    """One line for an operator and its level; None for what only machines care about."""
+    match effect:
+        case Notice():
+            return effect.text, effect.level
+        case Plan():
+            routes = ", ".join(
+                f"{route.vehicle} → {label_text(route.target)} ({route.length_m:.0f} m)"
+                for route in effect.routes
+                if route.vehicle in effect.changed
+            )
+            return f"plan: {effect.reason}; re-tasked: {routes or 'nobody'}", "info"
+        case UploadReport(ok=True):
+            return (
+                f"agent {effect.vehicle}: mission of {effect.items} items {effect.detail} "
+                f"in {effect.duration_s:.2f} s, {effect.retries} retries",
+                "info",
+            )
+        case UploadReport():
+            return f"agent {effect.vehicle}: mission transfer failed: {effect.detail}", "alarm"
+        case Fate(fate="arrived"):
+            return f"agent {effect.vehicle}: reached target {label_text(effect.target)}", "info"
+        case Fate(fate="dead"):
+            return f"agent {effect.vehicle}: lost", "alarm"
+        case Fate():
+            return f"agent {effect.vehicle}: is back", "warning"
+        case MissionEnded():
+            return f"mission ended: {len(effect.arrived)} arrived, {len(effect.dead)} lost", "info"
+    return None
+
+
+class PlainLines:
+    """Prints one line for each thing that an operator should know."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._start_t_ns: int | None = None
+
+    def event(self, event: Event) -> None:
+        """Remember when the run began."""
+        if self._start_t_ns is None:
+            self._start_t_ns = event.t_ns
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Print what there is to say of an effect."""
+        line = effect_line(effect)
+        if line is not None:
+            seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
+            text, level = line
+            self._console.print(Text(f"{seconds:7.2f} s  {text}", style=_STYLE[level]), soft_wrap=True)
+
+
+class LiveView:
+    """Keeps what the live view shows; `render` draws it."""
+
+    def __init__(self, config: Config, command: Command, speed: float) -> None:
+        self._config = config
+        self._command = command
+        self._blocked = command.grid.blocked
+        self._speed = speed
+        self._log: deque[Text] = deque(maxlen=_LOG_LINES)
+        self._pictures: dict[str, Picture] = {}
+        self._uploads: dict[int, str] = {}
+        self._start_t_ns: int | None = None
+        self._t_ns = 0
+
+    def event(self, event: Event) -> None:
+        """Follow the time."""
+        self._t_ns = event.t_ns
+        if self._start_t_ns is None:
+            self._start_t_ns = event.t_ns
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Take what changes the view."""
+        if isinstance(effect, Picture):
+            self._pictures[effect.kind] = effect
+        elif isinstance(effect, UploadReport):
+            self._uploads[effect.vehicle] = "verified" if effect.ok else "failed"
+        line = effect_line(effect)
+        if line is not None:
+            seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
+            self._log.append(Text(f"{seconds:6.1f} s  {line[0]}", style=_STYLE[line[1]]))
+
+    def __rich__(self) -> RenderableType:
+        layout = Layout()
+        layout.split_column(Layout(self._header(), size=3), Layout(name="body"), Layout(self._events(), size=11, name="events"))
+        layout["body"].split_row(Layout(self._map(), size=_MAP_COLUMNS + 4), Layout(Group(self._agents(), self._targets())))
+        return layout
+
+    def _header(self) -> Panel:
+        seconds = (self._t_ns - (self._start_t_ns or self._t_ns)) / NS_PER_S
+        text = Text.assemble(
+            (f"{self._config.name}  ", "bold"),
+            f"{seconds:.0f} s of run time",
+            f" at speed {self._speed:g}  " if self._speed != 1.0 else "  ",
+            (self._config.description, "dim"),
+        )
+        return Panel(text)
+
+    def _agents(self) -> Table:
+        table = Table(title="Agents", expand=True, title_justify="left")
+        for name in ("id", "fate", "mode", "track", "existence", "east m", "north m", "m/s", "target", "to go m", "mission"):
+            table.add_column(name, justify="left" if name in ("fate", "mode", "mission") else "right", no_wrap=True)
+        tracks = self._tracks("agents")
+        for vehicle, fate in self._command.fates.by_vehicle.items():
+            state = self._command.fleet.state(vehicle)
+            label = self._command.ties.labels.get(vehicle)
+            track = tracks.get(label) if label is not None else None
+            route = self._command.replanner.routes.get(vehicle)
+            target = fate.target or (route.target if route else None)
+            to_go = f"{_to_go_m(track, route.points_m[-1]):.0f}" if track is not None and route is not None else ""
+            table.add_row(
+                str(vehicle),
+                Text(fate.fate, style=_FATE_STYLE[fate.fate]),
+                state.mode if state else "",
+                label_text(label),
+                *_track_cells(track),
+                label_text(target),
+                to_go,
+                self._command.tasking.under_way.get(vehicle, self._uploads.get(vehicle, "")),
+            )
+        return table
+
+    def _targets(self) -> Table:
+        table = Table(title="Targets", expand=True, title_justify="left")
+        for name in ("track", "existence", "east m", "north m", "m/s", "agent"):
+            table.add_column(name, justify="right", no_wrap=True)
+        hunters = {route.target: str(route.vehicle) for route in self._command.replanner.routes.values()}
+        reached = self._command.fates.reached()
+        for label, track in self._tracks("targets").items():
+            if track.existence >= self._config.tracking.confirm_existence:
+                done = Text("reached", style="green") if label in reached else Text(hunters.get(label, ""))
+                table.add_row(label_text(label), *_track_cells(track), done)
+        return table
+
+    def _tracks(self, kind: str) -> dict[Label, Track]:
+        picture = self._pictures.get(kind)
+        return {} if picture is None else {track.label: track for track in picture.tracks}
+
+    def _events(self) -> Panel:
+        return Panel(Group(*list(self._log)[-9:]), title="Events", title_align="left")
+
+    def _map(self) -> Panel:
+        """A map in characters, north up: obstacles, routes, agents by id, targets."""
+        cells = [[(" ", "")] * _MAP_COLUMNS for _ in range(_MAP_ROWS)]
+
+        def put(east_m: float, north_m: float, text: str, style: str) -> None:
+            column = int(east_m / self._config.map.width_m * (_MAP_COLUMNS - 1) + 0.5)
+            row = _MAP_ROWS - 1 - int(north_m / self._config.map.height_m * (_MAP_ROWS - 1) + 0.5)
+            for offset, character in enumerate(text):
+                if 0 <= row < _MAP_ROWS and 0 <= column + offset < _MAP_COLUMNS:
+                    cells[row][column + offset] = (character, style)
+
+        spacing_east_m, spacing_north_m = self._config.spacing_m
+        for north, east in np.argwhere(self._blocked):
+            put(east * spacing_east_m, north * spacing_north_m, "▒", "bright_black")
+        for route in self._command.replanner.routes.values():
+            for east_m, north_m in route.points_m:
+                put(east_m, north_m, "·", "cyan")
+        confirm = self._config.tracking.confirm_existence
+        reached = self._command.fates.reached()
+        for label, track in self._tracks("targets").items():
+            if track.existence >= confirm:
+                put(float(track.mean[0]), float(track.mean[1]), "◆", "green" if label in reached else "bold red")
+        tracks = self._tracks("agents")
+        for vehicle, fate in self._command.fates.by_vehicle.items():
+            seen = tracks.get(self._command.ties.labels.get(vehicle, (-1, -1)))
+            if fate.fate == "dead" and fate.position_m is not None:
+                put(*fate.position_m, "✗", "red")
+            elif seen is not None:
+                put(float(seen.mean[0]), float(seen.mean[1]), str(vehicle), "bold " + _FATE_STYLE[fate.fate])
+        lines = [Text.assemble(*row) for row in cells]
+        return Panel(Group(*lines), title="Map", title_align="left")
+
+
+def _track_cells(track: Track | None) -> Sequence[str]:
+    if track is None:
+        return ("", "", "", "")
+    east, north, v_east, v_north = (float(x) for x in track.mean)
+    return (f"{track.existence:.3f}", f"{east:.0f}", f"{north:.0f}", f"{math.hypot(v_east, v_north):.1f}")
+
+
+def _to_go_m(track: Track, end: npt.NDArray[np.float64]) -> float:
+    return math.hypot(float(end[0] - track.mean[0]), float(end[1] - track.mean[1]))

@@ -1,0 +1,137 @@
+"""The ``sim-vehicles`` command: vehicles and a world alone, for any ground station to connect to."""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from gcs.errors import GcsError
+from sim_vehicles.scenario import load
+from sim_vehicles.supervisor import Plan, Supervisor
+
+app = typer.Typer(
+    help="Simulated fixed-wing vehicles and the world they fly in, over real MAVLink and real zenoh.",
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+)
+
+ScenarioArgument = Annotated[
+    str, typer.Argument(help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.", show_default=True)
+]
+SeedOption = Annotated[int, typer.Option(min=0, help="Makes everything random: obstacles, deaths, targets, noise.")]
+
+
+@app.callback()
+def callback() -> None:
+    """Simulated fixed-wing vehicles and the world they fly in."""
+
+
+@app.command()
+def run(
+    scenario: ScenarioArgument,
+    seed: SeedOption = 1,
+    speed: Annotated[
+        float, typer.Option(min=0.1, max=50.0, help="Run time for each second of wall time; ground stations expect 1.")
+    ] = 1.0,
+    gcs: Annotated[str, typer.Option(help="HOST:PORT of the ground station that every vehicle talks to.")] = "127.0.0.1:14550",
+    zenoh: Annotated[str, typer.Option(help="zenoh endpoint for scans and truth.")] = "tcp/127.0.0.1:7447",
+    zenoh_role: Annotated[
+        str, typer.Option(help="connect: to a central command that listens (`gcs run`); listen: for anybody to connect.")
+    ] = "connect",
+    pack: Annotated[int, typer.Option(min=1, max=250, help="Vehicles in each process.")] = 1,
+    loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")] = 0.0,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line instead of words.")] = False,
+    until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
+) -> None:
+    """Fly a scenario's vehicles until Ctrl-C: one process and one UDP socket each, plus one process for the world.
+
+    Each vehicle behaves as an ArduPlane does, in LOITER at its start, and waits for a mission. Connect QGroundControl,
+    MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
+    """
+    if zenoh_role not in ("connect", "listen"):
+        raise typer.BadParameter("expected connect or listen", param_hint="--zenoh-role")
+    console = Console(stderr=True)
+
+    def report(event: dict[str, Any]) -> None:
+        if as_json:
+            print(json.dumps(event), flush=True)  # noqa: T201
+        else:
+            console.print(_in_words(event), highlight=False)
+
+    try:
+        loaded = load(scenario)
+        supervisor = Supervisor(Plan(loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss), report)
+        signal.signal(signal.SIGTERM, _interrupt)
+        try:
+            supervisor.start()
+            _watch(supervisor, sys.stdin.fileno() if until_stdin_closes else None)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            supervisor.stop()
+    except GcsError as error:
+        console.print(f"[bold red]error:[/] {error}", highlight=False)
+        raise typer.Exit(2) from None
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _in_words(event: dict[str, Any]) -> str:
+    match event["event"]:
+        case "vehicle":
+            return f"vehicle {event['system_id']} is process {event['pid']}"
+        case "started":
+            return f"flying at speed {event['speed']:g}; Ctrl-C ends it"
+        case _:
+            who = ", ".join(str(i) for i in event["system_ids"]) or "the world"
+            return f"{'vehicle ' if event['system_ids'] else ''}{who}: process ended with code {event['code']}"
+
+
+def _watch(supervisor: Supervisor, stdin: int | None) -> None:
+    """Until interrupted, standard input closes, or the world ends; a vehicle's end is reported, not mended."""
+    with selectors.DefaultSelector() as selector:
+        if stdin is not None:
+            selector.register(stdin, selectors.EVENT_READ)
+        while True:
+            if selector.select(0.2) and stdin is not None and not os.read(stdin, 1024):
+                return
+            for child in supervisor.newly_ended():
+                if not child.system_ids:
+                    raise GcsError("the world's process ended: see the messages above")
+
+
+@app.command()
+def simulate(
+    scenario: ScenarioArgument = "prescribed",
+    seed: SeedOption = 1,
+    runs: Annotated[int, typer.Option(min=1, help="How many seeds, from --seed upwards.")] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="End with one JSON object on its own line.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for recordings; none is written without it.")] = None,
+    loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(min=1.0, help="Seconds of run time after which a run has failed.")] = None,
+) -> None:
+    """Fly whole missions in this process on virtual time, as fast as the machine can; the same seed, the same outcome."""
+    from sim_vehicles.simulate import simulate as simulate_runs
+
+    try:
+        complete = simulate_runs(load(scenario), seed, runs, as_json, out, loss, duration)
+    except GcsError as error:
+        Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False)
+        raise typer.Exit(2) from None
+    raise typer.Exit(0 if complete else 1)
+
+
+def main() -> None:
+    """Entry point."""
+    app()

@@ -1,0 +1,75 @@
+"""A mission file's mistakes are named: file, key, what was expected."""
+
+from pathlib import Path
+
+import pytest
+
+from gcs.config import load, parse, read_text, scenario_names
+from gcs.errors import ConfigError
+
+GOOD = """
+name = "x"
+[frame]
+lat_deg = 33.0
+lon_deg = -87.0
+alt_msl_m = 70.0
+[[agents]]
+system_id = 1
+east_m = 100.0
+north_m = 100.0
+"""
+
+
+def test_the_scenarios_of_the_paper_are_shipped_and_valid() -> None:
+    assert scenario_names() == ["deterministic", "prescribed", "random-obstacles", "random-targets", "swarm-50"]
+    for name in scenario_names():
+        assert load(name).name == name
+
+
+def test_a_scenario_explains_every_key() -> None:
+    text, _ = read_text("prescribed")
+    lines = [line for line in text.splitlines() if " = " in line and not line.startswith("#")]
+    first_of_key = {}
+    for line in lines:
+        first_of_key.setdefault(line.split(" = ")[0], line)
+    unexplained = [key for key, line in first_of_key.items() if "#" not in line]
+    plain = {"description", "north_m", "lon_deg", "v_north_m_s", "discs_m", "boxes_m"}
+    assert set(unexplained) <= plain
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "words"),
+    [
+        (("lat_deg = 33.0", "lat_deg = 133.0"), "frame.lat_deg", "<= 85"),
+        (("lat_deg = 33.0", 'lat_deg = "north"'), "frame.lat_deg", "float"),
+        (("system_id = 1", "system_id = 251"), "agents[0].system_id", "250"),
+        (("east_m = 100.0", "east_m = 9000.0"), "agents[0]", "outside the map"),
+        (("east_m = 100.0", "easting_m = 100.0"), "agents[0]", "easting_m"),
+        (('name = "x"', 'name = "x"\nspeed = 3'), "", "unknown key `speed`"),
+        (('name = "x"', 'name = "x"\n[map]\nnodes_east = 21'), "map", "square"),
+        (('name = "x"', 'name = "x"\n[tracking]\ndead_existence = 0.6'), "tracking.dead_existence", "below"),
+    ],
+)
+def test_a_mistake_names_file_key_and_what_was_expected(change: tuple[str, str], key: str, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse(GOOD.replace(*change), "mission.toml")
+    assert caught.value.file == "mission.toml"
+    assert caught.value.key == key
+    assert words in str(caught.value)
+
+
+def test_two_agents_of_one_system_id_are_refused() -> None:
+    again = '[[agents]]\nsystem_id = 1\neast_m = 200.0\nnorth_m = 100.0\n'
+    with pytest.raises(ConfigError, match="used twice"):
+        parse(GOOD + again, "mission.toml")
+
+
+def test_broken_toml_and_missing_files_say_so(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        parse("a = [[", "mission.toml")
+    with pytest.raises(ConfigError, match="shipped scenarios: deterministic"):
+        read_text("no-such-scenario")
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="cannot be read as text"):
+        read_text(str(binary))
