@@ -1,0 +1,231 @@
+"""The GLMB tracker: scans of detections in, a picture of labelled tracks out.
+
+The delta-generalised labelled multi-Bernoulli filter with joint prediction and update (B.-N. Vo, B.-T. Vo & H. Hoang,
+"An efficient implementation of the generalized labeled multi-Bernoulli filter", IEEE TSP 65, 2017), one Gaussian per track,
+kept as a product over groups of interacting labels (Beard, Vo & Vo, IEEE TSP 68, 2020). This module holds the state and
+the order of the steps; the numerics are compiled, in `kernels` (one object), `hypotheses` (joint association) and
+`partition` (which labels interact).
+
+Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D while
+its predicted position is inside the field of view, at most once, with Gaussian noise; all else in a scan is Poisson
+clutter; new objects appear where the caller says that they may (a labelled multi-Bernoulli birth for each scan).
+
+The tracker is a pure value machine: time is an argument, randomness comes from a seed, and the same calls give the
+same bytes. No input makes it raise once constructed: what it cannot use it counts (`late_scans`, `bad_detections`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Sensor, Track, read_only
+from gcs.tracking import kernels, motion
+from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
+from gcs.tracking.partition import meet, part, renumber
+
+_SURE = 1.0 - 1e-9
+"""Probabilities are held below it: a model that is certain cannot be corrected."""
+_LEAST_CLUTTER_PER_M2 = 1e-15
+
+
+@dataclass(frozen=True, slots=True)
+class Birth:
+    """Where an object may appear at a scan: a Gaussian at the time of the scan, and how probable it is."""
+
+    mean: FloatArray
+    """(4,) east_m, north_m, v_east_m_s, v_north_m_s."""
+    cov: FloatArray
+    """(4, 4)."""
+    probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class GlmbParams:
+    """Model and limits of a tracker. The limits' defaults bound the error; they are not there to be tuned."""
+
+    accel_std_m_s2: float
+    """Velocity gained in a second, standard deviation (see `motion`)."""
+    survival_probability_per_s: float = 0.99
+    max_hypotheses: int = 300
+    """Of one group of interacting labels."""
+    gate_chi2: float = 32.2
+    """Squared Mahalanobis distance of the gate: 2 degrees of freedom, 1e-7 of the detections outside."""
+    prune_weight: float = 1e-6
+    """Hypotheses below this share of their group's best are dropped."""
+    forget_existence: float = 1e-5
+    """Labels below it are forgotten."""
+    report_existence: float = 1e-3
+    """Labels below it are not in the picture."""
+    dependence: float = 1e-3
+    """Labels closer to independence than this total variation are tracked apart."""
+    enumerable: int = 4096
+    """Most joint options of a hypothesis whose children are enumerated; beyond, they are sampled."""
+    gibbs_sweeps: int = 1000
+    """Per group and scan, shared by its sampled hypotheses."""
+
+
+class Glmb:
+    """One tracker of one kind of object.
+
+    Parameters
+    ----------
+    kind : {"agents", "targets"}
+        Written on its pictures.
+    params : GlmbParams
+        Model and limits.
+    seed : int
+        Of the Gibbs sampler, which works only where many objects interact.
+
+    Attributes
+    ----------
+    scans, late_scans, bad_detections : int
+        Scans taken in; scans refused as measured before the last one; detections refused as not finite.
+    """
+
+    def __init__(self, kind: Kind, params: GlmbParams, seed: int) -> None:
+        self.kind: Kind = kind
+        self.params = params
+        self.scans = self.late_scans = self.bad_detections = 0
+        self._limits = Limits(
+            int(params.max_hypotheses),
+            math.log(params.prune_weight),
+            float(params.forget_existence),
+            float(params.dependence),
+            int(params.enumerable),
+            int(params.gibbs_sweeps),
+        )
+        self._rng = np.array([seed % 2**64], dtype=np.uint64)
+        self._keys = option_keys(256)
+        self._t_ns: int | None = None
+        self._labels: list[Label] = []
+        self._track_label = np.empty(0, np.int64)
+        """Index into `_labels` for each track; ascending."""
+        self._mean, self._cov = np.empty((0, 4)), np.empty((0, 4, 4))
+        self._groups = Groups(
+            np.zeros(1, np.int64), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0)
+        )
+
+    def update(
+        self, measured_t_ns: int, z_m: FloatArray, sensor: Sensor, births: Sequence[Birth] = ()
+    ) -> None:
+        """Take in a scan.
+
+        Parameters
+        ----------
+        measured_t_ns : int
+            When it was measured. The same time as the last scan's is fine (another sensor); earlier than it, the scan
+            is counted in `late_scans` and otherwise ignored.
+        z_m : (m, 2) array
+            Detections east/north, in any order. Rows that are not finite are counted in `bad_detections`.
+        sensor : Sensor
+            What the scan's sensor says of itself.
+        births : sequence of Birth
+            Where objects may have appeared by this scan. Birth i gets the label (scan count, i).
+        """
+        if self._t_ns is not None and measured_t_ns < self._t_ns:
+            self.late_scans += 1
+            return
+        dt_s = 0.0 if self._t_ns is None else (measured_t_ns - self._t_ns) / NS_PER_S
+        self._t_ns = measured_t_ns
+        z = self._usable(z_m)
+        live = self._predict(dt_s, births)
+        R = np.array(sensor.noise_cov_m2, dtype=np.float64)
+        start, meas, logw = kernels.options(
+            self._mean,
+            self._cov,
+            np.log(live),
+            np.log1p(-live, out=np.full(live.size, -np.inf), where=live < 1.0),
+            z,
+            R,
+            np.array(sensor.field_of_view_m, dtype=np.float64),
+            min(float(sensor.detection_probability), _SURE),
+            math.log(max(sensor.clutter_density_per_m2, _LEAST_CLUTTER_PER_M2)),
+            float(self.params.gate_chi2),
+        )
+        if meas.size > self._keys.size:
+            self._keys = option_keys(2 * meas.size)
+        options = Options(start, meas, logw, self._keys)
+        if live.size:
+            self._associate(options, z, R)
+        self.scans += 1
+
+    def picture(self, t_ns: int) -> Picture:
+        """All labels with an existence of at least `report_existence`, as of the last scan.
+
+        A label's mean and covariance are those of its most probable track (association history), summed over all
+        hypotheses that hold it, and not a mixture's: a mean between two places would be a place where nobody is.
+        """
+        existence, best, cardinality = kernels.summary(self._groups, self._track_label, len(self._labels))
+        tracks = tuple(
+            Track(
+                self._labels[i],
+                read_only(self._mean[best[i]]),
+                read_only(self._cov[best[i]]),
+                float(existence[i]),
+            )
+            for i in np.flatnonzero(existence >= self.params.report_existence)
+        )
+        scan_t_ns = t_ns if self._t_ns is None else self._t_ns
+        return Picture(t_ns, scan_t_ns, self.kind, tracks, read_only(cardinality))
+
+    def _usable(self, z_m: FloatArray) -> FloatArray:
+        """Finite detections, sorted by east for the gates."""
+        z = np.array(z_m, dtype=np.float64).reshape(-1, 2)
+        finite = np.isfinite(z).all(axis=1)
+        if not finite.all():
+            self.bad_detections += int(z.shape[0] - finite.sum())
+            z = z[finite]
+        return z[np.argsort(z[:, 0], kind="stable")]
+
+    def _predict(self, dt_s: float, births: Sequence[Birth]) -> FloatArray:
+        """Move every track by `dt_s`, add the births as groups of their own; return each track's chance to live."""
+        survival = min(self.params.survival_probability_per_s, 1.0) ** dt_s
+        if dt_s > 0.0:
+            self._mean, self._cov = kernels.predict(
+                self._mean,
+                self._cov,
+                motion.transition(dt_s),
+                motion.process_noise(dt_s, self.params.accel_std_m_s2),
+            )
+        live = np.full(self._track_label.size, max(survival, 1.0 - _SURE))
+        if not births:
+            return live
+        n, new = live.size, np.arange(len(births))
+        groups = self._groups
+        self._groups = Groups(
+            np.concatenate([groups.first, groups.first[-1] + 1 + new]),
+            np.concatenate([groups.start, groups.start[-1] + 1 + new]),
+            np.concatenate([groups.items, n + new]),
+            np.concatenate([groups.logw, np.zeros(len(births))]),
+        )
+        self._mean = np.concatenate([self._mean, [birth.mean for birth in births]])
+        self._cov = np.concatenate([self._cov, [birth.cov for birth in births]])
+        self._track_label = np.concatenate([self._track_label, len(self._labels) + new])
+        self._labels.extend((self.scans, i) for i in range(len(births)))
+        return np.concatenate([live, np.clip([birth.probability for birth in births], 1.0 - _SURE, _SURE)])
+
+    def _associate(self, options: Options, z: FloatArray, R: FloatArray) -> None:
+        """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
+        parent = np.repeat(np.arange(self._track_label.size), np.diff(options.start))
+        option_label = self._track_label[parent]
+        groups = meet(self._groups, options, z.shape[0], self._limits)
+        groups = children(groups, options, z.shape[0], self._limits, self._rng)
+        groups = part(groups, options, option_label, self._limits)
+        self._groups, used = renumber(groups, parent.size)
+        self._mean, self._cov = kernels.update(self._mean, self._cov, parent[used], options.meas[used], z, R)
+        kept, self._track_label = np.unique(option_label[used], return_inverse=True)
+        self._labels = [self._labels[i] for i in kept]
+
+
+def warm_up() -> None:
+    """Compile every kernel, or load it from the cache: seconds the first time after an installation, else less than one."""
+    noise = read_only(np.eye(2))
+    sensor = Sensor("warm-up", 0.9, 1e-3, noise, (-9.0, -9.0, 9.0, 9.0))
+    tracker = Glmb("agents", GlmbParams(accel_std_m_s2=1.0), 0)
+    for t_ns in (0, NS_PER_S):
+        tracker.update(t_ns, np.zeros((1, 2)), sensor, [Birth(np.zeros(4), np.eye(4), 0.1)])
+    tracker.picture(NS_PER_S)

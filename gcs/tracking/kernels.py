@@ -1,0 +1,203 @@
+"""Compiled single-object numerics over flat arrays: predict, gate, update, sum up.
+
+Everything here works per *track* (one label with one association history, one Gaussian), never per hypothesis:
+hypotheses share tracks, so each prediction, gate and likelihood is computed once (Vo, Vo & Hoang 2017, section IV).
+
+What a track may do at a scan is its list of *options*: to have died, to live undetected, or to live and have made one
+of the detections in its gate. An option's log-weight is that of eq. (20) there, relative to clutter:
+
+    died       log(1 - p_S)
+    missed     log p_S + log(1 - p_D)
+    made z     log p_S + log p_D + log N(z; H m, H P H' + R) - log kappa
+
+with p_S replaced by the birth probability for a track that is being born. Options lie track after track in flat
+arrays, the best one first. A kernel here calls only kernels of this file: numba's cache does not see other files change.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+
+from gcs.tracking.hypotheses import Groups
+
+if TYPE_CHECKING:
+    from gcs.model import FloatArray
+
+njit = numba.njit(nogil=True, cache=True)
+
+DIED = -2
+MISSED = -1
+MAX_GATED = 32
+"""Detections kept per gate, the likeliest ones: bounds the work that a hostile scan can cause."""
+
+
+@njit
+def predict(mean: FloatArray, cov: FloatArray, F: FloatArray, Q: FloatArray) -> Any:
+    """Kalman prediction of every track: means (n, 4) and covariances (n, 4, 4)."""
+    n = mean.shape[0]
+    mean_out, cov_out = np.zeros((n, 4)), np.empty((n, 4, 4))
+    FP = np.empty((4, 4))
+    for t in range(n):
+        for i in range(4):
+            for j in range(4):
+                mean_out[t, i] += F[i, j] * mean[t, j]
+                total = 0.0
+                for k in range(4):
+                    total += F[i, k] * cov[t, k, j]
+                FP[i, j] = total
+        for i in range(4):
+            for j in range(i + 1):
+                total = Q[i, j]
+                for k in range(4):
+                    total += FP[i, k] * F[j, k]
+                cov_out[t, i, j] = cov_out[t, j, i] = total
+    return mean_out, cov_out
+
+
+@njit
+def _grown(array: Any, needed: int) -> Any:
+    """`array` itself when it has room for `needed` entries, else a larger copy."""
+    if needed <= array.size:
+        return array
+    larger = np.empty(max(needed, 2 * array.size), array.dtype)
+    larger[: array.size] = array
+    return larger
+
+
+@njit
+def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
+    """Best option first, stable: insertion, as the lists are short."""
+    for i in range(start + 1, end):
+        m, w, j = meas[i], logw[i], i
+        while j > start and logw[j - 1] < w:
+            meas[j], logw[j] = meas[j - 1], logw[j - 1]
+            j -= 1
+        meas[j], logw[j] = m, w
+
+
+@njit
+def options(
+    mean: FloatArray,
+    cov: FloatArray,
+    log_live: FloatArray,
+    log_die: FloatArray,
+    z: FloatArray,
+    R: FloatArray,
+    fov: FloatArray,
+    p_d: float,
+    log_clutter: float,
+    gate_chi2: float,
+) -> Any:
+    """What each predicted track may do at this scan: (start (n + 1,), detection or DIED or MISSED, log-weight).
+
+    `z` (m, 2) must be sorted by east, so that a gate is a short run of it. A track outside the field of view
+    `fov` (east_min, north_min, east_max, north_max) cannot be detected.
+    """
+    n, m = mean.shape[0], z.shape[0]
+    start = np.zeros(n + 1, np.int64)
+    meas, logw = np.empty(4 * n + 64, np.int64), np.empty(4 * n + 64)
+    east = z[:, 0].copy()
+    for t in range(n):
+        first = count = start[t]
+        meas, logw = _grown(meas, count + m + 2), _grown(logw, count + m + 2)
+        x, y = mean[t, 0], mean[t, 1]
+        seen = p_d > 0.0 and fov[0] <= x <= fov[2] and fov[1] <= y <= fov[3]
+        if seen:
+            a, b, c = cov[t, 0, 0] + R[0, 0], cov[t, 0, 1] + R[0, 1], cov[t, 1, 1] + R[1, 1]
+            det = a * c - b * b
+            scale = math.log(p_d) - math.log(2.0 * math.pi) - 0.5 * math.log(det) - log_clutter + log_live[t]
+            reach = math.sqrt(gate_chi2 * a)
+            for j in range(np.searchsorted(east, x - reach), m):
+                dx, dy = z[j, 0] - x, z[j, 1] - y
+                if dx > reach:
+                    break
+                d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
+                if d2 <= gate_chi2:
+                    meas[count], logw[count] = j, scale - 0.5 * d2
+                    count += 1
+            if count - first > MAX_GATED:
+                best = np.argsort(-logw[first:count], kind="mergesort")[:MAX_GATED]
+                kept_meas, kept_logw = meas[first:count][best], logw[first:count][best]
+                count = first + MAX_GATED
+                meas[first:count], logw[first:count] = kept_meas, kept_logw
+        meas[count] = MISSED
+        logw[count] = log_live[t] + (math.log1p(-p_d) if seen else 0.0)
+        count += 1
+        if log_die[t] > -np.inf:
+            meas[count], logw[count] = DIED, log_die[t]
+            count += 1
+        _sort_options(meas, logw, first, count)
+        start[t + 1] = count
+    return start, meas[: start[n]].copy(), logw[: start[n]].copy()
+
+
+@njit
+def update(
+    mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, R: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Kalman update of track `parent[i]` with detection `meas[i]` (or MISSED), in Joseph form.
+
+    P' = (I - K H) P (I - K H)' + K R K' stays positive definite whatever the ratio of P to R.
+    """
+    n = parent.size
+    mean_out, cov_out = np.empty((n, 4)), np.empty((n, 4, 4))
+    A, AP, K = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 2))
+    for i in range(n):
+        m, P = mean[parent[i]], cov[parent[i]]
+        mean_out[i], cov_out[i] = m, P
+        if meas[i] < 0:
+            continue
+        a, b, c = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[1, 1] + R[1, 1]
+        det = a * c - b * b
+        dx, dy = z[meas[i], 0] - m[0], z[meas[i], 1] - m[1]
+        for r in range(4):
+            K[r, 0] = (P[r, 0] * c - P[r, 1] * b) / det
+            K[r, 1] = (P[r, 1] * a - P[r, 0] * b) / det
+            mean_out[i, r] = m[r] + K[r, 0] * dx + K[r, 1] * dy
+            for s in range(4):
+                A[r, s] = (1.0 if r == s else 0.0) - (K[r, s] if s < 2 else 0.0)
+        for r in range(4):
+            for s in range(4):
+                total = 0.0
+                for k in range(4):
+                    total += A[r, k] * P[k, s]
+                AP[r, s] = total
+        for r in range(4):
+            for s in range(r + 1):
+                total = 0.0
+                for k in range(4):
+                    total += AP[r, k] * A[s, k]
+                for k in range(2):
+                    for q in range(2):
+                        total += K[r, k] * R[k, q] * K[s, q]
+                cov_out[i, r, s] = cov_out[i, s, r] = total
+    return mean_out, cov_out
+
+
+@njit
+def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray, Any, FloatArray]:
+    """Existence of each label, its track in the best hypothesis that holds it, and the number of objects' distribution.
+
+    Shapes (n_labels,), (n_labels,), (n_labels + 1,). Groups are independent, so their numbers' distributions convolve.
+    """
+    existence, best = np.zeros(n_labels), np.full(n_labels, -1)
+    cardinality, convolved = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
+    cardinality[0], most = 1.0, 0
+    for g in range(groups.first.size - 1):
+        convolved[:], widest = 0.0, 0
+        for h in range(groups.first[g], groups.first[g + 1]):
+            w, size = math.exp(groups.logw[h]), groups.start[h + 1] - groups.start[h]
+            widest = max(widest, size)
+            for t in groups.items[groups.start[h] : groups.start[h + 1]]:
+                existence[track_label[t]] += w
+                if best[track_label[t]] < 0:
+                    best[track_label[t]] = t
+            for k in range(most + 1):
+                convolved[k + size] += w * cardinality[k]
+        most += widest
+        cardinality[:] = convolved
+    return np.minimum(existence, 1.0), best, cardinality
