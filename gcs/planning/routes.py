@@ -1,0 +1,296 @@
+"""The planner: agents, targets and a map in, routes out.
+
+The paper's simultaneous target assignment and trajectory optimisation: shortest ways on the grid for every
+pair of agent and target, the Hungarian algorithm on their lengths, and the grid paths mapped to the map in
+metres. Each step has its own module: `search`, `assignment`, `shaping`.
+
+With the metric cost one search serves a whole row (or column, if there are fewer targets than agents) of the
+cost matrix. The paper's cost has no such shortcut: its result depends on the goal, so it is searched pair by
+pair.
+
+Nothing here raises for what the world may bring: an agent inside an obstacle, no way, nobody there. The
+result says what is wrong in `PlanResult.notes`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from gcs.model import FloatArray, Label, Route, read_only
+from gcs.planning.assignment import assign
+from gcs.planning.grid import BoolArray, Grid, Point, free_grid
+from gcs.planning.search import IntArray, SearchCost, SearchMap, astar, fields, search_map, trace_back
+from gcs.planning.shaping import DIRECT, close_and_seen, ends_of_ways, joins, shape
+from gcs.planning.sight import line_of_sight
+
+Shape: TypeAlias = Literal["grid", "pulled"]
+
+
+@dataclass(frozen=True, slots=True)
+class AgentStart:
+    """Where an agent's route begins, and its course over ground if that is known."""
+
+    east_m: float
+    north_m: float
+    course_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlanOptions:
+    """How to plan.
+
+    Attributes
+    ----------
+    search_cost : "metric" or "paper"
+        Shortest paths, or the paper's cost of nodes traversed plus Euclidean heuristic.
+    shape : "grid" or "pulled"
+        Legs along the grid, or pulled taut by line of sight.
+    clearance_m : float
+        Distance to keep from blocked cells wherever there is a way that does.
+    switch_gain_m : float
+        By how much agents that exchange targets must shorten the team's way.
+    """
+
+    search_cost: SearchCost = "metric"
+    shape: Shape = "grid"
+    clearance_m: float = 0.0
+    switch_gain_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PlanResult:
+    """Who flies where.
+
+    Attributes
+    ----------
+    routes : tuple of Route
+        Ordered by vehicle. A route ends at the target's exact position, unless the target is over an
+        obstacle.
+    unassigned_vehicles, unassigned_targets : tuple
+        In order; both hold all that is in no route.
+    notes : tuple of str
+        What an operator should know: who is inside an obstacle, cannot get anywhere, or has to fly too near.
+    """
+
+    routes: tuple[Route, ...]
+    unassigned_vehicles: tuple[int, ...]
+    unassigned_targets: tuple[Label, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def total_length_m(self) -> float:
+        """Length of all routes together."""
+        return math.fsum(route.length_m for route in self.routes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where some agents or targets are, in cells, and how they join the map (see `shaping.joins`)."""
+
+    xy: FloatArray
+    nodes: IntArray
+    off: FloatArray
+    inside: BoolArray
+
+
+Way: TypeAlias = Callable[[int, int], IntArray]
+"""Flat nodes of the way of agent i to target j, in the order of flight; empty if they see each other
+closely."""
+
+
+def plan_routes(
+    grid: Grid,
+    agents: Mapping[int, AgentStart],
+    targets: Mapping[Label, Point],
+    current: Mapping[int, Label],
+    options: PlanOptions,
+) -> PlanResult:
+    """Assign targets to agents and route each agent to its own; see `PlanOptions` and `PlanResult`.
+
+    `current` is who flies to which target now; whoever and whatever is gone from it is ignored.
+    """
+    notes: list[str] = []
+    vehicles = [v for v in sorted(agents) if math.isfinite(agents[v].east_m + agents[v].north_m)]
+    labels = [label for label in sorted(targets) if math.isfinite(sum(targets[label]))]
+    notes += [f"agent {v}: its position is not a number" for v in sorted(set(agents) - set(vehicles))]
+    notes += [f"target {label}: its position is not a number" for label in sorted(set(targets) - set(labels))]
+    notes += ["no agents"] * (not agents) + ["no targets"] * (not targets)
+    routes: list[Route] = []
+    if vehicles and labels:
+        smap = search_map(grid, options.clearance_m)
+        starts = _places(grid, smap, [(agents[v].east_m, agents[v].north_m) for v in vehicles])
+        goals = _places(grid, smap, [targets[label] for label in labels])
+        find_ways = _paper_ways if options.search_cost == "paper" else _metric_ways
+        lengths_m, way = find_ways(grid, smap, starts, goals, options.clearance_m / grid.spacing_m)
+        notes += _places_notes(grid, smap, vehicles, labels, starts, lengths_m)
+        column = {label: j for j, label in enumerate(labels)}
+        flown = {i: column[current[v]] for i, v in enumerate(vehicles) if current.get(v) in column}
+        for i, j in assign(lengths_m, flown, options.switch_gain_m).items():
+            vehicle, label = vehicles[i], labels[j]
+            points, roomy = _shaped(grid, smap, agents[vehicle], starts, goals, i, j, way(i, j), options)
+            if not goals.inside[j]:
+                points[-1] = targets[label]
+            else:
+                east, north = points[-1]
+                notes.append(
+                    f"agent {vehicle}: target {label} is over an obstacle; "
+                    f"the route ends at ({east:.0f}, {north:.0f}) m"
+                )
+            if not roomy:
+                notes.append(
+                    f"agent {vehicle}: no way to target {label} keeps {options.clearance_m:g} m "
+                    "from obstacles; the route passes nearer"
+                )
+            length_m = float(np.hypot(*np.diff(points, axis=0).T).sum())
+            routes.append(Route(vehicle, label, read_only(points[1:]), length_m))
+    served = {route.target for route in routes}
+    busy = {route.vehicle for route in routes}
+    return PlanResult(
+        tuple(routes),
+        tuple(v for v in sorted(agents) if v not in busy),
+        tuple(label for label in sorted(targets) if label not in served),
+        tuple(notes),
+    )
+
+
+def _places(grid: Grid, smap: SearchMap, points_m: Sequence[Point]) -> _Places:
+    """Find how places join the map."""
+    xy = (np.array(points_m, dtype=np.float64) - grid.origin_m) / grid.spacing_m
+    return _Places(xy, *joins(grid.blocked, smap.mainland, smap.tight, smap.stride, xy))
+
+
+def _metric_ways(
+    grid: Grid, smap: SearchMap, starts: _Places, goals: _Places, reach: float
+) -> tuple[FloatArray, Way]:
+    """Shortest ways of all pairs: their lengths in metres, (n, m), inf where there is none, and the ways."""
+    turned = len(goals.xy) < len(starts.xy)
+    near, far = (goals, starts) if turned else (starts, goals)
+    field = fields(smap.moves, smap.tight, smap.offsets, smap.any_tight, near.nodes, near.off)
+    lengths, via = ends_of_ways(
+        grid.blocked, reach, field, near.xy, near.inside, far.xy, far.nodes, far.off, far.inside
+    )
+    path = np.empty(smap.moves.size, dtype=np.int64)
+
+    def trace(i: int, j: int) -> tuple[int, float]:
+        count, flown = trace_back(
+            smap.moves, smap.tight, smap.offsets, field[i], near.nodes[i], near.off[i], via[i, j], path
+        )
+        return int(count), float(flown)
+
+    if smap.any_tight:
+        # Tight moves counted many times over while searching; the assignment compares what is flown.
+        for i, j in np.argwhere(via >= 0):
+            last = float(far.off[j][far.nodes[j] == via[i, j]][0])
+            lengths[i, j] = trace(i, j)[1] + last
+
+    def way(i: int, j: int) -> IntArray:
+        i, j = (j, i) if turned else (i, j)
+        count = 0 if via[i, j] == DIRECT else trace(i, j)[0]
+        return path[:count].copy() if turned else path[:count][::-1].copy()
+
+    return (lengths.T if turned else lengths) * grid.spacing_m, way
+
+
+def _paper_ways(
+    grid: Grid, smap: SearchMap, starts: _Places, goals: _Places, reach: float
+) -> tuple[FloatArray, Way]:
+    """Ways of all pairs by the paper's cost, from nearest node to nearest node; lengths are what is flown."""
+    lengths_m = np.full((len(starts.xy), len(goals.xy)), np.inf)
+    ways: dict[tuple[int, int], IntArray] = {}
+    path = np.empty(smap.moves.size, dtype=np.int64)
+    for i, (a, first) in enumerate(zip(starts.xy, _nearest_joins(starts), strict=True)):
+        for j, (b, last) in enumerate(zip(goals.xy, _nearest_joins(goals), strict=True)):
+            if first < 0 or last < 0:
+                continue
+            count = 0
+            if starts.inside[i] or goals.inside[j] or not close_and_seen(grid.blocked, reach, a, b):
+                count, _ = astar(smap.moves, smap.tight, smap.offsets, smap.stride, first, last, True, path)
+                if count == 0:
+                    continue
+            ways[i, j] = path[:count][::-1].copy()
+            points = np.vstack((a, _cells(smap, ways[i, j]), b))
+            lengths_m[i, j] = np.hypot(*np.diff(points, axis=0).T).sum() * grid.spacing_m
+    return lengths_m, lambda i, j: ways[i, j]
+
+
+def _nearest_joins(places: _Places) -> list[int]:
+    """Return the nearest node by which each place joins the map, -1 for none."""
+    best = np.argmin(np.where(places.nodes >= 0, places.off, np.inf), axis=1)
+    return [int(node) for node in places.nodes[np.arange(len(best)), best]]
+
+
+def _cells(smap: SearchMap, flat: IntArray) -> FloatArray:
+    """Return flat nodes as (k, 2) places in cells."""
+    rows, cols = np.divmod(flat, smap.stride)
+    return np.column_stack((cols - 1, rows - 1)).astype(np.float64)
+
+
+def _shaped(
+    grid: Grid,
+    smap: SearchMap,
+    agent: AgentStart,
+    starts: _Places,
+    goals: _Places,
+    i: int,
+    j: int,
+    nodes: IntArray,
+    options: PlanOptions,
+) -> tuple[FloatArray, bool]:
+    """Return a route's points in metres, the agent's place first, and whether it keeps the clearance."""
+    ends_at_target = not goals.inside[j]
+    parts = [starts.xy[i : i + 1], _cells(smap, nodes)] + [goals.xy[j : j + 1]] * ends_at_target
+    course = agent.course_rad if agent.course_rad is not None and math.isfinite(agent.course_rad) else None
+    heading = np.zeros(2) if course is None else np.array([math.sin(course), math.cos(course)])
+    reach = options.clearance_m / grid.spacing_m
+    points, roomy = shape(
+        grid.blocked,
+        reach,
+        np.concatenate(parts),
+        heading,
+        bool(starts.inside[i]),
+        bool(ends_at_target),
+        options.shape == "pulled",
+    )
+    metres: FloatArray = points * grid.spacing_m + np.array(grid.origin_m)
+    return metres, bool(roomy)
+
+
+def _places_notes(
+    grid: Grid,
+    smap: SearchMap,
+    vehicles: Sequence[int],
+    labels: Sequence[Label],
+    starts: _Places,
+    lengths_m: FloatArray,
+) -> list[str]:
+    """Say who is inside an obstacle and who cannot get anywhere."""
+    if grid.blocked.all():
+        return ["the map has no free cell"]
+    notes = []
+    for i in np.flatnonzero(starts.inside).tolist():
+        east, north = _cells(smap, starts.nodes[i, :1])[0] * grid.spacing_m + np.array(grid.origin_m)
+        notes.append(f"agent {vehicles[i]}: inside an obstacle; leaves it by ({east:.0f}, {north:.0f}) m")
+    reached = np.isfinite(lengths_m)
+    notes += [
+        f"agent {vehicles[i]}: no path to any target" for i in np.flatnonzero(~reached.any(axis=1)).tolist()
+    ]
+    notes += [
+        f"target {labels[j]}: no path from any agent" for j in np.flatnonzero(~reached.any(axis=0)).tolist()
+    ]
+    return notes
+
+
+def warm_up() -> None:
+    """Compile every kernel, or load it from the cache: seconds, once; without it the first plan pays."""
+    grid = free_grid((4, 4), 10.0).with_obstacles(cells=[(1, 1), (3, 3)])
+    agents = {1: AgentStart(1.0, 2.0, 0.5), 2: AgentStart(11.0, 9.0)}
+    targets = {(0, 0): (29.0, 12.0), (0, 1): (30.0, 30.0)}
+    for options in (PlanOptions(), PlanOptions("paper", "pulled", clearance_m=6.0)):
+        plan_routes(grid, agents, targets, {}, options)
+        plan_routes(grid, agents, {(0, 0): (2.0, 1.0)}, {}, options)
+    line_of_sight(grid, (0.0, 0.0), (30.0, 0.0))

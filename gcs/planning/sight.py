@@ -1,0 +1,117 @@
+"""Line of sight: whether a straight leg keeps a distance from every blocked cell. Exact, not sampled.
+
+A blocked cell is a closed square: a leg that touches its edge or corner hits it. For a leg and a square that
+do not meet, the shortest distance is reached at an end of the leg or at a corner of the square (both are
+convex), which gives the distance in closed form. Only the cells of the corridor that the leg sweeps are
+looked at: row by row, the columns that the leg, widened by the clearance, can reach there.
+
+Kernels work in cells (x = column, y = row, as floats); the public functions in metres.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+from gcs.planning.grid import TOUCH, Grid, Point
+
+
+@numba.njit(nogil=True, cache=True)
+def _point_square(x, y, col, row):  # type: ignore[no-untyped-def]
+    """Distance of a point from a cell's square."""
+    return math.hypot(max(abs(x - col) - 0.5, 0.0), max(abs(y - row) - 0.5, 0.0))
+
+
+@numba.njit(nogil=True, cache=True)
+def _corner_leg(x, y, x0, y0, dx, dy, norm2):  # type: ignore[no-untyped-def]
+    """Distance of a corner from a leg that starts at (x0, y0) and has squared length `norm2`."""
+    along = 0.0 if norm2 == 0.0 else min(max(((x - x0) * dx + (y - y0) * dy) / norm2, 0.0), 1.0)
+    return math.hypot(x - x0 - along * dx, y - y0 - along * dy)
+
+
+@numba.njit(nogil=True, cache=True)
+def _meets_square(x0, y0, dx, dy, col, row):  # type: ignore[no-untyped-def]
+    """Whether a leg and a cell's square have a point in common: clip the leg by the square's two slabs."""
+    low, high = 0.0, 1.0
+    for start, step, centre in ((x0, dx, col), (y0, dy, row)):
+        if step == 0.0:
+            if abs(start - centre) > 0.5:
+                return False
+        else:
+            a, b = (centre - 0.5 - start) / step, (centre + 0.5 - start) / step
+            low, high = max(low, min(a, b)), min(high, max(a, b))
+    return low <= high
+
+
+@numba.njit(nogil=True, cache=True)
+def _leg_square(x0, y0, x1, y1, col, row):  # type: ignore[no-untyped-def]
+    """Distance of a leg from a cell's square."""
+    dx, dy = x1 - x0, y1 - y0
+    if _meets_square(x0, y0, dx, dy, col, row):
+        return 0.0
+    norm2 = dx * dx + dy * dy
+    best = min(_point_square(x0, y0, col, row), _point_square(x1, y1, col, row))
+    for cx in (col - 0.5, col + 0.5):
+        for cy in (row - 0.5, row + 0.5):
+            best = min(best, _corner_leg(cx, cy, x0, y0, dx, dy, norm2))
+    return best
+
+
+@numba.njit(nogil=True, cache=True)
+def clear_leg(blocked, x0, y0, x1, y1, reach, own_col, own_row):  # type: ignore[no-untyped-def]
+    """Whether a leg keeps `reach` cells from every blocked cell but its own (-1, -1: no cell is its own)."""
+    rows, cols = blocked.shape
+    limit = max(reach - TOUCH, TOUCH)
+    wide = reach + 0.5 + 2.0 * TOUCH
+    dx, dy = x1 - x0, y1 - y0
+    first = max(0, math.ceil(min(y0, y1) - wide))
+    last = min(rows - 1, math.floor(max(y0, y1) + wide))
+    for row in range(first, last + 1):
+        if abs(dy) < 1e-12:
+            low, high = min(x0, x1), max(x0, x1)
+        else:
+            ta = min(max((row - wide - y0) / dy, 0.0), 1.0)
+            tb = min(max((row + wide - y0) / dy, 0.0), 1.0)
+            low, high = x0 + min(ta * dx, tb * dx), x0 + max(ta * dx, tb * dx)
+        left = max(0, math.ceil(low - wide))
+        right = min(cols - 1, math.floor(high + wide))
+        for col in range(left, right + 1):
+            if (
+                blocked[row, col]
+                and not (row == own_row and col == own_col)
+                and _leg_square(x0, y0, x1, y1, col, row) < limit
+            ):
+                return False
+    return True
+
+
+@numba.njit(nogil=True, cache=True)
+def room_at(blocked, x, y, reach):  # type: ignore[no-untyped-def]
+    """Distance in cells from a point to the nearest blocked cell, at most `reach`."""
+    rows, cols = blocked.shape
+    best = reach
+    for row in range(max(0, math.ceil(y - reach - 0.5)), min(rows - 1, math.floor(y + reach + 0.5)) + 1):
+        for col in range(max(0, math.ceil(x - reach - 0.5)), min(cols - 1, math.floor(x + reach + 0.5)) + 1):
+            if blocked[row, col]:
+                best = min(best, _point_square(x, y, col, row))
+    return best
+
+
+def line_of_sight(grid: Grid, from_m: Point, to_m: Point, clearance_m: float = 0.0) -> bool:
+    """Tell whether the straight leg between two points keeps `clearance_m` from every blocked cell.
+
+    With no clearance the leg must not touch a blocked cell, not even a corner. A clearance is kept up to a
+    billionth of a cell. Beyond the map's edge nothing is blocked.
+    """
+    x0, y0 = to_cells(grid, from_m)
+    x1, y1 = to_cells(grid, to_m)
+    return bool(clear_leg(grid.blocked, x0, y0, x1, y1, max(clearance_m, 0.0) / grid.spacing_m, -1, -1))
+
+
+def to_cells(grid: Grid, point_m: Point) -> tuple[float, float]:
+    """Return a point in cells: (column, row) as floats."""
+    return (
+        (point_m[0] - grid.origin_m[0]) / grid.spacing_m,
+        (point_m[1] - grid.origin_m[1]) / grid.spacing_m,
+    )
