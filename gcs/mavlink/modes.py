@@ -10,7 +10,6 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-
 ARDUPILOT: Final = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
 PX4: Final = dialect.MAV_AUTOPILOT_PX4
 

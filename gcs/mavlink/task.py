@@ -46,7 +46,7 @@ class TaskResult:
     t_ns: int
     ok: bool
     holds: Holds
-    """What the vehicle stores: this mission ("equal"), what it had ("old"), none ("cleared"), or "unknown"."""
+    """What it stores: this mission ("equal"), what it had before ("old"), none ("cleared"), or "unknown"."""
     detail: str
     duration_s: float
     retries: int

@@ -1,0 +1,336 @@
+"""The vehicles on our links, keyed by system id: whose frames to believe, who is alive, what to ask of them.
+
+Sans-I/O: datagrams in, `Send` and `Notice` out, time an argument.
+
+* A vehicle is one of the expected system ids. Frames of all others (other ground stations too) are strangers:
+  counted up to a bound on memory, shown, and never acted on.
+* Its address is learned from a HEARTBEAT of its own autopilot (component 1, a real autopilot type) and kept:
+  while the vehicle is heard there, another address that claims its id is a conflict, counted and ignored.
+  After a silence it may move. Nothing is ever sent to an address that has not been learned so.
+* Liveness is the age of the last frame of its autopilot, per system id: never that of a link. A single lost
+  heartbeat says little on a bad radio, a silence of seconds on all its messages does.
+* Only ids that somebody here needs are unpacked; the others count for loss and liveness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.geo import LocalFrame
+from gcs.mavlink.asking import ns
+from gcs.mavlink.codec import (
+    AUTOPILOT_COMPONENT_ID,
+    GCS_COMPONENT_ID,
+    GCS_SYSTEM_ID,
+    Encoder,
+    Frame,
+    Message,
+    scan,
+)
+from gcs.mavlink.items import Home
+from gcs.mavlink.vehicle import Address, Health, Vehicle
+from gcs.mavlink.wants import Wants
+from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState
+
+_NEEDED: Final = frozenset(
+    {
+        dialect.MAVLINK_MSG_ID_HEARTBEAT,
+        dialect.MAVLINK_MSG_ID_SYS_STATUS,
+        dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+        dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+        dialect.MAVLINK_MSG_ID_HOME_POSITION,
+        dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
+        dialect.MAVLINK_MSG_ID_STATUSTEXT,
+        dialect.MAVLINK_MSG_ID_COMMAND_ACK,
+        dialect.MAVLINK_MSG_ID_MISSION_CURRENT,
+        dialect.MAVLINK_MSG_ID_MISSION_ITEM_REACHED,
+        dialect.MAVLINK_MSG_ID_MISSION_COUNT,
+        dialect.MAVLINK_MSG_ID_MISSION_REQUEST,
+        dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
+        dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+        dialect.MAVLINK_MSG_ID_MISSION_ACK,
+    }
+)
+_HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_NO_AUTOPILOT: Final[int] = dialect.MAV_AUTOPILOT_INVALID
+_NOT_A_VEHICLE: Final[tuple[int, ...]] = (
+    dialect.MAV_TYPE_GCS,
+    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+    dialect.MAV_TYPE_GIMBAL,
+)
+_REPEAT_NOTICE_NS: Final = ns(10.0)
+_MAX_NOTICES: Final = 500
+_TEXTS_PER_S: Final = 5
+
+
+@dataclass(frozen=True, slots=True)
+class FleetSettings:
+    """How to watch and what to ask."""
+
+    position_rate_hz: float = 4.0
+    lost_after_s: float = 5.0
+    """Silence after which a vehicle is stale, and may be heard from another address."""
+    max_distance_m: float = 100_000.0
+    """Positions further from the frame's origin are refused."""
+    max_strangers: int = 64
+    """Strangers that are told apart; more are counted together."""
+
+
+@dataclass(slots=True)
+class Counters:
+    """Totals over all links."""
+
+    datagrams: int = 0
+    frames: int = 0
+    bad_bytes: int = 0
+    crc_errors: int = 0
+    unknown_ids: int = 0
+    strangers: int = 0
+    """Frames of system ids that are not expected."""
+    conflicts: int = 0
+    """Frames that claimed a vehicle's id from another address."""
+    ignored: int = 0
+    """Frames of a vehicle before its contact, or of its other components."""
+    notices_dropped: int = 0
+
+
+@dataclass(slots=True)
+class Stranger:
+    """Somebody on the link who is not a vehicle of ours."""
+
+    system_id: int
+    component_id: int
+    address: Address
+    frames: int
+    heard_t_ns: int
+
+
+class Fleet:
+    """All expected vehicles.
+
+    Parameters
+    ----------
+    expected : iterable of int
+        System ids of our vehicles.
+    frame : LocalFrame
+        Where positions are put.
+    own : (int, int)
+        Our system and component id.
+    """
+
+    def __init__(
+        self,
+        expected: Iterable[int],
+        frame: LocalFrame,
+        settings: FleetSettings | None = None,
+        *,
+        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+    ) -> None:
+        self.counters = Counters()
+        self._settings = settings or FleetSettings()
+        self._lost_after_ns = ns(self._settings.lost_after_s)
+        self._vehicles = {
+            system_id: Vehicle(
+                system_id,
+                frame,
+                Encoder(*own),
+                Wants(system_id, own, self._settings.position_rate_hz),
+                self._settings.max_distance_m,
+            )
+            for system_id in sorted(set(expected))
+        }
+        self._strangers: dict[tuple[int, int, Address], Stranger] = {}
+        self._beats_t_ns: dict[Address, int] = {}
+        self._notices: list[Notice] = []
+        self._told_t_ns: dict[tuple[str, int], int] = {}
+        self._texts: dict[int, tuple[int, int]] = {}
+
+    # ------------------------------------------------------------ in
+
+    def receive(self, datagram: Datagram) -> list[tuple[int, Message]]:
+        """Take one datagram; returns the messages that vehicles of ours sent, for their mission tasks."""
+        found, counters = scan(datagram.data), self.counters
+        counters.datagrams += 1
+        counters.frames += len(found.frames)
+        counters.unknown_ids += found.unknown
+        if found.bad_bytes or found.crc_errors:
+            counters.bad_bytes += found.bad_bytes
+            counters.crc_errors += found.crc_errors
+            text = f"unreadable bytes from {datagram.peer} on {datagram.link}, {counters.bad_bytes} in all"
+            self._tell_now_and_then("bad bytes", 0, datagram.t_ns, "warning", text)
+        address = (datagram.link, datagram.peer)
+        accepted = []
+        for frame in found.frames:
+            vehicle = self._vehicles.get(frame.system_id)
+            if vehicle is None:
+                self._count_stranger(frame, address, datagram.t_ns)
+            elif (message := self._accept(vehicle, frame, address, datagram.t_ns)) is not None:
+                accepted.append((vehicle.system_id, message))
+        return accepted
+
+    def _accept(self, vehicle: Vehicle, frame: Frame, address: Address, t_ns: int) -> Message | None:
+        """Check whose frame it is, and fold it in; None when it is of no use."""
+        if frame.component_id != AUTOPILOT_COMPONENT_ID:
+            self.counters.ignored += 1
+            return None
+        message = frame.message() if frame.message_id in _NEEDED else None
+        if not self._is_its_own(vehicle, frame, message, address, t_ns):
+            return None
+        silent_ns = t_ns - vehicle.heard_t_ns
+        if vehicle.liveness == "stale":
+            vehicle.contact(address)
+            self._tell("info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
+        vehicle.liveness = "alive"
+        vehicle.count(frame.sequence, t_ns)
+        if message is None:
+            return None
+        if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT:
+            self._tell_text(message, vehicle.system_id, t_ns)
+        vehicle.take(message, t_ns, lambda level, text: self._tell(level, text, t_ns, vehicle.system_id))
+        return message
+
+    def _is_its_own(
+        self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
+    ) -> bool:
+        """Whether the frame comes from the vehicle; an autopilot's heartbeat may show where it now is."""
+        if vehicle.address == address:
+            return not _is_heartbeat(frame) or _is_vehicle(message)
+        if vehicle.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns:
+            vehicle.conflicts += 1
+            self.counters.conflicts += 1
+            text = f"{address[1]} on {address[0]} claims its id, which is heard from {vehicle.address[1]}"
+            self._tell_now_and_then("conflict", vehicle.system_id, t_ns, "alarm", text)
+            return False
+        if not _is_heartbeat(frame) or not _is_vehicle(message):
+            self.counters.ignored += 1
+            return False
+        moved = "in contact" if vehicle.address is None else "moved"
+        vehicle.contact(address)
+        self._tell("info", f"{moved}: {address[1]} on {address[0]}", t_ns, vehicle.system_id)
+        return True
+
+    def _count_stranger(self, frame: Frame, address: Address, t_ns: int) -> None:
+        self.counters.strangers += 1
+        key = (frame.system_id, frame.component_id, address)
+        known = self._strangers.get(key)
+        if known is not None:
+            known.frames += 1
+            known.heard_t_ns = t_ns
+        elif len(self._strangers) < self._settings.max_strangers:
+            self._strangers[key] = Stranger(frame.system_id, frame.component_id, address, 1, t_ns)
+            text = f"stranger: system {frame.system_id}, component {frame.component_id}, from {address[1]}"
+            self._tell("info", text, t_ns)
+
+    # ------------------------------------------------------------ out
+
+    def poll(self, t_ns: int) -> list[Send]:
+        """Let time pass: who has fallen silent, and what to send."""
+        out = []
+        for vehicle in self._vehicles.values():
+            if vehicle.address is None:
+                continue
+            silent_ns = t_ns - vehicle.heard_t_ns
+            if vehicle.liveness == "alive" and silent_ns > self._lost_after_ns:
+                vehicle.liveness = "stale"
+                self._tell("alarm", f"not heard for {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
+            messages = vehicle.wants.poll(t_ns) if vehicle.liveness == "alive" else []
+            if self._beat_due(vehicle.address, t_ns):
+                messages.append(_heartbeat())
+            out += [Send(*vehicle.address, vehicle.encoder(message)) for message in messages]
+        return out
+
+    def _beat_due(self, address: Address, t_ns: int) -> bool:
+        """Whether an address is due its heartbeat: one a second, whoever shares it."""
+        beat_t_ns = self._beats_t_ns.get(address)
+        if beat_t_ns is not None and t_ns - beat_t_ns < NS_PER_S:
+            return False
+        if beat_t_ns is None:
+            known = {vehicle.address for vehicle in self._vehicles.values()}
+            self._beats_t_ns = {a: t for a, t in self._beats_t_ns.items() if a in known}
+        self._beats_t_ns[address] = t_ns
+        return True
+
+    def notices(self) -> list[Notice]:
+        """Return what the operator should know since the last call."""
+        notices, self._notices = self._notices, []
+        return notices
+
+    def encoder(self, system_id: int) -> Callable[[Message], bytes]:
+        """Message to frame for one vehicle, in its own sequence; for its mission task."""
+        return self._vehicles[system_id].encoder
+
+    def sends(self, system_id: int, frames: Iterable[bytes]) -> list[Send]:
+        """Address frames to a vehicle; none when it has never been heard."""
+        address = self._vehicles[system_id].address
+        return [] if address is None else [Send(*address, frame) for frame in frames]
+
+    # ------------------------------------------------------------ what is known
+
+    def state(self, system_id: int) -> VehicleState | None:
+        """Return what a vehicle last said of itself; None before its first position that can be believed."""
+        return self._vehicles[system_id].state()
+
+    def states(self) -> tuple[VehicleState, ...]:
+        """Return the states of all vehicles that have reported a position, by system id."""
+        return tuple(s for v in self._vehicles.values() if (s := v.state()) is not None)
+
+    def home(self, system_id: int) -> Home | None:
+        """Where the vehicle says that its home is."""
+        return self._vehicles[system_id].home
+
+    def health(self) -> tuple[Health, ...]:
+        """Link and equipment of every expected vehicle, by system id."""
+        return tuple(vehicle.health() for vehicle in self._vehicles.values())
+
+    def strangers(self) -> tuple[Stranger, ...]:
+        """Return who else is on the links, in the order of appearance."""
+        return tuple(self._strangers.values())
+
+    # ------------------------------------------------------------ notices
+
+    def _tell(self, level: Level, text: str, t_ns: int, system_id: int | None = None) -> None:
+        if len(self._notices) < _MAX_NOTICES:
+            self._notices.append(Notice(t_ns, level, text, system_id))
+        else:
+            self.counters.notices_dropped += 1
+
+    def _tell_now_and_then(self, kind: str, system_id: int, t_ns: int, level: Level, text: str) -> None:
+        told_t_ns = self._told_t_ns.get((kind, system_id))
+        if told_t_ns is None or t_ns - told_t_ns >= _REPEAT_NOTICE_NS:
+            self._told_t_ns[kind, system_id] = t_ns
+            self._tell(level, text, t_ns, system_id or None)
+
+    def _tell_text(self, message: Message, system_id: int, t_ns: int) -> None:
+        """Pass on a STATUSTEXT, a few a second per vehicle."""
+        second = t_ns // NS_PER_S
+        last, told = self._texts.get(system_id, (second, 0))
+        told = told + 1 if last == second else 1
+        self._texts[system_id] = (second, told)
+        if told > _TEXTS_PER_S:
+            self.counters.notices_dropped += 1
+            return
+        severity = message.severity
+        level: Level = "alarm" if severity <= 2 else "warning" if severity <= 4 else "info"
+        self._tell(level, str(message.text), t_ns, system_id)
+
+
+def _is_heartbeat(frame: Frame) -> bool:
+    return frame.message_id == _HEARTBEAT
+
+
+def _is_vehicle(heartbeat: Message | None) -> bool:
+    """Whether a HEARTBEAT is an autopilot's own, not a ground station's or a payload's."""
+    if heartbeat is None:
+        return False
+    autopilot: int = heartbeat.autopilot
+    return autopilot != _NO_AUTOPILOT and heartbeat.type not in _NOT_A_VEHICLE
+
+
+def _heartbeat() -> Message:
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+    )

@@ -1,0 +1,215 @@
+"""One vehicle as its messages tell it: position, mode, mission item, health, and how its link does.
+
+Which fields mean what: https://mavlink.io/en/messages/common.html. Position and ground speed come from
+GLOBAL_POSITION_INT (1e-7 degrees, millimetres, cm/s), mode and arming from HEARTBEAT, the item that it
+flies to from MISSION_CURRENT. Loss is counted from gaps in the frame sequence of its autopilot; a frame
+that comes late is taken off again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.geo import LocalFrame
+from gcs.mavlink.codec import Encoder, Message
+from gcs.mavlink.items import Home
+from gcs.mavlink.modes import mode_name
+from gcs.mavlink.position import BootClock, unplaceable
+from gcs.mavlink.wants import Wants
+from gcs.model import Level, VehicleState
+
+Address: TypeAlias = tuple[str, str]
+"""(link, peer)."""
+Liveness: TypeAlias = Literal["waiting", "alive", "stale"]
+Tell: TypeAlias = Callable[[Level, str], None]
+"""Takes a notice about this vehicle."""
+
+_ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+_UNKNOWN_HEADING: Final = 65535
+_SLOW_M_S: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """A vehicle's link and equipment, to be shown."""
+
+    system_id: int
+    liveness: Liveness
+    heard_t_ns: int
+    address: Address | None
+    autopilot: int
+    """MAV_AUTOPILOT."""
+    home: Home | None
+    fix_type: int | None
+    """GPS_FIX_TYPE now, None when it reports none."""
+    battery_percent: int | None
+    boots: int
+    """Reboots seen."""
+    frames: int
+    lost: int
+    conflicts: int
+    """Frames that claimed its id from another address."""
+    refused: dict[str, int]
+    """Position reports not believed, by reason."""
+
+
+class Vehicle:
+    """The record of one expected vehicle. Only frames of its own autopilot reach it."""
+
+    def __init__(
+        self, system_id: int, frame: LocalFrame, encoder: Encoder, wants: Wants, max_distance_m: float
+    ) -> None:
+        self.system_id = system_id
+        self.address: Address | None = None
+        self.liveness: Liveness = "waiting"
+        self.heard_t_ns = 0
+        self.frames = self.lost = self.conflicts = self.boots = 0
+        self.autopilot = dialect.MAV_AUTOPILOT_INVALID
+        self.home: Home | None = None
+        self.wants = wants
+        self.encoder = encoder
+        self.refused: dict[str, int] = {}
+        self._frame, self._max_distance_m = frame, max_distance_m
+        self._clock = BootClock()
+        self._sequence: int | None = None
+        self._fix_type: int | None = None
+        self._best_fix: int | None = None
+        self._battery_percent: int | None = None
+        self._mode, self._armed, self._mission_seq = "", False, -1
+        self._place: tuple[int, float, float, float, float, float] | None = None
+        self._state: VehicleState | None = None
+        self._handlers: dict[str, Callable[[Message, int, Tell], None]] = {
+            "HEARTBEAT": self._on_heartbeat,
+            "GLOBAL_POSITION_INT": self._on_position,
+            "MISSION_CURRENT": self._on_mission_current,
+            "HOME_POSITION": self._on_home,
+            "SYS_STATUS": self._on_sys_status,
+            "GPS_RAW_INT": self._on_gps,
+            "COMMAND_ACK": self._on_command_ack,
+        }
+
+    def contact(self, address: Address) -> None:
+        """Begin, or begin again, to hear the vehicle at this address."""
+        self.address = address
+        self._sequence = None
+        self.wants.begin()
+
+    def count(self, sequence: int, t_ns: int) -> None:
+        """Count one frame of its autopilot and the gap before it."""
+        self.frames += 1
+        self.heard_t_ns = t_ns
+        if self._sequence is None:
+            self._sequence = sequence
+            return
+        ahead = (sequence - self._sequence) % 256
+        if 0 < ahead < 128:
+            self.lost += ahead - 1
+            self._sequence = sequence
+        elif ahead >= 128:
+            self.lost = max(0, self.lost - 1)
+
+    def take(self, message: Message, t_ns: int, tell: Tell) -> None:
+        """Fold one message into the record."""
+        name = message.get_type()
+        if name != "HOME_POSITION":  # met by one that can be believed
+            self.wants.heard(name, t_ns)
+        handler = self._handlers.get(name)
+        if handler is not None:
+            handler(message, t_ns, tell)
+
+    def state(self) -> VehicleState | None:
+        """Return what it last said of itself; None before its first position that can be believed."""
+        if self._state is None and self._place is not None:
+            self._state = VehicleState(
+                self.system_id, *self._place, self._mode, self._armed, self._mission_seq
+            )
+        return self._state
+
+    def health(self) -> Health:
+        """Return its link and equipment."""
+        return Health(
+            system_id=self.system_id,
+            liveness=self.liveness,
+            heard_t_ns=self.heard_t_ns,
+            address=self.address,
+            autopilot=self.autopilot,
+            home=self.home,
+            fix_type=self._fix_type,
+            battery_percent=self._battery_percent,
+            boots=self.boots,
+            frames=self.frames,
+            lost=self.lost,
+            conflicts=self.conflicts,
+            refused=dict(self.refused),
+        )
+
+    # ------------------------------------------------------------ messages
+
+    def _on_heartbeat(self, message: Message, _t_ns: int, tell: Tell) -> None:
+        self.autopilot = message.autopilot
+        mode, armed = mode_name(message.autopilot, message.custom_mode), bool(message.base_mode & _ARMED)
+        if self._mode and mode != self._mode:
+            tell("info", f"mode {self._mode} -> {mode}")
+        if self._mode and armed != self._armed:
+            tell("info", "armed" if armed else "disarmed")
+        if (mode, armed) != (self._mode, self._armed):
+            self._mode, self._armed, self._state = mode, armed, None
+
+    def _on_position(self, message: Message, t_ns: int, tell: Tell) -> None:
+        verdict = self._clock.judge(message.time_boot_ms, t_ns)
+        if verdict == "rebooted":
+            self._reboot(tell)
+        place = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
+        problem = verdict if verdict == "late" else self._refusal(*place)
+        if problem:
+            self.refused[problem] = self.refused.get(problem, 0) + 1
+            return
+        east_m, north_m = self._frame.to_local(place[0], place[1])
+        v_north_m_s, v_east_m_s = message.vx * 0.01, message.vy * 0.01
+        speed_m_s = math.hypot(v_east_m_s, v_north_m_s)
+        if speed_m_s < _SLOW_M_S and message.hdg != _UNKNOWN_HEADING:
+            course_rad = math.radians(message.hdg * 0.01)
+            course_rad = math.atan2(math.sin(course_rad), math.cos(course_rad))
+        else:
+            course_rad = math.atan2(v_east_m_s, v_north_m_s)
+        self._place = (t_ns, east_m, north_m, place[2], speed_m_s, course_rad)
+        self._state = None
+
+    def _refusal(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> str:
+        if self._best_fix is not None and self._best_fix < dialect.GPS_FIX_TYPE_3D_FIX:
+            return "no fix"
+        return unplaceable(lat_deg, lon_deg, alt_msl_m, self._frame, self._max_distance_m)
+
+    def _reboot(self, tell: Tell) -> None:
+        """Forget what a boot changes; mode and arming come with the next heartbeat."""
+        self.boots += 1
+        self._best_fix, self._mission_seq, self.home, self._sequence = None, -1, None, None
+        self.wants.begin()
+        tell("alarm", "rebooted")
+
+    def _on_mission_current(self, message: Message, _t_ns: int, _tell: Tell) -> None:
+        if message.seq != self._mission_seq:
+            self._mission_seq, self._state = message.seq, None
+
+    def _on_home(self, message: Message, t_ns: int, _tell: Tell) -> None:
+        home = Home(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        if not unplaceable(*home, self._frame, self._max_distance_m):
+            self.home = home
+            self.wants.heard("HOME_POSITION", t_ns)
+
+    def _on_sys_status(self, message: Message, _t_ns: int, _tell: Tell) -> None:
+        self._battery_percent = message.battery_remaining if 0 <= message.battery_remaining <= 100 else None
+
+    def _on_gps(self, message: Message, _t_ns: int, _tell: Tell) -> None:
+        self._fix_type = message.fix_type
+        self._best_fix = max(message.fix_type, self._best_fix or 0)
+
+    def _on_command_ack(self, message: Message, t_ns: int, tell: Tell) -> None:
+        refused = self.wants.acknowledged(message, t_ns)
+        if refused:
+            tell("warning", f"does not give {refused}")

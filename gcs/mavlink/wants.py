@@ -1,0 +1,139 @@
+"""What we ask of each vehicle, until it gives it: rates of messages, its version, its home.
+
+Sources: https://mavlink.io/en/messages/common.html, MAV_CMD_SET_MESSAGE_INTERVAL (511) and
+MAV_CMD_REQUEST_MESSAGE (512). A COMMAND_ACK names the command, not the message that it was about, so of each
+command one question is on its way at a time. A message asked for is its own answer; a rate is watched after
+its ACK, since a late ACK of the question before may have been taken for it, and an autopilot may change its
+rates by itself: when the stream dries up it is asked for again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.asking import Asking, Patience, ns
+from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
+
+_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+_REQUEST: Final = dialect.MAV_CMD_REQUEST_MESSAGE
+_FOR_EVER: Final = Patience(wait_s=1.0, wait_max_s=5.0, tries=0)
+_HOME: Final = Patience(wait_s=2.0, wait_max_s=2.0, tries=0)
+_REFUSALS: Final = 3
+_DRY_S: Final = 3.0
+_DRY_PERIODS: Final = 5
+
+
+@dataclass(slots=True)
+class _Want:
+    shows: str
+    """Message type that it is about."""
+    command: int
+    param1: float
+    param2: float = 0.0
+    patience: Patience = _FOR_EVER
+    dry_ns: int = 0
+    """For a rate: without the message for so long it is asked for again."""
+    give_up: bool = True
+    """Whether refusals end it; home is refused until the vehicle has one."""
+    met: bool = False
+    refusals: int = 0
+    seen_t_ns: int = 0
+
+
+class Wants:
+    """The questions to one vehicle. At most two are on their way at a time, one of each command."""
+
+    def __init__(self, system_id: int, own: tuple[int, int], position_rate_hz: float) -> None:
+        self._system_id, self._own = system_id, own
+        self._wants = (
+            _rate("GLOBAL_POSITION_INT", dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, position_rate_hz),
+            _rate("MISSION_CURRENT", dialect.MAVLINK_MSG_ID_MISSION_CURRENT, 1.0),
+            _Want("AUTOPILOT_VERSION", _REQUEST, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+            _Want(
+                "HOME_POSITION",
+                _REQUEST,
+                dialect.MAVLINK_MSG_ID_HOME_POSITION,
+                patience=_HOME,
+                give_up=False,
+            ),
+        )
+        self._asking: dict[int, tuple[_Want, Asking]] = {}
+
+    def begin(self) -> None:
+        """Ask for everything: on contact, after a reboot, after a silence."""
+        self._asking.clear()
+        for want in self._wants:
+            want.met, want.refusals = False, 0
+
+    def poll(self, t_ns: int) -> list[Message]:
+        """Questions that are due."""
+        out = []
+        for command in (_INTERVAL, _REQUEST):
+            if command not in self._asking:
+                want = next((w for w in self._wants if w.command == command and not _given(w, t_ns)), None)
+                if want is None:
+                    continue
+                want.met = False
+                self._asking[command] = (want, Asking(self._question(want), want.patience, t_ns))
+            asking = self._asking[command][1]
+            if asking.due(t_ns):
+                out.append(asking.question)
+        return out
+
+    def heard(self, name: str, t_ns: int) -> None:
+        """Note that a message of type `name` came."""
+        for want in self._wants:
+            if want.shows == name:
+                want.seen_t_ns = t_ns
+                if want.command == _REQUEST:
+                    self._met(want)
+
+    def acknowledged(self, ack: Message, t_ns: int) -> str:
+        """Take a COMMAND_ACK; returns the message type that the vehicle finally refuses to give."""
+        command, result = ack.command, ack.result
+        want, _ = self._asking.get(command, (None, None))
+        ours = ack.target_system in (0, self._own[0]) and ack.target_component in (0, self._own[1])
+        if want is None or not ours or result == dialect.MAV_RESULT_IN_PROGRESS:
+            return ""
+        if result == dialect.MAV_RESULT_ACCEPTED:
+            if command == _INTERVAL:
+                want.seen_t_ns = t_ns
+                self._met(want)
+            return ""
+        if not want.give_up or result == dialect.MAV_RESULT_TEMPORARILY_REJECTED:
+            return ""
+        want.refusals += 1
+        if want.refusals < _REFUSALS:
+            return ""
+        self._met(want)
+        return want.shows
+
+    def _met(self, want: _Want) -> None:
+        want.met = True
+        if want.command in self._asking and self._asking[want.command][0] is want:
+            del self._asking[want.command]
+
+    def _question(self, want: _Want) -> Message:
+        return dialect.MAVLink_command_long_message(
+            self._system_id,
+            AUTOPILOT_COMPONENT_ID,
+            want.command,
+            0,
+            want.param1,
+            want.param2,
+            *(0.0,) * 5,
+        )
+
+
+def _rate(name: str, message_id: int, rate_hz: float) -> _Want:
+    dry_ns = ns(max(_DRY_S, _DRY_PERIODS / rate_hz))
+    return _Want(name, _INTERVAL, message_id, 1e6 / rate_hz, dry_ns=dry_ns)
+
+
+def _given(want: _Want, t_ns: int) -> bool:
+    """Whether there is nothing to ask: met, and if it is a rate that was granted, still flowing."""
+    dried_up = 0 < want.dry_ns < t_ns - want.seen_t_ns and want.refusals < _REFUSALS
+    return want.met and not dried_up
