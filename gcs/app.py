@@ -1,8 +1,9 @@
 """Composition: sources fill one queue, one consumer feeds the fold, sinks take what comes out.
 
-Sources are the UDP link, zenoh scans and a ticker; each stamps its events with the run's clock and puts them into one bounded queue.
-The consumer hands every event to the sinks (the recorder among them) *before* it works it, so that a recording holds
-exactly what the fold saw, in its order. When the queue is full, new input is dropped and counted; ticks never pile up.
+Sources are the UDP link, zenoh scans and a ticker; each stamps its events with the run's clock and puts
+them into one bounded queue. The consumer hands every event to the sinks (the recorder among them) *before*
+it works it, so that a recording holds exactly what the fold saw, in its order. When the queue is full, new
+input is dropped and counted; ticks never pile up.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.clock import RunClock
 from gcs.edge.udp import UdpLink
-from gcs.edge.wire import decode_scan, encode_effect, effect_key, sensor_scan_keys
+from gcs.edge.wire import decode_scan, effect_key, encode_effect, sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
 from gcs.errors import WireError
 from gcs.model import (
@@ -28,7 +29,6 @@ from gcs.model import (
     Event,
     MissionEnded,
     Notice,
-    Picture,
     Plan,
     Scan,
     Send,

@@ -1,7 +1,7 @@
 """The ``gcs`` command: arguments in, exit codes out; the work is done elsewhere.
 
-Exit codes: 0 done as it should be, 1 the mission did not end as it should (the reason is printed), 2 a mistake in arguments or files,
-130 interrupted.
+Exit codes: 0 done as it should be, 1 the mission did not end as it should (the reason is printed), 2 a
+mistake in arguments or files, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -17,37 +17,58 @@ from rich.console import Console
 from gcs.errors import GcsError
 
 app = typer.Typer(
-    help="Central command for a swarm of fixed-wing vehicles: tracks agents and targets through clutter, plans, uploads MAVLink "
-    "missions, and re-tasks the survivors.\n\nStart with **gcs demo**.",
+    help="""Central command for a swarm of fixed-wing vehicles.
+
+    Tracks agents and targets through clutter, plans, uploads MAVLink missions, and re-tasks the survivors.
+
+    Start with **gcs demo**.""",
     no_args_is_help=True,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
 )
 
-ScenarioArgument = Annotated[str, typer.Argument(help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.")]
-ConfigArgument = Annotated[str, typer.Argument(help="A mission file, or the name of a shipped scenario.", metavar="CONFIG")]
-SeedOption = Annotated[int, typer.Option(min=0, help="Makes everything random: obstacles, deaths, targets, noise.")]
+ScenarioArgument = Annotated[
+    str, typer.Argument(help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.")
+]
+ConfigArgument = Annotated[
+    str, typer.Argument(help="A mission file, or the name of a shipped scenario.", metavar="CONFIG")
+]
+SeedOption = Annotated[
+    int, typer.Option(min=0, help="Makes everything random: obstacles, deaths, targets, noise.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="End with one JSON object on its own line.")]
 
 
 @app.command()
 def demo(
     scenario: ScenarioArgument = "prescribed",
-    speed: Annotated[float, typer.Option(min=0.1, max=50.0, help="Run time for each second of wall time.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(min=0.1, max=50.0, help="Run time for each second of wall time.")
+    ] = 1.0,
     seed: SeedOption = 1,
-    headless: Annotated[bool, typer.Option("--headless", help="Plain lines instead of the live view.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder for the recording and the picture.  [default: runs/SCENARIO-SEED]")] = None,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Plain lines instead of the live view.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the recording and the picture.  [default: runs/SCENARIO-SEED]"),
+    ] = None,
     duration: Annotated[
-        float | None, typer.Option(min=1.0, help="Seconds of run time after which it ends.  [default: the scenario's max_duration_s]")
+        float | None,
+        typer.Option(
+            min=1.0, help="Seconds of run time after which it ends.  [default: the scenario's max_duration_s]"
+        ),
     ] = None,
     as_json: JsonOption = False,
-    loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")] = 0.0,
+    loss: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
+    ] = 0.0,
     pack: Annotated[int, typer.Option(min=1, max=250, help="Simulated vehicles in each process.")] = 1,
 ) -> None:
-    """Fly a whole mission against simulated vehicles: real MAVLink over UDP, real zenoh, one process for each vehicle.
+    """Fly a whole mission against simulated vehicles, one process each: real MAVLink over UDP, real zenoh.
 
-    Ends when every agent has reached a target or is lost, with a summary, a recording and a picture of the run.
-    Ctrl-C ends it early and leaves a readable recording.
+    Ends when every agent has reached a target or is lost, with a summary, a recording and a picture of the
+    run. Ctrl-C ends it early and leaves a readable recording.
     """
     from gcs.commands.demo import DemoOptions, run_demo
 
@@ -63,11 +84,20 @@ def simulate(
     seed: SeedOption = 1,
     runs: Annotated[int, typer.Option(min=1, help="How many seeds, from --seed upwards.")] = 1,
     as_json: JsonOption = False,
-    out: Annotated[Path | None, typer.Option(help="Folder for recordings; none is written without it.")] = None,
-    loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(min=1.0, help="Seconds of run time after which a run has failed.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for recordings; none is written without it.")
+    ] = None,
+    loss: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
+    ] = 0.0,
+    duration: Annotated[
+        float | None, typer.Option(min=1.0, help="Seconds of run time after which a run has failed.")
+    ] = None,
 ) -> None:
-    """Fly whole missions on virtual time, without sockets, as fast as the machine can; the same seed, the same outcome."""
+    """Fly whole missions on virtual time, as fast as the machine can.
+
+    No sockets, no processes, the same rooms: a seed gives the same outcome every time.
+    """
     arguments = [scenario, "--seed", str(seed), "--runs", str(runs), "--loss", str(loss)]
     arguments += ["--json"] if as_json else []
     arguments += ["--out", str(out)] if out is not None else []
@@ -86,7 +116,9 @@ def simulate(
 def run(
     config: ConfigArgument,
     seed: SeedOption = 1,
-    headless: Annotated[bool, typer.Option("--headless", help="Plain lines instead of the live view.")] = False,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Plain lines instead of the live view.")
+    ] = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the recording.  [default: runs/NAME]")] = None,
 ) -> None:
     """Run central command alone, against whatever links and sensors the mission file names, until Ctrl-C.
@@ -101,7 +133,10 @@ def run(
 
 @app.command()
 def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
-    """Validate a mission file and say what it would do. A mistake is shown with its file, its key and what was expected."""
+    """Validate a mission file and say what it would do.
+
+    A mistake is shown with its file, its key and what was expected.
+    """
     from gcs.commands.check import describe
 
     with _errors_shown():

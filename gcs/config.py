@@ -1,11 +1,11 @@
 """Mission files: TOML in, validated settings out.
 
-One file describes a mission: where it lies on Earth, the map, the agents, where targets may appear, how to track,
-plan and link. The same file may carry a `[simulation]` table, which only the simulated world reads: central
-command keeps it unread, since it holds the truth.
+One file describes a mission: where it lies on Earth, the map, the agents, where targets may appear, how to
+track, plan and link. The same file may carry a `[simulation]` table, which only the simulated world reads:
+central command keeps it unread, since it holds the truth.
 
-Every mistake raises `ConfigError` with the file, the dotted key and what was expected. The shipped scenarios in
-`gcs/scenarios/` show every key with its unit, range and default.
+Every mistake raises `ConfigError` with the file, the dotted key and what was expected. The shipped
+scenarios in `gcs/scenarios/` show every key with its unit, range and default.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """A TOML table: unknown keys are mistakes."""
 
 
-class FrameTable(Table, kw_only=True):
+class FrameTable(Table, frozen=True, kw_only=True):
     """Origin of the local east/north frame on WGS84."""
 
     lat_deg: Annotated[float, Meta(ge=-85.0, le=85.0)]
@@ -45,7 +45,7 @@ class FrameTable(Table, kw_only=True):
     alt_msl_m: Annotated[float, Meta(ge=-500.0, le=9000.0)]
 
 
-class MapTable(Table, kw_only=True):
+class MapTable(Table, frozen=True, kw_only=True):
     """Mission area and its search grid; node (0, 0) lies at the frame's origin."""
 
     width_m: Positive = 2000.0
@@ -58,7 +58,7 @@ class MapTable(Table, kw_only=True):
     keep_clear_m: NotNegative = 120.0
 
 
-class AgentTable(Table, kw_only=True):
+class AgentTable(Table, frozen=True, kw_only=True):
     """One agent: its MAVLink system id and where it starts."""
 
     system_id: SystemId
@@ -67,7 +67,7 @@ class AgentTable(Table, kw_only=True):
     course_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 90.0
 
 
-class BirthTable(Table, kw_only=True):
+class BirthTable(Table, frozen=True, kw_only=True):
     """A place where targets may appear: a Gaussian on position and on velocity."""
 
     east_m: float
@@ -78,14 +78,14 @@ class BirthTable(Table, kw_only=True):
     speed_std_m_s: Positive = 4.5
 
 
-class KindTracking(Table, kw_only=True):
+class KindTracking(Table, frozen=True, kw_only=True):
     """Tracking of one kind of object."""
 
     accel_std_m_s2: Positive
     birth_probability: InnerProbability = 0.03
 
 
-class TrackingTable(Table, kw_only=True):
+class TrackingTable(Table, frozen=True, kw_only=True):
     """The two GLMB filters and how their output is read."""
 
     agents: KindTracking = KindTracking(accel_std_m_s2=4.0)
@@ -100,7 +100,7 @@ class TrackingTable(Table, kw_only=True):
     seed: Annotated[int, Meta(ge=0)] = 0
 
 
-class TelemetryTable(Table, kw_only=True):
+class TelemetryTable(Table, frozen=True, kw_only=True):
     """MAVLink position reports as a sensor of agents."""
 
     rate_hz: Annotated[float, Meta(gt=0.0, le=50.0)] = 4.0
@@ -110,7 +110,7 @@ class TelemetryTable(Table, kw_only=True):
     max_age_s: Positive = 1.0
 
 
-class PlanningTable(Table, kw_only=True):
+class PlanningTable(Table, frozen=True, kw_only=True):
     """When and how to plan."""
 
     period_s: Positive = 5.0
@@ -122,7 +122,7 @@ class PlanningTable(Table, kw_only=True):
     switch_gain_m: NotNegative = 0.0
 
 
-class MissionTable(Table, kw_only=True):
+class MissionTable(Table, frozen=True, kw_only=True):
     """What is written into the missions."""
 
     altitude_rel_m: Positive = 100.0
@@ -130,7 +130,7 @@ class MissionTable(Table, kw_only=True):
     max_duration_s: Positive = 600.0
 
 
-class LinksTable(Table, kw_only=True):
+class LinksTable(Table, frozen=True, kw_only=True):
     """Where central command listens."""
 
     mavlink: Annotated[str, Meta(pattern=r"^udpin:[^:]+:\d{1,5}$")] = "udpin:0.0.0.0:14550"
@@ -138,7 +138,7 @@ class LinksTable(Table, kw_only=True):
     zenoh_role: Literal["listen", "connect"] = "listen"
 
 
-class Config(Table, kw_only=True):
+class Config(Table, frozen=True, kw_only=True):
     """A whole mission file."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
@@ -192,7 +192,9 @@ def _plain(problem: str) -> str:
     """Put msgspec's wording into words for somebody who edits TOML."""
     problem = re.sub(r"Object missing required field `(\w+)`", r"the key `\1` is missing here", problem)
     problem = re.sub(
-        r"Object contains unknown field `(\w+)`", r"unknown key `\1`: misspelt, or in the wrong table?", problem
+        r"Object contains unknown field `(\w+)`",
+        r"unknown key `\1`: misspelt, or in the wrong table?",
+        problem,
     )
     return problem.replace("`object`", "a table").replace("Expected", "expected")
 
@@ -200,7 +202,11 @@ def _plain(problem: str) -> str:
 def scenario_names() -> list[str]:
     """Names of the shipped scenarios, in the order in which they build on one another."""
     order = ["deterministic", "prescribed", "random-obstacles", "random-targets", "swarm-50"]
-    found = [f.name.removesuffix(".toml") for f in (resources.files("gcs") / "scenarios").iterdir() if f.name.endswith(".toml")]
+    found = [
+        f.name.removesuffix(".toml")
+        for f in (resources.files("gcs") / "scenarios").iterdir()
+        if f.name.endswith(".toml")
+    ]
     return sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name))
 
 
@@ -253,16 +259,22 @@ def _cross_check(config: Config, source: str) -> None:
     ids = [agent.system_id for agent in config.agents]
     for index, system_id in enumerate(ids):
         if system_id in ids[:index]:
-            raise ConfigError(source, f"agents[{index}].system_id", f"{system_id} is used twice; each agent needs its own")
+            raise ConfigError(
+                source, f"agents[{index}].system_id", f"{system_id} is used twice; each agent needs its own"
+            )
     area = config.map
-    places: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [("agents", config.agents), ("births", config.births)]
+    places: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [
+        ("agents", config.agents),
+        ("births", config.births),
+    ]
     for name, rows in places:
         for index, row in enumerate(rows):
             if not (0.0 <= row.east_m <= area.width_m and 0.0 <= row.north_m <= area.height_m):
                 raise ConfigError(
                     source,
                     f"{name}[{index}]",
-                    f"({row.east_m}, {row.north_m}) lies outside the map of {area.width_m} m x {area.height_m} m",
+                    f"({row.east_m}, {row.north_m}) lies outside the map: "
+                    f"{area.width_m} m x {area.height_m} m",
                 )
     east, north = config.spacing_m
     if not np.isclose(east, north, rtol=1e-6):

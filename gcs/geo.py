@@ -32,9 +32,7 @@ class LocalFrame:
 
     def to_geodetic(self, east_m: float, north_m: float) -> tuple[float, float]:
         """Return (lat_deg, lon_deg) of a point on the local plane."""
-        lat, lon, _ = pymap3d.enu2geodetic(
-            east_m, north_m, 0.0, self.lat_deg, self.lon_deg, self.alt_msl_m
-        )
+        lat, lon, _ = pymap3d.enu2geodetic(east_m, north_m, 0.0, self.lat_deg, self.lon_deg, self.alt_msl_m)
         return float(lat), float(lon)
 
 

@@ -25,9 +25,14 @@ app = typer.Typer(
 )
 
 ScenarioArgument = Annotated[
-    str, typer.Argument(help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.", show_default=True)
+    str,
+    typer.Argument(
+        help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.", show_default=True
+    ),
 ]
-SeedOption = Annotated[int, typer.Option(min=0, help="Makes everything random: obstacles, deaths, targets, noise.")]
+SeedOption = Annotated[
+    int, typer.Option(min=0, help="Makes everything random: obstacles, deaths, targets, noise.")
+]
 
 
 @app.callback()
@@ -40,22 +45,32 @@ def run(
     scenario: ScenarioArgument,
     seed: SeedOption = 1,
     speed: Annotated[
-        float, typer.Option(min=0.1, max=50.0, help="Run time for each second of wall time; ground stations expect 1.")
+        float,
+        typer.Option(
+            min=0.1, max=50.0, help="Run time for each second of wall time; ground stations expect 1."
+        ),
     ] = 1.0,
-    gcs: Annotated[str, typer.Option(help="HOST:PORT of the ground station that every vehicle talks to.")] = "127.0.0.1:14550",
+    gcs: Annotated[
+        str, typer.Option(help="HOST:PORT of the ground station that every vehicle talks to.")
+    ] = "127.0.0.1:14550",
     zenoh: Annotated[str, typer.Option(help="zenoh endpoint for scans and truth.")] = "tcp/127.0.0.1:7447",
     zenoh_role: Annotated[
-        str, typer.Option(help="connect: to a central command that listens (`gcs run`); listen: for anybody to connect.")
+        str,
+        typer.Option(
+            help="connect: to a central command that listens (`gcs run`); listen: for anybody to connect."
+        ),
     ] = "connect",
     pack: Annotated[int, typer.Option(min=1, max=250, help="Vehicles in each process.")] = 1,
-    loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")] = 0.0,
+    loss: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
+    ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line instead of words.")] = False,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
     """Fly a scenario's vehicles until Ctrl-C: one process and one UDP socket each, plus one process for the world.
 
-    Each vehicle behaves as an ArduPlane does, in LOITER at its start, and waits for a mission. Connect QGroundControl,
-    MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
+    Each vehicle behaves as an ArduPlane does, in LOITER at its start, and waits for a mission. Connect
+    QGroundControl, MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
     """
     if zenoh_role not in ("connect", "listen"):
         raise typer.BadParameter("expected connect or listen", param_hint="--zenoh-role")
@@ -95,7 +110,9 @@ def _in_words(event: dict[str, Any]) -> str:
             return f"flying at speed {event['speed']:g}; Ctrl-C ends it"
         case _:
             who = ", ".join(str(i) for i in event["system_ids"]) or "the world"
-            return f"{'vehicle ' if event['system_ids'] else ''}{who}: process ended with code {event['code']}"
+            return (
+                f"{'vehicle ' if event['system_ids'] else ''}{who}: process ended with code {event['code']}"
+            )
 
 
 def _watch(supervisor: Supervisor, stdin: int | None) -> None:
@@ -116,12 +133,20 @@ def simulate(
     scenario: ScenarioArgument = "prescribed",
     seed: SeedOption = 1,
     runs: Annotated[int, typer.Option(min=1, help="How many seeds, from --seed upwards.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="End with one JSON object on its own line.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder for recordings; none is written without it.")] = None,
-    loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(min=1.0, help="Seconds of run time after which a run has failed.")] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="End with one JSON object on its own line.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for recordings; none is written without it.")
+    ] = None,
+    loss: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
+    ] = 0.0,
+    duration: Annotated[
+        float | None, typer.Option(min=1.0, help="Seconds of run time after which a run has failed.")
+    ] = None,
 ) -> None:
-    """Fly whole missions in this process on virtual time, as fast as the machine can; the same seed, the same outcome."""
+    """Fly whole missions on virtual time, as fast as the machine can; the same seed, the same outcome."""
     from sim_vehicles.simulate import simulate as simulate_runs
 
     try:

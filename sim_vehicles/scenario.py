@@ -1,8 +1,8 @@
 """The simulated side of a mission file: the `[simulation]` table, validated, and what a seed makes of it.
 
-Central command never reads this table: it holds the truth (where targets really are and how they move, who dies
-and when, what the sensor really does). Everything random here is drawn from generators seeded by (seed, purpose),
-so that a seed means the same world in every process and at every speed.
+Central command never reads this table: it holds the truth (where targets really are and how they move, who
+dies and when, what the sensor really does). Everything random here is drawn from generators seeded by
+(seed, purpose), so that a seed means the same world in every process and at every speed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 
 
-class SensorTable(Table, kw_only=True):
+class SensorTable(Table, frozen=True, kw_only=True):
     """What the world's sensor does: misses, noise, clutter."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "radar"
@@ -29,14 +29,14 @@ class SensorTable(Table, kw_only=True):
     clutter_per_scan: NotNegative = 20.0
 
 
-class PrescribedDeath(Table, kw_only=True):
+class PrescribedDeath(Table, frozen=True, kw_only=True):
     """An agent that dies at a given time."""
 
     system_id: SystemId
     at_s: NotNegative
 
 
-class DeathTable(Table, kw_only=True):
+class DeathTable(Table, frozen=True, kw_only=True):
     """The death process of the agents."""
 
     survival_probability: Probability = 1.0
@@ -44,7 +44,7 @@ class DeathTable(Table, kw_only=True):
     prescribed: list[PrescribedDeath] = []
 
 
-class TargetTable(Table, kw_only=True):
+class TargetTable(Table, frozen=True, kw_only=True):
     """One target with prescribed motion."""
 
     east_m: float
@@ -54,7 +54,7 @@ class TargetTable(Table, kw_only=True):
     appears_s: NotNegative = 0.0
 
 
-class GaussianTargets(Table, kw_only=True):
+class GaussianTargets(Table, frozen=True, kw_only=True):
     """Targets whose places and velocities are drawn: place i from `births[i]`, velocity from a Gaussian."""
 
     speed_std_m_s: NotNegative
@@ -62,7 +62,7 @@ class GaussianTargets(Table, kw_only=True):
     appear_by_s: NotNegative = 0.0
 
 
-class Simulation(Table, kw_only=True):
+class Simulation(Table, frozen=True, kw_only=True):
     """The `[simulation]` table."""
 
     forward_speed_m_s: Positive
@@ -100,7 +100,11 @@ def load(scenario: str) -> Scenario:
     text, source = read_text(scenario)
     config = parse(text, source)
     if not config.simulation:
-        raise ConfigError(source, "simulation", "the table is missing: this file describes a mission, but no world to simulate")
+        raise ConfigError(
+            source,
+            "simulation",
+            "the table is missing: this file describes a mission, but no world to simulate",
+        )
     simulation = convert(config.simulation, Simulation, source, "simulation")
     _cross_check(config, simulation, source)
     return Scenario(config, simulation, source, text)
@@ -111,7 +115,9 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
     for index, death in enumerate(simulation.death.prescribed):
         if death.system_id not in known:
             raise ConfigError(
-                source, f"simulation.death.prescribed[{index}].system_id", f"{death.system_id} is none of the agents"
+                source,
+                f"simulation.death.prescribed[{index}].system_id",
+                f"{death.system_id} is none of the agents",
             )
     if simulation.targets and simulation.gaussian_targets:
         raise ConfigError(source, "simulation", "give either `targets` or `gaussian_targets`, not both")
@@ -120,5 +126,5 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
 
 
 def generator(seed: int, purpose: str, *index: int) -> np.random.Generator:
-    """Return the random generator for one purpose of one seed; the same everywhere, independent of all others."""
+    """Return the random generator for one purpose of one seed, independent of all others."""
     return np.random.default_rng([seed, zlib.crc32(purpose.encode()), *index])

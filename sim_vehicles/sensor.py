@@ -1,11 +1,11 @@
 """The world's sensor: truth and a random generator in, one scan out.
 
-Each object inside the field of view is detected with probability p_D at its position plus Gaussian noise. Clutter is
-Poisson in number and uniform over the field of view. All points come in random order and without identity: the
-standard multi-object observation model (Vo & Vo 2013, section III-C).
+Each object inside the field of view is detected with probability p_D at its position plus Gaussian noise.
+Clutter is Poisson in number and uniform over the field of view. All points come in random order and without
+identity: the standard multi-object observation model (Vo & Vo 2013, section III-C).
 
-Every scan has a generator of its own, and draws for every object whether or not it is there, so that one agent's
-death does not change what is seen of the others.
+Every scan has a generator of its own, and draws for every object whether or not it is there, so that one
+agent's death does not change what is seen of the others.
 """
 
 from __future__ import annotations
@@ -30,10 +30,8 @@ def make_sensor(scenario: Scenario) -> Sensor:
     )
 
 
-def observe(
-    sensor: Sensor, objects: Sequence[TruthObject], seed: int, scan_index: int, t_ns: int
-) -> Scan:
-    """One scan of `objects` at `t_ns`. `objects` lists all agents and targets, the dead ones with alive False."""
+def observe(sensor: Sensor, objects: Sequence[TruthObject], seed: int, scan_index: int, t_ns: int) -> Scan:
+    """One scan of `objects` at `t_ns`. `objects` lists everything, the dead with alive False."""
     rng = generator(seed, "scan", scan_index)
     east_min, north_min, east_max, north_max = sensor.field_of_view_m
     std = np.sqrt(np.diag(sensor.noise_cov_m2))

@@ -9,6 +9,8 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+from gcs.report.judge import Judge, Summary, summary_json
+from gcs.report.summary import print_summary
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -16,19 +18,25 @@ from rich.table import Table
 from gcs.edge.recorder import Recorder
 from gcs.model import Effect, Event
 from gcs.planning.routes import warm_up as warm_up_planning
-from gcs.report.judge import Judge, Summary, summary_json
-from gcs.report.summary import print_summary
 from gcs.tracking.glmb import warm_up as warm_up_tracking
 from sim_vehicles.scenario import Scenario
 from sim_vehicles.virtual import VirtualRun
 
 
 def simulate(
-    scenario: Scenario, seed: int, runs: int, as_json: bool, out: Path | None, loss: float, duration_s: float | None
+    scenario: Scenario,
+    seed: int,
+    runs: int,
+    as_json: bool,
+    out: Path | None,
+    loss: float,
+    duration_s: float | None,
 ) -> bool:
     """Fly `runs` missions with seeds from `seed` upwards; return whether every one was complete."""
     console = Console(stderr=as_json)
-    with console.status("loading the compiled kernels (the first run after an installation compiles them, once)"):
+    with console.status(
+        "loading the compiled kernels (the first run after an installation compiles them, once)"
+    ):
         warm_up_tracking()
         warm_up_planning()
     started = time.perf_counter()
@@ -37,7 +45,9 @@ def simulate(
     with Progress(*columns, console=console, transient=True, disable=runs == 1) as progress:
         task = progress.add_task(scenario.config.name, total=runs)
         for one_seed in range(seed, seed + runs):
-            folder = None if out is None else (out if runs == 1 else out / f"{scenario.config.name}-{one_seed}")
+            folder = (
+                None if out is None else (out if runs == 1 else out / f"{scenario.config.name}-{one_seed}")
+            )
             summaries.append(fly(scenario, one_seed, folder, loss, duration_s))
             progress.advance(task)
     wall_s = time.perf_counter() - started
@@ -50,20 +60,32 @@ def simulate(
     console.print(f"{complete} of {runs} complete; {ratio:.0f} times real time", highlight=False)
     if as_json:
         one = summary_json(summaries[0])
-        many = {"scenario": scenario.config.name, "runs": [json.loads(summary_json(s)) for s in summaries], "complete": complete}
+        many = {
+            "scenario": scenario.config.name,
+            "runs": [json.loads(summary_json(s)) for s in summaries],
+            "complete": complete,
+        }
         print(one if runs == 1 else json.dumps(many), flush=True)  # noqa: T201  the promised last line
     return complete == runs
 
 
 def fly(
-    scenario: Scenario, seed: int, folder: Path | None = None, loss: float = 0.0, duration_s: float | None = None
+    scenario: Scenario,
+    seed: int,
+    folder: Path | None = None,
+    loss: float = 0.0,
+    duration_s: float | None = None,
 ) -> Summary:
     """Fly one mission, recorded in `folder` if there is one, and judge it."""
     config = scenario.config
     judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    with nullcontext() if folder is None else Recorder(folder, scenario.text, {"swarm-gcs": metadata.version("swarm-gcs")}) as recorder:
+    with (
+        nullcontext()
+        if folder is None
+        else Recorder(folder, scenario.text, {"swarm-gcs": metadata.version("swarm-gcs")}) as recorder
+    ):
 
         def on_event(event: Event) -> None:
             if recorder is not None:
@@ -89,13 +111,26 @@ def fly(
 
 def _table(summaries: list[Summary]) -> Table:
     table = Table(title=f"{summaries[0].scenario}: {len(summaries)} seeds", title_justify="left")
-    for name in ("seed", "outcome", "run time s", "arrived", "lost", "targets", "re-tasks", "uploads", "OSPA agents m", "OSPA targets m", "reason"):
+    for name in (
+        "seed",
+        "outcome",
+        "run time s",
+        "arrived",
+        "lost",
+        "targets",
+        "re-tasks",
+        "uploads",
+        "OSPA agents m",
+        "OSPA targets m",
+        "reason",
+    ):
         table.add_column(name, justify="left" if name in ("outcome", "reason") else "right")
     for s in summaries:
         fates = [agent.fate for agent in s.agents]
         table.add_row(
-            str(s.seed), s.outcome, f"{s.duration_s:.1f}", str(fates.count("arrived")), str(fates.count("dead")),
-            f"{s.targets_reached}/{s.targets_total}", str(s.retasks), str(s.uploads),
-            f"{s.ospa_agents_mean_m:.2f}", f"{s.ospa_targets_mean_m:.2f}", "" if s.outcome == "complete" else s.reason,
+            str(s.seed), s.outcome, f"{s.duration_s:.1f}", str(fates.count("arrived")),
+            str(fates.count("dead")), f"{s.targets_reached}/{s.targets_total}", str(s.retasks),
+            str(s.uploads), f"{s.ospa_agents_mean_m:.2f}", f"{s.ospa_targets_mean_m:.2f}", "" if s.outcome
+            == "complete" else s.reason,
         )  # fmt: skip
     return table

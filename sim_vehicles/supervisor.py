@@ -1,11 +1,12 @@
-"""Starts, watches and stops the processes of a simulated world: one a vehicle (or a pack of them), one for the world.
+"""Starts, watches and stops the processes of a simulated world: one a vehicle (or a pack), one for the world.
 
-Every child prints ``ready`` when it can fly, waits for one JSON line with the common clock, and ends when its standard
-input closes: when the supervisor dies, however that happens, no process stays behind.
+Every child prints ``ready`` when it can fly, waits for one JSON line with the common clock, and ends when
+its standard input closes: when the supervisor dies, however that happens, no process stays behind.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import selectors
@@ -79,8 +80,20 @@ class Supervisor:
         specs = vehicle_specs(self.plan.scenario, self.plan.seed)
         packs = [specs[i : i + self.plan.pack] for i in range(0, len(specs), self.plan.pack)]
         for pack in packs:
-            arguments = ["-m", "sim_vehicles.process", "--gcs", self.plan.gcs, "--truth", f"127.0.0.1:{truth_port}"]
-            arguments += ["--frame-json", json.dumps(_frame(self.plan.scenario)), "--loss", str(self.plan.loss)]
+            arguments = [
+                "-m",
+                "sim_vehicles.process",
+                "--gcs",
+                self.plan.gcs,
+                "--truth",
+                f"127.0.0.1:{truth_port}",
+            ]
+            arguments += [
+                "--frame-json",
+                json.dumps(_frame(self.plan.scenario)),
+                "--loss",
+                str(self.plan.loss),
+            ]
             for spec in pack:
                 arguments += ["--spec-json", spec.to_json()]
             self._spawn(arguments, tuple(spec.system_id for spec in pack))
@@ -92,11 +105,24 @@ class Supervisor:
 
     def _world_arguments(self) -> list[str]:
         plan = self.plan
-        return ["--scenario", plan.scenario.source, "--seed", str(plan.seed), "--zenoh", plan.zenoh, "--zenoh-role", plan.zenoh_role]
+        return [
+            "--scenario",
+            plan.scenario.source,
+            "--seed",
+            str(plan.seed),
+            "--zenoh",
+            plan.zenoh,
+            "--zenoh-role",
+            plan.zenoh_role,
+        ]
 
     def _spawn(self, arguments: list[str], system_ids: tuple[int, ...] = ()) -> Child:
         process = subprocess.Popen(  # noqa: S603  our own modules, no shell
-            [sys.executable, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+            [sys.executable, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         )
         child = Child(process, system_ids)
         self.children.append(child)
@@ -128,17 +154,17 @@ class Supervisor:
         for child in self.children:
             if not child.ended and child.process.poll() is not None:
                 child.ended = True
-                self.report({"event": "exited", "system_ids": child.system_ids, "code": child.process.returncode})
+                self.report(
+                    {"event": "exited", "system_ids": child.system_ids, "code": child.process.returncode}
+                )
                 yield child
 
     def stop(self) -> None:
         """End every child: ask, wait, insist."""
         for child in self.children:
             if child.process.stdin is not None:
-                try:
+                with contextlib.suppress(BrokenPipeError):  # it is gone already
                     child.process.stdin.close()
-                except BrokenPipeError:
-                    pass  # it is gone already
         deadline = time.monotonic() + _STOP_WITHIN_S
         for child in self.children:
             try:

@@ -1,7 +1,8 @@
-"""Targets: two-dimensional double integrators without input, so each keeps its velocity (the paper, section III).
+"""Targets: two-dimensional double integrators without input, so each keeps its velocity (paper, III).
 
-With no acceleration the 100 Hz integration of the paper has a closed form, which is exact at any time. A target that
-reaches the border of the map turns back, so that it stays where the mission can reach it; obstacles do not stop it.
+With no acceleration the 100 Hz integration of the paper has a closed form, which is exact at any time. A
+target that reaches the border of the map turns back, so that it stays where the mission can reach it;
+obstacles do not stop it.
 """
 
 from __future__ import annotations
@@ -62,5 +63,7 @@ def make_targets(scenario: Scenario, seed: int) -> list[Target]:
         if speed > drawn.max_speed_m_s:
             velocity *= drawn.max_speed_m_s / speed
         appears_s = round(float(rng.uniform(0.0, drawn.appear_by_s)), 2)
-        targets.append(Target(i, float(east), float(north), float(velocity[0]), float(velocity[1]), appears_s))
+        targets.append(
+            Target(i, float(east), float(north), float(velocity[0]), float(velocity[1]), appears_s)
+        )
     return targets

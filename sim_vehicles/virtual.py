@@ -1,8 +1,8 @@
-"""A whole mission in one process on virtual time: no sockets, no sleeping, the same outcome for the same seed.
+"""A whole mission in one process on virtual time: no sockets, no sleep, the same outcome for the same seed.
 
-The same rooms as in a real-time run (airframe, autopilot, vehicle link, sensor, central command) are joined in memory: MAVLink bytes
-pass between vehicles and central command as they would over UDP, one step of 50 ms late. What differs from a real-time run is only
-who carries the bytes and who moves the clock.
+The same rooms as in a real-time run (airframe, autopilot, vehicle link, sensor, central command) are joined
+in memory: MAVLink bytes pass between vehicles and central command as they would over UDP, one step of 50 ms
+late. What differs from a real-time run is only who carries the bytes and who moves the clock.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ class VirtualRun:
     Parameters
     ----------
     on_event, on_effect, on_truth
-        Called with everything that goes into and comes out of central command, and with the truth at each scan.
+        Called with everything that goes into and comes out of central command, and with the truth at each
+        scan.
     loss : float
         Probability that a datagram is lost, each way, drawn from the run's own generator.
     kills : dict

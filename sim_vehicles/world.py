@@ -1,4 +1,4 @@
-"""The truth of a simulated world, and the scans made of it: pure, so that processes and the virtual-time runner share it."""
+"""The truth of a simulated world and the scans made of it: pure, shared by processes and virtual time."""
 
 from __future__ import annotations
 

@@ -1,11 +1,12 @@
 """The world's process: hears the vehicles' true states, publishes scans and truth on zenoh.
 
-Vehicles send their true state ten times a second of run time (SYSTEM_TIME and SIM_STATE in one datagram). At each scan
-time the world waits until it knows where every living agent was, interpolates, and publishes. An agent whose truth stops is
-dead: the sensor sees nothing there, whether it died by the scenario or its process was killed.
+Vehicles send their true state ten times a second of run time (SYSTEM_TIME and SIM_STATE in one datagram).
+At each scan time the world waits until it knows where every living agent was, interpolates, and publishes.
+An agent whose truth stops is dead: the sensor sees nothing there, whether it died by the scenario or its
+process was killed.
 
-Run as ``python -m sim_vehicles.world_process``: prints ``ready PORT`` (where truth is to be sent), reads the clock as one
-JSON line, and ends when its standard input closes.
+Run as ``python -m sim_vehicles.world_process``: prints ``ready PORT`` (where truth is to be sent), reads
+the clock as one JSON line, and ends when its standard input closes.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ class AgentTruth:
             if state[0] >= t_ns:
                 span_ns = state[0] - previous[0]
                 part = (t_ns - previous[0]) / span_ns if span_ns > 0 else 1.0
-                return previous[1] + part * (state[1] - previous[1]), previous[2] + part * (state[2] - previous[2])
+                return previous[1] + part * (state[1] - previous[1]), previous[2] + part * (
+                    state[2] - previous[2]
+                )
             previous = state
         return previous[1], previous[2]
 

@@ -21,7 +21,13 @@ north_m = 100.0
 
 
 def test_the_scenarios_of_the_paper_are_shipped_and_valid() -> None:
-    assert scenario_names() == ["deterministic", "prescribed", "random-obstacles", "random-targets", "swarm-50"]
+    assert scenario_names() == [
+        "deterministic",
+        "prescribed",
+        "random-obstacles",
+        "random-targets",
+        "swarm-50",
+    ]
     for name in scenario_names():
         assert load(name).name == name
 
@@ -50,7 +56,9 @@ def test_a_scenario_explains_every_key() -> None:
         (('name = "x"', 'name = "x"\n[tracking]\ndead_existence = 0.6'), "tracking.dead_existence", "below"),
     ],
 )
-def test_a_mistake_names_file_key_and_what_was_expected(change: tuple[str, str], key: str, words: str) -> None:
+def test_a_mistake_names_file_key_and_what_was_expected(
+    change: tuple[str, str], key: str, words: str
+) -> None:
     with pytest.raises(ConfigError) as caught:
         parse(GOOD.replace(*change), "mission.toml")
     assert caught.value.file == "mission.toml"
@@ -59,7 +67,7 @@ def test_a_mistake_names_file_key_and_what_was_expected(change: tuple[str, str],
 
 
 def test_two_agents_of_one_system_id_are_refused() -> None:
-    again = '[[agents]]\nsystem_id = 1\neast_m = 200.0\nnorth_m = 100.0\n'
+    again = "[[agents]]\nsystem_id = 1\neast_m = 200.0\nnorth_m = 100.0\n"
     with pytest.raises(ConfigError, match="used twice"):
         parse(GOOD + again, "mission.toml")
 

@@ -1,9 +1,9 @@
 """What became of each agent: flying, arrived or dead, decided from the pictures alone.
 
-Death has hysteresis, against the weakness that the paper names (a clutter point near a dead agent revives it for a
-scan): an agent dies when the existence probability of its track falls below `dead_existence`, and it lives again only when
-a track above `revive_existence` is tied to it and it reports over its link once more.
-Arrival is latched: an agent that reached its target has done its work, whatever happens to it later.
+Death has hysteresis, against the weakness that the paper names (a clutter point near a dead agent revives
+it for a scan): an agent dies when the existence probability of its track falls below `dead_existence`, and
+it lives again only when a track above `revive_existence` is tied to it and it reports over its link once
+more. Arrival is latched: an agent that reached its target has done its work, whatever happens to it later.
 """
 
 from __future__ import annotations
@@ -43,7 +43,11 @@ class Fates:
 
     def reached(self) -> set[Label]:
         """Targets at which an agent arrived."""
-        return {fate.target for fate in self.by_vehicle.values() if fate.fate == "arrived" and fate.target is not None}
+        return {
+            fate.target
+            for fate in self.by_vehicle.values()
+            if fate.fate == "arrived" and fate.target is not None
+        }
 
     def update(
         self,

@@ -1,7 +1,7 @@
 """The fold: one event in, effects out. The one place where tracking, planning and the vehicle links meet.
 
-``Command.step`` is synchronous and reads no clock, no socket and no random source: the same events give the same effects, byte for byte.
-A recording is the list of events, and replaying it is calling `step` on them.
+``Command.step`` is synchronous and reads no clock, no socket and no random source: the same events give the
+same effects, byte for byte. A recording is the list of events, and replaying it is calling `step` on them.
 
 - A datagram goes to the fleet (what vehicles say of themselves) and to the mission transfer of its vehicle.
 - A scan goes to both trackers; ties and fates follow; when a plan is due, so does the plan.
@@ -19,7 +19,7 @@ from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers
 from gcs.config import Config
-from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.fleet import Fleet, FleetSettings
 from gcs.model import (
     NS_PER_S,
     BadInput,
@@ -33,7 +33,6 @@ from gcs.model import (
     Scan,
     Tick,
     UploadReport,
-    VehicleState,
 )
 
 _BAD_INPUT_NOTICES = 20
@@ -55,10 +54,14 @@ class Command:
         vehicles = [agent.system_id for agent in config.agents]
         tracking, telemetry = config.tracking, config.telemetry
         self.grid = mission_grid(config, seed)
-        self.fleet = Fleet(vehicles, config.local_frame, position_rate_hz=telemetry.rate_hz)
+        self.fleet = Fleet(vehicles, config.local_frame, FleetSettings(position_rate_hz=telemetry.rate_hz))
         self.trackers = Trackers(config)
-        self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, tracking.confirm_existence, telemetry.max_age_s)
-        self.fates = Fates(vehicles, tracking.confirm_existence, tracking.dead_existence, config.planning.capture_radius_m)
+        self.ties = Ties(
+            tracking.gate_chi2, telemetry.noise_std_m, tracking.confirm_existence, telemetry.max_age_s
+        )
+        self.fates = Fates(
+            vehicles, tracking.confirm_existence, tracking.dead_existence, config.planning.capture_radius_m
+        )
         self.replanner = Replanner(config, self.grid)
         self.tasking = Tasking(config.mission, config.local_frame, self.fleet)
         self.bad_input = 0
@@ -89,7 +92,7 @@ class Command:
         return effects + self._settle(self.tasking.poll(event.t_ns))
 
     def _scan(self, event: Scan) -> list[Effect]:
-        states = self._states()
+        states = self.fleet.states()
         agents, targets = self.trackers.scan(event, states)
         self.ties.update(agents, states)
         effects: list[Effect] = [agents, targets]
@@ -101,16 +104,12 @@ class Command:
         effects += self._end(event.t_ns)
         return effects
 
-    def _states(self) -> Sequence[VehicleState]:
-        """Reports of vehicles that are not known to have done their work or died unseen."""
-        return self.fleet.states()
-
     def _follow(self, fate: Fate) -> None:
         if fate.fate != "flying":
             self.replanner.drop(fate.vehicle)
         if fate.fate == "dead":
             self.ties.forget(fate.vehicle)
-            self.tasking.cancel(fate.vehicle)
+            self.tasking.cancel(fate.vehicle, fate.t_ns)
 
     def _plan(self, event: Scan) -> list[Effect]:
         if self._ended or not self.replanner.is_due(event.t_ns):
@@ -130,8 +129,14 @@ class Command:
         return Situation(
             t_ns=event.t_ns,
             picture_t_ns=event.measured_t_ns,
-            agents={v: believed[labels[v]] for v in self.fates.flying() if v in labels and labels[v] in believed},
-            targets={t: track for t, track in confirmed(targets, self._confirm_existence).items() if t not in reached},
+            agents={
+                v: believed[labels[v]] for v in self.fates.flying() if v in labels and labels[v] in believed
+            },
+            targets={
+                t: track
+                for t, track in confirmed(targets, self._confirm_existence).items()
+                if t not in reached
+            },
         )
 
     def _task(self, plan: Plan) -> list[Effect]:
@@ -142,7 +147,7 @@ class Command:
         return effects
 
     def _settle(self, effects: Sequence[Effect]) -> list[Effect]:
-        """A mission that was not delivered is not flown: its route is dropped, so that the next look plans again."""
+        """Drop the route of a mission that was not delivered, so that the next look plans again."""
         for effect in effects:
             if isinstance(effect, UploadReport) and not effect.ok:
                 self.replanner.drop(effect.vehicle)

@@ -1,11 +1,12 @@
 """When to plan again, and what the plan changes.
 
-Every period the picture is held against what the vehicles fly: an agent died or came back, a target appeared, was lost, or
-moved away from where its route ends. Only then A* and the assignment run (the paper, Algorithm 1 at 0.2 Hz), and only
-vehicles whose route changed get a new mission.
+Every period the picture is held against what the vehicles fly: an agent died or came back, a target
+appeared, was lost, or moved away from where its route ends. Only then A* and the assignment run (the paper,
+Algorithm 1 at 0.2 Hz), and only vehicles whose route changed get a new mission.
 
-The distance that a target may move is `target_moved_m` far away, as in the paper, and shrinks as the agent closes in: with a
-fixed threshold an agent may wait at the end of its route while the target walks around just inside the threshold.
+The distance that a target may move is `target_moved_m` far away, as in the paper, and shrinks as the agent
+closes in: with a fixed threshold an agent may wait at the end of its route while the target walks around
+just inside the threshold.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class Replanner:
         self._options = PlanOptions(
             clearance_m=planning.clearance_m,
             shape=planning.shape,
-            cost=planning.search_cost,
+            search_cost=planning.search_cost,
             switch_gain_m=planning.switch_gain_m,
         )
         self._planning = planning
@@ -84,7 +85,8 @@ class Replanner:
         if self._started_t_ns is None:
             self._started_t_ns = situation.t_ns
         everybody = (
-            len(situation.agents) >= self._expected_agents and len(situation.targets) >= self._expected_targets
+            len(situation.agents) >= self._expected_agents
+            and len(situation.targets) >= self._expected_targets
         )
         waited = situation.t_ns - self._started_t_ns >= _FIRST_PLAN_WAIT_S * NS_PER_S
         if not (everybody or (waited and situation.agents and situation.targets)):
@@ -93,14 +95,20 @@ class Replanner:
         return self._plan(situation, "first plan")
 
     def _reasons(self, situation: Situation) -> list[str]:
-        reasons = [f"agent {v} lost" for v in sorted(self._planned_agents - set(situation.agents)) if v in self.routes]
+        reasons = [
+            f"agent {v} lost"
+            for v in sorted(self._planned_agents - set(situation.agents))
+            if v in self.routes
+        ]
         reasons += [f"agent {v} joined" for v in sorted(set(situation.agents) - self._planned_agents)]
         reasons += [
             f"agent {v} has no route"
             for v in sorted(set(situation.agents) & self._planned_agents - set(self.routes))
             if len(situation.targets) > len(set(self.assigned.values()) & set(situation.targets))
         ]
-        reasons += [f"target {_name(t)} appeared" for t in sorted(set(situation.targets) - self._planned_targets)]
+        reasons += [
+            f"target {_name(t)} appeared" for t in sorted(set(situation.targets) - self._planned_targets)
+        ]
         for vehicle, route in sorted(self.routes.items()):
             agent, target = situation.agents.get(vehicle), situation.targets.get(route.target)
             if target is None:
@@ -119,7 +127,10 @@ class Replanner:
     def _plan(self, situation: Situation, reason: str) -> Plan:
         result = plan_routes(
             self._grid,
-            {v: AgentStart(float(t.mean[0]), float(t.mean[1]), _course_rad(t)) for v, t in situation.agents.items()},
+            {
+                v: AgentStart(float(t.mean[0]), float(t.mean[1]), _course_rad(t))
+                for v, t in situation.agents.items()
+            },
             {label: (float(t.mean[0]), float(t.mean[1])) for label, t in situation.targets.items()},
             self.assigned,
             self._options,

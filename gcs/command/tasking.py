@@ -1,66 +1,89 @@
 """Missions on their way to vehicles: one transfer a vehicle at a time, the newest wins.
 
-A route becomes a mission, a mission becomes a `MissionTask` (upload, read back, compare, start), and its end becomes an
-`UploadReport`. A newer mission for the same vehicle replaces a transfer under way.
+A route becomes a mission, a mission becomes a `MissionTask` (upload, read back, compare, start), and its
+end becomes an `UploadReport`. A newer mission for the same vehicle replaces a transfer under way.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 from gcs.config import MissionTable
 from gcs.geo import LocalFrame
+from gcs.mavlink.codec import Message
 from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.items import Home
 from gcs.mavlink.transfer import MissionTask
-from gcs.model import NS_PER_S, Mission, Notice, Route, Send, UploadReport, Waypoint
-
-
-@dataclass(slots=True)
-class _Transfer:
-    mission: Mission
-    task: MissionTask
-    started_t_ns: int
+from gcs.model import Effect, Mission, Notice, Route, Waypoint
 
 
 class Tasking:
-    """All transfers under way."""
+    """All transfers under way.
+
+    Parameters
+    ----------
+    table : MissionTable
+        Altitude and acceptance radius of every waypoint.
+    frame : LocalFrame
+        Where routes lie; its origin serves as home of a vehicle that has not told its own.
+    fleet : Fleet
+        Addresses and sequences.
+    """
 
     def __init__(self, table: MissionTable, frame: LocalFrame, fleet: Fleet) -> None:
         self._table = table
         self._frame = frame
         self._fleet = fleet
-        self._transfers: dict[int, _Transfer] = {}
+        self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
+        self._tasks: dict[int, MissionTask] = {}
         self._mission_count = 0
 
     @property
     def under_way(self) -> dict[int, str]:
         """Stage of each transfer under way, by vehicle."""
-        return {vehicle: str(transfer.task.stage) for vehicle, transfer in self._transfers.items()}
+        return {vehicle: task.stage for vehicle, task in self._tasks.items()}
 
-    def task(self, route: Route, t_ns: int) -> list[Send | UploadReport | Notice]:
-        """Send a route to its vehicle as a mission."""
+    def task(self, route: Route, t_ns: int) -> list[Effect]:
+        """Send a route to its vehicle as a mission; a transfer under way is given up for it."""
+        self._supersede(route.vehicle, t_ns)
         self._mission_count += 1
         mission = self._mission(route, self._mission_count)
-        task = MissionTask(mission, self._fleet, t_ns)
-        self._transfers[route.vehicle] = _Transfer(mission, task, t_ns)
-        return list(self._sends(route.vehicle, task.start(t_ns)))
+        home = self._fleet.home(route.vehicle) or self._home
+        task = MissionTask(mission, home, self._fleet.encoder(route.vehicle))
+        self._tasks[route.vehicle] = task
+        return [*self._fleet.sends(route.vehicle, task.start(t_ns))]
 
-    def receive(self, vehicle: int, message: Any, t_ns: int) -> list[Send | UploadReport | Notice]:
+    def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Give a vehicle's message to its transfer, if there is one."""
-        transfer = self._transfers.get(vehicle)
-        if transfer is None:
-            return []
-        return [*self._sends(vehicle, transfer.task.receive(message, t_ns)), *self._ended(vehicle, t_ns)]
+        task = self._tasks.get(vehicle)
+        return [] if task is None else self._worked(vehicle, task, task.receive(message, t_ns))
 
-    def poll(self, t_ns: int) -> list[Send | UploadReport | Notice]:
+    def poll(self, t_ns: int) -> list[Effect]:
         """Let timers run."""
-        effects: list[Send | UploadReport | Notice] = []
-        for vehicle in list(self._transfers):
-            effects += self._sends(vehicle, self._transfers[vehicle].task.poll(t_ns))
-            effects += self._ended(vehicle, t_ns)
+        effects: list[Effect] = []
+        for vehicle, task in list(self._tasks.items()):
+            effects += self._worked(vehicle, task, task.poll(t_ns))
         return effects
 
-    def cancel(self, vehicle: int) -> None:
+    def cancel(self, vehicle: int, t_ns: int) -> None:
         """Stop talking to a vehicle: it is dead."""
-        self._transfers.pop(vehicle, None)
+        self._supersede(vehicle, t_ns)
+
+    def _supersede(self, vehicle: int, t_ns: int) -> None:
+        task = self._tasks.pop(vehicle, None)
+        if task is not None:
+            task.supersede(t_ns)
+
+    def _worked(self, vehicle: int, task: MissionTask, frames: list[bytes]) -> list[Effect]:
+        effects: list[Effect] = [*self._fleet.sends(vehicle, frames)]
+        if task.result is not None:
+            del self._tasks[vehicle]
+            effects.append(task.report())
+            if task.result.held:
+                text = f"agent {vehicle} was told to hold: {task.result.detail}"
+                effects.append(Notice(task.result.t_ns, "alarm", text, vehicle))
+        return effects
+
+    def _mission(self, route: Route, mission_id: int) -> Mission:
+        places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
+        table = self._table
+        waypoints = tuple(Waypoint(*place, table.altitude_rel_m, table.accept_radius_m) for place in places)
+        return Mission(mission_id, route.vehicle, waypoints)

@@ -1,8 +1,8 @@
 """Which track is which vehicle: gated assignment over time.
 
-A sensor does not say whom it sees, a MAVLink report does. A vehicle is tied to the agent track that its reports
-fall onto. A tie holds through silence; it breaks when the vehicle's reports stay outside its track's gate for
-several scans, as they do after two tracks swapped their objects.
+A sensor does not say whom it sees, a MAVLink report does. A vehicle is tied to the agent track that its
+reports fall onto. A tie holds through silence; it breaks when the vehicle's reports stay outside its
+track's gate for several scans, as they do after two tracks swapped their objects.
 """
 
 from __future__ import annotations
@@ -36,7 +36,12 @@ class Ties:
     """
 
     def __init__(
-        self, gate_chi2: float, noise_std_m: float, confirm_existence: float, max_age_s: float, break_after: int = 3
+        self,
+        gate_chi2: float,
+        noise_std_m: float,
+        confirm_existence: float,
+        max_age_s: float,
+        break_after: int = 3,
     ) -> None:
         self._gate_chi2 = gate_chi2
         self._noise: FloatArray = np.eye(2) * noise_std_m**2
@@ -65,7 +70,9 @@ class Ties:
         free = [vehicle for vehicle in sorted(places) if vehicle not in self._labels]
         taken = set(self._labels.values())
         candidates = [
-            track for track in picture.tracks if track.label not in taken and track.existence >= self._confirm_existence
+            track
+            for track in picture.tracks
+            if track.label not in taken and track.existence >= self._confirm_existence
         ]
         if free and candidates:
             self._tie(free, candidates, places)
@@ -82,7 +89,9 @@ class Ties:
         if count >= self._break_after:
             self.forget(vehicle)
 
-    def _tie(self, free: list[int], candidates: list[Track], places: Mapping[int, tuple[float, float]]) -> None:
+    def _tie(
+        self, free: list[int], candidates: list[Track], places: Mapping[int, tuple[float, float]]
+    ) -> None:
         costs = np.array(
             [[distance2(places[v], track.mean, track.cov, self._noise) for track in candidates] for v in free]
         )

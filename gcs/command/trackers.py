@@ -1,9 +1,10 @@
 """The two GLMB filters and what they are given: every scan, births at known places, and agents' own reports.
 
-Both filters get all detections of a sensor, as in the paper: the other kind's objects are clutter to each, since
-births are at known places. MAVLink position reports are a second sensor of the agents, used at the moment of each
-scan: detections without clutter to speak of, seen only where a vehicle reports. A vehicle that reports where no
-track and no place of birth is gets a birth there, so that an agent lost by mistake comes back.
+Both filters get all detections of a sensor, as in the paper: the other kind's objects are clutter to each,
+since births are at known places. MAVLink position reports are a second sensor of the agents, used at the
+moment of each scan: detections without clutter to speak of, seen only where a vehicle reports. A vehicle
+that reports where no track and no place of birth is gets a birth there, so that an agent lost by mistake
+comes back.
 """
 
 from __future__ import annotations
@@ -88,7 +89,9 @@ class Trackers:
 
     def _report_birth(self, state: VehicleState, place: tuple[float, float]) -> Birth:
         velocity = velocity_m_s(state)
-        return _birth((*place, *velocity), 2.0 * self._telemetry.noise_std_m, 2.0, self._agent_births[0].probability)
+        return _birth(
+            (*place, *velocity), 2.0 * self._telemetry.noise_std_m, 2.0, self._agent_births[0].probability
+        )
 
     def _is_unknown_place(self, place: tuple[float, float]) -> bool:
         known: list[tuple[FloatArray, FloatArray]] = [(b.mean, b.cov) for b in self._agent_births]
@@ -99,7 +102,7 @@ class Trackers:
 
 
 def at_time(state: VehicleState, t_ns: int) -> tuple[float, float]:
-    """Where a vehicle is at `t_ns`, from its last report and its reported velocity; east and north in metres."""
+    """East and north of a vehicle at `t_ns`, from its last report and its reported velocity."""
     dt_s = (t_ns - state.t_ns) / NS_PER_S
     v_east, v_north = velocity_m_s(state)
     return state.east_m + v_east * dt_s, state.north_m + v_north * dt_s
@@ -113,7 +116,9 @@ def velocity_m_s(state: VehicleState) -> tuple[float, float]:
     )
 
 
-def distance2(place: tuple[float, float], mean: FloatArray, cov: FloatArray, noise_cov_m2: FloatArray) -> float:
+def distance2(
+    place: tuple[float, float], mean: FloatArray, cov: FloatArray, noise_cov_m2: FloatArray
+) -> float:
     """Squared Mahalanobis distance of a place from a track's position."""
     s = cov[:2, :2] + noise_cov_m2
     de, dn = place[0] - float(mean[0]), place[1] - float(mean[1])
@@ -121,7 +126,9 @@ def distance2(place: tuple[float, float], mean: FloatArray, cov: FloatArray, noi
     return (d * de * de - 2.0 * b * de * dn + a * dn * dn) / (a * d - b * b)
 
 
-def _birth(mean: tuple[float, float, float, float], std_m: float, speed_std_m_s: float, probability: float) -> Birth:
+def _birth(
+    mean: tuple[float, float, float, float], std_m: float, speed_std_m_s: float, probability: float
+) -> Birth:
     cov = np.diag([std_m**2, std_m**2, speed_std_m_s**2, speed_std_m_s**2])
     return Birth(read_only(mean), read_only(cov), probability)
 

@@ -26,14 +26,45 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     table = Table(title=f"{config.name}: {config.description}", title_justify="left", show_header=False)
     table.add_column(style="bold")
     table.add_column()
-    table.add_row("place", f"{config.frame.lat_deg:.4f}°, {config.frame.lon_deg:.4f}°, {config.frame.alt_msl_m:.0f} m above sea level")
-    table.add_row("map", f"{area.width_m:.0f} m x {area.height_m:.0f} m, {area.nodes_east} x {area.nodes_north} nodes of {grid.spacing_m:.1f} m")
-    table.add_row("obstacles", f"{blocked} nodes ({100 * blocked / grid.blocked.size:.1f} %) with seed {seed}")
-    table.add_row("agents", ", ".join(f"{a.system_id} at ({a.east_m:.0f}, {a.north_m:.0f}) m" for a in config.agents))
-    table.add_row("target births", ", ".join(f"({b.east_m:.0f}, {b.north_m:.0f}) ± {b.std_m:.0f} m" for b in config.births) or "none")
-    table.add_row("tracking", f"up to {tracking.max_hypotheses} hypotheses, gate {math.sqrt(tracking.gate_chi2):.1f} σ, lost below existence {tracking.dead_existence}")
-    table.add_row("planning", f"a look every {planning.period_s} s; again when a target moved {planning.target_moved_m:.0f} m, an agent is lost or a target appears")
-    table.add_row("missions", f"at {config.mission.altitude_rel_m:.0f} m above the origin, waypoints reached at {config.mission.accept_radius_m:.0f} m, targets at {planning.capture_radius_m:.0f} m")
-    table.add_row("links", f"MAVLink {config.links.mavlink}; zenoh {config.links.zenoh} ({config.links.zenoh_role}s)")
-    table.add_row("simulated world", "yes: `gcs demo` can fly it (its keys are checked by `sim-vehicles`)" if config.simulation else "no")
+    table.add_row(
+        "place",
+        f"{config.frame.lat_deg:.4f}°, {config.frame.lon_deg:.4f}°, {config.frame.alt_msl_m:.0f} m AMSL",
+    )
+    table.add_row(
+        "map",
+        f"{area.width_m:.0f} m x {area.height_m:.0f} m, {area.nodes_east} x {area.nodes_north} nodes, "
+        f"{grid.spacing_m:.1f} m apart",
+    )
+    table.add_row(
+        "obstacles", f"{blocked} nodes ({100 * blocked / grid.blocked.size:.1f} %) with seed {seed}"
+    )
+    table.add_row(
+        "agents", ", ".join(f"{a.system_id} at ({a.east_m:.0f}, {a.north_m:.0f}) m" for a in config.agents)
+    )
+    table.add_row(
+        "target births",
+        ", ".join(f"({b.east_m:.0f}, {b.north_m:.0f}) ± {b.std_m:.0f} m" for b in config.births) or "none",
+    )
+    table.add_row(
+        "tracking",
+        f"up to {tracking.max_hypotheses} hypotheses, "
+        f"gate {math.sqrt(tracking.gate_chi2):.1f} σ, lost below existence {tracking.dead_existence}",
+    )
+    table.add_row(
+        "planning",
+        f"a look every {planning.period_s} s; again when a target moved "
+        f"{planning.target_moved_m:.0f} m, an agent is lost or a target appears",
+    )
+    table.add_row(
+        "missions",
+        f"at {config.mission.altitude_rel_m:.0f} m above the origin; waypoints reached at "
+        f"{config.mission.accept_radius_m:.0f} m, targets at {planning.capture_radius_m:.0f} m",
+    )
+    table.add_row(
+        "links", f"MAVLink {config.links.mavlink}; zenoh {config.links.zenoh} ({config.links.zenoh_role}s)"
+    )
+    table.add_row(
+        "simulated world",
+        "yes: `gcs demo` can fly it (its keys are checked by `sim-vehicles`)" if config.simulation else "no",
+    )
     console.print(table)

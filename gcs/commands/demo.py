@@ -1,7 +1,8 @@
 """`gcs demo`: a simulated swarm as processes of their own, and central command among them.
 
-The service runs in this process; vehicles and the world run in others, started through ``sim_vehicles`` as a program, and speak to it by
-MAVLink over UDP and by zenoh, as they would from another machine. They end when their standard input closes, however this process ends.
+The service runs in this process; vehicles and the world run in others, started through ``sim_vehicles`` as
+a program, and speak to it by MAVLink over UDP and by zenoh, as they would from another machine. They end
+when their standard input closes, however this process ends.
 """
 
 from __future__ import annotations
@@ -79,7 +80,13 @@ def run_demo(options: DemoOptions, console: Console) -> int:
 
 
 def _show(
-    config: Config, options: DemoOptions, summary: Summary, folder: Path, console: Console, *, interrupted: bool
+    config: Config,
+    options: DemoOptions,
+    summary: Summary,
+    folder: Path,
+    console: Console,
+    *,
+    interrupted: bool,
 ) -> int:
     from gcs.report.figures import draw_run
 
@@ -104,7 +111,7 @@ def percentile(values_ms: list[float]) -> float:
 async def _fly(
     config: Config, options: DemoOptions, recorder: Recorder, judge: Judge, console: Console
 ) -> tuple[Health, float, bool]:
-    """Fly from start to end; return the service's health, the run time, and whether somebody interrupted it."""
+    """Fly from start to end; return health, run time in seconds, and whether it was interrupted."""
     link = UdpLink("udpin:127.0.0.1:0")
     stop, interrupt = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -144,7 +151,9 @@ async def _relay(interrupt: asyncio.Event, stop: asyncio.Event) -> None:
 
 
 @asynccontextmanager
-async def _simulation(options: DemoOptions, port: int, zenoh: str, stop: asyncio.Event) -> AsyncIterator[RunClock]:
+async def _simulation(
+    options: DemoOptions, port: int, zenoh: str, stop: asyncio.Event
+) -> AsyncIterator[RunClock]:
     """The simulated side as a process; yields the clock that it flies by, and ends it on the way out."""
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "sim_vehicles", "run", options.scenario,
@@ -157,10 +166,14 @@ async def _simulation(options: DemoOptions, port: int, zenoh: str, stop: asyncio
     try:
         starting = asyncio.create_task(_until_started(process))
         stopping = asyncio.create_task(stop.wait())
-        await asyncio.wait({starting, stopping}, timeout=_STARTS_WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(
+            {starting, stopping}, timeout=_STARTS_WITHIN_S, return_when=asyncio.FIRST_COMPLETED
+        )
         if not starting.done():
             starting.cancel()
-            raise SimulationError("interrupted" if stop.is_set() else "the simulated vehicles did not start in time")
+            raise SimulationError(
+                "interrupted" if stop.is_set() else "the simulated vehicles did not start in time"
+            )
         stopping.cancel()
         clock = starting.result()
         watcher = asyncio.create_task(_watch(process, stop))

@@ -42,7 +42,10 @@ async def _serve(config: Config, seed: int, recorder: Recorder, console: Console
     with Bus(**role) as bus:
         service = Service(config, seed, link, bus)
         service.sinks += [RecorderSink(recorder)]
-        console.print(f"listening on {config.links.mavlink} and zenoh {config.links.zenoh}; Ctrl-C ends it", highlight=False)
+        console.print(
+            f"listening on {config.links.mavlink} and zenoh {config.links.zenoh}; Ctrl-C ends it",
+            highlight=False,
+        )
         async with view_for(service, console, speed=1.0, headless=headless):
             await service.run(RunClock(), stop)
     undo()

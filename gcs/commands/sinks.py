@@ -57,7 +57,9 @@ class JudgeSink:
 
 
 @asynccontextmanager
-async def view_for(service: Service, console: Console, *, speed: float, headless: bool) -> AsyncIterator[None]:
+async def view_for(
+    service: Service, console: Console, *, speed: float, headless: bool
+) -> AsyncIterator[None]:
     """Show a service's run while it lasts: live where there is a terminal, plain lines elsewhere."""
     if headless or not console.is_terminal:
         service.sinks.append(PlainLines(console))
@@ -74,7 +76,7 @@ async def view_for(service: Service, console: Console, *, speed: float, headless
 
 
 async def _refresh(live: Live) -> None:
-    """Draw on the event loop, between events: a drawing thread would read the fold's state while it changes."""
+    """Draw on the event loop, between events: a thread would read state while it changes."""
     while True:
         live.refresh()
         await asyncio.sleep(_REFRESH_S)
@@ -107,10 +109,12 @@ def versions() -> dict[str, str]:
 
 
 def warm_up(console: Console) -> None:
-    """Load the compiled kernels, or compile them on the first run after an installation; says so when it takes time."""
+    """Load the compiled kernels, or compile them on the first run after an installation, and say so."""
     from gcs.planning.routes import warm_up as warm_up_planning
     from gcs.tracking.glmb import warm_up as warm_up_tracking
 
-    with console.status("loading the compiled kernels (the first run after an installation compiles them, once)"):
+    with console.status(
+        "loading the compiled kernels (the first run after an installation compiles them, once)"
+    ):
         warm_up_tracking()
         warm_up_planning()

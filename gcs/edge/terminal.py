@@ -20,7 +20,19 @@ from rich.text import Text
 
 from gcs.command.fold import Command
 from gcs.config import Config
-from gcs.model import NS_PER_S, Effect, Event, Fate, Label, MissionEnded, Notice, Picture, Plan, Track, UploadReport
+from gcs.model import (
+    NS_PER_S,
+    Effect,
+    Event,
+    Fate,
+    Label,
+    MissionEnded,
+    Notice,
+    Picture,
+    Plan,
+    Track,
+    UploadReport,
+)
 
 _STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
 _FATE_STYLE: Final = {"flying": "cyan", "arrived": "green", "dead": "red"}
@@ -47,8 +59,10 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
             return f"plan: {effect.reason}; re-tasked: {routes or 'nobody'}", "info"
         case UploadReport(ok=True):
             return (
-                f"agent {effect.vehicle}: mission of {effect.items} items {effect.detail} "
-                f"in {effect.duration_s:.2f} s, {effect.retries} retries",
+                (
+                    f"agent {effect.vehicle}: mission of {effect.items} items {effect.detail} "
+                    f"in {effect.duration_s:.2f} s, {effect.retries} retries"
+                ),
                 "info",
             )
         case UploadReport():
@@ -118,8 +132,14 @@ class LiveView:
 
     def __rich__(self) -> RenderableType:
         layout = Layout()
-        layout.split_column(Layout(self._header(), size=3), Layout(name="body"), Layout(self._events(), size=11, name="events"))
-        layout["body"].split_row(Layout(self._map(), size=_MAP_COLUMNS + 4), Layout(Group(self._agents(), self._targets())))
+        layout.split_column(
+            Layout(self._header(), size=3),
+            Layout(name="body"),
+            Layout(self._events(), size=11, name="events"),
+        )
+        layout["body"].split_row(
+            Layout(self._map(), size=_MAP_COLUMNS + 4), Layout(Group(self._agents(), self._targets()))
+        )
         return layout
 
     def _header(self) -> Panel:
@@ -134,8 +154,22 @@ class LiveView:
 
     def _agents(self) -> Table:
         table = Table(title="Agents", expand=True, title_justify="left")
-        for name in ("id", "fate", "mode", "track", "existence", "east m", "north m", "m/s", "target", "to go m", "mission"):
-            table.add_column(name, justify="left" if name in ("fate", "mode", "mission") else "right", no_wrap=True)
+        for name in (
+            "id",
+            "fate",
+            "mode",
+            "track",
+            "existence",
+            "east m",
+            "north m",
+            "m/s",
+            "target",
+            "to go m",
+            "mission",
+        ):
+            table.add_column(
+                name, justify="left" if name in ("fate", "mode", "mission") else "right", no_wrap=True
+            )
         tracks = self._tracks("agents")
         for vehicle, fate in self._command.fates.by_vehicle.items():
             state = self._command.fleet.state(vehicle)
@@ -143,7 +177,11 @@ class LiveView:
             track = tracks.get(label) if label is not None else None
             route = self._command.replanner.routes.get(vehicle)
             target = fate.target or (route.target if route else None)
-            to_go = f"{_to_go_m(track, route.points_m[-1]):.0f}" if track is not None and route is not None else ""
+            to_go = (
+                f"{_to_go_m(track, route.points_m[-1]):.0f}"
+                if track is not None and route is not None
+                else ""
+            )
             table.add_row(
                 str(vehicle),
                 Text(fate.fate, style=_FATE_STYLE[fate.fate]),
@@ -196,7 +234,12 @@ class LiveView:
         reached = self._command.fates.reached()
         for label, track in self._tracks("targets").items():
             if track.existence >= confirm:
-                put(float(track.mean[0]), float(track.mean[1]), "◆", "green" if label in reached else "bold red")
+                put(
+                    float(track.mean[0]),
+                    float(track.mean[1]),
+                    "◆",
+                    "green" if label in reached else "bold red",
+                )
         tracks = self._tracks("agents")
         for vehicle, fate in self._command.fates.by_vehicle.items():
             seen = tracks.get(self._command.ties.labels.get(vehicle, (-1, -1)))

@@ -1,7 +1,8 @@
 """A UDP socket for MAVLink, read in batches by the event loop.
 
-`loop.add_reader` with `recvfrom` until the socket is empty costs a few microseconds a datagram, several times less than
-asyncio's datagram protocol. A datagram is handed on as it came: what it means is decided behind the queue.
+`loop.add_reader` with `recvfrom` until the socket is empty costs a few microseconds a datagram, several
+times less than asyncio's datagram protocol. A datagram is handed on as it came: what it means is decided
+behind the queue.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ class UdpLink:
         except (OSError, OverflowError) as error:
             self._socket.close()
             raise LinkError(
-                endpoint, f"cannot listen here ({error}); is another ground station running? Choose another port in links.mavlink"
+                endpoint,
+                f"cannot listen here ({error}); is another ground station running? "
+                "Choose another port in links.mavlink",
             ) from None
         self.port: int = self._socket.getsockname()[1]
         self.refused = 0
