@@ -1,0 +1,128 @@
+"""Who flies where: optimal, never to where no way leads, and not swapped for a trifle."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.planning.assignment import assign
+
+
+@st.composite
+def cost_matrices(draw, max_side=5):
+    n, m = draw(st.integers(0, max_side)), draw(st.integers(0, max_side))
+    cell = st.one_of(st.integers(0, 60).map(float), st.just(math.inf))
+    return np.array(draw(st.lists(cell, min_size=n * m, max_size=n * m))).reshape(n, m)
+
+
+def all_assignments(costs):
+    """Every set of pairs with a way, by brute force."""
+    n, m = costs.shape
+    for choice in itertools.product([None, *range(m)], repeat=n):
+        used = [j for j in choice if j is not None]
+        if len(set(used)) == len(used):
+            pairs = {i: j for i, j in enumerate(choice) if j is not None}
+            if all(math.isfinite(costs[p]) for p in pairs.items()):
+                yield pairs
+
+
+def worth(costs, pairs):
+    """Sort key: more pairs first, then the shorter total."""
+    return -len(pairs), sum(costs[p] for p in pairs.items())
+
+
+@st.composite
+def flown_assignments(draw, costs):
+    n, m = costs.shape
+    cols = draw(st.permutations(range(m)))
+    rows = draw(st.permutations(range(n)))
+    return dict(list(zip(rows, cols, strict=False))[: draw(st.integers(0, max(n, m)))])
+
+
+@settings(max_examples=200, deadline=None)
+@given(cost_matrices(), st.data())
+def test_without_a_threshold_the_assignment_is_the_best_there_is(costs, data):
+    current = data.draw(flown_assignments(costs))
+    found = assign(costs, current)
+    assert worth(costs, found) == pytest.approx(min(worth(costs, p) for p in all_assignments(costs)))
+    assert len(set(found.values())) == len(found)
+    assert list(found) == sorted(found)
+
+
+@settings(max_examples=200, deadline=None)
+@given(cost_matrices(), st.data(), st.integers(0, 60))
+def test_a_threshold_costs_no_target_and_no_more_than_itself_for_each_exchange(costs, data, gain):
+    found = assign(costs, data.draw(flown_assignments(costs)), gain)
+    pairs, total = min(worth(costs, p) for p in all_assignments(costs))
+    assert -len(found) == pairs
+    assert sum(costs[p] for p in found.items()) <= total + gain * max(1, min(costs.shape)) + 1e-6
+
+
+@settings(max_examples=200, deadline=None)
+@given(cost_matrices(), st.data(), st.integers(1, 60))
+def test_who_changes_target_gains_more_than_the_threshold(costs, data, gain):
+    """Given an assignment that serves as many as can be: what is changed pays, by more than the threshold in all."""
+    best_size = len(assign(costs, {}))
+    full = data.draw(st.sampled_from([p for p in all_assignments(costs) if len(p) == best_size]))
+    found = assign(costs, full, gain)
+    if found != full:
+        assert sum(costs[p] for p in full.items()) - sum(costs[p] for p in found.items()) > gain
+
+
+def test_agents_do_not_swap_for_less_than_the_threshold():
+    costs = np.array([[100.0, 90.0], [90.0, 100.0]])
+    straight = {0: 0, 1: 1}
+    assert assign(costs, straight, switch_gain_m=50.0) == straight
+    assert assign(costs, straight, switch_gain_m=19.0) == {0: 1, 1: 0}
+    assert assign(costs, straight, switch_gain_m=20.0) == straight
+
+
+def test_equally_good_assignments_are_left_as_they_are():
+    costs = np.full((3, 3), 70.0)
+    for flown in itertools.permutations(range(3)):
+        assert assign(costs, dict(enumerate(flown))) == dict(enumerate(flown))
+
+
+def test_a_gain_at_one_end_of_the_swarm_does_not_license_a_swap_at_the_other():
+    costs = np.full((4, 4), 1e4)
+    costs[:2, :2] = [[900.0, 100.0], [100.0, 900.0]]
+    costs[2:, 2:] = [[101.0, 100.0], [100.0, 101.0]]
+    assert assign(costs, {0: 0, 1: 1, 2: 2, 3: 3}, 50.0) == {0: 1, 1: 0, 2: 2, 3: 3}
+
+
+def test_more_targets_than_agents_leaves_out_the_farthest():
+    costs = np.array([[10.0, 500.0, 40.0], [20.0, 600.0, 30.0]])
+    assert assign(costs, {}) == {0: 0, 1: 2}
+
+
+def test_fewer_targets_than_agents_leaves_agents_spare():
+    costs = np.array([[10.0], [5.0], [20.0]])
+    assert assign(costs, {}) == {1: 0}
+    assert assign(costs, {0: 0}, switch_gain_m=10.0) == {0: 0}
+
+
+def test_the_target_of_a_dead_agent_is_taken_over():
+    """Agents 0 and 1 fly to 0 and 1; the agent that flew to target 2 is gone, and 2 is now nearest to agent 1."""
+    costs = np.array([[10.0, 400.0, 400.0], [400.0, 300.0, 50.0]])
+    assert assign(costs, {0: 0, 1: 1}, switch_gain_m=100.0) == {0: 0, 1: 2}
+
+
+def test_an_unreachable_pair_is_never_made_and_does_not_stop_the_others():
+    costs = np.array([[math.inf, 10.0], [math.inf, 20.0]])
+    assert assign(costs, {}) == {0: 1}
+    assert assign(np.full((2, 3), math.inf), {0: 0}) == {}
+
+
+def test_a_target_more_outweighs_any_detour():
+    costs = np.array([[1.0, 2.0], [5000.0, math.inf]])
+    assert assign(costs, {0: 0}, switch_gain_m=math.inf) == {0: 1, 1: 0}
+
+
+def test_what_is_flown_to_a_target_that_is_gone_counts_for_nothing():
+    assert assign(np.array([[10.0, 20.0]]), {0: 7, 9: 0}, 100.0) == {0: 0}
+    assert assign(np.empty((0, 4)), {}) == assign(np.empty((4, 0)), {1: 1}) == {}
