@@ -66,7 +66,8 @@ def test_a_threshold_costs_no_target_and_no_more_than_itself_for_each_exchange(c
 @settings(max_examples=200, deadline=None)
 @given(cost_matrices(), st.data(), st.integers(1, 60))
 def test_who_changes_target_gains_more_than_the_threshold(costs, data, gain):
-    """Given an assignment that serves as many as can be: what is changed pays, by more than the threshold in all."""
+    """Given an assignment that serves as many as can be: what is changed pays, by more than the threshold in
+    all."""
     best_size = len(assign(costs, {}))
     full = data.draw(st.sampled_from([p for p in all_assignments(costs) if len(p) == best_size]))
     found = assign(costs, full, gain)
@@ -107,7 +108,8 @@ def test_fewer_targets_than_agents_leaves_agents_spare():
 
 
 def test_the_target_of_a_dead_agent_is_taken_over():
-    """Agents 0 and 1 fly to 0 and 1; the agent that flew to target 2 is gone, and 2 is now nearest to agent 1."""
+    """Agents 0 and 1 fly to 0 and 1; the agent that flew to target 2 is gone, and 2 is now nearest to agent
+    1."""
     costs = np.array([[10.0, 400.0, 400.0], [400.0, 300.0, 50.0]])
     assert assign(costs, {0: 0, 1: 1}, switch_gain_m=100.0) == {0: 0, 1: 2}
 
