@@ -131,9 +131,8 @@ def normalised(item: Item) -> Item:
     if item.command == _NAV_WAYPOINT:
         param1 = param4 = 0.0
         param2 = float(min(_MAX_RADIUS_M, int(param2))) if math.isfinite(param2) else float(_MAX_RADIUS_M)
-    z_m = 0.0 if math.isnan(item.z_m) else item.z_m
     frame = _SAME_FRAME.get(item.frame, item.frame)
-    return Item(item.command, frame, item.x, item.y, z_m, param1, param2, param3, param4, 1)
+    return Item(item.command, frame, item.x, item.y, item.z_m, param1, param2, param3, param4, 1)
 
 
 def first_difference(sent: Sequence[Item], held: Sequence[Item]) -> str:
@@ -144,7 +143,7 @@ def first_difference(sent: Sequence[Item], held: Sequence[Item]) -> str:
         want, got = normalised(sent[seq]), normalised(held[seq])
         for name, wanted, found in zip(Item._fields, want, got, strict=True):
             if abs(wanted - found) > _tolerance(name):
-                return f"item {seq}: {name} is {found:g} instead of {wanted:g}"
+                return f"item {seq}: {name} is {found:.10g} instead of {wanted:.10g}"
             if not math.isfinite(found):
                 return f"item {seq}: {name} is {found}"
     return ""

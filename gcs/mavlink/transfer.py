@@ -253,7 +253,7 @@ class MissionTask:
 
     def _again(self, reason: str, t_ns: int) -> None:
         """Repair: upload again after a pause; when the bound is reached read back a last time, then clear."""
-        self._reason = reason
+        self._reason = self._reason if self._abandoned else reason
         if self.uploads < self._timing.uploads:
             self.retries += 1
             self._upload(t_ns, min(_MAX_PAUSE_S, 0.25 * 2.0**self.uploads))

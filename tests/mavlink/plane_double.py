@@ -1,9 +1,9 @@
 """A scripted ArduPlane and a lossy channel: the other end of the link, in memory, on the test's time.
 
 It does what ArduPlane 4.7 was seen to do with missions: item 0 is home, uploads are in place, it asks with
-MISSION_REQUEST each second and gives up after 8 s with ACK 15, a duplicate gets ACK 13 and the transfer goes on,
-what it sends back is normalised, it refuses to clear while armed in AUTO, flies on to the waypoint that it has
-cached, and goes to RTL at the mission's end.
+MISSION_REQUEST each second and gives up after 8 s with ACK 15, a duplicate gets ACK 13 and the transfer
+goes on, what it sends back is normalised, it refuses to clear while armed in AUTO, flies on to the waypoint
+that it has cached, and goes to RTL at the mission's end.
 """
 
 from __future__ import annotations
@@ -233,7 +233,7 @@ class Plane:
             ]
         elif message.command == 512 and message.param1 == 148:
             result = 0
-            extra = [dialect.MAVLink_autopilot_version_message(4, 0, 0, 0, 0, b"", b"", b"", 0, 0, 0)]
+            extra = [dialect.MAVLink_autopilot_version_message(4, 0, 0, 0, 0, *[[0] * 8] * 3, 0, 0, 0)]
         return [dialect.MAVLink_command_ack_message(message.command, result, 0, 0, *sender), *extra]
 
 
