@@ -1,0 +1,243 @@
+"""Reads a recording back into the records that went into it, in the order in which they were consumed.
+
+An MCAP (https://mcap.dev/spec) is a magic number and then records of (1-byte opcode, 8-byte length,
+content). Messages lie in compressed chunks with a checksum each, so a chunk is read whole or not at all. A
+recording that was cut off (SIGKILL, full disk) or damaged is read up to the break; then comes a last record
+whose value is a `Damage`, which says what is wrong and where. Nothing here trusts a length: memory stays
+below a few times `MAX_CHUNK_BYTES`, whatever the file says.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, TypeAlias
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata
+from mcap.stream_reader import breakup_chunk
+
+from gcs.edge.recorder import CONFIG_NAME, MCAP_NAME, VERSIONS_METADATA
+from gcs.edge.wire import TOPICS, Recordable, decode
+from gcs.errors import RecordingError, WireError
+from gcs.model import Picture
+
+MAX_CHUNK_BYTES = 64 * 1024 * 1024
+"""Larger chunks are none of ours (the recorder's have about a megabyte)."""
+
+_MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")
+_BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, KeyError, OverflowError, MemoryError)
+"""What the MCAP library raises on damaged bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """Where a recording breaks off, and why."""
+
+    problem: str
+    records: int
+    """How many records were read before."""
+    offset: int
+    """Byte of the file behind the last good part."""
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One record of a run."""
+
+    sequence: int
+    """Its place in the order of consumption; wraps at 2**32."""
+    t_ns: int
+    """Time of the run."""
+    value: Recordable | Damage
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a recording says of itself."""
+
+    config_text: str
+    versions: dict[str, str]
+
+
+_Part: TypeAlias = tuple[int, int, bytes]
+"""(opcode, offset behind it, content)"""
+
+
+class _BreaksOffError(Exception):
+    """The file ends or makes no sense from here on."""
+
+
+def read(path: Path) -> Iterator[Record]:
+    """Read a recording: its folder, or the MCAP file in it.
+
+    Yields
+    ------
+    Record
+        In the order of consumption. When the recording is damaged, the last one's value is a `Damage`.
+
+    Raises
+    ------
+    RecordingError
+        When there is no such file or it is no MCAP at all.
+    """
+    file_path = _mcap_path(path)
+    with _opened(file_path) as file:
+        state = _Reading()
+        try:
+            for opcode, offset, content in _parts(file):
+                if opcode == Opcode.CHUNK:
+                    yield from state.chunk(content)
+                elif opcode == Opcode.DATA_END:
+                    _check_end(file)
+                    return
+                state.offset = offset
+        except _BreaksOffError as error:
+            problem = str(error)
+        except _BROKEN as error:
+            problem = f"damaged behind byte {state.offset} ({error or type(error).__name__})"
+        yield Record(state.sequence, state.t_ns, Damage(problem, state.count, state.offset))
+
+
+def about(path: Path) -> About:
+    """Return the mission file and the versions that a recording was made with; empty where damage hides them.
+
+    Raises
+    ------
+    RecordingError
+        When there is no such file or it is no MCAP at all.
+    """
+    config_text, versions = "", {}
+    with _opened(_mcap_path(path)) as file:
+        try:
+            for opcode, _, content in _parts(file):
+                if opcode == Opcode.ATTACHMENT:
+                    attachment = Attachment.read(_stream(content))
+                    if attachment.name == CONFIG_NAME and _attachment_is_whole(content):
+                        config_text = attachment.data.decode("utf-8")
+                elif opcode == Opcode.METADATA:
+                    metadata = Metadata.read(_stream(content))
+                    if metadata.name == VERSIONS_METADATA:
+                        versions = dict(metadata.metadata)
+                elif opcode == Opcode.CHUNK:
+                    break
+        except (_BreaksOffError, *_BROKEN):
+            pass
+    return About(config_text, versions)
+
+
+class _Reading:
+    """What is known after the parts read so far."""
+
+    def __init__(self) -> None:
+        self.count = self.sequence = self.t_ns = self.offset = 0
+        self._types: dict[int, type | None] = {}
+
+    def chunk(self, content: bytes) -> Iterator[Record]:
+        """Yield the records of one chunk."""
+        chunk = Chunk.read(_stream(content))
+        if chunk.uncompressed_size > MAX_CHUNK_BYTES or _zstd_size(chunk) > MAX_CHUNK_BYTES:
+            raise _BreaksOffError(
+                f"damaged behind byte {self.offset}: a chunk claims more than {MAX_CHUNK_BYTES} bytes"
+            )
+        for part in breakup_chunk(chunk, validate_crc=True):
+            if isinstance(part, Channel):
+                self._types[part.id] = _type_of(part.topic)
+            elif isinstance(part, Message):
+                record = self._message(part)
+                if record is not None:
+                    yield record
+
+    def _message(self, message: Message) -> Record | None:
+        if self.count and message.sequence != self.sequence:
+            raise _BreaksOffError(
+                f"records are missing behind byte {self.offset}: after number {self.sequence - 1} comes "
+                f"number {message.sequence}"
+            )
+        self.sequence = (message.sequence + 1) & 0xFFFFFFFF
+        self.count += 1
+        self.t_ns = message.log_time
+        record_type = self._types[message.channel_id]
+        if record_type is None:
+            return None  # of a later version
+        try:
+            value: Recordable = decode(f"record {message.sequence}", message.data, record_type)
+        except WireError as error:
+            raise _BreaksOffError(str(error)) from None
+        return Record(message.sequence, message.log_time, value)
+
+
+def _parts(file: BinaryIO) -> Iterator[_Part]:
+    magic = file.read(len(_MAGIC))
+    if magic != _MAGIC:
+        raise _BreaksOffError("cut off in its first bytes")
+    while True:
+        offset = file.tell()
+        head = file.read(_HEAD.size)
+        if not head:
+            raise _BreaksOffError(
+                f"cut off: the run did not end in order (last whole part ends at byte {offset})"
+            )
+        if len(head) < _HEAD.size:
+            raise _BreaksOffError(f"cut off at byte {offset}")
+        opcode, length = _HEAD.unpack(head)
+        if length > MAX_CHUNK_BYTES:
+            raise _BreaksOffError(f"damaged at byte {offset}: a part claims {length} bytes")
+        content = file.read(length)
+        if len(content) < length:
+            raise _BreaksOffError(f"cut off at byte {offset + _HEAD.size + len(content)}")
+        yield opcode, file.tell(), content
+
+
+def _check_end(file: BinaryIO) -> None:
+    """Say so when only the index behind the data is missing."""
+    size = os.fstat(file.fileno()).st_size
+    file.seek(max(0, size - len(_MAGIC)))
+    if file.read() != _MAGIC:
+        raise _BreaksOffError("cut off behind its last record: every record was read, the index is missing")
+
+
+def _mcap_path(path: Path) -> Path:
+    return path / MCAP_NAME if path.is_dir() else path
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
+    magic = file.read(len(_MAGIC))
+    file.seek(0)
+    if not _MAGIC.startswith(magic):
+        file.close()
+        raise RecordingError(str(path), "is no recording: it does not begin as an MCAP does")
+    return file
+
+
+def _stream(content: bytes) -> Any:
+    return ReadDataStream(io.BytesIO(content))
+
+
+def _zstd_size(chunk: Any) -> int:
+    return int(zstandard.frame_content_size(chunk.data)) if chunk.compression == "zstd" else 0
+
+
+def _attachment_is_whole(content: bytes) -> bool:
+    """Check the checksum, which the library passes over: over everything before itself."""
+    return zlib.crc32(content[:-4]) == int.from_bytes(content[-4:], "little")
+
+
+def _type_of(topic: str) -> type | None:
+    for record_type, name in TOPICS.items():
+        if topic == name or (record_type is Picture and topic in (f"{name}/agents", f"{name}/targets")):
+            return record_type
+    return None

@@ -1,0 +1,63 @@
+"""JSON Schemas of the records, in the dialect that Foxglove and Lichtblick read from an MCAP.
+
+Their reader accepts an object whose properties are booleans, numbers, strings (base64 for bytes), objects,
+and lists of those; any other property makes it refuse the whole channel (studio's ``parseJsonSchema``): no
+``$ref``, no ``null``, no lists of lists. So optional fields are named by their type, and lists of lists
+(covariances, detections) are not named at all: the viewer shows them all the same, since a schema does not
+forbid what it does not name.
+"""
+
+from __future__ import annotations
+
+import types
+from dataclasses import fields, is_dataclass
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+
+_SIMPLE: dict[type, dict[str, str]] = {
+    bool: {"type": "boolean"},
+    int: {"type": "integer"},
+    float: {"type": "number"},
+    str: {"type": "string"},
+    bytes: {"type": "string", "contentEncoding": "base64"},
+}
+_VECTORS = frozenset({"mean", "cardinality"})
+"""Array fields with one dimension."""
+
+
+def json_schema(record_type: type) -> bytes:
+    """Return the schema of a record of `gcs.model`."""
+    return msgspec.json.encode(_object(record_type))
+
+
+def _object(record_type: type) -> dict[str, Any]:
+    hints = get_type_hints(record_type)
+    properties = {field.name: _property(field.name, hints[field.name]) for field in fields(record_type)}
+    return {
+        "type": "object",
+        "title": record_type.__name__,
+        "description": (record_type.__doc__ or "").strip().splitlines()[0],
+        "properties": {name: schema for name, schema in properties.items() if schema is not None},
+    }
+
+
+def _property(name: str, hint: Any) -> dict[str, Any] | None:
+    """Return the schema of one field; None when the dialect has no words for it."""
+    if hint in _SIMPLE:
+        return dict(_SIMPLE[hint])
+    if is_dataclass(hint):
+        assert isinstance(hint, type)
+        return _object(hint)
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return {"type": "string", "enum": list(arguments)}
+    if origin in (Union, types.UnionType):
+        return _property(name, next(argument for argument in arguments if argument is not type(None)))
+    if origin is np.ndarray:
+        return {"type": "array", "items": {"type": "number"}} if name in _VECTORS else None
+    if origin is tuple:
+        items = _property(name, arguments[0])
+        return {"type": "array", "items": items} if items is not None and items["type"] != "array" else None
+    raise TypeError(f"{name}: no schema for {hint}")

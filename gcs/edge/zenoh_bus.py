@@ -1,0 +1,144 @@
+"""zenoh (https://zenoh.io) as this project uses it: peers, explicit TCP endpoints, no router, no multicast.
+
+One side of a mission listens, all others connect to it: peers hear the listener and are heard by it, but two
+peers that only connect do not hear each other. A peer that connects keeps trying: the listener may come up
+later, or restart.
+
+Everything is published reliably with congestion control BLOCK: zenoh's default drops messages when a link is
+saturated, and a dropped scan would look like a missed detection of everything. The price: a peer that stops
+reading holds up `publish` once the buffers in between are full, until zenoh gives that peer up.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from gcs.errors import LinkError
+
+_RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+
+
+class Bus:
+    """One zenoh session.
+
+    Parameters
+    ----------
+    listen, connect : str
+        Exactly one of them: an endpoint such as ``tcp/127.0.0.1:7447``.
+
+    Raises
+    ------
+    LinkError
+        When the endpoint is not one, or cannot be listened on. A listener that is not there yet is no error.
+    """
+
+    def __init__(self, *, listen: str | None = None, connect: str | None = None) -> None:
+        if (listen is None) == (connect is None):
+            raise ValueError("a bus either listens or connects")
+        self.endpoint = listen or connect or ""
+        try:
+            self._session = zenoh.open(_config(listen, connect))
+        except zenoh.ZError as error:
+            raise LinkError(self.endpoint, _what_to_do(error, listening=listen is not None)) from None
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._subscribers: list[zenoh.Subscriber[None]] = []
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Publish to whoever is subscribed now; nobody is no error.
+
+        Raises
+        ------
+        LinkError
+            When the key is malformed or the bus is closed.
+        """
+        try:
+            publisher = self._publishers.get(key)
+            if publisher is None:
+                publisher = self._session.declare_publisher(
+                    key,
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    encoding=zenoh.Encoding.APPLICATION_JSON,
+                )
+                self._publishers[key] = publisher
+            publisher.put(payload)
+        except zenoh.ZError as error:
+            raise LinkError(self.endpoint, f"cannot publish on `{key}`: {_first_sentence(error)}") from None
+
+    def subscribe(self, key_expr: str, callback: Callable[[str, bytes], None]) -> None:
+        """Call `callback(key, payload)` for every message on matching keys until the bus is closed.
+
+        It runs on a thread of zenoh's, one call at a time: do nothing there but hand the message to a loop.
+
+        Raises
+        ------
+        LinkError
+            When the key expression is malformed or the bus is closed.
+        """
+
+        def handle(sample: zenoh.Sample) -> None:
+            callback(str(sample.key_expr), sample.payload.to_bytes())
+
+        try:
+            self._subscribers.append(self._session.declare_subscriber(key_expr, handle))
+        except zenoh.ZError as error:
+            raise LinkError(
+                self.endpoint, f"cannot subscribe to `{key_expr}`: {_first_sentence(error)}"
+            ) from None
+
+    def close(self) -> None:
+        """End the session; what was published before has been handed to the system."""
+        self._session.close()  # type: ignore[no-untyped-call]  # zenoh leaves its return type out
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def free_endpoint() -> str:
+    """Return a TCP endpoint on this machine that nobody listens on now.
+
+    zenoh can listen on port 0 but does not tell which port it got.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def _config(listen: str | None, connect: str | None) -> zenoh.Config:
+    config = zenoh.Config()
+    settings: dict[str, object] = {
+        "mode": "peer",
+        "scouting/multicast/enabled": False,
+        "listen/endpoints": [listen] if listen else [],
+        "listen/exit_on_failure": True,
+        "connect/endpoints": [connect] if connect else [],
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": _RETRY,
+    }
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def _what_to_do(error: zenoh.ZError, *, listening: bool) -> str:
+    text = str(error)
+    if "in use" in text:
+        return "another process listens here already; end it, or choose another port in links.zenoh"
+    advice = "cannot listen here" if listening else "cannot be used"
+    return f"{advice} ({_first_sentence(error)}); expected something like tcp/127.0.0.1:7447"
+
+
+def _first_sentence(error: zenoh.ZError) -> str:
+    """Return zenoh's message without the place in its source code."""
+    return str(error).split(" at /", 1)[0]
