@@ -36,16 +36,15 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.asking import Asking, Patience, ns
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.commands import SET_CURRENT, SET_MODE, command, set_mode
 from gcs.mavlink.items import HOME_ITEMS, Home, Item, first_difference, item_of, items_of
-from gcs.mavlink.modes import ARDUPILOT, AUTO, LOITER, mode_name, mode_numbers
+from gcs.mavlink.modes import ARDUPILOT, AUTO, LOITER, mode_name
 from gcs.mavlink.task import Holds, Stage, TaskResult, Timing
-from gcs.model import NS_PER_S, Mission, UploadReport
+from gcs.model import NS_PER_S, Mission, UploadReport, VehicleState
 
 _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
 _ACCEPTED: Final = dialect.MAV_MISSION_ACCEPTED
 _INVALID_SEQUENCE: Final = dialect.MAV_MISSION_INVALID_SEQUENCE
-_SET_CURRENT: Final = dialect.MAV_CMD_DO_SET_MISSION_CURRENT
-_SET_MODE: Final = dialect.MAV_CMD_DO_SET_MODE
 _MAX_PAUSE_S: Final = 4.0
 
 
@@ -63,6 +62,8 @@ class MissionTask:
     old : sequence of Item, optional
         What the vehicle holds when the task begins, if a read-back has shown it: a failed task may then end
         in "old" rather than clear the vehicle.
+    state : VehicleState, optional
+        What the vehicle last said of itself: its mode, and the item that it flies to now.
     autopilot : int
         MAV_AUTOPILOT of the vehicle, for mode numbers.
     own : (int, int)
@@ -76,6 +77,7 @@ class MissionTask:
         encode: Callable[[Message], bytes],
         *,
         old: Sequence[Item] | None = None,
+        state: VehicleState | None = None,
         autopilot: int = ARDUPILOT,
         timing: Timing | None = None,
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
@@ -104,8 +106,8 @@ class MissionTask:
         self._holds: Holds = "old"
         self._reason = ""
         self._abandoned = False
-        self._mode = ""
-        self._current: int | None = None
+        self._mode = state.mode if state is not None else ""
+        self._current = state.mission_seq if state is not None and state.mission_seq >= 0 else None
         self._current_t_ns = 0
         self._current_before: int | None = None
         self._refusals = 0
@@ -235,17 +237,17 @@ class MissionTask:
     def _select(self, t_ns: int) -> None:
         self._holds = "equal"
         self._current_before = self._current
-        self._enter("select", t_ns, self._command(_SET_CURRENT, HOME_ITEMS))
+        self._enter("select", t_ns, command(self.mission.vehicle, SET_CURRENT, HOME_ITEMS))
 
     def _start_mode(self, t_ns: int) -> None:
-        self._enter("mode", t_ns, self._set_mode(AUTO))
+        self._enter("mode", t_ns, self._mode_command(AUTO))
 
     def _hold(self, t_ns: int) -> None:
         if self._mode not in ("", AUTO):
             self._clear(t_ns)
             return
         self._hold_t_ns = t_ns
-        self._enter("hold", t_ns, self._set_mode(LOITER))
+        self._enter("hold", t_ns, self._mode_command(LOITER))
 
     def _clear(self, t_ns: int) -> None:
         self._acked = False
@@ -314,7 +316,7 @@ class MissionTask:
         again = self._hold_t_ns is None or t_ns - self._hold_t_ns >= NS_PER_S
         if (moved_on or unheard or self._hold_t_ns is not None) and again:
             self._hold_t_ns = t_ns
-            self._out.append(self._set_mode(LOITER))
+            self._out.append(self._mode_command(LOITER))
 
     # ------------------------------------------------------------ what the vehicle says
 
@@ -409,7 +411,7 @@ class MissionTask:
 
     def _on_command_ack(self, message: Message, t_ns: int) -> None:
         mine = message.target_system in (0, self._own[0]) and message.target_component in (0, self._own[1])
-        asked = {"select": _SET_CURRENT, "mode": _SET_MODE}.get(self.stage)
+        asked = {"select": SET_CURRENT, "mode": SET_MODE}.get(self.stage)
         if not mine or message.command != asked or message.result == dialect.MAV_RESULT_IN_PROGRESS:
             return
         if message.result == dialect.MAV_RESULT_ACCEPTED:
@@ -434,13 +436,8 @@ class MissionTask:
 
     # ------------------------------------------------------------ frames
 
-    def _command(self, command: int, *params: float) -> Message:
-        filled = (*params, *([0.0] * (7 - len(params))))
-        return dialect.MAVLink_command_long_message(*self._to, command, 0, *filled)
-
-    def _set_mode(self, name: str) -> Message:
-        custom = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        return self._command(_SET_MODE, custom, *mode_numbers(self._autopilot, name))
+    def _mode_command(self, name: str) -> Message:
+        return set_mode(self.mission.vehicle, self._autopilot, name)
 
     def _sent(self, t_ns: int) -> list[bytes]:
         """Frames that are due now."""

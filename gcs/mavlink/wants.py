@@ -15,10 +15,9 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.asking import Asking, Patience, ns
-from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
+from gcs.mavlink.codec import Message
+from gcs.mavlink.commands import MESSAGE_INTERVAL, REQUEST_MESSAGE, command
 
-_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-_REQUEST: Final = dialect.MAV_CMD_REQUEST_MESSAGE
 _FOR_EVER: Final = Patience(wait_s=1.0, wait_max_s=5.0, tries=0)
 _HOME: Final = Patience(wait_s=2.0, wait_max_s=2.0, tries=0)
 _REFUSALS: Final = 3
@@ -51,10 +50,10 @@ class Wants:
         self._wants = (
             _rate("GLOBAL_POSITION_INT", dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, position_rate_hz),
             _rate("MISSION_CURRENT", dialect.MAVLINK_MSG_ID_MISSION_CURRENT, 1.0),
-            _Want("AUTOPILOT_VERSION", _REQUEST, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+            _Want("AUTOPILOT_VERSION", REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
             _Want(
                 "HOME_POSITION",
-                _REQUEST,
+                REQUEST_MESSAGE,
                 dialect.MAVLINK_MSG_ID_HOME_POSITION,
                 patience=_HOME,
                 give_up=False,
@@ -71,14 +70,14 @@ class Wants:
     def poll(self, t_ns: int) -> list[Message]:
         """Questions that are due."""
         out = []
-        for command in (_INTERVAL, _REQUEST):
-            if command not in self._asking:
-                want = next((w for w in self._wants if w.command == command and not _given(w, t_ns)), None)
+        for number in (MESSAGE_INTERVAL, REQUEST_MESSAGE):
+            if number not in self._asking:
+                want = next((w for w in self._wants if w.command == number and not _given(w, t_ns)), None)
                 if want is None:
                     continue
                 want.met = False
-                self._asking[command] = (want, Asking(self._question(want), want.patience, t_ns))
-            asking = self._asking[command][1]
+                self._asking[number] = (want, Asking(self._question(want), want.patience, t_ns))
+            asking = self._asking[number][1]
             if asking.due(t_ns):
                 out.append(asking.question)
         return out
@@ -88,18 +87,18 @@ class Wants:
         for want in self._wants:
             if want.shows == name:
                 want.seen_t_ns = t_ns
-                if want.command == _REQUEST:
+                if want.command == REQUEST_MESSAGE:
                     self._met(want)
 
     def acknowledged(self, ack: Message, t_ns: int) -> str:
         """Take a COMMAND_ACK; returns the message type that the vehicle finally refuses to give."""
-        command, result = ack.command, ack.result
-        want, _ = self._asking.get(command, (None, None))
+        number, result = ack.command, ack.result
+        want, _ = self._asking.get(number, (None, None))
         ours = ack.target_system in (0, self._own[0]) and ack.target_component in (0, self._own[1])
         if want is None or not ours or result == dialect.MAV_RESULT_IN_PROGRESS:
             return ""
         if result == dialect.MAV_RESULT_ACCEPTED:
-            if command == _INTERVAL:
+            if number == MESSAGE_INTERVAL:
                 want.seen_t_ns = t_ns
                 self._met(want)
             return ""
@@ -117,20 +116,12 @@ class Wants:
             del self._asking[want.command]
 
     def _question(self, want: _Want) -> Message:
-        return dialect.MAVLink_command_long_message(
-            self._system_id,
-            AUTOPILOT_COMPONENT_ID,
-            want.command,
-            0,
-            want.param1,
-            want.param2,
-            *(0.0,) * 5,
-        )
+        return command(self._system_id, want.command, want.param1, want.param2)
 
 
 def _rate(name: str, message_id: int, rate_hz: float) -> _Want:
     dry_ns = ns(max(_DRY_S, _DRY_PERIODS / rate_hz))
-    return _Want(name, _INTERVAL, message_id, 1e6 / rate_hz, dry_ns=dry_ns)
+    return _Want(name, MESSAGE_INTERVAL, message_id, 1e6 / rate_hz, dry_ns=dry_ns)
 
 
 def _given(want: _Want, t_ns: int) -> bool:

@@ -70,7 +70,9 @@ class Plane:
         self._encode = Encoder(system_id, 1)
         self._count = self._want = 0
         self._asked_t_ns = self._item_t_ns = 0
-        self._beat_t_ns = self._leg_t_ns = -(10**18)
+        self._beat_t_ns, self._leg_t_ns = -(10**18), 0
+        self.cached_mixed = False
+        """Whether it flies to an item that it took from a mixed store."""
 
     # -- what the test looks at
 
@@ -134,14 +136,16 @@ class Plane:
         elif t_ns - self._leg_t_ns >= self.leg_s * S and (self.cached is None or self.cached.command != 17):
             self._leg_t_ns = t_ns
             if self.current + 1 < len(self.store):
-                if self.mixed():
+                mixed = self.mixed()
+                if mixed:
                     self.mixed_legs.append(t_ns)
                 self._fly_to(self.current + 1)
+                self.cached_mixed = mixed
             else:
                 self.mode = RTL
 
     def _fly_to(self, seq):
-        self.current, self.cached = seq, self.store[seq]
+        self.current, self.cached, self.cached_mixed = seq, self.store[seq], False
 
     # -- missions
 

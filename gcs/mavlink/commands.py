@@ -1,0 +1,36 @@
+"""COMMAND_LONG messages that we send, each always to one vehicle's autopilot.
+
+Source: https://mavlink.io/en/messages/common.html#mav_commands.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
+from gcs.mavlink.modes import mode_numbers
+
+SET_MODE: Final[int] = dialect.MAV_CMD_DO_SET_MODE
+SET_CURRENT: Final[int] = dialect.MAV_CMD_DO_SET_MISSION_CURRENT
+MESSAGE_INTERVAL: Final[int] = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+REQUEST_MESSAGE: Final[int] = dialect.MAV_CMD_REQUEST_MESSAGE
+
+
+def command(system_id: int, number: int, *params: float) -> Message:
+    """Return a COMMAND_LONG; parameters left out are 0."""
+    filled = (*params, *([0.0] * (7 - len(params))))
+    return dialect.MAVLink_command_long_message(system_id, AUTOPILOT_COMPONENT_ID, number, 0, *filled)
+
+
+def set_mode(system_id: int, autopilot: int, name: str) -> Message:
+    """Return the command that switches the mode; the heartbeat shows whether it did.
+
+    Raises
+    ------
+    KeyError
+        The autopilot has no such mode.
+    """
+    custom = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    return command(system_id, SET_MODE, custom, *mode_numbers(autopilot, name))
