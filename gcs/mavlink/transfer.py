@@ -46,6 +46,7 @@ _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
 _ACCEPTED: Final = dialect.MAV_MISSION_ACCEPTED
 _INVALID_SEQUENCE: Final = dialect.MAV_MISSION_INVALID_SEQUENCE
 _MAX_PAUSE_S: Final = 4.0
+_HOLD_AGAIN_S: Final = 0.5
 
 
 class MissionTask:
@@ -313,7 +314,7 @@ class MissionTask:
             return
         moved_on = self._current is not None and self._current != self._current_before
         unheard = t_ns - max(self._current_t_ns, self._began_t_ns) > ns(self._timing.current_silence_s)
-        again = self._hold_t_ns is None or t_ns - self._hold_t_ns >= NS_PER_S
+        again = self._hold_t_ns is None or t_ns - self._hold_t_ns >= ns(_HOLD_AGAIN_S)
         if (moved_on or unheard or self._hold_t_ns is not None) and again:
             self._hold_t_ns = t_ns
             self._out.append(self._mode_command(LOITER))
