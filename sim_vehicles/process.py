@@ -1,0 +1,192 @@
+"""The thin process around one or more simulated vehicles: sockets and a clock, nothing else.
+
+``python -m sim_vehicles.process --frame-json ... --spec-json ... [--spec-json ...] --gcs 127.0.0.1:14550``
+prints ``ready``, reads one JSON line ``{"epoch_ns": ..., "start_t_ns": ..., "speed": ...}`` and flies: at the
+wall time `epoch_ns` (Unix) the run's clock says `start_t_ns`, and from there it goes at `speed`. It ends
+cleanly when standard input closes, and on SIGTERM or SIGINT.
+
+Each vehicle has a UDP socket of its own, sends to the ground station's address and hears only that address.
+With ``--truth`` it also sends its true state to the simulated world while it lives, ten times a second of run
+time: SYSTEM_TIME and SIM_STATE in one datagram. ``--loss`` drops ground-station datagrams at random, each
+way.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import selectors
+import signal
+import socket
+import sys
+import time
+
+import numpy as np
+
+from gcs.edge.clock import RunClock
+from gcs.geo import LocalFrame
+from gcs.model import NS_PER_S
+from sim_vehicles.frames import Outbox
+from sim_vehicles.missions import NEVER_NS
+from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+
+Address = tuple[str, int]
+
+_TRUTH_PERIOD_NS = NS_PER_S // 10
+_LONGEST_NAP_S = 0.05
+_LAG_NS = NS_PER_S // 2
+
+
+class Host:
+    """One vehicle on its socket."""
+
+    def __init__(
+        self, vehicle: SimVehicle, start_t_ns: int, gcs: Address, truth: Address | None, loss: float
+    ) -> None:
+        self.vehicle = vehicle
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setblocking(False)
+        self._gcs = gcs
+        self._truth = truth
+        self._truth_outbox = Outbox(vehicle.system_id)
+        self._truth_ns = start_t_ns if truth is not None else NEVER_NS
+        self._loss = loss
+        self._rng = np.random.default_rng([vehicle.spec.seed, vehicle.system_id])
+
+    @property
+    def due_ns(self) -> int:
+        """When it next wants to be advanced, at the latest."""
+        return min(self.vehicle.due_ns, self._truth_ns) if self.vehicle.alive else NEVER_NS
+
+    def receive(self, t_ns: int) -> None:
+        """Take every datagram that waits; strangers' are dropped."""
+        while True:
+            try:
+                data, sender = self.socket.recvfrom(2048)
+            except BlockingIOError:
+                return
+            except ConnectionError:  # an earlier datagram found nobody listening: not this one's concern
+                continue
+            if sender == self._gcs and not self._is_lost():
+                self.vehicle.receive_datagram(data, t_ns)
+
+    def advance(self, t_ns: int) -> None:
+        """Fly up to `t_ns` and send what is due."""
+        while self._truth_ns <= t_ns and self.vehicle.alive:
+            self.vehicle.advance(self._truth_ns)
+            if self.vehicle.alive:
+                self._send_truth(self._truth_ns)
+            self._truth_ns += _TRUTH_PERIOD_NS
+        for data in self.vehicle.datagrams_to_send(t_ns):
+            if not self._is_lost():
+                self._send(data, self._gcs)
+
+    def _send_truth(self, t_ns: int) -> None:
+        for message in self.vehicle.truth_messages(t_ns):
+            self._truth_outbox.send(message)
+        for data in self._truth_outbox.take():
+            self._send(data, self._truth)
+
+    def _send(self, data: bytes, to: Address | None) -> None:
+        if to is not None:
+            # Nobody there, or the buffer full: a datagram may always be lost.
+            with contextlib.suppress(OSError):
+                self.socket.sendto(data, to)
+
+    def _is_lost(self) -> bool:
+        return self._loss > 0.0 and self._rng.random() < self._loss
+
+
+def fly(hosts: list[Host], clock: RunClock) -> None:
+    """Fly until standard input closes."""
+    with selectors.DefaultSelector() as selector:
+        selector.register(sys.stdin, selectors.EVENT_READ)
+        for host in hosts:
+            selector.register(host.socket, selectors.EVENT_READ, host)
+        told_s = 0.0
+        while True:
+            nap_s = clock.wall_s_until(min(host.due_ns for host in hosts))
+            ready = selector.select(min(max(nap_s, 0.0), _LONGEST_NAP_S))
+            t_ns = clock.now_ns()
+            for key, _ in ready:
+                if isinstance(key.data, Host):
+                    key.data.receive(t_ns)
+                elif not os.read(sys.stdin.fileno(), 1024):
+                    return
+            for host in hosts:
+                host.advance(t_ns)
+            lag_ns = clock.now_ns() - t_ns
+            if lag_ns > _LAG_NS and time.monotonic() > told_s + 1.0:
+                told_s = time.monotonic()
+                names = ", ".join(str(host.vehicle.system_id) for host in hosts)
+                sys.stderr.write(f"vehicle {names}: {lag_ns / NS_PER_S:.1f} s of run time behind the clock\n")
+
+
+def _address(text: str) -> Address:
+    host, separator, port = text.rpartition(":")
+    if not separator or not port.isdigit():
+        raise argparse.ArgumentTypeError(f"expected host:port, got {text!r}")
+    return socket.gethostbyname(host), int(port)
+
+
+def _probability(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"expected a probability, got {text}")
+    return value
+
+
+def _arguments(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m sim_vehicles.process", description=__doc__)
+    parser.add_argument(
+        "--frame-json", required=True, help="lat_deg, lon_deg, alt_msl_m of the local frame's origin"
+    )
+    parser.add_argument(
+        "--spec-json",
+        required=True,
+        action="append",
+        type=VehicleSpec.from_json,
+        help="one vehicle; repeat for a pack",
+    )
+    parser.add_argument("--gcs", required=True, type=_address, help="host:port of the ground station")
+    parser.add_argument("--truth", type=_address, help="host:port of the simulated world")
+    parser.add_argument(
+        "--loss", type=_probability, default=0.0, help="chance that a datagram is lost, each way"
+    )
+    return parser.parse_args(argv)
+
+
+def _clock(line: bytes) -> RunClock:
+    raw = json.loads(line)
+    return RunClock(int(raw["epoch_ns"]), int(raw["start_t_ns"]), float(raw["speed"]))
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run until standard input closes or a signal comes."""
+    arguments = _arguments(argv)
+    frame = LocalFrame(**json.loads(arguments.frame_json))
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: sys.exit(0))
+    # Build one vehicle beforehand: what is imported and computed lazily is ready when the clock starts.
+    SimVehicle(arguments.spec_json[0], frame, 0).advance(0)
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    line = sys.stdin.buffer.readline()
+    if not line.strip():
+        return 0
+    clock = _clock(line)
+    with contextlib.ExitStack() as stack:
+        hosts = []
+        for spec in arguments.spec_json:
+            vehicle = SimVehicle(spec, frame, clock.start_t_ns)
+            host = Host(vehicle, clock.start_t_ns, arguments.gcs, arguments.truth, arguments.loss)
+            stack.enter_context(host.socket)
+            hosts.append(host)
+        fly(hosts, clock)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
