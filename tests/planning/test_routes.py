@@ -59,7 +59,7 @@ def test_every_leg_of_every_route_is_clear_of_obstacles(mission, options):
         for a, b in itertools.pairwise(points):
             # Ends that lie on the edge of a cell to a rounding error are no business of this test.
             inner = (a[0] + 1e-6 * (b[0] - a[0]), a[1] + 1e-6 * (b[1] - a[1]))
-            assert line_of_sight(grid, inner, b) or math.dist(a, b) < 60.0, (a, b)
+            assert line_of_sight(grid, inner, b), (a, b)
             for t in np.linspace(0.001, 0.999, 200):
                 point = (a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]))
                 assert not (grid.contains(point) and grid.blocked[grid.node_of(point)])
@@ -124,6 +124,35 @@ def test_no_agent_is_sent_back_to_a_node_that_it_has_passed():
     for past_m in (1.0, 12.0, 25.0, 39.0):
         (route,) = plan(grid, {1: (400.0 + past_m, 801.0, math.pi / 2)}, {(0, 0): (1800.0, 800.0)}).routes
         assert route.points_m[0][0] > 400.0 + past_m
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.tuples(st.floats(300.0, 700.0), st.floats(300.0, 1700.0)),
+    st.tuples(st.floats(1200.0, 1700.0), st.floats(300.0, 1700.0)),
+)
+def test_no_leg_in_the_open_is_too_short_to_be_flown(start, goal):
+    """Neither to a node just beside the agent, nor from a node just beside the target."""
+    (route,) = plan(free_grid((51, 51), 40.0), {1: start}, {(0, 0): goal}).routes
+    corners = [start, *(tuple(p) for p in route.points_m.tolist())]
+    assert math.dist(corners[0], corners[1]) >= 40.0
+    assert math.dist(corners[-2], corners[-1]) >= 40.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(300.0, 700.0), st.floats(300.0, 1700.0), st.floats(-math.pi, math.pi))
+def test_a_turn_in_the_open_is_not_made_to_a_node_right_behind_the_agent(east_m, north_m, course_rad):
+    (route,) = plan(
+        free_grid((51, 51), 40.0), {1: (east_m, north_m, course_rad)}, {(0, 0): (1700.0, 900.0)}
+    ).routes
+    dx, dy = route.points_m[0] - (east_m, north_m)
+    assert math.hypot(dx, dy) >= 80.0 or dx * math.sin(course_rad) + dy * math.cos(course_rad) >= 0.0
+
+
+def test_the_nearer_agent_gets_the_target_even_if_it_has_just_passed_a_node():
+    grid = free_grid((51, 51), 40.0)
+    agents = {1: (401.0, 800.0), 2: (415.0, 800.0)}
+    assert [r.vehicle for r in plan(grid, agents, {(0, 0): (1800.0, 800.0)}).routes] == [2]
 
 
 def test_points_in_a_line_are_one_leg():
