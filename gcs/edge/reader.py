@@ -10,7 +10,6 @@ below a few times `MAX_CHUNK_BYTES`, whatever the file says.
 from __future__ import annotations
 
 import io
-import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -22,7 +21,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Statistics
 from mcap.stream_reader import breakup_chunk
 
 from gcs.edge.recorder import CONFIG_NAME, MCAP_NAME, VERSIONS_METADATA
@@ -97,7 +96,9 @@ def read(path: Path) -> Iterator[Record]:
             for opcode, offset, content in _parts(file):
                 if opcode == Opcode.CHUNK:
                     yield from state.chunk(content)
-                elif opcode == Opcode.DATA_END:
+                elif opcode == Opcode.STATISTICS:
+                    state.check_count(Statistics.read(_stream(content)).message_count)
+                elif opcode == Opcode.FOOTER:
                     _check_end(file)
                     return
                 state.offset = offset
@@ -157,6 +158,11 @@ class _Reading:
                 if record is not None:
                     yield record
 
+    def check_count(self, count: int) -> None:
+        """Hold what was read against what the index says was written."""
+        if count != self.count:
+            raise _BreaksOffError(f"records are missing: {count} were written, {self.count} could be read")
+
     def _message(self, message: Message) -> Record | None:
         if self.count and message.sequence != self.sequence:
             raise _BreaksOffError(
@@ -199,11 +205,8 @@ def _parts(file: BinaryIO) -> Iterator[_Part]:
 
 
 def _check_end(file: BinaryIO) -> None:
-    """Say so when only the index behind the data is missing."""
-    size = os.fstat(file.fileno()).st_size
-    file.seek(max(0, size - len(_MAGIC)))
-    if file.read() != _MAGIC:
-        raise _BreaksOffError("cut off behind its last record: every record was read, the index is missing")
+    if file.read(len(_MAGIC)) != _MAGIC:
+        raise _BreaksOffError("cut off in its last bytes; every record was read")
 
 
 def _mcap_path(path: Path) -> Path:
