@@ -1,17 +1,19 @@
 """The GLMB tracker: scans of detections in, a picture of labelled tracks out.
 
-The delta-generalised labelled multi-Bernoulli filter with joint prediction and update (B.-N. Vo, B.-T. Vo & H. Hoang,
-"An efficient implementation of the generalized labeled multi-Bernoulli filter", IEEE TSP 65, 2017), one Gaussian per track,
-kept as a product over groups of interacting labels (Beard, Vo & Vo, IEEE TSP 68, 2020). This module holds the state and
-the order of the steps; the numerics are compiled, in `kernels` (one object), `hypotheses` (joint association) and
-`partition` (which labels interact).
+The delta-generalised labelled multi-Bernoulli filter with joint prediction and update (B.-N. Vo, B.-T. Vo &
+H. Hoang, "An efficient implementation of the generalized labeled multi-Bernoulli filter", IEEE TSP 65, 2017),
+one Gaussian per track, kept as a product over groups of interacting labels (Beard, Vo & Vo, IEEE TSP 68,
+2020). This module holds the state and the order of the steps; the numerics are compiled, in `kernels` (one
+object), `hypotheses` (joint association) and `partition` (which labels interact).
 
-Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D while
-its predicted position is inside the field of view, at most once, with Gaussian noise; all else in a scan is Poisson
-clutter; new objects appear where the caller says that they may (a labelled multi-Bernoulli birth for each scan).
+Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D
+while its predicted position is inside the field of view, at most once, with Gaussian noise; all else in a
+scan is Poisson clutter; new objects appear where the caller says that they may (a labelled multi-Bernoulli
+birth for each scan).
 
-The tracker is a pure value machine: time is an argument, randomness comes from a seed, and the same calls give the
-same bytes. No input makes it raise once constructed: what it cannot use it counts (`late_scans`, `bad_detections`).
+The tracker is a pure value machine: time is an argument, randomness comes from a seed, and the same calls
+give the same bytes. No input makes it raise once constructed: what it cannot use it counts (`late_scans`,
+`bad_detections`).
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ import numpy as np
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Sensor, Track, read_only
 from gcs.tracking import kernels, motion
 from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
+from gcs.tracking.merging import merge_alike
 from gcs.tracking.partition import meet, part, renumber
 
 _SURE = 1.0 - 1e-9
@@ -60,9 +63,11 @@ class GlmbParams:
     """Labels below it are forgotten."""
     report_existence: float = 1e-3
     """Labels below it are not in the picture."""
-    dependence: float = 1e-3
+    dependence: float = 0.01
     """Labels closer to independence than this total variation are tracked apart."""
-    enumerable: int = 4096
+    merge_chi2: float = 0.3
+    """Tracks of one label closer than this squared Mahalanobis distance become one; 0: never."""
+    enumerable: int = 1_000_000
     """Most joint options of a hypothesis whose children are enumerated; beyond, they are sampled."""
     gibbs_sweeps: int = 1000
     """Per group and scan, shared by its sampled hypotheses."""
@@ -117,8 +122,8 @@ class Glmb:
         Parameters
         ----------
         measured_t_ns : int
-            When it was measured. The same time as the last scan's is fine (another sensor); earlier than it, the scan
-            is counted in `late_scans` and otherwise ignored.
+            When it was measured. The same time as the last scan's is fine (another sensor); earlier than it,
+            the scan is counted in `late_scans` and otherwise ignored.
         z_m : (m, 2) array
             Detections east/north, in any order. Rows that are not finite are counted in `bad_detections`.
         sensor : Sensor
@@ -156,21 +161,33 @@ class Glmb:
     def picture(self, t_ns: int) -> Picture:
         """All labels with an existence of at least `report_existence`, as of the last scan.
 
-        A label's mean and covariance are those of its most probable track (association history), summed over all
-        hypotheses that hold it, and not a mixture's: a mean between two places would be a place where nobody is.
+        Means and covariances are of single association histories, not averages over them: a mean between two
+        places would be a place where nobody is. Labels that interact are shown as in the most probable joint
+        hypothesis that holds all the likely ones, so that two labels are not shown at one object.
         """
-        existence, best, cardinality = kernels.summary(self._groups, self._track_label, len(self._labels))
+        existence, shown, cardinality = kernels.summary(self._groups, self._track_label, len(self._labels))
         tracks = tuple(
-            Track(
-                self._labels[i],
-                read_only(self._mean[best[i]]),
-                read_only(self._cov[best[i]]),
-                float(existence[i]),
-            )
+            self._track(shown[i], float(existence[i]))
             for i in np.flatnonzero(existence >= self.params.report_existence)
         )
         scan_t_ns = t_ns if self._t_ns is None else self._t_ns
         return Picture(t_ns, scan_t_ns, self.kind, tracks, read_only(cardinality))
+
+    def estimate(self) -> tuple[Track, ...]:
+        """Return who is there: the best hypothesis of each group's most probable number of objects.
+
+        The usual GLMB estimator. Beside `picture` it counts an object whose existence is certain but whose
+        label is not, because it may have been born at one scan or at the next.
+        """
+        existence, _, _ = kernels.summary(self._groups, self._track_label, len(self._labels))
+        return tuple(
+            self._track(t, float(existence[self._track_label[t]]))
+            for t in np.sort(kernels.map_tracks(self._groups))
+        )
+
+    def _track(self, t: int, existence: float) -> Track:
+        label = self._labels[self._track_label[t]]
+        return Track(label, read_only(self._mean[t]), read_only(self._cov[t]), existence)
 
     def _usable(self, z_m: FloatArray) -> FloatArray:
         """Finite detections, sorted by east for the gates."""
@@ -182,7 +199,7 @@ class Glmb:
         return z[np.argsort(z[:, 0], kind="stable")]
 
     def _predict(self, dt_s: float, births: Sequence[Birth]) -> FloatArray:
-        """Move every track by `dt_s`, add the births as groups of their own; return each track's chance to live."""
+        """Move the tracks by `dt_s`, add births as groups of their own; return each track's survival."""
         survival = min(self.params.survival_probability_per_s, 1.0) ** dt_s
         if dt_s > 0.0:
             self._mean, self._cov = kernels.predict(
@@ -211,21 +228,29 @@ class Glmb:
     def _associate(self, options: Options, z: FloatArray, R: FloatArray) -> None:
         """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
         parent = np.repeat(np.arange(self._track_label.size), np.diff(options.start))
-        option_label = self._track_label[parent]
         groups = meet(self._groups, options, z.shape[0], self._limits)
         groups = children(groups, options, z.shape[0], self._limits, self._rng)
-        groups = part(groups, options, option_label, self._limits)
+        groups, used = renumber(groups, parent.size)
+        parent, meas = parent[used], options.meas[used]
+        mean, cov = kernels.update(self._mean, self._cov, parent, meas, z, R)
+        track_label = self._track_label[parent]
+        groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
+        groups = part(groups, track_label, self._keys, self._limits)
         self._groups, used = renumber(groups, parent.size)
-        self._mean, self._cov = kernels.update(self._mean, self._cov, parent[used], options.meas[used], z, R)
-        kept, self._track_label = np.unique(option_label[used], return_inverse=True)
+        self._mean, self._cov = mean[used], cov[used]
+        kept, self._track_label = np.unique(track_label[used], return_inverse=True)
         self._labels = [self._labels[i] for i in kept]
 
 
 def warm_up() -> None:
-    """Compile every kernel, or load it from the cache: seconds the first time after an installation, else less than one."""
+    """Compile every kernel, or load it from the cache.
+
+    Tens of seconds the first time after an installation, about half a second later.
+    """
     noise = read_only(np.eye(2))
     sensor = Sensor("warm-up", 0.9, 1e-3, noise, (-9.0, -9.0, 9.0, 9.0))
     tracker = Glmb("agents", GlmbParams(accel_std_m_s2=1.0), 0)
     for t_ns in (0, NS_PER_S):
         tracker.update(t_ns, np.zeros((1, 2)), sensor, [Birth(np.zeros(4), np.eye(4), 0.1)])
     tracker.picture(NS_PER_S)
+    tracker.estimate()

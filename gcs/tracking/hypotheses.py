@@ -1,18 +1,18 @@
 """Compiled joint association: the children of hypotheses after a scan.
 
 A delta-GLMB density over labels is a list of weighted hypotheses, each a set of tracks (Vo, Vo & Phung 2014).
-Prediction and update are one step (Vo, Vo & Hoang 2017): each track of a hypothesis takes one of its options (see
-`kernels`), no detection is taken twice, and a child's weight is its parent's times its options'.
+Prediction and update are one step (Vo, Vo & Hoang 2017): each track of a hypothesis takes one of its options
+(see `kernels`), no detection is taken twice, and a child's weight is its parent's times its options'.
 
-A hypothesis with few joint options is enumerated by branch and bound, which finds exactly the children above the
-floor; a larger one is Gibbs-sampled (section III-C of the paper): each track in turn draws anew among the options that
-the others leave free, and every distinct state visited is a child with its exact weight. Children with equal track sets
-are one hypothesis: their weights add under a 64-bit key of the set.
+A hypothesis with few joint options is enumerated by branch and bound, which finds exactly the children above
+the floor; a larger one is Gibbs-sampled (section III-C of the paper): each track in turn draws anew among the
+options that the others leave free, and every distinct state visited is a child with its exact weight.
+Children with equal track sets are one hypothesis: their weights add under a 64-bit key of the set.
 
-Weights are logarithms throughout; hypotheses of a group are sorted, best first, and their weights sum to 1. Lists
-of lists are flat: list i is `items[start[i]:start[i + 1]]`. A child's items are option indices, which name (track,
-detection) pairs and so become the next scan's tracks. Calls only kernels of this file: numba's cache does not
-see other files change.
+Weights are logarithms throughout; hypotheses of a group are sorted, best first, and their weights sum to 1.
+Lists of lists are flat: list i is `items[start[i]:start[i + 1]]`. A child's items are option indices, which
+name (track, detection) pairs and so become the next scan's tracks. Calls only kernels of this file: numba's
+cache does not see other files change.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-njit = numba.njit(nogil=True, cache=True)
+njit = numba.njit(nogil=True, cache=True, error_model="numpy")
 
 DIED = -2
 
@@ -66,7 +66,7 @@ class Limits(NamedTuple):
 
 
 class Pool(NamedTuple):
-    """Distinct hypotheses collected so far: item sets with log-weights, found again by key (open addressing)."""
+    """Distinct hypotheses so far: item sets with log-weights, found again by key (open addressing)."""
 
     logw: Any
     key: Any
@@ -125,7 +125,7 @@ def _pool(capacity: int, widest: int) -> Pool:
 
 
 @njit
-def _slot(pool: Pool, key: Any) -> int:
+def _slot(pool: Pool, key: Any) -> Any:
     """Where `key` is in the table, or the free place for it."""
     mask = pool.slot.size - 1
     at = np.int64(key & np.uint64(mask))
@@ -135,23 +135,31 @@ def _slot(pool: Pool, key: Any) -> int:
 
 
 @njit
+def _ranked(pool: Pool, most: int) -> Any:
+    """Indices of the `most` best hypotheses, best first, equal ones in the order of their arrival."""
+    return np.argsort(-pool.logw[: pool.count[0]], kind="mergesort")[:most]
+
+
+@njit
 def _keep_best(pool: Pool, most: int) -> None:
     """Drop all but the `most` best and raise the floor to the worst of them."""
-    order = np.argsort(-pool.logw[: pool.count[0]], kind="mergesort")[:most]
-    pool.floor[0] = max(pool.floor[0], pool.logw[order[-1]])
-    pool.logw[: order.size] = pool.logw[order]
-    pool.key[: order.size] = pool.key[order]
-    pool.size[: order.size] = pool.size[order]
-    pool.items[: order.size] = pool.items[order]
-    pool.count[0] = order.size
+    order = _ranked(pool, most)
+    worst = pool.logw[order[-1]]
+    pool.floor[0] = max(pool.floor[0], worst)
+    order.sort()  # so that copying down never overwrites what is still to be copied
     pool.slot[:] = -1
     for i in range(order.size):
+        k = order[i]
+        pool.logw[i], pool.key[i], pool.size[i] = pool.logw[k], pool.key[k], pool.size[k]
+        for j in range(pool.size[k]):
+            pool.items[i, j] = pool.items[k, j]
         pool.slot[_slot(pool, pool.key[i])] = i
+    pool.count[0] = order.size
 
 
 @njit
 def _offer(pool: Pool, logw: float, items: Any, n: int, key: Any, most: int) -> None:
-    """Add a hypothesis, or its weight to the equal one that is there. A full pool sheds all but the `most` best."""
+    """Add a hypothesis, or its weight to the equal one there. A full pool keeps its `most` best alone."""
     at = _slot(pool, key)
     same = pool.slot[at]
     if same >= 0:
@@ -166,7 +174,8 @@ def _offer(pool: Pool, logw: float, items: Any, n: int, key: Any, most: int) -> 
     new = pool.count[0]
     pool.slot[at] = new
     pool.logw[new], pool.key[new], pool.size[new] = logw, key, n
-    pool.items[new, :n] = items[:n]
+    for i in range(n):
+        pool.items[new, i] = items[i]
     pool.count[0] = new + 1
 
 
@@ -251,7 +260,7 @@ def _sample(
     sweeps: int,
     rng: Any,
 ) -> None:
-    """Offer the distinct children that a Gibbs sampler visits, starting where each track greedily takes its best."""
+    """Offer the distinct children that a Gibbs sampler visits, from the greedy one on."""
     pick, scratch, _, _ = work
     n = tracks.size
     for i in range(n):
@@ -311,17 +320,17 @@ def _group_children(
         tracks = groups.items[groups.start[h] : groups.start[h + 1]]
         if tracks.size == 0:
             pool.floor[0] = max(pool.floor[0], groups.logw[h] + limits.log_prune)
-            _offer(pool, groups.logw[h], tracks, 0, np.uint64(0), limits.hypotheses)
+            _offer_child(pool, groups.logw[h], work[0], 0, options, work[1], limits.hypotheses)
         elif sizes[h] <= limits.enumerable:
             _enumerate(pool, groups.logw[h], tracks, options, used, limits, work)
         else:
-            sweeps = int(math.ceil(limits.sweeps * math.exp(groups.logw[h]))) + 8
+            sweeps = math.ceil(limits.sweeps * math.exp(groups.logw[h])) + 8
             _sample(pool, groups.logw[h], tracks, options, used, limits, work, sweeps, rng)
 
 
 @njit
 def children(groups: Groups, options: Options, n_detections: int, limits: Limits, rng: Any) -> Groups:
-    """Jointly predict and update every group; the items of the result are options. `rng` (1,) uint64 is advanced."""
+    """Jointly predict and update every group; the result's items are options. `rng` (1,) uint64 advances."""
     n_groups, n_hyps = groups.first.size - 1, groups.logw.size
     sizes = np.ones(n_hyps)
     widest, room = np.ones(n_groups, np.int64), np.zeros(n_groups, np.int64)
@@ -341,13 +350,14 @@ def children(groups: Groups, options: Options, n_detections: int, limits: Limits
     for g in range(n_groups):
         pool = _pool(room[g], widest[g])
         _group_children(pool, groups, g, sizes, options, used, limits, rng)
-        order = np.argsort(-pool.logw[: pool.count[0]], kind="mergesort")[: limits.hypotheses]
+        order = _ranked(pool, limits.hypotheses)
         best = pool.logw[order[0]]
         for i in order:
             if pool.logw[i] < best + limits.log_prune:
                 break
             logw[n], start[n + 1] = pool.logw[i] - best, start[n] + pool.size[i]
-            items[start[n] : start[n + 1]] = pool.items[i, : pool.size[i]]
+            for j in range(pool.size[i]):
+                items[start[n] + j] = pool.items[i, j]
             n += 1
         logw[first[g] : n] -= math.log(np.exp(logw[first[g] : n]).sum())
         first[g + 1] = n

@@ -1,17 +1,19 @@
 """Compiled single-object numerics over flat arrays: predict, gate, update, sum up.
 
-Everything here works per *track* (one label with one association history, one Gaussian), never per hypothesis:
-hypotheses share tracks, so each prediction, gate and likelihood is computed once (Vo, Vo & Hoang 2017, section IV).
+Everything here works per *track* (one label with one association history, one Gaussian), never per
+hypothesis: hypotheses share tracks, so each prediction, gate and likelihood is computed once (Vo, Vo & Hoang
+2017, section IV).
 
-What a track may do at a scan is its list of *options*: to have died, to live undetected, or to live and have made one
-of the detections in its gate. An option's log-weight is that of eq. (20) there, relative to clutter:
+What a track may do at a scan is its list of *options*: to have died, to live undetected, or to live and have
+made one of the detections in its gate. An option's log-weight is that of eq. (20) there, relative to clutter:
 
     died       log(1 - p_S)
     missed     log p_S + log(1 - p_D)
     made z     log p_S + log p_D + log N(z; H m, H P H' + R) - log kappa
 
-with p_S replaced by the birth probability for a track that is being born. Options lie track after track in flat
-arrays, the best one first. A kernel here calls only kernels of this file: numba's cache does not see other files change.
+with p_S replaced by the birth probability for a track that is being born. Options lie track after track in
+flat arrays, the best one first. A kernel here calls only kernels of this file: numba's cache does not see
+other files change.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from gcs.tracking.hypotheses import Groups
 if TYPE_CHECKING:
     from gcs.model import FloatArray
 
-njit = numba.njit(nogil=True, cache=True)
+njit = numba.njit(nogil=True, cache=True, error_model="numpy")
 
 DIED = -2
 MISSED = -1
@@ -59,16 +61,6 @@ def predict(mean: FloatArray, cov: FloatArray, F: FloatArray, Q: FloatArray) -> 
 
 
 @njit
-def _grown(array: Any, needed: int) -> Any:
-    """`array` itself when it has room for `needed` entries, else a larger copy."""
-    if needed <= array.size:
-        return array
-    larger = np.empty(max(needed, 2 * array.size), array.dtype)
-    larger[: array.size] = array
-    return larger
-
-
-@njit
 def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
     """Best option first, stable: insertion, as the lists are short."""
     for i in range(start + 1, end):
@@ -92,18 +84,18 @@ def options(
     log_clutter: float,
     gate_chi2: float,
 ) -> Any:
-    """What each predicted track may do at this scan: (start (n + 1,), detection or DIED or MISSED, log-weight).
+    """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
 
     `z` (m, 2) must be sorted by east, so that a gate is a short run of it. A track outside the field of view
     `fov` (east_min, north_min, east_max, north_max) cannot be detected.
     """
     n, m = mean.shape[0], z.shape[0]
     start = np.zeros(n + 1, np.int64)
-    meas, logw = np.empty(4 * n + 64, np.int64), np.empty(4 * n + 64)
+    room = n * (min(m, MAX_GATED) + 2) + m
+    meas, logw = np.empty(room, np.int64), np.empty(room)
     east = z[:, 0].copy()
     for t in range(n):
         first = count = start[t]
-        meas, logw = _grown(meas, count + m + 2), _grown(logw, count + m + 2)
         x, y = mean[t, 0], mean[t, 1]
         seen = p_d > 0.0 and fov[0] <= x <= fov[2] and fov[1] <= y <= fov[3]
         if seen:
@@ -120,10 +112,12 @@ def options(
                     meas[count], logw[count] = j, scale - 0.5 * d2
                     count += 1
             if count - first > MAX_GATED:
-                best = np.argsort(-logw[first:count], kind="mergesort")[:MAX_GATED]
-                kept_meas, kept_logw = meas[first:count][best], logw[first:count][best]
-                count = first + MAX_GATED
-                meas[first:count], logw[first:count] = kept_meas, kept_logw
+                least = np.sort(logw[first:count])[-MAX_GATED]
+                end, count = count, first
+                for i in range(first, end):
+                    if logw[i] >= least and count < first + MAX_GATED:
+                        meas[count], logw[count] = meas[i], logw[i]
+                        count += 1
         meas[count] = MISSED
         logw[count] = log_live[t] + (math.log1p(-p_d) if seen else 0.0)
         count += 1
@@ -179,25 +173,68 @@ def update(
 
 
 @njit
-def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray, Any, FloatArray]:
-    """Existence of each label, its track in the best hypothesis that holds it, and the number of objects' distribution.
+def _reference(groups: Groups, g: int, track_label: Any, existence: FloatArray) -> Any:
+    """Return the hypothesis of group g that shows its likely labels (existence above 1/2).
 
-    Shapes (n_labels,), (n_labels,), (n_labels + 1,). Groups are independent, so their numbers' distributions convolve.
+    The most probable one of those that hold the most of them. Each label's own best hypothesis would not do:
+    when it is open which of two labels is where, both would be shown at one place.
     """
-    existence, best = np.zeros(n_labels), np.full(n_labels, -1)
+    chosen, most = groups.first[g], -1
+    for h in range(groups.first[g], groups.first[g + 1]):
+        likely = 0
+        for t in groups.items[groups.start[h] : groups.start[h + 1]]:
+            if existence[track_label[t]] > 0.5:
+                likely += 1
+        if likely > most:
+            chosen, most = h, likely
+    return chosen
+
+
+@njit
+def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray, Any, FloatArray]:
+    """Existence of each label, the track that shows it, and the distribution of the number of objects.
+
+    Shapes (n_labels,), (n_labels,), (n_labels + 1,). A label's track is that of its group's reference
+    hypothesis, or of the best that holds the label. Groups are independent, so their numbers' distributions
+    convolve.
+    """
+    existence, shown = np.zeros(n_labels), np.full(n_labels, -1)
     cardinality, convolved = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
     cardinality[0], most = 1.0, 0
     for g in range(groups.first.size - 1):
+        low, high = groups.first[g], groups.first[g + 1]
         convolved[:], widest = 0.0, 0
-        for h in range(groups.first[g], groups.first[g + 1]):
+        for h in range(low, high):
             w, size = math.exp(groups.logw[h]), groups.start[h + 1] - groups.start[h]
             widest = max(widest, size)
             for t in groups.items[groups.start[h] : groups.start[h + 1]]:
                 existence[track_label[t]] += w
-                if best[track_label[t]] < 0:
-                    best[track_label[t]] = t
             for k in range(most + 1):
                 convolved[k + size] += w * cardinality[k]
         most += widest
         cardinality[:] = convolved
-    return np.minimum(existence, 1.0), best, cardinality
+        reference = _reference(groups, g, track_label, existence)
+        for t in groups.items[groups.start[reference] : groups.start[reference + 1]]:
+            shown[track_label[t]] = t
+        for t in groups.items[groups.start[low] : groups.start[high]]:
+            if shown[track_label[t]] < 0:
+                shown[track_label[t]] = t
+    return np.minimum(existence, 1.0), shown, cardinality
+
+
+@njit
+def map_tracks(groups: Groups) -> Any:
+    """Tracks of the best hypothesis of each group's most probable number of objects."""
+    chosen = np.empty(groups.items.size, np.int64)
+    n = 0
+    for g in range(groups.first.size - 1):
+        low, high = groups.first[g], groups.first[g + 1]
+        size = np.diff(groups.start[low : high + 1])
+        weight = np.zeros(size.max() + 1)
+        for h in range(low, high):
+            weight[size[h - low]] += math.exp(groups.logw[h])
+        h = low + np.argmax(size == np.argmax(weight))
+        for t in groups.items[groups.start[h] : groups.start[h + 1]]:
+            chosen[n] = t
+            n += 1
+    return chosen[:n].copy()

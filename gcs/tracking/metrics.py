@@ -1,13 +1,13 @@
 """How far a picture is from the truth: OSPA, OSPA(2) and GOSPA, each with its parts.
 
-- OSPA (Schuhmacher, Vo & Vo, IEEE TSP 56, 2008): for m <= n points, the best pairing's distances, cut off at c, and c for
-  each of the n - m points left over, averaged in the order p:
-  ``((min sum min(d, c)^p + c^p (n - m)) / n)^(1/p)``.
-- OSPA(2) (Beard, Vo & Vo, IEEE TSP 68, 2020): OSPA between sets of tracks over a window of time, where the distance of two
-  tracks is the mean, over the times at which either exists, of min(d, c), and c where only one exists. It sees swapped and
-  broken labels, which OSPA does not.
-- GOSPA (Rahmathullah, Garcia-Fernandez & Svensson, 2017), alpha = 2: not averaged; every missed or false object
-  costs c^p / 2: ``(min over partial pairings of sum d^p + c^p / 2 (missed + false))^(1/p)``.
+- OSPA (Schuhmacher, Vo & Vo, IEEE TSP 56, 2008): for m <= n points, the best pairing's distances, cut off at
+  c, and c for each of the n - m points left over, averaged in the order p: ``((min sum min(d, c)^p + c^p (n -
+  m)) / n)^(1/p)``.
+- OSPA(2) (Beard, Vo & Vo, IEEE TSP 68, 2020): OSPA between sets of tracks over a window of time, where the
+  distance of two tracks is the mean, over the times at which either exists, of min(d, c), and c where only
+  one exists. It sees swapped and broken labels, which OSPA does not.
+- GOSPA (Rahmathullah, Garcia-Fernandez & Svensson, 2017), alpha = 2: not averaged; every missed or false
+  object costs c^p / 2: ``(min over partial pairings of sum d^p + c^p / 2 (missed + false))^(1/p)``.
 
 Points are (n, 2) arrays of east/north in metres; all results are in metres.
 """
@@ -75,7 +75,7 @@ def ospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 100.0, p: float = 1.0) -
 def ospa2(
     x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[LabelT]], c_m: float = 100.0, p: float = 1.0
 ) -> Ospa:
-    """OSPA(2) of two sets of tracks over a window: element k of each sequence is what exists at time k of the window."""
+    """OSPA(2) of two sets of tracks over a window; element k of a sequence is what exists at time k."""
     x, y = _stacked(x_m), _stacked(y_m)
     gap = np.hypot(*np.moveaxis(x[:, None] - y[None, :], -1, 0))
     here_x, here_y = ~np.isnan(x[:, None, :, 0]), ~np.isnan(y[None, :, :, 0])
@@ -85,7 +85,7 @@ def ospa2(
 
 
 def _stacked(scans: Sequence[Tracks[LabelT]]) -> FloatArray:
-    """(number of labels, number of times, 2), NaN where a label is not there."""
+    """Return (number of labels, number of times, 2), NaN where a label is not there."""
     row = {label: i for i, label in enumerate(dict.fromkeys(label for scan in scans for label in scan))}
     stacked = np.full((len(row), len(scans), 2), np.nan)
     for k, scan in enumerate(scans):

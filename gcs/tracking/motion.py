@@ -5,10 +5,10 @@ spectral density q:
 
     d/dt [p, v] = [v, w],    F(dt) = [[1, dt], [0, 1]],    Q(dt) = q [[dt^3/3, dt^2/2], [dt^2/2, dt]]
 
-It is the continuous form and not the piecewise-constant one because scans of several sensors come at irregular
-times: here F and Q over a + b are exactly those over a followed by b, so the picture does not depend on how often
-somebody looked. The parameter is the standard deviation that the velocity gains in one second,
-``accel_std_m_s2``, so q = accel_std_m_s2^2 x 1 s (m^2/s^3).
+It is the continuous form and not the piecewise-constant one because scans of several sensors come at
+irregular times: here F and Q over a + b are exactly those over a followed by b, so the picture does not
+depend on how often somebody looked. The parameter is the standard deviation that the velocity gains in one
+second, ``accel_std_m_s2``, so q = accel_std_m_s2^2 x 1 s (m^2/s^3).
 """
 
 from __future__ import annotations

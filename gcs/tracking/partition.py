@@ -1,16 +1,17 @@
 """Compiled partition of the labels into groups that are independent of each other.
 
 Objects whose gates share no detection are associated independently, so the density is kept as a product of
-delta-GLMBs over disjoint sets of labels (Reuter et al. 2014; Beard, Vo & Vo 2020). Cost then grows with the number of
-objects, not with the number of their joint hypotheses, and the cap on hypotheses cuts only where objects interact: with
-fifty objects at p_D 0.98 there is a miss at every scan, and no cap could hold all combinations of who was missed.
+delta-GLMBs over disjoint sets of labels (Reuter et al. 2014; Beard, Vo & Vo 2020). Cost then grows with the
+number of objects, not with the number of their joint hypotheses, and the cap on hypotheses cuts only where
+objects interact: with fifty objects at p_D 0.98 there is a miss at every scan, and no cap could hold all
+combinations of who was missed.
 
-- `meet`: before a scan's update, groups that gated a common detection become one: the product of their hypotheses.
-  Exact but for the cap.
-- `part`: afterwards, labels too improbable to matter are forgotten, and labels whose joint distribution is the product
-  of their marginals, within a bound on total variation, go on as groups of their own. The test looks at pairs. It
-  asks about the density itself, not about distance: two labels that once crossed stay together for as long as it
-  is open who is who.
+- `meet`: before a scan's update, groups that gated a common detection become one: the product of their
+  hypotheses. Exact but for the cap.
+- `part`: afterwards, labels too improbable to matter are forgotten, and labels whose joint distribution is
+  the product of their marginals, within a bound on total variation, go on as groups of their own. The test
+  looks at pairs. It asks about the density itself, not about distance: two labels that once crossed stay
+  together for as long as it is open who is who.
 
 Calls only kernels of this file: numba's cache does not see other files change.
 """
@@ -25,7 +26,7 @@ import numpy as np
 
 from gcs.tracking.hypotheses import Groups, Limits, Options
 
-njit = numba.njit(nogil=True, cache=True)
+njit = numba.njit(nogil=True, cache=True, error_model="numpy")
 
 
 @njit
@@ -76,8 +77,8 @@ def _group(groups: Groups, g: int) -> Any:
 def _product(a: Any, b: Any, most: int, log_prune: float) -> Any:
     """Hypotheses of two independent groups together: the `most` best pairs.
 
-    Both are sorted, so the pair (i, j) has at least (i + 1)(j + 1) - 1 pairs that are no worse, and the best `most`
-    pairs lie under that hyperbola.
+    Both are sorted, so the pair (i, j) has at least (i + 1)(j + 1) - 1 pairs that are no worse, and the best
+    `most` pairs lie under that hyperbola.
     """
     (a_logw, a_start, a_items), (b_logw, b_start, b_items) = a, b
     bound = 0
@@ -111,7 +112,7 @@ def _product(a: Any, b: Any, most: int, log_prune: float) -> Any:
 
 
 @njit
-def meet(groups: Groups, options: Options, n_detections: int, limits: Limits) -> Groups:
+def meet(groups: Groups, options: Options, n_detections: int, limits: Limits) -> Any:
     """Unite the groups that have a detection in common among their tracks' options."""
     n_groups = groups.first.size - 1
     parent, owner = np.arange(n_groups), np.full(n_detections, -1)
@@ -143,7 +144,8 @@ def meet(groups: Groups, options: Options, n_detections: int, limits: Limits) ->
 def _dependent(choice: Any, weight: Any, marginal: Any, p: int, q: int, bound: float) -> bool:
     """Whether labels p and q are further than `bound` (total variation) from being independent.
 
-    If one of them is almost sure of its option, it cannot be: the distance is at most 2 (1 - its probability).
+    If one of them is almost sure of its option, it cannot be: the distance is at most 2 (1 - its
+    probability).
     """
     if 2.0 * (1.0 - min(1.0, max(marginal[p].max(), marginal[q].max()))) < bound:
         return False
@@ -189,7 +191,7 @@ def _marginal(group: Any, item_label: Any, keys: Any, member: Any) -> Any:
 
 @njit
 def _choices(group: Any, item_label: Any, n_labels: int) -> Any:
-    """Which option each label takes in each hypothesis, numbered from 1 (0: none), and those numbers' probabilities."""
+    """Which track each label has in each hypothesis, numbered from 1 (0: none), and their probabilities."""
     logw, start, items = group
     choice, used = np.zeros((logw.size, n_labels), np.int64), np.zeros(n_labels, np.int64)
     by_item, number = np.argsort(items, kind="mergesort"), np.empty(items.size, np.int64)
@@ -208,17 +210,17 @@ def _choices(group: Any, item_label: Any, n_labels: int) -> Any:
 
 
 @njit
-def part(groups: Groups, options: Options, option_label: Any, limits: Limits) -> Groups:
-    """Split every group (items: options) into groups of dependent labels, without the labels not worth keeping."""
+def part(groups: Groups, track_label: Any, keys: Any, limits: Limits) -> Any:
+    """Split every group into groups of dependent labels, without the labels not worth keeping."""
     parts = [_group(groups, 0) for _ in range(0)]
-    local = np.full(option_label.max() + 1, -1)
+    local = np.full(track_label.max() + 1, -1)
     for g in range(groups.first.size - 1):
         group = _group(groups, g)
         logw, _, items = group
         item_label, labels = np.empty(items.size, np.int64), np.empty(items.size, np.int64)
         n = 0
         for i in range(items.size):
-            label = option_label[items[i]]
+            label = track_label[items[i]]
             if local[label] < 0:
                 local[label], labels[n] = n, label
                 n += 1
@@ -245,7 +247,7 @@ def part(groups: Groups, options: Options, option_label: Any, limits: Limits) ->
             member = np.zeros(n, np.bool_)
             for p in range(n):
                 member[p] = kept[p] and _root(parent, p) == root
-            parts.append(group if member.all() else _marginal(group, item_label, options.key, member))
+            parts.append(group if member.all() else _marginal(group, item_label, keys, member))
     return _flat(parts)
 
 

@@ -1,0 +1,108 @@
+"""The GLMB filter, plain and exact, for tiny problems: the judge of the fast one.
+
+Every association of every hypothesis is enumerated (Vo & Vo 2013, with the joint prediction and update of Vo, Vo &
+Hoang 2017): no gate, no cap, no pruning, no merging, no partition. The number of hypotheses grows faster than
+exponentially, so three objects and a few scans are its limit. Same model and same arguments as `glmb.Glmb`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs.model import NS_PER_S, FloatArray, Label, Sensor
+from gcs.tracking import motion
+from gcs.tracking.glmb import Birth, GlmbParams
+
+Track = tuple[Label, tuple[int, ...]]
+"""A label and its detections so far, -1 where it was missed."""
+Hypothesis = frozenset[Track]
+
+_H = np.eye(2, 4)
+
+
+class Oracle:
+    """Exact delta-GLMB recursion; `weights` maps each hypothesis to its probability."""
+
+    def __init__(self, params: GlmbParams) -> None:
+        self.params = params
+        self.weights: dict[Hypothesis, float] = {frozenset(): 1.0}
+        self._states: dict[Track, tuple[FloatArray, FloatArray]] = {}
+        self._t_ns: int | None = None
+        self._scans = 0
+
+    def update(self, t_ns: int, z_m: FloatArray, sensor: Sensor, births: Sequence[Birth] = ()) -> None:
+        """Take in a scan (see `Glmb.update`)."""
+        dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) / NS_PER_S
+        self._t_ns = t_ns
+        F, Q = motion.transition(dt_s), motion.process_noise(dt_s, self.params.accel_std_m_s2)
+        live = self.params.survival_probability_per_s**dt_s
+        predicted = {track: (F @ m, F @ P @ F.T + Q, live) for track, (m, P) in self._states.items()}
+        born: list[Track] = []
+        for i, birth in enumerate(births):
+            born.append(((self._scans, i), ()))
+            predicted[born[-1]] = (birth.mean, birth.cov, birth.probability)
+        options = {
+            track: self._options(track, m, P, p, z_m, sensor) for track, (m, P, p) in predicted.items()
+        }
+        weights: defaultdict[Hypothesis, float] = defaultdict(float)
+        for parent, weight in self.weights.items():
+            for choice in itertools.product(*(options[track] for track in [*parent, *born])):
+                taken = [used for used, _, _ in choice if used >= 0]
+                if len(taken) == len(set(taken)):
+                    child = frozenset(track for _, _, track in choice if track is not None)
+                    weights[child] += weight * math.prod(factor for _, factor, _ in choice)
+        total = sum(weights.values())
+        self.weights = {child: weight / total for child, weight in weights.items() if weight > 0.0}
+        self._scans += 1
+
+    def _options(
+        self, track: Track, mean: FloatArray, cov: FloatArray, live: float, z_m: FloatArray, sensor: Sensor
+    ) -> list[tuple[int, float, Track | None]]:
+        """Return (detection or -1, weight, the track it leads to or None when dead) for all that a track may do."""
+        label, history = track
+        east_min, north_min, east_max, north_max = sensor.field_of_view_m
+        seen = east_min <= mean[0] <= east_max and north_min <= mean[1] <= north_max
+        p_d = sensor.detection_probability if seen else 0.0
+        missed = (label, (*history, -1))
+        self._states[missed] = (mean, cov)
+        options: list[tuple[int, float, Track | None]] = [
+            (-1, 1.0 - live, None),
+            (-1, live * (1.0 - p_d), missed),
+        ]
+        S = _H @ cov @ _H.T + sensor.noise_cov_m2
+        gain = cov @ _H.T @ np.linalg.inv(S)
+        for j, z in enumerate(z_m if seen else ()):
+            made = (label, (*history, j))
+            step = z - _H @ mean
+            density = math.exp(-0.5 * step @ np.linalg.solve(S, step)) / math.sqrt(
+                np.linalg.det(2.0 * math.pi * S)
+            )
+            self._states[made] = (mean + gain @ step, cov - gain @ S @ gain.T)
+            options.append((j, live * p_d * density / sensor.clutter_density_per_m2, made))
+        return options
+
+    def label_sets(self) -> dict[frozenset[Label], float]:
+        """Probability that exactly these labels exist."""
+        sets: defaultdict[frozenset[Label], float] = defaultdict(float)
+        for hypothesis, weight in self.weights.items():
+            sets[frozenset(label for label, _ in hypothesis)] += weight
+        return dict(sets)
+
+    def existence(self, label: Label) -> float:
+        """Probability that a label exists."""
+        return sum(w for labels, w in self.label_sets().items() if label in labels)
+
+    def mean(self, label: Label) -> FloatArray:
+        """Expected state of a label, given that it exists, over all hypotheses."""
+        held = [
+            (w, self._states[t][0])
+            for hypothesis, w in self.weights.items()
+            for t in hypothesis
+            if t[0] == label
+        ]
+        return np.asarray(sum(w * m for w, m in held) / sum(w for w, _ in held))
