@@ -83,6 +83,7 @@ class KindTracking(Table, frozen=True, kw_only=True):
 
     accel_std_m_s2: Positive
     birth_probability: InnerProbability = 0.03
+    birth_again_probability: InnerProbability = 1e-4
 
 
 class TrackingTable(Table, frozen=True, kw_only=True):

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from gcs.command.area import mission_grid
 from gcs.command.fates import Fates
-from gcs.command.replanning import Replanner, Situation, confirmed
+from gcs.command.replanning import Replanner, Situation
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers
@@ -56,16 +56,13 @@ class Command:
         self.grid = mission_grid(config, seed)
         self.fleet = Fleet(vehicles, config.local_frame, FleetSettings(position_rate_hz=telemetry.rate_hz))
         self.trackers = Trackers(config)
-        self.ties = Ties(
-            tracking.gate_chi2, telemetry.noise_std_m, tracking.confirm_existence, telemetry.max_age_s
-        )
+        self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
         self.fates = Fates(
             vehicles, tracking.confirm_existence, tracking.dead_existence, config.planning.capture_radius_m
         )
         self.replanner = Replanner(config, self.grid)
         self.tasking = Tasking(config.mission, config.local_frame, self.fleet)
         self.bad_input = 0
-        self._confirm_existence = tracking.confirm_existence
         self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._ended = False
 
@@ -94,7 +91,7 @@ class Command:
     def _scan(self, event: Scan) -> list[Effect]:
         states = self.fleet.states()
         agents, targets = self.trackers.scan(event, states)
-        self.ties.update(agents, states)
+        self.ties.update(self.trackers.agents.beliefs.tracks, event.measured_t_ns, states)
         effects: list[Effect] = [agents, targets]
         reporting = {s.system_id for s in states if abs(event.t_ns - s.t_ns) <= self._report_age_ns}
         for fate in self.fates.update(agents, targets, self.ties.labels, self.replanner.assigned, reporting):
@@ -120,23 +117,14 @@ class Command:
         return [plan, *self._task(plan)]
 
     def _situation(self, event: Scan) -> Situation:
-        agents, targets = self.trackers.agents, self.trackers.targets
-        assert agents is not None
-        assert targets is not None
-        believed = confirmed(agents, self._confirm_existence)
-        labels = self.ties.labels
-        reached = self.fates.reached()
+        agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
+        targets, reached = self.trackers.targets.beliefs.tracks, self.fates.reached()
         return Situation(
             t_ns=event.t_ns,
             picture_t_ns=event.measured_t_ns,
-            agents={
-                v: believed[labels[v]] for v in self.fates.flying() if v in labels and labels[v] in believed
-            },
-            targets={
-                t: track
-                for t, track in confirmed(targets, self._confirm_existence).items()
-                if t not in reached
-            },
+            agents={v: agents[labels[v]] for v in self.fates.flying() if v in labels and labels[v] in agents},
+            targets={label: track for label, track in targets.items() if label not in reached},
+            arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),
         )
 
     def _task(self, plan: Plan) -> list[Effect]:

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gcs.config import Config
-from gcs.model import NS_PER_S, FloatArray, Label, Picture, Plan, Route, Track
+from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid
 from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
 
@@ -33,7 +33,9 @@ class Situation:
     agents: Mapping[int, Track]
     """Track of each flying vehicle that is tied to one."""
     targets: Mapping[Label, Track]
-    """Confirmed targets that nobody has reached."""
+    """Believed targets that nobody has reached."""
+    arrived: frozenset[int]
+    """Vehicles that have done their work."""
 
 
 class Replanner:
@@ -174,8 +176,3 @@ def _course_rad(track: Track) -> float:
 
 def _name(label: Label) -> str:
     return f"{label[0]}.{label[1]}"
-
-
-def confirmed(picture: Picture, existence: float) -> dict[Label, Track]:
-    """Tracks of a picture at or above an existence probability."""
-    return {track.label: track for track in picture.tracks if track.existence >= existence}

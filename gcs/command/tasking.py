@@ -47,7 +47,8 @@ class Tasking:
         self._mission_count += 1
         mission = self._mission(route, self._mission_count)
         home = self._fleet.home(route.vehicle) or self._home
-        task = MissionTask(mission, home, self._fleet.encoder(route.vehicle))
+        encode, state = self._fleet.encoder(route.vehicle), self._fleet.state(route.vehicle)
+        task = MissionTask(mission, home, encode, state=state)
         self._tasks[route.vehicle] = task
         return [*self._fleet.sends(route.vehicle, task.start(t_ns))]
 

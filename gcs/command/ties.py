@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from gcs.command.trackers import at_time, distance2
-from gcs.model import NS_PER_S, FloatArray, Label, Picture, Track, VehicleState
+from gcs.model import NS_PER_S, FloatArray, Label, Track, VehicleState
 
 _FORBIDDEN = 1e9
 
@@ -27,8 +27,6 @@ class Ties:
         Squared Mahalanobis distance within which a report belongs to a track.
     noise_std_m : float
         Standard deviation of a report.
-    confirm_existence : float
-        Only tracks above this existence probability are tied anew.
     max_age_s : float
         Older reports say nothing.
     break_after : int
@@ -39,13 +37,11 @@ class Ties:
         self,
         gate_chi2: float,
         noise_std_m: float,
-        confirm_existence: float,
         max_age_s: float,
         break_after: int = 3,
     ) -> None:
         self._gate_chi2 = gate_chi2
         self._noise: FloatArray = np.eye(2) * noise_std_m**2
-        self._confirm_existence = confirm_existence
         self._max_age_ns = int(max_age_s * NS_PER_S)
         self._break_after = break_after
         self._labels: dict[int, Label] = {}
@@ -56,24 +52,19 @@ class Ties:
         """Label of the track of each tied vehicle."""
         return self._labels
 
-    def update(self, picture: Picture, states: Sequence[VehicleState]) -> None:
-        """Check the ties against one picture of the agents, break those that fail, and tie the rest."""
-        tracks = {track.label: track for track in picture.tracks}
+    def update(self, tracks: Mapping[Label, Track], t_ns: int, states: Sequence[VehicleState]) -> None:
+        """Check the ties against the believed tracks at `t_ns`, break those that fail, and tie the rest."""
         places = {
-            state.system_id: at_time(state, picture.scan_t_ns)
+            state.system_id: at_time(state, t_ns)
             for state in states
-            if abs(picture.scan_t_ns - state.t_ns) <= self._max_age_ns
+            if abs(t_ns - state.t_ns) <= self._max_age_ns
         }
         for vehicle, label in list(self._labels.items()):
             if vehicle in places and label in tracks:
                 self._check(vehicle, places[vehicle], tracks[label])
         free = [vehicle for vehicle in sorted(places) if vehicle not in self._labels]
         taken = set(self._labels.values())
-        candidates = [
-            track
-            for track in picture.tracks
-            if track.label not in taken and track.existence >= self._confirm_existence
-        ]
+        candidates = [track for label, track in tracks.items() if label not in taken]
         if free and candidates:
             self._tie(free, candidates, places)
 

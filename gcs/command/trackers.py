@@ -5,21 +5,64 @@ since births are at known places. MAVLink position reports are a second sensor o
 moment of each scan: detections without clutter to speak of, seen only where a vehicle reports. A vehicle
 that reports where no track and no place of birth is gets a birth there, so that an agent lost by mistake
 comes back.
+
+A place gives birth with `birth_probability` each scan until an object of it is believed, and with
+`birth_again_probability` from then on: one object is expected of each, and clutter near a place that has
+given its own must not look like another.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from gcs.config import Config
-from gcs.model import NS_PER_S, FloatArray, Picture, Scan, Sensor, VehicleState, read_only
+from gcs.command.beliefs import Beliefs
+from gcs.config import Config, KindTracking
+from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Scan, Sensor, VehicleState, read_only
 from gcs.tracking.glmb import Birth, Glmb, GlmbParams
 
 _NEAR_STD = 5.0
 """A report within this many standard deviations of a track or a place of birth is taken for that object."""
+
+
+class KindTracker:
+    """One filter with its places of birth and what is believed of its tracks."""
+
+    def __init__(
+        self, kind: Kind, config: Config, table: KindTracking, places: list[Birth], seed: int
+    ) -> None:
+        tracking = config.tracking
+        params = GlmbParams(
+            survival_probability_per_s=tracking.survival_probability_per_s,
+            accel_std_m_s2=table.accel_std_m_s2,
+            max_hypotheses=tracking.max_hypotheses,
+            gate_chi2=tracking.gate_chi2,
+        )
+        self.beliefs = Beliefs(tracking.confirm_existence, tracking.dead_existence)
+        self.picture: Picture | None = None
+        self.places = places
+        self._again_probability = table.birth_again_probability
+        self._filter = Glmb(kind, params, seed)
+
+    def update(self, t_ns: int, z_m: FloatArray, sensor: Sensor, births: Sequence[Birth] = ()) -> None:
+        """Work one scan, with births at the known places and at those given."""
+        self._filter.update(t_ns, z_m, sensor, [*self.places, *births])
+
+    def update_again(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> None:
+        """Work another sensor's scan of the same moment: nothing is born in between."""
+        self._filter.update(t_ns, z_m, sensor)
+
+    def look(self, t_ns: int) -> Picture:
+        """Return the picture, and follow what it says about beliefs and places."""
+        self.picture = self._filter.picture(t_ns)
+        self.beliefs.update(self.picture)
+        for _, index in self.beliefs.tracks:
+            if index < len(self.places):
+                self.places[index] = replace(self.places[index], probability=self._again_probability)
+        return self.picture
 
 
 class Trackers:
@@ -34,8 +77,7 @@ class Trackers:
     def __init__(self, config: Config) -> None:
         tracking = config.tracking
         self._telemetry = config.telemetry
-        self._field = (0.0, 0.0, config.map.width_m, config.map.height_m)
-        self._agent_births = [
+        starts = [
             _birth(
                 (agent.east_m, agent.north_m, 0.0, 0.0),
                 tracking.agent_birth_std_m,
@@ -44,7 +86,7 @@ class Trackers:
             )
             for agent in config.agents
         ]
-        self._target_births = [
+        places = [
             _birth(
                 (birth.east_m, birth.north_m, birth.v_east_m_s, birth.v_north_m_s),
                 birth.std_m,
@@ -53,28 +95,26 @@ class Trackers:
             )
             for birth in config.births
         ]
-        self._agents = Glmb("agents", _params(config, tracking.agents.accel_std_m_s2), tracking.seed)
-        self._targets = Glmb("targets", _params(config, tracking.targets.accel_std_m_s2), tracking.seed + 1)
-        self.agents: Picture | None = None
-        self.targets: Picture | None = None
+        self._report_birth_probability = tracking.agents.birth_probability
+        self.agents = KindTracker("agents", config, tracking.agents, starts, tracking.seed)
+        self.targets = KindTracker("targets", config, tracking.targets, places, tracking.seed + 1)
 
     def scan(self, scan: Scan, states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
         """Work one scan into both filters; return the pictures of agents and of targets."""
         t_ns = scan.measured_t_ns
-        reports = [
-            (state, at_time(state, t_ns))
-            for state in states
-            if abs(t_ns - state.t_ns) <= self._telemetry.max_age_s * NS_PER_S
-        ]
-        newcomers = [r for r in reports if self._is_unknown_place(r[1])]
-        births = [*self._agent_births, *(self._report_birth(*r) for r in newcomers)]
-        self._agents.update(t_ns, scan.z_m, scan.sensor, births)
-        seen = np.array([place for state, place in reports if (state, place) not in newcomers])
-        self._agents.update(t_ns, seen.reshape(-1, 2), self._telemetry_sensor())
-        self._targets.update(t_ns, scan.z_m, scan.sensor, self._target_births)
-        self.agents = self._agents.picture(scan.t_ns)
-        self.targets = self._targets.picture(scan.t_ns)
-        return self.agents, self.targets
+        known: list[tuple[float, float]] = []
+        newcomers: list[Birth] = []
+        for state in states:
+            if abs(t_ns - state.t_ns) <= self._telemetry.max_age_s * NS_PER_S:
+                place = at_time(state, t_ns)
+                if self._is_known(place):
+                    known.append(place)
+                else:
+                    newcomers.append(self._report_birth(state, place))
+        self.agents.update(t_ns, scan.z_m, scan.sensor, newcomers)
+        self.agents.update_again(t_ns, np.reshape(known, (-1, 2)), self._telemetry_sensor())
+        self.targets.update(t_ns, scan.z_m, scan.sensor)
+        return self.agents.look(scan.t_ns), self.targets.look(scan.t_ns)
 
     def _telemetry_sensor(self) -> Sensor:
         t = self._telemetry
@@ -88,17 +128,16 @@ class Trackers:
         )
 
     def _report_birth(self, state: VehicleState, place: tuple[float, float]) -> Birth:
-        velocity = velocity_m_s(state)
-        return _birth(
-            (*place, *velocity), 2.0 * self._telemetry.noise_std_m, 2.0, self._agent_births[0].probability
-        )
+        std_m = 2.0 * self._telemetry.noise_std_m
+        return _birth((*place, *velocity_m_s(state)), std_m, 2.0, self._report_birth_probability)
 
-    def _is_unknown_place(self, place: tuple[float, float]) -> bool:
-        known: list[tuple[FloatArray, FloatArray]] = [(b.mean, b.cov) for b in self._agent_births]
-        if self.agents is not None:
-            known += [(track.mean, track.cov) for track in self.agents.tracks]
+    def _is_known(self, place: tuple[float, float]) -> bool:
+        """Whether a report falls onto a track or a place of birth; then it needs no birth of its own."""
+        near: list[tuple[FloatArray, FloatArray]] = [(birth.mean, birth.cov) for birth in self.agents.places]
+        if self.agents.picture is not None:
+            near += [(track.mean, track.cov) for track in self.agents.picture.tracks]
         noise = np.eye(2) * self._telemetry.noise_std_m**2
-        return all(distance2(place, mean, cov, noise) > _NEAR_STD**2 for mean, cov in known)
+        return any(distance2(place, mean, cov, noise) <= _NEAR_STD**2 for mean, cov in near)
 
 
 def at_time(state: VehicleState, t_ns: int) -> tuple[float, float]:
@@ -131,13 +170,3 @@ def _birth(
 ) -> Birth:
     cov = np.diag([std_m**2, std_m**2, speed_std_m_s**2, speed_std_m_s**2])
     return Birth(read_only(mean), read_only(cov), probability)
-
-
-def _params(config: Config, accel_std_m_s2: float) -> GlmbParams:
-    tracking = config.tracking
-    return GlmbParams(
-        survival_probability_per_s=tracking.survival_probability_per_s,
-        accel_std_m_s2=accel_std_m_s2,
-        max_hypotheses=tracking.max_hypotheses,
-        gate_chi2=tracking.gate_chi2,
-    )
