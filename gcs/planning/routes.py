@@ -51,7 +51,7 @@ class PlanOptions:
     shape : "grid" or "pulled"
         Legs along the grid, or pulled taut by line of sight.
     clearance_m : float
-        Distance to keep from blocked cells wherever there is a way that does.
+        Distance to keep from blocked cells, unless there is no way that does or only a long detour.
     switch_gain_m : float
         By how much agents that exchange targets must shorten the team's way.
     """
@@ -143,8 +143,8 @@ def plan_routes(
                 )
             if not roomy:
                 notes.append(
-                    f"agent {vehicle}: no way to target {label} keeps {options.clearance_m:g} m "
-                    "from obstacles; the route passes nearer"
+                    f"agent {vehicle}: the route to target {label} comes nearer than "
+                    f"{options.clearance_m:g} m to obstacles: no way but a long detour, or none, keeps away"
                 )
             length_m = float(np.hypot(*np.diff(points, axis=0).T).sum())
             routes.append(Route(vehicle, label, read_only(points[1:]), length_m))

@@ -1,0 +1,154 @@
+"""Planner bench: whole plans, single searches against scipy, and what string pulling and patience bring.
+
+    python tests/bench/bench_planning.py
+
+Times are medians of CPU time on one thread, in milliseconds, kernels compiled. Maps: the paper's random
+obstacles.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from gcs.planning.grid import Grid, Point, free_grid, random_obstacles
+from gcs.planning.routes import AgentStart, PlanOptions, plan_routes, warm_up
+from gcs.planning.search import distances_m, find_path, flat_index, search_map
+
+
+def median_ms(work: Callable[[], object], repeats: int) -> float:
+    """CPU time of one call."""
+    work()
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time_ns()
+        work()
+        times.append(time.process_time_ns() - begin)
+    return float(np.median(times)) / 1e6
+
+
+def mission(
+    nodes: int, n_agents: int, n_targets: int, threshold: float, seed: int = 3
+) -> tuple[Grid, dict, dict]:
+    """Agents at the left edge, targets at the right, obstacles nowhere near either."""
+    side_m = 40.0 * (nodes - 1)
+    agents = {v + 1: (3.0, side_m * (v + 1) / (n_agents + 1)) for v in range(n_agents)}
+    targets = {(0, j): (0.95 * side_m, side_m * (j + 1) / (n_targets + 1)) for j in range(n_targets)}
+    places: list[Point] = [*agents.values(), *targets.values()]
+    grid = random_obstacles(
+        free_grid((nodes, nodes), 40.0), threshold, np.random.default_rng(seed), places, 120.0
+    )
+    return grid, {v: AgentStart(*p, np.pi / 2) for v, p in agents.items()}, targets
+
+
+def whole_plans() -> None:
+    print("\nwhole plans: costs, assignment, routes                     obstacles   ms    length km  corners")
+    for name, size, repeats in (
+        ("4 x 5 on 51 x 51", (51, 4, 5), 100),
+        ("50 x 60 on 151 x 151", (151, 50, 60), 10),
+    ):
+        for threshold in (0.1, 0.2):
+            grid, agents, targets = mission(*size, threshold)
+            for options in (
+                PlanOptions(),
+                PlanOptions(shape="pulled"),
+                PlanOptions(shape="pulled", clearance_m=25.0),
+                PlanOptions("paper"),
+            ):
+                ms = median_ms(lambda: plan_routes(grid, agents, targets, {}, options), repeats)  # noqa: B023
+                result = plan_routes(grid, agents, targets, {}, options)
+                corners = sum(len(route.points_m) - 1 for route in result.routes)
+                what = f"{name}  {options.search_cost} {options.shape} {options.clearance_m:.0f} m"
+                print(
+                    f"  {what:<55} {threshold:6.1f} {ms:9.2f} {result.total_length_m / 1e3:9.2f} {corners:8d}"
+                )
+
+
+def scipy_graph(grid: Grid) -> object:
+    """The same legal moves as a sparse matrix (its making is not timed)."""
+    smap = search_map(grid)
+    rows, cols, costs = [], [], []
+    for move in range(8):
+        nodes = np.flatnonzero((smap.moves >> np.uint8(move)) & 1)
+        rows.append(nodes)
+        cols.append(nodes + smap.offsets[move])
+        costs.append(np.full(len(nodes), 1.0 if move < 4 else np.sqrt(2.0)))
+    entries = (np.concatenate(costs), (np.concatenate(rows), np.concatenate(cols)))
+    return coo_matrix(entries, shape=(smap.moves.size, smap.moves.size)).tocsr()
+
+
+def searches() -> None:
+    print("\none search              single pair ms   expanded  one to all ms  scipy ms  greatest error")
+    for nodes in (51, 100, 500):
+        for threshold in (0.1, 0.2, 0.3):
+            ends = [(2, 2), (nodes - 3, nodes - 3)]
+            grid = free_grid((nodes, nodes), 1.0)
+            grid = random_obstacles(
+                grid, threshold, np.random.default_rng(1), [(2.0, 2.0), (nodes - 3.0,) * 2], 2.0
+            )
+            repeats = 30 if nodes < 500 else 5
+            pair = median_ms(lambda: find_path(grid, ends[0], ends[1]), repeats)  # noqa: B023
+            path = find_path(grid, ends[0], ends[1])
+            ours = median_ms(lambda: distances_m(grid, ends[0]), repeats)  # noqa: B023
+            graph, source = scipy_graph(grid), flat_index(search_map(grid), ends[0])
+            peer = median_ms(lambda: dijkstra(graph, indices=source), 3)  # noqa: B023
+            theirs = dijkstra(graph, indices=source).reshape(nodes + 2, nodes + 2)[1:-1, 1:-1]
+            found = distances_m(grid, ends[0])
+            reached = np.isfinite(theirs)
+            assert np.array_equal(np.isfinite(found), reached)
+            error = np.abs(found[reached] - theirs[reached]).max()
+            print(
+                f"  {nodes:4d}^2, {threshold:.0%} obstacles {pair:20.3f} {path.expanded if path else 0:10d} "
+                f"{ours:13.3f} {peer:12.2f} {error:12.1e}"
+            )
+
+
+def pulling() -> None:
+    print("\nstring pulling, 40 pairs on 151 x 151: saved length, corners left, of the grid's")
+    for threshold in (0.05, 0.1, 0.2, 0.3):
+        sums = np.zeros((2, 2))
+        for seed in range(40):
+            grid, agents, targets = mission(151, 1, 1, threshold, seed)
+            for i, options in enumerate((PlanOptions(), PlanOptions(shape="pulled"))):
+                for route in plan_routes(grid, agents, targets, {}, options).routes:
+                    sums[i] += route.length_m, len(route.points_m) - 1
+        print(
+            f"  {threshold:4.0%} obstacles {1 - sums[1, 0] / sums[0, 0]:8.1%} {sums[1, 1] / sums[0, 1]:8.0%}"
+        )
+
+
+def patience() -> None:
+    print("\npatience, 20 agents x 20 drifting targets, 200 plans with 10 m of noise: switches, length")
+    for gain_m in (0.0, 50.0, 100.0):
+        rng = np.random.default_rng(5)
+        grid, _, _ = mission(101, 1, 1, 0.1)
+        at, aim = rng.uniform(0, 4000, (20, 2)), rng.uniform(0, 4000, (20, 2))
+        drift = rng.normal(0, 5, (20, 2))
+        current: dict[int, tuple[int, int]] = {}
+        switches, length_m = 0, 0.0
+        for _ in range(200):
+            seen, goal = at + rng.normal(0, 10, at.shape), aim + rng.normal(0, 10, aim.shape)
+            agents = {v: AgentStart(*seen[v]) for v in range(20)}
+            targets = {(0, j): (float(goal[j, 0]), float(goal[j, 1])) for j in range(20)}
+            result = plan_routes(grid, agents, targets, current, PlanOptions(switch_gain_m=gain_m))
+            now = {route.vehicle: route.target for route in result.routes}
+            switches += sum(current.get(v, label) != label for v, label in now.items())
+            length_m += result.total_length_m
+            current = now
+            aim = np.clip(aim + drift, 0, 4000)
+            drift = drift + rng.normal(0, 1, drift.shape)
+        print(f"  {gain_m:5.0f} m {switches:6d} {length_m / 1e3:10.1f} km")
+
+
+if __name__ == "__main__":
+    begin = time.perf_counter()
+    warm_up()
+    print(f"warm-up {time.perf_counter() - begin:.2f} s")
+    whole_plans()
+    searches()
+    pulling()
+    patience()
