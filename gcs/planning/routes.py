@@ -115,10 +115,10 @@ def plan_routes(
     `current` is who flies to which target now; whoever and whatever is gone from it is ignored.
     """
     notes: list[str] = []
-    vehicles = [v for v in sorted(agents) if math.isfinite(agents[v].east_m + agents[v].north_m)]
-    labels = [label for label in sorted(targets) if math.isfinite(sum(targets[label]))]
-    notes += [f"agent {v}: its position is not a number" for v in sorted(set(agents) - set(vehicles))]
-    notes += [f"target {label}: its position is not a number" for label in sorted(set(targets) - set(labels))]
+    vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
+    labels = [label for label in sorted(targets) if _on_earth(*targets[label])]
+    notes += [f"agent {v}: its position is not on Earth" for v in sorted(set(agents) - set(vehicles))]
+    notes += [f"target {label}: its position is not on Earth" for label in sorted(set(targets) - set(labels))]
     notes += ["no agents"] * (not agents) + ["no targets"] * (not targets)
     routes: list[Route] = []
     if vehicles and labels:
@@ -156,6 +156,11 @@ def plan_routes(
         tuple(label for label in sorted(targets) if label not in served),
         tuple(notes),
     )
+
+
+def _on_earth(east_m: float, north_m: float) -> bool:
+    """Whether an estimate is a place at all: neither NaN nor farther off than the Earth is round."""
+    return abs(east_m) + abs(north_m) < 5e7
 
 
 def _places(grid: Grid, smap: SearchMap, points_m: Sequence[Point]) -> _Places:

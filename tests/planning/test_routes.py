@@ -236,11 +236,12 @@ def test_nobody_to_plan_for_is_a_plan_that_says_so():
     assert plan(grid, {}, {(0, 0): (0.0, 0.0)}).unassigned_targets == ((0, 0),)
 
 
-def test_an_estimate_that_is_no_number_is_left_out_and_named():
+@pytest.mark.parametrize("absurd", [math.nan, math.inf, -1e300])
+def test_an_estimate_that_is_no_place_is_left_out_and_named(absurd):
     result = plan(
         free_grid((3, 3), 40.0),
-        {1: (math.nan, 0.0), 2: (0.0, 0.0)},
-        {(0, 0): (80.0, 80.0), (0, 1): (math.inf, 0.0)},
+        {1: (absurd, 0.0), 2: (0.0, 0.0)},
+        {(0, 0): (80.0, 80.0), (0, 1): (0.0, absurd)},
     )
     assert [r.vehicle for r in result.routes] == [2]
     assert result.unassigned_vehicles == (1,)
