@@ -1,0 +1,139 @@
+"""The summary at the end of a run: as a panel in a terminal, as plain lines elsewhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console, Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from gcs.report.judge import AgentOutcome, Retask, Summary
+
+_COLOURS = {"arrived": "green", "dead": "red", "flying": "yellow"}
+_ROWS = 12
+"""More agents than this are listed by fate, not one by one."""
+_RETASKS = 15
+"""More re-tasks than this are cut short: the recording has them all."""
+
+
+def print_summary(summary: Summary, console: Console, picture: Path | None = None) -> None:
+    """Show how a run went; `picture` is the file that was drawn of it."""
+    if console.is_terminal:
+        console.print(render(summary, picture))
+    else:
+        console.print(summary_text(summary, picture), highlight=False, markup=False, soft_wrap=True)
+
+
+def summary_text(summary: Summary, picture: Path | None = None) -> str:
+    """Return the summary as plain lines."""
+    lines = [_title(summary), f"  {summary.reason}"]
+    lines += [f"  agent {a.system_id}: {_fate(a)}" for a in summary.agents]
+    lines += [f"  {name}: {value}" for name, value in _facts(summary, picture)]
+    lines += [f"  re-task at {when}: {who}: {why}" for when, who, why in _retasks(summary.retask_list)]
+    return "\n".join(lines)
+
+
+def render(summary: Summary, picture: Path | None = None) -> RenderableType:
+    """Return the summary as a panel for a terminal."""
+    colour = "green" if summary.outcome == "complete" else "red"
+    facts = Table.grid(padding=(0, 2))
+    facts.add_column(style="dim", no_wrap=True)
+    facts.add_column(overflow="fold")
+    for name, value in _facts(summary, picture):
+        facts.add_row(name, value)
+    parts: list[RenderableType] = [
+        Text(summary.reason, style=colour),
+        Text(),
+        _agents(summary.agents),
+        Text(),
+        facts,
+    ]
+    if summary.retask_list:
+        parts += [Text(), _retask_table(summary.retask_list)]
+    return Panel(
+        Group(*parts),
+        title=f"[bold]{_title(summary)}[/]",
+        title_align="left",
+        border_style=colour,
+        padding=(1, 2),
+    )
+
+
+def _title(summary: Summary) -> str:
+    return f"{summary.scenario}, seed {summary.seed}: {summary.outcome} after {summary.duration_s:.1f} s"
+
+
+def _fate(agent: AgentOutcome) -> str:
+    return agent.fate if agent.target is None else f"{agent.fate} at target {agent.target}"
+
+
+def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
+    facts = [
+        ("targets reached", f"{summary.targets_reached} of {summary.targets_total}"),
+        ("deaths seen", _deaths(summary)),
+        ("re-tasks", str(summary.retasks)),
+        ("uploads", f"{summary.uploads}, {summary.upload_failures} failed"),
+        ("OSPA agents", _metres(summary.ospa_agents_mean_m)),
+        ("OSPA targets", _metres(summary.ospa_targets_mean_m)),
+        ("scan", f"{summary.scan_ms_p99:.1f} ms (99th percentile)"),
+        ("plan", f"{summary.plan_ms_p99:.1f} ms (99th percentile)"),
+    ]
+    if summary.recording:
+        facts.append(("recording", summary.recording))
+    if picture is not None:
+        facts.append(("picture", str(picture)))
+    return facts
+
+
+def _deaths(summary: Summary) -> str:
+    text = f"{len(summary.death_delays_s)} of {summary.deaths}"
+    if summary.death_delays_s:
+        delays = sorted(summary.death_delays_s)
+        text += f", after {delays[0]:.1f} s" + (f" to {delays[-1]:.1f} s" if len(delays) > 1 else "")
+    if summary.false_deaths:
+        text += f"; {summary.false_deaths} false"
+    return text
+
+
+def _metres(mean_m: float) -> str:
+    return "not measured" if math.isnan(mean_m) else f"{mean_m:.2f} m (mean)"
+
+
+def _agents(agents: Sequence[AgentOutcome]) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
+    if len(agents) > _ROWS:
+        table.add_column("fate")
+        table.add_column("agents")
+        for fate, colour in _COLOURS.items():
+            these = [str(a.system_id) for a in agents if a.fate == fate]
+            if these:
+                table.add_row(Text(f"{len(these)} {fate}", style=colour), " ".join(these))
+        return table
+    table.add_column("agent", justify="right")
+    table.add_column("fate")
+    table.add_column("target", justify="right")
+    for agent in agents:
+        target = "" if agent.target is None else str(agent.target)
+        table.add_row(str(agent.system_id), Text(agent.fate, style=_COLOURS[agent.fate]), target)
+    return table
+
+
+def _retask_table(retasks: Sequence[Retask]) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
+    table.add_column("re-tasked at", justify="right", no_wrap=True)
+    table.add_column("agents")
+    table.add_column("because")
+    for when, who, why in _retasks(retasks):
+        table.add_row(when, who, Text(why))
+    return table
+
+
+def _retasks(retasks: Sequence[Retask]) -> list[tuple[str, str, str]]:
+    rows = [(f"{r.t_s:.1f} s", ", ".join(str(v) for v in r.vehicles), r.reason) for r in retasks[:_RETASKS]]
+    if len(retasks) > _RETASKS:
+        rows.append(("", "", f"... and {len(retasks) - _RETASKS} more"))
+    return rows

@@ -1,0 +1,314 @@
+"""A verdict can be trusted: a mission counts as complete only when the truth says so too."""
+
+import json
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs.model import (
+    NS_PER_S,
+    Fate,
+    Kind,
+    MissionEnded,
+    Picture,
+    Plan,
+    Route,
+    Track,
+    Truth,
+    TruthObject,
+    UploadReport,
+    read_only,
+)
+from gcs.report.judge import Judge, Summary, summary_json
+
+T0 = 1_767_225_600 * NS_PER_S
+RADIUS_M = 40.0
+TARGETS = {1: (1000.0, 0.0), 2: (1000.0, 500.0), 3: (1000.0, 1000.0)}
+
+
+def at(t_s: float) -> int:
+    return T0 + round(t_s * NS_PER_S)
+
+
+def truth(t_s: float, agents: dict[int, tuple[float, float]], dead: Sequence[int] = ()) -> Truth:
+    things = [TruthObject("agents", i, *place, i not in dead) for i, place in agents.items()]
+    things += [TruthObject("targets", i, *place, True) for i, place in TARGETS.items()]
+    return Truth(at(t_s), tuple(things))
+
+
+def picture(
+    t_s: float, kind: Kind, points: Sequence[tuple[float, float]], existence: float = 0.99
+) -> Picture:
+    tracks = [
+        Track((0, n), read_only([*point, 0.0, 0.0]), read_only(np.eye(4)), existence)
+        for n, point in enumerate(points)
+    ]
+    return Picture(at(t_s), at(t_s), kind, tuple(tracks), read_only([1.0]))
+
+
+def plan(t_s: float, vehicles: Sequence[int], changed: Sequence[int], reason: str = "agent 2 lost") -> Plan:
+    routes = [Route(v, (0, v), read_only([[1.0, 1.0]]), 1.0) for v in vehicles]
+    return Plan(at(t_s), at(t_s), tuple(routes), (), (), reason, tuple(changed))
+
+
+def summary(judge: Judge) -> Summary:
+    return judge.summary(
+        scenario="demo", seed=3, duration_s=10.0, scan_ms_p99=1.5, plan_ms_p99=2.5, recording="runs/demo-3"
+    )
+
+
+def a_good_run() -> Judge:
+    """Agents 1 and 3 reach targets 1 and 3 at about 10 s; agent 2 dies at 4 s and is found out at 6.5 s."""
+    judge = Judge(RADIUS_M, [1, 2, 3])
+    for second in range(11):
+        east = 100.0 * second
+        judge.truth(
+            truth(
+                second,
+                {1: (east, 10.0), 2: (east, 500.0), 3: (east, 1010.0)},
+                dead=[2] if second >= 4 else [],
+            )
+        )
+    judge.effect(Fate(at(6.5), 2, "dead"))
+    judge.effect(Fate(at(9.7), 1, "arrived", (0, 0)))
+    judge.effect(Fate(at(9.9), 3, "arrived", (0, 7)))
+    return judge
+
+
+def ended(judge: Judge) -> Judge:
+    judge.effect(MissionEnded(at(10.0), (1, 3), (2,)))
+    return judge
+
+
+def test_a_good_run_is_complete_with_everybody_accounted_for() -> None:
+    verdict = summary(ended(a_good_run()))
+    assert verdict.outcome == "complete", verdict.reason
+    assert verdict.reason == "2 of 3 agents arrived at distinct targets, agent 2 lost"
+    assert [(a.system_id, a.fate, a.target) for a in verdict.agents] == [
+        (1, "arrived", 1),
+        (2, "dead", None),
+        (3, "arrived", 3),
+    ]
+    assert (verdict.targets_total, verdict.targets_reached) == (3, 2)
+    assert (verdict.deaths, verdict.death_delays_s, verdict.false_deaths) == (1, (2.5,), 0)
+
+
+def test_a_run_that_never_ended_is_incomplete() -> None:
+    assert "did not end" in summary(a_good_run()).reason
+    judge = Judge(RADIUS_M, [1, 2])
+    judge.truth(truth(0, {1: (0.0, 0.0), 2: (0.0, 0.0)}))
+    verdict = summary(judge)
+    assert verdict.outcome == "incomplete"
+    assert verdict.reason == "the mission did not end: agents 1, 2 still flying"
+
+
+def test_a_mission_that_ends_with_an_agent_flying_is_incomplete() -> None:
+    judge = a_good_run()
+    judge.effect(Fate(at(9.95), 2, "flying"))
+    assert summary(ended(judge)).reason == "the mission ended with agent 2 still flying"
+
+
+def test_without_truth_nothing_is_complete() -> None:
+    judge = Judge(RADIUS_M, [1])
+    judge.effect(Fate(at(1), 1, "arrived", (0, 0)))
+    judge.effect(MissionEnded(at(1), (1,), ()))
+    verdict = summary(judge)
+    assert (verdict.outcome, verdict.reason) == ("incomplete", "there is no truth to judge by")
+    assert math.isnan(verdict.ospa_agents_mean_m)
+    assert json.loads(summary_json(verdict))["ospa_agents_mean_m"] is None
+
+
+@pytest.mark.parametrize(("distance_m", "outcome"), [(64.9, "complete"), (65.1, "incomplete")])
+def test_arrival_is_believed_within_the_capture_radius_and_an_allowance(
+    distance_m: float, outcome: str
+) -> None:
+    judge = Judge(RADIUS_M, [1])
+    for second in (0, 1):
+        judge.truth(truth(second, {1: (1000.0, -distance_m)}))
+    judge.effect(Fate(at(1), 1, "arrived", (0, 0)))
+    judge.effect(MissionEnded(at(1), (1,), ()))
+    verdict = summary(judge)
+    assert verdict.outcome == outcome
+    if outcome == "incomplete":
+        assert verdict.reason == "agent 1 called arrived 65 m from the nearest target"
+        assert (verdict.agents[0].fate, verdict.agents[0].target) == ("arrived", None)
+
+
+def test_the_place_of_arrival_is_the_true_one_between_two_scans() -> None:
+    judge = Judge(RADIUS_M, [1])
+    judge.truth(truth(0, {1: (0.0, 0.0)}))
+    judge.truth(truth(1, {1: (2000.0, 0.0)}))
+    judge.effect(Fate(at(0.5), 1, "arrived", (0, 0)))
+    judge.effect(MissionEnded(at(1), (1,), ()))
+    assert summary(judge).outcome == "complete"
+
+
+def test_two_agents_at_one_target_are_not_two_targets_reached() -> None:
+    judge = Judge(RADIUS_M, [1, 2])
+    judge.truth(truth(0, {1: (1000.0, 10.0), 2: (1000.0, -20.0)}))
+    for vehicle in (1, 2):
+        judge.effect(Fate(at(0), vehicle, "arrived", (0, vehicle)))
+    judge.effect(MissionEnded(at(0), (1, 2), ()))
+    verdict = summary(judge)
+    assert verdict.reason == "agent 2 called arrived at target 1, where agent 1 had arrived"
+    assert verdict.targets_reached == 1
+
+
+def test_two_agents_at_two_near_targets_have_each_one_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(TARGETS, 2, (1000.0, 40.0))
+    judge = Judge(RADIUS_M, [1, 2])
+    judge.truth(truth(0, {1: (1000.0, -10.0), 2: (1000.0, 15.0)}))
+    for vehicle in (1, 2):
+        judge.effect(Fate(at(0), vehicle, "arrived", (0, vehicle)))
+    judge.effect(MissionEnded(at(0), (1, 2), ()))
+    assert [agent.target for agent in summary(judge).agents] == [1, 2]
+
+
+def test_an_agent_that_was_dead_when_called_arrived_has_not_arrived() -> None:
+    judge = Judge(RADIUS_M, [1])
+    judge.truth(truth(0, {1: (1000.0, 0.0)}, dead=[1]))
+    judge.effect(Fate(at(0), 1, "arrived", (0, 0)))
+    judge.effect(MissionEnded(at(0), (1,), ()))
+    assert "agent 1 called arrived but dead" in summary(judge).reason
+
+
+def test_an_agent_that_dies_at_its_target_has_arrived() -> None:
+    judge = a_good_run()
+    judge.truth(truth(11, {1: (1000.0, 10.0), 2: (0.0, 0.0), 3: (1000.0, 1010.0)}, dead=[1, 2]))
+    judge.effect(Fate(at(10.9), 1, "dead"))
+    judge.effect(MissionEnded(at(11), (1, 3), (2,)))
+    verdict = summary(judge)
+    assert verdict.outcome == "complete", verdict.reason
+    assert verdict.agents[0].fate == "arrived"
+    assert verdict.deaths == 1
+
+
+def test_calling_a_living_agent_dead_is_counted_and_spoils_the_run() -> None:
+    judge = Judge(RADIUS_M, [1])
+    for second in (0, 1, 2):
+        judge.truth(truth(second, {1: (0.0, 0.0)}))
+    judge.effect(Fate(at(1), 1, "dead"))
+    judge.effect(MissionEnded(at(2), (), (1,)))
+    verdict = summary(judge)
+    assert verdict.reason == "agent 1 called dead but alive"
+    assert (verdict.false_deaths, verdict.deaths, verdict.death_delays_s) == (1, 0, ())
+
+
+def test_a_false_death_that_is_taken_back_is_counted_only() -> None:
+    judge = Judge(RADIUS_M, [1])
+    for second in (0, 1, 2):
+        judge.truth(truth(second, {1: (1000.0, 0.0)}))
+    for fate in (Fate(at(0.5), 1, "dead"), Fate(at(1), 1, "flying"), Fate(at(1.5), 1, "arrived", (0, 0))):
+        judge.effect(fate)
+    judge.effect(MissionEnded(at(2), (1,), ()))
+    verdict = summary(judge)
+    assert (verdict.outcome, verdict.false_deaths) == ("complete", 1)
+
+
+def test_a_death_that_nobody_noticed_is_not_a_detection() -> None:
+    judge = Judge(RADIUS_M, [1])
+    judge.truth(truth(0, {1: (0.0, 0.0)}))
+    judge.truth(truth(1, {1: (0.0, 0.0)}, dead=[1]))
+    verdict = summary(judge)
+    assert (verdict.deaths, verdict.death_delays_s) == (1, ())
+
+
+def test_ospa_compares_confirmed_tracks_with_the_living_at_the_same_scan() -> None:
+    judge = Judge(RADIUS_M, [1, 2])
+    judge.truth(truth(0, {1: (0.0, 0.0), 2: (500.0, 0.0)}))
+    judge.truth(truth(1, {1: (0.0, 0.0), 2: (500.0, 0.0)}, dead=[2]))
+    judge.truth(truth(2, {1: (0.0, 0.0), 2: (500.0, 0.0)}, dead=[2]))
+    judge.effect(picture(0, "agents", [(3.0, 4.0), (500.0, 7.0)]))
+    judge.effect(picture(1, "agents", [(0.0, 0.0), (500.0, 0.0)]))
+    judge.effect(picture(1, "agents", [(0.0, 1.0)]))  # a report after the scan makes a newer picture of it
+    judge.effect(picture(2, "agents", [(0.0, 0.0)], existence=0.4))
+    judge.effect(picture(7, "agents", [(9.0, 9.0)]))  # no truth of that time
+    series = judge.ospa("agents")
+    assert series.t_ns == (at(0), at(1), at(2))
+    assert series.total_m.tolist() == pytest.approx([6.0, 1.0, 100.0])
+    assert (series.true_count, series.estimated_count) == ((2, 1, 1), (2, 1, 0))
+    assert series.mean_m == pytest.approx(107.0 / 3)
+    assert judge.ospa("targets").t_ns == ()
+
+
+def test_a_retask_is_a_new_route_for_somebody_who_had_one() -> None:
+    judge = Judge(RADIUS_M, [1, 2, 3])
+    judge.truth(truth(0, {1: (0.0, 0.0)}))
+    judge.effect(plan(1, [1, 2], [1, 2], "first plan"))
+    judge.effect(plan(2, [1, 2, 3], [3], "agent 3 joined"))
+    judge.effect(plan(3, [1, 3], [], "nothing to change"))
+    judge.effect(plan(6, [1, 3], [1, 3], "agent 2 lost"))
+    verdict = summary(judge)
+    assert verdict.retasks == 1
+    assert [(r.t_s, r.vehicles, r.reason) for r in verdict.retask_list] == [(6.0, (1, 3), "agent 2 lost")]
+
+
+def test_uploads_and_their_failures_are_counted() -> None:
+    judge = Judge(RADIUS_M, [1])
+    for ok in (True, False, True):
+        judge.effect(UploadReport(at(1), 1, 1, 5, ok, "", 0.2, 0))
+    verdict = summary(judge)
+    assert (verdict.uploads, verdict.upload_failures) == (3, 1)
+
+
+def test_a_target_that_never_appears_is_none_to_be_reached() -> None:
+    judge = Judge(RADIUS_M, [1])
+    judge.truth(Truth(at(0), (TruthObject("targets", 1, 0, 0, True), TruthObject("targets", 2, 0, 0, False))))
+    assert summary(judge).targets_total == 1
+
+
+def test_the_json_has_exactly_the_promised_keys() -> None:
+    text = summary_json(summary(ended(a_good_run())))
+    assert "\n" not in text
+    found = json.loads(text)
+    assert list(found) == [
+        "scenario", "seed", "outcome", "reason", "duration_s", "agents", "targets_total", "targets_reached",
+        "retasks", "uploads", "upload_failures", "ospa_agents_mean_m", "ospa_targets_mean_m", "scan_ms_p99",
+        "plan_ms_p99", "recording",
+    ]  # fmt: skip
+    assert found["agents"][0] == {"system_id": 1, "fate": "arrived", "target": 1}
+    assert (found["scenario"], found["seed"], found["recording"]) == ("demo", 3, "runs/demo-3")
+
+
+@given(st.permutations(range(11)))
+def test_truth_may_arrive_in_any_order(order: list[int]) -> None:
+    judge, reference = Judge(RADIUS_M, [1, 2, 3]), a_good_run()
+    truths = list(reference._truths.values())
+    for index in order:
+        judge.truth(truths[index])
+    for fate in reference._fates:
+        judge.effect(fate)
+    assert summary(ended(judge)) == summary(ended(reference)) or both_nan(judge, reference)
+
+
+def both_nan(first: Judge, second: Judge) -> bool:
+    """Equal but for means that are NaN, which never equal themselves."""
+    return summary_json(summary(first)) == summary_json(summary(second))
+
+
+places = st.lists(st.tuples(st.floats(0, 300), st.floats(0, 300)), min_size=1, max_size=6)
+
+
+@given(places, places)
+def test_every_reached_target_is_near_and_reached_once_and_no_arrival_is_denied_a_free_one(
+    agents: list[tuple[float, float]], targets: list[tuple[float, float]]
+) -> None:
+    judge = Judge(RADIUS_M, range(len(agents)))
+    things = [TruthObject("agents", n, *place, True) for n, place in enumerate(agents)]
+    things += [TruthObject("targets", n, *place, True) for n, place in enumerate(targets)]
+    judge.truth(Truth(at(0), tuple(things)))
+    for n in range(len(agents)):
+        judge.effect(Fate(at(0), n, "arrived", (0, n)))
+    reached = [agent.target for agent in summary(judge).agents]
+    taken = [target for target in reached if target is not None]
+    assert len(set(taken)) == len(taken)
+    for place, target in zip(agents, reached, strict=True):
+        if target is not None:
+            assert math.dist(place, targets[target]) <= RADIUS_M + 25.0
+        else:
+            free = [targets[n] for n in range(len(targets)) if n not in taken]
+            assert all(math.dist(place, other) > RADIUS_M + 25.0 for other in free)
