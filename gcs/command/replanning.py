@@ -97,11 +97,8 @@ class Replanner:
         return self._plan(situation, "first plan")
 
     def _reasons(self, situation: Situation) -> list[str]:
-        reasons = [
-            f"agent {v} lost"
-            for v in sorted(self._planned_agents - set(situation.agents))
-            if v in self.routes
-        ]
+        gone = self._planned_agents - set(situation.agents) - situation.arrived
+        reasons = [f"agent {v} lost" for v in sorted(gone)]
         reasons += [f"agent {v} joined" for v in sorted(set(situation.agents) - self._planned_agents)]
         reasons += [
             f"agent {v} has no route"

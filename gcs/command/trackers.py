@@ -18,11 +18,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from gcs.command.beliefs import Beliefs
 from gcs.config import Config, KindTracking
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Scan, Sensor, VehicleState, read_only
 from gcs.tracking.glmb import Birth, Glmb, GlmbParams
+from gcs.tracking.motion import process_noise, transition
 
 _NEAR_STD = 5.0
 """A report within this many standard deviations of a track or a place of birth is taken for that object."""
@@ -44,6 +46,7 @@ class KindTracker:
         self.beliefs = Beliefs(tracking.confirm_existence, tracking.dead_existence)
         self.picture: Picture | None = None
         self.places = places
+        self._accel_std_m_s2 = table.accel_std_m_s2
         self._again_probability = table.birth_again_probability
         self._filter = Glmb(kind, params, seed)
 
@@ -54,6 +57,21 @@ class KindTracker:
     def update_again(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> None:
         """Work another sensor's scan of the same moment: nothing is born in between."""
         self._filter.update(t_ns, z_m, sensor)
+
+    def expected(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
+        """Return where something of this kind is or may appear at `t_ns`.
+
+        Positions (n, 2) and their covariances (n, 2, 2): of the places of birth, and of every track of the last
+        picture moved on to that time.
+        """
+        means = [birth.mean for birth in self.places]
+        covs = [birth.cov for birth in self.places]
+        if self.picture is not None:
+            dt_s = max(0.0, (t_ns - self.picture.scan_t_ns) / NS_PER_S)
+            F, Q = transition(dt_s), process_noise(dt_s, self._accel_std_m_s2)
+            means += [F @ track.mean for track in self.picture.tracks]
+            covs += [F @ track.cov @ F.T + Q for track in self.picture.tracks]
+        return np.reshape(means, (-1, 4))[:, :2], np.reshape(covs, (-1, 4, 4))[:, :2, :2]
 
     def look(self, t_ns: int) -> Picture:
         """Return the picture, and follow what it says about beliefs and places."""
@@ -102,17 +120,12 @@ class Trackers:
     def scan(self, scan: Scan, states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
         """Work one scan into both filters; return the pictures of agents and of targets."""
         t_ns = scan.measured_t_ns
-        known: list[tuple[float, float]] = []
-        newcomers: list[Birth] = []
-        for state in states:
-            if abs(t_ns - state.t_ns) <= self._telemetry.max_age_s * NS_PER_S:
-                place = at_time(state, t_ns)
-                if self._is_known(place):
-                    known.append(place)
-                else:
-                    newcomers.append(self._report_birth(state, place))
+        fresh = [s for s in states if abs(t_ns - s.t_ns) <= self._telemetry.max_age_s * NS_PER_S]
+        places = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
+        known = self._are_known(places, t_ns)
+        newcomers = [self._report_birth(fresh[i], places[i]) for i in np.flatnonzero(~known)]
         self.agents.update(t_ns, scan.z_m, scan.sensor, newcomers)
-        self.agents.update_again(t_ns, np.reshape(known, (-1, 2)), self._telemetry_sensor())
+        self.agents.update_again(t_ns, places[known], self._telemetry_sensor())
         self.targets.update(t_ns, scan.z_m, scan.sensor)
         return self.agents.look(scan.t_ns), self.targets.look(scan.t_ns)
 
@@ -127,17 +140,18 @@ class Trackers:
             infinite,
         )
 
-    def _report_birth(self, state: VehicleState, place: tuple[float, float]) -> Birth:
+    def _report_birth(self, state: VehicleState, place: FloatArray) -> Birth:
         std_m = 2.0 * self._telemetry.noise_std_m
-        return _birth((*place, *velocity_m_s(state)), std_m, 2.0, self._report_birth_probability)
+        mean = (float(place[0]), float(place[1]), *velocity_m_s(state))
+        return _birth(mean, std_m, 2.0, self._report_birth_probability)
 
-    def _is_known(self, place: tuple[float, float]) -> bool:
-        """Whether a report falls onto a track or a place of birth; then it needs no birth of its own."""
-        near: list[tuple[FloatArray, FloatArray]] = [(birth.mean, birth.cov) for birth in self.agents.places]
-        if self.agents.picture is not None:
-            near += [(track.mean, track.cov) for track in self.agents.picture.tracks]
-        noise = np.eye(2) * self._telemetry.noise_std_m**2
-        return any(distance2(place, mean, cov, noise) <= _NEAR_STD**2 for mean, cov in near)
+    def _are_known(self, places: FloatArray, t_ns: int) -> npt.NDArray[np.bool_]:
+        """Whether each report falls onto a track or a place of birth: then it needs no birth of its own."""
+        means, covs = self.agents.expected(t_ns)
+        precision = np.linalg.inv(covs + np.eye(2) * self._telemetry.noise_std_m**2)
+        offset = places[:, None, :] - means[None, :, :]
+        d2 = np.einsum("sni,nij,snj->sn", offset, precision, offset)
+        return np.asarray((d2 <= _NEAR_STD**2).any(axis=1))
 
 
 def at_time(state: VehicleState, t_ns: int) -> tuple[float, float]:
