@@ -115,7 +115,12 @@ class Glmb:
         )
 
     def update(
-        self, measured_t_ns: int, z_m: FloatArray, sensor: Sensor, births: Sequence[Birth] = ()
+        self,
+        measured_t_ns: int,
+        z_m: FloatArray,
+        sensor: Sensor,
+        births: Sequence[Birth] = (),
+        clutter_density_per_m2: FloatArray | None = None,
     ) -> None:
         """Take in a scan.
 
@@ -130,13 +135,18 @@ class Glmb:
             What the scan's sensor says of itself.
         births : sequence of Birth
             Where objects may have appeared by this scan. Birth i gets the label (scan count, i).
+        clutter_density_per_m2 : (m,) array, optional
+            Clutter intensity at each detection, where it is known better than by the sensor's uniform density: near
+            objects that this tracker does not track.
         """
         if self._t_ns is not None and measured_t_ns < self._t_ns:
             self.late_scans += 1
             return
         dt_s = 0.0 if self._t_ns is None else (measured_t_ns - self._t_ns) / NS_PER_S
         self._t_ns = measured_t_ns
-        z = self._usable(z_m)
+        if clutter_density_per_m2 is None:
+            clutter_density_per_m2 = np.full(len(z_m), sensor.clutter_density_per_m2)
+        z, log_clutter = self._usable(z_m, clutter_density_per_m2)
         live = self._predict(dt_s, births)
         R = np.array(sensor.noise_cov_m2, dtype=np.float64)
         start, meas, logw = kernels.options(
@@ -148,7 +158,7 @@ class Glmb:
             R,
             np.array(sensor.field_of_view_m, dtype=np.float64),
             min(float(sensor.detection_probability), _SURE),
-            math.log(max(sensor.clutter_density_per_m2, _LEAST_CLUTTER_PER_M2)),
+            log_clutter,
             float(self.params.gate_chi2),
         )
         if meas.size > self._keys.size:
@@ -189,14 +199,16 @@ class Glmb:
         label = self._labels[self._track_label[t]]
         return Track(label, read_only(self._mean[t]), read_only(self._cov[t]), existence)
 
-    def _usable(self, z_m: FloatArray) -> FloatArray:
-        """Finite detections, sorted by east for the gates."""
+    def _usable(self, z_m: FloatArray, clutter_density_per_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Finite detections, sorted by east for the gates, and the logarithm of the clutter intensity at each."""
         z = np.array(z_m, dtype=np.float64).reshape(-1, 2)
+        log_clutter = np.log(np.maximum(clutter_density_per_m2, _LEAST_CLUTTER_PER_M2))
         finite = np.isfinite(z).all(axis=1)
         if not finite.all():
             self.bad_detections += int(z.shape[0] - finite.sum())
-            z = z[finite]
-        return z[np.argsort(z[:, 0], kind="stable")]
+            z, log_clutter = z[finite], log_clutter[finite]
+        order = np.argsort(z[:, 0], kind="stable")
+        return z[order], log_clutter[order]
 
     def _predict(self, dt_s: float, births: Sequence[Birth]) -> FloatArray:
         """Move the tracks by `dt_s`, add births as groups of their own; return each track's survival."""
@@ -235,7 +247,7 @@ class Glmb:
         mean, cov = kernels.update(self._mean, self._cov, parent, meas, z, R)
         track_label = self._track_label[parent]
         groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
-        groups = part(groups, track_label, self._keys, self._limits)
+        groups = part(groups, track_label, len(self._labels), self._keys, self._limits)
         self._groups, used = renumber(groups, parent.size)
         self._mean, self._cov = mean[used], cov[used]
         kept, self._track_label = np.unique(track_label[used], return_inverse=True)

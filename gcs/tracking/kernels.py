@@ -81,12 +81,12 @@ def options(
     R: FloatArray,
     fov: FloatArray,
     p_d: float,
-    log_clutter: float,
+    log_clutter: FloatArray,
     gate_chi2: float,
 ) -> Any:
     """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
 
-    `z` (m, 2) must be sorted by east, so that a gate is a short run of it. A track outside the field of view
+    `z` (m, 2) must be sorted by east, so that a gate is a short run of it; `log_clutter` (m,) belongs to it. A track outside the field of view
     `fov` (east_min, north_min, east_max, north_max) cannot be detected.
     """
     n, m = mean.shape[0], z.shape[0]
@@ -101,7 +101,7 @@ def options(
         if seen:
             a, b, c = cov[t, 0, 0] + R[0, 0], cov[t, 0, 1] + R[0, 1], cov[t, 1, 1] + R[1, 1]
             det = a * c - b * b
-            scale = math.log(p_d) - math.log(2.0 * math.pi) - 0.5 * math.log(det) - log_clutter + log_live[t]
+            scale = math.log(p_d) - math.log(2.0 * math.pi) - 0.5 * math.log(det) + log_live[t]
             reach = math.sqrt(gate_chi2 * a)
             for j in range(np.searchsorted(east, x - reach), m):
                 dx, dy = z[j, 0] - x, z[j, 1] - y
@@ -109,7 +109,7 @@ def options(
                     break
                 d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
                 if d2 <= gate_chi2:
-                    meas[count], logw[count] = j, scale - 0.5 * d2
+                    meas[count], logw[count] = j, scale - 0.5 * d2 - log_clutter[j]
                     count += 1
             if count - first > MAX_GATED:
                 least = np.sort(logw[first:count])[-MAX_GATED]

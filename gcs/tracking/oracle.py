@@ -1,8 +1,9 @@
 """The GLMB filter, plain and exact, for tiny problems: the judge of the fast one.
 
-Every association of every hypothesis is enumerated (Vo & Vo 2013, with the joint prediction and update of Vo, Vo &
-Hoang 2017): no gate, no cap, no pruning, no merging, no partition. The number of hypotheses grows faster than
-exponentially, so three objects and a few scans are its limit. Same model and same arguments as `glmb.Glmb`.
+Every association of every hypothesis is enumerated (Vo & Vo 2013, with the joint prediction and update of
+Vo, Vo & Hoang 2017): no gate, no cap, no pruning, no merging, no partition. The number of hypotheses grows
+faster than exponentially, so three objects and a few scans are its limit. Same model and same arguments as
+`glmb.Glmb`.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ class Oracle:
         F, Q = motion.transition(dt_s), motion.process_noise(dt_s, self.params.accel_std_m_s2)
         live = self.params.survival_probability_per_s**dt_s
         predicted = {track: (F @ m, F @ P @ F.T + Q, live) for track, (m, P) in self._states.items()}
+        self._states = {}
         born: list[Track] = []
         for i, birth in enumerate(births):
             born.append(((self._scans, i), ()))
@@ -63,7 +65,7 @@ class Oracle:
     def _options(
         self, track: Track, mean: FloatArray, cov: FloatArray, live: float, z_m: FloatArray, sensor: Sensor
     ) -> list[tuple[int, float, Track | None]]:
-        """Return (detection or -1, weight, the track it leads to or None when dead) for all that a track may do."""
+        """All that a track may do: (detection or -1, weight, the track it leads to or None when dead)."""
         label, history = track
         east_min, north_min, east_max, north_max = sensor.field_of_view_m
         seen = east_min <= mean[0] <= east_max and north_min <= mean[1] <= north_max

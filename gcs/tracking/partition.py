@@ -210,10 +210,10 @@ def _choices(group: Any, item_label: Any, n_labels: int) -> Any:
 
 
 @njit
-def part(groups: Groups, track_label: Any, keys: Any, limits: Limits) -> Any:
+def part(groups: Groups, track_label: Any, n_labels: int, keys: Any, limits: Limits) -> Any:
     """Split every group into groups of dependent labels, without the labels not worth keeping."""
     parts = [_group(groups, 0) for _ in range(0)]
-    local = np.full(track_label.max() + 1, -1)
+    local = np.full(n_labels, -1)
     for g in range(groups.first.size - 1):
         group = _group(groups, g)
         logw, _, items = group
