@@ -176,8 +176,8 @@ class Telemetry:
         course_cdeg = int(math.degrees(airframe.course_rad) * 100.0) % 36000
         accuracy_mm = round(self._noise_std_m * 1e3)
         return mavlink.MAVLink_gps_raw_int_message(
-            t_ns // 1000, mavlink.GPS_FIX_TYPE_3D_FIX, lat, lon, alt, 121, 200, round(speed * 100), course_cdeg,
-            10, alt, accuracy_mm, accuracy_mm, 200,
+            t_ns // 1000, mavlink.GPS_FIX_TYPE_3D_FIX, lat, lon, alt, 121, 200, round(speed * 100),
+            course_cdeg, 10, alt, accuracy_mm, accuracy_mm, 200,
         )  # fmt: skip
 
     def attitude(self, t_ns: int) -> Any:
