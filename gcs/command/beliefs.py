@@ -1,4 +1,4 @@
-"""Which tracks are believed: hysteresis over existence, so that neither a clutter point nor a missed detection counts.
+"""Which tracks are believed: hysteresis, so that neither a clutter point nor a missed detection counts.
 
 A track is believed when its existence probability stayed at or above `confirm_existence` for some scans in a
 row, and until it falls below `dead_existence`. In between it is a matter of time: a single clutter point at a

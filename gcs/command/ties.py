@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gcs.command.trackers import at_time, distance2
+from gcs.command.trackers import at_time, squared_distances
 from gcs.model import NS_PER_S, FloatArray, Label, Track, VehicleState
 
 _FORBIDDEN = 1e9
@@ -74,7 +74,7 @@ class Ties:
         self._outside.pop(vehicle, None)
 
     def _check(self, vehicle: int, place: tuple[float, float], track: Track) -> None:
-        inside = distance2(place, track.mean, track.cov, self._noise) <= self._gate_chi2
+        inside = self._distances([place], [track])[0, 0] <= self._gate_chi2
         count = 0 if inside else self._outside.get(vehicle, 0) + 1
         self._outside[vehicle] = count
         if count >= self._break_after:
@@ -83,11 +83,14 @@ class Ties:
     def _tie(
         self, free: list[int], candidates: list[Track], places: Mapping[int, tuple[float, float]]
     ) -> None:
-        costs = np.array(
-            [[distance2(places[v], track.mean, track.cov, self._noise) for track in candidates] for v in free]
-        )
+        costs = self._distances([places[vehicle] for vehicle in free], candidates)
         costs[~(costs <= self._gate_chi2)] = _FORBIDDEN
         for row, column in zip(*linear_sum_assignment(costs), strict=True):
             if costs[row, column] < _FORBIDDEN:
                 self._labels[free[row]] = candidates[column].label
                 self._outside[free[row]] = 0
+
+    def _distances(self, places: Sequence[tuple[float, float]], tracks: Sequence[Track]) -> FloatArray:
+        means = np.array([track.mean[:2] for track in tracks])
+        covs = np.array([track.cov[:2, :2] for track in tracks])
+        return squared_distances(np.array(places), means, covs + self._noise)

@@ -1,10 +1,12 @@
 """The two GLMB filters and what they are given: every scan, births at known places, and agents' own reports.
 
-Both filters get all detections of a sensor, as in the paper: the other kind's objects are clutter to each,
-since births are at known places. MAVLink position reports are a second sensor of the agents, used at the
-moment of each scan: detections without clutter to speak of, seen only where a vehicle reports. A vehicle
-that reports where no track and no place of birth is gets a birth there, so that an agent lost by mistake
-comes back.
+Both filters get all detections of a sensor, as in the paper: the other kind's objects are clutter to each.
+We say how much: the clutter intensity at a detection is the sensor's plus that of the other kind's tracks
+there. With a uniform intensity an agent that dies beside its target lives on in the target's detections,
+and an agent that loiters at a place of birth looks like a target born there. MAVLink position reports are a
+second sensor of the agents, used at the moment of each scan: detections without clutter to speak of, seen
+only where a vehicle reports. A vehicle that reports where no track and no place of birth is gets a birth
+there, so that an agent lost by mistake comes back.
 
 A place gives birth with `birth_probability` each scan until an object of it is believed, and with
 `birth_again_probability` from then on: one object is expected of each, and clutter near a place that has
@@ -50,28 +52,40 @@ class KindTracker:
         self._again_probability = table.birth_again_probability
         self._filter = Glmb(kind, params, seed)
 
-    def update(self, t_ns: int, z_m: FloatArray, sensor: Sensor, births: Sequence[Birth] = ()) -> None:
-        """Work one scan, with births at the known places and at those given."""
-        self._filter.update(t_ns, z_m, sensor, [*self.places, *births])
+    def update(
+        self, t_ns: int, z_m: FloatArray, sensor: Sensor, others: FloatArray, births: Sequence[Birth] = ()
+    ) -> None:
+        """Work one scan, with births at the known places and at those given.
+
+        `others` (m,) is the intensity of the other kind's detections at each detection, per m2: clutter to
+        this kind.
+        """
+        clutter = sensor.clutter_density_per_m2 + others
+        self._filter.update(t_ns, z_m, sensor, [*self.places, *births], clutter)
 
     def update_again(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> None:
         """Work another sensor's scan of the same moment: nothing is born in between."""
         self._filter.update(t_ns, z_m, sensor)
 
-    def expected(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
-        """Return where something of this kind is or may appear at `t_ns`.
+    def expected(self, t_ns: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the tracks of the last picture, moved on to `t_ns`.
 
-        Positions (n, 2) and their covariances (n, 2, 2): of the places of birth, and of every track of the last
-        picture moved on to that time.
+        Positions (n, 2), their covariances (n, 2, 2), existence probabilities (n,).
         """
-        means = [birth.mean for birth in self.places]
-        covs = [birth.cov for birth in self.places]
-        if self.picture is not None:
-            dt_s = max(0.0, (t_ns - self.picture.scan_t_ns) / NS_PER_S)
-            F, Q = transition(dt_s), process_noise(dt_s, self._accel_std_m_s2)
-            means += [F @ track.mean for track in self.picture.tracks]
-            covs += [F @ track.cov @ F.T + Q for track in self.picture.tracks]
-        return np.reshape(means, (-1, 4))[:, :2], np.reshape(covs, (-1, 4, 4))[:, :2, :2]
+        tracks = () if self.picture is None else self.picture.tracks
+        dt_s = 0.0 if self.picture is None else max(0.0, (t_ns - self.picture.scan_t_ns) / NS_PER_S)
+        F, Q = transition(dt_s), process_noise(dt_s, self._accel_std_m_s2)
+        means = np.reshape([track.mean for track in tracks], (-1, 4)) @ F.T
+        covs = F @ np.reshape([track.cov for track in tracks], (-1, 4, 4)) @ F.T + Q
+        return means[:, :2], covs[:, :2, :2], np.array([track.existence for track in tracks])
+
+    def intensity(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> FloatArray:
+        """Intensity of detections of this kind's objects at each of `z_m` (m, 2), per m2."""
+        means, covs, existence = self.expected(t_ns)
+        S = covs + sensor.noise_cov_m2
+        d2 = squared_distances(z_m, means, S)
+        density = np.exp(-0.5 * d2) / (2.0 * np.pi * np.sqrt(np.linalg.det(S)))
+        return np.asarray(density @ existence) * sensor.detection_probability
 
     def look(self, t_ns: int) -> Picture:
         """Return the picture, and follow what it says about beliefs and places."""
@@ -124,10 +138,13 @@ class Trackers:
         places = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
         known = self._are_known(places, t_ns)
         newcomers = [self._report_birth(fresh[i], places[i]) for i in np.flatnonzero(~known)]
-        self.agents.update(t_ns, scan.z_m, scan.sensor, newcomers)
+        of_targets = self.targets.intensity(t_ns, scan.z_m, scan.sensor)
+        self.agents.update(t_ns, scan.z_m, scan.sensor, of_targets, newcomers)
         self.agents.update_again(t_ns, places[known], self._telemetry_sensor())
-        self.targets.update(t_ns, scan.z_m, scan.sensor)
-        return self.agents.look(scan.t_ns), self.targets.look(scan.t_ns)
+        agents = self.agents.look(scan.t_ns)
+        of_agents = self.agents.intensity(t_ns, scan.z_m, scan.sensor)
+        self.targets.update(t_ns, scan.z_m, scan.sensor, of_agents)
+        return agents, self.targets.look(scan.t_ns)
 
     def _telemetry_sensor(self) -> Sensor:
         t = self._telemetry
@@ -147,11 +164,12 @@ class Trackers:
 
     def _are_known(self, places: FloatArray, t_ns: int) -> npt.NDArray[np.bool_]:
         """Whether each report falls onto a track or a place of birth: then it needs no birth of its own."""
-        means, covs = self.agents.expected(t_ns)
-        precision = np.linalg.inv(covs + np.eye(2) * self._telemetry.noise_std_m**2)
-        offset = places[:, None, :] - means[None, :, :]
-        d2 = np.einsum("sni,nij,snj->sn", offset, precision, offset)
-        return np.asarray((d2 <= _NEAR_STD**2).any(axis=1))
+        means, covs, _ = self.agents.expected(t_ns)
+        births = self.agents.places
+        means = np.concatenate([means, [birth.mean[:2] for birth in births]])
+        covs = np.concatenate([covs, [birth.cov[:2, :2] for birth in births]])
+        S = covs + np.eye(2) * self._telemetry.noise_std_m**2
+        return np.asarray((squared_distances(places, means, S) <= _NEAR_STD**2).any(axis=1))
 
 
 def at_time(state: VehicleState, t_ns: int) -> tuple[float, float]:
@@ -169,14 +187,10 @@ def velocity_m_s(state: VehicleState) -> tuple[float, float]:
     )
 
 
-def distance2(
-    place: tuple[float, float], mean: FloatArray, cov: FloatArray, noise_cov_m2: FloatArray
-) -> float:
-    """Squared Mahalanobis distance of a place from a track's position."""
-    s = cov[:2, :2] + noise_cov_m2
-    de, dn = place[0] - float(mean[0]), place[1] - float(mean[1])
-    a, b, d = float(s[0, 0]), float(s[0, 1]), float(s[1, 1])
-    return (d * de * de - 2.0 * b * de * dn + a * dn * dn) / (a * d - b * b)
+def squared_distances(places: FloatArray, means: FloatArray, S: FloatArray) -> FloatArray:
+    """Squared Mahalanobis distances (m, n) of places (m, 2) from means (n, 2) under S (n, 2, 2)."""
+    offset = places[:, None, :] - means[None, :, :]
+    return np.asarray(np.einsum("mni,nij,mnj->mn", offset, np.linalg.inv(S), offset))
 
 
 def _birth(
