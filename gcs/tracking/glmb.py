@@ -136,17 +136,19 @@ class Glmb:
         births : sequence of Birth
             Where objects may have appeared by this scan. Birth i gets the label (scan count, i).
         clutter_density_per_m2 : (m,) array, optional
-            Clutter intensity at each detection, where it is known better than by the sensor's uniform density: near
-            objects that this tracker does not track.
+            Clutter intensity at each detection, where it is known better than by the sensor's uniform
+            density: near objects that this tracker does not track. A detection whose intensity is not finite
+            is unusable and counted in `bad_detections`.
         """
         if self._t_ns is not None and measured_t_ns < self._t_ns:
             self.late_scans += 1
             return
         dt_s = 0.0 if self._t_ns is None else (measured_t_ns - self._t_ns) / NS_PER_S
         self._t_ns = measured_t_ns
-        if clutter_density_per_m2 is None:
-            clutter_density_per_m2 = np.full(len(z_m), sensor.clutter_density_per_m2)
-        z, log_clutter = self._usable(z_m, clutter_density_per_m2)
+        uniform = sensor.clutter_density_per_m2
+        z, log_clutter = self._usable(
+            z_m, uniform if clutter_density_per_m2 is None else clutter_density_per_m2
+        )
         live = self._predict(dt_s, births)
         R = np.array(sensor.noise_cov_m2, dtype=np.float64)
         start, meas, logw = kernels.options(
@@ -199,11 +201,11 @@ class Glmb:
         label = self._labels[self._track_label[t]]
         return Track(label, read_only(self._mean[t]), read_only(self._cov[t]), existence)
 
-    def _usable(self, z_m: FloatArray, clutter_density_per_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Finite detections, sorted by east for the gates, and the logarithm of the clutter intensity at each."""
+    def _usable(self, z_m: FloatArray, clutter_per_m2: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        """Finite detections, sorted by east for the gates, and the log of the clutter intensity at each."""
         z = np.array(z_m, dtype=np.float64).reshape(-1, 2)
-        log_clutter = np.log(np.maximum(clutter_density_per_m2, _LEAST_CLUTTER_PER_M2))
-        finite = np.isfinite(z).all(axis=1)
+        log_clutter = np.full(z.shape[0], np.log(np.maximum(clutter_per_m2, _LEAST_CLUTTER_PER_M2)))
+        finite = np.isfinite(z).all(axis=1) & np.isfinite(log_clutter)
         if not finite.all():
             self.bad_detections += int(z.shape[0] - finite.sum())
             z, log_clutter = z[finite], log_clutter[finite]

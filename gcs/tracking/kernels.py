@@ -86,8 +86,9 @@ def options(
 ) -> Any:
     """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
 
-    `z` (m, 2) must be sorted by east, so that a gate is a short run of it; `log_clutter` (m,) belongs to it. A track outside the field of view
-    `fov` (east_min, north_min, east_max, north_max) cannot be detected.
+    `z` (m, 2) must be sorted by east, so that a gate is a short run of it; `log_clutter` (m,) is the log of
+    the clutter intensity at each. A track outside the field of view `fov` (east_min, north_min, east_max,
+    north_max) cannot be detected.
     """
     n, m = mean.shape[0], z.shape[0]
     start = np.zeros(n + 1, np.int64)

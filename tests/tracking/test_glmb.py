@@ -67,10 +67,9 @@ def test_existence_after_misses_is_bayes_rule_and_recovers():
 
 
 def test_each_missed_one_of_sixty_has_the_existence_of_a_lone_missed_one():
-    """No cap on joint hypotheses may make sure of an object, or lose it, because others were missed as well."""
-    places = np.stack(np.meshgrid(np.arange(100.0, 1900, 180), np.arange(100.0, 1900, 300)), -1).reshape(
-        -1, 2
-    )
+    """No cap on joint hypotheses may make sure of an object, or lose it, as others were missed as well."""
+    east, north = np.meshgrid(np.arange(100.0, 1900, 180), np.arange(100.0, 1900, 300))
+    places = np.column_stack([east.ravel(), north.ravel()])
     of = tracker()
     look = sensor(0.98, 1.0)
     for k in range(4):
@@ -118,6 +117,26 @@ def test_the_picture_does_not_depend_on_how_the_waiting_time_is_cut():
     np.testing.assert_allclose(a.mean, b.mean)
     np.testing.assert_allclose(a.cov, b.cov, rtol=1e-9, atol=1e-9)
     assert a.existence == pytest.approx(b.existence, rel=1e-6)
+
+
+def test_a_detection_explained_by_something_else_raises_existence_less():
+    look, rate = sensor(), np.array([5e-6, 2e-3])
+    for density in rate:
+        of = tracker()
+        of.update(0, PLACES[:1], look, births(PLACES[:1]), np.array([density]))
+        made = 0.03 * 0.98 / (2 * np.pi * (100 + 3.16**2)) / density
+        alive = 0.03 * 0.02 + made
+        assert existence(of)[(0, 0)] == pytest.approx(alive / (alive + 0.97), rel=1e-6)
+
+
+def test_an_unusable_clutter_intensity_costs_its_own_detection_alone():
+    of, t_ns = followed(4)
+    alone, _ = followed(4)
+    z = np.array([PLACES[0], PLACES[0] + 4.0, PLACES[0] - 4.0])
+    of.update(t_ns + NS_PER_S, z, sensor(), (), np.array([1e-6, np.nan, np.inf]))
+    alone.update(t_ns + NS_PER_S, z[:1], sensor(), (), np.array([1e-6]))
+    assert of.bad_detections == 2
+    assert repr(of.picture(0)) == repr(alone.picture(0))
 
 
 def test_a_scan_from_the_past_is_counted_and_changes_nothing():
