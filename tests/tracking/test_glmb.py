@@ -167,17 +167,26 @@ def test_crossing_objects_keep_their_labels():
 
 
 def test_two_labels_are_never_shown_at_one_object():
-    """Two objects from one place, a scan apart: which label is which may stay open, that they are two not."""
+    """Two objects, three labels: the best hypothesis leaves out a likely label, whose own best is another one.
+
+    Tracks 0 and 1 are of label 0 (at the first and the second object), 2 and 3 of label 1, 4 of label 2.
+    """
+    groups = hypotheses.Groups(
+        np.array([0, 3]), np.array([0, 2, 4, 6]), np.array([2, 4, 0, 3, 1, 2]), np.log([0.45, 0.30, 0.25])
+    )
+    existence, shown, cardinality = kernels.summary(groups, np.array([0, 0, 1, 1, 2]), 3)
+    np.testing.assert_allclose(existence, [0.55, 1.0, 0.45])
+    np.testing.assert_allclose(cardinality, [0, 0, 1, 0], atol=1e-12)
+    assert (shown[0], shown[1]) == (0, 3)
+    assert list(kernels.map_tracks(groups)) == [2, 4]
+
+
+def test_two_objects_from_one_place_are_counted_while_it_is_open_who_is_who():
     of = tracker()
-    first, second = np.array([800.0, 800.0]), np.array([812.0, 800.0])
+    first = np.array([800.0, 800.0])
     for k in range(6):
-        z = np.array([first, second]) if k else first[None]
-        of.update(
-            k * NS_PER_S, z + np.array([0.0, 6.0 * k]) * [[1], [-1]][: len(z)], sensor(), births([first])
-        )
-    likely = [track for track in of.picture(0).tracks if track.existence > 0.5]
-    if len(likely) == 2:
-        assert np.hypot(*(likely[0].mean - likely[1].mean)[:2]) > 30
+        apart = np.array([[0.0, 6.0 * k], [12.0, -6.0 * k]])
+        of.update(k * NS_PER_S, first + (apart if k else apart[:1]), sensor(), births([first]))
     at = np.array([track.mean[:2] for track in of.estimate()])
     assert len(at) == 2
     assert np.hypot(*(at[0] - at[1])) > 30
