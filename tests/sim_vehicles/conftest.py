@@ -1,8 +1,14 @@
-"""A ground station's pen: it writes frames to a vehicle and reads what comes back, all in memory."""
+"""A ground station's pen, which talks to a vehicle in memory, and a vehicle in a process of its own."""
 
 from __future__ import annotations
 
+import json
 import math
+import selectors
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -110,3 +116,38 @@ def ground() -> type[Ground]:
 def item_fixture() -> Any:
     """Makes one MISSION_ITEM_INT."""
     return item
+
+
+@pytest.fixture
+def start_process() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts vehicle processes that talk to a port, and ends them with the test."""
+    running: list[subprocess.Popen[str]] = []
+
+    def start(
+        port: int, *specs: VehicleSpec, options: tuple[str, ...] = (), speed: float = 1.0
+    ) -> subprocess.Popen[str]:
+        frame = {"lat_deg": FRAME.lat_deg, "lon_deg": FRAME.lon_deg, "alt_msl_m": FRAME.alt_msl_m}
+        arguments = [sys.executable, "-m", "sim_vehicles.process", "--frame-json", json.dumps(frame)]
+        arguments += ["--gcs", f"127.0.0.1:{port}", *options]
+        for spec in specs:
+            arguments += ["--spec-json", spec.to_json()]
+        process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        running.append(process)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with selectors.DefaultSelector() as selector:
+            selector.register(process.stdout, selectors.EVENT_READ)
+            assert selector.select(30), "the vehicle did not come up"
+        assert process.stdout.readline() == "ready\n"
+        now_ns = time.time_ns()
+        process.stdin.write(json.dumps({"epoch_ns": now_ns, "start_t_ns": now_ns, "speed": speed}) + "\n")
+        process.stdin.flush()
+        return process
+
+    yield start
+    for process in running:
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                pipe.close()
