@@ -167,7 +167,7 @@ def test_crossing_objects_keep_their_labels():
 
 
 def test_two_labels_are_never_shown_at_one_object():
-    """Two objects, three labels: the best hypothesis leaves out a likely label, whose own best is another one.
+    """Two objects, three labels: the best hypothesis lacks a likely label, whose own best is another one.
 
     Tracks 0 and 1 are of label 0 (at the first and the second object), 2 and 3 of label 1, 4 of label 2.
     """
