@@ -27,6 +27,7 @@ class SensorTable(Table, frozen=True, kw_only=True):
     detection_probability: Probability = 0.98
     noise_std_m: Positive = 3.16
     clutter_per_scan: NotNegative = 20.0
+    field_margin_m: NotNegative = 100.0
 
 
 class PrescribedDeath(Table, frozen=True, kw_only=True):
@@ -55,11 +56,15 @@ class TargetTable(Table, frozen=True, kw_only=True):
 
 
 class GaussianTargets(Table, frozen=True, kw_only=True):
-    """Targets whose places and velocities are drawn: place i from `births[i]`, velocity from a Gaussian."""
+    """Targets whose places and velocities are drawn: place i from `births[i]`, velocity from a Gaussian.
+
+    A velocity that would take its target off the map within `inside_for_s` is drawn again.
+    """
 
     speed_std_m_s: NotNegative
     max_speed_m_s: Positive
     appear_by_s: NotNegative = 0.0
+    inside_for_s: NotNegative = 240.0
 
 
 class Simulation(Table, frozen=True, kw_only=True):

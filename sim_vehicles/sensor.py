@@ -21,12 +21,14 @@ from sim_vehicles.scenario import Scenario, generator
 def make_sensor(scenario: Scenario) -> Sensor:
     """What the scenario's sensor announces of itself: the truth, as a calibrated sensor would."""
     table, area = scenario.simulation.sensor, scenario.config.map
+    margin = table.field_margin_m
+    field = (-margin, -margin, area.width_m + margin, area.height_m + margin)
     return Sensor(
         name=table.name,
         detection_probability=table.detection_probability,
-        clutter_density_per_m2=table.clutter_per_scan / (area.width_m * area.height_m),
+        clutter_density_per_m2=table.clutter_per_scan / _area_m2(field),
         noise_cov_m2=read_only(np.eye(2) * table.noise_std_m**2),
-        field_of_view_m=(0.0, 0.0, area.width_m, area.height_m),
+        field_of_view_m=field,
     )
 
 
@@ -42,9 +44,13 @@ def observe(sensor: Sensor, objects: Sequence[TruthObject], seed: int, scan_inde
         inside = east_min <= thing.east_m <= east_max and north_min <= thing.north_m <= north_max
         if detected and thing.alive and inside:
             seen.append(point)
-    area_m2 = (east_max - east_min) * (north_max - north_min)
-    clutter = rng.poisson(sensor.clutter_density_per_m2 * area_m2)
+    clutter = rng.poisson(sensor.clutter_density_per_m2 * _area_m2(sensor.field_of_view_m))
     points = np.concatenate(
         [np.reshape(seen, (-1, 2)), rng.uniform([east_min, north_min], [east_max, north_max], (clutter, 2))]
     )
     return Scan(t_ns, t_ns, sensor, read_only(rng.permutation(points)))
+
+
+def _area_m2(field: tuple[float, float, float, float]) -> float:
+    east_min, north_min, east_max, north_max = field
+    return (east_max - east_min) * (north_max - north_min)

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_vehicles.scenario import Scenario, generator
+from sim_vehicles.scenario import GaussianTargets, Scenario, generator
+
+_DRAWS = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,15 +57,26 @@ def make_targets(scenario: Scenario, seed: int) -> list[Target]:
     area = scenario.config.map
     targets = []
     for i, birth in enumerate(scenario.config.births):
-        east, north = np.clip(
-            rng.normal([birth.east_m, birth.north_m], birth.std_m), 0.0, [area.width_m, area.height_m]
-        )
+        place = rng.normal([birth.east_m, birth.north_m], birth.std_m)
+        east, north = np.clip(place, 0.0, [area.width_m, area.height_m])
+        v_east, v_north = _velocity(drawn, (float(east), float(north)), (area.width_m, area.height_m), rng)
+        appears_s = round(float(rng.uniform(0.0, drawn.appear_by_s)), 2)
+        targets.append(Target(i, float(east), float(north), v_east, v_north, appears_s))
+    return targets
+
+
+def _velocity(
+    drawn: GaussianTargets,
+    place_m: tuple[float, float],
+    size_m: tuple[float, float],
+    rng: np.random.Generator,
+) -> tuple[float, float]:
+    """Draw a velocity with which a target stays on the map long enough; none if there is none to be had."""
+    for _ in range(_DRAWS):
         velocity = rng.normal(0.0, drawn.speed_std_m_s, 2)
         speed = float(np.hypot(*velocity))
-        if speed > drawn.max_speed_m_s:
-            velocity *= drawn.max_speed_m_s / speed
-        appears_s = round(float(rng.uniform(0.0, drawn.appear_by_s)), 2)
-        targets.append(
-            Target(i, float(east), float(north), float(velocity[0]), float(velocity[1]), appears_s)
-        )
-    return targets
+        velocity *= min(1.0, drawn.max_speed_m_s / speed) if speed > 0.0 else 1.0
+        end = place_m + velocity * drawn.inside_for_s
+        if np.all(end >= 0.0) and np.all(end <= size_m):
+            return float(velocity[0]), float(velocity[1])
+    return 0.0, 0.0

@@ -22,6 +22,7 @@ from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
 
 _FIRST_PLAN_WAIT_S = 5.0
 _CLOSE_FRACTION = 0.25
+_SAME_PLACE_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,12 @@ class Replanner:
             return self._first_plan(situation)
         self._next_check_t_ns += self._period_ns
         reasons = self._reasons(situation)
-        return self._plan(situation, "; ".join(reasons)) if reasons else None
+        if not reasons:
+            return None
+        flown = dict(self.routes)
+        plan = self._plan(situation, "; ".join(reasons))
+        # A target over an obstacle "moved" at every look, though no route gets nearer: that is no news.
+        return plan if plan.changed or self.assigned != {v: r.target for v, r in flown.items()} else None
 
     def _first_plan(self, situation: Situation) -> Plan | None:
         """Plan as soon as everybody expected is there, or after a short wait with whoever is."""
@@ -159,6 +165,8 @@ class Replanner:
     def _is_still_good(self, flown: Route, new: Route, situation: Situation) -> bool:
         if flown.target != new.target:
             return False
+        if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
+            return True
         moved_m = _distance_m(situation.targets[new.target].mean, flown.points_m[-1])
         return moved_m <= self._tolerance_m(situation.agents[new.vehicle], flown)
 

@@ -32,6 +32,8 @@ from gcs.tracking.partition import meet, part, renumber
 
 _SURE = 1.0 - 1e-9
 """Probabilities are held below it: a model that is certain cannot be corrected."""
+_MOST_DETECTION = 0.999
+"""Of a sensor that calls itself perfect: no gate is, and one miss must not be a death certificate."""
 _LEAST_CLUTTER_PER_M2 = 1e-15
 
 
@@ -159,7 +161,7 @@ class Glmb:
             z,
             R,
             np.array(sensor.field_of_view_m, dtype=np.float64),
-            min(float(sensor.detection_probability), _SURE),
+            min(float(sensor.detection_probability), _MOST_DETECTION),
             log_clutter,
             float(self.params.gate_chi2),
         )
