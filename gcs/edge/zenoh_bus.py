@@ -6,8 +6,8 @@ later, or restart.
 
 Everything is published reliably with congestion control BLOCK: zenoh's default drops messages when a link is
 saturated, and a dropped scan would look like a missed detection of everything. The price: a peer that is
-connected but no longer reads holds up `publish`, once, for 5 s when the buffers in between are full (measured:
-behind 4 MB), until zenoh gives that peer up.
+connected but no longer reads holds up `publish`, once, for 5 s when the buffers in between are full
+(measured: after 4 MB), until zenoh gives that peer up.
 """
 
 from __future__ import annotations

@@ -54,13 +54,9 @@ def render(summary: Summary, picture: Path | None = None) -> RenderableType:
     ]
     if summary.retask_list:
         parts += [Text(), _retask_table(summary.retask_list)]
-    return Panel(
-        Group(*parts),
-        title=f"[bold]{_title(summary)}[/]",
-        title_align="left",
-        border_style=colour,
-        padding=(1, 2),
-    )
+    title = f"[bold]{_title(summary)}[/]"
+    body = Group(*parts)
+    return Panel(body, title=title, title_align="left", border_style=colour, padding=(1, 2), expand=False)
 
 
 def _title(summary: Summary) -> str:

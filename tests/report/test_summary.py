@@ -45,7 +45,8 @@ def shown(summary: Summary, terminal: bool) -> str:
 def test_everything_a_user_asks_about_a_run_is_there(terminal: bool) -> None:
     text = shown(GOOD, terminal)
     for fact in (
-        "prescribed, seed 4: complete after 83.2 s", "agent 2 lost", "arrived", "1 of 5", "1 of 1, after 2.0 s",
+        "prescribed, seed 4: complete after 83.2 s", "agent 2 lost", "arrived", "1 of 5",
+        "1 of 1, after 2.0 s",
         "4, 1 failed", "3.46 m", "not measured", "4.5 ms", "31.0 ms", "25.0 s",
         "target [0.3] moved 55 m", "runs/prescribed-4/run.png",
     ):  # fmt: skip
