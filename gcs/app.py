@@ -9,6 +9,8 @@ input is dropped and counted; ticks never pile up.
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -97,7 +99,7 @@ class Service:
         self._link.start(loop, self._on_datagram)
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),
-            lambda key, payload: loop.call_soon_threadsafe(self._on_scan, key, payload),
+            lambda key, payload: on_loop(loop, self._on_scan, key, payload),
         )
         try:
             async with asyncio.TaskGroup() as group:
@@ -179,10 +181,16 @@ class Service:
             self._carry_out(event.t_ns, Notice(event.t_ns, "warning", text))
 
 
+def on_loop(
+    loop: asyncio.AbstractEventLoop, callback: Callable[[str, bytes], None], key: str, payload: bytes
+) -> None:
+    """Hand a message from a thread of zenoh's to the loop; what comes after the loop's end is dropped."""
+    with contextlib.suppress(RuntimeError):
+        loop.call_soon_threadsafe(callback, key, payload)
+
+
 def wait_for_interrupt(stop: asyncio.Event) -> Callable[[], None]:
     """Set `stop` on SIGINT or SIGTERM; return what undoes that."""
-    import signal
-
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)

@@ -94,8 +94,7 @@ class TrackingTable(Table, frozen=True, kw_only=True):
     survival_probability_per_s: InnerProbability = 0.99
     max_hypotheses: Annotated[int, Meta(ge=10, le=100_000)] = 200
     gate_chi2: Annotated[float, Meta(ge=4.0, le=100.0)] = 32.2
-    confirm_existence: InnerProbability = 0.5
-    dead_existence: InnerProbability = 0.01
+    dead_existence: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.01
     agent_birth_std_m: Positive = 10.0
     agent_birth_speed_std_m_s: Positive = 10.0
     seed: Annotated[int, Meta(ge=0)] = 0
@@ -128,6 +127,7 @@ class MissionTable(Table, frozen=True, kw_only=True):
 
     altitude_rel_m: Positive = 100.0
     accept_radius_m: Annotated[float, Meta(gt=0.0, le=255.0)] = 10.0
+    loiter_radius_m: Annotated[float, Meta(ge=0.0, le=255.0)] = 30.0
     max_duration_s: Positive = 600.0
 
 
@@ -285,5 +285,3 @@ def _cross_check(config: Config, source: str) -> None:
             f"the grid's cells must be square: width gives {east:.3f} m a cell, height {north:.3f} m; "
             "change nodes_east or nodes_north",
         )
-    if config.tracking.dead_existence >= config.tracking.confirm_existence:
-        raise ConfigError(source, "tracking.dead_existence", "must be below tracking.confirm_existence")

@@ -103,7 +103,11 @@ class Track:
     cov: FloatArray
     """(4, 4)."""
     existence: float
-    """Existence probability in [0, 1]."""
+    """Existence probability in [0, 1] of this label."""
+    estimated: bool = False
+    """Whether it is in the MAP-cardinality estimate: the best hypothesis of the most probable number.
+    An object whose label is ambiguous (born at one scan or at the next?) is in it once, however its
+    existence is shared out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +162,8 @@ class Mission:
     mission_id: int
     vehicle: int
     waypoints: tuple[Waypoint, ...]
+    loiter_radius_m: float = 0.0
+    """Of the circle at the last waypoint; 0 leaves it to the autopilot."""
 
 
 @dataclass(frozen=True, slots=True)

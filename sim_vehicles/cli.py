@@ -67,7 +67,7 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line instead of words.")] = False,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
-    """Fly a scenario's vehicles until Ctrl-C: one process and one UDP socket each, plus one process for the world.
+    """Fly a scenario's vehicles until Ctrl-C: one process and one UDP socket each, and one for the world.
 
     Each vehicle behaves as an ArduPlane does, in LOITER at its start, and waits for a mission. Connect
     QGroundControl, MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
@@ -116,7 +116,7 @@ def _in_words(event: dict[str, Any]) -> str:
 
 
 def _watch(supervisor: Supervisor, stdin: int | None) -> None:
-    """Until interrupted, standard input closes, or the world ends; a vehicle's end is reported, not mended."""
+    """Watch until interrupted, standard input closes, or the world ends; report vehicles that end."""
     with selectors.DefaultSelector() as selector:
         if stdin is not None:
             selector.register(stdin, selectors.EVENT_READ)

@@ -9,15 +9,15 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
-from gcs.report.judge import Judge, Summary, summary_json
-from gcs.report.summary import print_summary
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from gcs.edge.recorder import Recorder
-from gcs.model import Effect, Event
+from gcs.model import Effect, Event, Truth
 from gcs.planning.routes import warm_up as warm_up_planning
+from gcs.report.judge import Judge, Summary, summary_json
+from gcs.report.summary import print_summary
 from gcs.tracking.glmb import warm_up as warm_up_tracking
 from sim_vehicles.scenario import Scenario
 from sim_vehicles.virtual import VirtualRun
@@ -96,7 +96,12 @@ def fly(
             if recorder is not None:
                 recorder.effect(effect, t_ns)
 
-        run = VirtualRun(scenario, seed, on_event, on_effect, judge.truth, loss)
+        def on_truth(truth: Truth) -> None:
+            judge.truth(truth)
+            if recorder is not None:
+                recorder.truth(truth)
+
+        run = VirtualRun(scenario, seed, on_event, on_effect, on_truth, loss)
         flown_s = run.run(duration_s)
     timings = run.timings
     return judge.summary(

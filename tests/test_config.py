@@ -53,7 +53,7 @@ def test_a_scenario_explains_every_key() -> None:
         (("east_m = 100.0", "easting_m = 100.0"), "agents[0]", "easting_m"),
         (('name = "x"', 'name = "x"\nspeed = 3'), "", "unknown key `speed`"),
         (('name = "x"', 'name = "x"\n[map]\nnodes_east = 21'), "map", "square"),
-        (('name = "x"', 'name = "x"\n[tracking]\ndead_existence = 0.6'), "tracking.dead_existence", "below"),
+        (('name = "x"', 'name = "x"\n[tracking]\ndead_existence = 0.6'), "tracking.dead_existence", "0.5"),
     ],
 )
 def test_a_mistake_names_file_key_and_what_was_expected(

@@ -1,8 +1,9 @@
 """Which tracks are believed: hysteresis, so that neither a clutter point nor a missed detection counts.
 
-A track is believed when its existence probability stayed at or above `confirm_existence` for some scans in a
-row, and until it falls below `dead_existence`. In between it is a matter of time: a single clutter point at a
-place of birth is above 0.5 for one scan, and a single missed detection takes a good track below it for one.
+A track is believed once it was in the estimate for some scans in a row. It is believed no more when its
+existence probability falls below `dead_existence`, or when it was out of the estimate for as many scans in
+a row: then another label has its object. In between, single scans say little: a clutter point at a place of
+birth is in the estimate for one scan, and a good track that was missed may be out of it for one.
 """
 
 from __future__ import annotations
@@ -11,32 +12,39 @@ from collections.abc import Mapping
 
 from gcs.model import Label, Picture, Track
 
-CONFIRM_SCANS = 3
+SCANS_IN_A_ROW = 3
 
 
 class Beliefs:
     """The believed tracks of one kind."""
 
-    def __init__(self, confirm_existence: float, dead_existence: float) -> None:
-        self._confirm_existence = confirm_existence
+    def __init__(self, dead_existence: float) -> None:
         self._dead_existence = dead_existence
-        self._scans_above: dict[Label, int] = {}
+        self._scans_in: dict[Label, int] = {}
+        self._scans_out: dict[Label, int] = {}
         self._tracks: dict[Label, Track] = {}
+        self._alive: set[Label] = set()
 
     @property
     def tracks(self) -> Mapping[Label, Track]:
         """Believed tracks by label, as of the last picture."""
         return self._tracks
 
+    def is_dead(self, label: Label) -> bool:
+        """Whether a track's existence probability is below `dead_existence`, or it is gone altogether."""
+        return label not in self._alive
+
     def update(self, picture: Picture) -> None:
         """Take the next picture."""
-        tracks: dict[Label, Track] = {}
-        scans_above: dict[Label, int] = {}
-        for track in picture.tracks:
-            above = track.existence >= self._confirm_existence
-            count = self._scans_above.get(track.label, 0) + 1 if above else 0
-            scans_above[track.label] = count
-            kept = track.label in self._tracks and track.existence >= self._dead_existence
-            if kept or count >= CONFIRM_SCANS:
-                tracks[track.label] = track
-        self._tracks, self._scans_above = tracks, scans_above
+        labels = {track.label: track for track in picture.tracks}
+        self._scans_in = {t: self._scans_in.get(t, 0) + 1 for t, track in labels.items() if track.estimated}
+        self._scans_out = {
+            t: self._scans_out.get(t, 0) + 1 for t, track in labels.items() if not track.estimated
+        }
+        self._alive = {t for t, track in labels.items() if track.existence >= self._dead_existence}
+        self._tracks = {label: track for label, track in labels.items() if self._is_believed(track)}
+
+    def _is_believed(self, track: Track) -> bool:
+        if track.label in self._tracks:
+            return track.label in self._alive and self._scans_out.get(track.label, 0) < SCANS_IN_A_ROW
+        return self._scans_in.get(track.label, 0) >= SCANS_IN_A_ROW

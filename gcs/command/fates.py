@@ -2,18 +2,24 @@
 
 Death has hysteresis, against the weakness that the paper names (a clutter point near a dead agent revives
 it for a scan): an agent dies when the existence probability of its track falls below `dead_existence`, and
-it lives again only when a track above `revive_existence` is tied to it and it reports over its link once
-more. Arrival is latched: an agent that reached its target has done its work, whatever happens to it later.
+it lives again only when a track above `REVIVE_EXISTENCE` is tied to it and it reports over its link once
+more.
+
+Arrival takes two scans in a row within the capture radius, with the agent surely there: one that dies on
+its last metres has not arrived. It is latched: an agent that reached its target has done its work, whatever
+happens later.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from gcs.model import NS_PER_S, Fate, Label, Picture, Track
+from gcs.command.beliefs import Beliefs
+from gcs.model import NS_PER_S, Fate, Label, Track
 
 REVIVE_EXISTENCE = 0.9
+ARRIVAL_SCANS = 2
 UNSEEN_S = 20.0
 """An agent with neither track nor report for this long is taken for dead, also when it never showed up."""
 
@@ -23,17 +29,16 @@ class Fates:
 
     Parameters
     ----------
-    vehicles : list of int
+    vehicles : sequence of int
         System ids of all agents of the mission.
+    capture_radius_m : float
+        An agent this near to its target has reached it.
     """
 
-    def __init__(
-        self, vehicles: list[int], confirm_existence: float, dead_existence: float, capture_radius_m: float
-    ) -> None:
-        self._confirm_existence = confirm_existence
-        self._dead_existence = dead_existence
+    def __init__(self, vehicles: Sequence[int], capture_radius_m: float) -> None:
         self._capture_radius_m = capture_radius_m
         self._seen_t_ns: dict[int, int] = {}
+        self._scans_at_target: dict[int, int] = {}
         self._last_position_m: dict[int, tuple[float, float]] = {}
         self.by_vehicle: dict[int, Fate] = {vehicle: Fate(0, vehicle, "flying") for vehicle in vehicles}
 
@@ -51,8 +56,9 @@ class Fates:
 
     def update(
         self,
-        agents: Picture,
-        targets: Picture,
+        t_ns: int,
+        agents: Beliefs,
+        targets: Beliefs,
         ties: Mapping[int, Label],
         assigned: Mapping[int, Label],
         reporting: set[int],
@@ -68,40 +74,43 @@ class Fates:
         reporting
             Vehicles with a fresh position report.
         """
-        by_label = {track.label: track for track in agents.tracks}
-        target_tracks = {track.label: track for track in targets.tracks}
         changed = []
         for vehicle, before in self.by_vehicle.items():
-            track = by_label.get(ties[vehicle]) if vehicle in ties else None
-            if track is not None and track.existence >= self._confirm_existence:
+            label = ties.get(vehicle)
+            track = agents.tracks.get(label) if label is not None else None
+            if label is not None or vehicle in reporting:
+                self._seen_t_ns[vehicle] = t_ns
+            if track is not None and track.estimated:
                 self._last_position_m[vehicle] = (float(track.mean[0]), float(track.mean[1]))
-            if vehicle in ties or vehicle in reporting:
-                self._seen_t_ns[vehicle] = agents.t_ns
-            target = target_tracks.get(assigned[vehicle]) if vehicle in assigned else None
-            after = self._judge(before, track, target, agents.t_ns, vehicle in ties, vehicle in reporting)
+            target = targets.tracks.get(assigned[vehicle]) if vehicle in assigned else None
+            is_dead = label is not None and agents.is_dead(label)
+            after = None
+            if before.fate == "flying":
+                after = self._judge_flying(t_ns, vehicle, track, target, is_dead)
+            elif before.fate == "dead" and track is not None and vehicle in reporting:
+                after = self._revived(t_ns, vehicle, track)
             if after is not None:
                 self.by_vehicle[vehicle] = after
                 changed.append(after)
         return changed
 
-    def _judge(
-        self, before: Fate, track: Track | None, target: Track | None, t_ns: int, tied: bool, reports: bool
+    def _judge_flying(
+        self, t_ns: int, vehicle: int, track: Track | None, target: Track | None, is_dead: bool
     ) -> Fate | None:
-        vehicle = before.vehicle
         position = self._last_position_m.get(vehicle)
-        existence = track.existence if track is not None else 0.0
-        if before.fate == "flying":
-            if track is not None and target is not None and self._has_arrived(track, target):
-                return Fate(t_ns, vehicle, "arrived", target.label, position)
-            unseen = t_ns - self._seen_t_ns.setdefault(vehicle, t_ns) > UNSEEN_S * NS_PER_S
-            if unseen or (tied and existence < self._dead_existence):
-                return Fate(t_ns, vehicle, "dead", None, position)
-        elif before.fate == "dead" and tied and reports and existence >= REVIVE_EXISTENCE:
-            return Fate(t_ns, vehicle, "flying", None, position)
-        return None
+        near = track is not None and target is not None and self._is_at(track, target)
+        scans = self._scans_at_target.get(vehicle, 0) + 1 if near else 0
+        self._scans_at_target[vehicle] = scans
+        if target is not None and scans >= ARRIVAL_SCANS:
+            return Fate(t_ns, vehicle, "arrived", target.label, position)
+        unseen = t_ns - self._seen_t_ns.setdefault(vehicle, t_ns) > UNSEEN_S * NS_PER_S
+        return Fate(t_ns, vehicle, "dead", None, position) if is_dead or unseen else None
 
-    def _has_arrived(self, track: Track, target: Track) -> bool:
-        if min(track.existence, target.existence) < self._confirm_existence:
-            return False
+    def _revived(self, t_ns: int, vehicle: int, track: Track) -> Fate | None:
+        if track.existence < REVIVE_EXISTENCE:
+            return None
+        return Fate(t_ns, vehicle, "flying", None, self._last_position_m.get(vehicle))
+
+    def _is_at(self, track: Track, target: Track) -> bool:
         distance_m = math.hypot(track.mean[0] - target.mean[0], track.mean[1] - target.mean[1])
-        return distance_m <= self._capture_radius_m
+        return track.estimated and distance_m <= self._capture_radius_m

@@ -57,9 +57,7 @@ class Command:
         self.fleet = Fleet(vehicles, config.local_frame, FleetSettings(position_rate_hz=telemetry.rate_hz))
         self.trackers = Trackers(config)
         self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
-        self.fates = Fates(
-            vehicles, tracking.confirm_existence, tracking.dead_existence, config.planning.capture_radius_m
-        )
+        self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner = Replanner(config, self.grid)
         self.tasking = Tasking(config.mission, config.local_frame, self.fleet)
         self.bad_input = 0
@@ -90,11 +88,12 @@ class Command:
 
     def _scan(self, event: Scan) -> list[Effect]:
         states = self.fleet.states()
-        agents, targets = self.trackers.scan(event, states)
-        self.ties.update(self.trackers.agents.beliefs.tracks, event.measured_t_ns, states)
-        effects: list[Effect] = [agents, targets]
+        effects: list[Effect] = [*self.trackers.scan(event, states)]
+        agents, targets = self.trackers.agents.beliefs, self.trackers.targets.beliefs
+        self.ties.update(agents, event.measured_t_ns, states)
         reporting = {s.system_id for s in states if abs(event.t_ns - s.t_ns) <= self._report_age_ns}
-        for fate in self.fates.update(agents, targets, self.ties.labels, self.replanner.assigned, reporting):
+        ties, assigned = self.ties.labels, self.replanner.assigned
+        for fate in self.fates.update(event.t_ns, agents, targets, ties, assigned, reporting):
             effects.append(fate)
             self._follow(fate)
         effects += self._plan(event)

@@ -87,4 +87,4 @@ class Tasking:
         places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
         table = self._table
         waypoints = tuple(Waypoint(*place, table.altitude_rel_m, table.accept_radius_m) for place in places)
-        return Mission(mission_id, route.vehicle, waypoints)
+        return Mission(mission_id, route.vehicle, waypoints, table.loiter_radius_m)

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from gcs.command.beliefs import Beliefs
 from gcs.command.trackers import at_time, squared_distances
 from gcs.model import NS_PER_S, FloatArray, Label, Track, VehicleState
 
@@ -52,15 +53,19 @@ class Ties:
         """Label of the track of each tied vehicle."""
         return self._labels
 
-    def update(self, tracks: Mapping[Label, Track], t_ns: int, states: Sequence[VehicleState]) -> None:
+    def update(self, beliefs: Beliefs, t_ns: int, states: Sequence[VehicleState]) -> None:
         """Check the ties against the believed tracks at `t_ns`, break those that fail, and tie the rest."""
+        tracks = beliefs.tracks
         places = {
             state.system_id: at_time(state, t_ns)
             for state in states
             if abs(t_ns - state.t_ns) <= self._max_age_ns
         }
         for vehicle, label in list(self._labels.items()):
-            if vehicle in places and label in tracks:
+            if label not in tracks:
+                if not beliefs.is_dead(label):  # another label has its object by now
+                    self.forget(vehicle)
+            elif vehicle in places:
                 self._check(vehicle, places[vehicle], tracks[label])
         free = [vehicle for vehicle in sorted(places) if vehicle not in self._labels]
         taken = set(self._labels.values())

@@ -45,7 +45,7 @@ class KindTracker:
             max_hypotheses=tracking.max_hypotheses,
             gate_chi2=tracking.gate_chi2,
         )
-        self.beliefs = Beliefs(tracking.confirm_existence, tracking.dead_existence)
+        self.beliefs = Beliefs(tracking.dead_existence)
         self.picture: Picture | None = None
         self.places = places
         self._accel_std_m_s2 = table.accel_std_m_s2

@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from gcs.app import Health, Service, wait_for_interrupt
-from gcs.command.area import mission_grid
-from gcs.commands.sinks import JudgeSink, RecorderSink, open_recorder, view_for, warm_up
+from gcs.app import Health, Service, on_loop, wait_for_interrupt
+from gcs.commands.sinks import JudgeSink, RecorderSink, draw_recording, open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
 from gcs.edge.recorder import Recorder
@@ -30,7 +29,7 @@ from gcs.edge.udp import UdpLink
 from gcs.edge.wire import decode_truth, truth_key
 from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.errors import SimulationError
-from gcs.model import NS_PER_S, Truth
+from gcs.model import NS_PER_S
 from gcs.report.judge import Judge, Summary, summary_json
 from gcs.report.summary import print_summary
 
@@ -88,12 +87,8 @@ def _show(
     *,
     interrupted: bool,
 ) -> int:
-    from gcs.report.figures import draw_run
-
     with console.status("drawing the picture of the run"):
-        grid = mission_grid(config, options.seed)
-        picture = folder / "run.png"
-        draw_run(folder, picture, obstacles_m=grid.obstacles_m(), cell_m=grid.spacing_m)
+        picture = draw_recording(folder, config, options.seed)
     print_summary(summary, console, picture=picture)
     (folder / "summary.json").write_text(summary_json(summary) + "\n", encoding="utf-8")
     if options.as_json:
@@ -117,7 +112,8 @@ async def _fly(
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()
 
-    def take_truth(truth: Truth) -> None:
+    def take_truth(key: str, payload: bytes) -> None:
+        truth = decode_truth(key, payload)
         judge.truth(truth)
         recorder.truth(truth)
 
@@ -126,7 +122,7 @@ async def _fly(
         service.sinks += [RecorderSink(recorder), JudgeSink(judge)]
         bus.subscribe(
             truth_key(config.name),
-            lambda key, payload: loop.call_soon_threadsafe(take_truth, decode_truth(key, payload)),
+            lambda key, payload: on_loop(loop, take_truth, key, payload),
         )
         undo = wait_for_interrupt(interrupt)
         relay = asyncio.create_task(_relay(interrupt, stop))

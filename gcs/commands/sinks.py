@@ -10,10 +10,14 @@ from contextlib import asynccontextmanager
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.live import Live
 
 from gcs.app import Service
+from gcs.command.area import mission_grid
+from gcs.config import Config
+from gcs.edge.reader import read
 from gcs.edge.recorder import Recorder
 from gcs.edge.terminal import LiveView, PlainLines
 from gcs.model import Effect, Event
@@ -97,6 +101,24 @@ def new_folder(parent: Path, name: str) -> Path:
             folder.mkdir(parents=True)
             return folder
     raise FileExistsError(f"{parent / name}: thousands of runs of this name; clear some out")
+
+
+def draw_recording(folder: Path, config: Config, seed: int) -> Path:
+    """Draw the picture of a recorded run into its folder; return the file."""
+    from gcs.report.figures import draw_run
+
+    grid = mission_grid(config, seed)
+    nodes = np.argwhere(grid.blocked)
+    centres = [grid.point_of((int(row), int(column))) for row, column in nodes]
+    picture = folder / "run.png"
+    draw_run(
+        (record.value for record in read(folder)),
+        picture,
+        obstacles_m=np.reshape(centres, (-1, 2)),
+        cell_m=grid.spacing_m,
+        title=f"{config.name}, seed {seed}",
+    )
+    return picture
 
 
 def versions() -> dict[str, str]:

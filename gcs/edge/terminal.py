@@ -201,7 +201,7 @@ class LiveView:
         hunters = {route.target: str(route.vehicle) for route in self._command.replanner.routes.values()}
         reached = self._command.fates.reached()
         for label, track in self._tracks("targets").items():
-            if track.existence >= self._config.tracking.confirm_existence:
+            if track.estimated:
                 done = Text("reached", style="green") if label in reached else Text(hunters.get(label, ""))
                 table.add_row(label_text(label), *_track_cells(track), done)
         return table
@@ -230,10 +230,9 @@ class LiveView:
         for route in self._command.replanner.routes.values():
             for east_m, north_m in route.points_m:
                 put(east_m, north_m, "·", "cyan")
-        confirm = self._config.tracking.confirm_existence
         reached = self._command.fates.reached()
         for label, track in self._tracks("targets").items():
-            if track.existence >= confirm:
+            if track.estimated:
                 put(
                     float(track.mean[0]),
                     float(track.mean[1]),

@@ -119,7 +119,8 @@ def items_of(mission: Mission, home: Home) -> tuple[Item, ...]:
         for point in mission.waypoints
     ]
     last = items[-1]
-    items.append(Item(_NAV_LOITER_UNLIM, last.frame, last.x, last.y, last.z_m))
+    radius_m = round(mission.loiter_radius_m)
+    items.append(Item(_NAV_LOITER_UNLIM, last.frame, last.x, last.y, last.z_m, param3=radius_m))
     return tuple(items)
 
 

@@ -20,7 +20,7 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
-from gcs.report.judge import CONFIRMED, Judge, OspaSeries
+from gcs.report.judge import Judge, OspaSeries
 
 _CLUTTER_SIGMAS = 4.0
 """A detection farther than this from everything alive is clutter."""
@@ -123,7 +123,7 @@ def _estimates(
 ) -> tuple[tuple[float, FloatArray], ...]:
     found = []
     for t_ns in sorted(t_ns for picture_kind, t_ns in pictures if picture_kind == kind):
-        confirmed = [t.mean[:2] for t in pictures[kind, t_ns].tracks if t.existence > CONFIRMED]
+        confirmed = [t.mean[:2] for t in pictures[kind, t_ns].tracks if t.estimated]
         found.append(((t_ns - start_t_ns) / NS_PER_S, read_only(np.reshape(confirmed, (-1, 2)))))
     return tuple(found)
 

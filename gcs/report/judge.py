@@ -3,14 +3,15 @@
 Central command decides from measurements; the judge alone knows the truth. It is fed with everything that
 came out of a run and gives a `Summary`:
 
-- OSPA (Schuhmacher, Vo & Vo 2008; c = 100 m, p = 1) of both trackers at each scan: tracks with an existence
-  probability above 0.5 against what is alive in truth at the scan's time.
+- OSPA (Schuhmacher, Vo & Vo 2008; c = 100 m, p = 1) of both trackers at each scan: tracks in the
+  MAP-cardinality estimate against what is alive in truth at the scan's time.
 - Each agent's fate as command saw it. Arrived is final: an agent that dies at its target has done its work.
 - ``complete`` when the mission ended and the truth agrees:
 
   1. no agent is left flying;
   2. each agent that command calls arrived was alive, and within the capture radius plus 25 m of a living
-     target, when it was called so (the allowance covers the errors of tracks and sensor and a scan's delay);
+     target, when it was called so or at most two seconds before (the allowance covers the errors of tracks and
+     sensor; the time, that an arrival is called at the second scan in a row);
   3. arrivals are at distinct targets: agents and targets are paired within that distance so that the sum of
      distances is least, which is each agent's nearest target unless two agents share it;
   4. agents that command calls dead are dead.
@@ -48,8 +49,9 @@ from gcs.tracking.metrics import ospa
 
 OSPA_CUTOFF_M = 100.0
 OSPA_ORDER = 1.0
-CONFIRMED = 0.5
 CAPTURE_ALLOWANCE_M = 25.0
+ARRIVAL_DELAY_S = 2
+"""An arrival is called at the second scan in a row: the agent may have died since the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +159,7 @@ class Judge:
         """Take what came out of the fold, in its order; what says nothing about success is passed over."""
         match effect:
             case Picture():
-                confirmed = [track.mean[:2] for track in effect.tracks if track.existence > CONFIRMED]
+                confirmed = [track.mean[:2] for track in effect.tracks if track.estimated]
                 self._estimates[effect.kind, effect.scan_t_ns] = read_only(np.reshape(confirmed, (-1, 2)))
             case Fate():
                 self._fates.append(effect)
@@ -274,16 +276,17 @@ class Judge:
         return {arrived[r]: targets[c] for r, c in zip(rows, columns, strict=True) if possible[r, c]}
 
     def _target_distances(self, vehicle: int, t_ns: int) -> dict[int, float]:
-        """Distance of an agent to each living target; empty when it was not alive."""
-        things = self._truth_at(t_ns)
-        agent = next((t for t in things if t.kind == "agents" and t.id == vehicle and t.alive), None)
-        if agent is None:
-            return {}
-        return {
-            t.id: math.hypot(t.east_m - agent.east_m, t.north_m - agent.north_m)
-            for t in things
-            if t.kind == "targets" and t.alive
-        }
+        """Distance of an agent to each living target when it last lived; empty when it was dead too long."""
+        for back_s in range(ARRIVAL_DELAY_S + 1):
+            things = self._truth_at(t_ns - back_s * NS_PER_S)
+            agent = next((t for t in things if t.kind == "agents" and t.id == vehicle and t.alive), None)
+            if agent is not None:
+                return {
+                    t.id: math.hypot(t.east_m - agent.east_m, t.north_m - agent.north_m)
+                    for t in things
+                    if t.kind == "targets" and t.alive
+                }
+        return {}
 
     def _why_not_arrived(self, vehicle: int, fate: Fate, reached: dict[int, int]) -> str:
         distances = self._target_distances(vehicle, fate.t_ns)

@@ -180,28 +180,25 @@ class Glmb:
         hypothesis that holds all the likely ones, so that two labels are not shown at one object.
         """
         existence, shown, cardinality = kernels.summary(self._groups, self._track_label, len(self._labels))
+        estimate = kernels.map_tracks(self._groups)
+        estimated = self._track_label[estimate]
+        shown[estimated] = estimate
+        is_estimated = np.zeros(existence.size, np.bool_)
+        is_estimated[estimated] = True
         tracks = tuple(
-            self._track(shown[i], float(existence[i]))
-            for i in np.flatnonzero(existence >= self.params.report_existence)
+            self._track(shown[i], float(existence[i]), estimated=bool(is_estimated[i]))
+            for i in np.flatnonzero((existence >= self.params.report_existence) | is_estimated)
         )
         scan_t_ns = t_ns if self._t_ns is None else self._t_ns
         return Picture(t_ns, scan_t_ns, self.kind, tracks, read_only(cardinality))
 
     def estimate(self) -> tuple[Track, ...]:
-        """Return who is there: the best hypothesis of each group's most probable number of objects.
+        """Return who is there: the tracks of `picture` that are in the MAP-cardinality estimate."""
+        return tuple(track for track in self.picture(0).tracks if track.estimated)
 
-        The usual GLMB estimator. Beside `picture` it counts an object whose existence is certain but whose
-        label is not, because it may have been born at one scan or at the next.
-        """
-        existence, _, _ = kernels.summary(self._groups, self._track_label, len(self._labels))
-        return tuple(
-            self._track(t, float(existence[self._track_label[t]]))
-            for t in np.sort(kernels.map_tracks(self._groups))
-        )
-
-    def _track(self, t: int, existence: float) -> Track:
+    def _track(self, t: int, existence: float, *, estimated: bool) -> Track:
         label = self._labels[self._track_label[t]]
-        return Track(label, read_only(self._mean[t]), read_only(self._cov[t]), existence)
+        return Track(label, read_only(self._mean[t]), read_only(self._cov[t]), existence, estimated)
 
     def _usable(self, z_m: FloatArray, clutter_per_m2: FloatArray | float) -> tuple[FloatArray, FloatArray]:
         """Finite detections, sorted by east for the gates, and the log of the clutter intensity at each."""

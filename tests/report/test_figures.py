@@ -36,7 +36,7 @@ def at(t_s: float) -> int:
 
 
 def picture(t_s: float, kind: Kind, point: Sequence[float], existence: float) -> Picture:
-    track = Track((0, 0), read_only([*point, 0.0, 0.0]), read_only(np.eye(4)), existence)
+    track = Track((0, 0), read_only([*point, 0.0, 0.0]), read_only(np.eye(4)), existence, existence > 0.5)
     return Picture(at(t_s), at(t_s), kind, (track,), read_only([0.0, 1.0]))
 
 

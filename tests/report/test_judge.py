@@ -44,7 +44,7 @@ def picture(
     t_s: float, kind: Kind, points: Sequence[tuple[float, float]], existence: float = 0.99
 ) -> Picture:
     tracks = [
-        Track((0, n), read_only([*point, 0.0, 0.0]), read_only(np.eye(4)), existence)
+        Track((0, n), read_only([*point, 0.0, 0.0]), read_only(np.eye(4)), existence, existence > 0.5)
         for n, point in enumerate(points)
     ]
     return Picture(at(t_s), at(t_s), kind, tuple(tracks), read_only([1.0]))
