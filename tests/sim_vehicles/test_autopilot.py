@@ -140,7 +140,7 @@ def test_auto_without_a_mission_returns():
 
 
 @pytest.mark.parametrize("speed", [5.0, 15.0, 30.0])
-@pytest.mark.parametrize("radius", [60.0, -100.0, 20.0])
+@pytest.mark.parametrize("radius", [-60.0, 100.0, 20.0])
 def test_a_circle_is_held_at_its_radius_whichever_way_it_was_entered(speed, radius):
     tightest = 1.89 * speed
     for start in ((0.0, 0.0, 0.3), (300.0, 0.0, 0.0), (60.0, 0.0, 2.0)):
