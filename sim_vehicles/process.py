@@ -6,10 +6,11 @@ wall time `epoch_ns` (Unix) the run's clock says `start_t_ns`, and from there it
 cleanly when standard input closes, and on SIGTERM or SIGINT.
 
 Each vehicle has a UDP socket of its own, sends to the ground station's address and hears only that address.
-With ``--truth`` it also sends its true state to the simulated world while it lives, ten times a second of run
-time: SYSTEM_TIME and SIM_STATE in one datagram. ``--loss`` drops ground-station datagrams at random, each way.
+With ``--truth`` it also sends its true state to the simulated world while it lives, ten times a second of
+run time: SYSTEM_TIME and SIM_STATE in one datagram. ``--loss`` drops ground-station datagrams at random, each
+way.
 
-Measured (CPython 3.11, two shared cores): ready 0.25 s after its start; 46 MB resident, 26 MB of them its own;
+Measured (CPython 3.11, two shared cores): ready 0.25 s after its start; 46 MB resident, 26 MB of it its own;
 0.5 % of a core for one vehicle at speed 1, with default streams and truth, and 0.1 % for each of a pack.
 """
 
