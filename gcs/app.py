@@ -128,7 +128,7 @@ class Service:
             self._put(BadInput(t_ns, key, str(error)))
 
     async def _tick(self) -> None:
-        t_ns = self.clock.now_ns()
+        t_ns = max(self.clock.now_ns(), self.clock.start_t_ns)
         while True:
             t_ns = max(t_ns + TICK_NS, self.clock.now_ns() - TICK_NS)
             await asyncio.sleep(max(0.0, self.clock.wall_s_until(t_ns)))

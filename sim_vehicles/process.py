@@ -25,6 +25,7 @@ import signal
 import socket
 import sys
 import time
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class Host:
     @property
     def due_ns(self) -> int:
         """When it next wants to be advanced, at the latest."""
-        return min(self.vehicle.due_ns, self._truth_ns) if self.vehicle.alive else NEVER_NS
+        return min(self.vehicle.due_ns, self._truth_ns)
 
     def receive(self, t_ns: int) -> None:
         """Take every datagram that waits; strangers' are dropped."""
@@ -78,17 +79,22 @@ class Host:
 
     def advance(self, t_ns: int) -> None:
         """Fly up to `t_ns` and send what is due."""
-        while self._truth_ns <= t_ns and self.vehicle.alive:
+        while self._truth_ns <= t_ns:
             self.vehicle.advance(self._truth_ns)
+            time_message, state_message = self.vehicle.truth_messages(self._truth_ns)
             if self.vehicle.alive:
-                self._send_truth(self._truth_ns)
-            self._truth_ns += _TRUTH_PERIOD_NS
+                self._send_truth(time_message, state_message)
+                self._truth_ns += _TRUTH_PERIOD_NS
+            else:
+                # A time without a state: the world need not wait for a vehicle that has died.
+                self._send_truth(time_message)
+                self._truth_ns = NEVER_NS
         for data in self.vehicle.datagrams_to_send(t_ns):
             if not self._is_lost():
                 self._send(data, self._gcs)
 
-    def _send_truth(self, t_ns: int) -> None:
-        for message in self.vehicle.truth_messages(t_ns):
+    def _send_truth(self, *messages: Any) -> None:
+        for message in messages:
             self._truth_outbox.send(message)
         for data in self._truth_outbox.take():
             self._send(data, self._truth)

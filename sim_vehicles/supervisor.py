@@ -140,7 +140,8 @@ class Supervisor:
         return line
 
     def _give_clock(self) -> None:
-        epoch_ns = time.time_ns() + int(_HEAD_START_S * NS_PER_S)
+        # Whole milliseconds: true states are stamped in microseconds, and scans fall on the same grid.
+        epoch_ns = (time.time_ns() + int(_HEAD_START_S * NS_PER_S)) // 1_000_000 * 1_000_000
         clock = {"epoch_ns": epoch_ns, "start_t_ns": epoch_ns, "speed": self.plan.speed}
         line = json.dumps(clock) + "\n"
         for child in self.children:

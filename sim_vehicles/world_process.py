@@ -97,13 +97,16 @@ class TruthReceiver:
             messages = mavlink.MAVLink(None).parse_buffer(bytearray(data)) or []
         except mavlink.MAVError:
             return
-        t_ns = 0
-        for message in messages:
-            agent = self.agents.get(message.get_srcSystem())
-            if message.get_type() == "SYSTEM_TIME":
-                t_ns = message.time_unix_usec * 1000
-            elif message.get_type() == "SIM_STATE" and agent is not None and t_ns:
-                agent.add(t_ns, *self._frame.to_local(message.lat_int * 1e-7, message.lon_int * 1e-7))
+        by_type = {message.get_type(): message for message in messages}
+        time_message, state = by_type.get("SYSTEM_TIME"), by_type.get("SIM_STATE")
+        agent = self.agents.get(time_message.get_srcSystem()) if time_message is not None else None
+        if time_message is None or agent is None:
+            return
+        if state is None:
+            agent.silent = True  # its last word: it has died
+        else:
+            place = self._frame.to_local(state.lat_int * 1e-7, state.lon_int * 1e-7)
+            agent.add(time_message.time_unix_usec * 1000, *place)
 
     def agents_at(self, t_ns: int) -> list[TruthObject] | None:
         """All agents at `t_ns`; None while the truth of a living one is still to come."""

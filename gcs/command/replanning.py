@@ -80,13 +80,12 @@ class Replanner:
         if self._next_check_t_ns is None:
             return self._first_plan(situation)
         self._next_check_t_ns += self._period_ns
-        reasons = self._reasons(situation)
-        if not reasons:
+        changes, moves = self._changes(situation), self._moves(situation)
+        if not changes and not moves:
             return None
-        flown = dict(self.routes)
-        plan = self._plan(situation, "; ".join(reasons))
-        # A target over an obstacle "moved" at every look, though no route gets nearer: that is no news.
-        return plan if plan.changed or self.assigned != {v: r.target for v, r in flown.items()} else None
+        plan = self._plan(situation, "; ".join([*changes, *moves]))
+        # A target over an obstacle "moves" at every look, though no route gets nearer: that is no news.
+        return plan if changes or plan.changed else None
 
     def _first_plan(self, situation: Situation) -> Plan | None:
         """Plan as soon as everybody expected is there, or after a short wait with whoever is."""
@@ -102,7 +101,8 @@ class Replanner:
         self._next_check_t_ns = situation.t_ns + self._period_ns
         return self._plan(situation, "first plan")
 
-    def _reasons(self, situation: Situation) -> list[str]:
+    def _changes(self, situation: Situation) -> list[str]:
+        """Who and what came or went since the last plan, in words."""
         gone = self._planned_agents - set(situation.agents) - situation.arrived
         reasons = [f"agent {v} lost" for v in sorted(gone)]
         reasons += [f"agent {v} joined" for v in sorted(set(situation.agents) - self._planned_agents)]
@@ -114,15 +114,19 @@ class Replanner:
         reasons += [
             f"target {_name(t)} appeared" for t in sorted(set(situation.targets) - self._planned_targets)
         ]
+        gone_targets = {route.target for route in self.routes.values()} - set(situation.targets)
+        return reasons + [f"target {_name(t)} lost" for t in sorted(gone_targets)]
+
+    def _moves(self, situation: Situation) -> list[str]:
+        """Which targets are too far from where their routes end, in words."""
+        moves = []
         for vehicle, route in sorted(self.routes.items()):
             agent, target = situation.agents.get(vehicle), situation.targets.get(route.target)
-            if target is None:
-                reasons.append(f"target {_name(route.target)} lost")
-            elif agent is not None:
+            if agent is not None and target is not None:
                 moved_m = _distance_m(target.mean, route.points_m[-1])
                 if moved_m > self._tolerance_m(agent, route):
-                    reasons.append(f"target {_name(route.target)} moved {moved_m:.0f} m")
-        return reasons
+                    moves.append(f"target {_name(route.target)} moved {moved_m:.0f} m")
+        return moves
 
     def _tolerance_m(self, agent: Track, route: Route) -> float:
         to_go_m = _distance_m(agent.mean, route.points_m[-1])

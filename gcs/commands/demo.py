@@ -127,8 +127,10 @@ async def _fly(
         undo = wait_for_interrupt(interrupt)
         relay = asyncio.create_task(_relay(interrupt, stop))
         try:
-            console.print(f"starting {len(config.agents)} vehicles and the world", highlight=False)
-            async with _simulation(options, link.port, endpoint, stop) as clock:
+            console.print(
+                f"central command listens on UDP port {link.port}; starting the vehicles", highlight=False
+            )
+            async with _simulation(options, link.port, endpoint, stop, console) as clock:
                 limit_s = options.duration_s or config.mission.max_duration_s
                 limit = loop.call_later(limit_s / options.speed, stop.set)
                 async with view_for(service, console, speed=options.speed, headless=options.headless):
@@ -148,7 +150,7 @@ async def _relay(interrupt: asyncio.Event, stop: asyncio.Event) -> None:
 
 @asynccontextmanager
 async def _simulation(
-    options: DemoOptions, port: int, zenoh: str, stop: asyncio.Event
+    options: DemoOptions, port: int, zenoh: str, stop: asyncio.Event, console: Console
 ) -> AsyncIterator[RunClock]:
     """The simulated side as a process; yields the clock that it flies by, and ends it on the way out."""
     process = await asyncio.create_subprocess_exec(
@@ -160,7 +162,7 @@ async def _simulation(
     )  # fmt: skip
     watcher: asyncio.Task[None] | None = None
     try:
-        starting = asyncio.create_task(_until_started(process))
+        starting = asyncio.create_task(_until_started(process, console))
         stopping = asyncio.create_task(stop.wait())
         await asyncio.wait(
             {starting, stopping}, timeout=_STARTS_WITHIN_S, return_when=asyncio.FIRST_COMPLETED
@@ -199,8 +201,10 @@ async def _events(process: asyncio.subprocess.Process) -> AsyncIterator[dict[str
             yield json.loads(line)
 
 
-async def _until_started(process: asyncio.subprocess.Process) -> RunClock:
+async def _until_started(process: asyncio.subprocess.Process, console: Console) -> RunClock:
     async for event in _events(process):
+        if event.get("event") == "vehicle":
+            console.print(f"vehicle {event['system_id']} is process {event['pid']}", highlight=False)
         if event.get("event") == "started":
             return RunClock(event["epoch_ns"], event["start_t_ns"], event["speed"])
     raise SimulationError("the simulated vehicles could not be started: see the messages above")

@@ -12,7 +12,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from rich.console import Console, Group, RenderableType
+from rich import box
+from rich.console import Console, ConsoleOptions, Group, RenderResult
 from rich.layout import Layout
 from rich.panel import Panel
 from rich.table import Table
@@ -37,7 +38,10 @@ from gcs.model import (
 _STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
 _FATE_STYLE: Final = {"flying": "cyan", "arrived": "green", "dead": "red"}
 _LOG_LINES: Final = 200
-_MAP_COLUMNS, _MAP_ROWS = 62, 26
+_EVENT_ROWS: Final = 9
+_MIN_MAP_ROWS: Final = 12
+_ROWS_AROUND_MAP: Final = 3 + _EVENT_ROWS + 2 + 2
+_TABLES_WIDTH: Final = 94
 
 
 def label_text(label: Label | None) -> str:
@@ -48,8 +52,10 @@ def label_text(label: Label | None) -> str:
 def effect_line(effect: Effect) -> tuple[str, str] | None:
     """One line for an operator and its level; None for what only machines care about."""
     match effect:
-        case Notice():
+        case Notice(vehicle=None):
             return effect.text, effect.level
+        case Notice():
+            return f"agent {effect.vehicle}: {effect.text}", effect.level
         case Plan():
             routes = ", ".join(
                 f"{route.vehicle} → {label_text(route.target)} ({route.length_m:.0f} m)"
@@ -105,7 +111,6 @@ class LiveView:
     def __init__(self, config: Config, command: Command, speed: float) -> None:
         self._config = config
         self._command = command
-        self._blocked = command.grid.blocked
         self._speed = speed
         self._log: deque[Text] = deque(maxlen=_LOG_LINES)
         self._pictures: dict[str, Picture] = {}
@@ -125,22 +130,24 @@ class LiveView:
             self._pictures[effect.kind] = effect
         elif isinstance(effect, UploadReport):
             self._uploads[effect.vehicle] = "verified" if effect.ok else "failed"
-        line = effect_line(effect)
+        line = None if isinstance(effect, Notice) and effect.level == "info" else effect_line(effect)
         if line is not None:
             seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
             self._log.append(Text(f"{seconds:6.1f} s  {line[0]}", style=_STYLE[line[1]]))
 
-    def __rich__(self) -> RenderableType:
+    def __rich_console__(self, _console: Console, options: ConsoleOptions) -> RenderResult:
+        rows = max(_MIN_MAP_ROWS, (options.height or options.size.height) - _ROWS_AROUND_MAP)
+        columns = min(2 * rows, (options.max_width - _TABLES_WIDTH))
         layout = Layout()
         layout.split_column(
-            Layout(self._header(), size=3),
-            Layout(name="body"),
-            Layout(self._events(), size=11, name="events"),
+            Layout(self._header(), size=3), Layout(name="body"), Layout(self._events(), size=_EVENT_ROWS + 2)
         )
-        layout["body"].split_row(
-            Layout(self._map(), size=_MAP_COLUMNS + 4), Layout(Group(self._agents(), self._targets()))
-        )
-        return layout
+        tables = Layout(Group(self._agents(), self._targets()))
+        if columns >= _MIN_MAP_ROWS:
+            layout["body"].split_row(Layout(self._map(rows, columns), size=columns + 4), tables)
+        else:
+            layout["body"].update(tables)
+        yield layout
 
     def _header(self) -> Panel:
         seconds = (self._t_ns - (self._start_t_ns or self._t_ns)) / NS_PER_S
@@ -153,13 +160,13 @@ class LiveView:
         return Panel(text)
 
     def _agents(self) -> Table:
-        table = Table(title="Agents", expand=True, title_justify="left")
+        table = Table(title="Agents", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
         for name in (
             "id",
             "fate",
             "mode",
             "track",
-            "existence",
+            "exist.",
             "east m",
             "north m",
             "m/s",
@@ -195,8 +202,8 @@ class LiveView:
         return table
 
     def _targets(self) -> Table:
-        table = Table(title="Targets", expand=True, title_justify="left")
-        for name in ("track", "existence", "east m", "north m", "m/s", "agent"):
+        table = Table(title="Targets", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for name in ("track", "exist.", "east m", "north m", "m/s", "agent"):
             table.add_column(name, justify="right", no_wrap=True)
         hunters = {route.target: str(route.vehicle) for route in self._command.replanner.routes.values()}
         reached = self._command.fates.reached()
@@ -211,22 +218,22 @@ class LiveView:
         return {} if picture is None else {track.label: track for track in picture.tracks}
 
     def _events(self) -> Panel:
-        return Panel(Group(*list(self._log)[-9:]), title="Events", title_align="left")
+        return Panel(Group(*list(self._log)[-_EVENT_ROWS:]), title="Events", title_align="left")
 
-    def _map(self) -> Panel:
+    def _map(self, rows: int, columns: int) -> Panel:
         """A map in characters, north up: obstacles, routes, agents by id, targets."""
-        cells = [[(" ", "")] * _MAP_COLUMNS for _ in range(_MAP_ROWS)]
+        cells = [
+            [("▒", "bright_black") if blocked else (" ", "") for blocked in row]
+            for row in self._obstacles(rows, columns)
+        ]
 
         def put(east_m: float, north_m: float, text: str, style: str) -> None:
-            column = int(east_m / self._config.map.width_m * (_MAP_COLUMNS - 1) + 0.5)
-            row = _MAP_ROWS - 1 - int(north_m / self._config.map.height_m * (_MAP_ROWS - 1) + 0.5)
+            column = int(east_m / self._config.map.width_m * columns)
+            row = rows - 1 - int(north_m / self._config.map.height_m * rows)
             for offset, character in enumerate(text):
-                if 0 <= row < _MAP_ROWS and 0 <= column + offset < _MAP_COLUMNS:
+                if 0 <= row < rows and 0 <= column + offset < columns:
                     cells[row][column + offset] = (character, style)
 
-        spacing_east_m, spacing_north_m = self._config.spacing_m
-        for north, east in np.argwhere(self._blocked):
-            put(east * spacing_east_m, north * spacing_north_m, "▒", "bright_black")
         for route in self._command.replanner.routes.values():
             for east_m, north_m in route.points_m:
                 put(east_m, north_m, "·", "cyan")
@@ -246,8 +253,16 @@ class LiveView:
                 put(*fate.position_m, "✗", "red")
             elif seen is not None:
                 put(float(seen.mean[0]), float(seen.mean[1]), str(vehicle), "bold " + _FATE_STYLE[fate.fate])
-        lines = [Text.assemble(*row) for row in cells]
-        return Panel(Group(*lines), title="Map", title_align="left")
+        return Panel(Group(*(Text.assemble(*row) for row in cells)), title="Map", title_align="left")
+
+    def _obstacles(self, rows: int, columns: int) -> npt.NDArray[np.bool_]:
+        """Obstacles as the map's characters show them, the first row being the northernmost."""
+        grid, area = self._command.grid, self._config.map
+        north = (np.arange(rows)[::-1] + 0.5) / rows * area.height_m
+        east = (np.arange(columns) + 0.5) / columns * area.width_m
+        nodes_north = np.minimum((north / grid.spacing_m + 0.5).astype(int), grid.shape[0] - 1)
+        nodes_east = np.minimum((east / grid.spacing_m + 0.5).astype(int), grid.shape[1] - 1)
+        return grid.blocked[np.ix_(nodes_north, nodes_east)]
 
 
 def _track_cells(track: Track | None) -> Sequence[str]:

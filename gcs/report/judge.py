@@ -10,8 +10,8 @@ came out of a run and gives a `Summary`:
 
   1. no agent is left flying;
   2. each agent that command calls arrived was alive, and within the capture radius plus 25 m of a living
-     target, when it was called so or at most two seconds before (the allowance covers the errors of tracks and
-     sensor; the time, that an arrival is called at the second scan in a row);
+     target, when it was called so or at most two seconds before (the allowance covers the errors of tracks
+     and sensor; the time, that an arrival is called at the second scan in a row);
   3. arrivals are at distinct targets: agents and targets are paired within that distance so that the sum of
      distances is least, which is each agent's nearest target unless two agents share it;
   4. agents that command calls dead are dead.

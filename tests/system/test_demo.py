@@ -1,0 +1,181 @@
+"""`gcs demo` as a user runs it: real processes, real UDP, real zenoh."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs.edge.reader import read
+from gcs.model import Fate, MissionEnded, Plan, Truth
+
+GCS = [sys.executable, "-c", "from gcs.cli import main; main()"]
+SPEED = "8"
+
+
+class Demo:
+    """A running `gcs demo`, its lines as they come."""
+
+    def __init__(self, out: Path, *arguments: str) -> None:
+        self.out = out
+        command = [*GCS, "demo", *arguments, "--headless", "--speed", SPEED, "--out", str(out), "--json"]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.lines: list[str] = []
+        self._news = threading.Condition()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            with self._news:
+                self.lines.append(line.rstrip())
+                self._news.notify_all()
+
+    def await_line(self, pattern: str, timeout_s: float = 60.0) -> re.Match[str]:
+        """Wait for a line that matches; return the match."""
+        deadline = time.monotonic() + timeout_s
+        seen = 0
+        with self._news:
+            while True:
+                for line in self.lines[seen:]:
+                    if match := re.search(pattern, line):
+                        return match
+                seen = len(self.lines)
+                if not self._news.wait(max(0.0, deadline - time.monotonic())):
+                    raise AssertionError(f"no line like {pattern!r} in:\n" + "\n".join(self.lines))
+
+    def pids(self) -> list[int]:
+        """Process ids of all vehicles."""
+        self.await_line(r"plan: first plan")
+        return [int(m[1]) for line in self.lines if (m := re.search(r"vehicle \d+ is process (\d+)", line))]
+
+    def result(self, timeout_s: float = 100.0) -> dict[str, Any]:
+        """Wait for the end; return the JSON object on the last line."""
+        assert self.process.stdout is not None
+        self.process.wait(timeout_s)
+        self._reader.join(5.0)
+        last = self.process.stdout.read().strip().splitlines()[-1]
+        result: dict[str, Any] = json.loads(last)
+        return result
+
+    def stop(self) -> None:
+        """Leave nothing behind, also when a test fails."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+
+
+@pytest.fixture
+def demo(tmp_path: Path, request: pytest.FixtureRequest) -> Any:
+    running = Demo(tmp_path / "run", *getattr(request, "param", ()))
+    yield running
+    running.stop()
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize("demo", [("prescribed", "--seed", "2")], indirect=True)
+def test_a_mission_is_flown_recorded_and_judged(demo: Demo) -> None:
+    result = demo.result()
+    assert demo.process.returncode == 0, demo.lines
+    keys = "scenario seed outcome reason duration_s agents targets_total targets_reached retasks uploads"
+    keys += " upload_failures ospa_agents_mean_m ospa_targets_mean_m scan_ms_p99 plan_ms_p99 recording"
+    assert list(result) == keys.split()
+    assert result["outcome"] == "complete"
+    assert [agent["fate"] for agent in result["agents"]] == ["arrived", "dead", "arrived", "arrived"]
+    arrived = [agent["target"] for agent in result["agents"] if agent["fate"] == "arrived"]
+    assert len(set(arrived)) == 3
+    assert result["upload_failures"] == 0
+    assert result["ospa_agents_mean_m"] < 5.0
+    assert result["ospa_targets_mean_m"] < 5.0
+    assert (demo.out / "run.png").stat().st_size > 10_000
+    values = [record.value for record in read(demo.out)]
+    assert sum(isinstance(value, MissionEnded) for value in values) == 1
+    assert sum(isinstance(value, Truth) for value in values) > 100
+
+
+@pytest.mark.parametrize("demo", [("prescribed", "--seed", "3", "--loss", "0.2")], indirect=True)
+def test_killed_vehicles_lossy_links_and_hostile_bytes_are_seen_through(demo: Demo) -> None:
+    port = int(demo.await_line(r"listens on UDP port (\d+)")[1])
+    hostile = threading.Thread(target=_bombard, args=(port, demo.process), daemon=True)
+    hostile.start()
+    pids = demo.pids()
+    demo.await_line(r" 3[0-9]\.\d\d s")  # run time: all are on their way
+    os.kill(pids[3], signal.SIGKILL)
+    result = demo.result()
+    assert demo.process.returncode == 0, demo.lines
+    assert [agent["fate"] for agent in result["agents"]] == ["arrived", "dead", "arrived", "dead"]
+    fates = [record.value for record in read(demo.out) if isinstance(record.value, Fate)]
+    plans = [record.value for record in read(demo.out) if isinstance(record.value, Plan)]
+    died = next(fate for fate in fates if fate.vehicle == 4)
+    assert any(plan.t_ns >= died.t_ns and "agent 4 lost" in plan.reason for plan in plans)
+
+
+def _bombard(port: int, process: subprocess.Popen[str]) -> None:
+    """Garbage, truncated frames, and a stranger who claims vehicle 1's id, until the demo ends."""
+    heartbeat = bytes.fromhex("fd09000000010100000000000000020351040350d1")
+    stranger = bytes.fromhex("fd0900000007010000000000000002035104034a3c")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        count = 0
+        while process.poll() is None and count < 20_000:
+            for data in (os.urandom(64), heartbeat, heartbeat[:9], stranger, b"\xfd" * 40, b""):
+                sender.sendto(data, ("127.0.0.1", port))
+            count += 1
+            time.sleep(0.01)
+
+
+def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(demo: Demo) -> None:
+    pids = demo.pids()
+    demo.await_line(r" 1\d\.\d\d s")
+    demo.process.send_signal(signal.SIGINT)
+    result = demo.result(30.0)
+    assert demo.process.returncode == 130
+    assert result["outcome"] == "incomplete"
+    deadline = time.monotonic() + 5.0
+    while any(is_running(pid) for pid in pids) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert len(pids) == 4
+    assert not any(is_running(pid) for pid in pids)
+    values = [record.value for record in read(demo.out)]
+    assert any(isinstance(value, Plan) for value in values)
+    assert type(values[-1]).__name__ != "Damage"
+
+
+def test_vehicles_end_when_the_demo_is_killed(demo: Demo) -> None:
+    pids = demo.pids()
+    demo.await_line(r" [34]\d\.\d\d s")  # seconds of wall time after the first plan, which is flushed by then
+    demo.process.kill()
+    deadline = time.monotonic() + 10.0
+    while any(is_running(pid) for pid in pids) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(is_running(pid) for pid in pids)
+    assert any(isinstance(record.value, Plan) for record in read(demo.out))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["demo", "no-such-scenario"], "shipped scenarios"),
+        (["check", "no-such-file.toml"], "no such file or scenario"),
+        (["simulate", "no-such-scenario"], "shipped scenarios"),
+    ],
+)
+def test_a_mistake_is_one_readable_line_and_exit_code_2(arguments: list[str], words: str) -> None:
+    done = subprocess.run([*GCS, *arguments], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
