@@ -124,6 +124,14 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
                 f"simulation.death.prescribed[{index}].system_id",
                 f"{death.system_id} is none of the agents",
             )
+    width_m, height_m = config.map.width_m, config.map.height_m
+    for index, target in enumerate(simulation.targets):
+        if not (0.0 <= target.east_m <= width_m and 0.0 <= target.north_m <= height_m):
+            raise ConfigError(
+                source,
+                f"simulation.targets[{index}]",
+                f"({target.east_m}, {target.north_m}) lies outside the map: {width_m} m x {height_m} m",
+            )
     if simulation.targets and simulation.gaussian_targets:
         raise ConfigError(source, "simulation", "give either `targets` or `gaussian_targets`, not both")
     if simulation.gaussian_targets and not config.births:

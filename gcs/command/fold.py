@@ -87,6 +87,11 @@ class Command:
         return effects + self._settle(self.tasking.poll(event.t_ns))
 
     def _scan(self, event: Scan) -> list[Effect]:
+        refusal = self.trackers.refusal(event)
+        if refusal:
+            return self._bad(
+                BadInput(event.t_ns, event.sensor.name, f"scan of {event.sensor.name} {refusal}")
+            )
         states = self.fleet.states()
         effects: list[Effect] = [*self.trackers.scan(event, states)]
         agents, targets = self.trackers.agents.beliefs, self.trackers.targets.beliefs

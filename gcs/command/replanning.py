@@ -79,7 +79,8 @@ class Replanner:
         """Look whether something changed; if so, plan."""
         if self._next_check_t_ns is None:
             return self._first_plan(situation)
-        self._next_check_t_ns += self._period_ns
+        while self._next_check_t_ns <= situation.t_ns:  # looks missed without scans are not made up for
+            self._next_check_t_ns += self._period_ns
         changes, moves = self._changes(situation), self._moves(situation)
         if not changes and not moves:
             return None

@@ -11,6 +11,10 @@ there, so that an agent lost by mistake comes back.
 A place gives birth with `birth_probability` each scan until an object of it is believed, and with
 `birth_again_probability` from then on: one object is expected of each, and clutter near a place that has
 given its own must not look like another.
+
+Scans come from outside. One that is late, repeated or ahead of its time is refused (`Trackers.refusal`):
+worked in, it would count as one more scan of what is known already, and a single time stamp hours ahead
+would outlive every track. A sensor that announces no noise at all is not believed to the last millimetre.
 """
 
 from __future__ import annotations
@@ -30,6 +34,10 @@ from gcs.tracking.motion import process_noise, transition
 
 _NEAR_STD = 5.0
 """A report within this many standard deviations of a track or a place of birth is taken for that object."""
+_MAX_AHEAD_S = 1.0
+"""A scan that says it was measured longer after its arrival than clocks may differ is refused."""
+_LEAST_VARIANCE_M2 = 1e-4
+"""Of a detection: without any, covariances become singular."""
 
 
 class KindTracker:
@@ -128,12 +136,30 @@ class Trackers:
             for birth in config.births
         ]
         self._report_birth_probability = tracking.agents.birth_probability
+        self._measured_t_ns = -1
+        self._sensors_then: set[str] = set()
         self.agents = KindTracker("agents", config, tracking.agents, starts, tracking.seed)
         self.targets = KindTracker("targets", config, tracking.targets, places, tracking.seed + 1)
 
+    def refusal(self, scan: Scan) -> str:
+        """Say why a scan cannot be worked in; empty when it can."""
+        ahead_s = (scan.measured_t_ns - scan.t_ns) / NS_PER_S
+        if ahead_s > _MAX_AHEAD_S:
+            return f"measured {ahead_s:.1f} s after it arrived"
+        if scan.measured_t_ns < self._measured_t_ns:
+            behind_s = (self._measured_t_ns - scan.measured_t_ns) / NS_PER_S
+            return f"measured {behind_s:.3f} s before the last one"
+        if scan.measured_t_ns == self._measured_t_ns and scan.sensor.name in self._sensors_then:
+            return "came twice"
+        return ""
+
     def scan(self, scan: Scan, states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
-        """Work one scan into both filters; return the pictures of agents and of targets."""
+        """Work one scan that is not refused into both filters; return the pictures of agents and targets."""
         t_ns = scan.measured_t_ns
+        if t_ns > self._measured_t_ns:
+            self._measured_t_ns, self._sensors_then = t_ns, set()
+        self._sensors_then.add(scan.sensor.name)
+        scan = replace(scan, sensor=_with_noise(scan.sensor))
         fresh = [s for s in states if abs(t_ns - s.t_ns) <= self._telemetry.max_age_s * NS_PER_S]
         places = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
         known = self._are_known(places, t_ns)
@@ -191,6 +217,13 @@ def squared_distances(places: FloatArray, means: FloatArray, S: FloatArray) -> F
     """Squared Mahalanobis distances (m, n) of places (m, 2) from means (n, 2) under S (n, 2, 2)."""
     offset = places[:, None, :] - means[None, :, :]
     return np.asarray(np.einsum("mni,nij,mnj->mn", offset, np.linalg.inv(S), offset))
+
+
+def _with_noise(sensor: Sensor) -> Sensor:
+    """Return the sensor with a noise that can be inverted."""
+    if np.linalg.eigvalsh(sensor.noise_cov_m2)[0] >= _LEAST_VARIANCE_M2:
+        return sensor
+    return replace(sensor, noise_cov_m2=read_only(sensor.noise_cov_m2 + np.eye(2) * _LEAST_VARIANCE_M2))
 
 
 def _birth(
