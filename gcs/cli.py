@@ -13,6 +13,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
 from gcs.errors import GcsError
 
@@ -27,11 +28,25 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+
+def _complete(incomplete: str) -> list[str]:
+    """Names of shipped scenarios for tab completion."""
+    from gcs.config import scenario_names
+
+    return [name for name in scenario_names() if name.startswith(incomplete)]
+
+
 ScenarioArgument = Annotated[
-    str, typer.Argument(help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.")
+    str,
+    typer.Argument(
+        help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.", autocompletion=_complete
+    ),
 ]
 ConfigArgument = Annotated[
-    str, typer.Argument(help="A mission file, or the name of a shipped scenario.", metavar="CONFIG")
+    str,
+    typer.Argument(
+        help="A mission file, or the name of a shipped scenario.", metavar="CONFIG", autocompletion=_complete
+    ),
 ]
 SeedOption = Annotated[
     int, typer.Option(min=0, help="Makes everything random: obstacles, deaths, targets, noise.")
@@ -148,9 +163,12 @@ def scenarios() -> None:
     """List the shipped scenarios."""
     from gcs.config import load, scenario_names
 
-    console = Console()
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column()
     for name in scenario_names():
-        console.print(f"[bold]{name:18}[/] {load(name).description}", highlight=False)
+        table.add_row(name, load(name).description)
+    Console().print(table)
 
 
 class _errors_shown:  # noqa: N801  reads as a statement
