@@ -1,0 +1,147 @@
+"""A user would lose control: a mission meant for one vehicle goes to another, or to nobody."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from staging import at, believed, picture, state, track
+
+from gcs.command.ties import Ties
+
+GATE = 32.2
+A, B = (0, 0), (0, 1)
+EAST, WEST = (1000.0, 0.0), (0.0, 0.0)
+
+
+def new_ties():
+    return Ties(gate_chi2=GATE, noise_std_m=3.0, max_age_s=1.0)
+
+
+def tied_pair():
+    """Vehicle 1 at A in the west, vehicle 2 at B in the east."""
+    ties = new_ties()
+    ties.update(believed(track(A, WEST), track(B, EAST)), at(0), [state(1, WEST), state(2, EAST)])
+    assert ties.labels == {1: A, 2: B}
+    return ties
+
+
+def test_vehicles_are_tied_so_that_the_whole_lies_nearest_not_one_after_the_other():
+    # Vehicle 1 is nearest to B, but so is vehicle 2, which is in nobody else's gate.
+    ties = new_ties()
+    beliefs = believed(track(A, (0.0, 0.0)), track(B, (20.0, 0.0)))
+    ties.update(beliefs, at(0), [state(1, (11.0, 0.0)), state(2, (40.0, 0.0))])
+    assert ties.labels == {1: A, 2: B}
+
+
+def test_a_report_far_from_every_track_is_tied_to_none():
+    ties = new_ties()
+    reach_m = math.sqrt(GATE * (9.0 + 9.0))
+    ties.update(believed(track(A, WEST)), at(0), [state(1, (0.0, reach_m + 0.1))])
+    assert ties.labels == {}
+    ties.update(believed(track(A, WEST)), at(0), [state(1, (0.0, reach_m - 0.1))])
+    assert ties.labels == {1: A}
+
+
+def test_a_track_that_is_not_believed_gets_no_vehicle():
+    ties = new_ties()
+    beliefs = believed(track(A, WEST))
+    beliefs.update(picture(track(A, WEST), track(B, EAST)))
+    ties.update(beliefs, at(0), [state(1, WEST), state(2, EAST)])
+    assert ties.labels == {1: A}
+
+
+def test_a_report_is_compared_at_the_time_of_the_scan():
+    ties = new_ties()
+    northward = state(1, (0.0, 0.0), t_s=9.2, speed_m_s=50.0, course_rad=0.0)
+    ties.update(believed(track(A, (0.0, 40.0))), at(10.0), [northward])
+    assert ties.labels == {1: A}
+
+
+def test_an_old_report_says_nothing():
+    ties = new_ties()
+    ties.update(believed(track(A, WEST)), at(10), [state(1, WEST, t_s=8.9)])
+    assert ties.labels == {}
+
+
+def test_a_tie_holds_while_the_vehicles_link_is_silent():
+    ties = tied_pair()
+    for t_s in range(1, 120):
+        moved = believed(track(A, (15.0 * t_s, 0.0)), track(B, EAST))
+        ties.update(moved, at(t_s), [state(1, WEST, 0.0), state(2, EAST, t_s)])
+    assert ties.labels == {1: A, 2: B}
+
+
+def test_one_or_two_reports_outside_the_gate_do_not_break_a_tie():
+    ties = tied_pair()
+    beliefs = believed(track(A, WEST), track(B, EAST))
+    for t_s in range(1, 30):
+        place = WEST if t_s % 3 == 0 else (300.0, 300.0)
+        ties.update(beliefs, at(t_s), [state(1, place, t_s), state(2, EAST, t_s)])
+        assert ties.labels == {1: A, 2: B}
+
+
+def test_tracks_that_swapped_their_vehicles_are_tied_anew_after_three_scans():
+    ties = tied_pair()
+    swapped = believed(track(A, EAST), track(B, WEST))
+    for t_s in (1, 2):
+        ties.update(swapped, at(t_s), [state(1, WEST, t_s), state(2, EAST, t_s)])
+        assert ties.labels == {1: A, 2: B}
+    ties.update(swapped, at(3), [state(1, WEST, 3), state(2, EAST, 3)])
+    assert ties.labels == {1: B, 2: A}
+
+
+def test_a_dead_label_keeps_its_vehicle_until_the_death_is_called():
+    ties = tied_pair()
+    beliefs = believed(track(A, WEST), track(B, EAST))
+    beliefs.update(picture(track(A, WEST, existence=0.001, estimated=False), track(B, EAST)))
+    ties.update(beliefs, at(1), [state(2, EAST, 1)])
+    assert ties.labels == {1: A, 2: B}
+    beliefs.update(picture(track(B, EAST)))
+    ties.update(beliefs, at(2), [state(2, EAST, 2)])
+    assert ties.labels == {1: A, 2: B}
+    ties.forget(1)
+    assert ties.labels == {2: B}
+
+
+def test_a_doubted_label_loses_its_vehicle_to_the_label_that_has_the_object_now():
+    ties = tied_pair()
+    successor = (5, 0)
+    beliefs = believed(track(A, WEST), track(B, EAST))
+    for t_s in (1, 2, 3):
+        doubted = track(A, WEST, existence=0.3, estimated=False)
+        beliefs.update(picture(doubted, track(B, EAST), track(successor, WEST)))
+        ties.update(beliefs, at(t_s), [state(1, WEST, t_s), state(2, EAST, t_s)])
+    assert ties.labels == {1: successor, 2: B}
+
+
+def test_a_vehicle_is_not_tied_to_a_track_that_another_vehicle_has():
+    ties = tied_pair()
+    ties.update(believed(track(A, WEST), track(B, EAST)), at(1), [state(2, EAST, 1), state(3, WEST, 1)])
+    assert ties.labels == {1: A, 2: B}
+
+
+@pytest.mark.parametrize("place", [(math.nan, 0.0), (math.inf, 0.0), (1e300, -1e300)])
+def test_a_senseless_report_ties_nothing_and_raises_nothing(place):
+    ties = new_ties()
+    ties.update(believed(track(A, WEST)), at(0), [state(1, place), state(2, WEST)])
+    assert ties.labels == {2: A}
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.lists(st.integers(0, 3), max_size=4, unique=True),
+            st.lists(st.tuples(st.integers(1, 4), st.integers(0, 60)), max_size=4, unique_by=lambda v: v[0]),
+        ),
+        max_size=12,
+    )
+)
+def test_no_two_vehicles_ever_have_one_track(scenes):
+    ties = new_ties()
+    for t_s, (labels, reports) in enumerate(scenes):
+        beliefs = believed(*(track((0, index), (15.0 * index, 0.0)) for index in labels))
+        ties.update(beliefs, at(t_s), [state(v, (float(x), 0.0), t_s) for v, x in reports])
+        assert len(set(ties.labels.values())) == len(ties.labels)
+        assert all(np.isfinite(label).all() for label in ties.labels.values())
