@@ -37,6 +37,7 @@ from gcs.model import (
 
 _BAD_INPUT_NOTICES = 20
 """After so many from one run, bad input is counted only: noise must not drown what matters."""
+_BLIND_AFTER_NS = 5 * NS_PER_S
 
 
 class Command:
@@ -63,6 +64,8 @@ class Command:
         self.bad_input = 0
         self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._ended = False
+        self._scan_t_ns: int | None = None
+        self._blind = False
 
     def step(self, event: Event) -> list[Effect]:
         """Work one event; return what is to be done and shown because of it."""
@@ -84,9 +87,24 @@ class Command:
 
     def _tick(self, event: Tick) -> list[Effect]:
         effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
+        effects += self._watch_sensors(event.t_ns)
         return effects + self._settle(self.tasking.poll(event.t_ns))
 
+    def _watch_sensors(self, t_ns: int) -> list[Effect]:
+        """Say when no scan has come for long: without scans nobody is seen to die."""
+        if self._scan_t_ns is None or self._blind or t_ns - self._scan_t_ns < _BLIND_AFTER_NS:
+            return []
+        self._blind = True
+        return [
+            Notice(
+                t_ns,
+                "alarm",
+                f"no scan for {(t_ns - self._scan_t_ns) / NS_PER_S:.0f} s: is the sensor there?",
+            )
+        ]
+
     def _scan(self, event: Scan) -> list[Effect]:
+        self._scan_t_ns, self._blind = event.t_ns, False
         refusal = self.trackers.refusal(event)
         if refusal:
             return self._bad(

@@ -81,11 +81,12 @@ class Replanner:
             return self._first_plan(situation)
         while self._next_check_t_ns <= situation.t_ns:  # looks missed without scans are not made up for
             self._next_check_t_ns += self._period_ns
-        changes, moves = self._changes(situation), self._moves(situation)
-        if not changes and not moves:
+        changes, wants = self._changes(situation), self._idle(situation) + self._moves(situation)
+        if not changes and not wants:
             return None
-        plan = self._plan(situation, "; ".join([*changes, *moves]))
-        # A target over an obstacle "moves" at every look, though no route gets nearer: that is no news.
+        plan = self._plan(situation, "; ".join([*changes, *wants]))
+        # A target over an obstacle "moves" at every look, though no route gets nearer, and an agent with no
+        # way to any target wants a route at every look: that is no news.
         return plan if changes or plan.changed else None
 
     def _first_plan(self, situation: Situation) -> Plan | None:
@@ -108,15 +109,17 @@ class Replanner:
         reasons = [f"agent {v} lost" for v in sorted(gone)]
         reasons += [f"agent {v} joined" for v in sorted(set(situation.agents) - self._planned_agents)]
         reasons += [
-            f"agent {v} has no route"
-            for v in sorted(set(situation.agents) & self._planned_agents - set(self.routes))
-            if len(situation.targets) > len(set(self.assigned.values()) & set(situation.targets))
-        ]
-        reasons += [
             f"target {_name(t)} appeared" for t in sorted(set(situation.targets) - self._planned_targets)
         ]
         gone_targets = {route.target for route in self.routes.values()} - set(situation.targets)
         return reasons + [f"target {_name(t)} lost" for t in sorted(gone_targets)]
+
+    def _idle(self, situation: Situation) -> list[str]:
+        """Who has no route although there are targets to spare, in words."""
+        if len(situation.targets) <= len(set(self.assigned.values()) & set(situation.targets)):
+            return []
+        idle = set(situation.agents) & self._planned_agents - set(self.routes)
+        return [f"agent {v} has no route" for v in sorted(idle)]
 
     def _moves(self, situation: Situation) -> list[str]:
         """Which targets are too far from where their routes end, in words."""
