@@ -82,6 +82,15 @@ def test_one_or_two_reports_outside_the_gate_do_not_break_a_tie():
         assert ties.labels == {1: A, 2: B}
 
 
+def test_vehicles_side_by_side_keep_their_tracks_though_reports_stray_to_the_neighbours():
+    ties, places = new_ties(), {1: (0.0, 0.0), 2: (8.0, 0.0)}
+    beliefs = believed(track(A, places[1]), track(B, places[2]))
+    ties.update(beliefs, at(0), [state(v, place) for v, place in places.items()])
+    for t_s in range(1, 12):
+        ties.update(beliefs, at(t_s), [state(1, places[2], t_s), state(2, places[1], t_s)])
+        assert ties.labels == {1: A, 2: B}
+
+
 def test_tracks_that_swapped_their_vehicles_are_tied_anew_after_three_scans():
     ties = tied_pair()
     swapped = believed(track(A, EAST), track(B, WEST))

@@ -1,4 +1,4 @@
-"""A user would lose the picture: targets born of loitering agents, dead agents alive in a target's detections."""
+"""A user would lose the picture: targets born of loitering agents, the dead alive in others' detections."""
 
 import math
 
@@ -168,7 +168,7 @@ def test_a_report_is_moved_to_the_time_of_the_scan():
 def test_clutter_at_a_place_that_has_given_its_target_is_no_second_one():
     def seen_as_two(before):
         """Whether a single clutter point at the place of birth makes an estimate of one more target."""
-        sky = Sky(mission(agents=[START], births=[GOAL]))
+        sky = Sky(mission(agents=[START], births=[(1500.0, 900.0), GOAL]))
         for t_s in range(before):
             sky.look(t_s, (GOAL[0], GOAL[1] + 6.0 * t_s))
         _, targets = sky.look(before, (GOAL[0], GOAL[1] + 6.0 * before), clutter=[GOAL])
