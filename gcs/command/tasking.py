@@ -10,9 +10,13 @@ from gcs.config import MissionTable
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Message
 from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.items import Home
+from gcs.mavlink.items import HOME_ITEMS, Home
 from gcs.mavlink.transfer import MissionTask
 from gcs.model import Effect, Mission, Notice, Route, Waypoint
+from gcs.planning.progress import next_point
+
+_CORRIDOR_M = 40.0
+"""A vehicle this near to a leg of its new route flies it."""
 
 
 class Tasking:
@@ -48,7 +52,9 @@ class Tasking:
         mission = self._mission(route, self._mission_count)
         home = self._fleet.home(route.vehicle) or self._home
         encode, state = self._fleet.encoder(route.vehicle), self._fleet.state(route.vehicle)
-        task = MissionTask(mission, home, encode, state=state)
+        task = MissionTask(
+            mission, home, encode, state=state, first_item=lambda: HOME_ITEMS + self._points_passed(route)
+        )
         self._tasks[route.vehicle] = task
         return [*self._fleet.sends(route.vehicle, task.start(t_ns))]
 
@@ -82,6 +88,12 @@ class Tasking:
                 text = f"agent {vehicle} was told to hold: {task.result.detail}"
                 effects.append(Notice(task.result.t_ns, "alarm", text, vehicle))
         return effects
+
+    def _points_passed(self, route: Route) -> int:
+        state = self._fleet.state(route.vehicle)
+        if state is None:
+            return 0
+        return next_point(route.points_m, (state.east_m, state.north_m), _CORRIDOR_M)
 
     def _mission(self, route: Route, mission_id: int) -> Mission:
         places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)

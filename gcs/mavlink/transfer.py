@@ -65,6 +65,9 @@ class MissionTask:
         in "old" rather than clear the vehicle.
     state : VehicleState, optional
         What the vehicle last said of itself: its mode, and the item that it flies to now.
+    first_item : callable, optional
+        Number of the item to begin with, asked when the mission is verified: on a slow link the vehicle has
+        flown on meanwhile, and must not turn back for waypoints behind it.
     autopilot : int
         MAV_AUTOPILOT of the vehicle, for mode numbers.
     own : (int, int)
@@ -79,6 +82,7 @@ class MissionTask:
         *,
         old: Sequence[Item] | None = None,
         state: VehicleState | None = None,
+        first_item: Callable[[], int] = lambda: HOME_ITEMS,
         autopilot: int = ARDUPILOT,
         timing: Timing | None = None,
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
@@ -91,6 +95,7 @@ class MissionTask:
         self.result: TaskResult | None = None
         self._encode = encode
         self._old = old
+        self._first_item = first_item
         self._autopilot = autopilot
         self._timing = timing or Timing()
         self._own = own
@@ -113,6 +118,7 @@ class MissionTask:
         self._current_before: int | None = None
         self._refusals = 0
         self._legacy_select = False
+        self._first = HOME_ITEMS
         self._hold_t_ns: int | None = None
         self._handlers: dict[str, Callable[[Message, int], None]] = {
             "MISSION_REQUEST": self._on_request,
@@ -238,7 +244,8 @@ class MissionTask:
     def _select(self, t_ns: int) -> None:
         self._holds = "equal"
         self._current_before = self._current
-        self._enter("select", t_ns, command(self.mission.vehicle, SET_CURRENT, HOME_ITEMS))
+        self._first = min(max(HOME_ITEMS, self._first_item()), len(self.items) - 1)
+        self._enter("select", t_ns, command(self.mission.vehicle, SET_CURRENT, self._first))
 
     def _start_mode(self, t_ns: int) -> None:
         self._enter("mode", t_ns, self._mode_command(AUTO))
@@ -404,10 +411,10 @@ class MissionTask:
         self._current, self._current_t_ns = message.seq, t_ns
         if self._current_before is None:
             self._current_before = message.seq
-        news = self._current_before != HOME_ITEMS or (
+        news = self._current_before != self._first or (
             self._legacy_select and t_ns - self._stage_t_ns > ns(self._timing.settle_s)
         )
-        if self.stage == "select" and message.seq == HOME_ITEMS and news:
+        if self.stage == "select" and message.seq == self._first and news:
             self._start_mode(t_ns)
 
     def _on_command_ack(self, message: Message, t_ns: int) -> None:
@@ -424,7 +431,7 @@ class MissionTask:
         if self.stage == "select" and not self._legacy_select:
             self._legacy_select = True
             self._stage_t_ns = t_ns
-            self._ask(dialect.MAVLink_mission_set_current_message(*self._to, HOME_ITEMS), t_ns)
+            self._ask(dialect.MAVLink_mission_set_current_message(*self._to, self._first), t_ns)
         elif self._refusals >= self._timing.refusals:
             self._finish(ok=False, t_ns=t_ns)
 

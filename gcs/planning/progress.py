@@ -1,0 +1,42 @@
+"""How far along a route a vehicle is.
+
+A vehicle that gets a new route flies on while the mission is on its way to it, for many seconds on a bad
+link. It should enter the route where it is by then, not turn back to the route's beginning.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from gcs.model import FloatArray
+
+
+def next_point(points_m: FloatArray, place_m: tuple[float, float], corridor_m: float) -> int:
+    """Index of the first point of a route that a vehicle has not passed.
+
+    It has passed a point when it is beside the leg that begins there: beyond the leg's beginning, not
+    beyond its end, and within `corridor_m` of it.
+
+    Parameters
+    ----------
+    points_m : (k, 2) array
+        East and north of the route's points, in the order of flight; k >= 1.
+    place_m : (float, float)
+        Where the vehicle is.
+    corridor_m : float
+        Greatest distance from a leg that is being flown.
+    """
+    first = 0
+    place = np.asarray(place_m)
+    for index, (start, end) in enumerate(pairwise(points_m)):
+        leg = end - start
+        length_m = float(np.hypot(*leg))
+        if length_m == 0.0:
+            continue
+        along_m = float((place - start) @ leg) / length_m
+        across_m = abs(float(leg[0] * (place - start)[1] - leg[1] * (place - start)[0])) / length_m
+        if 0.0 < along_m <= length_m and across_m <= corridor_m:
+            first = index + 1
+    return first
