@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from gcs.errors import GcsError
+from gcs.errors import GcsError, InterruptedRunError
 
 app = typer.Typer(
     help="""Central command for a swarm of fixed-wing vehicles.
@@ -180,7 +180,7 @@ class _errors_shown:  # noqa: N801  reads as a statement
     def __exit__(self, _type: object, error: BaseException | None, _trace: object) -> None:
         if isinstance(error, GcsError):
             Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
-            raise typer.Exit(2) from None
+            raise typer.Exit(130 if isinstance(error, InterruptedRunError) else 2) from None
         if isinstance(error, KeyboardInterrupt):
             raise typer.Exit(130) from None
 

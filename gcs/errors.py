@@ -52,5 +52,9 @@ class RecordingError(GcsError):
         super().__init__(f"{path}: {problem}")
 
 
+class InterruptedRunError(GcsError):
+    """The user ended it before it had begun."""
+
+
 class SimulationError(GcsError):
     """A process of the simulation failed or could not be started."""

@@ -28,7 +28,7 @@ from gcs.edge.recorder import Recorder
 from gcs.edge.udp import UdpLink
 from gcs.edge.wire import decode_truth, truth_key
 from gcs.edge.zenoh_bus import Bus, free_endpoint
-from gcs.errors import SimulationError
+from gcs.errors import InterruptedRunError, SimulationError
 from gcs.model import NS_PER_S
 from gcs.report.judge import Judge, Summary, summary_json
 from gcs.report.summary import print_summary
@@ -169,9 +169,9 @@ async def _simulation(
         )
         if not starting.done():
             starting.cancel()
-            raise SimulationError(
-                "interrupted" if stop.is_set() else "the simulated vehicles did not start in time"
-            )
+            if stop.is_set():
+                raise InterruptedRunError("interrupted before the vehicles were started")
+            raise SimulationError("the simulated vehicles did not start in time")
         stopping.cancel()
         clock = starting.result()
         watcher = asyncio.create_task(_watch(process, stop))
