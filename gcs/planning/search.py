@@ -33,11 +33,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, NamedTuple, TypeAlias
 
-import numba
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from gcs.compiling import inlined, kernel
 from gcs.model import FloatArray
 from gcs.planning.grid import Grid, Node
 
@@ -96,12 +96,12 @@ def search_map(grid: Grid, clearance_m: float = 0.0) -> SearchMap:
     return SearchMap(moves.ravel(), tight.ravel(), mainland.ravel(), offsets, stride, bool(tight.any()))
 
 
-@numba.njit(nogil=True, cache=True)
+@inlined
 def _move_cost(move, tight):  # type: ignore[no-untyped-def]
     return (1.0 if move < 4 else _DIAGONAL) * (TIGHT if tight else 1.0)
 
 
-@numba.njit(nogil=True, cache=True)
+@inlined
 def _spread(moves, tight, offsets, any_tight, nodes, costs, head, entry_node, entry_next, done, field):  # type: ignore[no-untyped-def]
     """Fill `field` with the cost from a place to every node.
 
@@ -157,7 +157,7 @@ def _spread(moves, tight, offsets, any_tight, nodes, costs, head, entry_node, en
         bucket += 1
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def fields(moves, tight, offsets, any_tight, nodes, costs):  # type: ignore[no-untyped-def]
     """Cost in cells from each of n places to every node: (n, flat nodes); inf where no way leads.
 
@@ -189,7 +189,7 @@ def fields(moves, tight, offsets, any_tight, nodes, costs):  # type: ignore[no-u
     return result
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def trace_back(moves, tight, offsets, field, nodes, costs, goal, path):  # type: ignore[no-untyped-def]
     """Read a shortest path off a field, from `goal` back to the field's place, into `path`.
 
@@ -219,64 +219,72 @@ def trace_back(moves, tight, offsets, field, nodes, costs, goal, path):  # type:
         node, last = node + offsets[chosen], chosen
 
 
-@numba.njit(nogil=True, cache=True)
-def _before(f, g, node, i, j):  # type: ignore[no-untyped-def]
+@inlined
+def _before(f, g, node, heap, i):  # type: ignore[no-untyped-def]
     """Order of the open set: nearest to done first; among equals the deeper one, then the lower index."""
-    if f[i] != f[j]:
-        return f[i] < f[j]
-    if g[i] != g[j]:
-        return g[i] > g[j]
-    return node[i] < node[j]
+    if f != heap[i, 0]:
+        return f < heap[i, 0]
+    if g != heap[i, 1]:
+        return g > heap[i, 1]
+    return node < heap[i, 2]
 
 
-@numba.njit(nogil=True, cache=True)
-def _swap(f, g, node, i, j):  # type: ignore[no-untyped-def]
-    f[i], f[j] = f[j], f[i]
-    g[i], g[j] = g[j], g[i]
-    node[i], node[j] = node[j], node[i]
+@inlined
+def _put(heap, i, f, g, node):  # type: ignore[no-untyped-def]
+    heap[i, 0], heap[i, 1] = f, g
+    heap[i, 2] = node
 
 
-@numba.njit(nogil=True, cache=True)
-def _sift_up(f, g, node, i):  # type: ignore[no-untyped-def]
-    while i > 0 and _before(f, g, node, i, (i - 1) // 2):
-        _swap(f, g, node, i, (i - 1) // 2)
-        i = (i - 1) // 2
+@inlined
+def _push(heap, size, f, g, node):  # type: ignore[no-untyped-def]
+    """Add an entry to a heap of `size`: a hole rises to where it belongs."""
+    i = size
+    while i > 0:
+        up = (i - 1) >> 1
+        if not _before(f, g, node, heap, up):
+            break
+        _put(heap, i, heap[up, 0], heap[up, 1], heap[up, 2])
+        i = up
+    _put(heap, i, f, g, node)
 
 
-@numba.njit(nogil=True, cache=True)
-def _sift_down(f, g, node, size):  # type: ignore[no-untyped-def]
-    i = 0
-    while True:
-        child = 2 * i + 1
-        if child >= size:
-            return
-        if child + 1 < size and _before(f, g, node, child + 1, child):
+@inlined
+def _drop_first(heap, size):  # type: ignore[no-untyped-def]
+    """Remove the first entry of a heap of `size`: the hole sinks until the last entry belongs there."""
+    last = size - 1
+    f, g, node = heap[last, 0], heap[last, 1], heap[last, 2]
+    i, child = 0, 1
+    while child < last:
+        if child + 1 < last and _before(
+            heap[child + 1, 0], heap[child + 1, 1], heap[child + 1, 2], heap, child
+        ):
             child += 1
-        if not _before(f, g, node, child, i):
-            return
-        _swap(f, g, node, i, child)
-        i = child
+        if _before(f, g, node, heap, child):
+            break
+        _put(heap, i, heap[child, 0], heap[child, 1], heap[child, 2])
+        i, child = child, 2 * child + 1
+    _put(heap, i, f, g, node)
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def astar(moves, tight, offsets, stride, start, goal, paper, path):  # type: ignore[no-untyped-def]
     """Search one path with A* and write it to `path`, goal first.
 
     Returns how many nodes were written, 0 if there is no way, and how many were expanded.
     """
-    size = moves.size
-    cost = np.full(size, np.inf)
-    came_by = np.full(size, -1, np.int8)
-    # A node may be reopened under the paper's cost, so this bound is a first guess and the heap grows.
-    f, g, heap_node = np.empty(size), np.empty(size), np.empty(size, np.int64)
+    cost, came_by = np.empty(moves.size), np.empty(moves.size, np.int8)
+    cost[:] = np.inf
+    # The open set: estimated cost, cost so far, node. One may be reopened under the paper's cost, so this
+    # size is a first guess and the heap grows.
+    heap = np.empty((moves.size, 3))
     goal_row, goal_col = goal // stride, goal % stride
     cost[start] = 0.0
-    f[0], g[0], heap_node[0], open_count, expanded = 0.0, 0.0, start, 1, 0
+    _put(heap, 0, 0.0, 0.0, start)
+    open_count, expanded = 1, 0
     while open_count > 0:
-        node, here = heap_node[0], g[0]
+        here, node = heap[0, 1], int(heap[0, 2])
+        _drop_first(heap, open_count)
         open_count -= 1
-        _swap(f, g, heap_node, 0, open_count)
-        _sift_down(f, g, heap_node, open_count)
         if here > cost[node]:
             continue
         if node == goal:
@@ -294,12 +302,11 @@ def astar(moves, tight, offsets, stride, start, goal, paper, path):  # type: ign
             came_by[there] = move
             dr, dc = abs(there // stride - goal_row), abs(there % stride - goal_col)
             ahead = math.hypot(dr, dc) if paper else max(dr, dc) + (_DIAGONAL - 1.0) * min(dr, dc)
-            if open_count == f.size:
-                f = np.concatenate((f, np.empty(f.size)))
-                g = np.concatenate((g, np.empty(g.size)))
-                heap_node = np.concatenate((heap_node, np.empty(heap_node.size, np.int64)))
-            f[open_count], g[open_count], heap_node[open_count] = cost[there] + ahead, cost[there], there
-            _sift_up(f, g, heap_node, open_count)
+            if open_count == heap.shape[0]:
+                small, heap = heap, np.empty((2 * open_count, 3))
+                for i in range(open_count):
+                    _put(heap, i, small[i, 0], small[i, 1], small[i, 2])
+            _push(heap, open_count, cost[there] + ahead, cost[there], there)
             open_count += 1
     if cost[goal] == np.inf:
         return 0, expanded

@@ -22,9 +22,9 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from gcs.compiling import called, inlined, kernel
 from gcs.planning.sight import clear_leg, room_at
 
 NO_WAY, DIRECT = -1, -2
@@ -33,9 +33,16 @@ NO_WAY, DIRECT = -1, -2
 _DIRECT_CELLS = 1.5
 _NEAR_CELLS = 1.0
 _BEHIND_CELLS = 2.0
+_NO_CELL = np.int64(-1)
 
 
-@numba.njit(nogil=True, cache=True)
+@inlined
+def _cell(place, size):  # type: ignore[no-untyped-def]
+    """Column (or row) of the cell, of `size`, that a place is in, or nearest to."""
+    return int(min(max(math.floor(place + 0.5), 0.0), size - 1.0))
+
+
+@kernel
 def joins(blocked, mainland, tight, stride, places):  # type: ignore[no-untyped-def]
     """By which nodes places join the map, and how far off these are.
 
@@ -44,15 +51,14 @@ def joins(blocked, mainland, tight, stride, places):  # type: ignore[no-untyped-
     """
     rows, cols = blocked.shape
     count = places.shape[0]
-    nodes = np.full((count, 4), -1, np.int64)
-    off = np.zeros((count, 4))
-    inside = np.zeros(count, np.bool_)
+    nodes, off, inside = np.empty((count, 4), np.int64), np.empty((count, 4)), np.empty(count, np.bool_)
     for i in range(count):
+        for k in range(4):
+            nodes[i, k], off[i, k] = -1, 0.0
         x, y = places[i, 0], places[i, 1]
-        col = int(min(max(math.floor(x + 0.5), 0.0), cols - 1.0))
-        row = int(min(max(math.floor(y + 0.5), 0.0), rows - 1.0))
-        if blocked[row, col]:
-            inside[i] = True
+        col, row = _cell(x, cols), _cell(y, rows)
+        inside[i] = blocked[row, col]
+        if inside[i]:
             best = np.inf
             for r in range(rows):
                 for c in range(cols):
@@ -66,7 +72,11 @@ def joins(blocked, mainland, tight, stride, places):  # type: ignore[no-untyped-
             for c in range(west, west + 2):
                 if (r == row and c == col) or not (0 <= r < rows and 0 <= c < cols) or blocked[r, c]:
                     continue
-                if abs(x - c) < 1.0 and abs(y - r) < 1.0 and clear_leg(blocked, x, y, c, r, 0.0, -1, -1):
+                if (
+                    abs(x - c) < 1.0
+                    and abs(y - r) < 1.0
+                    and clear_leg(blocked, x, y, float(c), float(r), 0.0, _NO_CELL)
+                ):
                     nodes[i, found], off[i, found] = (r + 1) * stride + c + 1, math.hypot(x - c, y - r)
                     found += 1
         roomy = False
@@ -78,22 +88,31 @@ def joins(blocked, mainland, tight, stride, places):  # type: ignore[no-untyped-
     return nodes, off, inside
 
 
-@numba.njit(nogil=True, cache=True)
+@called
+def _ease(blocked, reach, ax, ay, bx, by):  # type: ignore[no-untyped-def]
+    """Clearance to ask of a leg: the wanted one, but no more than its own ends have."""
+    if reach <= 0.0:
+        return 0.0
+    return min(room_at(blocked, ax, ay, reach), room_at(blocked, bx, by, reach))
+
+
+@kernel
 def close_and_seen(blocked, reach, a, b):  # type: ignore[no-untyped-def]
     """Whether two places are so close, and see each other so well, that nodes between them only hinder."""
-    return math.hypot(b[0] - a[0], b[1] - a[1]) <= _DIRECT_CELLS and clear_leg(
-        blocked, a[0], a[1], b[0], b[1], _ease(blocked, reach, a, b), -1, -1
-    )
+    if math.hypot(b[0] - a[0], b[1] - a[1]) > _DIRECT_CELLS:
+        return False
+    ease = _ease(blocked, reach, a[0], a[1], b[0], b[1])
+    return clear_leg(blocked, a[0], a[1], b[0], b[1], ease, _NO_CELL)
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def ends_of_ways(blocked, reach, field, starts, starts_inside, goals, goal_nodes, goal_off, goals_inside):  # type: ignore[no-untyped-def]
     """Cost in cells of the way from each start to each goal, (n, m), and the node by which it ends."""
     n, m = starts.shape[0], goals.shape[0]
-    cost = np.full((n, m), np.inf)
-    via = np.full((n, m), NO_WAY, np.int64)
+    cost, via = np.empty((n, m)), np.empty((n, m), np.int64)
     for i in range(n):
         for j in range(m):
+            cost[i, j], via[i, j] = np.inf, NO_WAY
             if not (starts_inside[i] or goals_inside[j]) and close_and_seen(
                 blocked, reach, starts[i], goals[j]
             ):
@@ -108,94 +127,88 @@ def ends_of_ways(blocked, reach, field, starts, starts_inside, goals, goal_nodes
     return cost, via
 
 
-@numba.njit(nogil=True, cache=True)
-def _ease(blocked, reach, a, b):  # type: ignore[no-untyped-def]
-    """Clearance to ask of a leg: the wanted one, but no more than its own ends have."""
-    if reach <= 0.0:
-        return 0.0
-    return min(room_at(blocked, a[0], a[1], reach), room_at(blocked, b[0], b[1], reach))
-
-
-@numba.njit(nogil=True, cache=True)
-def _sees(blocked, reach, points, i, j, own_col, own_row):  # type: ignore[no-untyped-def]
+@called
+def _sees(blocked, reach, points, i, j, own):  # type: ignore[no-untyped-def]
     """Whether point j is in sight of point i; point 0 is the agent, whose own cell does not hinder it."""
-    a, b = points[i], points[j]
-    return clear_leg(
-        blocked, a[0], a[1], b[0], b[1], reach, own_col if i == 0 else -1, own_row if i == 0 else -1
-    )
+    hindrance = own if i == 0 else _NO_CELL
+    return clear_leg(blocked, points[i, 0], points[i, 1], points[j, 0], points[j, 1], reach, hindrance)
 
 
-@numba.njit(nogil=True, cache=True)
-def _trim(blocked, reach, points, heading, ends_at_place, own_col, own_row):  # type: ignore[no-untyped-def]
-    """Range [first, last) of the way's points to keep, and the rest; see step 1 of the module."""
-    first, count = 1, points.shape[0]
-    while first + 1 < count:
+@called
+def _sees_with_ease(blocked, reach, points, i, j, own):  # type: ignore[no-untyped-def]
+    """The same, but asking for no more clearance than the two points have themselves."""
+    ease = _ease(blocked, reach, points[i, 0], points[i, 1], points[j, 0], points[j, 1])
+    return _sees(blocked, ease, points, i, j, own)
+
+
+@inlined
+def _trim(blocked, reach, points, way, heading, ends_at_place, own):  # type: ignore[no-untyped-def]
+    """Write to `way` which points to keep and return how many; see step 1 of the module."""
+    first, size = 1, points.shape[0]
+    way[0] = 0
+    while first + 1 < size:
         dx, dy = points[first, 0] - points[0, 0], points[first, 1] - points[0, 1]
         gap = math.hypot(dx, dy)
         behind = dx * heading[0] + dy * heading[1] < 0.0
         if gap >= _NEAR_CELLS and not (behind and gap < _BEHIND_CELLS):
             break
-        ease = _ease(blocked, reach, points[0], points[first + 1])
-        if not _sees(blocked, ease, points, 0, first + 1, own_col, own_row):
+        if not _sees_with_ease(blocked, reach, points, way[0], first + 1, own):
             break
         first += 1
-    kept = np.empty((1 + count - first, 2))
-    kept[0] = points[0]
-    kept[1:] = points[first:]
-    count = kept.shape[0]
-    if ends_at_place and count >= 3:
-        gap = math.hypot(kept[-1, 0] - kept[-2, 0], kept[-1, 1] - kept[-2, 1])
-        ease = _ease(blocked, reach, kept[count - 3], kept[count - 1])
-        if gap < _NEAR_CELLS and _sees(blocked, ease, kept, count - 3, count - 1, own_col, own_row):
-            kept[count - 2] = kept[count - 1]
-            kept = kept[: count - 1]
-    return kept
-
-
-@numba.njit(nogil=True, cache=True)
-def _straight(a, b, c):  # type: ignore[no-untyped-def]
-    """Whether b lies on the way straight from a to c."""
-    ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], c[0] - b[0], c[1] - b[1]
-    return abs(ux * vy - uy * vx) < 1e-9 and ux * vx + uy * vy >= 0.0
-
-
-@numba.njit(nogil=True, cache=True)
-def _merge(points, keep):  # type: ignore[no-untyped-def]
-    """Keep the ends and the corners."""
     count = 1
-    for i in range(1, points.shape[0] - 1):
-        if not _straight(points[keep[count - 1]], points[i], points[i + 1]):
-            keep[count] = i
+    for i in range(first, size):
+        way[count] = i
+        count += 1
+    if ends_at_place and count >= 3:
+        a, b, c = way[count - 3], way[count - 2], way[count - 1]
+        gap = math.hypot(points[c, 0] - points[b, 0], points[c, 1] - points[b, 1])
+        if gap < _NEAR_CELLS and _sees_with_ease(blocked, reach, points, a, c, own):
+            way[count - 2] = c
+            count -= 1
+    return count
+
+
+@inlined
+def _merge(points, way, n):  # type: ignore[no-untyped-def]
+    """Keep the ends and the corners of the n points of `way`; returns how many these are."""
+    count = 1
+    for i in range(1, n - 1):
+        a, b, c = way[count - 1], way[i], way[i + 1]
+        ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        vx, vy = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
+        if not (abs(ux * vy - uy * vx) < 1e-9 and ux * vx + uy * vy >= 0.0):
+            way[count] = b
             count += 1
-    keep[count] = points.shape[0] - 1
+    way[count] = way[n - 1]
     return count + 1
 
 
-@numba.njit(nogil=True, cache=True)
-def _pull(blocked, reach, points, keep, own_col, own_row):  # type: ignore[no-untyped-def]
+@inlined
+def _pull(blocked, reach, points, way, n, own):  # type: ignore[no-untyped-def]
     """Keep the ends and the corners of a taut string; see step 2 of the module."""
     count = 1
-    for i in range(2, points.shape[0]):
-        if not _sees(blocked, reach, points, keep[count - 1], i, own_col, own_row):
-            keep[count] = i - 1
+    for i in range(2, n):
+        if not _sees(blocked, reach, points, way[count - 1], way[i], own):
+            way[count] = way[i - 1]
             count += 1
-    keep[count] = points.shape[0] - 1
+    way[count] = way[n - 1]
     count += 1
     changed = True
     while changed:
         changed = False
         i = 1
         while i < count - 1:
-            if _sees(blocked, reach, points, keep[i - 1], keep[i + 1], own_col, own_row):
-                keep[i : count - 1] = keep[i + 1 : count].copy()
+            if _sees(blocked, reach, points, way[i - 1], way[i + 1], own):
                 count -= 1
+                for k in range(i, count):
+                    way[k] = way[k + 1]
                 changed = True
             else:
                 i += 1
     return count
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def shape(blocked, reach, points, heading, start_inside, ends_at_place, pulled):  # type: ignore[no-untyped-def]
     """Shape one way.
 
@@ -204,23 +217,20 @@ def shape(blocked, reach, points, heading, start_inside, ends_at_place, pulled):
     included, and whether every leg keeps the clearance, as far as the agent's and the target's own places
     have it.
     """
-    own_col, own_row = -1, -1
+    own = _NO_CELL
     if start_inside:
-        own_col = int(min(max(math.floor(points[0, 0] + 0.5), 0.0), blocked.shape[1] - 1.0))
-        own_row = int(min(max(math.floor(points[0, 1] + 0.5), 0.0), blocked.shape[0] - 1.0))
-    kept = _trim(blocked, reach, points, heading, ends_at_place, own_col, own_row)
-    keep = np.zeros(kept.shape[0], np.int64)
-    if kept.shape[0] == 1:
-        count = 1
-    elif pulled:
-        count = _pull(blocked, reach, kept, keep, own_col, own_row)
-    else:
-        count = _merge(kept, keep)
-    shaped = kept[keep[:count]]
-    roomy = True
-    for i in range(count - 1):
-        own = i == 0 or (i == count - 2 and ends_at_place)
-        wanted = _ease(blocked, reach, shaped[i], shaped[i + 1]) if own else reach
-        if reach > 0.0 and not _sees(blocked, wanted, shaped, i, i + 1, own_col, own_row):
-            roomy = False
+        own = _cell(points[0, 1], blocked.shape[0]) * blocked.shape[1] + _cell(points[0, 0], blocked.shape[1])
+    way = np.empty(points.shape[0], np.int64)
+    count = _trim(blocked, reach, points, way, heading, ends_at_place, own)
+    if count > 1:
+        count = _pull(blocked, reach, points, way, count, own) if pulled else _merge(points, way, count)
+    shaped, roomy = np.empty((count, 2)), True
+    for i in range(count):
+        shaped[i, 0], shaped[i, 1] = points[way[i], 0], points[way[i], 1]
+    if reach > 0.0:
+        for i in range(count - 1):
+            if i == 0 or (i == count - 2 and ends_at_place):
+                roomy &= _sees_with_ease(blocked, reach, points, way[i], way[i + 1], own)
+            else:
+                roomy &= _sees(blocked, reach, points, way[i], way[i + 1], own)
     return shaped, roomy

@@ -12,55 +12,43 @@ from __future__ import annotations
 
 import math
 
-import numba
-
+from gcs.compiling import called, inlined, kernel
 from gcs.planning.grid import TOUCH, Grid, Point
 
 
-@numba.njit(nogil=True, cache=True)
+@inlined
 def _point_square(x, y, col, row):  # type: ignore[no-untyped-def]
     """Distance of a point from a cell's square."""
     return math.hypot(max(abs(x - col) - 0.5, 0.0), max(abs(y - row) - 0.5, 0.0))
 
 
-@numba.njit(nogil=True, cache=True)
-def _corner_leg(x, y, x0, y0, dx, dy, norm2):  # type: ignore[no-untyped-def]
-    """Distance of a corner from a leg that starts at (x0, y0) and has squared length `norm2`."""
-    along = 0.0 if norm2 == 0.0 else min(max(((x - x0) * dx + (y - y0) * dy) / norm2, 0.0), 1.0)
-    return math.hypot(x - x0 - along * dx, y - y0 - along * dy)
-
-
-@numba.njit(nogil=True, cache=True)
-def _meets_square(x0, y0, dx, dy, col, row):  # type: ignore[no-untyped-def]
-    """Whether a leg and a cell's square have a point in common: clip the leg by the square's two slabs."""
-    low, high = 0.0, 1.0
-    for start, step, centre in ((x0, dx, col), (y0, dy, row)):
-        if step == 0.0:
-            if abs(start - centre) > 0.5:
-                return False
-        else:
-            a, b = (centre - 0.5 - start) / step, (centre + 0.5 - start) / step
-            low, high = max(low, min(a, b)), min(high, max(a, b))
-    return low <= high
-
-
-@numba.njit(nogil=True, cache=True)
+@inlined
 def _leg_square(x0, y0, x1, y1, col, row):  # type: ignore[no-untyped-def]
     """Distance of a leg from a cell's square."""
     dx, dy = x1 - x0, y1 - y0
-    if _meets_square(x0, y0, dx, dy, col, row):
+    # Do they meet? Clip the leg by the square's two slabs.
+    low, high = 0.0, 1.0
+    for axis in range(2):
+        start, step, centre = (x0, dx, col) if axis == 0 else (y0, dy, row)
+        if step != 0.0:
+            a, b = (centre - 0.5 - start) / step, (centre + 0.5 - start) / step
+            low, high = max(low, min(a, b)), min(high, max(a, b))
+        elif abs(start - centre) > 0.5:
+            high = -1.0
+    if low <= high:
         return 0.0
-    norm2 = dx * dx + dy * dy
     best = min(_point_square(x0, y0, col, row), _point_square(x1, y1, col, row))
-    for cx in (col - 0.5, col + 0.5):
-        for cy in (row - 0.5, row + 0.5):
-            best = min(best, _corner_leg(cx, cy, x0, y0, dx, dy, norm2))
+    norm2 = dx * dx + dy * dy
+    for corner in range(4):
+        x, y = col - 0.5 + (corner >> 1), row - 0.5 + (corner & 1)
+        along = 0.0 if norm2 == 0.0 else min(max(((x - x0) * dx + (y - y0) * dy) / norm2, 0.0), 1.0)
+        best = min(best, math.hypot(x - x0 - along * dx, y - y0 - along * dy))
     return best
 
 
-@numba.njit(nogil=True, cache=True)
-def clear_leg(blocked, x0, y0, x1, y1, reach, own_col, own_row):  # type: ignore[no-untyped-def]
-    """Whether a leg keeps `reach` cells from every blocked cell but its own (-1, -1: no cell is its own)."""
+@kernel
+def clear_leg(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
+    """Whether a leg keeps `reach` cells from every blocked cell but `own` (flat index; -1: none)."""
     rows, cols = blocked.shape
     limit = max(reach - TOUCH, TOUCH)
     wide = reach + 0.5 + 2.0 * TOUCH
@@ -79,14 +67,14 @@ def clear_leg(blocked, x0, y0, x1, y1, reach, own_col, own_row):  # type: ignore
         for col in range(left, right + 1):
             if (
                 blocked[row, col]
-                and not (row == own_row and col == own_col)
+                and row * cols + col != own
                 and _leg_square(x0, y0, x1, y1, col, row) < limit
             ):
                 return False
     return True
 
 
-@numba.njit(nogil=True, cache=True)
+@called
 def room_at(blocked, x, y, reach):  # type: ignore[no-untyped-def]
     """Distance in cells from a point to the nearest blocked cell, at most `reach`."""
     rows, cols = blocked.shape
@@ -106,7 +94,7 @@ def line_of_sight(grid: Grid, from_m: Point, to_m: Point, clearance_m: float = 0
     """
     x0, y0 = to_cells(grid, from_m)
     x1, y1 = to_cells(grid, to_m)
-    return bool(clear_leg(grid.blocked, x0, y0, x1, y1, max(clearance_m, 0.0) / grid.spacing_m, -1, -1))
+    return bool(clear_leg(grid.blocked, x0, y0, x1, y1, max(clearance_m, 0.0) / grid.spacing_m, -1))
 
 
 def to_cells(grid: Grid, point_m: Point) -> tuple[float, float]:

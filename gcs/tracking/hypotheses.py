@@ -12,7 +12,7 @@ Children with equal track sets are one hypothesis: their weights add under a 64-
 Weights are logarithms throughout; hypotheses of a group are sorted, best first, and their weights sum to 1.
 Lists of lists are flat: list i is `items[start[i]:start[i + 1]]`. A child's items are option indices, which
 name (track, detection) pairs and so become the next scan's tracks. Calls only kernels of this file: numba's
-cache does not see other files change.
+cache does not see other files change. How kernels are written so that they compile fast: see `kernels`.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
-njit = numba.njit(nogil=True, cache=True, error_model="numpy")
+from gcs.compiling import called, inlined, kernel
+from gcs.tracking.ordering import greatest_first
 
 DIED = -2
 
@@ -73,13 +73,10 @@ class Pool(NamedTuple):
     size: Any
     items: Any
     slot: Any
-    count: Any
-    """(1,) how many there are."""
-    floor: Any
-    """(1,) log-weight below which nothing is worth adding."""
+    """Which hypothesis is where in the table, -1 in free places; a power of two of them."""
 
 
-@njit
+@inlined
 def _mix(x: Any) -> Any:
     """Bijective scrambling of 64 bits (the finaliser of SplitMix64, Steele et al. 2014)."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -87,14 +84,14 @@ def _mix(x: Any) -> Any:
     return x ^ (x >> np.uint64(31))
 
 
-@njit
+@inlined
 def _uniform(rng: Any) -> float:
     """Next uniform number in [0, 1) of the generator whose state is `rng` (1,): SplitMix64."""
     rng[0] = rng[0] + np.uint64(0x9E3779B97F4A7C15)
     return float(_mix(rng[0]) >> np.uint64(11)) * 2.0**-53
 
 
-@njit
+@kernel
 def option_keys(n: int) -> Any:
     """Keys of the options 0 to n - 1."""
     key = np.empty(n, np.uint64)
@@ -103,7 +100,7 @@ def option_keys(n: int) -> Any:
     return key
 
 
-@njit
+@inlined
 def _power_of_two(n: int) -> int:
     size = 4
     while size < n:
@@ -111,21 +108,21 @@ def _power_of_two(n: int) -> int:
     return size
 
 
-@njit
+@inlined
 def _pool(capacity: int, widest: int) -> Pool:
+    slot = np.empty(_power_of_two(2 * capacity), np.int64)
+    slot[:] = -1
     return Pool(
         np.empty(capacity),
         np.empty(capacity, np.uint64),
         np.empty(capacity, np.int64),
         np.empty((capacity, widest), np.int64),
-        np.full(_power_of_two(2 * capacity), -1),
-        np.zeros(1, np.int64),
-        np.full(1, -np.inf),
+        slot,
     )
 
 
-@njit
-def _slot(pool: Pool, key: Any) -> Any:
+@inlined
+def _find(pool: Pool, key: Any) -> Any:
     """Where `key` is in the table, or the free place for it."""
     mask = pool.slot.size - 1
     at = np.int64(key & np.uint64(mask))
@@ -134,142 +131,157 @@ def _slot(pool: Pool, key: Any) -> Any:
     return at
 
 
-@njit
-def _ranked(pool: Pool, most: int) -> Any:
-    """Indices of the `most` best hypotheses, best first, equal ones in the order of their arrival."""
-    return np.argsort(-pool.logw[: pool.count[0]], kind="mergesort")[:most]
-
-
-@njit
-def _keep_best(pool: Pool, most: int) -> None:
-    """Drop all but the `most` best and raise the floor to the worst of them."""
-    order = _ranked(pool, most)
-    worst = pool.logw[order[-1]]
-    pool.floor[0] = max(pool.floor[0], worst)
-    order.sort()  # so that copying down never overwrites what is still to be copied
+@inlined
+def _keep_best(pool: Pool, count: int, most: int) -> Any:
+    """Drop all but the `most` best; return how many those are and the log-weight of the worst of them."""
+    order = greatest_first(pool.logw, count)
+    kept = min(most, count)
+    worst = pool.logw[order[kept - 1]]
+    # Copying down in their old order never overwrites what is still to be copied.
+    stays = np.zeros(count, np.bool_)
+    for i in range(kept):
+        stays[order[i]] = True
     pool.slot[:] = -1
-    for i in range(order.size):
-        k = order[i]
-        pool.logw[i], pool.key[i], pool.size[i] = pool.logw[k], pool.key[k], pool.size[k]
-        for j in range(pool.size[k]):
-            pool.items[i, j] = pool.items[k, j]
-        pool.slot[_slot(pool, pool.key[i])] = i
-    pool.count[0] = order.size
+    i = 0
+    for k in range(count):
+        if stays[k]:
+            pool.logw[i], pool.key[i], pool.size[i] = pool.logw[k], pool.key[k], pool.size[k]
+            for j in range(pool.size[k]):
+                pool.items[i, j] = pool.items[k, j]
+            pool.slot[_find(pool, pool.key[i])] = i
+            i += 1
+    return kept, worst
 
 
-@njit
-def _offer(pool: Pool, logw: float, items: Any, n: int, key: Any, most: int) -> None:
-    """Add a hypothesis, or its weight to the equal one there. A full pool keeps its `most` best alone."""
-    at = _slot(pool, key)
+@called
+def _offer(
+    pool: Pool, count: int, floor: float, logw: float, pick: Any, n: int, options: Options, limits: Limits
+) -> Any:
+    """Offer the child in which track i of n takes option `pick[i]`; who died is not in it.
+
+    A child that is in the pool already gains the weight. A full pool keeps its best alone, and the floor, the
+    log-weight below which nothing is worth adding, rises to the worst of these. Returns the pool's count and
+    the floor.
+    """
+    key = np.uint64(0)
+    for i in range(n):
+        if options.meas[pick[i]] != DIED:
+            key += options.key[pick[i]]
+    at = _find(pool, key)
     same = pool.slot[at]
     if same >= 0:
         high, low = max(pool.logw[same], logw), min(pool.logw[same], logw)
         pool.logw[same] = high + math.log1p(math.exp(low - high))
-        return
-    if pool.count[0] == pool.logw.size:
-        _keep_best(pool, most)
-        if logw < pool.floor[0]:
-            return
-        at = _slot(pool, key)
-    new = pool.count[0]
-    pool.slot[at] = new
-    pool.logw[new], pool.key[new], pool.size[new] = logw, key, n
-    for i in range(n):
-        pool.items[new, i] = items[i]
-    pool.count[0] = new + 1
-
-
-@njit
-def _offer_child(
-    pool: Pool, logw: float, pick: Any, n: int, options: Options, scratch: Any, most: int
-) -> None:
-    """Offer the child in which track i of n takes option `pick[i]`; who died is not in it."""
-    size, key = 0, np.uint64(0)
+        return count, floor
+    if count == pool.logw.size:
+        count, worst = _keep_best(pool, count, limits.hypotheses)
+        floor = max(floor, worst)
+        if logw < floor:
+            return count, floor
+        at = _find(pool, key)
+    size = 0
     for i in range(n):
         if options.meas[pick[i]] != DIED:
-            scratch[size] = pick[i]
+            pool.items[count, size] = pick[i]
             size += 1
-            key += options.key[pick[i]]
-    _offer(pool, logw, scratch, size, key, most)
+    pool.slot[at] = count
+    pool.logw[count], pool.key[count], pool.size[count] = logw, key, size
+    return count + 1, floor
 
 
-@njit
+@inlined
 def _enumerate(
-    pool: Pool, base: float, tracks: Any, options: Options, used: Any, limits: Limits, work: Any
-) -> None:
-    """Offer every child of a hypothesis above the floor: depth first, options best first, bounded from above.
-
-    The bound lets the tracks still to choose have their best options as if nobody competed for detections.
-    """
-    pick, scratch, total, tail = work
-    n = tracks.size
-    tail[n], total[0] = 0.0, base
-    for d in range(n - 1, -1, -1):
-        tail[d] = tail[d + 1] + options.logw[options.start[tracks[d]]]
-    d, pick[0] = 0, options.start[tracks[0]] - 1
-    while d >= 0:
-        first, end, o = options.start[tracks[d]], options.start[tracks[d] + 1], pick[d]
-        if o >= first and options.meas[o] >= 0:
-            used[options.meas[o]] = False
-        o += 1
-        while o < end and options.meas[o] >= 0 and used[options.meas[o]]:
-            o += 1
-        if o == end or total[d] + options.logw[o] + tail[d + 1] < pool.floor[0]:
-            d -= 1
-            continue
-        pick[d] = o
-        if options.meas[o] >= 0:
-            used[options.meas[o]] = True
-        total[d + 1] = total[d] + options.logw[o]
-        if d + 1 == n:
-            pool.floor[0] = max(pool.floor[0], total[n] + limits.log_prune)
-            _offer_child(pool, total[n], pick, n, options, scratch, limits.hypotheses)
-        else:
-            d += 1
-            pick[d] = options.start[tracks[d]] - 1
-
-
-@njit
-def _draw(first: int, end: int, options: Options, used: Any, rng: Any) -> int:
-    """Draw one of a track's free options in proportion to its weight."""
-    while options.meas[first] >= 0 and used[options.meas[first]]:
-        first += 1
-    total = 0.0
-    for o in range(first, end):
-        if options.meas[o] < 0 or not used[options.meas[o]]:
-            total += math.exp(options.logw[o] - options.logw[first])
-    left, chosen = _uniform(rng) * total, first
-    for o in range(first, end):
-        if options.meas[o] < 0 or not used[options.meas[o]]:
-            chosen = o
-            left -= math.exp(options.logw[o] - options.logw[first])
-            if left < 0.0:
-                break
-    return chosen
-
-
-@njit
-def _sample(
     pool: Pool,
+    count: int,
+    floor: float,
     base: float,
     tracks: Any,
     options: Options,
     used: Any,
     limits: Limits,
-    work: Any,
+    pick: Any,
+    total: Any,
+    tail: Any,
+) -> Any:
+    """Offer every child of a hypothesis above the floor: depth first, options best first, bounded from above.
+
+    The bound lets the tracks still to choose have their best options as if nobody competed for detections.
+    """
+    start, meas, logw = options.start, options.meas, options.logw
+    n = tracks.size
+    tail[n], total[0] = 0.0, base
+    for d in range(n - 1, -1, -1):
+        pick[d] = start[tracks[d]] - 1
+        tail[d] = tail[d + 1] + logw[start[tracks[d]]]
+    d = 0
+    while d >= 0:
+        if d == n:
+            floor = max(floor, total[n] + limits.log_prune)
+            count, floor = _offer(pool, count, floor, total[n], pick, n, options, limits)
+            d -= 1
+            continue
+        first, end, o = start[tracks[d]], start[tracks[d] + 1], pick[d]
+        if o >= first and meas[o] >= 0:
+            used[meas[o]] = False
+        o += 1
+        while o < end and meas[o] >= 0 and used[meas[o]]:
+            o += 1
+        if o == end or total[d] + logw[o] + tail[d + 1] < floor:
+            pick[d] = first - 1
+            d -= 1
+            continue
+        pick[d] = o
+        if meas[o] >= 0:
+            used[meas[o]] = True
+        total[d + 1] = total[d] + logw[o]
+        d += 1
+    return count, floor
+
+
+@inlined
+def _draw(first: int, end: int, options: Options, used: Any, rng: Any) -> int:
+    """Draw one of a track's free options in proportion to its weight."""
+    meas, logw = options.meas, options.logw
+    while meas[first] >= 0 and used[meas[first]]:
+        first += 1
+    total = 0.0
+    for o in range(first, end):
+        if meas[o] < 0 or not used[meas[o]]:
+            total += math.exp(logw[o] - logw[first])
+    left, chosen = _uniform(rng) * total, first
+    for o in range(first, end):
+        if meas[o] < 0 or not used[meas[o]]:
+            chosen = o
+            left -= math.exp(logw[o] - logw[first])
+            if left < 0.0:
+                break
+    return chosen
+
+
+@inlined
+def _sample(
+    pool: Pool,
+    count: int,
+    floor: float,
+    base: float,
+    tracks: Any,
+    options: Options,
+    used: Any,
+    limits: Limits,
+    pick: Any,
     sweeps: int,
     rng: Any,
-) -> None:
+) -> Any:
     """Offer the distinct children that a Gibbs sampler visits, from the greedy one on."""
-    pick, scratch, _, _ = work
+    start, meas = options.start, options.meas
     n = tracks.size
     for i in range(n):
-        o = options.start[tracks[i]]
-        while options.meas[o] >= 0 and used[options.meas[o]]:
+        o = start[tracks[i]]
+        while meas[o] >= 0 and used[meas[o]]:
             o += 1
         pick[i] = o
-        if options.meas[o] >= 0:
-            used[options.meas[o]] = True
+        if meas[o] >= 0:
+            used[meas[o]] = True
     seen = np.zeros(_power_of_two(2 * sweeps + 2), np.uint64)
     mask = np.uint64(seen.size - 1)
     for _ in range(sweeps):
@@ -282,83 +294,75 @@ def _sample(
             at = (at + np.uint64(1)) & mask
         if seen[at] == 0:
             seen[at] = key
-            pool.floor[0] = max(pool.floor[0], logw + limits.log_prune)
-            if logw >= pool.floor[0]:
-                _offer_child(pool, logw, pick, n, options, scratch, limits.hypotheses)
+            floor = max(floor, logw + limits.log_prune)
+            if logw >= floor:
+                count, floor = _offer(pool, count, floor, logw, pick, n, options, limits)
         for i in range(n):
-            if options.meas[pick[i]] >= 0:
-                used[options.meas[pick[i]]] = False
-            pick[i] = _draw(options.start[tracks[i]], options.start[tracks[i] + 1], options, used, rng)
-            if options.meas[pick[i]] >= 0:
-                used[options.meas[pick[i]]] = True
+            if meas[pick[i]] >= 0:
+                used[meas[pick[i]]] = False
+            pick[i] = _draw(start[tracks[i]], start[tracks[i] + 1], options, used, rng)
+            if meas[pick[i]] >= 0:
+                used[meas[pick[i]]] = True
     for i in range(n):
-        if options.meas[pick[i]] >= 0:
-            used[options.meas[pick[i]]] = False
+        if meas[pick[i]] >= 0:
+            used[meas[pick[i]]] = False
+    return count, floor
 
 
-@njit
-def _group_children(
-    pool: Pool, groups: Groups, g: int, sizes: Any, options: Options, used: Any, limits: Limits, rng: Any
-) -> None:
-    """Fill `pool` with the children of group g; `sizes[h]` is how many joint options hypothesis h has."""
-    low, high = groups.first[g], groups.first[g + 1]
-    widest = pool.items.shape[1]
-    work = (
-        np.empty(widest, np.int64),
-        np.empty(widest, np.int64),
-        np.empty(widest + 1),
-        np.empty(widest + 1),
-    )
-    bound = groups.logw[low:high].copy()
-    for h in range(low, high):
-        for t in groups.items[groups.start[h] : groups.start[h + 1]]:
-            bound[h - low] += options.logw[options.start[t]]
-    for k in np.argsort(-bound, kind="mergesort"):
-        if bound[k] < pool.floor[0]:
-            break
-        h = low + k
-        tracks = groups.items[groups.start[h] : groups.start[h + 1]]
-        if tracks.size == 0:
-            pool.floor[0] = max(pool.floor[0], groups.logw[h] + limits.log_prune)
-            _offer_child(pool, groups.logw[h], work[0], 0, options, work[1], limits.hypotheses)
-        elif sizes[h] <= limits.enumerable:
-            _enumerate(pool, groups.logw[h], tracks, options, used, limits, work)
-        else:
-            sweeps = math.ceil(limits.sweeps * math.exp(groups.logw[h])) + 8
-            _sample(pool, groups.logw[h], tracks, options, used, limits, work, sweeps, rng)
-
-
-@njit
+@kernel
 def children(groups: Groups, options: Options, n_detections: int, limits: Limits, rng: Any) -> Groups:
     """Jointly predict and update every group; the result's items are options. `rng` (1,) uint64 advances."""
-    n_groups, n_hyps = groups.first.size - 1, groups.logw.size
-    sizes = np.ones(n_hyps)
-    widest, room = np.ones(n_groups, np.int64), np.zeros(n_groups, np.int64)
+    first, start, items, logw = groups.first, groups.start, groups.items, groups.logw
+    n_groups, n_hyps = first.size - 1, logw.size
+    joint, bound = np.empty(n_hyps), np.empty(n_hyps)
+    widest, room = np.empty(n_groups, np.int64), np.empty(n_groups, np.int64)
+    most_hyps = most_items = 0
     for g in range(n_groups):
-        total = 0.0
-        for h in range(groups.first[g], groups.first[g + 1]):
-            widest[g] = max(widest[g], groups.start[h + 1] - groups.start[h])
-            for t in groups.items[groups.start[h] : groups.start[h + 1]]:
-                sizes[h] *= options.start[t + 1] - options.start[t]
-            total += sizes[h]
-        room[g] = int(min(total, 4.0 * limits.hypotheses)) + 1
+        total, wide = 0.0, 1
+        for h in range(first[g], first[g + 1]):
+            joint[h], bound[h] = 1.0, logw[h]
+            wide = max(wide, start[h + 1] - start[h])
+            for i in range(start[h], start[h + 1]):
+                t = items[i]
+                joint[h] *= options.start[t + 1] - options.start[t]
+                bound[h] += options.logw[options.start[t]]
+            total += joint[h]
+        room[g], widest[g] = int(min(total, 4.0 * limits.hypotheses)) + 1, wide
+        most_hyps += min(room[g], limits.hypotheses)
+        most_items += min(room[g], limits.hypotheses) * wide
     used = np.zeros(n_detections, np.bool_)
-    kept = np.minimum(room, limits.hypotheses)
-    first, start = np.zeros(n_groups + 1, np.int64), np.zeros(kept.sum() + 1, np.int64)
-    logw, items = np.empty(kept.sum()), np.empty((kept * widest).sum(), np.int64)
+    out_first, out_start = np.zeros(n_groups + 1, np.int64), np.zeros(most_hyps + 1, np.int64)
+    out_items, out_logw = np.empty(most_items, np.int64), np.empty(most_hyps)
     n = 0
     for g in range(n_groups):
         pool = _pool(room[g], widest[g])
-        _group_children(pool, groups, g, sizes, options, used, limits, rng)
-        order = _ranked(pool, limits.hypotheses)
-        best = pool.logw[order[0]]
-        for i in order:
+        pick, above, tail = np.empty(widest[g], np.int64), np.empty(widest[g] + 1), np.empty(widest[g] + 1)
+        count, floor = np.int64(0), -np.inf
+        for k in greatest_first(bound[first[g] : first[g + 1]], first[g + 1] - first[g]):
+            h = first[g] + k
+            if bound[h] < floor:
+                break
+            tracks = items[start[h] : start[h + 1]]
+            if joint[h] <= limits.enumerable:
+                count, floor = _enumerate(
+                    pool, count, floor, logw[h], tracks, options, used, limits, pick, above, tail
+                )
+            else:
+                sweeps = math.ceil(limits.sweeps * math.exp(logw[h])) + 8
+                count, floor = _sample(
+                    pool, count, floor, logw[h], tracks, options, used, limits, pick, sweeps, rng
+                )
+        order = greatest_first(pool.logw, count)
+        best, low, total = pool.logw[order[0]], n, 0.0
+        for i in order[: limits.hypotheses]:
             if pool.logw[i] < best + limits.log_prune:
                 break
-            logw[n], start[n + 1] = pool.logw[i] - best, start[n] + pool.size[i]
+            out_logw[n], out_start[n + 1] = pool.logw[i] - best, out_start[n] + pool.size[i]
             for j in range(pool.size[i]):
-                items[start[n] + j] = pool.items[i, j]
+                out_items[out_start[n] + j] = pool.items[i, j]
+            total += math.exp(out_logw[n])
             n += 1
-        logw[first[g] : n] -= math.log(np.exp(logw[first[g] : n]).sum())
-        first[g + 1] = n
-    return Groups(first, start[: n + 1].copy(), items[: start[n]].copy(), logw[:n].copy())
+        for h in range(low, n):
+            out_logw[h] -= math.log(total)
+        out_first[g + 1] = n
+    return Groups(out_first, out_start[: n + 1].copy(), out_items[: out_start[n]].copy(), out_logw[:n].copy())

@@ -21,15 +21,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numba
 import numpy as np
 
+from gcs.compiling import inlined, kernel
 from gcs.tracking.hypotheses import Groups
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
-
-njit = numba.njit(nogil=True, cache=True, error_model="numpy")
 
 DIED = -2
 MISSED = -1
@@ -37,7 +35,7 @@ MAX_GATED = 32
 """Detections kept per gate, the likeliest ones: bounds the work that a hostile scan can cause."""
 
 
-@njit
+@kernel
 def predict(mean: FloatArray, cov: FloatArray, F: FloatArray, Q: FloatArray) -> Any:
     """Kalman prediction of every track: means (n, 4) and covariances (n, 4, 4)."""
     n = mean.shape[0]
@@ -60,7 +58,7 @@ def predict(mean: FloatArray, cov: FloatArray, F: FloatArray, Q: FloatArray) -> 
     return mean_out, cov_out
 
 
-@njit
+@inlined
 def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
     """Best option first, stable: insertion, as the lists are short."""
     for i in range(start + 1, end):
@@ -71,7 +69,35 @@ def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
         meas[j], logw[j] = m, w
 
 
-@njit
+@inlined
+def _first_east(z: FloatArray, east_m: float) -> int:
+    """Index of the first detection that is not west of `east_m`: bisection."""
+    low, high = 0, z.shape[0]
+    while low < high:
+        mid = (low + high) // 2
+        if z[mid, 0] < east_m:
+            low = mid + 1
+        else:
+            high = mid
+    return low
+
+
+@inlined
+def _nth_best(logw: Any, start: int, end: int, best: Any) -> Any:
+    """The n-th greatest of more than n weights; `best` (n,) is scratch."""
+    n = best.size
+    for i in range(start, end):
+        j = min(i - start, n - 1)
+        if i - start >= n and logw[i] <= best[j]:
+            continue
+        while j > 0 and best[j - 1] < logw[i]:
+            best[j] = best[j - 1]
+            j -= 1
+        best[j] = logw[i]
+    return best[n - 1]
+
+
+@kernel
 def options(
     mean: FloatArray,
     cov: FloatArray,
@@ -94,7 +120,7 @@ def options(
     start = np.zeros(n + 1, np.int64)
     room = n * (min(m, MAX_GATED) + 2) + m
     meas, logw = np.empty(room, np.int64), np.empty(room)
-    east = z[:, 0].copy()
+    best = np.empty(MAX_GATED)
     for t in range(n):
         first = count = start[t]
         x, y = mean[t, 0], mean[t, 1]
@@ -104,7 +130,7 @@ def options(
             det = a * c - b * b
             scale = math.log(p_d) - math.log(2.0 * math.pi) - 0.5 * math.log(det) + log_live[t]
             reach = math.sqrt(gate_chi2 * a)
-            for j in range(np.searchsorted(east, x - reach), m):
+            for j in range(_first_east(z, x - reach), m):
                 dx, dy = z[j, 0] - x, z[j, 1] - y
                 if dx > reach:
                     break
@@ -113,7 +139,7 @@ def options(
                     meas[count], logw[count] = j, scale - 0.5 * d2 - log_clutter[j]
                     count += 1
             if count - first > MAX_GATED:
-                least = np.sort(logw[first:count])[-MAX_GATED]
+                least = _nth_best(logw, first, count, best)
                 end, count = count, first
                 for i in range(first, end):
                     if logw[i] >= least and count < first + MAX_GATED:
@@ -130,7 +156,7 @@ def options(
     return start, meas[: start[n]].copy(), logw[: start[n]].copy()
 
 
-@njit
+@kernel
 def update(
     mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, R: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -142,24 +168,27 @@ def update(
     mean_out, cov_out = np.empty((n, 4)), np.empty((n, 4, 4))
     A, AP, K = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 2))
     for i in range(n):
-        m, P = mean[parent[i]], cov[parent[i]]
-        mean_out[i], cov_out[i] = m, P
-        if meas[i] < 0:
+        p, j = parent[i], meas[i]
+        if j < 0:
+            for r in range(4):
+                mean_out[i, r] = mean[p, r]
+                for s in range(4):
+                    cov_out[i, r, s] = cov[p, r, s]
             continue
-        a, b, c = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[1, 1] + R[1, 1]
+        a, b, c = cov[p, 0, 0] + R[0, 0], cov[p, 0, 1] + R[0, 1], cov[p, 1, 1] + R[1, 1]
         det = a * c - b * b
-        dx, dy = z[meas[i], 0] - m[0], z[meas[i], 1] - m[1]
+        dx, dy = z[j, 0] - mean[p, 0], z[j, 1] - mean[p, 1]
         for r in range(4):
-            K[r, 0] = (P[r, 0] * c - P[r, 1] * b) / det
-            K[r, 1] = (P[r, 1] * a - P[r, 0] * b) / det
-            mean_out[i, r] = m[r] + K[r, 0] * dx + K[r, 1] * dy
+            K[r, 0] = (cov[p, r, 0] * c - cov[p, r, 1] * b) / det
+            K[r, 1] = (cov[p, r, 1] * a - cov[p, r, 0] * b) / det
+            mean_out[i, r] = mean[p, r] + K[r, 0] * dx + K[r, 1] * dy
             for s in range(4):
                 A[r, s] = (1.0 if r == s else 0.0) - (K[r, s] if s < 2 else 0.0)
         for r in range(4):
             for s in range(4):
                 total = 0.0
                 for k in range(4):
-                    total += A[r, k] * P[k, s]
+                    total += A[r, k] * cov[p, k, s]
                 AP[r, s] = total
         for r in range(4):
             for s in range(r + 1):
@@ -173,25 +202,26 @@ def update(
     return mean_out, cov_out
 
 
-@njit
+@inlined
 def _reference(groups: Groups, g: int, track_label: Any, existence: FloatArray) -> Any:
     """Return the hypothesis of group g that shows its likely labels (existence above 1/2).
 
     The most probable one of those that hold the most of them. Each label's own best hypothesis would not do:
     when it is open which of two labels is where, both would be shown at one place.
     """
-    chosen, most = groups.first[g], -1
-    for h in range(groups.first[g], groups.first[g + 1]):
+    first, start, items = groups.first, groups.start, groups.items
+    chosen, most = first[g], -1
+    for h in range(first[g], first[g + 1]):
         likely = 0
-        for t in groups.items[groups.start[h] : groups.start[h + 1]]:
-            if existence[track_label[t]] > 0.5:
+        for i in range(start[h], start[h + 1]):
+            if existence[track_label[items[i]]] > 0.5:
                 likely += 1
         if likely > most:
             chosen, most = h, likely
     return chosen
 
 
-@njit
+@kernel
 def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray, Any, FloatArray]:
     """Existence of each label, the track that shows it, and the distribution of the number of objects.
 
@@ -199,43 +229,54 @@ def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray
     hypothesis, or of the best that holds the label. Groups are independent, so their numbers' distributions
     convolve.
     """
-    existence, shown = np.zeros(n_labels), np.full(n_labels, -1)
+    first, start, items = groups.first, groups.start, groups.items
+    existence, shown = np.zeros(n_labels), np.empty(n_labels, np.int64)
     cardinality, convolved = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
+    shown[:] = -1
     cardinality[0], most = 1.0, 0
-    for g in range(groups.first.size - 1):
-        low, high = groups.first[g], groups.first[g + 1]
-        convolved[:], widest = 0.0, 0
+    for g in range(first.size - 1):
+        low, high, widest = first[g], first[g + 1], 0
+        convolved[:] = 0.0
         for h in range(low, high):
-            w, size = math.exp(groups.logw[h]), groups.start[h + 1] - groups.start[h]
+            w, size = math.exp(groups.logw[h]), start[h + 1] - start[h]
             widest = max(widest, size)
-            for t in groups.items[groups.start[h] : groups.start[h + 1]]:
-                existence[track_label[t]] += w
+            for i in range(start[h], start[h + 1]):
+                existence[track_label[items[i]]] += w
             for k in range(most + 1):
                 convolved[k + size] += w * cardinality[k]
         most += widest
-        cardinality[:] = convolved
+        cardinality, convolved = convolved, cardinality
         reference = _reference(groups, g, track_label, existence)
-        for t in groups.items[groups.start[reference] : groups.start[reference + 1]]:
-            shown[track_label[t]] = t
-        for t in groups.items[groups.start[low] : groups.start[high]]:
-            if shown[track_label[t]] < 0:
-                shown[track_label[t]] = t
-    return np.minimum(existence, 1.0), shown, cardinality
+        for i in range(start[reference], start[reference + 1]):
+            shown[track_label[items[i]]] = items[i]
+        for i in range(start[low], start[high]):
+            if shown[track_label[items[i]]] < 0:
+                shown[track_label[items[i]]] = items[i]
+    for i in range(n_labels):
+        existence[i] = min(existence[i], 1.0)
+    return existence, shown, cardinality
 
 
-@njit
+@kernel
 def map_tracks(groups: Groups) -> Any:
     """Tracks of the best hypothesis of each group's most probable number of objects."""
+    first, start = groups.first, groups.start
     chosen = np.empty(groups.items.size, np.int64)
     n = 0
-    for g in range(groups.first.size - 1):
-        low, high = groups.first[g], groups.first[g + 1]
-        size = np.diff(groups.start[low : high + 1])
-        weight = np.zeros(size.max() + 1)
-        for h in range(low, high):
-            weight[size[h - low]] += math.exp(groups.logw[h])
-        h = low + np.argmax(size == np.argmax(weight))
-        for t in groups.items[groups.start[h] : groups.start[h + 1]]:
-            chosen[n] = t
-            n += 1
+    for g in range(first.size - 1):
+        widest = 0
+        for h in range(first[g], first[g + 1]):
+            widest = max(widest, start[h + 1] - start[h])
+        weight, size = np.zeros(widest + 1), 0
+        for h in range(first[g], first[g + 1]):
+            weight[start[h + 1] - start[h]] += math.exp(groups.logw[h])
+        for k in range(1, widest + 1):
+            if weight[k] > weight[size]:
+                size = k
+        for h in range(first[g], first[g + 1]):
+            if start[h + 1] - start[h] == size:
+                for i in range(start[h], start[h + 1]):
+                    chosen[n] = groups.items[i]
+                    n += 1
+                break
     return chosen[:n].copy()

@@ -14,94 +14,97 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numba
 import numpy as np
 
+from gcs.compiling import inlined, kernel
 from gcs.tracking.hypotheses import Groups
+from gcs.tracking.ordering import distinct, greatest_first
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
 
-njit = numba.njit(nogil=True, cache=True, error_model="numpy")
 
-
-@njit
-def _factor(cov: FloatArray, lower: FloatArray) -> None:
-    """Cholesky factor of a (4, 4) covariance."""
+@inlined
+def _factor(cov: FloatArray, lower: FloatArray, t: int) -> None:
+    """Cholesky factor of covariance t, `cov` and `lower` (n, 4, 4)."""
     for i in range(4):
         for j in range(i + 1):
-            total = cov[i, j]
+            total = cov[t, i, j]
             for k in range(j):
-                total -= lower[i, k] * lower[j, k]
-            lower[i, j] = math.sqrt(max(total, 1e-300)) if i == j else total / lower[j, j]
+                total -= lower[t, i, k] * lower[t, j, k]
+            lower[t, i, j] = math.sqrt(max(total, 1e-300)) if i == j else total / lower[t, j, j]
 
 
-@njit
-def _distance2(a: FloatArray, b: FloatArray, lower: FloatArray, whitened: FloatArray) -> float:
-    """Squared Mahalanobis distance of a and b under the covariance that `lower` factors."""
+@inlined
+def _distance2(mean: FloatArray, lower: FloatArray, a: int, b: int, whitened: FloatArray) -> float:
+    """Squared Mahalanobis distance of the means a and b under the covariance of b, which `lower` factors."""
     total = 0.0
     for i in range(4):
-        value = a[i] - b[i]
+        value = mean[a, i] - mean[b, i]
         for k in range(i):
-            value -= lower[i, k] * whitened[k]
-        whitened[i] = value / lower[i, i]
+            value -= lower[b, i, k] * whitened[k]
+        whitened[i] = value / lower[b, i, i]
         total += whitened[i] * whitened[i]
     return total
 
 
-@njit
+@inlined
 def _weights(groups: Groups, n_tracks: int) -> FloatArray:
+    start, items = groups.start, groups.items
     weight = np.zeros(n_tracks)
     for h in range(groups.logw.size):
         w = math.exp(groups.logw[h])
-        for t in groups.items[groups.start[h] : groups.start[h + 1]]:
-            weight[t] += w
+        for i in range(start[h], start[h + 1]):
+            weight[items[i]] += w
     return weight
 
 
-@njit
+@inlined
 def _leaders(
     mean: FloatArray, cov: FloatArray, weight: FloatArray, track_label: Any, distance2: float
 ) -> Any:
     """For each track the one that stands for it: itself, or a more probable one of its label nearby."""
     n = track_label.size
-    leader, lower = np.arange(n), np.zeros((n, 4, 4))
-    whitened = np.empty(4)
+    leader, leading = np.empty(n, np.int64), np.empty(n, np.int64)
+    lower, whitened = np.empty((n, 4, 4)), np.empty(4)
     first = 0
     while first < n:
         end = first
         while end < n and track_label[end] == track_label[first]:
             end += 1
-        order = np.argsort(-weight[first:end], kind="mergesort")
-        leading = np.empty(end - first, np.int64)
+        order = greatest_first(weight[first:end], end - first)
         count = 0
-        for k in order:
-            t = first + k
+        for k in range(end - first):
+            t = first + order[k]
+            leader[t] = t
             for i in range(count):
-                if _distance2(mean[t], mean[leading[i]], lower[leading[i]], whitened) < distance2:
+                if _distance2(mean, lower, t, leading[i], whitened) < distance2:
                     leader[t] = leading[i]
                     break
             if leader[t] == t:
                 leading[count] = t
                 count += 1
-                _factor(cov[t], lower[t])
+                _factor(cov, lower, t)
         first = end
     return leader
 
 
-@njit
+@inlined
 def _join_moments(mean: FloatArray, cov: FloatArray, weight: FloatArray, leader: Any) -> None:
     """Give each leader the mean and covariance of the mixture that it stands for, in place."""
     n = leader.size
-    total, centre = np.zeros(n), np.zeros((n, 4))
-    for t in range(n):
-        total[leader[t]] += weight[t]
-        centre[leader[t]] += weight[t] * mean[t]
+    total, centre, spread = np.zeros(n), np.zeros((n, 4)), np.zeros((n, 4, 4))
     joined = np.zeros(n, np.bool_)
     for t in range(n):
-        if leader[t] != t:
-            joined[leader[t]] = True
-    spread = np.zeros((n, 4, 4))
+        at = leader[t]
+        joined[at] |= at != t
+        total[at] += weight[t]
+        for i in range(4):
+            centre[at, i] += weight[t] * mean[t, i]
+    for t in range(n):
+        if joined[t]:
+            for i in range(4):
+                centre[t, i] /= total[t]
     for t in range(n):
         at = leader[t]
         if joined[at]:
@@ -109,16 +112,17 @@ def _join_moments(mean: FloatArray, cov: FloatArray, weight: FloatArray, leader:
             for i in range(4):
                 for j in range(4):
                     spread[at, i, j] += share * (
-                        cov[t, i, j]
-                        + (mean[t, i] - centre[at, i] / total[at]) * (mean[t, j] - centre[at, j] / total[at])
+                        cov[t, i, j] + (mean[t, i] - centre[at, i]) * (mean[t, j] - centre[at, j])
                     )
     for t in range(n):
         if joined[t]:
-            mean[t] = centre[t] / total[t]
-            cov[t] = spread[t]
+            for i in range(4):
+                mean[t, i] = centre[t, i]
+                for j in range(4):
+                    cov[t, i, j] = spread[t, i, j]
 
 
-@njit
+@kernel
 def merge_alike(
     groups: Groups, mean: FloatArray, cov: FloatArray, track_label: Any, keys: Any, distance2: float
 ) -> Groups:
@@ -126,33 +130,26 @@ def merge_alike(
 
     `track_label` must ascend. Tracks that were merged into others are in no hypothesis of the result.
     """
+    first, start, items = groups.first, groups.start, groups.items
     weight = _weights(groups, track_label.size)
     leader = _leaders(mean, cov, weight, track_label, distance2)
     _join_moments(mean, cov, weight, leader)
-    first, start = np.zeros_like(groups.first), np.zeros_like(groups.start)
-    items, logw = np.empty_like(groups.items), np.empty_like(groups.logw)
-    h_out = 0
-    for g in range(groups.first.size - 1):
-        low, n = groups.first[g], groups.first[g + 1] - groups.first[g]
-        key = np.zeros(n, np.uint64)
-        for h in range(n):
-            for i in range(groups.start[low + h], groups.start[low + h + 1]):
-                key[h] += keys[leader[groups.items[i]]]
-        by_key = np.argsort(key, kind="mergesort")
-        total, example, count = np.empty(n), np.empty(n, np.int64), 0
-        for k in range(n):
-            h = by_key[k]
-            if k == 0 or key[h] != key[by_key[k - 1]]:
-                total[count], example[count] = 0.0, low + h
-                count += 1
-            total[count - 1] += math.exp(groups.logw[low + h])
-        for k in np.argsort(-total[:count], kind="mergesort"):
-            logw[h_out] = math.log(total[k])
-            size = start[h_out]
-            for i in range(groups.start[example[k]], groups.start[example[k] + 1]):
-                items[size] = leader[groups.items[i]]
+    out_first, out_start = np.zeros(first.size, np.int64), np.zeros(start.size, np.int64)
+    out_items, out_logw = np.empty(items.size, np.int64), np.empty(groups.logw.size)
+    n = 0
+    for g in range(first.size - 1):
+        key = np.zeros(first[g + 1] - first[g], np.uint64)
+        for h in range(first[g], first[g + 1]):
+            for i in range(start[h], start[h + 1]):
+                key[h - first[g]] -= keys[leader[items[i]]]
+        which, total = distinct(key, groups.logw, first[g])
+        for k in range(which.size):
+            out_logw[n] = math.log(total[k])
+            size = out_start[n]
+            for i in range(start[which[k]], start[which[k] + 1]):
+                out_items[size] = leader[items[i]]
                 size += 1
-            h_out += 1
-            start[h_out] = size
-        first[g + 1] = h_out
-    return Groups(first, start[: h_out + 1].copy(), items[: start[h_out]].copy(), logw[:h_out].copy())
+            n += 1
+            out_start[n] = size
+        out_first[g + 1] = n
+    return Groups(out_first, out_start[: n + 1].copy(), out_items[: out_start[n]].copy(), out_logw[:n].copy())

@@ -1,0 +1,60 @@
+"""Compiled sorting of hypotheses, shared by the kernels of this room.
+
+numba's cache does not see other files change: whoever edits this one must clear the caches of those that
+import it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from gcs.compiling import called
+
+
+@called
+def greatest_first(value: Any, n: int) -> Any:
+    """Indices of the first n values, the greatest first, equal ones in their order: merge sort."""
+    order, merged = np.empty(n, np.int64), np.empty(n, np.int64)
+    for i in range(n):
+        order[i] = i
+    run = 1
+    while run < n:
+        for low in range(0, n, 2 * run):
+            mid, high = min(low + run, n), min(low + 2 * run, n)
+            i, j = low, mid
+            for k in range(low, high):
+                if j == high or (i < mid and not value[order[i]] < value[order[j]]):
+                    merged[k] = order[i]
+                    i += 1
+                else:
+                    merged[k] = order[j]
+                    j += 1
+        order, merged = merged, order
+        run *= 2
+    return order
+
+
+@called
+def distinct(key: Any, logw: Any, first: int) -> Any:
+    """Hypotheses `first`, `first` + 1 ... that have keys `key` (n,), those with equal keys as one.
+
+    Returns one hypothesis for each key and the sum of the weights, the greatest first.
+    """
+    n = key.size
+    by_key = greatest_first(key, n)
+    weight, example = np.empty(n), np.empty(n, np.int64)
+    count = 0
+    for k in range(n):
+        h = by_key[k]
+        if k == 0 or key[h] != key[by_key[k - 1]]:
+            weight[count], example[count] = 0.0, first + h
+            count += 1
+        weight[count - 1] += math.exp(logw[first + h])
+    order = greatest_first(weight, count)
+    total, which = np.empty(count), np.empty(count, np.int64)
+    for k in range(count):
+        total[k], which[k] = weight[order[k]], example[order[k]]
+    return which, total
