@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from gcs.edge.recorder import Recorder
+from gcs.edge.recorder import Recorder, Run
 from gcs.model import Effect, Event, Truth
 from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.report.judge import Judge, Summary, summary_json
@@ -81,10 +81,11 @@ def fly(
     judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
+    versions = {"swarm-gcs": metadata.version("swarm-gcs")}
     with (
         nullcontext()
         if folder is None
-        else Recorder(folder, scenario.text, {"swarm-gcs": metadata.version("swarm-gcs")}) as recorder
+        else Recorder(folder, scenario.text, versions, Run(config.name, seed)) as recorder
     ):
 
         def on_event(event: Event) -> None:

@@ -24,7 +24,7 @@ from gcs.app import Health, Service, on_loop, wait_for_interrupt
 from gcs.commands.sinks import JudgeSink, RecorderSink, draw_recording, open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
-from gcs.edge.recorder import Recorder
+from gcs.edge.recorder import Recorder, Run
 from gcs.edge.udp import UdpLink
 from gcs.edge.wire import decode_truth, truth_key
 from gcs.edge.zenoh_bus import Bus, free_endpoint
@@ -64,7 +64,8 @@ def run_demo(options: DemoOptions, console: Console) -> int:
     config = parse(text, source)
     warm_up(console)
     judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
-    with open_recorder(options.out, f"{config.name}-{options.seed}", text) as recorder:
+    run = Run(config.name, options.seed)
+    with open_recorder(options.out, f"{config.name}-{options.seed}", text, run) as recorder:
         health, duration_s, interrupted = asyncio.run(_fly(config, options, recorder, judge, console))
         folder = recorder.folder
     summary = judge.summary(

@@ -12,7 +12,7 @@ from gcs.app import Service, wait_for_interrupt
 from gcs.commands.sinks import RecorderSink, open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
-from gcs.edge.recorder import Recorder
+from gcs.edge.recorder import Recorder, Run
 from gcs.edge.udp import UdpLink
 from gcs.edge.zenoh_bus import Bus
 
@@ -29,7 +29,7 @@ def serve(scenario: str, seed: int, console: Console, *, headless: bool, out: Pa
     config = parse(text, source)
     warm_up(console)
     started = f"{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
-    with open_recorder(out, f"{config.name}-{started}", text) as recorder:
+    with open_recorder(out, f"{config.name}-{started}", text, Run(config.name, seed)) as recorder:
         asyncio.run(_serve(config, seed, recorder, console, headless=headless))
         console.print(f"recording: {recorder.folder}", highlight=False)
 

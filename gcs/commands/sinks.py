@@ -18,7 +18,7 @@ from gcs.app import Service
 from gcs.command.area import mission_grid
 from gcs.config import Config
 from gcs.edge.reader import read
-from gcs.edge.recorder import Recorder
+from gcs.edge.recorder import Recorder, Run
 from gcs.edge.terminal import LiveView, PlainLines
 from gcs.model import Effect, Event
 from gcs.report.judge import Judge
@@ -86,11 +86,11 @@ async def _refresh(live: Live) -> None:
         await asyncio.sleep(_REFRESH_S)
 
 
-def open_recorder(out: Path | None, name: str, config_text: str) -> Recorder:
+def open_recorder(out: Path | None, name: str, config_text: str, run: Run) -> Recorder:
     """Start a recording in `out`, or in a new folder under ``runs/``."""
     folder = out if out is not None else new_folder(Path("runs"), name)
     folder.mkdir(parents=True, exist_ok=True)
-    return Recorder(folder, config_text, versions())
+    return Recorder(folder, config_text, versions(), run)
 
 
 def new_folder(parent: Path, name: str) -> Path:

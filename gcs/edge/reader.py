@@ -24,7 +24,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Statistics
 from mcap.stream_reader import breakup_chunk
 
-from gcs.edge.recorder import CONFIG_NAME, MCAP_NAME, VERSIONS_METADATA
+from gcs.edge.recorder import CONFIG_NAME, MCAP_NAME, RUN_METADATA, VERSIONS_METADATA, Run
 from gcs.edge.wire import TOPICS, Recordable, decode
 from gcs.errors import RecordingError, WireError
 from gcs.model import Picture
@@ -58,6 +58,8 @@ class Record:
     t_ns: int
     """Time of the run."""
     value: Recordable | Damage
+    payload: bytes = b""
+    """The value as it was written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +68,8 @@ class About:
 
     config_text: str
     versions: dict[str, str]
+    run: Run | None = None
+    """None when it does not say."""
 
 
 _Part: TypeAlias = tuple[int, int, bytes]
@@ -110,14 +114,14 @@ def read(path: Path) -> Iterator[Record]:
 
 
 def about(path: Path) -> About:
-    """Return the mission file and the versions that a recording was made with; empty where damage hides them.
+    """Return what a recording was made with: mission file, versions, seed; empty where damage hides them.
 
     Raises
     ------
     RecordingError
         When there is no such file or it is no MCAP at all.
     """
-    config_text, versions = "", {}
+    config_text, versions, run = "", {}, None
     with _opened(_mcap_path(path)) as file:
         try:
             for opcode, _, content in _parts(file):
@@ -129,11 +133,13 @@ def about(path: Path) -> About:
                     metadata = Metadata.read(_stream(content))
                     if metadata.name == VERSIONS_METADATA:
                         versions = dict(metadata.metadata)
+                    elif metadata.name == RUN_METADATA:
+                        run = Run(metadata.metadata["scenario"], int(metadata.metadata["seed"]))
                 elif opcode == Opcode.CHUNK:
                     break
         except (_BreaksOffError, *_BROKEN):
             pass
-    return About(config_text, versions)
+    return About(config_text, versions, run)
 
 
 class _Reading:
@@ -179,7 +185,7 @@ class _Reading:
             value: Recordable = decode(f"record {message.sequence}", message.data, record_type)
         except WireError as error:
             raise _BreaksOffError(str(error)) from None
-        return Record(message.sequence, message.log_time, value)
+        return Record(message.sequence, message.log_time, value, message.data)
 
 
 def _parts(file: BinaryIO) -> Iterator[_Part]:

@@ -9,7 +9,7 @@ A recording is a folder::
 
 In the MCAP a message's ``sequence`` counts all records of the run, so that the order in which the consumer
 took them stays known whatever their times; ``log_time`` is the run's time. The mission file is also attached
-to it, the versions are its metadata.
+to it; the versions are its metadata, and so is `Run`: what the run was started with beside that file.
 
 Messages gather in a compressed chunk, of a megabyte at most, that `flush` writes: called once a second, it
 leaves all but the last second readable after SIGKILL or on a full disk. It does not wait for the disk itself
@@ -21,6 +21,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -35,10 +36,19 @@ from gcs.model import Datagram, Effect, Event, Picture, Send, Truth
 
 MCAP_NAME, TLOG_NAME, CONFIG_NAME, VERSIONS_NAME = "run.mcap", "link.tlog", "mission.toml", "versions.json"
 PROFILE = "swarm-gcs"
-VERSIONS_METADATA = "versions"
+VERSIONS_METADATA, RUN_METADATA = "versions", "run"
 _CHUNK_BYTES = 1024 * 1024
 _BUFFER_BYTES = 256 * 1024
 _MAX_T_NS = 2**64 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a run was started with, beside its mission file."""
+
+    scenario: str
+    """Name in the mission file."""
+    seed: int
 
 
 class Recorder:
@@ -53,6 +63,8 @@ class Recorder:
         The mission file, as it was read.
     versions : mapping
         Version of each thing that a result depends on.
+    run : Run, optional
+        What else is needed to fly, or replay, the same again.
 
     Raises
     ------
@@ -61,7 +73,9 @@ class Recorder:
         before stays readable.
     """
 
-    def __init__(self, folder: Path, config_text: str, versions: Mapping[str, str]) -> None:
+    def __init__(
+        self, folder: Path, config_text: str, versions: Mapping[str, str], run: Run | None = None
+    ) -> None:
         self.folder = folder
         self._sequence = 0
         self._closed = False
@@ -79,15 +93,17 @@ class Recorder:
         try:
             (folder / CONFIG_NAME).write_text(config_text, encoding="utf-8")
             (folder / VERSIONS_NAME).write_text(json.dumps(dict(versions), indent=2) + "\n", encoding="utf-8")
-            self._channels = self._begin(config_text, versions)
+            self._channels = self._begin(config_text, versions, run)
         except OSError as error:
             raise self._failed(error) from None
 
-    def _begin(self, config_text: str, versions: Mapping[str, str]) -> dict[str, int]:
+    def _begin(self, config_text: str, versions: Mapping[str, str], run: Run | None) -> dict[str, int]:
         """Announce every topic with its schema, used or not; return the channel of each."""
         self._writer.start(profile=PROFILE)
         self._writer.add_attachment(0, 0, CONFIG_NAME, "application/toml", config_text.encode())
         self._writer.add_metadata(VERSIONS_METADATA, dict(versions))
+        if run is not None:
+            self._writer.add_metadata(RUN_METADATA, {"scenario": run.scenario, "seed": str(run.seed)})
         self._mcap.flush()
         channels = {}
         for record_type, topic in TOPICS.items():

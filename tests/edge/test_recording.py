@@ -15,7 +15,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.edge.reader import Damage, Record, about, read
-from gcs.edge.recorder import Recorder
+from gcs.edge.recorder import Recorder, Run
 from gcs.edge.tlog import split_frames
 from gcs.edge.wire import TOPICS, Recordable, encode
 from gcs.errors import RecordingError
@@ -135,6 +135,16 @@ def test_the_folder_says_how_it_was_made(recording: tuple[Path, list[Recordable]
     assert (folder / "mission.toml").read_text(encoding="utf-8") == CONFIG
     assert json.loads((folder / "versions.json").read_text()) == VERSIONS
     assert (about(folder).config_text, about(folder).versions) == (CONFIG, VERSIONS)
+
+
+def test_the_seed_is_part_of_the_recording(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "run", CONFIG, VERSIONS, Run("demo", 2**40)):
+        pass
+    assert about(tmp_path / "run").run == Run("demo", 2**40)
+
+
+def test_a_recording_that_does_not_know_its_seed_says_none(recording: tuple[Path, list[Recordable]]) -> None:
+    assert about(recording[0]).run is None
 
 
 def test_other_mcap_tools_read_it_by_its_index(recording: tuple[Path, list[Recordable]]) -> None:
@@ -299,7 +309,7 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, content: bytes)
 CHILD = """
 import sys, time
 from pathlib import Path
-from gcs.edge.recorder import Recorder
+from gcs.edge.recorder import Recorder, Run
 from gcs.model import Datagram, Tick
 recorder = Recorder(Path(sys.argv[1]), "name = 'x'", {})
 for number in range(100_000):
@@ -336,7 +346,7 @@ def test_after_sigkill_everything_flushed_is_there(tmp_path: Path) -> None:
 FULL = """
 import resource, sys
 from pathlib import Path
-from gcs.edge.recorder import Recorder
+from gcs.edge.recorder import Recorder, Run
 from gcs.errors import RecordingError
 from gcs.model import Notice
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
