@@ -134,9 +134,8 @@ class Command:
         if self._ended or not self.replanner.is_due(event.t_ns):
             return []
         plan = self.replanner.check(self._situation(event))
-        if plan is None:
-            return []
-        return [plan, *self._task(plan)]
+        notes: list[Effect] = [Notice(event.t_ns, "warning", note) for note in self.replanner.notes]
+        return notes if plan is None else [plan, *notes, *self._task(plan)]
 
     def _situation(self, event: Scan) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels

@@ -59,6 +59,9 @@ class Replanner:
         self._next_check_t_ns: int | None = None
         self._planned_agents: frozenset[int] = frozenset()
         self._planned_targets: frozenset[Label] = frozenset()
+        self._noted: frozenset[str] = frozenset()
+        self.notes: list[str] = []
+        """What the last look has to say that the one before did not."""
         self.routes: dict[int, Route] = {}
         """What each vehicle flies, or is being told to fly."""
 
@@ -76,7 +79,8 @@ class Replanner:
         return self._next_check_t_ns is None or t_ns >= self._next_check_t_ns
 
     def check(self, situation: Situation) -> Plan | None:
-        """Look whether something changed; if so, plan."""
+        """Look whether something changed; if so, plan. What else there is to say stands in `notes`."""
+        self.notes = []
         if self._next_check_t_ns is None:
             return self._first_plan(situation)
         while self._next_check_t_ns <= situation.t_ns:  # looks missed without scans are not made up for
@@ -150,6 +154,8 @@ class Replanner:
         )
         self._planned_agents = frozenset(situation.agents)
         self._planned_targets = frozenset(situation.targets)
+        self.notes = [note for note in result.notes if note not in self._noted]
+        self._noted = frozenset(result.notes)
         kept: list[Route] = []
         changed: list[int] = []
         for route in result.routes:
@@ -166,7 +172,7 @@ class Replanner:
             routes=tuple(kept),
             unassigned_vehicles=tuple(result.unassigned_vehicles),
             unassigned_targets=tuple(result.unassigned_targets),
-            reason="; ".join([reason, *result.notes]),
+            reason=reason,
             changed=tuple(changed),
         )
 
