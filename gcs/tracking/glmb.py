@@ -29,6 +29,7 @@ from gcs.tracking import kernels, motion
 from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
 from gcs.tracking.merging import merge_alike
 from gcs.tracking.partition import meet, part, renumber
+from gcs.tracking.recovery import Histories
 
 _SURE = 1.0 - 1e-9
 """Probabilities are held below it: a model that is certain cannot be corrected."""
@@ -54,6 +55,8 @@ class GlmbParams:
 
     accel_std_m_s2: float
     """Velocity gained in a second, standard deviation (see `motion`)."""
+    acceleration: motion.Acceleration = "white"
+    """Which of the two models of `motion`."""
     survival_probability_per_s: float = 0.99
     max_hypotheses: int = 300
     """Of one group of interacting labels."""
@@ -86,16 +89,21 @@ class Glmb:
         Model and limits.
     seed : int
         Of the Gibbs sampler, which works only where many objects interact.
+    keep_histories : bool
+        Whether tracks remember their detections, so that whole paths can be recovered (see `recovery`).
 
     Attributes
     ----------
+    histories : Histories or None
+        Where they remember them.
     scans, late_scans, bad_detections : int
         Scans taken in; scans refused as measured before the last one; detections refused as not finite.
     """
 
-    def __init__(self, kind: Kind, params: GlmbParams, seed: int) -> None:
+    def __init__(self, kind: Kind, params: GlmbParams, seed: int, *, keep_histories: bool = False) -> None:
         self.kind: Kind = kind
         self.params = params
+        self.histories = Histories() if keep_histories else None
         self.scans = self.late_scans = self.bad_detections = 0
         self._limits = Limits(
             int(params.max_hypotheses),
@@ -151,8 +159,14 @@ class Glmb:
         z, log_clutter = self._usable(
             z_m, uniform if clutter_density_per_m2 is None else clutter_density_per_m2
         )
-        live = self._predict(dt_s, births)
+        F = motion.transition(dt_s)
+        Q = motion.process_noise(dt_s, self.params.accel_std_m_s2, self.params.acceleration)
+        live = self._predict(dt_s, F, Q, births)
         R = np.array(sensor.noise_cov_m2, dtype=np.float64)
+        detection_probability = min(float(sensor.detection_probability), _MOST_DETECTION)
+        if self.histories is not None:
+            survival = self._survival(dt_s)
+            self.histories.begin(measured_t_ns, F, Q, R, births, survival, detection_probability)
         start, meas, logw = kernels.options(
             self._mean,
             self._cov,
@@ -161,7 +175,7 @@ class Glmb:
             z,
             R,
             np.array(sensor.field_of_view_m, dtype=np.float64),
-            min(float(sensor.detection_probability), _MOST_DETECTION),
+            detection_probability,
             log_clutter,
             float(self.params.gate_chi2),
         )
@@ -170,6 +184,9 @@ class Glmb:
         options = Options(start, meas, logw, self._keys)
         if live.size:
             self._associate(options, z, R)
+        if self.histories is not None:
+            tracks = kernels.map_tracks(self._groups)
+            self.histories.end({self._labels[self._track_label[t]]: int(t) for t in tracks})
         self.scans += 1
 
     def picture(self, t_ns: int) -> Picture:
@@ -211,17 +228,14 @@ class Glmb:
         order = np.argsort(z[:, 0], kind="stable")
         return z[order], log_clutter[order]
 
-    def _predict(self, dt_s: float, births: Sequence[Birth]) -> FloatArray:
+    def _survival(self, dt_s: float) -> float:
+        return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - _SURE))
+
+    def _predict(self, dt_s: float, F: FloatArray, Q: FloatArray, births: Sequence[Birth]) -> FloatArray:
         """Move the tracks by `dt_s`, add births as groups of their own; return each track's survival."""
-        survival = min(self.params.survival_probability_per_s, 1.0) ** dt_s
         if dt_s > 0.0:
-            self._mean, self._cov = kernels.predict(
-                self._mean,
-                self._cov,
-                motion.transition(dt_s),
-                motion.process_noise(dt_s, self.params.accel_std_m_s2),
-            )
-        live = np.full(self._track_label.size, max(survival, 1.0 - _SURE))
+            self._mean, self._cov = kernels.predict(self._mean, self._cov, F, Q)
+        live = np.full(self._track_label.size, self._survival(dt_s))
         if not births:
             return live
         n, new = live.size, np.arange(len(births))
@@ -244,13 +258,15 @@ class Glmb:
         groups = meet(self._groups, options, z.shape[0], self._limits)
         groups = children(groups, options, z.shape[0], self._limits, self._rng)
         groups, used = renumber(groups, parent.size)
-        parent, meas = parent[used], options.meas[used]
+        parent, meas, logw = parent[used], options.meas[used], options.logw[used]
         mean, cov = kernels.update(self._mean, self._cov, parent, meas, z, R)
         track_label = self._track_label[parent]
         groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
         groups = part(groups, track_label, len(self._labels), self._keys, self._limits)
         self._groups, used = renumber(groups, parent.size)
         self._mean, self._cov = mean[used], cov[used]
+        if self.histories is not None:
+            self.histories.extend(parent[used], meas[used], logw[used], z)
         kept, self._track_label = np.unique(track_label[used], return_inverse=True)
         self._labels = [self._labels[i] for i in kept]
 
