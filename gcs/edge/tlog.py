@@ -4,22 +4,124 @@ A tlog is a plain sequence of (8-byte big-endian microseconds since the Unix epo
 without a header: https://ardupilot.org/planner/docs/mission-planner-telemetry-logs.html. Readers parse one
 frame after each time stamp, so a datagram of several frames becomes several entries, and bytes that belong
 to no frame must stay out.
+
+Logs of others are read in bounded memory and believed frame by frame. A frame counts when its checksum holds;
+one of an id that we do not know, or that another dialect defines otherwise, has a place when it lies between
+frames. All else is damage; the first good frame behind it is found again whatever the damage was. A raw stream (frames alone, as they
+came from a serial port) is the same without stamps.
 """
 
 from __future__ import annotations
 
+import re
 import struct
+from collections.abc import Iterator
+from itertools import islice
+from typing import BinaryIO, Literal, NamedTuple, TypeAlias
 
-from gcs.mavlink.codec import scan
+from gcs.mavlink.codec import Frame, scan
 
 _STAMP = struct.Struct(">Q")
 _MAX_US = 2**64 - 1
+_LATEST_US = 4_102_444_800_000_000
+"""The year 2100: a later stamp is none."""
+_BLOCK_BYTES = 1024 * 1024
+_MAX_ENTRY_BYTES = 2 * (8 + 280)
+"""An entry and the beginning of the next."""
+_MARKER = re.compile(b"[\xfd\xfe]")
+_SNIFFED = 200
+
+
+Standing: TypeAlias = Literal["good", "unknown id", "bad checksum"]
+
+
+class Logged(NamedTuple):
+    """One frame of a log."""
+
+    offset: int
+    """Byte of the file where its entry begins."""
+    t_ns: int
+    """Its stamp, or the last good one; 0 in a raw stream."""
+    frame: Frame
+    standing: Standing
+    """Only of a good frame can the content be believed. A bad checksum is damage or another dialect."""
+
+
+class Unreadable(NamedTuple):
+    """A stretch of a log that holds no frames."""
+
+    offset: int
+    length: int
 
 
 def tlog_entries(t_ns: int, datagram: bytes) -> bytes:
     """Return the entries of one datagram, ready to be appended to a tlog."""
     stamp = _STAMP.pack(min(max(t_ns // 1000, 0), _MAX_US))
     return b"".join(stamp + frame for frame in split_frames(datagram))
+
+
+def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[Logged | Unreadable]:
+    """Read a tlog, or a raw MAVLink stream when it is not `stamped`, to its end, whatever it holds."""
+    lead = _STAMP.size if stamped else 0
+    data, base, at, t_ns, ended = b"", 0, 0, 0, False
+    bad_from: int | None = None
+    while True:
+        if len(data) - at < _MAX_ENTRY_BYTES and not ended:
+            block = file.read(_BLOCK_BYTES)
+            data, base, at, ended = data[at:] + block, base + at, 0, not block
+            continue
+        if at >= len(data):
+            break
+        found = _entry(data, at + lead, lead, in_step=bad_from is None)
+        if found is None:
+            bad_from = base + at if bad_from is None else bad_from
+            marker = _MARKER.search(data, at + lead + 1)
+            at = marker.start() - lead if marker else len(data) if ended else len(data) - lead
+            continue
+        if bad_from is not None:
+            yield Unreadable(bad_from, base + at - bad_from)
+            bad_from = None
+        frame, standing = found
+        if stamped and (stamp_us := _STAMP.unpack_from(data, at)[0]) <= _LATEST_US:
+            t_ns = stamp_us * 1000
+        yield Logged(base + at, t_ns, frame, standing)
+        at += lead + len(frame.data)
+    if bad_from is not None:
+        yield Unreadable(bad_from, base + at - bad_from)
+
+
+def is_stamped(file: BinaryIO) -> bool | None:
+    """Tell a tlog from a raw stream by what lies between the first frames; None when there are no frames."""
+    between, frames = 0, 0
+    for part in islice(read_log(file, stamped=False), _SNIFFED):
+        if isinstance(part, Unreadable):
+            between += part.length == _STAMP.size
+        else:
+            frames += 1
+    return None if frames == 0 else 2 * between >= frames
+
+
+def _entry(data: bytes, at: int, lead: int, *, in_step: bool) -> tuple[Frame, Standing] | None:
+    """Return the frame at `at` and what is known of it; None when there is none to be believed."""
+    end = len(data)
+    length = _length(data, at, end) if at < end else 0
+    if not length:
+        return None
+    found = scan(data[at : at + length])
+    if found.frames:
+        return (found.frames[0], "good") if len(found.frames[0].data) == length else None
+    next_at = at + length + lead
+    if not in_step or not (at + length == end or (next_at < end and data[next_at] in b"\xfd\xfe")):
+        return None
+    return _unchecked(data[at : at + length]), "bad checksum" if found.crc_errors else "unknown id"
+
+
+def _unchecked(data: bytes) -> Frame:
+    """Read the header of a frame of an unknown id."""
+    if data[0] == 0xFD:
+        message_id = int.from_bytes(data[7:10], "little")
+        return Frame(data[5], data[6], data[4], message_id, bool(data[2] & 1), data)
+    return Frame(data[3], data[4], data[2], data[5], False, data)
 
 
 def split_frames(datagram: bytes) -> list[bytes]:
