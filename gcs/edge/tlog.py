@@ -7,8 +7,8 @@ to no frame must stay out.
 
 Logs of others are read in bounded memory and believed frame by frame. A frame counts when its checksum holds;
 one of an id that we do not know, or that another dialect defines otherwise, has a place when it lies between
-frames. All else is damage; the first good frame behind it is found again whatever the damage was. A raw stream (frames alone, as they
-came from a serial port) is the same without stamps.
+frames. All else is damage; the first good frame behind it is found again whatever the damage was. A raw
+stream (frames alone, as they came from a serial port) is the same without stamps.
 """
 
 from __future__ import annotations
