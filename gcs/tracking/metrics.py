@@ -1,4 +1,4 @@
-"""How far a picture is from the truth: OSPA, OSPA(2) and GOSPA, each with its parts.
+"""How far a picture is from the truth: OSPA, OSPA(2) and GOSPA with their parts, counts, identity switches.
 
 - OSPA (Schuhmacher, Vo & Vo, IEEE TSP 56, 2008): for m <= n points, the best pairing's distances, cut off at
   c, and c for each of the n - m points left over, averaged in the order p: ``((min sum min(d, c)^p + c^p (n -
@@ -8,6 +8,10 @@
   one exists. It sees swapped and broken labels, which OSPA does not.
 - GOSPA (Rahmathullah, Garcia-Fernandez & Svensson, 2017), alpha = 2: not averaged; every missed or false
   object costs c^p / 2: ``(min over partial pairings of sum d^p + c^p / 2 (missed + false))^(1/p)``.
+- Cardinality error: the mean over time of how far the number of objects is off, whatever the sign.
+- Identity switches (Bernardin & Stiefelhagen, "CLEAR MOT", 2008): how often a true object is shown by another
+  label than the one that showed it last. A pair lasts for as long as it stays within c; who is left over is
+  paired as nearly as possible.
 
 Points are (n, 2) arrays of east/north in metres; all results are in metres.
 """
@@ -24,6 +28,7 @@ from scipy.optimize import linear_sum_assignment
 from gcs.model import FloatArray
 
 LabelT = TypeVar("LabelT")
+IdT = TypeVar("IdT")
 Tracks: TypeAlias = Mapping[LabelT, FloatArray]
 """Position (2,) by label at one time."""
 
@@ -104,3 +109,41 @@ def gospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 50.0, p: float = 2.0) -
     missed, false = distances.shape[1] - pairs, distances.shape[0] - pairs
     total = local + c_m**p / 2.0 * (missed + false)
     return Gospa(float(total ** (1.0 / p)), float(local ** (1.0 / p)), missed, false)
+
+
+def cardinality_error(found_m: Sequence[Tracks[LabelT]], true_m: Sequence[Tracks[IdT]]) -> float:
+    """Mean over time of | number found - number there |; 0 without any time."""
+    errors = [abs(len(found) - len(true)) for found, true in zip(found_m, true_m, strict=True)]
+    return sum(errors) / max(1, len(errors))
+
+
+def identity_switches(
+    found_m: Sequence[Tracks[LabelT]], true_m: Sequence[Tracks[IdT]], c_m: float = 50.0
+) -> int:
+    """Count how often true objects change the label that shows them, within `c_m`."""
+    shown_by: dict[IdT, LabelT] = {}
+    last: dict[IdT, LabelT] = {}
+    switches = 0
+    for found, true in zip(found_m, true_m, strict=True):
+        pairs = {
+            id_: label
+            for id_, label in shown_by.items()
+            if id_ in true and label in found and _gap(true[id_], found[label]) < c_m
+        }
+        ids = [id_ for id_ in true if id_ not in pairs]
+        kept = set(pairs.values())
+        labels = [label for label in found if label not in kept]
+        gaps = _distances(
+            np.reshape([true[id_] for id_ in ids], (-1, 2)), np.reshape([found[n] for n in labels], (-1, 2))
+        )
+        for i, j in zip(*linear_sum_assignment(np.minimum(gaps, c_m)), strict=True):
+            if gaps[i, j] < c_m:
+                pairs[ids[i]] = labels[j]
+                switches += last.get(ids[i], labels[j]) != labels[j]
+        last.update(pairs)
+        shown_by = pairs
+    return switches
+
+
+def _gap(a_m: FloatArray, b_m: FloatArray) -> float:
+    return float(np.hypot(a_m[0] - b_m[0], a_m[1] - b_m[1]))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gcs.tracking.metrics import gospa, ospa, ospa2
+from gcs.tracking.metrics import cardinality_error, gospa, identity_switches, ospa, ospa2
 
 POINTS = st.integers(0, 4).flatmap(lambda n: hnp.arrays(float, (n, 2), elements=st.floats(-120, 120)))
 ORDER = st.sampled_from([1.0, 2.0])
@@ -80,3 +80,50 @@ def test_ospa2_charges_a_gap_its_share_of_the_window():
     here = np.zeros(2)
     assert ospa2([{1: here}, {}, {1: here}, {1: here}], [{"a": here}] * 4).total_m == pytest.approx(25.0)
     assert ospa2([], []).total_m == 0.0
+
+
+def at(*east_m):
+    return {i: np.array([x, 0.0]) for i, x in enumerate(east_m)}
+
+
+def test_crossing_names_are_two_switches_and_keeping_them_none():
+    truth = [at(10.0 * k, 100.0 - 10.0 * k) for k in range(11)]
+    kept = [{f"track {i}": p for i, p in scan.items()} for scan in truth]
+    swapped = [dict(zip(scan, list(scan.values())[::-1], strict=True)) for scan in kept]
+    assert identity_switches(kept, truth) == 0
+    assert identity_switches(kept[:6] + swapped[6:], truth, c_m=5.0) == 2
+
+
+def test_a_new_label_after_a_gap_is_a_switch_and_the_old_one_is_not():
+    truth = [at(0.0)] * 4
+    there, gone, other = {"a": np.zeros(2)}, {}, {"b": np.zeros(2)}
+    assert identity_switches([there, gone, there, there], truth) == 0
+    assert identity_switches([there, gone, other, other], truth) == 1
+    assert identity_switches([there, other, there, other], truth) == 3
+
+
+def test_a_pair_lasts_while_another_label_comes_nearer():
+    truth = [at(0.0)] * 3
+    found = [{"a": np.array([5.0, 0.0]), "b": np.array([x, 0.0])} for x in (20.0, 1.0, 0.0)]
+    assert identity_switches(found, truth) == 0
+
+
+SCANS = st.lists(st.dictionaries(st.integers(0, 3), st.floats(-80, 80)), max_size=6)
+
+
+@given(scans=SCANS, names=st.permutations(range(4)))
+def test_the_truth_under_other_names_has_no_error_and_no_switch(scans, names):
+    truth = [{i: np.array([x, 3.0]) for i, x in scan.items()} for scan in scans]
+    renamed = [{names[i]: p for i, p in scan.items()} for scan in truth]
+    apart = [dict(zip(scan, scan.values(), strict=True)) for scan in renamed]
+    assert cardinality_error(apart, truth) == 0.0
+    assert identity_switches(apart, truth, c_m=1e-9) == 0
+
+
+@given(found=SCANS, c=st.floats(1.0, 100.0))
+def test_no_object_switches_more_often_than_it_is_seen_again(found, c):
+    scans = [{i: np.array([x, 0.0]) for i, x in scan.items()} for scan in found]
+    truth = [at(0.0, 40.0)] * len(scans)
+    assert 0 <= identity_switches(scans, truth, c) <= 2 * max(0, len(scans) - 1)
+    errors = [abs(len(scan) - 2) for scan in scans]
+    assert cardinality_error(scans, truth) == pytest.approx(np.mean(errors) if errors else 0.0)
