@@ -40,6 +40,8 @@ from gcs.model import (
 TICK_NS = NS_PER_S // 20
 QUEUE_SIZE = 20_000
 LAG_WARNING_NS = NS_PER_S // 2
+LAG_TEXT = "this machine cannot keep up"
+"""Begins the one notice that is the service's own: it is recorded, and no replay gives it."""
 
 
 class Sink(Protocol):
@@ -175,7 +177,7 @@ class Service:
         if lag_ns > LAG_WARNING_NS and not self._lag_warned:
             self._lag_warned = True
             text = (
-                f"this machine cannot keep up: input waited {lag_ns / NS_PER_S:.1f} s of run time; "
+                f"{LAG_TEXT}: input waited {lag_ns / NS_PER_S:.1f} s of run time; "
                 "a lower --speed would help"
             )
             self._carry_out(event.t_ns, Notice(event.t_ns, "warning", text))

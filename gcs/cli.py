@@ -159,6 +159,47 @@ def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
 
 
 @app.command()
+def replay(
+    recording: Annotated[
+        Path, typer.Argument(help="A recording: its folder or its .mcap; or a .tlog with --config.")
+    ],
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N|max", help="Run time for each second of wall time.  [default: 1 live, max headless]"
+        ),
+    ] = None,
+    start: Annotated[float, typer.Option("--from", min=0.0, help="Show from this second of the run on.")] = 0,
+    end: Annotated[float | None, typer.Option("--to", min=0.0, help="End at this second of the run.")] = None,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Compare every picture, plan and send with the recorded one.")
+    ] = False,
+    config: Annotated[
+        str | None, typer.Option(help="Another mission file: what would have been different?")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of the random obstacles.  [default: the recorded one]")
+    ] = None,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Plain lines instead of the live view.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Play a recorded run through central command again: the same events, by the same door.
+
+    With --verify it exits with 1 when anything comes out differently by as much as a byte, and says where.
+    """
+    from gcs.commands.replay import ReplayOptions, run_replay, speed_of
+    from gcs.commands.replaying import Window
+
+    with _errors_shown():
+        window = Window(start, float("inf") if end is None else end)
+        options = ReplayOptions(recording, speed_of(speed), window, verify, config, seed, headless, as_json)
+        code = run_replay(options, Console(stderr=as_json))
+    raise typer.Exit(code)
+
+
+@app.command()
 def scenarios() -> None:
     """List the shipped scenarios."""
     from gcs.config import load, scenario_names

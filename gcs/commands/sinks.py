@@ -9,13 +9,15 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib import metadata
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from rich.console import Console
 from rich.live import Live
 
-from gcs.app import Service
+from gcs.app import Sink
 from gcs.command.area import mission_grid
+from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.reader import read
 from gcs.edge.recorder import Recorder, Run
@@ -60,17 +62,25 @@ class JudgeSink:
         self._judge.effect(effect)
 
 
+class Shown(Protocol):
+    """What a view needs of a run: a live service, or a replay."""
+
+    config: Config
+    command: Command
+    sinks: list[Sink]
+
+
 @asynccontextmanager
 async def view_for(
-    service: Service, console: Console, *, speed: float, headless: bool
+    run: Shown, console: Console, *, speed: float, headless: bool
 ) -> AsyncIterator[None]:
-    """Show a service's run while it lasts: live where there is a terminal, plain lines elsewhere."""
+    """Show a run while it lasts: live where there is a terminal, plain lines elsewhere."""
     if headless or not console.is_terminal:
-        service.sinks.append(PlainLines(console))
+        run.sinks.append(PlainLines(console))
         yield
         return
-    view = LiveView(service.config, service.command, speed)
-    service.sinks.append(view)
+    view = LiveView(run.config, run.command, speed)
+    run.sinks.append(view)
     with Live(view, console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live:
         refresher = asyncio.create_task(_refresh(live))
         try:

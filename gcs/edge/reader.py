@@ -80,6 +80,23 @@ class _BreaksOffError(Exception):
     """The file ends or makes no sense from here on."""
 
 
+def is_recording(path: Path) -> bool:
+    """Whether a path is a folder, or a file that begins as an MCAP does.
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be read.
+    """
+    if path.is_dir():
+        return True
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except OSError as error:
+        raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
+
+
 def read(path: Path) -> Iterator[Record]:
     """Read a recording: its folder, or the MCAP file in it.
 

@@ -1,0 +1,168 @@
+"""A recording played through the fold: the same door as live, with another source.
+
+Events enter in the order in which they were recorded and effects go to the sinks; nothing is sent. What was
+recorded as effects is never fed: it is what a verification or a comparison holds the replay against.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+from gcs.app import LAG_TEXT, Sink
+from gcs.command.fold import Command
+from gcs.config import Config
+from gcs.edge.reader import Damage, Record
+from gcs.edge.wire import encode, topic_of
+from gcs.model import NS_PER_S, Effect, Event, Notice, Truth
+from gcs.report.verification import Output, Verification
+
+_YIELD_S = 0.02
+_NAP_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Which part to show and to judge, in seconds from the start; the fold works what is before it, too."""
+
+    from_s: float = 0.0
+    to_s: float = math.inf
+
+
+class Watcher(Protocol):
+    """Holds what is recomputed against what was recorded."""
+
+    def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:
+        """Take what the fold made of an event; `judged` inside the window."""
+
+    def recorded(self, record: Record, effect: Effect) -> None:
+        """Take an effect that was recorded."""
+
+    def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:
+        """Take the end of the recording, or of the window."""
+
+
+class Replay:
+    """One recording through a fresh fold.
+
+    Parameters
+    ----------
+    config, seed
+        Of the mission.
+    records
+        In the order of consumption; a `Damage` ends them.
+    window
+        What to show.
+    """
+
+    def __init__(self, config: Config, seed: int, records: Iterable[Record], window: Window) -> None:
+        self.config = config
+        self.command = Command(config, seed)
+        self.sinks: list[Sink] = []
+        self.watchers: list[Watcher] = []
+        self.damage: Damage | None = None
+        self.events = 0
+        self.effects = 0
+        self.start_t_ns: int | None = None
+        self.t_ns = 0
+        self._records = records
+        self._window = window
+        self._shown = False
+
+    @property
+    def duration_s(self) -> float:
+        """Run time that was replayed."""
+        return 0.0 if self.start_t_ns is None else (self.t_ns - self.start_t_ns) / NS_PER_S
+
+    async def run(self, stop: asyncio.Event, speed: float) -> None:
+        """Play to the end of the window, of the recording, or until `stop` is set."""
+        pace = _Pace(speed, self._window.from_s)
+        number = 0
+        for record in self._records:
+            if stop.is_set():
+                break
+            value = record.value
+            number = record.sequence
+            if isinstance(value, Damage):
+                self.damage = value
+                break
+            if isinstance(value, Event):
+                if self.start_t_ns is None:
+                    self.start_t_ns = self.t_ns = value.t_ns
+                at_s = (value.t_ns - self.start_t_ns) / NS_PER_S
+                if at_s > self._window.to_s:
+                    break
+                await pace.until(at_s, stop)
+                self._event(number, value, shown=at_s >= self._window.from_s)
+            elif not isinstance(value, Truth):
+                self._recorded(record, value)
+        broken_off = self.damage is not None or stop.is_set()
+        for watcher in self.watchers:
+            watcher.end(number, self.t_ns, broken_off=broken_off)
+
+    def _event(self, number: int, event: Event, *, shown: bool) -> None:
+        for sink in self.sinks:
+            sink.event(event)
+        effects = self.command.step(event)
+        self.t_ns = max(self.t_ns, event.t_ns)
+        self.events += 1
+        self.effects += len(effects)
+        self._shown = shown
+        for watcher in self.watchers:
+            watcher.event(number, event.t_ns, effects, judged=shown)
+        if shown:
+            for effect in effects:
+                for sink in self.sinks:
+                    sink.effect(event.t_ns, effect)
+
+    def _recorded(self, record: Record, effect: Effect) -> None:
+        if isinstance(effect, Notice) and effect.text.startswith(LAG_TEXT):
+            return  # of the service as it ran then, not of the fold
+        for watcher in self.watchers:
+            watcher.recorded(record, effect)
+
+
+class Verifier:
+    """Compares every effect byte for byte, as the recorder would write it."""
+
+    def __init__(self) -> None:
+        self.result = Verification()
+
+    def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:
+        """Take what the fold made of an event."""
+        outputs = [Output(topic_of(effect), encode(effect)) for effect in effects] if judged else None
+        self.result.event(number, t_ns, outputs)
+
+    def recorded(self, record: Record, effect: Effect) -> None:
+        """Take an effect that was recorded."""
+        self.result.recorded(record.sequence, record.t_ns, Output(topic_of(effect), record.payload))
+
+    def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:
+        """Take the end."""
+        self.result.end(number, t_ns, broken_off=broken_off)
+
+
+class _Pace:
+    """Waits until something is due, and lets the view draw and the user interrupt in between."""
+
+    def __init__(self, speed: float, from_s: float) -> None:
+        self._speed, self._from_s = speed, from_s
+        self._began_s: float | None = None
+        self._yielded_s = time.monotonic()
+
+    async def until(self, at_s: float, stop: asyncio.Event) -> None:
+        """Return when `at_s` of the run is due; at once before the window and at unlimited speed."""
+        if at_s >= self._from_s and math.isfinite(self._speed):
+            if self._began_s is None:
+                self._began_s = time.monotonic()
+            due_s = self._began_s + (at_s - self._from_s) / self._speed
+            while (left_s := due_s - time.monotonic()) > 0.0 and not stop.is_set():
+                await asyncio.sleep(min(left_s, _NAP_S))
+                self._yielded_s = time.monotonic()
+        if time.monotonic() - self._yielded_s > _YIELD_S:
+            await asyncio.sleep(0)
+            self._yielded_s = time.monotonic()
