@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from gcs.model import (
     Effect,
     Event,
     Fate,
+    MissionEnded,
     Notice,
     Picture,
     Plan,
@@ -36,8 +38,8 @@ from gcs.model import (
 from sim_vehicles.scenario import load
 from sim_vehicles.virtual import LINK, VirtualRun
 
+T = TypeVar("T")
 SEED = 1
-FLOWN_S = 60.0
 HEARD_S = 50.0
 """Until then every vehicle is heard; the address of one that has fallen silent may change."""
 MISSION_MESSAGES = {
@@ -48,7 +50,7 @@ MISSION_MESSAGES = {
 
 @dataclass
 class Flight:
-    """The first minute of a mission: targets move, agent 2 dies."""
+    """A mission: targets move, agent 2 dies, the others arrive."""
 
     config: Config
     events: list[Event]
@@ -71,7 +73,7 @@ class Flight:
 @pytest.fixture(scope="module")
 def flight() -> Flight:
     scenario, events, effects = load("prescribed"), [], []
-    VirtualRun(scenario, SEED, events.append, lambda _t_ns, effect: effects.append(effect)).run(FLOWN_S)
+    VirtualRun(scenario, SEED, events.append, lambda _t_ns, effect: effects.append(effect)).run()
     assert any(isinstance(e, Fate) and e.fate == "dead" for e in effects)
     assert sum(isinstance(e, Plan) for e in effects) >= 3
     return Flight(scenario.config, events, effects)
@@ -318,11 +320,11 @@ def test_bad_input_is_counted_all_and_told_twenty_times(flight: Flight) -> None:
     assert sum(map(len, told)) == 20
 
 
-# ---------------------------------------------------------------- missions that cannot be delivered
+# ---------------------------------------------------------------- vehicles of our own making
 
 
-class DeafPlane:
-    """Tells where it is, twice a second, and answers nothing that has to do with missions."""
+class Plane:
+    """Stands in the sky and says so twice a second; answers nothing that has to do with missions."""
 
     def __init__(self, system_id: int, place: tuple[float, float], config: Config) -> None:
         self.place, self.peer = place, f"vehicle:{system_id}"
@@ -336,25 +338,126 @@ class DeafPlane:
         return Datagram(at(t_s), LINK, self.peer, self._encode(beat) + self._encode(here))
 
 
+TARGET = (1500.0, 200.0)
+DELAY_S = 0.2
+"""From a scan's measurement to its arrival."""
+
+
+class Scene:
+    """Central command, one deaf plane and one target."""
+
+    def __init__(self) -> None:
+        self.config = mission(agents=[(100.0, 200.0)], births=[TARGET])
+        self.command = Command(self.config, 0)
+        self.plane: Plane | None = Plane(1, (100.0, 200.0), self.config)
+        self.effects: list[Effect] = []
+        self.t_s = 0.0
+
+    def fly(self, seconds: float) -> list[Effect]:
+        """Let time pass; return what came out."""
+        before, end_s = len(self.effects), self.t_s + seconds
+        while self.t_s < end_s - 0.01:
+            step = round(self.t_s * 10)
+            if self.plane is not None and step % 5 == 0:
+                self.effects += self.command.step(self.plane.speak(self.t_s))
+            if step % 10 == 2:
+                things = [TARGET] if self.plane is None else [TARGET, self.plane.place]
+                look = scan(self.t_s - DELAY_S, *things, arrives_s=self.t_s)
+                self.effects += self.command.step(look)
+            self.effects += self.command.step(Tick(at(self.t_s)))
+            self.t_s = (step + 1) / 10
+        return self.effects[before:]
+
+    def all(self, kind: type[T]) -> list[T]:
+        return [effect for effect in self.effects if isinstance(effect, kind)]
+
+
 def test_a_vehicle_that_does_not_take_its_mission_is_told_of_and_given_a_new_one() -> None:
-    config = mission(agents=[(100.0, 200.0)], births=[(1500.0, 200.0)])
-    command, plane = Command(config, 0), DeafPlane(1, (100.0, 200.0), config)
-    effects: list[Effect] = []
-    for step in range(1200):
-        t_s = step / 10
-        if step % 5 == 0:
-            effects += command.step(plane.speak(t_s))
-        if step % 10 == 0:
-            effects += command.step(scan(t_s, plane.place, (1500.0, 200.0)))
-        effects += command.step(Tick(at(t_s)))
-    kinds = [e for e in effects if isinstance(e, (Plan, UploadReport))]
-    first, failed, second = kinds[:3]
-    assert isinstance(first, Plan)
-    assert first.reason == "first plan"
-    assert isinstance(failed, UploadReport)
+    scene = Scene()
+    scene.fly(120.0)
+    first, second = scene.all(Plan)[:2]
+    failed = scene.all(UploadReport)[0]
+    assert (first.reason, first.changed) == ("first plan", (1,))
     assert (failed.vehicle, failed.mission_id, failed.ok) == (1, 1, False)
-    assert isinstance(second, Plan)
     assert (second.reason, second.changed) == ("agent 1 has no route", (1,))
-    assert second.t_ns - failed.t_ns <= 6 * S
-    later = effects[effects.index(second) :]
+    assert 0 < second.t_ns - failed.t_ns <= 6 * S
+    later = scene.effects[scene.effects.index(second) :]
     assert any(m.get_type() == "MISSION_COUNT" for _, m in messages(later))
+
+
+def test_a_transfer_to_a_vehicle_that_dies_is_given_up_without_a_word_more() -> None:
+    scene = Scene()
+    scene.fly(8.0)
+    assert scene.command.tasking.under_way == {1: "upload"}
+    scene.plane = None
+    effects = scene.fly(40.0)
+    death = next(i for i, e in enumerate(effects) if isinstance(e, Fate))
+    assert (effects[death].vehicle, effects[death].fate) == (1, "dead")
+    assert not [m for _, m in messages(effects[death:]) if m.get_type() in MISSION_MESSAGES]
+    assert scene.command.tasking.under_way == {}
+    assert (scene.all(UploadReport), dict(scene.command.ties.labels)) == ([], {})
+
+
+def test_a_plan_says_when_what_it_was_made_from_was_measured() -> None:
+    scene = Scene()
+    scene.fly(8.0)
+    (plan,) = scene.all(Plan)
+    assert plan.t_ns - plan.picture_t_ns == round(DELAY_S * S)
+
+
+def test_an_agent_at_its_target_has_arrived_and_the_mission_ends_once_for_good() -> None:
+    scene = Scene()
+    scene.fly(8.0)
+    assert scene.plane is not None
+    for step in range(94):
+        scene.plane.place = (100.0 + 15.0 * step, 200.0)
+        scene.fly(1.0)
+    scene.fly(20.0)
+    (fate,) = scene.all(Fate)
+    (ended,) = scene.all(MissionEnded)
+    assert (fate.vehicle, fate.fate, fate.target) == (1, "arrived", (0, 0))
+    assert (ended.arrived, ended.dead) == ((1,), ())
+    assert all(plan.t_ns <= ended.t_ns for plan in scene.all(Plan))
+
+
+def test_an_agent_that_comes_back_from_the_dead_flies_again() -> None:
+    scene = Scene()
+    scene.fly(8.0)
+    plane, scene.plane = scene.plane, None
+    scene.fly(8.0)
+    scene.plane = plane
+    scene.fly(12.0)
+    assert [fate.fate for fate in scene.all(Fate)] == ["dead", "flying"]
+    assert scene.command.ties.labels.keys() == {1}
+
+
+# ---------------------------------------------------------------- a whole mission
+
+
+def test_a_target_that_was_reached_gets_nobody_else(flight: Flight) -> None:
+    reached: set[tuple[int, int]] = set()
+    for effect in flight.effects:
+        if isinstance(effect, Fate) and effect.target is not None:
+            reached.add(effect.target)
+        elif isinstance(effect, Plan):
+            assert not reached & {route.target for route in effect.routes}
+            assert not reached & set(effect.unassigned_targets)
+    assert len(reached) == 3
+
+
+def test_an_agent_that_arrived_or_died_is_in_no_later_plan(flight: Flight) -> None:
+    out: set[int] = set()
+    for effect in flight.effects:
+        if isinstance(effect, Fate):
+            out.add(effect.vehicle)
+        elif isinstance(effect, Plan):
+            assert not out & {route.vehicle for route in effect.routes}
+            assert not out & set(effect.unassigned_vehicles)
+    assert out == {1, 2, 3, 4}
+
+
+def test_the_seed_makes_the_map() -> None:
+    config = mission(tables="[map]\nrandom_threshold = 0.1\n")
+    one, same, other = (Command(config, seed).grid.blocked for seed in (1, 1, 2))
+    assert np.array_equal(one, same)
+    assert not np.array_equal(one, other)
