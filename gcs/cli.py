@@ -9,7 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -197,6 +197,38 @@ def replay(
         options = ReplayOptions(recording, speed_of(speed), window, verify, config, seed, headless, as_json)
         code = run_replay(options, Console(stderr=as_json))
     raise typer.Exit(code)
+
+
+@app.command()
+def track(
+    file: Annotated[
+        Path, typer.Argument(help="Detections (NPZ, or CSV with rows k,x,y), or the folder of a recording.")
+    ],
+    model: Annotated[
+        Path | None, typer.Option(help="The model to track by, TOML or NPZ.  [default: the file's own]")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="CSV for the estimates: k,label,x,y,vx,vy,existence.")
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(help="The truth to judge by, CSV or NPZ: k,id,px,vx,py,vy.  [default: the file's own]"),
+    ] = None,
+    estimator: Annotated[
+        Literal["filtered", "recovered", "smoothed"],
+        typer.Option(help="What was known at each scan, whole paths afterwards, or these smoothed."),
+    ] = "recovered",
+    plot: Annotated[Path | None, typer.Option(help="Picture of the result, such as tracks.png.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Track recorded detections, and say how well where the truth is known, and how fast.
+
+    The truth judges the result and is not looked at before.
+    """
+    from gcs.commands.track import TrackOptions, run_track
+
+    with _errors_shown():
+        run_track(TrackOptions(file, model, truth, estimator, out, plot, as_json), Console(stderr=as_json))
 
 
 @app.command()

@@ -78,7 +78,7 @@ def ospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 100.0, p: float = 1.0) -
 
 
 def ospa2(
-    x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[LabelT]], c_m: float = 100.0, p: float = 1.0
+    x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[IdT]], c_m: float = 100.0, p: float = 1.0
 ) -> Ospa:
     """OSPA(2) of two sets of tracks over a window; element k of a sequence is what exists at time k."""
     x, y = _stacked(x_m), _stacked(y_m)

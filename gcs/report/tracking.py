@@ -1,0 +1,186 @@
+"""One picture of what a tracker made of recorded detections.
+
+Left the place: every detection (grey), the truth (thin, black) and the tracks, each in a colour of its own
+from where it begins (ring) to where it ends (cross). Right, over the scans: each track's two coordinates,
+OSPA, and the number of objects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gcs.model import FloatArray, Label
+from gcs.tracking.metrics import Tracks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.gridspec import GridSpec
+
+_COLOURS = (
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5cc0", "#8c6d31", "#1b9e9e",
+    "#b03060", "#5a8f29", "#3b4cc0",
+)  # fmt: skip
+"""Told apart with colour-blind eyes too (after Okabe and Ito); labels beyond them repeat."""
+_INK, _PALE, _GRID, _CLUTTER = "#1a202c", "#a0aec0", "#e8edf3", "#b4becc"
+_MAX_DETECTIONS = 20_000
+"""More would be one grey area, and a file to wait for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """What is drawn. Scans by their number k."""
+
+    title: str
+    detections_k: FloatArray
+    """(m,) scan of each detection."""
+    detections_m: FloatArray
+    """(m, 2)."""
+    found: Mapping[int, Tracks[Label]]
+    """States of which the first two numbers are the position."""
+    true: Mapping[int, Tracks[object]]
+    ospa_m: Mapping[int, float]
+
+
+def draw_tracking(drawing: Drawing, out: Path) -> None:
+    """Draw to a file, in the format that its name says.
+
+    Raises
+    ------
+    OSError, ValueError
+        When it cannot be written, or the format is not known.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(15.0, 9.0), dpi=130, facecolor="white")
+    FigureCanvasAgg(figure)
+    figure.suptitle(drawing.title, x=0.05, ha="left", fontsize=15, fontweight="bold", color=_INK)
+    grid = figure.add_gridspec(
+        4, 2, width_ratios=(1.25, 1.0), left=0.05, right=0.985, top=0.915, bottom=0.105, wspace=0.12,
+        hspace=0.26,
+    )  # fmt: skip
+    found, true = _paths(drawing.found), _paths(drawing.true)
+    colour = {label: _COLOURS[n % len(_COLOURS)] for n, label in enumerate(sorted(found))}
+    some = slice(None, None, max(1, -(-len(drawing.detections_m) // _MAX_DETECTIONS)))
+    clutter = np.column_stack([drawing.detections_k, drawing.detections_m])[some]
+    _draw_place(figure.add_subplot(grid[:, 0]), clutter, found, true, colour)
+    charts = _charts(figure, grid)
+    for column, (axes, name) in enumerate(zip(charts[:2], ("x, m", "y, m"), strict=True), 1):
+        axes.plot(clutter[:, 0], clutter[:, column], ".", ms=1.8, color=_CLUTTER, alpha=0.6, mew=0, zorder=1)
+        for path in true.values():
+            axes.plot(path[:, 0], path[:, column], color="black", lw=0.7, zorder=4)
+        for label, path in found.items():
+            axes.plot(path[:, 0], path[:, column], color=colour[label], lw=1.9, alpha=0.85, zorder=3)
+        _heading(axes, name)
+    _draw_ospa(charts[2], drawing.ospa_m)
+    _draw_numbers(charts[3], drawing)
+    scans = sorted(drawing.found) or [0]
+    charts[3].set_xlim(scans[0], max(scans[-1], scans[0] + 1))
+    figure.savefig(out)
+
+
+def _paths(scans: Mapping[int, Tracks[Any]]) -> dict[Any, FloatArray]:
+    """Rows (k, x, y) of each label; a gap is a row of NaN, which is not drawn."""
+    rows: dict[Any, list[tuple[float, float, float]]] = {}
+    for k, tracks in sorted(scans.items()):
+        for label, state in tracks.items():
+            path = rows.setdefault(label, [])
+            if path and path[-1][0] < k - 1:
+                path.append((np.nan, np.nan, np.nan))
+            path.append((float(k), float(state[0]), float(state[1])))
+    return {label: np.array(path) for label, path in rows.items()}
+
+
+def _charts(figure: Any, grid: GridSpec) -> list[Axes]:
+    charts: list[Axes] = []
+    for row in range(4):
+        charts.append(figure.add_subplot(grid[row, 1], sharex=charts[0] if charts else None))
+        _tidy(charts[-1])
+        charts[-1].tick_params(labelbottom=row == 3)
+    charts[3].set_xlabel("scan", fontsize=10, color=_INK)
+    return charts
+
+
+def _draw_place(
+    axes: Axes,
+    clutter: FloatArray,
+    found: Mapping[Label, FloatArray],
+    true: Mapping[object, FloatArray],
+    colour: Mapping[Label, str],
+) -> None:
+    from matplotlib.lines import Line2D
+
+    axes.plot(clutter[:, 1], clutter[:, 2], ".", ms=2.6, color=_CLUTTER, alpha=0.6, mew=0, zorder=1)
+    for label, path in found.items():
+        style: dict[str, Any] = {"color": colour[label], "zorder": 5, "ls": "none"}
+        axes.plot(path[:, 1], path[:, 2], color=colour[label], lw=2.6, alpha=0.85, zorder=3)
+        axes.plot(*path[0, 1:], marker="o", ms=8, mfc="white", mew=2.0, **style)
+        axes.plot(*path[-1, 1:], marker="x", ms=8, mew=2.2, **style)
+    for path in true.values():
+        axes.plot(path[:, 1], path[:, 2], color="black", lw=0.8, zorder=4)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x, m", fontsize=10, color=_INK)
+    axes.set_ylabel("y, m", fontsize=10, color=_INK)
+    _tidy(axes)
+    mark: dict[str, Any] = {"color": _COLOURS[0], "ls": "none", "ms": 8}
+    handles = [
+        Line2D([], [], color=_COLOURS[0], lw=2.6, label="track"),
+        Line2D([], [], marker="o", mfc="white", mew=2.0, label="its first scan", **mark),
+        Line2D([], [], marker="x", mew=2.2, label="its last", **mark),
+        Line2D([], [], color=_CLUTTER, marker=".", ms=6, ls="none", label="detection"),
+    ]
+    if true:
+        handles.insert(0, Line2D([], [], color="black", lw=0.8, label="truth"))
+    axes.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.055), ncol=len(handles), frameon=False,
+        fontsize=10, handletextpad=0.5, columnspacing=1.6,
+    )  # fmt: skip
+
+
+def _draw_ospa(axes: Axes, ospa_m: Mapping[int, float]) -> None:
+    _heading(axes, "OSPA (c = 100 m, p = 1), m")
+    if not ospa_m:
+        axes.text(0.5, 0.45, "no truth to compare with", transform=axes.transAxes, ha="center", color=_PALE)
+        return
+    scans, values = list(ospa_m), np.array(list(ospa_m.values()))
+    axes.fill_between(scans, values, color=_COLOURS[0], alpha=0.14, lw=0)
+    axes.plot(scans, values, color=_COLOURS[0], lw=1.4)
+    axes.axhline(float(values.mean()), color=_COLOURS[0], lw=0.9, ls=(0, (4, 3)))
+    axes.set_ylim(0.0, max(10.0, 1.1 * float(values.max())))
+
+
+def _draw_numbers(axes: Axes, drawing: Drawing) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    _heading(axes, "number of objects")
+    counts = {k: len(tracks) for k, tracks in drawing.true.items()}
+    if counts:
+        scans = sorted(counts)
+        axes.step(scans, [counts[k] for k in scans], where="mid", color="black", lw=0.9, label="truth")
+    scans = sorted(drawing.found)
+    estimated = [len(drawing.found[k]) for k in scans]
+    few = len(scans) <= 300
+    axes.plot(
+        scans, estimated, "." if few else "-", ms=4.5, lw=1.0, color=_COLOURS[1], label="estimated", zorder=3
+    )
+    axes.set_ylim(0.0, max([1, *counts.values(), *estimated]) + 1.0)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
+    axes.legend(loc="lower right", ncol=2, frameon=False, fontsize=9)
+
+
+def _heading(axes: Axes, text: str) -> None:
+    axes.set_title(text, loc="left", fontsize=10, color=_INK, pad=4)
+
+
+def _tidy(axes: Axes) -> None:
+    axes.grid(visible=True, color=_GRID, lw=0.7)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=9, color=_PALE, labelcolor="#4a5568")
+    for side, spine in axes.spines.items():
+        spine.set_color(_PALE)
+        spine.set_visible(side in ("left", "bottom"))
