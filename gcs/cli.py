@@ -232,6 +232,19 @@ def track(
 
 
 @app.command()
+def info(
+    file: Annotated[Path, typer.Argument(help="A recording, a .tlog of any ground station, or raw MAVLink.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Say what is in a recording: vehicles, messages and their rates, gaps, loss, missions, damage."""
+    from gcs.commands.info import run_info
+
+    with _errors_shown():
+        code = run_info(file, Console(stderr=as_json), as_json=as_json)
+    raise typer.Exit(code)
+
+
+@app.command()
 def scenarios() -> None:
     """List the shipped scenarios."""
     from gcs.config import load, scenario_names

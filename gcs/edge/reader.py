@@ -12,7 +12,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
@@ -97,8 +97,10 @@ def is_recording(path: Path) -> bool:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
 
 
-def read(path: Path) -> Iterator[Record]:
+def read(path: Path, progress: Callable[[int], None] | None = None) -> Iterator[Record]:
     """Read a recording: its folder, or the MCAP file in it.
+
+    `progress` is told now and then how many bytes of the file have been read.
 
     Yields
     ------
@@ -110,7 +112,7 @@ def read(path: Path) -> Iterator[Record]:
     RecordingError
         When there is no such file or it is no MCAP at all.
     """
-    file_path = _mcap_path(path)
+    file_path = mcap_path(path)
     with _opened(file_path) as file:
         state = _Reading()
         try:
@@ -123,6 +125,8 @@ def read(path: Path) -> Iterator[Record]:
                     _check_end(file)
                     return
                 state.offset = offset
+                if progress is not None:
+                    progress(offset)
         except _BreaksOffError as error:
             problem = str(error)
         except _BROKEN as error:
@@ -139,7 +143,7 @@ def about(path: Path) -> About:
         When there is no such file or it is no MCAP at all.
     """
     config_text, versions, run = "", {}, None
-    with _opened(_mcap_path(path)) as file:
+    with _opened(mcap_path(path)) as file:
         try:
             for opcode, _, content in _parts(file):
                 if opcode == Opcode.ATTACHMENT:
@@ -232,7 +236,8 @@ def _check_end(file: BinaryIO) -> None:
         raise _BreaksOffError("cut off in its last bytes; every record was read")
 
 
-def _mcap_path(path: Path) -> Path:
+def mcap_path(path: Path) -> Path:
+    """Return the MCAP file of a recording that is named by it or by its folder."""
     return path / MCAP_NAME if path.is_dir() else path
 
 
