@@ -394,6 +394,7 @@ def test_a_transfer_to_a_vehicle_that_dies_is_given_up_without_a_word_more() -> 
     death = next(i for i, e in enumerate(effects) if isinstance(e, Fate))
     assert (effects[death].vehicle, effects[death].fate) == (1, "dead")
     assert not [m for _, m in messages(effects[death:]) if m.get_type() in MISSION_MESSAGES]
+    assert not any(isinstance(effect, Plan) for effect in effects[death:])
     assert scene.command.tasking.under_way == {}
     assert (scene.all(UploadReport), dict(scene.command.ties.labels)) == ([], {})
 
@@ -442,6 +443,7 @@ def test_a_target_that_was_reached_gets_nobody_else(flight: Flight) -> None:
         elif isinstance(effect, Plan):
             assert not reached & {route.target for route in effect.routes}
             assert not reached & set(effect.unassigned_targets)
+            assert not any(f"target {birth}.{i} lost" in effect.reason for birth, i in reached)
     assert len(reached) == 3
 
 

@@ -1,0 +1,231 @@
+"""A user would lose the workhorse: missions on virtual time that fail, differ from run to run, or cheat."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+
+import pytest
+
+from gcs.edge.wire import encode
+from gcs.model import NS_PER_S, Datagram, Effect, Event, Fate, MissionEnded, Plan, Scan, Send, Tick, Truth
+from gcs.report.judge import Judge, Summary
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import START_T_NS, STEP_NS, VirtualRun
+
+PAPER = ["deterministic", "prescribed", "random-obstacles", "random-targets"]
+FIRST_PLAN_S = 2.0
+"""Everybody is believed at the third scan."""
+
+
+@dataclass
+class Flown:
+    """A mission that was flown: its verdict, its recording, what was told."""
+
+    summary: Summary
+    effects: list[Effect] = field(default_factory=list)
+    truths: list[Truth] = field(default_factory=list)
+    recording: str = ""
+
+    def fates(self) -> dict[int, list[tuple[float, str]]]:
+        """Seconds and fate of each change, by vehicle."""
+        told: dict[int, list[tuple[float, str]]] = {}
+        for effect in self.effects:
+            if isinstance(effect, Fate):
+                told.setdefault(effect.vehicle, []).append(
+                    ((effect.t_ns - START_T_NS) / NS_PER_S, effect.fate)
+                )
+        return told
+
+
+def fly(name: str, seed: int, *, loss: float = 0.0, kills: dict[int, float] | None = None) -> Flown:
+    scenario = load(name)
+    config = scenario.config
+    judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    effects: list[Effect] = []
+    truths: list[Truth] = []
+    recording = hashlib.sha256()
+
+    def on_effect(_t_ns: int, effect: Effect) -> None:
+        judge.effect(effect)
+        effects.append(effect)
+        recording.update(encode(effect))
+
+    def on_truth(truth: Truth) -> None:
+        judge.truth(truth)
+        truths.append(truth)
+        recording.update(encode(truth))
+
+    def on_event(event: Event) -> None:
+        recording.update(encode(event))
+
+    run = VirtualRun(scenario, seed, on_event, on_effect, on_truth, loss, kills or {})
+    flown_s = run.run()
+    summary = judge.summary(
+        scenario=name, seed=seed, duration_s=flown_s, scan_ms_p99=0.0, plan_ms_p99=0.0, recording=""
+    )
+    return Flown(summary, effects, truths, recording.hexdigest())
+
+
+def assert_complete(flown: Flown) -> None:
+    assert flown.summary.outcome == "complete", flown.summary.reason
+    targets = [agent.target for agent in flown.summary.agents if agent.fate == "arrived"]
+    assert len(set(targets)) == len(targets)
+    assert None not in targets
+    assert all(agent.fate != "flying" for agent in flown.summary.agents)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("name", PAPER)
+def test_the_papers_missions_complete(name: str, seed: int) -> None:
+    flown = fly(name, seed)
+    assert_complete(flown)
+    assert flown.summary.false_deaths == 0
+    assert flown.summary.upload_failures <= flown.summary.deaths
+    assert sum(isinstance(effect, MissionEnded) for effect in flown.effects) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", PAPER)
+def test_the_papers_missions_complete_for_a_hundred_seeds(name: str) -> None:
+    failed = {}
+    for seed in range(100):
+        summary = fly(name, seed).summary
+        if summary.outcome != "complete":
+            failed[seed] = summary.reason
+    assert failed == {}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", PAPER)
+def test_missions_complete_over_links_that_lose_a_fifth_for_thirty_seeds(name: str) -> None:
+    failed = {}
+    for seed in range(30):
+        summary = fly(name, seed, loss=0.2).summary
+        if summary.outcome != "complete":
+            failed[seed] = summary.reason
+    assert failed == {}
+
+
+def test_a_seed_means_one_recording_byte_for_byte_and_another_seed_another() -> None:
+    recordings = [fly("random-targets", seed, loss=0.1).recording for seed in (2, 2, 3)]
+    assert recordings[0] == recordings[1] != recordings[2]
+
+
+@pytest.mark.parametrize("name", ["prescribed", "random-targets"])
+def test_links_that_lose_a_fifth_each_way_still_complete(name: str) -> None:
+    flown, clean = fly(name, 1, loss=0.2), fly(name, 1)
+    assert_complete(flown)
+    uploads = (flown.summary.uploads, clean.summary.uploads)
+    assert flown.recording != clean.recording, uploads
+
+
+def test_losses_do_not_change_the_world() -> None:
+    """Targets move and agents die as they would: only what is heard differs."""
+    worlds = []
+    for loss in (0.0, 0.3):
+        truths = fly("random-obstacles", 3, loss=loss).truths[:100]
+        worlds.append(
+            [[(t.kind, t.id, t.alive) for t in truth.objects] for truth in truths]
+            + [[(t.east_m, t.north_m) for t in truth.objects if t.kind == "targets"] for truth in truths]
+        )
+    assert worlds[0] == worlds[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "vehicle", "at_s"),
+    [
+        ("deterministic", 3, 1.5),  # seen, but before the first plan
+        ("deterministic", 1, FIRST_PLAN_S + 0.1),  # while its first mission is on its way
+        ("prescribed", 1, 5.5),
+        ("prescribed", 3, 60.0),  # in mid-flight, after agent 2
+        ("random-targets", 4, 90.0),
+        ("deterministic", 4, 121.0),  # less than 100 m from its target
+    ],
+)
+def test_a_killed_vehicle_is_called_dead_within_five_seconds_and_the_others_arrive(
+    name: str, vehicle: int, at_s: float
+) -> None:
+    flown = fly(name, 0, kills={vehicle: at_s})
+    first, *more = flown.fates()[vehicle]
+    assert more == []
+    assert first[1] == "dead"
+    assert at_s <= first[0] <= at_s + 5.0
+    assert_complete(flown)
+    assert flown.summary.false_deaths == 0
+
+
+def test_a_vehicle_that_never_shows_up_is_given_up_and_the_others_go() -> None:
+    flown = fly("deterministic", 0, kills={2: 0.0})
+    (told,) = flown.fates()[2]
+    assert told[1] == "dead"
+    assert 20.0 < told[0] < 25.0
+    assert_complete(flown)
+    first = next(effect for effect in flown.effects if isinstance(effect, Plan))
+    assert (first.t_ns - START_T_NS) / NS_PER_S == pytest.approx(5.0, abs=1.0)
+    assert [route.vehicle for route in first.routes] == [1, 3, 4]
+
+
+def test_when_all_are_killed_the_mission_ends_with_nobody() -> None:
+    flown = fly("deterministic", 0, kills=dict.fromkeys((1, 2, 3, 4), 30.0))
+    (ended,) = [effect for effect in flown.effects if isinstance(effect, MissionEnded)]
+    assert (ended.arrived, ended.dead) == ((), (1, 2, 3, 4))
+    assert flown.summary.duration_s < 36.0
+
+
+def test_a_killed_vehicle_says_nothing_more_and_stays_where_it_fell() -> None:
+    heard: list[Datagram] = []
+    truths: list[Truth] = []
+
+    def on_event(event: Event) -> None:
+        if isinstance(event, Datagram):
+            heard.append(event)
+
+    VirtualRun(load("prescribed"), 0, on_event, on_truth=truths.append, kills={1: 10.0}).run(20.0)
+    last_ns = max(event.t_ns for event in heard if event.peer == "vehicle:1")
+    assert 9.0 < (last_ns - START_T_NS) / NS_PER_S < 10.0
+    fallen = [truth.objects[0] for truth in truths if truth.t_ns >= START_T_NS + 10 * NS_PER_S]
+    assert len(set(fallen)) == 1
+    assert (fallen[0].id, fallen[0].alive) == (1, False)
+    assert truths[9].objects[0].alive
+
+
+def test_time_goes_on_in_equal_steps_and_events_are_in_its_order() -> None:
+    events: list[Event] = []
+    VirtualRun(load("prescribed"), 0, events.append).run(10.0)
+    ticks = [event.t_ns for event in events if isinstance(event, Tick)]
+    assert ticks == [START_T_NS + i * STEP_NS for i in range(len(ticks))]
+    times = [event.t_ns for event in events]
+    assert times == sorted(times)
+    scans = [event.measured_t_ns for event in events if isinstance(event, Scan)]
+    assert scans == [START_T_NS + i * NS_PER_S for i in range(11)]
+
+
+def test_a_run_that_takes_too_long_is_cut_off_where_it_was_told() -> None:
+    run = VirtualRun(load("deterministic"), 0)
+    assert run.run(12.0) == pytest.approx(12.0, abs=0.1)
+    assert not run.ended
+    assert len(run.timings.scan_ms) == 13
+    assert len(run.timings.plan_ms) == 1
+
+
+def test_what_is_sent_arrives_a_step_later_and_only_at_its_vehicle() -> None:
+    run = VirtualRun(load("deterministic"), 0)
+    got: list[tuple[int, str, bytes]] = []
+    for peer, vehicle in run.vehicles.items():
+
+        def receive(data: bytes, t_ns: int, peer: str = peer, take=vehicle.receive_datagram) -> None:
+            got.append((t_ns, peer, data))
+            take(data, t_ns)
+
+        vehicle.receive_datagram = receive  # type: ignore[method-assign]
+    sent: list[tuple[int, str, bytes]] = []
+    run.on_effect = lambda t_ns, effect: (
+        sent.append((t_ns + STEP_NS, effect.peer, effect.data)) if isinstance(effect, Send) else None
+    )
+    run.run(6.0)
+    assert len(sent) > 50
+    due = [one for one in sent if one[0] < run.t_ns]
+    assert sorted(got) == sorted(due)
