@@ -59,7 +59,7 @@ def _recording(contents: dict[str, Any], console: Console) -> None:
 
 
 def _senders(title: str, senders: Sequence[dict[str, Any]], start_t_ns: int | None) -> Table:
-    names = ("system", "type", "autopilot", "firmware", "MAVLink", "frames", "Hz", "lost", "silent for > 5 s")
+    names = ("system", "type", "autopilot", "firmware", "v", "frames", "Hz", "lost", "gaps > 5 s")
     table = _table(title, names)
     for sender in senders:
         gaps = [
@@ -147,7 +147,7 @@ def _table(title: str, columns: Sequence[str]) -> Table:
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for name in columns:
         right = name in ("count", "Hz", "frames", "senders", "Hz of each", "at s", "items", "seen", "lost")
-        table.add_column(name, justify="right" if right else "left")
+        table.add_column(name, justify="right" if right else "left", no_wrap=name != "gaps > 5 s")
     return table
 
 

@@ -207,6 +207,9 @@ def _verified(
         "different": result.different,
         "first_difference": None if result.first is None else asdict(result.first),
     }
+    if equal == 0 and result.first is None:
+        console.print("nothing was recorded there that could be compared", style="yellow", highlight=False)
+        return summary
     if result.first is None:
         counts = ", ".join(f"{count} {topic}" for topic, count in sorted(result.equal.items()))
         console.print(

@@ -1,4 +1,4 @@
-"""What a stream of MAVLink frames says about those who sent it: who, what, how often, and how much is missing.
+"""What a stream of MAVLink frames says of those who sent it: who, what, how often, how much is missing.
 
 Loss is read from the sequence number that every sender counts modulo 256
 (https://mavlink.io/en/guide/packet_loss.html): after a gap of more than 255 frames it is a lower bound. A
