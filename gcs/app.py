@@ -22,7 +22,7 @@ from gcs.edge.clock import RunClock
 from gcs.edge.udp import UdpLink
 from gcs.edge.wire import decode_scan, effect_key, encode_effect, sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
-from gcs.errors import WireError
+from gcs.errors import GcsError, WireError
 from gcs.model import (
     NS_PER_S,
     BadInput,
@@ -95,8 +95,15 @@ class Service:
         self._lag_warned = False
 
     async def run(self, clock: RunClock, stop: asyncio.Event, end_with_mission: bool = False) -> None:
-        """Serve until `stop` is set, or until the mission ends when `end_with_mission`."""
+        """Serve until `stop` is set, or until the mission ends when `end_with_mission`.
+
+        Raises
+        ------
+        GcsError
+            Whatever made a room or a sink fail, such as a recording that cannot be written.
+        """
         self.clock = clock
+        failure: GcsError | None = None
         loop = asyncio.get_running_loop()
         self._link.start(loop, self._on_datagram)
         self._bus.subscribe(
@@ -110,14 +117,21 @@ class Service:
                 await stop.wait()
                 ticker.cancel()
                 consumer.cancel()
+        except* GcsError as failures:
+            failure = _first(failures)
         finally:
             self._link.close(loop)
+        if failure is not None:
+            raise failure
 
-    def _put(self, event: Event) -> None:
+    def _put(self, event: Event) -> bool:
+        """Queue an event; return whether there was room."""
         try:
             self._queue.put_nowait(event)
         except asyncio.QueueFull:
             self.health.dropped += 1
+            return False
+        return True
 
     def _on_datagram(self, peer: str, data: bytes) -> None:
         self._put(Datagram(self.clock.now_ns(), self._link.endpoint, peer, data))
@@ -134,16 +148,16 @@ class Service:
         while True:
             t_ns = max(t_ns + TICK_NS, self.clock.now_ns() - TICK_NS)
             await asyncio.sleep(max(0.0, self.clock.wall_s_until(t_ns)))
+            self._watch_lag(self.clock.now_ns() - t_ns)
             if not self._tick_waits:
-                self._tick_waits = True
-                self._put(Tick(self.clock.now_ns()))
+                self._tick_waits = self._put(Tick(self.clock.now_ns()))
 
     async def _consume(self, stop: asyncio.Event, end_with_mission: bool) -> None:
         while True:
             event = await self._queue.get()
             if isinstance(event, Tick):
                 self._tick_waits = False
-            self._watch_lag(event)
+            self._watch_lag(self.clock.now_ns() - event.t_ns)
             ended = self._work(event)
             if ended and end_with_mission:
                 stop.set()
@@ -171,16 +185,23 @@ class Service:
         for sink in self.sinks:
             sink.effect(t_ns, effect)
 
-    def _watch_lag(self, event: Event) -> None:
-        lag_ns = self.clock.now_ns() - event.t_ns
+    def _watch_lag(self, lag_ns: int) -> None:
+        """Say once when the service runs behind its clock: events wait, or the loop itself comes late."""
         self.health.worst_lag_s = max(self.health.worst_lag_s, lag_ns / NS_PER_S)
         if lag_ns > LAG_WARNING_NS and not self._lag_warned:
             self._lag_warned = True
+            t_ns = self.clock.now_ns()
             text = (
-                f"{LAG_TEXT}: input waited {lag_ns / NS_PER_S:.1f} s of run time; "
-                "a lower --speed would help"
+                f"{LAG_TEXT}: {lag_ns / NS_PER_S:.1f} s of run time behind, "
+                f"{self.health.dropped} events dropped; a lower --speed would help"
             )
-            self._carry_out(event.t_ns, Notice(event.t_ns, "warning", text))
+            self._carry_out(t_ns, Notice(t_ns, "warning", text))
+
+
+def _first(failures: BaseExceptionGroup[GcsError]) -> GcsError:
+    """Return the first error of a group, however deep."""
+    first = failures.exceptions[0]
+    return _first(first) if isinstance(first, BaseExceptionGroup) else first
 
 
 def on_loop(

@@ -1,0 +1,83 @@
+"""The service around the fold: what fails is loud, what is late is said."""
+
+import asyncio
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+
+import pytest
+
+from gcs.app import Service
+from gcs.config import load
+from gcs.edge.clock import RunClock
+from gcs.edge.udp import UdpLink
+from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.errors import LinkError, RecordingError
+from gcs.model import NS_PER_S, Notice, Tick
+
+
+class Sink:
+    """Keeps what it is given; may be slow or broken."""
+
+    def __init__(self, *, slow_s=0.0, error=None):
+        self.events, self.effects = [], []
+        self._slow_s, self._error = slow_s, error
+
+    def event(self, event):
+        time.sleep(self._slow_s)
+        if self._error is not None:
+            raise self._error
+        self.events.append(event)
+
+    def effect(self, t_ns, effect):
+        self.effects.append(effect)
+
+
+@pytest.fixture
+def service() -> Iterator[Service]:
+    with Bus(listen=free_endpoint()) as bus:
+        yield Service(load("prescribed"), 1, UdpLink("udpin:127.0.0.1:0"), bus)
+
+
+def serve(service, clock, seconds):
+    async def run():
+        stop = asyncio.Event()
+        asyncio.get_running_loop().call_later(seconds, stop.set)
+        await asyncio.wait_for(service.run(clock, stop), 20.0)
+
+    asyncio.run(run())
+
+
+def now() -> RunClock:
+    epoch_ns = time.time_ns()
+    return RunClock(epoch_ns, epoch_ns, 1.0)
+
+
+def test_a_recording_that_cannot_be_written_ends_the_run_with_its_own_error(service):
+    service.sinks.append(Sink(error=RecordingError("run.mcap", "no space left on device")))
+    with pytest.raises(RecordingError, match="no space left"):
+        serve(service, now(), 10.0)
+
+
+def test_ticks_never_pile_up_behind_a_slow_consumer(service):
+    slow = Sink(slow_s=0.2)
+    service.sinks.append(slow)
+    serve(service, now(), 1.5)
+    ticks = [event.t_ns for event in slow.events if isinstance(event, Tick)]
+    assert 3 <= len(ticks) <= 10
+    assert all(later > earlier for earlier, later in pairwise(ticks))
+
+
+def test_a_machine_that_cannot_keep_up_is_told_so_once(service):
+    epoch_ns = time.time_ns()
+    slow = Sink(slow_s=0.1)
+    service.sinks.append(slow)
+    serve(service, RunClock(epoch_ns, epoch_ns, 20.0), 1.0)
+    told = [e for e in slow.effects if isinstance(e, Notice) and "cannot keep up" in e.text]
+    assert len(told) == 1
+    assert service.health.worst_lag_s * NS_PER_S > 0.5 * NS_PER_S
+
+
+def test_a_port_that_is_taken_is_named_with_what_to_do(service):
+    with pytest.raises(LinkError, match=r"cannot listen here.*links\.mavlink"):
+        UdpLink(f"udpin:127.0.0.1:{service._link.port}")
