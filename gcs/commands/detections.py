@@ -55,7 +55,7 @@ class BirthModel(Table, frozen=True, kw_only=True):
 class ModelTable(Table, frozen=True, kw_only=True):
     """A model file: how objects live and move, and how they are seen."""
 
-    dt_s: Positive = 1.0
+    dt_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 1.0
     accel_std_m_s2: Positive
     acceleration: Acceleration = "white"
     survival_probability: InnerProbability

@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.commands.detections import Detections, load
-from gcs.errors import RecordingError
+from gcs.errors import ConfigError, RecordingError
 from gcs.model import FloatArray, Label
 from gcs.report.tracking import Drawing, draw_tracking
 from gcs.tracking.glmb import Glmb, warm_up
@@ -33,6 +33,7 @@ States: TypeAlias = dict[Label, FloatArray]
 WINDOW_SCANS = 10
 """Of OSPA(2)."""
 _SEED = 1
+_PICTURES = (".png", ".pdf", ".svg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +84,8 @@ def run_track(options: TrackOptions, console: Console) -> None:
     GcsError
         When a file is not what it should be, or the result cannot be written.
     """
+    if options.plot is not None and options.plot.suffix.lower() not in _PICTURES:
+        raise ConfigError(str(options.plot), "", f"expected a name that ends in {', '.join(_PICTURES)}")
     detections = load(options.path, options.model, options.truth)
     with console.status(
         "loading the compiled kernels (the first run after an installation compiles them, once)"
@@ -207,8 +210,8 @@ def _draw(
     try:
         options.plot.parent.mkdir(parents=True, exist_ok=True)
         draw_tracking(drawing, options.plot)
-    except (OSError, ValueError) as error:  # matplotlib: a format that it does not know
-        raise RecordingError(str(options.plot), f"cannot be drawn: {error}") from None
+    except OSError as error:
+        raise RecordingError(str(options.plot), f"cannot be written: {error.strerror}") from None
 
 
 def _show(options: TrackOptions, tracked: Tracked, scores: Scores, console: Console) -> None:

@@ -51,8 +51,8 @@ def draw_tracking(drawing: Drawing, out: Path) -> None:
 
     Raises
     ------
-    OSError, ValueError
-        When it cannot be written, or the format is not known.
+    OSError
+        When it cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -19,7 +19,8 @@ when it was there last. What is known later decides about two ends of it, by the
 - *Birth.* A path of weight r/(1 - r) x prod(option weights) (1 - p_S), relative to its detections being
   clutter, is dropped when that is below 1: the estimate had taken clutter for an object, and gave it up.
 - *Once.* A detection is of one object. When two labels' paths hold the same one (two guesses at one object,
-  one later given up), it belongs to the path of the greater weight, and the other is weighed without it.
+  one later given up), it belongs to the one that is still there or else to that of the greater weight, and
+  the other is weighed and re-estimated without it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -38,7 +39,8 @@ from gcs.tracking.smoothing import Step, filtered, smoothed
 if TYPE_CHECKING:
     from gcs.tracking.glmb import Birth
 
-IntArray = npt.NDArray[np.int64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 _NONE = -1
 _NODE = np.dtype(
@@ -67,8 +69,8 @@ class Path:
     """(n, 4) east_m, north_m, v_east_m_s, v_north_m_s."""
     cov: FloatArray
     """(n, 4, 4)."""
-    detected: npt.NDArray[np.bool_]
-    """(n,) whether the object made a detection in the scan."""
+    z_m: FloatArray
+    """(n, 2) the detection that the object made in the scan, NaN where none."""
     alive: bool
     """Whether the label is in the last scan's estimate."""
 
@@ -83,7 +85,8 @@ class _Scan:
     R: FloatArray
     births: tuple[Birth, ...]
     log_death: float
-    log_missed: float
+    log_survival: float
+    log_undetected: float
 
 
 class Histories:
@@ -130,7 +133,8 @@ class Histories:
             R,
             tuple(births),
             math.log(max(1.0 - survival, 1e-300)),
-            math.log(max(survival * (1.0 - detection_probability), 1e-300)),
+            math.log(survival),
+            math.log1p(-detection_probability),
         )
         self._nodes_of[self._scan_count] = 0
 
@@ -192,61 +196,74 @@ class Histories:
         """
         chains = {label: self._chain(label) for label in self._estimated}
         return tuple(
-            self._path(label, chain, smooth=smooth, lag_scans=lag_scans)
-            for label, chain in sorted(self._once(chains).items())
+            self._path(label, chain, made, smooth=smooth, lag_scans=lag_scans)
+            for label, (chain, made) in sorted(self._once(chains).items())
         )
 
     def _chain(self, label: Label) -> IntArray:
-        """Nodes of a label's history, birth first; of one that is gone, up to its last detection."""
+        """Nodes of a label's history, birth first."""
         chain, node = [], self._estimated[label]
         while node != _NONE:
             chain.append(node)
             node = int(self._node["parent"][node])
-        nodes = np.array(chain[::-1], np.int64)
-        if label in self._estimated_now:
-            return nodes
-        made = np.flatnonzero(self._node["meas"][nodes] >= 0)
-        return nodes[: made[-1] + 1] if made.size else nodes[:0]
+        return np.array(chain[::-1], np.int64)
 
-    def _once(self, chains: dict[Label, IntArray]) -> dict[Label, IntArray]:
-        """Paths that outweigh clutter by detections of their own; the living and the heavy choose."""
-        weight = {label: self._weight(chain, label) for label, chain in chains.items()}
+    def _once(self, chains: dict[Label, IntArray]) -> dict[Label, tuple[IntArray, BoolArray]]:
+        """Paths that outweigh clutter by detections of their own; the living and the heavy choose first.
+
+        Returns each with whether it made a detection at each scan.
+        """
+        weight = {label: self._cut(label, chain, set())[2] for label, chain in chains.items()}
         order = sorted(chains, key=lambda label: (label not in self._estimated_now, -weight[label], label))
         taken: set[tuple[int, int]] = set()
         kept = {}
         for label in order:
-            chain = chains[label]
-            made = list(
-                zip(self._node["scan"][chain].tolist(), self._node["meas"][chain].tolist(), strict=True)
-            )
-            shared = np.array([m >= 0 and (k, m) in taken for k, m in made], bool)
-            alive = label in self._estimated_now
-            if chain.size and (alive or self._weight(chain, label, shared) > 0.0):
-                kept[label] = chain
-                taken.update(made)
+            chain, made, logw = self._cut(label, chains[label], taken)
+            if label in self._estimated_now or logw > 0.0:
+                kept[label] = chain, made
+                taken.update(self._detections(chain[made]))
         return kept
 
-    def _weight(self, chain: IntArray, label: Label, shared: npt.NDArray[np.bool_] | None = None) -> float:
-        """Log-weight of a path against its detections being clutter; `shared` ones count as misses."""
-        if not chain.size:
-            return -math.inf
-        logw = self._node["logw"][chain].copy()
-        if shared is not None and shared.any():
-            missed = [self._scans[int(k)].log_missed for k in self._node["scan"][chain[shared]]]
-            logw[shared] = np.minimum(logw[shared], missed)
-        first = self._scans[int(self._node["scan"][chain[0]])]
-        never = math.log1p(-min(first.births[int(self._node["birth"][chain[0]])].probability, 1.0 - 1e-9))
-        death = (
-            0.0 if label in self._estimated_now else self._scans[int(self._node["scan"][chain[-1]])].log_death
-        )
-        return float(logw.sum()) - never + death
+    def _detections(self, chain: IntArray) -> list[tuple[int, int]]:
+        """Scan and number of the detections that nodes made."""
+        nodes = self._node[chain]
+        return list(zip(nodes["scan"].tolist(), nodes["meas"].tolist(), strict=True))
 
-    def _path(self, label: Label, chain: IntArray, *, smooth: bool, lag_scans: int | None) -> Path:
+    def _cut(
+        self, label: Label, chain: IntArray, taken: set[tuple[int, int]]
+    ) -> tuple[IntArray, BoolArray, float]:
+        """Cut a path to what is its own: without others' detections, and if it ended, up to its last one.
+
+        Returns the nodes, whether each made a detection, and the path's log-weight against clutter.
+        """
+        shared = np.array([detection in taken for detection in self._detections(chain)], np.bool_)
+        made = (self._node["meas"][chain] >= 0) & ~shared
+        alive = label in self._estimated_now
+        if not alive:
+            length = int(np.flatnonzero(made)[-1]) + 1 if made.any() else 0
+            if not length:
+                return chain[:0], made[:0], -math.inf
+            chain, made, shared = chain[:length], made[:length], shared[:length]
+        first = self._scans[int(self._node["scan"][chain[0]])]
+        probability = first.births[int(self._node["birth"][chain[0]])].probability
+        born = min(max(probability, 1e-9), 1.0 - 1e-9)
+        logw = self._node["logw"][chain].copy()
+        for i in np.flatnonzero(shared):
+            scan = self._scans[int(self._node["scan"][chain[i]])]
+            logw[i] = scan.log_undetected + (scan.log_survival if i else math.log(born))
+        never = math.log1p(-born)
+        death = 0.0 if alive else self._scans[int(self._node["scan"][chain[-1]])].log_death
+        return chain, made, float(logw.sum()) - never + death
+
+    def _path(
+        self, label: Label, chain: IntArray, made: BoolArray, *, smooth: bool, lag_scans: int | None
+    ) -> Path:
         scans = [self._scans[int(k)] for k in self._node["scan"][chain]]
         birth = scans[0].births[int(self._node["birth"][chain[0]])]
+        z_m = np.where(made[:, None], self._node["z_m"][chain], np.nan)
         steps = [
-            Step(scan.F, scan.Q, scan.R, self._node["z_m"][node] if self._node["meas"][node] >= 0 else None)
-            for scan, node in zip(scans, chain, strict=True)
+            Step(scan.F, scan.Q, scan.R, z if seen else None)
+            for scan, z, seen in zip(scans, z_m, made, strict=True)
         ]
         run = filtered(birth.mean, birth.cov, steps)
         mean, cov = smoothed(run, steps, lag_scans) if smooth else (run.mean, run.cov)
@@ -256,7 +273,7 @@ class Histories:
             np.array([scan.t_ns for scan in scans], np.int64),
             read_only(mean),
             read_only(cov),
-            self._node["meas"][chain] >= 0,
+            read_only(z_m),
             label in self._estimated_now,
         )
 

@@ -34,3 +34,9 @@ def test_two_steps_are_one_long_step(first, second):
 def test_no_time_means_no_motion_and_no_noise():
     assert np.array_equal(motion.transition(0.0), np.eye(4))
     assert not motion.process_noise(0.0, 5.0).any()
+
+
+@pytest.mark.parametrize("dt_s", [0.05, 1.0, 7.5])
+def test_piecewise_noise_is_one_draw_of_the_acceleration_for_each_scan(dt_s):
+    gain = np.kron([[dt_s**2 / 2.0], [dt_s]], np.eye(2))
+    np.testing.assert_allclose(motion.process_noise(dt_s, 3.0, "piecewise"), 9.0 * gain @ gain.T, rtol=1e-12)
