@@ -19,7 +19,9 @@ from collections.abc import Iterator
 from itertools import islice
 from typing import BinaryIO, Literal, NamedTuple, TypeAlias
 
-from gcs.mavlink.codec import Frame, scan
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.codec import Frame, checked_frame, scan
 
 _STAMP = struct.Struct(">Q")
 _MAX_US = 2**64 - 1
@@ -107,13 +109,14 @@ def _entry(data: bytes, at: int, lead: int, *, in_step: bool) -> tuple[Frame, St
     length = _length(data, at, end) if at < end else 0
     if not length:
         return None
-    found = scan(data[at : at + length])
-    if found.frames:
-        return (found.frames[0], "good") if len(found.frames[0].data) == length else None
+    frame = checked_frame(data, at, length)
+    if frame is not None:
+        return frame, "good"
     next_at = at + length + lead
     if not in_step or not (at + length == end or (next_at < end and data[next_at] in b"\xfd\xfe")):
         return None
-    return _unchecked(data[at : at + length]), "bad checksum" if found.crc_errors else "unknown id"
+    frame = _unchecked(data[at : at + length])
+    return frame, "bad checksum" if frame.message_id in dialect.mavlink_map else "unknown id"
 
 
 def _unchecked(data: bytes) -> Frame:

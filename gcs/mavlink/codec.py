@@ -78,7 +78,7 @@ def scan(data: bytes) -> Scanned:
     while at < end:
         length = _frame_length(data, at, end)
         if length:
-            frame = _checked(data, at, length)
+            frame = checked_frame(data, at, length)
             if frame is not None:
                 frames.append(frame)
                 at += length
@@ -145,8 +145,8 @@ def _message_id(data: bytes, at: int) -> int:
     return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
 
 
-def _checked(data: bytes, at: int, length: int) -> Frame | None:
-    """Return the frame at `at` when its id is known and its checksum holds."""
+def checked_frame(data: bytes, at: int, length: int) -> Frame | None:
+    """Return the frame that fills `length` bytes from `at`, when its id is known and its checksum holds."""
     message_id = _message_id(data, at)
     definition = dialect.mavlink_map.get(message_id)
     if definition is None:
