@@ -1,0 +1,241 @@
+"""`gcs track` as a user runs it: detections in, estimates and scores out, mistakes named in plain words."""
+
+import contextlib
+import csv
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from gcs.cli import app
+from gcs.commands.detections import load
+from gcs.commands.track import track
+from gcs.config import read_text
+from gcs.edge.recorder import Recorder
+from gcs.errors import GcsError
+from gcs.model import NS_PER_S, Scan, Sensor, Truth, TruthObject, read_only
+
+KEYS = [
+    "scans",
+    "ospa_mean_m",
+    "ospa2_mean_m",
+    "gospa_mean_m",
+    "cardinality_error_mean",
+    "id_switches",
+    "scan_ms_mean",
+    "scan_ms_p99",
+]
+SCANS = 30
+MODEL = """
+accel_std_m_s2 = 5.0
+acceleration = "piecewise"
+survival_probability = 0.99
+detection_probability = 0.95
+clutter_per_scan = 10.0
+noise_std_m = 10.0
+region_m = [-500.0, -500.0, 500.0, 500.0]
+scans = 30
+[[births]]
+x_m = -300.0
+y_m = 0.0
+std_m = 10.0
+speed_std_m_s = 10.0
+probability = 0.03
+[[births]]
+x_m = 0.0
+y_m = 300.0
+std_m = 10.0
+speed_std_m_s = 10.0
+probability = 0.03
+"""
+
+
+def made(seed=1, scans=SCANS):
+    """Arrays as in the shared sets: two objects, the second from scan 8 to 22 alone."""
+    rng = np.random.default_rng(seed)
+    truth, meas = [], []
+    for k in range(1, scans + 1):
+        here = [(1, -300.0 + 15.0 * k, 15.0, 2.0 * k, 2.0)]
+        if 8 <= k <= 22:
+            here.append((2, 3.0 * (k - 8), 3.0, 300.0 - 12.0 * (k - 8), -12.0))
+        truth += [(k, *row) for row in here]
+        seen = [(k, row[1] + rng.normal(0, 10), row[3] + rng.normal(0, 10), row[0]) for row in here]
+        meas += [row for row in seen if rng.random() < 0.95]
+        meas += [(k, *rng.uniform(-500, 500, 2), 0.0) for _ in range(rng.poisson(10))]
+    return {
+        "truth": np.array(truth),
+        "meas": rng.permutation(np.array(meas)),
+        "F": np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]]),
+        "sigma_v": 5.0,
+        "sigma_z": 10.0,
+        "pS": 0.99,
+        "pD": 0.95,
+        "lambda_c": 10.0,
+        "region": np.array([[-500.0, 500.0], [-500.0, 500.0]]),
+        "birth_mean": np.array([[-300.0, 0.0, 0.0, 0.0], [0.0, 0.0, 300.0, 0.0]]),
+        "birth_std": np.full(4, 10.0),
+        "r_birth": 0.03,
+        "K": scans,
+    }
+
+
+@pytest.fixture
+def files(tmp_path):
+    arrays = made()
+    np.savez(tmp_path / "set.npz", **arrays)
+    np.savetxt(tmp_path / "set.csv", arrays["meas"], "%.10g", ",", header="k,x,y,src")
+    np.savetxt(tmp_path / "truth.csv", arrays["truth"], "%.10g", ",", header="k,id,px,vx,py,vy")
+    (tmp_path / "model.toml").write_text(MODEL)
+    return tmp_path
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["track", *map(str, arguments)])
+
+
+def scores(*arguments):
+    done = run(*arguments, "--json")
+    assert done.exit_code == 0, done.output
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert list(result) == KEYS
+    return result
+
+
+def test_a_set_with_its_own_model_is_tracked_written_judged_and_drawn(files):
+    result = scores(files / "set.npz", "-o", files / "e.csv", "--plot", files / "p.png")
+    assert result["scans"] == SCANS
+    assert result["ospa_mean_m"] < 15.0
+    assert result["ospa_mean_m"] <= result["ospa2_mean_m"] + 5.0
+    assert result["id_switches"] == 0
+    assert 0.0 < result["scan_ms_mean"] <= result["scan_ms_p99"]
+    with (files / "e.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["k", "label", "x", "y", "vx", "vy", "existence"]
+    first = [row for row in rows if row["label"] == "1"]
+    assert [int(row["k"]) for row in first] == list(range(1, SCANS + 1))
+    last = {key: float(first[-1][key]) for key in first[-1]}
+    assert np.hypot(last["x"] - 150.0, last["y"] - 60.0) < 40.0
+    assert np.hypot(last["vx"] - 15.0, last["vy"] - 2.0) < 15.0
+    assert 0.9 < last["existence"] <= 1.0
+    assert (files / "p.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_smoothing_beats_recovering_beats_filtering(files):
+    smoothed, recovered, filtered = (
+        scores(files / "set.npz", "--estimator", name)["ospa2_mean_m"]
+        for name in ("smoothed", "recovered", "filtered")
+    )
+    assert smoothed < recovered < filtered
+
+
+def test_csv_with_a_model_of_either_kind_is_the_same_as_the_set(files):
+    expected = scores(files / "set.npz")
+    for model in ("set.npz", "model.toml"):
+        given_truth = ("--truth", files / "truth.csv")
+        result = scores(files / "set.csv", "--model", files / model, *given_truth)
+        assert result["ospa_mean_m"] == pytest.approx(expected["ospa_mean_m"], abs=1e-4)
+    unknown = scores(files / "set.csv", "--model", files / "model.toml")
+    assert [unknown[key] for key in KEYS[1:6]] == [None] * 5
+
+
+def test_truth_and_origins_are_never_looked_at(files):
+    arrays = made()
+    arrays["meas"][:, 3] = 7.0
+    arrays["truth"][:, 2:] = 0.0
+    np.savez(files / "blind.npz", **arrays)
+    for name in ("set", "blind"):
+        assert run(files / f"{name}.npz", "-o", files / f"{name}.out").exit_code == 0
+    assert (files / "set.out").read_bytes() == (files / "blind.out").read_bytes()
+
+
+def test_a_scan_without_detections_is_a_scan(files):
+    arrays = made()
+    arrays["meas"] = arrays["meas"][arrays["meas"][:, 0] % 5 != 0]
+    np.savez(files / "holes.npz", **arrays)
+    assert scores(files / "holes.npz")["scans"] == SCANS
+
+
+def test_a_recording_is_tracked_with_what_its_sensors_say_of_themselves(tmp_path):
+    text, _ = read_text("prescribed")
+    rng = np.random.default_rng(3)
+    place = np.array([700.0, 600.0])
+    text = text.split("[[births]]", 1)[0] + f"[[births]]\neast_m = {place[0]}\nnorth_m = {place[1]}\n"
+    with Recorder(tmp_path / "run", text, {}) as recorder:
+        for k in range(20):
+            t_ns = k * NS_PER_S
+            look = Sensor("radar", 0.98, 1e-6, read_only(np.eye(2) * 9.0), (0.0, 0.0, 2000.0, 2000.0))
+            recorder.event(Scan(t_ns + 5, t_ns, look, read_only([place + rng.normal(0, 3, 2)])))
+            recorder.truth(Truth(t_ns, (TruthObject("targets", 1, *place.tolist(), True),)))
+    result = scores(tmp_path / "run")
+    assert result["scans"] == 20
+    assert result["ospa_mean_m"] < 10.0
+    assert result["cardinality_error_mean"] == 0.0
+
+
+MISTAKES = {
+    "no such file": (["gone.npz"], "gone.npz: there is no such file"),
+    "csv without a model": (["set.csv"], "expected --model"),
+    "too few columns": (["two.csv", "--model", "set.npz"], "expected rows of numbers k,x,y"),
+    "words": (["words.csv", "--model", "set.npz"], "line 2: expected rows of numbers k,x,y"),
+    "broken archive": (["cut.npz"], "expected an NPZ of numbers"),
+    "no model in the archive": (["bare.npz"], "sigma_v: is missing"),
+    "another state order": (["order.npz"], "expected constant velocity in the order px, vx, py, vy"),
+    "half a scan": (["half.csv", "--model", "set.npz"], "expected whole numbers"),
+    "scan a billion": (["far.csv", "--model", "set.npz"], "found number 1000000000"),
+    "a key of no meaning": (["set.csv", "--model", "typo.toml"], "unknown key `accel`"),
+    "no recording there": ([".."], "run.mcap"),
+    "picture of no kind": (["set.npz", "--plot", "p.docx"], "expected a name that ends in .png"),
+    "nowhere to write": (["set.npz", "-o", "set.csv/e.csv"], "cannot be written"),
+}
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_a_mistake_is_named_with_its_file_and_what_was_expected(files, monkeypatch, case):
+    arguments, said = MISTAKES[case]
+    (files / "here").mkdir()
+    monkeypatch.chdir(files)
+    (files / "two.csv").write_text("1,2\n")
+    (files / "words.csv").write_text("1,2,3\n1,two,3\n")
+    (files / "half.csv").write_text("0.5,2,3\n")
+    (files / "far.csv").write_text("1e9,2,3\n")
+    (files / "cut.npz").write_bytes((files / "set.npz").read_bytes()[:500])
+    (files / "typo.toml").write_text("accel = 5.0\n" + MODEL)
+    arrays = made()
+    np.savez(files / "order.npz", **{**arrays, "F": np.kron([[1.0, 1.0], [0.0, 1.0]], np.eye(2))})
+    del arrays["sigma_v"]
+    np.savez(files / "bare.npz", **arrays)
+    done = run(*arguments)
+    assert done.exit_code == 2, done.output
+    assert said in " ".join(done.stderr.split())
+
+
+ROWS = st.lists(
+    st.tuples(st.integers(0, 12), st.floats(allow_nan=True), st.floats(allow_nan=True)), max_size=30
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(rows=ROWS)
+def test_no_numbers_however_wild_make_it_fail(tmp_path_factory, rows):
+    folder = tmp_path_factory.mktemp("wild")
+    (folder / "model.toml").write_text(MODEL)
+    (folder / "wild.csv").write_text("".join(f"{k},{x},{y}\n" for k, x, y in rows))
+    detections = load(folder / "wild.csv", folder / "model.toml", None)
+    tracked = track(detections, "smoothed")
+    bad = sum(not np.isfinite(row[1:]).all() for row in rows)
+    assert tracked.bad_detections == bad
+    for states in tracked.states.values():
+        assert all(np.isfinite(state).all() for state in states.values())
+
+
+@settings(max_examples=40)
+@given(data=st.binary(max_size=300), name=st.sampled_from(["x.npz", "x.csv"]))
+def test_any_bytes_are_read_or_refused_in_words(tmp_path_factory, data, name):
+    folder = tmp_path_factory.mktemp("bytes")
+    (folder / "model.toml").write_text(MODEL)
+    (folder / name).write_bytes(data)
+    with contextlib.suppress(GcsError):
+        load(folder / name, folder / "model.toml", None)
