@@ -6,7 +6,9 @@
 - CSV: rows k,x,y; more columns are ignored. Its model is another file: such an NPZ, or TOML (`ModelTable`).
 - A recording of ours: its scans with what their sensors say of themselves, births from its mission file.
 
-Scans are numbered; one without detections is a scan as well. Columns that say where a detection truly came
+Scans are numbered; one without detections is a scan as well. The region of an NPZ is where its clutter is; the
+probability of detection is the same everywhere, as in the model that the sets were drawn from (with a sensor
+blind beyond the region, clutter that drifted out would live on there). Columns that say where a detection truly came
 from are never read, and `truth` only to judge the result.
 """
 
@@ -64,7 +66,9 @@ class ModelTable(Table, frozen=True, kw_only=True):
     clutter_per_scan: Positive
     noise_std_m: Positive
     region_m: Box
-    """x_min, y_min, x_max, y_max."""
+    """x_min, y_min, x_max, y_max of where the clutter is."""
+    field_of_view_m: Box | None = None
+    """The same of where objects are detected; without it, wherever they are."""
     scans: Annotated[int, Meta(ge=1, le=_MOST_SCANS)] | None = None
     births: Annotated[list[BirthModel], Meta(min_length=1)]
 
@@ -135,12 +139,13 @@ def _numbered(
     if last > _MOST_SCANS:
         raise ConfigError(str(path), "k", f"expected scans up to {_MOST_SCANS}, found number {last}")
     west, south, east, north = table.region_m
+    view = table.field_of_view_m or [-math.inf, -math.inf, math.inf, math.inf]
     sensor = Sensor(
         path.name,
         table.detection_probability,
         table.clutter_per_scan / ((east - west) * (north - south)),
         read_only(np.eye(2) * table.noise_std_m**2),
-        (west, south, east, north),
+        (view[0], view[1], view[2], view[3]),
     )
     order = np.argsort(scan, kind="stable")
     edges = np.searchsorted(scan[order], np.arange(first, last + 2))

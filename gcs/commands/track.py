@@ -95,7 +95,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("tracking", total=len(detections.looks))
         tracked = track(detections, options.estimator, lambda: progress.advance(task))
-    scores, per_scan = _score(detections, tracked)
+    scores, per_scan = score(detections, tracked)
     if options.out is not None:
         _write(options.out, tracked)
     if options.plot is not None:
@@ -140,7 +140,7 @@ def track(
     return Tracked(states, existence, scan_ms, tracker.late_scans, tracker.bad_detections)
 
 
-def _score(detections: Detections, tracked: Tracked) -> tuple[Scores, FloatArray]:
+def score(detections: Detections, tracked: Tracked) -> tuple[Scores, FloatArray]:
     """Return the scores, and OSPA and number found and true (n, 3) of each scan that has a truth."""
     times = tracked.scan_ms or [0.0]
     speed = (float(np.mean(times)), float(np.percentile(times, 99)))
