@@ -6,10 +6,10 @@
 - CSV: rows k,x,y; more columns are ignored. Its model is another file: such an NPZ, or TOML (`ModelTable`).
 - A recording of ours: its scans with what their sensors say of themselves, births from its mission file.
 
-Scans are numbered; one without detections is a scan as well. The region of an NPZ is where its clutter is; the
-probability of detection is the same everywhere, as in the model that the sets were drawn from (with a sensor
-blind beyond the region, clutter that drifted out would live on there). Columns that say where a detection truly came
-from are never read, and `truth` only to judge the result.
+Scans are numbered; one without detections is a scan as well. The region of an NPZ is where its clutter is;
+the probability of detection is the same everywhere, as in the model that the sets were drawn from (with a
+sensor blind beyond the region, clutter that drifted out would live on there). Columns that say where a
+detection truly came from are never read, and `truth` only to judge the result.
 """
 
 from __future__ import annotations
