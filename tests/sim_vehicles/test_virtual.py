@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass, field
 
 import pytest
@@ -11,6 +12,7 @@ from gcs.edge.wire import encode
 from gcs.model import NS_PER_S, Datagram, Effect, Event, Fate, MissionEnded, Plan, Scan, Send, Tick, Truth
 from gcs.report.judge import Judge, Summary
 from sim_vehicles.scenario import load
+from sim_vehicles.vehicle import SimVehicle
 from sim_vehicles.virtual import START_T_NS, STEP_NS, VirtualRun
 
 PAPER = ["deterministic", "prescribed", "random-obstacles", "random-targets"]
@@ -211,21 +213,64 @@ def test_a_run_that_takes_too_long_is_cut_off_where_it_was_told() -> None:
     assert len(run.timings.plan_ms) == 1
 
 
-def test_what_is_sent_arrives_a_step_later_and_only_at_its_vehicle() -> None:
-    run = VirtualRun(load("deterministic"), 0)
-    got: list[tuple[int, str, bytes]] = []
-    for peer, vehicle in run.vehicles.items():
+@dataclass
+class Traffic:
+    """What passes over the links of a run, at either end."""
 
-        def receive(data: bytes, t_ns: int, peer: str = peer, take=vehicle.receive_datagram) -> None:
-            got.append((t_ns, peer, data))
-            take(data, t_ns)
+    said: list[tuple[int, str, bytes]] = field(default_factory=list)
+    """By vehicles."""
+    heard: list[tuple[int, str, bytes]] = field(default_factory=list)
+    """By central command."""
+    sent: list[tuple[int, str, bytes]] = field(default_factory=list)
+    """By central command, with the time at which it is due at the vehicle."""
+    got: list[tuple[int, str, bytes]] = field(default_factory=list)
+    """By vehicles."""
 
-        vehicle.receive_datagram = receive  # type: ignore[method-assign]
-    sent: list[tuple[int, str, bytes]] = []
-    run.on_effect = lambda t_ns, effect: (
-        sent.append((t_ns + STEP_NS, effect.peer, effect.data)) if isinstance(effect, Send) else None
-    )
-    run.run(6.0)
-    assert len(sent) > 50
-    due = [one for one in sent if one[0] < run.t_ns]
-    assert sorted(got) == sorted(due)
+
+def traffic(monkeypatch: pytest.MonkeyPatch, seconds: float, loss: float) -> Traffic:
+    seen = Traffic()
+
+    def on_event(event: Event) -> None:
+        if isinstance(event, Datagram):
+            seen.heard.append((event.t_ns, event.peer, event.data))
+
+    def on_effect(t_ns: int, effect: Effect) -> None:
+        if isinstance(effect, Send):
+            seen.sent.append((t_ns + STEP_NS, effect.peer, effect.data))
+
+    say, take = SimVehicle.datagrams_to_send, SimVehicle.receive_datagram
+
+    def datagrams_to_send(vehicle: SimVehicle, t_ns: int) -> list[bytes]:
+        datagrams = say(vehicle, t_ns)
+        seen.said.extend((t_ns, f"vehicle:{vehicle.system_id}", data) for data in datagrams)
+        return datagrams
+
+    def receive_datagram(vehicle: SimVehicle, data: bytes, t_ns: int) -> None:
+        seen.got.append((t_ns, f"vehicle:{vehicle.system_id}", data))
+        take(vehicle, data, t_ns)
+
+    monkeypatch.setattr(SimVehicle, "datagrams_to_send", datagrams_to_send)
+    monkeypatch.setattr(SimVehicle, "receive_datagram", receive_datagram)
+    run = VirtualRun(load("deterministic"), 0, on_event, on_effect, loss=loss)
+    run.run(seconds)
+    seen.sent = [one for one in seen.sent if one[0] < run.t_ns]
+    return seen
+
+
+def test_bytes_arrive_whole_and_only_at_their_vehicle_a_step_after_they_were_sent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen = traffic(monkeypatch, 6.0, loss=0.0)
+    assert len(seen.sent) > 50
+    assert sorted(seen.got) == sorted(seen.sent)
+    assert seen.heard == seen.said
+
+
+def test_each_way_loses_the_share_it_was_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = traffic(monkeypatch, 60.0, loss=0.3)
+    assert set(seen.heard) <= set(seen.said)
+    assert set(seen.got) <= set(seen.sent)
+    for arrived, sent in ((seen.heard, seen.said), (seen.got, seen.sent)):
+        n = len(sent)
+        assert n > 200
+        assert len(arrived) == pytest.approx(0.7 * n, abs=5 * math.sqrt(0.21 * n))

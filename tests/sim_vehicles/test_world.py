@@ -65,6 +65,12 @@ def test_a_run_that_starts_at_another_time_is_the_same_world() -> None:
         assert scans[1].measured_t_ns - scans[0].measured_t_ns == 10**15
 
 
+def test_each_scan_has_noise_of_its_own_though_nothing_moved() -> None:
+    world = World(load("deterministic"), 0, START)
+    truth = world.truth(START, AGENTS)
+    assert not np.array_equal(world.scan(0, truth).z_m, world.scan(1, truth).z_m)
+
+
 def test_an_agents_death_changes_nothing_of_what_is_seen_of_the_targets() -> None:
     world = World(load("prescribed"), 0, START)
     for index in range(30):
