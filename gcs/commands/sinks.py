@@ -71,9 +71,7 @@ class Shown(Protocol):
 
 
 @asynccontextmanager
-async def view_for(
-    run: Shown, console: Console, *, speed: float, headless: bool
-) -> AsyncIterator[None]:
+async def view_for(run: Shown, console: Console, *, speed: float, headless: bool) -> AsyncIterator[None]:
     """Show a run while it lasts: live where there is a terminal, plain lines elsewhere."""
     if headless or not console.is_terminal:
         run.sinks.append(PlainLines(console))
