@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.compiling import called, inlined, kernel
-from gcs.tracking.ordering import greatest_first
+from gcs.tracking.ordering import greatest_first, head
 
 DIED = -2
 
@@ -122,11 +122,11 @@ def _pool(capacity: int, widest: int) -> Pool:
 
 
 @inlined
-def _find(pool: Pool, key: Any) -> Any:
-    """Where `key` is in the table, or the free place for it."""
-    mask = pool.slot.size - 1
+def _find(slot: Any, known: Any, key: Any) -> Any:
+    """Where in the table `slot` the hypothesis with `key` is, or the free place for it."""
+    mask = slot.size - 1
     at = np.int64(key & np.uint64(mask))
-    while pool.slot[at] >= 0 and pool.key[pool.slot[at]] != key:
+    while slot[at] >= 0 and known[slot[at]] != key:
         at = (at + 1) & mask
     return at
 
@@ -134,7 +134,7 @@ def _find(pool: Pool, key: Any) -> Any:
 @inlined
 def _keep_best(pool: Pool, count: int, most: int) -> Any:
     """Drop all but the `most` best; return how many those are and the log-weight of the worst of them."""
-    order = greatest_first(pool.logw, count)
+    order = greatest_first(pool.logw, 0, count)
     kept = min(most, count)
     worst = pool.logw[order[kept - 1]]
     # Copying down in their old order never overwrites what is still to be copied.
@@ -148,7 +148,7 @@ def _keep_best(pool: Pool, count: int, most: int) -> Any:
             pool.logw[i], pool.key[i], pool.size[i] = pool.logw[k], pool.key[k], pool.size[k]
             for j in range(pool.size[k]):
                 pool.items[i, j] = pool.items[k, j]
-            pool.slot[_find(pool, pool.key[i])] = i
+            pool.slot[_find(pool.slot, pool.key, pool.key[i])] = i
             i += 1
     return kept, worst
 
@@ -167,7 +167,7 @@ def _offer(
     for i in range(n):
         if options.meas[pick[i]] != DIED:
             key += options.key[pick[i]]
-    at = _find(pool, key)
+    at = _find(pool.slot, pool.key, key)
     same = pool.slot[at]
     if same >= 0:
         high, low = max(pool.logw[same], logw), min(pool.logw[same], logw)
@@ -178,7 +178,7 @@ def _offer(
         floor = max(floor, worst)
         if logw < floor:
             return count, floor
-        at = _find(pool, key)
+        at = _find(pool.slot, pool.key, key)
     size = 0
     for i in range(n):
         if options.meas[pick[i]] != DIED:
@@ -282,7 +282,8 @@ def _sample(
         pick[i] = o
         if meas[o] >= 0:
             used[meas[o]] = True
-    seen = np.zeros(_power_of_two(2 * sweeps + 2), np.uint64)
+    seen = np.empty(_power_of_two(2 * sweeps + 2), np.uint64)
+    seen[:] = 0
     mask = np.uint64(seen.size - 1)
     for _ in range(sweeps):
         logw, key = base, np.uint64(1)
@@ -312,11 +313,12 @@ def _sample(
 @kernel
 def children(groups: Groups, options: Options, n_detections: int, limits: Limits, rng: Any) -> Groups:
     """Jointly predict and update every group; the result's items are options. `rng` (1,) uint64 advances."""
-    first, start, items, logw = groups.first, groups.start, groups.items, groups.logw
+    first, start = groups.first, groups.start
+    items, logw = groups.items, groups.logw
     n_groups, n_hyps = first.size - 1, logw.size
     joint, bound = np.empty(n_hyps), np.empty(n_hyps)
     widest, room = np.empty(n_groups, np.int64), np.empty(n_groups, np.int64)
-    most_hyps = most_items = 0
+    broadest, most_hyps, most_items = 0, 0, 0
     for g in range(n_groups):
         total, wide = 0.0, 1
         for h in range(first[g], first[g + 1]):
@@ -330,16 +332,16 @@ def children(groups: Groups, options: Options, n_detections: int, limits: Limits
         room[g], widest[g] = int(min(total, 4.0 * limits.hypotheses)) + 1, wide
         most_hyps += min(room[g], limits.hypotheses)
         most_items += min(room[g], limits.hypotheses) * wide
+        broadest = max(broadest, wide)
     used = np.zeros(n_detections, np.bool_)
     out_first, out_start = np.zeros(n_groups + 1, np.int64), np.zeros(most_hyps + 1, np.int64)
     out_items, out_logw = np.empty(most_items, np.int64), np.empty(most_hyps)
+    pick, above, tail = np.empty(broadest, np.int64), np.empty(broadest + 1), np.empty(broadest + 1)
     n = 0
     for g in range(n_groups):
         pool = _pool(room[g], widest[g])
-        pick, above, tail = np.empty(widest[g], np.int64), np.empty(widest[g] + 1), np.empty(widest[g] + 1)
         count, floor = np.int64(0), -np.inf
-        for k in greatest_first(bound[first[g] : first[g + 1]], first[g + 1] - first[g]):
-            h = first[g] + k
+        for h in greatest_first(bound, first[g], first[g + 1]):
             if bound[h] < floor:
                 break
             tracks = items[start[h] : start[h + 1]]
@@ -352,10 +354,10 @@ def children(groups: Groups, options: Options, n_detections: int, limits: Limits
                 count, floor = _sample(
                     pool, count, floor, logw[h], tracks, options, used, limits, pick, sweeps, rng
                 )
-        order = greatest_first(pool.logw, count)
+        order = greatest_first(pool.logw, 0, count)
         best, low, total = pool.logw[order[0]], n, 0.0
-        for i in order[: limits.hypotheses]:
-            if pool.logw[i] < best + limits.log_prune:
+        for i in order:
+            if n == low + limits.hypotheses or pool.logw[i] < best + limits.log_prune:
                 break
             out_logw[n], out_start[n + 1] = pool.logw[i] - best, out_start[n] + pool.size[i]
             for j in range(pool.size[i]):
@@ -365,4 +367,4 @@ def children(groups: Groups, options: Options, n_detections: int, limits: Limits
         for h in range(low, n):
             out_logw[h] -= math.log(total)
         out_first[g + 1] = n
-    return Groups(out_first, out_start[: n + 1].copy(), out_items[: out_start[n]].copy(), out_logw[:n].copy())
+    return Groups(out_first, head(out_start, n + 1), head(out_items, out_start[n]), head(out_logw, n))

@@ -25,6 +25,7 @@ import numpy as np
 
 from gcs.compiling import inlined, kernel
 from gcs.tracking.hypotheses import Groups
+from gcs.tracking.ordering import head
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
@@ -39,16 +40,18 @@ MAX_GATED = 32
 def predict(mean: FloatArray, cov: FloatArray, F: FloatArray, Q: FloatArray) -> Any:
     """Kalman prediction of every track: means (n, 4) and covariances (n, 4, 4)."""
     n = mean.shape[0]
-    mean_out, cov_out = np.zeros((n, 4)), np.empty((n, 4, 4))
+    mean_out, cov_out = np.empty((n, 4)), np.empty((n, 4, 4))
     FP = np.empty((4, 4))
     for t in range(n):
         for i in range(4):
+            moved = 0.0
             for j in range(4):
-                mean_out[t, i] += F[i, j] * mean[t, j]
+                moved += F[i, j] * mean[t, j]
                 total = 0.0
                 for k in range(4):
                     total += F[i, k] * cov[t, k, j]
                 FP[i, j] = total
+            mean_out[t, i] = moved
         for i in range(4):
             for j in range(i + 1):
                 total = Q[i, j]
@@ -153,7 +156,7 @@ def options(
             count += 1
         _sort_options(meas, logw, first, count)
         start[t + 1] = count
-    return start, meas[: start[n]].copy(), logw[: start[n]].copy()
+    return start, head(meas, start[n]), head(logw, start[n])
 
 
 @kernel
@@ -279,4 +282,4 @@ def map_tracks(groups: Groups) -> Any:
                     chosen[n] = groups.items[i]
                     n += 1
                 break
-    return chosen[:n].copy()
+    return head(chosen, n)

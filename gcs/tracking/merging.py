@@ -18,7 +18,7 @@ import numpy as np
 
 from gcs.compiling import inlined, kernel
 from gcs.tracking.hypotheses import Groups
-from gcs.tracking.ordering import distinct, greatest_first
+from gcs.tracking.ordering import distinct, greatest_first, head
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
@@ -72,10 +72,8 @@ def _leaders(
         end = first
         while end < n and track_label[end] == track_label[first]:
             end += 1
-        order = greatest_first(weight[first:end], end - first)
         count = 0
-        for k in range(end - first):
-            t = first + order[k]
+        for t in greatest_first(weight, first, end):
             leader[t] = t
             for i in range(count):
                 if _distance2(mean, lower, t, leading[i], whitened) < distance2:
@@ -93,31 +91,28 @@ def _leaders(
 def _join_moments(mean: FloatArray, cov: FloatArray, weight: FloatArray, leader: Any) -> None:
     """Give each leader the mean and covariance of the mixture that it stands for, in place."""
     n = leader.size
-    total, centre, spread = np.zeros(n), np.zeros((n, 4)), np.zeros((n, 4, 4))
-    joined = np.zeros(n, np.bool_)
+    total, joined = np.zeros(n), np.zeros(n, np.int64)
+    centre, spread = np.zeros((n, 4)), np.zeros((n, 4, 4))
     for t in range(n):
         at = leader[t]
-        joined[at] |= at != t
         total[at] += weight[t]
+        joined[at] += 1
         for i in range(4):
             centre[at, i] += weight[t] * mean[t, i]
     for t in range(n):
-        if joined[t]:
-            for i in range(4):
-                centre[t, i] /= total[t]
-    for t in range(n):
         at = leader[t]
-        if joined[at]:
+        if joined[at] > 1:
             share = weight[t] / total[at]
             for i in range(4):
+                off = mean[t, i] - centre[at, i] / total[at]
                 for j in range(4):
                     spread[at, i, j] += share * (
-                        cov[t, i, j] + (mean[t, i] - centre[at, i]) * (mean[t, j] - centre[at, j])
+                        cov[t, i, j] + off * (mean[t, j] - centre[at, j] / total[at])
                     )
     for t in range(n):
-        if joined[t]:
+        if joined[t] > 1:
             for i in range(4):
-                mean[t, i] = centre[t, i]
+                mean[t, i] = centre[t, i] / total[t]
                 for j in range(4):
                     cov[t, i, j] = spread[t, i, j]
 
@@ -138,13 +133,14 @@ def merge_alike(
     out_items, out_logw = np.empty(items.size, np.int64), np.empty(groups.logw.size)
     n = 0
     for g in range(first.size - 1):
-        key = np.zeros(first[g + 1] - first[g], np.uint64)
+        key = np.empty(first[g + 1] - first[g], np.uint64)
         for h in range(first[g], first[g + 1]):
+            key[h - first[g]] = 0
             for i in range(start[h], start[h + 1]):
                 key[h - first[g]] -= keys[leader[items[i]]]
         which, total = distinct(key, groups.logw, first[g])
         for k in range(which.size):
-            out_logw[n] = math.log(total[k])
+            out_logw[n] = total[k]
             size = out_start[n]
             for i in range(start[which[k]], start[which[k] + 1]):
                 out_items[size] = leader[items[i]]
@@ -152,4 +148,4 @@ def merge_alike(
             n += 1
             out_start[n] = size
         out_first[g + 1] = n
-    return Groups(out_first, out_start[: n + 1].copy(), out_items[: out_start[n]].copy(), out_logw[:n].copy())
+    return Groups(out_first, head(out_start, n + 1), head(out_items, out_start[n]), head(out_logw, n))

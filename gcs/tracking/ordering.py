@@ -1,4 +1,4 @@
-"""Compiled sorting of hypotheses, shared by the kernels of this room.
+"""Compiled order of hypotheses, shared by the kernels of this room.
 
 numba's cache does not see other files change: whoever edits this one must clear the caches of those that
 import it.
@@ -11,15 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from gcs.compiling import called
+from gcs.compiling import called, inlined
 
 
 @called
-def greatest_first(value: Any, n: int) -> Any:
-    """Indices of the first n values, the greatest first, equal ones in their order: merge sort."""
+def head(array: Any, n: int) -> Any:
+    """The first n elements, copied."""
+    return array[:n].copy()
+
+
+@called
+def _sorted(value: Any, first: int, end: int) -> Any:
+    """Merge sort, see `greatest_first`."""
+    n = end - first
     order, merged = np.empty(n, np.int64), np.empty(n, np.int64)
     for i in range(n):
-        order[i] = i
+        order[i] = first + i
     run = 1
     while run < n:
         for low in range(0, n, 2 * run):
@@ -37,14 +44,20 @@ def greatest_first(value: Any, n: int) -> Any:
     return order
 
 
+@inlined
+def greatest_first(value: Any, first: int, end: int) -> Any:
+    """Indices `first` to `end` - 1 of the values, the greatest first, equal ones in their order."""
+    return _sorted(value, np.int64(first), np.int64(end))
+
+
 @called
 def distinct(key: Any, logw: Any, first: int) -> Any:
     """Hypotheses `first`, `first` + 1 ... that have keys `key` (n,), those with equal keys as one.
 
-    Returns one hypothesis for each key and the sum of the weights, the greatest first.
+    Returns one hypothesis for each key and the log of the weights' sum, the greatest first.
     """
     n = key.size
-    by_key = greatest_first(key, n)
+    by_key = greatest_first(key, 0, n)
     weight, example = np.empty(n), np.empty(n, np.int64)
     count = 0
     for k in range(n):
@@ -53,8 +66,8 @@ def distinct(key: Any, logw: Any, first: int) -> Any:
             weight[count], example[count] = 0.0, first + h
             count += 1
         weight[count - 1] += math.exp(logw[first + h])
-    order = greatest_first(weight, count)
-    total, which = np.empty(count), np.empty(count, np.int64)
+    order = greatest_first(weight, 0, count)
+    which, total = np.empty(count, np.int64), np.empty(count)
     for k in range(count):
-        total[k], which[k] = weight[order[k]], example[order[k]]
+        which[k], total[k] = example[order[k]], math.log(weight[order[k]])
     return which, total

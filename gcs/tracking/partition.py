@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel
+from gcs.compiling import inlined, kernel
 from gcs.tracking.hypotheses import Groups, Limits, Options
-from gcs.tracking.ordering import distinct, greatest_first
+from gcs.tracking.ordering import distinct, greatest_first, head
 
 
 @inlined
@@ -37,117 +37,65 @@ def _root(parent: Any, i: int) -> int:
 
 
 @inlined
-def _join(parent: Any, i: int, j: int) -> None:
-    """Unite two sets; the smaller index stays the root, so that order does not depend on history."""
-    a, b = _root(parent, i), _root(parent, j)
-    parent[max(a, b)] = min(a, b)
-
-
-@inlined
-def _roomy(array: Any, size: int) -> Any:
-    """`array`, or a longer copy of it if it has no room for `size`."""
-    if size <= array.size:
-        return array
-    longer = np.empty(2 * size, array.dtype)
-    for i in range(array.size):
-        longer[i] = array[i]
-    return longer
-
-
-@inlined
-def _no_groups(most: int) -> Groups:
-    """Room for `most` groups, none of them filled."""
-    return Groups(np.zeros(most + 1, np.int64), np.zeros(64, np.int64), np.empty(64, np.int64), np.empty(64))
-
-
-@called
-def _append(groups: Groups, g: int, start: Any, items: Any, logw: Any) -> Groups:
-    """Fill group g, the first one not filled. `groups` may have to move, so it is returned."""
-    h, n = groups.first[g], groups.start[groups.first[g]]
-    n_hyps, n_items = logw.size, start[logw.size] - start[0]
-    all_start, all_items = _roomy(groups.start, h + n_hyps + 1), _roomy(groups.items, n + n_items)
-    all_logw = _roomy(groups.logw, h + n_hyps)
-    for i in range(n_hyps):
-        all_logw[h + i] = logw[i]
-        all_start[h + i + 1] = n + start[i + 1] - start[0]
-    for i in range(n_items):
-        all_items[n + i] = items[start[0] + i]
-    groups.first[g + 1] = h + n_hyps
-    return Groups(groups.first, all_start, all_items, all_logw)
-
-
-@inlined
-def _trimmed(groups: Groups, n: int) -> Groups:
-    """The n groups that are filled."""
-    first, start = groups.first[: n + 1].copy(), groups.start[: groups.first[n] + 1].copy()
-    return Groups(first, start, groups.items[: start[first[n]]].copy(), groups.logw[: first[n]].copy())
-
-
-@inlined
-def _widest(start: Any, n: int) -> int:
+def _widest(start: Any, low: int, high: int) -> int:
+    """Most items of one of the hypotheses `low` to `high` - 1."""
     wide = 0
-    for h in range(n):
+    for h in range(low, high):
         wide = max(wide, start[h + 1] - start[h])
     return wide
 
 
 @inlined
 def _product(
-    a_start: Any, a_items: Any, a_logw: Any, b_start: Any, b_items: Any, b_logw: Any, limits: Limits
+    start: Any, items: Any, logw: Any, low: int, high: int, groups: Groups, g: int, limits: Limits
 ) -> Any:
-    """Hypotheses of two independent groups together, as (start, items, logw): the best pairs.
+    """Hypotheses `low` to `high` - 1 and those of an independent group g together: the best pairs.
 
     Both are sorted, so the pair (i, j) has at least (i + 1)(j + 1) - 1 pairs that are no worse, and the best
     `limits.hypotheses` pairs lie under that hyperbola.
     """
-    most, rows = limits.hypotheses, min(a_logw.size, limits.hypotheses)
+    most, rows = limits.hypotheses, min(high - low, limits.hypotheses)
+    g_low, columns = groups.first[g], groups.first[g + 1] - groups.first[g]
     bound = 0
     for i in range(rows):
-        bound += min(b_logw.size, most // (i + 1))
-    logw, left, right = np.empty(bound), np.empty(bound, np.int64), np.empty(bound, np.int64)
-    count = 0
+        bound += min(columns, most // (i + 1))
+    both, left, right = np.empty(bound), np.empty(bound, np.int64), np.empty(bound, np.int64)
+    count, floor = 0, logw[low] + groups.logw[g_low] + limits.log_prune
     for i in range(rows):
-        for j in range(min(b_logw.size, most // (i + 1))):
-            w = a_logw[i] + b_logw[j]
-            if w < a_logw[0] + b_logw[0] + limits.log_prune:
+        for j in range(min(columns, most // (i + 1))):
+            w = logw[low + i] + groups.logw[g_low + j]
+            if w < floor:
                 break
-            logw[count], left[count], right[count] = w, i, j
+            both[count], left[count], right[count] = w, low + i, g_low + j
             count += 1
-    order, n = greatest_first(logw, count), min(count, most)
-    out_start, out_logw = np.zeros(n + 1, np.int64), np.empty(n)
-    out_items = np.empty(n * (_widest(a_start, a_logw.size) + _widest(b_start, b_logw.size)), np.int64)
+    order, n = greatest_first(both, 0, count), min(count, most)
+    wide = _widest(start, low, high) + _widest(groups.start, g_low, g_low + columns)
+    out_start, out_items, out_logw = np.zeros(n + 1, np.int64), np.empty(n * wide, np.int64), np.empty(n)
     total, size = 0.0, 0
     for h in range(n):
-        i, j = left[order[h]], right[order[h]]
-        for k in range(a_start[i], a_start[i + 1]):
-            out_items[size] = a_items[k]
+        a, b = left[order[h]], right[order[h]]
+        for i in range(start[a], start[a + 1]):
+            out_items[size] = items[i]
             size += 1
-        for k in range(b_start[j], b_start[j + 1]):
-            out_items[size] = b_items[k]
+        for i in range(groups.start[b], groups.start[b + 1]):
+            out_items[size] = groups.items[i]
             size += 1
-        out_start[h + 1], out_logw[h] = size, logw[order[h]]
+        out_start[h + 1], out_logw[h] = size, both[order[h]]
         total += math.exp(out_logw[h])
     for h in range(n):
         out_logw[h] -= math.log(total)
     return out_start, out_items, out_logw
 
 
-@kernel
-def meet(groups: Groups, options: Options, n_detections: int, limits: Limits) -> Any:
-    """Unite the groups that have a detection in common among their tracks' options."""
-    first, start, items, logw = groups.first, groups.start, groups.items, groups.logw
-    n_groups = first.size - 1
-    parent, follower, last = (
-        np.empty(n_groups, np.int64),
-        np.empty(n_groups, np.int64),
-        np.empty(n_groups, np.int64),
-    )
+@inlined
+def _unite(groups: Groups, options: Options, n_detections: int, parent: Any) -> None:
+    """Fill `parent` (groups,) with sets of groups that have detections in common, as trees."""
     owner, visited = np.empty(n_detections, np.int64), np.zeros(options.start.size - 1, np.bool_)
     owner[:] = -1
-    for g in range(n_groups):
+    for g in range(parent.size):
         parent[g] = g
-        for i in range(start[first[g]], start[first[g + 1]]):
-            t = items[i]
+        for i in range(groups.start[groups.first[g]], groups.start[groups.first[g + 1]]):
+            t = groups.items[i]
             if visited[t]:
                 continue
             visited[t] = True
@@ -156,60 +104,80 @@ def meet(groups: Groups, options: Options, n_detections: int, limits: Limits) ->
                 if j >= 0 and owner[j] < 0:
                     owner[j] = g
                 elif j >= 0:
-                    _join(parent, owner[j], g)
-    # A chain from each root through the groups that it is united with, in their order.
+                    # The smaller index stays the root, so that order does not depend on history.
+                    a, b = _root(parent, owner[j]), _root(parent, g)
+                    parent[max(a, b)] = min(a, b)
+
+
+@kernel
+def meet(groups: Groups, options: Options, n_detections: int, limits: Limits) -> Any:
+    """Unite the groups that have a detection in common among their tracks' options."""
+    first, start = groups.first, groups.start
+    items, logw = groups.items, groups.logw
+    n_groups = first.size - 1
+    parent, follower, last = (
+        np.empty(n_groups, np.int64),
+        np.empty(n_groups, np.int64),
+        np.empty(n_groups, np.int64),
+    )
+    room, wide = np.empty(n_groups, np.int64), np.empty(n_groups, np.int64)
+    _unite(groups, options, n_detections, parent)
+    # From each root a chain through the groups that it is united with, in their order; and the union's size.
     for g in range(n_groups):
         root = _root(parent, g)
-        follower[g], last[g] = -1, g
+        parent[g], follower[g], last[g] = root, -1, g
+        room[g], wide[g] = first[g + 1] - first[g], _widest(start, first[g], first[g + 1])
         if root != g:
             follower[last[root]], last[root] = g, g
-    out, count = _no_groups(n_groups), np.int64(0)
+            room[root] = min(room[root] * room[g], limits.hypotheses)
+            wide[root] += wide[g]
+    n_hyps, n_items = 0, 0
+    for g in range(n_groups):
+        if parent[g] == g:
+            n_hyps += room[g]
+            n_items += room[g] * wide[g]
+    out_first, out_start = np.zeros(n_groups + 1, np.int64), np.zeros(n_hyps + 1, np.int64)
+    out_items, out_logw = np.empty(n_items, np.int64), np.empty(n_hyps)
+    count, n = 0, 0
     for g in range(n_groups):
         if parent[g] != g:
             continue
         low, high, other = first[g], first[g + 1], follower[g]
-        a_start, a_items, a_logw = start[low : high + 1], items, logw[low:high]
+        u_start, u_items, u_logw = start, items, logw
         while other >= 0:
-            low, high = first[other], first[other + 1]
-            a_start, a_items, a_logw = _product(
-                a_start, a_items, a_logw, start[low : high + 1], items, logw[low:high], limits
-            )
-            other = follower[other]
-        out = _append(out, count, a_start, a_items, a_logw)
+            u_start, u_items, u_logw = _product(u_start, u_items, u_logw, low, high, groups, other, limits)
+            low, high, other = 0, u_logw.size, follower[other]
+        for h in range(low, high):
+            out_logw[n], size = u_logw[h], out_start[n]
+            for i in range(u_start[h], u_start[h + 1]):
+                out_items[size] = u_items[i]
+                size += 1
+            n += 1
+            out_start[n] = size
         count += 1
-    return _trimmed(out, count)
+        out_first[count] = n
+    return Groups(
+        head(out_first, count + 1), head(out_start, n + 1), head(out_items, out_start[n]), head(out_logw, n)
+    )
 
 
 @inlined
-def _choices(groups: Groups, g: int, item_label: Any, weight: Any, n_labels: int) -> Any:
-    """Which track each label has in each hypothesis, numbered from 1 (0: none), and their probabilities.
+def _number(items: Any, begin: int, end: int, item_label: Any, number: Any, used: Any) -> int:
+    """Number the tracks of each label among the items `begin` to `end` - 1, from 1 on.
 
-    Shapes (hypotheses, n_labels), (n_labels, most tracks of a label + 1), and how many tracks each label has.
+    Fills `number` (of an item's track) and `used` (how many a label has); returns the greatest number.
     """
-    start, items = groups.start, groups.items
-    low, begin = groups.first[g], groups.start[groups.first[g]]
-    n_hyps, n_items = groups.first[g + 1] - low, groups.start[groups.first[g + 1]] - begin
-    key, number, used = (
-        np.empty(n_items, np.uint64),
-        np.empty(n_items, np.int64),
-        np.zeros(n_labels, np.int64),
-    )
-    for i in range(n_items):
-        key[i] = ~np.uint64(items[begin + i])
-    by_item, most = greatest_first(key, n_items), 0
-    for k in range(n_items):
-        i = by_item[k]
-        if k == 0 or key[i] != key[by_item[k - 1]]:
-            used[item_label[begin + i]] += 1
-        number[i] = used[item_label[begin + i]]
+    key = np.empty(end - begin, np.uint64)
+    for i in range(begin, end):
+        key[i - begin] = ~np.uint64(items[i])
+    most, before = 0, -1
+    for k in greatest_first(key, 0, end - begin):
+        i = begin + k
+        if items[i] != before:
+            used[item_label[i]] += 1
+        number[i], before = used[item_label[i]], items[i]
         most = max(most, number[i])
-    choice, marginal = np.zeros((n_hyps, n_labels), np.int64), np.zeros((n_labels, most + 1))
-    for h in range(n_hyps):
-        for i in range(start[low + h], start[low + h + 1]):
-            choice[h, item_label[i]] = number[i - begin]
-        for p in range(n_labels):
-            marginal[p, choice[h, p]] += weight[low + h]
-    return choice, marginal, used
+    return most
 
 
 @inlined
@@ -237,79 +205,102 @@ def _dependent(
 
 
 @inlined
-def _marginal(groups: Groups, g: int, item_label: Any, parent: Any, root: int, keys: Any) -> Any:
-    """Hypotheses over the labels of `root` alone, (start, items, logw); those that become equal are one."""
-    first, start, items = groups.first, groups.start, groups.items
-    key = np.zeros(first[g + 1] - first[g], np.uint64)
-    for h in range(first[g], first[g + 1]):
+def _split(
+    groups: Groups, g: int, item_label: Any, number: Any, weight: Any, set_of: Any, n: int, limits: Limits
+) -> None:
+    """Fill `set_of` (n,) with what set each label of group g goes on in: its first label, or -1 for none."""
+    start, low, high = groups.start, groups.first[g], groups.first[g + 1]
+    used = np.zeros(n, np.int64)
+    most = _number(groups.items, start[low], start[high], item_label, number, used)
+    # Which track each label has in each hypothesis (0: none), and the probability of that.
+    choice, marginal = np.empty((high - low, n), np.int64), np.zeros((n, most + 1))
+    for h in range(low, high):
+        for p in range(n):
+            choice[h - low, p] = 0
         for i in range(start[h], start[h + 1]):
-            if parent[item_label[i]] == root:
-                key[h - first[g]] -= keys[items[i]]
-    which, weight = distinct(key, groups.logw, first[g])
-    n, size = which.size, 0
-    out_start, out_logw = np.zeros(n + 1, np.int64), np.empty(n)
-    out_items = np.empty(start[first[g + 1]] - start[first[g]], np.int64)
-    for k in range(n):
-        for i in range(start[which[k]], start[which[k] + 1]):
-            if parent[item_label[i]] == root:
-                out_items[size] = items[i]
-                size += 1
-        out_start[k + 1], out_logw[k] = size, math.log(weight[k])
-    return out_start, out_items, out_logw
+            choice[h - low, item_label[i]] = number[i]
+        for p in range(n):
+            marginal[p, choice[h - low, p]] += weight[h]
+    for p in range(n):
+        set_of[p] = p if 1.0 - marginal[p, 0] >= limits.existence else -1
+    for p in range(n):
+        for q in range(p + 1, n):
+            if (
+                min(set_of[p], set_of[q]) >= 0
+                and set_of[p] != set_of[q]
+                and _dependent(choice, marginal, used, weight, low, p, q, limits.dependence)
+            ):
+                a, b = set_of[p], set_of[q]
+                for r in range(n):
+                    if set_of[r] == max(a, b):
+                        set_of[r] = min(a, b)
+
+
+@inlined
+def _marginal(groups: Groups, g: int, item_label: Any, set_of: Any, p: int, n: int, keys: Any) -> Any:
+    """Hypotheses of group g over the labels of set p alone, those that become equal as one.
+
+    Returns which hypotheses hold them, and their log-weights. `item_label` numbers the group's labels 0 to
+    n - 1.
+    """
+    low, high = groups.first[g], groups.first[g + 1]
+    which, logw = np.empty(high - low, np.int64), np.empty(high - low)
+    key = np.empty(high - low, np.uint64)
+    others = 0
+    for q in range(n):
+        others += set_of[q] != p
+    for h in range(low, high):
+        which[h - low], logw[h - low], key[h - low] = h, groups.logw[h], 0
+        for i in range(groups.start[h], groups.start[h + 1]):
+            if set_of[item_label[i]] == p:
+                key[h - low] -= keys[groups.items[i]]
+    if others > 0:
+        which, logw = distinct(key, groups.logw, low)
+    return which, logw
 
 
 @kernel
 def part(groups: Groups, track_label: Any, n_labels: int, keys: Any, limits: Limits) -> Any:
     """Split every group into groups of dependent labels, without the labels not worth keeping."""
-    first, start, items, logw = groups.first, groups.start, groups.items, groups.logw
-    out, count = _no_groups(n_labels), np.int64(0)
-    weight, item_label = np.empty(logw.size), np.empty(items.size, np.int64)
-    local, label, parent = (
-        np.empty(n_labels, np.int64),
-        np.empty(n_labels, np.int64),
-        np.empty(n_labels, np.int64),
-    )
-    local[:] = -1
-    for h in range(logw.size):
-        weight[h] = math.exp(logw[h])
+    first, start, items = groups.first, groups.start, groups.items
+    weight, most = np.empty(groups.logw.size), 0
     for g in range(first.size - 1):
-        low, high = first[g], first[g + 1]
+        most = max(most, first[g + 1] - first[g])
+        for h in range(first[g], first[g + 1]):
+            weight[h] = math.exp(groups.logw[h])
+    # A label is in one group, and at most a group of its own then.
+    out_first, out_start = np.zeros(n_labels + 1, np.int64), np.empty(most * n_labels + 1, np.int64)
+    out_items, out_logw = np.empty(items.size, np.int64), np.empty(most * n_labels)
+    local, set_of = np.empty(n_labels, np.int64), np.empty(n_labels, np.int64)
+    item_label, number = np.empty(items.size, np.int64), np.empty(items.size, np.int64)
+    local[:] = -1
+    out_start[0], count, h_out, size = 0, 0, 0, 0
+    for g in range(first.size - 1):
         n = 0
-        for i in range(start[low], start[high]):
-            at = track_label[items[i]]
-            if local[at] < 0:
-                local[at], label[n] = n, at
+        for i in range(start[first[g]], start[first[g + 1]]):
+            label = track_label[items[i]]
+            if local[label] < 0:
+                local[label] = n
                 n += 1
-            item_label[i] = local[at]
-        choice, marginal, used = _choices(groups, g, item_label, weight, n)
+            item_label[i] = local[label]
+        _split(groups, g, item_label, number, weight, set_of, n, limits)
         for p in range(n):
-            local[label[p]] = -1
-            parent[p] = p if 1.0 - marginal[p, 0] >= limits.existence else -1
-        for p in range(n):
-            for q in range(p + 1, n):
-                if (
-                    parent[p] >= 0
-                    and parent[q] >= 0
-                    and _root(parent, p) != _root(parent, q)
-                    and _dependent(choice, marginal, used, weight, low, p, q, limits.dependence)
-                ):
-                    _join(parent, p, q)
-        for p in range(n):
-            if parent[p] >= 0:
-                parent[p] = _root(parent, p)
-        for root in range(n):
-            if parent[root] != root:
+            if set_of[p] != p:
                 continue
-            members = 0
-            for p in range(n):
-                members += parent[p] == root
-            if members == n:
-                out = _append(out, count, start[low : high + 1], items, logw[low:high])
-            else:
-                m_start, m_items, m_logw = _marginal(groups, g, item_label, parent, root, keys)
-                out = _append(out, count, m_start, m_items, m_logw)
+            which, logw = _marginal(groups, g, item_label, set_of, p, n, keys)
+            for k in range(which.size):
+                for i in range(start[which[k]], start[which[k] + 1]):
+                    if set_of[item_label[i]] == p:
+                        out_items[size] = items[i]
+                        size += 1
+                out_logw[h_out] = logw[k]
+                h_out += 1
+                out_start[h_out] = size
             count += 1
-    return _trimmed(out, count)
+            out_first[count] = h_out
+    return Groups(
+        head(out_first, count + 1), head(out_start, h_out + 1), head(out_items, size), head(out_logw, h_out)
+    )
 
 
 @kernel
@@ -326,4 +317,4 @@ def renumber(groups: Groups, n_options: int) -> tuple[Groups, Any]:
             count += 1
     for i in range(items.size):
         items[i] = number[groups.items[i]]
-    return Groups(groups.first, groups.start, items, groups.logw), used[:count].copy()
+    return Groups(groups.first, groups.start, items, groups.logw), head(used, count)
