@@ -125,7 +125,11 @@ class Histories:
         survival: float,
         detection_probability: float,
     ) -> None:
-        """Begin a scan, before its tracks are known."""
+        """Begin a scan, before its tracks are known.
+
+        `F`, `Q` (4, 4) move a track from the scan before to this one, which it survives with probability
+        `survival`; `R` (2, 2) is a detection's noise. Births need positive definite covariances.
+        """
         self._scans[self._scan_count] = _Scan(
             t_ns,
             F,
