@@ -21,8 +21,8 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Statistics
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
+from mcap.stream_reader import get_chunk_data_stream
 
 from gcs.edge.recorder import CONFIG_NAME, MCAP_NAME, RUN_METADATA, VERSIONS_METADATA, Run
 from gcs.edge.wire import TOPICS, Recordable, decode
@@ -34,6 +34,8 @@ MAX_CHUNK_BYTES = 64 * 1024 * 1024
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time of a message, before its content."""
 _BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, KeyError, OverflowError, MemoryError)
 """What the MCAP library raises on damaged bytes."""
 
@@ -177,36 +179,46 @@ class _Reading:
             raise _BreaksOffError(
                 f"damaged behind byte {self.offset}: a chunk claims more than {MAX_CHUNK_BYTES} bytes"
             )
-        for part in breakup_chunk(chunk, validate_crc=True):
-            if isinstance(part, Channel):
-                self._types[part.id] = _type_of(part.topic)
-            elif isinstance(part, Message):
-                record = self._message(part)
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        data, at = stream.read(size), 0
+        while at < len(data):
+            opcode, length = _HEAD.unpack_from(data, at)
+            at += _HEAD.size
+            if length > len(data) - at:
+                raise _BreaksOffError(f"damaged behind byte {self.offset}: a chunk ends within a record")
+            if opcode == Opcode.CHANNEL:
+                channel = Channel.read(_stream(data[at : at + length]))
+                self._types[channel.id] = _type_of(channel.topic)
+            elif opcode == Opcode.MESSAGE:
+                record = self._message(data[at : at + length])
                 if record is not None:
                     yield record
+            at += length
 
     def check_count(self, count: int) -> None:
         """Hold what was read against what the index says was written."""
         if count != self.count:
             raise _BreaksOffError(f"records are missing: {count} were written, {self.count} could be read")
 
-    def _message(self, message: Message) -> Record | None:
-        if self.count and message.sequence != self.sequence:
+    def _message(self, content: bytes) -> Record | None:
+        channel_id, sequence, t_ns, _ = _MESSAGE.unpack_from(content)
+        if self.count and sequence != self.sequence:
             raise _BreaksOffError(
                 f"records are missing behind byte {self.offset}: after number {self.sequence - 1} comes "
-                f"number {message.sequence}"
+                f"number {sequence}"
             )
-        self.sequence = (message.sequence + 1) & 0xFFFFFFFF
+        self.sequence = (sequence + 1) & 0xFFFFFFFF
         self.count += 1
-        self.t_ns = message.log_time
-        record_type = self._types[message.channel_id]
+        self.t_ns = t_ns
+        record_type = self._types[channel_id]
         if record_type is None:
             return None  # of a later version
+        payload = content[_MESSAGE.size :]
         try:
-            value: Recordable = decode(f"record {message.sequence}", message.data, record_type)
+            value: Recordable = decode(f"record {sequence}", payload, record_type)
         except WireError as error:
             raise _BreaksOffError(str(error)) from None
-        return Record(message.sequence, message.log_time, value, message.data)
+        return Record(sequence, t_ns, value, payload)
 
 
 def _parts(file: BinaryIO) -> Iterator[_Part]:
