@@ -154,7 +154,7 @@ class LiveView:
         text = Text.assemble(
             (f"{self._config.name}  ", "bold"),
             f"{seconds:.0f} s of run time",
-            f" at speed {self._speed:g}  " if self._speed != 1.0 else "  ",
+            _at_speed(self._speed),
             (self._config.description, "dim"),
         )
         return Panel(text)
@@ -263,6 +263,12 @@ class LiveView:
         nodes_north = np.minimum((north / grid.spacing_m + 0.5).astype(int), grid.shape[0] - 1)
         nodes_east = np.minimum((east / grid.spacing_m + 0.5).astype(int), grid.shape[1] - 1)
         return grid.blocked[np.ix_(nodes_north, nodes_east)]
+
+
+def _at_speed(speed: float) -> str:
+    if speed == 1.0:
+        return "  "
+    return " at full speed  " if math.isinf(speed) else f" at speed {speed:g}  "
 
 
 def _track_cells(track: Track | None) -> Sequence[str]:
