@@ -20,8 +20,10 @@ from gcs.model import NS_PER_S, Fate, Label, Track
 
 REVIVE_EXISTENCE = 0.9
 ARRIVAL_SCANS = 2
-UNSEEN_S = 20.0
-"""An agent with neither track nor report for this long is taken for dead, also when it never showed up."""
+UNSEEN_S = 5.0
+"""An agent that was there and has had neither track nor report for this long is taken for dead."""
+NEVER_SEEN_S = 20.0
+"""One that never showed up is given this long."""
 
 
 class Fates:
@@ -37,6 +39,7 @@ class Fates:
 
     def __init__(self, vehicles: Sequence[int], capture_radius_m: float) -> None:
         self._capture_radius_m = capture_radius_m
+        self._awaited_t_ns: dict[int, int] = {}
         self._seen_t_ns: dict[int, int] = {}
         self._scans_at_target: dict[int, int] = {}
         self._last_position_m: dict[int, tuple[float, float]] = {}
@@ -103,8 +106,14 @@ class Fates:
         self._scans_at_target[vehicle] = scans
         if target is not None and scans >= ARRIVAL_SCANS:
             return Fate(t_ns, vehicle, "arrived", target.label, position)
-        unseen = t_ns - self._seen_t_ns.setdefault(vehicle, t_ns) > UNSEEN_S * NS_PER_S
-        return Fate(t_ns, vehicle, "dead", None, position) if is_dead or unseen else None
+        is_gone = is_dead or self._is_unseen(t_ns, vehicle)
+        return Fate(t_ns, vehicle, "dead", None, position) if is_gone else None
+
+    def _is_unseen(self, t_ns: int, vehicle: int) -> bool:
+        seen_t_ns = self._seen_t_ns.get(vehicle)
+        if seen_t_ns is not None:
+            return t_ns - seen_t_ns > UNSEEN_S * NS_PER_S
+        return t_ns - self._awaited_t_ns.setdefault(vehicle, t_ns) > NEVER_SEEN_S * NS_PER_S
 
     def _revived(self, t_ns: int, vehicle: int, track: Track) -> Fate | None:
         if track.existence < REVIVE_EXISTENCE:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from staging import at, believed, picture, track
 
 from gcs.command.beliefs import Beliefs
-from gcs.command.fates import UNSEEN_S, Fates
+from gcs.command.fates import NEVER_SEEN_S, UNSEEN_S, Fates
 
 AGENT, TARGET = (0, 0), (0, 1)
 RADIUS_M = 40.0
@@ -156,16 +156,24 @@ def test_arrival_is_for_good():
 
 def test_a_vehicle_that_never_shows_up_is_dead_after_twenty_seconds():
     scene = Scene()
-    unseen = [scene.look(None, goal(), tied=False, reporting=False) for _ in range(int(UNSEEN_S) + 1)]
+    unseen = [scene.look(None, goal(), tied=False, reporting=False) for _ in range(int(NEVER_SEEN_S) + 1)]
     assert unseen == [[]] * 21
     assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "dead")]
     assert scene.fate.position_m is None
 
 
-def test_a_report_or_a_tie_within_twenty_seconds_keeps_an_agent_alive():
+def test_a_vehicle_that_reported_and_was_never_tied_is_dead_after_five_seconds_of_silence():
+    scene = Scene()
+    assert scene.look(None, goal(), tied=False, reporting=True) == []
+    silent = [scene.look(None, goal(), tied=False, reporting=False) for _ in range(int(UNSEEN_S))]
+    assert silent == [[]] * 5
+    assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "dead")]
+
+
+def test_a_report_or_a_tie_within_five_seconds_keeps_an_agent_alive():
     by_reports, by_ties = Scene(), Scene()
     for second in range(1, 80):
-        now = second % 20 == 0
+        now = second % 5 == 0
         assert by_reports.look(None, goal(), tied=False, reporting=now) == []
         assert by_ties.look(flying() if now else None, goal(), tied=now, reporting=False) == []
 

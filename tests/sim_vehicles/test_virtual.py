@@ -159,6 +159,14 @@ def test_a_killed_vehicle_is_called_dead_within_five_seconds_and_the_others_arri
     assert flown.summary.false_deaths == 0
 
 
+def test_a_vehicle_killed_before_it_was_known_by_its_track_is_called_dead_soon_too() -> None:
+    flown = fly("prescribed", 0, kills={3: 0.5})
+    (told,) = flown.fates()[3]
+    assert told[1] == "dead"
+    assert 0.5 < told[0] < 8.0
+    assert_complete(flown)
+
+
 def test_a_vehicle_that_never_shows_up_is_given_up_and_the_others_go() -> None:
     flown = fly("deterministic", 0, kills={2: 0.0})
     (told,) = flown.fates()[2]
