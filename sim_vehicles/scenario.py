@@ -23,7 +23,7 @@ class SensorTable(Table, frozen=True, kw_only=True):
     """What the world's sensor does: misses, noise, clutter."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "radar"
-    period_s: Positive = 1.0
+    period_s: Annotated[float, Meta(ge=0.05, le=60.0)] = 1.0
     detection_probability: Probability = 0.98
     noise_std_m: Positive = 3.16
     clutter_per_scan: NotNegative = 20.0
@@ -41,7 +41,7 @@ class DeathTable(Table, frozen=True, kw_only=True):
     """The death process of the agents."""
 
     survival_probability: Probability = 1.0
-    check_period_s: Positive = 1.0
+    check_period_s: Annotated[float, Meta(ge=0.01)] = 1.0
     prescribed: list[PrescribedDeath] = []
 
 
