@@ -74,7 +74,7 @@ def test_a_file_gets_the_documented_defaults(tmp_path: Path) -> None:
             "<= 1",
         ),
         ("[simulation.sensor]\nnoise_std_m = 0.0", "simulation.sensor.noise_std_m", "> 0"),
-        ("[simulation.sensor]\nperiod_s = 0.0", "simulation.sensor.period_s", "> 0"),
+        ("[simulation.sensor]\nperiod_s = 0.0", "simulation.sensor.period_s", "0.05"),
         ("[simulation.sensor]\nclutter_per_scan = -1.0", "simulation.sensor.clutter_per_scan", ">= 0"),
         ('[simulation.sensor]\nname = "a b"', "simulation.sensor.name", "regex"),
         ("[simulation.sensor]\nrange_m = 3.0", "simulation.sensor", "unknown key `range_m`"),
