@@ -37,6 +37,8 @@ from gcs.model import (
 
 _BAD_INPUT_NOTICES = 20
 """After so many from one run, bad input is counted only: noise must not drown what matters."""
+_TASKABLE_MODES = ("", "AUTO", "LOITER")
+"""Before the first heartbeat, on a mission, and waiting for one."""
 _BLIND_AFTER_NS = 5 * NS_PER_S
 
 
@@ -140,13 +142,23 @@ class Command:
     def _situation(self, event: Scan) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
         targets, reached = self.trackers.targets.beliefs.tracks, self.fates.reached()
+        flying, away = self.fates.flying(), self._away()
         return Situation(
             t_ns=event.t_ns,
             picture_t_ns=event.measured_t_ns,
-            agents={v: agents[labels[v]] for v in self.fates.flying() if v in labels and labels[v] in agents},
+            agents={v: agents[labels[v]] for v in flying if v not in away and labels.get(v) in agents},
             targets={label: track for label, track in targets.items() if label not in reached},
             arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),
+            away=away,
         )
+
+    def _away(self) -> dict[int, str]:
+        """Vehicles in a mode that an operator or a failsafe chose for them: not ours to task."""
+        return {
+            state.system_id: f"is in {state.mode} and left alone"
+            for state in self.fleet.states()
+            if state.mode not in _TASKABLE_MODES
+        }
 
     def _task(self, plan: Plan) -> list[Effect]:
         effects: list[Effect] = []

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
@@ -37,6 +37,8 @@ class Situation:
     """Believed targets that nobody has reached."""
     arrived: frozenset[int]
     """Vehicles that have done their work."""
+    away: Mapping[int, str] = field(default_factory=dict)
+    """Vehicles that fly but are not ours to task, and why, in words."""
 
 
 class Replanner:
@@ -110,7 +112,7 @@ class Replanner:
     def _changes(self, situation: Situation) -> list[str]:
         """Who and what came or went since the last plan, in words."""
         gone = self._planned_agents - set(situation.agents) - situation.arrived
-        reasons = [f"agent {v} lost" for v in sorted(gone)]
+        reasons = [f"agent {v} {situation.away.get(v, 'lost')}" for v in sorted(gone)]
         reasons += [f"agent {v} joined" for v in sorted(set(situation.agents) - self._planned_agents)]
         reasons += [
             f"target {_name(t)} appeared" for t in sorted(set(situation.targets) - self._planned_targets)

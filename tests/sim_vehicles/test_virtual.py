@@ -7,9 +7,23 @@ import math
 from dataclasses import dataclass, field
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.edge.wire import encode
-from gcs.model import NS_PER_S, Datagram, Effect, Event, Fate, MissionEnded, Plan, Scan, Send, Tick, Truth
+from gcs.model import (
+    NS_PER_S,
+    Datagram,
+    Effect,
+    Event,
+    Fate,
+    MissionEnded,
+    Plan,
+    Scan,
+    Send,
+    Tick,
+    Truth,
+    UploadReport,
+)
 from gcs.report.judge import Judge, Summary
 from sim_vehicles.scenario import load
 from sim_vehicles.vehicle import SimVehicle
@@ -282,3 +296,25 @@ def test_each_way_loses_the_share_it_was_told_to(monkeypatch: pytest.MonkeyPatch
         n = len(sent)
         assert n > 200
         assert len(arrived) == pytest.approx(0.7 * n, abs=5 * math.sqrt(0.21 * n))
+
+
+def test_a_vehicle_that_somebody_sent_home_is_left_alone() -> None:
+    encoder = mavlink.MAVLink(None, 254, 190)
+    rtl = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 11, 0, 0, 0, 0, 0)
+    effects: list[tuple[int, object]] = []
+    sent_home_t_ns = START_T_NS + 30 * NS_PER_S
+
+    def on_event(event: object) -> None:
+        if isinstance(event, Tick) and event.t_ns == sent_home_t_ns:
+            run.vehicles["vehicle:1"].receive_datagram(bytes(rtl.pack(encoder)), event.t_ns)
+
+    run = VirtualRun(load("prescribed"), 1, on_event, lambda t_ns, effect: effects.append((t_ns, effect)))
+    run.run(90.0)
+    state = run.command.fleet.state(1)
+    assert state is not None
+    assert state.mode == "RTL"
+    later = [effect for t_ns, effect in effects if t_ns > sent_home_t_ns + NS_PER_S]
+    plans = [effect for effect in later if isinstance(effect, Plan)]
+    assert any("agent 1 is in RTL and left alone" in plan.reason for plan in plans)
+    assert not any(isinstance(effect, UploadReport) and effect.vehicle == 1 for effect in later)
+    assert any(isinstance(effect, UploadReport) and effect.vehicle == 4 for effect in later)
