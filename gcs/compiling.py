@@ -1,32 +1,106 @@
-"""How the kernels of the stages are compiled, and how to write them so that this takes seconds.
+"""How kernels are compiled, how to write them so that it takes seconds, and how to have them ready in time.
 
-numba compiles at the first call on a machine and keeps the result in a cache on disk; the first start after
-an installation waits for it. What costs time there is not the loops, it is
+numba compiles a kernel at its first call and keeps the result in a cache on disk; the first start after an
+installation waits for it. What costs time is not the loops. It is
 
-- functions: each one is a library of its own, typed, lowered, optimised and linked, and optimised again in
-  all that call it. A function called once is cheaper inlined; one called more than once is compiled once per
-  combination of argument types, and a literal (`0`, `False`) is a type of its own;
-- numpy: `sort`, `argsort`, `diff`, `searchsorted`, `max`, array expressions, fancy indexing are compiled from
-  numba's own Python sources, for every element type, in a tenth of a second to one second each. An assignment
-  of an array to a slice takes 1.7 s: it can fail, and its message is put together by compiled string
-  functions. A loop takes milliseconds. `empty` and `zeros` are cheap, a scalar into a slice also;
-- wrappers, by which Python or C may call a function: only kernels need the one, none the other.
+- functions: each is typed, lowered, optimised and linked by itself, once for every combination of argument
+  types (a literal `0` or `False` is a type of its own), and once more within all that call it. What is called
+  in one place is best inlined;
+- numpy: `sort`, `argsort`, `diff`, `searchsorted`, `max`, array expressions and fancy indexing are compiled
+  from numba's Python sources for each element type, in a tenth of a second to a second. An array assigned to
+  a slice takes 1.7 s: it may fail, and its message is put together by compiled string functions. A loop takes
+  milliseconds; `empty`, `zeros` and a scalar assigned to a slice are cheap;
+- arrays handed about: slices, tuples of arrays, records with many fields.
 
 numba's cache does not see other files change. Whoever edits a kernel that kernels of another file call must
 remove the `__pycache__` of that file.
+
+A room that has kernels lists one call of each in `warm_up_calls`, with types as in flight. Where the cache is
+cold, a second process makes the calls in reverse order: each of the two finds in the cache on disk what the
+other has put there, and they meet somewhere in the middle. numba replaces the cache's files atomically, so
+what both compile at once is written twice, no more; and if the helper fails, it is only missed.
 """
 
 from __future__ import annotations
 
+import contextlib
+import gc
+import importlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from typing import Any, TypeAlias
+
 import numba
+
+Call: TypeAlias = tuple[Any, ...]
+"""A kernel and its arguments."""
+
+_COLLECT_AFTER = 100_000
+"""Objects allocated between garbage collections while compiling: with the usual 700 these cost an eighth."""
 
 _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 kernel = numba.njit(cache=True, **_OPTIONS)
-"""Called from Python, and kept in the cache with all that it calls."""
+"""Called from Python; kept in the cache with all that it calls."""
 
-called = numba.njit(no_cpython_wrapper=True, **_OPTIONS)
-"""Called from kernels alone."""
+called = numba.njit(**_OPTIONS)
+"""Called from kernels alone, in more than one place."""
 
 inlined = numba.njit(inline="always", **_OPTIONS)
 """Becomes part of the function that calls it, at every call."""
+
+
+def warm_up(*rooms: str) -> None:
+    """Load the kernels of rooms (names of modules) from the cache or, with a helper process, compile them."""
+    calls = _calls(rooms)
+    probe = calls[0][0]
+    before = _misses(probe)
+    _make(calls[:1])
+    with contextlib.ExitStack() as stack:
+        if _misses(probe) > before:
+            stack.enter_context(_helper(rooms))
+        _make(calls[1:])
+
+
+@contextlib.contextmanager
+def _helper(rooms: Sequence[str]) -> Iterator[None]:
+    """Compile from the other end in a process of its own, with the same packages, until the block ends."""
+    helper = None
+    with contextlib.suppress(OSError):
+        helper = subprocess.Popen(  # noqa: S603  ourselves
+            [sys.executable, "-P", "-m", "gcs.compiling", *rooms],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    try:
+        yield
+    finally:
+        if helper is not None:
+            helper.terminate()
+            helper.wait()
+
+
+def _calls(rooms: Sequence[str]) -> list[Call]:
+    return [call for room in rooms for call in importlib.import_module(room).warm_up_calls()]
+
+
+def _misses(probe: Any) -> int:
+    return sum(probe.stats.cache_misses.values())
+
+
+def _make(calls: Sequence[Call]) -> None:
+    thresholds = gc.get_threshold()
+    gc.set_threshold(_COLLECT_AFTER, *thresholds[1:])
+    try:
+        for compiled, *arguments in calls:
+            compiled(*arguments)
+    finally:
+        gc.set_threshold(*thresholds)
+
+
+if __name__ == "__main__":
+    _make(_calls(sys.argv[1:])[::-1])

@@ -21,12 +21,22 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from gcs import compiling
 from gcs.model import FloatArray, Label, Route, read_only
 from gcs.planning.assignment import assign
 from gcs.planning.grid import BoolArray, Grid, Point, free_grid
-from gcs.planning.search import IntArray, SearchCost, SearchMap, astar, fields, search_map, trace_back
+from gcs.planning.search import (
+    IntArray,
+    SearchCost,
+    SearchMap,
+    astar,
+    fields,
+    flat_index,
+    search_map,
+    trace_back,
+)
 from gcs.planning.shaping import DIRECT, close_and_seen, ends_of_ways, joins, shape
-from gcs.planning.sight import line_of_sight
+from gcs.planning.sight import clear_leg
 
 Shape: TypeAlias = Literal["grid", "pulled"]
 
@@ -290,12 +300,26 @@ def _places_notes(
     return notes
 
 
+def warm_up_calls() -> list[compiling.Call]:
+    """One call of every kernel, types as in a plan; the longest to compile stand at the ends."""
+    grid = free_grid((2, 2), 10.0)
+    blocked, smap = grid.blocked, search_map(grid)
+    moves, path = (smap.moves, smap.tight, smap.offsets), np.empty(smap.moves.size, np.int64)
+    xy, inside, field = np.zeros((1, 2)), np.zeros(1, np.bool_), np.zeros((1, smap.moves.size))
+    node = flat_index(smap, (0, 0))
+    nodes, off = np.full((1, 4), node), np.zeros((1, 4))
+    return [
+        (clear_leg, blocked, 0.0, 0.0, 1.0, 1.0, 0.0, -1),
+        (shape, blocked, 0.0, xy, np.zeros(2), False, False, False),
+        (joins, blocked, smap.mainland, smap.tight, smap.stride, xy),
+        (ends_of_ways, blocked, 0.0, field, xy, inside, xy, nodes, off, inside),
+        (close_and_seen, blocked, 0.0, xy[0], xy[0]),
+        (trace_back, *moves, field[0], nodes[0], off[0], nodes[0, 0], path),
+        (fields, *moves, smap.any_tight, nodes, off),
+        (astar, *moves, smap.stride, node, node, True, path),
+    ]
+
+
 def warm_up() -> None:
     """Compile every kernel, or load it from the cache: seconds, once; without it the first plan pays."""
-    grid = free_grid((4, 4), 10.0).with_obstacles(cells=[(1, 1), (3, 3)])
-    agents = {1: AgentStart(1.0, 2.0, 0.5), 2: AgentStart(11.0, 9.0)}
-    targets = {(0, 0): (29.0, 12.0), (0, 1): (30.0, 30.0)}
-    for options in (PlanOptions(), PlanOptions("paper", "pulled", clearance_m=6.0)):
-        plan_routes(grid, agents, targets, {}, options)
-        plan_routes(grid, agents, {(0, 0): (2.0, 1.0)}, {}, options)
-    line_of_sight(grid, (0.0, 0.0), (30.0, 0.0))
+    compiling.warm_up(__name__)

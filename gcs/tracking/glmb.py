@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Sensor, Track, read_only
 from gcs.tracking import kernels, motion
 from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
@@ -271,15 +272,28 @@ class Glmb:
         self._labels = [self._labels[i] for i in kept]
 
 
-def warm_up() -> None:
-    """Compile every kernel, or load it from the cache.
+def warm_up_calls() -> list[compiling.Call]:
+    """One call of every kernel, types as in a tracker; the longest to compile stand at the ends."""
+    ones, zeros = np.ones(1), np.zeros(1, np.int64)
+    mean, cov, z, noise = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.zeros((1, 2)), np.eye(2)
+    limits = Limits(1, -1.0, 0.1, 0.1, 1, 1)
+    groups = Groups(np.arange(2), np.arange(2), zeros, np.zeros(1))
+    options = Options(np.arange(2), zeros, ones, np.zeros(1, np.uint64))
+    return [
+        (option_keys, 1),
+        (children, groups, options, 1, limits, np.zeros(1, np.uint64)),
+        (meet, groups, options, 1, limits),
+        (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
+        (kernels.options, mean, cov, ones, ones, z, noise, np.zeros(4), 0.9, ones, 9.0),
+        (kernels.update, mean, cov, zeros, zeros, z, noise),
+        (kernels.summary, groups, zeros, 1),
+        (kernels.map_tracks, groups),
+        (kernels.predict, mean, cov, np.eye(4), np.eye(4)),
+        (renumber, groups, 1),
+        (part, groups, zeros, 1, options.key, limits),
+    ]
 
-    Tens of seconds the first time after an installation, about half a second later.
-    """
-    noise = read_only(np.eye(2))
-    sensor = Sensor("warm-up", 0.9, 1e-3, noise, (-9.0, -9.0, 9.0, 9.0))
-    tracker = Glmb("agents", GlmbParams(accel_std_m_s2=1.0), 0)
-    for t_ns in (0, NS_PER_S):
-        tracker.update(t_ns, np.zeros((1, 2)), sensor, [Birth(np.zeros(4), np.eye(4), 0.1)])
-    tracker.picture(NS_PER_S)
-    tracker.estimate()
+
+def warm_up() -> None:
+    """Compile every kernel, or load it from the cache: seconds, once; without it the first scans pay."""
+    compiling.warm_up(__name__)

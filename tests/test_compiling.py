@@ -1,0 +1,75 @@
+"""A first start waits seconds, not half a minute; no later one compiles anything, in flight least of all."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.planning import routes, search, shaping, sight
+from gcs.planning.grid import free_grid, random_obstacles
+from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
+
+ROOM = """
+from gcs.compiling import kernel
+
+@kernel
+def one(x):
+    return x + 1
+
+@kernel
+def two(x):
+    return x + 2
+
+def warm_up_calls():
+    return [(one, 1), (two, 1)]
+"""
+
+
+def run(code: str, folder: Path) -> str:
+    """Run code in a fresh process, with a cache of its own."""
+    path = os.pathsep.join([str(folder), *sys.path])
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": path}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, cwd=folder, capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize("helper", ["sys.executable", "'/nowhere/python'", "'false'"])
+def test_a_cold_start_leaves_everything_in_the_cache_whatever_becomes_of_its_helper(tmp_path, helper):
+    (tmp_path / "room.py").write_text(ROOM)
+    run(
+        f"import sys; sys.executable = {helper}; from gcs import compiling; compiling.warm_up('room')",
+        tmp_path,
+    )
+    again = "import room; print([f(x) for f, x in room.warm_up_calls()], room.one.stats, room.two.stats)"
+    said = run(again, tmp_path)
+    assert said.startswith("[2, 3]")
+    assert said.count("cache_misses=Counter()") == 2
+
+
+def test_no_plan_compiles_anything_after_the_warm_up():
+    routes.warm_up()
+    agents = {1: AgentStart(3.0, 4.0, 0.5), 2: AgentStart(390.0, 15.0), 3: AgentStart(200.0, 200.0)}
+    targets = {(0, 0): (350.0, 380.0), (0, 1): (5.0, 390.0), (1, 0): (4.0, 3.0)}
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        grid = random_obstacles(free_grid((21, 21), 20.0), 0.2, rng, [], 40.0)
+        for options in (
+            PlanOptions(),
+            PlanOptions(shape="pulled", clearance_m=15.0),
+            PlanOptions("paper", "pulled", 25.0),
+        ):
+            plan_routes(grid, agents, targets, {}, options)
+            plan_routes(grid, agents, dict([*targets.items()][:1]), {}, options)
+        search.find_path(grid, (1, 1), (19, 18))
+        search.distances_m(grid, (3, 3))
+        sight.line_of_sight(grid, (0.0, 0.0), (300.0, 200.0), 5.0)
+    kernels = [
+        search.astar, search.fields, search.trace_back, shaping.close_and_seen, shaping.ends_of_ways,
+        shaping.joins, shaping.shape, sight.clear_leg,
+    ]  # fmt: skip
+    assert [len(kernel.signatures) for kernel in kernels] == [1] * len(kernels)
