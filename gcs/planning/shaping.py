@@ -8,11 +8,10 @@ nothing: it joins by the nearest free node.
 Shaping then takes the nodes of the way and
 
 1. drops the first ones if they are too near to fly to, or behind the agent, and the next one is in sight: an
-agent
-   between nodes is not sent back (likewise a last node just beside the target);
+   agent between nodes is not sent back (likewise a last node just beside the target);
 2. merges what lies in a line ("grid"), or pulls the string taut ("pulled"): from each corner on, the farthest
-point of
-   the way that is still in sight becomes the next corner; then corners whose neighbours see each other go.
+   point of the way that is still in sight becomes the next corner; then corners whose neighbours see each
+   other go.
 
 Every new leg keeps the clearance exactly (`gcs.planning.sight`). Where the way itself is tighter, its nodes
 stay. Places are in cells here: x = column, y = row.

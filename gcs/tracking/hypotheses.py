@@ -11,8 +11,8 @@ Children with equal track sets are one hypothesis: their weights add under a 64-
 
 Weights are logarithms throughout; hypotheses of a group are sorted, best first, and their weights sum to 1.
 Lists of lists are flat: list i is `items[start[i]:start[i + 1]]`. A child's items are option indices, which
-name (track, detection) pairs and so become the next scan's tracks. Calls only kernels of this file: numba's
-cache does not see other files change. How kernels are written so that they compile fast: see `kernels`.
+name (track, detection) pairs and so become the next scan's tracks. Why the kernels of this room look as they
+do, and which file's cache to clear after an edit: see `gcs.compiling`.
 """
 
 from __future__ import annotations

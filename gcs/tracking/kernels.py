@@ -12,8 +12,7 @@ made one of the detections in its gate. An option's log-weight is that of eq. (2
     made z     log p_S + log p_D + log N(z; H m, H P H' + R) - log kappa
 
 with p_S replaced by the birth probability for a track that is being born. Options lie track after track in
-flat arrays, the best one first. A kernel here calls only kernels of this file: numba's cache does not see
-other files change.
+flat arrays, the best one first.
 """
 
 from __future__ import annotations

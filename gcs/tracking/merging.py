@@ -5,8 +5,6 @@ Tracks of one label whose means are close, by the covariance of the more probabl
 Gaussian with the mixture's mean and covariance (Salmond 1990, joining); hypotheses that then hold equal
 tracks become one, and their weights add. Existence and cardinality are left exactly as they were; only the
 shape of a label's density is approximated.
-
-Calls only kernels of this file: numba's cache does not see other files change.
 """
 
 from __future__ import annotations
@@ -137,7 +135,7 @@ def merge_alike(
         for h in range(first[g], first[g + 1]):
             key[h - first[g]] = 0
             for i in range(start[h], start[h + 1]):
-                key[h - first[g]] -= keys[leader[items[i]]]
+                key[h - first[g]] += keys[leader[items[i]]]
         which, total = distinct(key, groups.logw, first[g])
         for k in range(which.size):
             out_logw[n] = total[k]

@@ -1,7 +1,7 @@
-"""Compiled order of hypotheses, shared by the kernels of this room.
+"""Compiled sorting and joining of hypotheses, shared by the kernels of this room.
 
-numba's cache does not see other files change: whoever edits this one must clear the caches of those that
-import it.
+Its functions are compiled into the kernels of other files, so their caches must be cleared after an edit here
+(see `gcs.compiling`).
 """
 
 from __future__ import annotations
@@ -54,9 +54,12 @@ def greatest_first(value: Any, first: int, end: int) -> Any:
 def distinct(key: Any, logw: Any, first: int) -> Any:
     """Hypotheses `first`, `first` + 1 ... that have keys `key` (n,), those with equal keys as one.
 
+    Among equal weights the least key comes first; `key` is used up.
     Returns one hypothesis for each key and the log of the weights' sum, the greatest first.
     """
     n = key.size
+    for h in range(n):
+        key[h] = ~key[h]
     by_key = greatest_first(key, 0, n)
     weight, example = np.empty(n), np.empty(n, np.int64)
     count = 0

@@ -12,8 +12,6 @@ combinations of who was missed.
   the product of their marginals, within a bound on total variation, go on as groups of their own. The test
   looks at pairs. It asks about the density itself, not about distance: two labels that once crossed stay
   together for as long as it is open who is who.
-
-Calls only kernels of this file: numba's cache does not see other files change.
 """
 
 from __future__ import annotations
@@ -169,7 +167,7 @@ def _number(items: Any, begin: int, end: int, item_label: Any, number: Any, used
     """
     key = np.empty(end - begin, np.uint64)
     for i in range(begin, end):
-        key[i - begin] = ~np.uint64(items[i])
+        key[i - begin] = ~np.uint64(items[i])  # the least first
     most, before = 0, -1
     for k in greatest_first(key, 0, end - begin):
         i = begin + k
@@ -253,7 +251,7 @@ def _marginal(groups: Groups, g: int, item_label: Any, set_of: Any, p: int, n: i
         which[h - low], logw[h - low], key[h - low] = h, groups.logw[h], 0
         for i in range(groups.start[h], groups.start[h + 1]):
             if set_of[item_label[i]] == p:
-                key[h - low] -= keys[groups.items[i]]
+                key[h - low] += keys[groups.items[i]]
     if others > 0:
         which, logw = distinct(key, groups.logw, low)
     return which, logw
