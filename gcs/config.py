@@ -131,6 +131,12 @@ class MissionTable(Table, frozen=True, kw_only=True):
     max_duration_s: Positive = 600.0
 
 
+class RecordingTable(Table, frozen=True, kw_only=True):
+    """How runs are recorded."""
+
+    rotate_mb: Annotated[float, Meta(ge=1.0, le=1e6)] = 500.0
+
+
 class LinksTable(Table, frozen=True, kw_only=True):
     """Where central command listens."""
 
@@ -153,6 +159,7 @@ class Config(Table, frozen=True, kw_only=True):
     planning: PlanningTable = PlanningTable()
     mission: MissionTable = MissionTable()
     links: LinksTable = LinksTable()
+    recording: RecordingTable = RecordingTable()
     simulation: dict[str, Any] = {}
 
     @property

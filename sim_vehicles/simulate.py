@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from contextlib import nullcontext
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from gcs.edge.recorder import Recorder, Run
+from gcs.edge.recorder import Recorder, Run, versions
 from gcs.model import Effect, Event, Truth
 from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.report.judge import Judge, Summary, summary_json
@@ -81,11 +80,11 @@ def fly(
     judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    versions = {"swarm-gcs": metadata.version("swarm-gcs")}
+    rotate_bytes = int(config.recording.rotate_mb * 1e6)
     with (
         nullcontext()
         if folder is None
-        else Recorder(folder, scenario.text, versions, Run(config.name, seed)) as recorder
+        else Recorder(folder, scenario.text, versions(), Run(config.name, seed), rotate_bytes) as recorder
     ):
 
         def on_event(event: Event) -> None:

@@ -33,6 +33,8 @@ def print_contents(contents: dict[str, Any], console: Console) -> None:
 
 def _heading(contents: dict[str, Any]) -> str:
     text = f"{contents['file']}: {contents['kind']}, {contents['bytes'] / 1e6:.1f} MB"
+    if contents.get("parts", 1) > 1:
+        text += f" in {contents['parts']} parts"
     if contents["seconds"] is None:
         return text + ", without times"
     start = datetime.fromtimestamp(contents["first_t_ns"] // NS_PER_S, tz=UTC)

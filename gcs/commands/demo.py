@@ -65,7 +65,8 @@ def run_demo(options: DemoOptions, console: Console) -> int:
     warm_up(console)
     judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
     run = Run(config.name, options.seed)
-    with open_recorder(options.out, f"{config.name}-{options.seed}", text, run) as recorder:
+    name, rotate_mb = f"{config.name}-{options.seed}", config.recording.rotate_mb
+    with open_recorder(options.out, name, text, run, rotate_mb) as recorder:
         health, duration_s, interrupted = asyncio.run(_fly(config, options, recorder, judge, console))
         folder = recorder.folder
     summary = judge.summary(

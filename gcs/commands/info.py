@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gcs.commands.contents import print_contents
-from gcs.edge.reader import Damage, about, is_recording, mcap_path, read
+from gcs.edge.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
 from gcs.edge.tlog import Logged, Unreadable, is_stamped, read_log
 from gcs.edge.wire import topic_of
 from gcs.errors import RecordingError
@@ -65,7 +65,7 @@ class _Span:
 
 
 def _recording(path: Path, console: Console) -> dict[str, Any]:
-    size = _size(mcap_path(path))
+    size = recording_bytes(path)
     made_with, traffic, span = about(path), Traffic(), _Span()
     topics: dict[str, _Span] = {}
     sensors: dict[str, Counter[str]] = {}
@@ -94,6 +94,7 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
         "kind": "recording",
         "file": str(path),
         "bytes": size,
+        "parts": len(mcap_paths(path)),
         "scenario": None if made_with.run is None else made_with.run.scenario,
         "seed": None if made_with.run is None else made_with.run.seed,
         "versions": made_with.versions,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import math
 import time
@@ -17,11 +18,12 @@ from rich.console import Console
 
 from gcs.app import wait_for_interrupt
 from gcs.commands.replaying import Replay, Verifier, Window
-from gcs.commands.sinks import versions, view_for, warm_up
+from gcs.commands.sinks import view_for, warm_up
 from gcs.commands.telemetry import telemetry_records
 from gcs.commands.whatif import Comparison, settings, table
 from gcs.config import Config, load, parse
 from gcs.edge.reader import About, Record, about, is_recording, read
+from gcs.edge.recorder import versions
 from gcs.errors import RecordingError
 from gcs.report.verification import Verification
 
@@ -127,7 +129,15 @@ def _prepared(options: ReplayOptions) -> _Plan:
         config = parse(made_with.config_text, f"{path}: its mission file")
     else:
         raise RecordingError(str(path), "its mission file cannot be read; name one with --config")
-    return _Plan(made_with, config, _seed(options, made_with, config), read(path))
+    records = read(path)
+    first = list(itertools.islice(records, 1))
+    if options.verify and first and first[0].sequence > 0:
+        raise RecordingError(
+            str(path),
+            f"begins in the middle of a run, with record {first[0].sequence}; to verify it, name its folder",
+        )
+    seed = _seed(options, made_with, config)
+    return _Plan(made_with, config, seed, itertools.chain(first, records))
 
 
 def _seed(options: ReplayOptions, made_with: About, config: Config) -> int:

@@ -28,8 +28,8 @@ def serve(scenario: str, seed: int, console: Console, *, headless: bool, out: Pa
     text, source = read_text(scenario)
     config = parse(text, source)
     warm_up(console)
-    started = f"{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
-    with open_recorder(out, f"{config.name}-{started}", text, Run(config.name, seed)) as recorder:
+    name, run = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}", Run(config.name, seed)
+    with open_recorder(out, name, text, run, config.recording.rotate_mb) as recorder:
         asyncio.run(_serve(config, seed, recorder, console, headless=headless))
         console.print(f"recording: {recorder.folder}", highlight=False)
 

@@ -7,7 +7,6 @@ import contextlib
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib import metadata
 from pathlib import Path
 from typing import Protocol
 
@@ -20,12 +19,11 @@ from gcs.command.area import mission_grid
 from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.reader import read
-from gcs.edge.recorder import Recorder, Run
+from gcs.edge.recorder import Recorder, Run, versions
 from gcs.edge.terminal import LiveView, PlainLines
 from gcs.model import Effect, Event
 from gcs.report.judge import Judge
 
-_LIBRARIES = ("swarm-gcs", "numpy", "scipy", "numba", "pymavlink", "eclipse-zenoh", "mcap", "msgspec")
 _REFRESH_S = 0.25
 
 
@@ -94,11 +92,11 @@ async def _refresh(live: Live) -> None:
         await asyncio.sleep(_REFRESH_S)
 
 
-def open_recorder(out: Path | None, name: str, config_text: str, run: Run) -> Recorder:
-    """Start a recording in `out`, or in a new folder under ``runs/``."""
+def open_recorder(out: Path | None, name: str, config_text: str, run: Run, rotate_mb: float) -> Recorder:
+    """Start a recording in `out`, or in a new folder under ``runs/``; parts are of `rotate_mb`."""
     folder = out if out is not None else new_folder(Path("runs"), name)
     folder.mkdir(parents=True, exist_ok=True)
-    return Recorder(folder, config_text, versions(), run)
+    return Recorder(folder, config_text, versions(), run, int(rotate_mb * 1e6))
 
 
 def new_folder(parent: Path, name: str) -> Path:
@@ -127,15 +125,6 @@ def draw_recording(folder: Path, config: Config, seed: int) -> Path:
         title=f"{config.name}, seed {seed}",
     )
     return picture
-
-
-def versions() -> dict[str, str]:
-    """Versions of everything that a result depends on."""
-    found = {}
-    for library in _LIBRARIES:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            found[library] = metadata.version(library)
-    return found
 
 
 def warm_up(console: Console) -> None:

@@ -5,6 +5,9 @@ content). Messages lie in compressed chunks with a checksum each, so a chunk is 
 recording that was cut off (SIGKILL, full disk) or damaged is read up to the break; then comes a last record
 whose value is a `Damage`, which says what is wrong and where. Nothing here trusts a length: memory stays
 below a few times `MAX_CHUNK_BYTES`, whatever the file says.
+
+The parts of a long run are read one after the other as what they are: one run. A part that is missing is a
+gap in the numbers of the records, and found by that.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 
-from gcs.edge.recorder import CONFIG_NAME, MCAP_NAME, RUN_METADATA, VERSIONS_METADATA, Run
+from gcs.edge.recorder import CONFIG_NAME, RUN_METADATA, VERSIONS_METADATA, Run, part_paths
 from gcs.edge.wire import TOPICS, Recordable, decode
 from gcs.errors import RecordingError, WireError
 from gcs.model import Picture
@@ -49,6 +52,8 @@ class Damage:
     """How many records were read before."""
     offset: int
     """Byte of the file behind the last good part."""
+    file: str = ""
+    """Name of that file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +105,9 @@ def is_recording(path: Path) -> bool:
 
 
 def read(path: Path, progress: Callable[[int], None] | None = None) -> Iterator[Record]:
-    """Read a recording: its folder, or the MCAP file in it.
+    """Read a recording: its folder with all its parts, or one MCAP file.
 
-    `progress` is told now and then how many bytes of the file have been read.
+    `progress` is told now and then how many bytes have been read.
 
     Yields
     ------
@@ -114,26 +119,41 @@ def read(path: Path, progress: Callable[[int], None] | None = None) -> Iterator[
     RecordingError
         When there is no such file or it is no MCAP at all.
     """
-    file_path = mcap_path(path)
-    with _opened(file_path) as file:
-        state = _Reading()
-        try:
-            for opcode, offset, content in _parts(file):
-                if opcode == Opcode.CHUNK:
-                    yield from state.chunk(content)
-                elif opcode == Opcode.STATISTICS:
-                    state.check_count(Statistics.read(_stream(content)).message_count)
-                elif opcode == Opcode.FOOTER:
-                    _check_end(file)
-                    return
-                state.offset = offset
-                if progress is not None:
-                    progress(offset)
-        except _BreaksOffError as error:
-            problem = str(error)
-        except _BROKEN as error:
-            problem = f"damaged behind byte {state.offset} ({error or type(error).__name__})"
-        yield Record(state.sequence, state.t_ns, Damage(problem, state.count, state.offset))
+    state, before = _Reading(), 0
+    paths = mcap_paths(path)
+    for number, file_path in enumerate(paths):
+        with _opened(file_path) as file:
+            problem = ""
+            try:
+                yield from _part_records(file, state, before, progress)
+            except _BreaksOffError as error:
+                problem = str(error)
+            except _BROKEN as error:
+                problem = f"damaged behind byte {state.offset} ({error or type(error).__name__})"
+            if problem:
+                if len(paths) > 1:
+                    problem = f"{file_path.name}, part {number + 1} of {len(paths)}: {problem}"
+                damage = Damage(problem, state.count, state.offset, file_path.name)
+                yield Record(state.sequence, state.t_ns, damage)
+                return
+            before += file.tell()
+
+
+def _part_records(
+    file: BinaryIO, state: _Reading, before: int, progress: Callable[[int], None] | None
+) -> Iterator[Record]:
+    state.begin()
+    for opcode, offset, content in _parts(file):
+        if opcode == Opcode.CHUNK:
+            yield from state.chunk(content)
+        elif opcode == Opcode.STATISTICS:
+            state.check_count(Statistics.read(_stream(content)).message_count)
+        elif opcode == Opcode.FOOTER:
+            _check_end(file)
+            return
+        state.offset = offset
+        if progress is not None:
+            progress(before + offset)
 
 
 def about(path: Path) -> About:
@@ -145,7 +165,7 @@ def about(path: Path) -> About:
         When there is no such file or it is no MCAP at all.
     """
     config_text, versions, run = "", {}, None
-    with _opened(mcap_path(path)) as file:
+    with _opened(mcap_paths(path)[0]) as file:
         try:
             for opcode, _, content in _parts(file):
                 if opcode == Opcode.ATTACHMENT:
@@ -170,7 +190,14 @@ class _Reading:
 
     def __init__(self) -> None:
         self.count = self.sequence = self.t_ns = self.offset = 0
+        self._before = 0
+        """Records of earlier parts."""
         self._types: dict[int, type | None] = {}
+
+    def begin(self) -> None:
+        """Begin a part: numbers go on, all else is its own."""
+        self._before, self.offset = self.count, 0
+        self._types.clear()
 
     def chunk(self, content: bytes) -> Iterator[Record]:
         """Yield the records of one chunk."""
@@ -197,8 +224,9 @@ class _Reading:
 
     def check_count(self, count: int) -> None:
         """Hold what was read against what the index says was written."""
-        if count != self.count:
-            raise _BreaksOffError(f"records are missing: {count} were written, {self.count} could be read")
+        found = self.count - self._before
+        if count != found:
+            raise _BreaksOffError(f"records are missing: {count} were written, {found} could be read")
 
     def _message(self, content: bytes) -> Record | None:
         channel_id, sequence, t_ns, _ = _MESSAGE.unpack_from(content)
@@ -248,9 +276,26 @@ def _check_end(file: BinaryIO) -> None:
         raise _BreaksOffError("cut off in its last bytes; every record was read")
 
 
-def mcap_path(path: Path) -> Path:
-    """Return the MCAP file of a recording that is named by it or by its folder."""
-    return path / MCAP_NAME if path.is_dir() else path
+def mcap_paths(path: Path) -> list[Path]:
+    """Return the MCAP files, in order, of a recording that is named by one of them or by its folder."""
+    try:
+        return part_paths(path) if path.is_dir() else [path]
+    except OSError as error:
+        raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
+
+
+def recording_bytes(path: Path) -> int:
+    """Size of all MCAP files of a recording.
+
+    Raises
+    ------
+    RecordingError
+        When one cannot be read.
+    """
+    try:
+        return sum(part.stat().st_size for part in mcap_paths(path))
+    except OSError as error:
+        raise RecordingError(error.filename or str(path), f"cannot be read: {error.strerror}") from None
 
 
 def _opened(path: Path) -> BinaryIO:

@@ -11,6 +11,10 @@ In the MCAP a message's ``sequence`` counts all records of the run, so that the 
 took them stays known whatever their times; ``log_time`` is the run's time. The mission file is also attached
 to it; the versions are its metadata, and so is `Run`: what the run was started with beside that file.
 
+A long run is split into parts (``run-002.mcap`` with ``link-002.tlog`` and so on): the next one begins, with
+an event, when a file of the last has grown past a size. Each part is a whole file of its kind with all of
+the above in it. That also bounds the memory: an MCAP's index is kept until its file is finished.
+
 Messages gather in a compressed chunk, of a megabyte at most, that `flush` writes: called once a second, it
 leaves all but the last second readable after SIGKILL or on a full disk. It does not wait for the disk itself
 (no fsync): a power cut may cost more.
@@ -18,10 +22,14 @@ leaves all but the last second readable after SIGKILL or on a full disk. It does
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
+import platform
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -37,9 +45,18 @@ from gcs.model import Datagram, Effect, Event, Picture, Send, Truth
 MCAP_NAME, TLOG_NAME, CONFIG_NAME, VERSIONS_NAME = "run.mcap", "link.tlog", "mission.toml", "versions.json"
 PROFILE = "swarm-gcs"
 VERSIONS_METADATA, RUN_METADATA = "versions", "run"
+ROTATE_BYTES = 500_000_000
+"""Size of a part. Viewers in a browser read it in one go, and every file system holds it."""
 _CHUNK_BYTES = 1024 * 1024
 _BUFFER_BYTES = 256 * 1024
 _MAX_T_NS = 2**64 - 1
+_LOOKED_EVERY = 256
+"""So many records lie between two looks at the size."""
+_PART = re.compile(r"run-(\d+)\.mcap")
+_LIBRARIES = (
+    "swarm-gcs", "numpy", "scipy", "numba", "llvmlite", "pymavlink", "pymap3d", "eclipse-zenoh", "mcap",
+    "msgspec", "zstandard",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +66,21 @@ class Run:
     scenario: str
     """Name in the mission file."""
     seed: int
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that a result depends on."""
+    found = {}
+    for library in _LIBRARIES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[library] = metadata.version(library)
+    return found | {"python": platform.python_version(), "machine": platform.machine()}
+
+
+def part_paths(folder: Path) -> list[Path]:
+    """MCAP files of a recording in order; its first is named even where it is missing."""
+    numbered = [(int(match[1]), path) for path in folder.iterdir() if (match := _PART.fullmatch(path.name))]
+    return [folder / MCAP_NAME, *(path for _, path in sorted(numbered))]
 
 
 class Recorder:
@@ -65,6 +97,9 @@ class Recorder:
         Version of each thing that a result depends on.
     run : Run, optional
         What else is needed to fly, or replay, the same again.
+    rotate_bytes : int
+        A part whose MCAP or tlog has grown past this is finished, and the next one begins. It may be larger
+        by what comes within one look at the size: 256 records or a flush.
 
     Raises
     ------
@@ -74,48 +109,48 @@ class Recorder:
     """
 
     def __init__(
-        self, folder: Path, config_text: str, versions: Mapping[str, str], run: Run | None = None
+        self,
+        folder: Path,
+        config_text: str,
+        versions: Mapping[str, str],
+        run: Run | None = None,
+        rotate_bytes: int = ROTATE_BYTES,
     ) -> None:
         self.folder = folder
+        self._about = config_text, dict(versions), run
+        self._rotate_bytes = rotate_bytes
         self._sequence = 0
-        self._closed = False
+        self._parts = 0
+        self._full = self._closed = False
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._files = [(folder / name).open("xb", buffering=0) for name in (MCAP_NAME, TLOG_NAME)]
+            if len(part_paths(folder)) > 1:
+                raise FileExistsError
+            self._part = self._next_part()
         except FileExistsError:
             raise RecordingError(
                 str(folder), "holds a recording already; choose another folder or move it away"
             ) from None
         except OSError as error:
             raise RecordingError(str(folder), f"cannot be written: {error.strerror}") from None
-        self._mcap, self._tlog = (io.BufferedWriter(file, _BUFFER_BYTES) for file in self._files)
-        self._writer = Writer(self._mcap, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
         try:
             (folder / CONFIG_NAME).write_text(config_text, encoding="utf-8")
-            (folder / VERSIONS_NAME).write_text(json.dumps(dict(versions), indent=2) + "\n", encoding="utf-8")
-            self._channels = self._begin(config_text, versions, run)
+            (folder / VERSIONS_NAME).write_text(json.dumps(self._about[1], indent=2) + "\n", encoding="utf-8")
+            self._part.begin(*self._about)
         except OSError as error:
             raise self._failed(error) from None
 
-    def _begin(self, config_text: str, versions: Mapping[str, str], run: Run | None) -> dict[str, int]:
-        """Announce every topic with its schema, used or not; return the channel of each."""
-        self._writer.start(profile=PROFILE)
-        self._writer.add_attachment(0, 0, CONFIG_NAME, "application/toml", config_text.encode())
-        self._writer.add_metadata(VERSIONS_METADATA, dict(versions))
-        if run is not None:
-            self._writer.add_metadata(RUN_METADATA, {"scenario": run.scenario, "seed": str(run.seed)})
-        self._mcap.flush()
-        channels = {}
-        for record_type, topic in TOPICS.items():
-            schema = self._writer.register_schema(
-                f"gcs.{record_type.__name__}", "jsonschema", json_schema(record_type)
-            )
-            for kind in ("/agents", "/targets") if record_type is Picture else ("",):
-                channels[topic + kind] = self._writer.register_channel(topic + kind, "json", schema)
-        return channels
+    def _next_part(self) -> _Part:
+        self._parts += 1
+        names = [Path(name) for name in (MCAP_NAME, TLOG_NAME)]
+        if self._parts > 1:
+            names = [name.with_stem(f"{name.stem}-{self._parts:03}") for name in names]
+        return _Part(*(self.folder / name for name in names))
 
     def event(self, event: Event) -> None:
         """Record what goes into the fold; call it before the fold works it."""
+        if self._full:
+            self._rotate()
         self._add(event, event.t_ns)
         if isinstance(event, Datagram):
             self._add_traffic(event.t_ns, event.data)
@@ -135,8 +170,8 @@ class Recorder:
         if self._closed:
             return
         try:
-            self._writer.flush()
-            self._tlog.flush()
+            self._part.flush()
+            self._full = self._part.size > self._rotate_bytes
         except OSError as error:
             raise self._failed(error) from None
 
@@ -145,35 +180,42 @@ class Recorder:
         if self._closed:
             return
         try:
-            self._writer.finish()
-            self._mcap.close()
-            self._tlog.close()
+            self._part.finish()
         except OSError as error:
             raise self._failed(error) from None
         self._closed = True
 
+    def _rotate(self) -> None:
+        """Finish this part and begin the next."""
+        try:
+            self._part.finish()
+            self._part = self._next_part()
+            self._part.begin(*self._about)
+        except OSError as error:
+            raise self._failed(error) from None
+        self._full = False
+
     def _add(self, record: Recordable, t_ns: int) -> None:
         if self._closed:
             raise RecordingError(str(self.folder), "is closed")
-        log_time = min(max(t_ns, 0), _MAX_T_NS)
-        channel = self._channels[topic_of(record)]
         try:
-            self._writer.add_message(channel, log_time, encode(record), log_time, self._sequence)
+            self._part.add(record, min(max(t_ns, 0), _MAX_T_NS), self._sequence)
+            if self._sequence % _LOOKED_EVERY == 0:
+                self._full = self._part.size > self._rotate_bytes
         except OSError as error:
             raise self._failed(error) from None
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
 
     def _add_traffic(self, t_ns: int, datagram: bytes) -> None:
         try:
-            self._tlog.write(tlog_entries(t_ns, datagram))
+            self._part.tlog.write(tlog_entries(t_ns, datagram))
         except OSError as error:
             raise self._failed(error) from None
 
     def _failed(self, error: OSError) -> RecordingError:
         """Leave the files as they are now: finishing them would write on a disk that is full."""
         self._closed = True
-        for file in self._files:
-            file.close()
+        self._part.abandon()
         return RecordingError(
             str(self.folder),
             f"cannot be written any further ({error.strerror}); what was recorded before stays readable",
@@ -186,3 +228,54 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class _Part:
+    """One MCAP file and the tlog of the same time; every method may raise OSError."""
+
+    def __init__(self, mcap_path: Path, tlog_path: Path) -> None:
+        self._files = [path.open("xb", buffering=0) for path in (mcap_path, tlog_path)]
+        self._mcap, self.tlog = (io.BufferedWriter(file, _BUFFER_BYTES) for file in self._files)
+        self._writer = Writer(self._mcap, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._channels: dict[str, int] = {}
+
+    @property
+    def size(self) -> int:
+        """Bytes of the larger file; what waits in a chunk is not counted."""
+        return max(self._mcap.tell(), self.tlog.tell())
+
+    def begin(self, config_text: str, versions: dict[str, str], run: Run | None) -> None:
+        """Say what the run is and announce every topic with its schema, used or not."""
+        self._writer.start(profile=PROFILE)
+        self._writer.add_attachment(0, 0, CONFIG_NAME, "application/toml", config_text.encode())
+        self._writer.add_metadata(VERSIONS_METADATA, versions)
+        if run is not None:
+            self._writer.add_metadata(RUN_METADATA, {"scenario": run.scenario, "seed": str(run.seed)})
+        self._mcap.flush()
+        for record_type, topic in TOPICS.items():
+            schema = self._writer.register_schema(
+                f"gcs.{record_type.__name__}", "jsonschema", json_schema(record_type)
+            )
+            for kind in ("/agents", "/targets") if record_type is Picture else ("",):
+                self._channels[topic + kind] = self._writer.register_channel(topic + kind, "json", schema)
+
+    def add(self, record: Recordable, log_time: int, sequence: int) -> None:
+        """Write one record."""
+        channel = self._channels[topic_of(record)]
+        self._writer.add_message(channel, log_time, encode(record), log_time, sequence)
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+        self._writer.flush()
+        self.tlog.flush()
+
+    def finish(self) -> None:
+        """Write the index and close."""
+        self._writer.finish()
+        self._mcap.close()
+        self.tlog.close()
+
+    def abandon(self) -> None:
+        """Close without writing any more."""
+        for file in self._files:
+            file.close()

@@ -1,6 +1,7 @@
 """A run is an asset: what was recorded comes back exactly, whatever happened to the process or the file."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,9 +15,9 @@ from mcap.reader import make_reader
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.edge.reader import Damage, Record, about, read
+from gcs.edge.reader import Damage, Record, about, mcap_paths, read, recording_bytes
 from gcs.edge.recorder import Recorder, Run
-from gcs.edge.tlog import split_frames
+from gcs.edge.tlog import Logged, read_log, split_frames
 from gcs.edge.wire import TOPICS, Recordable, encode
 from gcs.errors import RecordingError
 from gcs.model import (
@@ -311,7 +312,7 @@ import sys, time
 from pathlib import Path
 from gcs.edge.recorder import Recorder, Run
 from gcs.model import Datagram, Tick
-recorder = Recorder(Path(sys.argv[1]), "name = 'x'", {})
+recorder = Recorder(Path(sys.argv[1]), "name = 'x'", {}, None, int(sys.argv[2]))
 for number in range(100_000):
     recorder.event(Tick(number))
     if number % 500 == 499:
@@ -321,10 +322,11 @@ for number in range(100_000):
 """
 
 
-def test_after_sigkill_everything_flushed_is_there(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rotate_bytes", [10_000, 500_000_000])
+def test_after_sigkill_everything_flushed_is_there(tmp_path: Path, rotate_bytes: int) -> None:
     folder = tmp_path / "run"
     child = subprocess.Popen(
-        [sys.executable, "-c", CHILD, str(folder)],
+        [sys.executable, "-c", CHILD, str(folder), str(rotate_bytes)],
         stdout=subprocess.PIPE,
         text=True,
         cwd=Path(__file__).parents[2],
@@ -341,6 +343,64 @@ def test_after_sigkill_everything_flushed_is_there(tmp_path: Path) -> None:
     assert "cut off" in last.value.problem
     assert len(records) >= promised
     assert [r.value for r in records] == [Tick(number) for number in range(len(records))]
+
+
+def in_parts(folder: Path, seconds: int, rotate_bytes: int) -> list[Recordable]:
+    with Recorder(folder, CONFIG, VERSIONS, Run("demo", 5), rotate_bytes) as recorder:
+        return record(recorder, a_run(seconds))
+
+
+def test_a_long_run_is_split_and_read_as_one(tmp_path: Path) -> None:
+    values = in_parts(tmp_path / "run", 60, 30_000)
+    parts = mcap_paths(tmp_path / "run")
+    assert [path.name for path in parts[:3]] == ["run.mcap", "run-002.mcap", "run-003.mcap"]
+    records = list(read(tmp_path / "run"))
+    assert texts(whole(records)) == texts(values)
+    assert [r.sequence for r in records] == list(range(len(values)))
+    assert recording_bytes(tmp_path / "run") == sum(path.stat().st_size for path in parts)
+
+
+def test_each_part_is_whole_in_itself(tmp_path: Path) -> None:
+    values = in_parts(tmp_path / "run", 60, 30_000)
+    total = 0
+    for path in mcap_paths(tmp_path / "run"):
+        alone = list(read(path))
+        assert not any(isinstance(r.value, Damage) for r in alone)
+        assert isinstance(alone[0].value, EVENTS)
+        assert about(path) == about(tmp_path / "run")
+        with path.open("rb") as file:
+            summary = make_reader(file, validate_crcs=True).get_summary()
+        assert summary is not None
+        assert summary.statistics.message_count == len(alone)
+        total += len(alone)
+    assert total == len(values)
+    logs = sorted((tmp_path / "run").glob("link*.tlog"))
+    assert len(logs) == len(mcap_paths(tmp_path / "run")) > 2
+    frames_logged = sum(isinstance(part, Logged) for log in logs for part in read_log(log.open("rb")))
+    assert frames_logged == 60 * 4
+
+
+def test_a_part_that_is_missing_or_damaged_ends_the_reading_and_is_named(tmp_path: Path) -> None:
+    values = in_parts(tmp_path / "run", 60, 30_000)
+    parts = mcap_paths(tmp_path / "run")
+    second = len(list(read(parts[0])))
+    data = parts[1].read_bytes()
+    parts[1].write_bytes(data[: len(data) // 2])
+    *records, last = list(read(tmp_path / "run"))
+    assert isinstance(last.value, Damage)
+    assert last.value.file == "run-002.mcap"
+    assert "run-002.mcap, part 2 of" in last.value.problem
+    assert second < len(records) < len(values)
+    parts[1].unlink()
+    *records, last = list(read(tmp_path / "run"))
+    assert isinstance(last.value, Damage)
+    assert "records are missing" in last.value.problem
+    assert len(records) == second
+    parts[0].unlink()
+    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be read"):
+        list(read(tmp_path / "run"))
+    with pytest.raises(RecordingError, match="holds a recording already"):
+        Recorder(tmp_path / "run", CONFIG, VERSIONS)
 
 
 FULL = """
@@ -377,6 +437,44 @@ def test_on_a_full_disk_the_run_is_told_and_what_was_flushed_stays(tmp_path: Pat
     assert "cannot be written any further" in error
     assert done.stderr == ""
     *records, last = list(read(folder))
+    assert isinstance(last.value, Damage)
+    assert len(records) >= int(promised[-1]) > 0
+
+
+SMALL_DISK = """
+import sys
+from pathlib import Path
+from gcs.edge.recorder import Recorder
+from gcs.errors import RecordingError
+from gcs.model import Tick
+try:
+    with Recorder(Path(sys.argv[1]), "name = 'x'", {}, None, 40_000) as recorder:
+        for number in range(10_000_000):
+            recorder.event(Tick(hash(str(number)) % 2**60))
+            if number % 500 == 499:
+                recorder.flush()
+                print(number + 1, flush=True)
+except RecordingError as error:
+    print(error)
+"""
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    mount = ["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", str(tmp_path)]
+    if not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("may not mount a small disk here")
+    yield tmp_path
+    subprocess.run(["umount", str(tmp_path)], check=True)
+
+
+def test_a_disk_that_fills_while_parts_are_written_keeps_what_was_flushed(small_disk: Path) -> None:
+    command = [sys.executable, "-c", SMALL_DISK, str(small_disk / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2], check=True)
+    *promised, error = done.stdout.splitlines()
+    assert "No space left on device" in error
+    assert len(mcap_paths(small_disk / "run")) > 2
+    *records, last = list(read(small_disk / "run"))
     assert isinstance(last.value, Damage)
     assert len(records) >= int(promised[-1]) > 0
 
