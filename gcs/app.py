@@ -1,9 +1,9 @@
 """Composition: sources fill one queue, one consumer feeds the fold, sinks take what comes out.
 
-Sources are the UDP link, zenoh scans and a ticker; each stamps its events with the run's clock and puts
-them into one bounded queue. The consumer hands every event to the sinks (the recorder among them) *before*
-it works it, so that a recording holds exactly what the fold saw, in its order. When the queue is full, new
-input is dropped and counted; ticks never pile up.
+Sources are the UDP link, zenoh scans and orders, and a ticker; each stamps its events with the run's clock
+and puts them into one bounded queue. The consumer hands every event to the sinks (the recorder among them)
+*before* it works it, so that a recording holds exactly what the fold saw, in its order. When the queue is
+full, new input is dropped and counted; ticks never pile up.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Protocol
 from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.clock import RunClock
+from gcs.edge.order_wire import decode_order, order_key
 from gcs.edge.udp import UdpLink
 from gcs.edge.wire import decode_scan, effect_key, encode_effect, sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
@@ -39,6 +40,7 @@ from gcs.model import (
 
 TICK_NS = NS_PER_S // 20
 QUEUE_SIZE = 20_000
+_ORDERS_REMEMBERED = 1000
 LAG_WARNING_NS = NS_PER_S // 2
 LAG_TEXT = "this machine cannot keep up"
 """Begins the one notice that is the service's own: it is recorded, and no replay gives it."""
@@ -91,6 +93,7 @@ class Service:
         self.sinks: list[Sink] = []
         """Recorder, view, judge: what is here when an event is taken sees it."""
         self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
+        self._orders_taken: dict[str, None] = {}
         self._tick_waits = False
         self._lag_warned = False
 
@@ -109,6 +112,9 @@ class Service:
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),
             lambda key, payload: on_loop(loop, self._on_scan, key, payload),
+        )
+        self._bus.subscribe(
+            order_key(self.config.name), lambda key, payload: on_loop(loop, self._on_order, key, payload)
         )
         try:
             async with asyncio.TaskGroup() as group:
@@ -142,6 +148,19 @@ class Service:
             self._put(decode_scan(key, payload, t_ns, self.config.local_frame))
         except WireError as error:
             self._put(BadInput(t_ns, key, str(error)))
+
+    def _on_order(self, key: str, payload: bytes) -> None:
+        t_ns = self.clock.now_ns()
+        try:
+            order = decode_order(key, payload, t_ns, self.config.local_frame)
+        except WireError as error:
+            self._put(BadInput(t_ns, key, str(error)))
+            return
+        if order.order_id not in self._orders_taken:  # senders repeat an order until they hear an answer
+            self._orders_taken[order.order_id] = None
+            self._put(order)
+            while len(self._orders_taken) > _ORDERS_REMEMBERED:
+                del self._orders_taken[next(iter(self._orders_taken))]
 
     async def _tick(self) -> None:
         t_ns = max(self.clock.now_ns(), self.clock.start_t_ns)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from gcs.model import (
     Effect,
     Event,
     MissionEnded,
+    Order,
     Plan,
     Scan,
     Send,
@@ -58,6 +59,8 @@ class VirtualRun:
         scan.
     loss : float
         Probability that a datagram is lost, each way, drawn from the run's own generator.
+    orders : sequence of Order
+        An operator's, each given when its time has come.
     kills : dict
         Vehicles whose process is taken to be killed: system id to seconds from the start.
     """
@@ -68,6 +71,7 @@ class VirtualRun:
     on_effect: Callable[[int, Effect], None] | None = None
     on_truth: Callable[[Truth], None] | None = None
     loss: float = 0.0
+    orders: Sequence[Order] = ()
     kills: dict[int, float] = field(default_factory=dict)
     timings: Timings = field(default_factory=Timings)
     command: Command = field(init=False)
@@ -75,11 +79,13 @@ class VirtualRun:
     t_ns: int = field(init=False, default=START_T_NS)
     ended: bool = field(init=False, default=False)
     _world: World = field(init=False)
+    _orders: deque[Order] = field(init=False)
     _to_vehicles: deque[Send] = field(init=False, default_factory=deque)
     _loss_rng: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
         config = self.scenario.config
+        self._orders = deque(sorted(self.orders, key=lambda order: order.t_ns))
         self.command = Command(config, self.seed)
         self._world = World(self.scenario, self.seed, START_T_NS)
         self._loss_rng = generator(self.seed, "loss")
@@ -98,6 +104,8 @@ class VirtualRun:
             if self.t_ns >= self._world.scan_t_ns(scan_index):
                 self._scan(scan_index)
                 scan_index += 1
+            while self._orders and self._orders[0].t_ns <= self.t_ns:
+                self._step(replace(self._orders.popleft(), t_ns=self.t_ns))
             self._step(Tick(self.t_ns))
             self.t_ns += STEP_NS
         return (self.t_ns - START_T_NS) / NS_PER_S

@@ -4,6 +4,7 @@
 same effects, byte for byte. A recording is the list of events, and replaying it is calling `step` on them.
 
 - A datagram goes to the fleet (what vehicles say of themselves) and to the mission transfer of its vehicle.
+- An order is carried out and answered; a held vehicle is not tasked.
 - A scan goes to both trackers; ties and fates follow; when a plan is due, so does the plan.
 - A tick drives every timer.
 """
@@ -14,6 +15,7 @@ from collections.abc import Sequence
 
 from gcs.command.area import mission_grid
 from gcs.command.fates import Fates
+from gcs.command.orders import Orders
 from gcs.command.replanning import Replanner, Situation
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
@@ -29,6 +31,8 @@ from gcs.model import (
     Fate,
     MissionEnded,
     Notice,
+    Order,
+    OrderAnswer,
     Plan,
     Scan,
     Tick,
@@ -63,6 +67,7 @@ class Command:
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner = Replanner(config, self.grid)
         self.tasking = Tasking(config.mission, config.local_frame, self.fleet)
+        self.orders = Orders(self.fleet, self.tasking, self.replanner)
         self.bad_input = 0
         self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._ended = False
@@ -80,17 +85,27 @@ class Command:
                 return self._tick(event)
             case BadInput():
                 return self._bad(event)
+            case Order():
+                return self._order(event)
 
     def _datagram(self, event: Datagram) -> list[Effect]:
         effects: list[Effect] = []
         for vehicle, message in self.fleet.receive(event):
             effects += self._settle(self.tasking.receive(vehicle, message, event.t_ns))
+            effects += self.orders.receive(vehicle, message, event.t_ns)
         return effects
+
+    def _order(self, event: Order) -> list[Effect]:
+        if event.action in ("confirm", "reject", "keep-out"):
+            text = f"{event.action} is not carried out by this service"
+            return [OrderAnswer(event.t_ns, event.order_id, event.action, "refused", text)]
+        return self._settle(self.orders.take(event, self.trackers.targets.beliefs.tracks))
 
     def _tick(self, event: Tick) -> list[Effect]:
         effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
         effects += self._watch_sensors(event.t_ns)
-        return effects + self._settle(self.tasking.poll(event.t_ns))
+        effects += self._settle(self.tasking.poll(event.t_ns))
+        return effects + self.orders.poll(event.t_ns)
 
     def _watch_sensors(self, t_ns: int) -> list[Effect]:
         """Say when no scan has come for long: without scans nobody is seen to die."""
@@ -153,12 +168,13 @@ class Command:
         )
 
     def _away(self) -> dict[int, str]:
-        """Vehicles in a mode that an operator or a failsafe chose for them: not ours to task."""
-        return {
+        """Vehicles that are not ours to task: by an order, or by a mode that somebody else chose."""
+        modes = {
             state.system_id: f"is in {state.mode} and left alone"
             for state in self.fleet.states()
             if state.mode not in _TASKABLE_MODES
         }
+        return modes | self.orders.away()
 
     def _task(self, plan: Plan) -> list[Effect]:
         effects: list[Effect] = []

@@ -74,6 +74,11 @@ class Tasking:
         """Stop talking to a vehicle: it is dead."""
         self._supersede(vehicle, t_ns)
 
+    def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
+        """Give a transfer up safely: the vehicle keeps a whole mission, or holds and is cleared."""
+        task = self._tasks.get(vehicle)
+        return [] if task is None else self._worked(vehicle, task, task.abandon(reason, t_ns))
+
     def _supersede(self, vehicle: int, t_ns: int) -> None:
         task = self._tasks.pop(vehicle, None)
         if task is not None:

@@ -29,8 +29,10 @@ from gcs.model import (
     Label,
     MissionEnded,
     Notice,
+    OrderAnswer,
     Picture,
     Plan,
+    Proposal,
     Track,
     UploadReport,
 )
@@ -79,9 +81,23 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
             return f"agent {effect.vehicle}: lost", "alarm"
         case Fate():
             return f"agent {effect.vehicle}: is back", "warning"
+        case OrderAnswer():
+            return answer_line(effect)
+        case Proposal(routes=()):
+            return None
+        case Proposal():
+            routes = ", ".join(f"{route.vehicle} → {label_text(route.target)}" for route in effect.routes)
+            return f"plan {effect.plan_id} waits to be confirmed: {effect.reason}; {routes}", "warning"
         case MissionEnded():
             return f"mission ended: {len(effect.arrived)} arrived, {len(effect.dead)} lost", "info"
     return None
+
+
+def answer_line(answer: OrderAnswer) -> tuple[str, str]:
+    """One line for what became of an order, and its level."""
+    who = "" if answer.vehicle is None else f" agent {answer.vehicle}"
+    level = {"refused": "warning", "failed": "alarm"}.get(answer.state, "info")
+    return f"order {answer.action}{who} {answer.state}: {answer.detail}", level
 
 
 class PlainLines:

@@ -10,6 +10,9 @@ On zenoh every key of a mission begins with ``swarm/<mission>``:
 ``swarm/<mission>/fate``                       `Fate`
 ``swarm/<mission>/notice``                     `Notice`
 ``swarm/<mission>/ended``                      `MissionEnded`
+``swarm/<mission>/order``                      an operator's order (``docs/orders.md``), heard by the service
+``swarm/<mission>/answer``                     `OrderAnswer`
+``swarm/<mission>/proposal``                   `Proposal`, when a plan waits for an operator's word
 ``swarm/<mission>/truth``                      `Truth`, from a simulated world alone
 =============================================  ==================================================
 
@@ -44,8 +47,11 @@ from gcs.model import (
     Fate,
     MissionEnded,
     Notice,
+    Order,
+    OrderAnswer,
     Picture,
     Plan,
+    Proposal,
     Scan,
     Send,
     Sensor,
@@ -68,6 +74,7 @@ TOPICS: Final[dict[type, str]] = {
     Scan: "/event/scan",
     Tick: "/event/tick",
     BadInput: "/event/bad_input",
+    Order: "/event/order",
     Send: "/effect/send",
     Picture: "/effect/picture",
     Plan: "/effect/plan",
@@ -75,6 +82,8 @@ TOPICS: Final[dict[type, str]] = {
     Notice: "/effect/notice",
     Fate: "/effect/fate",
     MissionEnded: "/effect/ended",
+    OrderAnswer: "/effect/answer",
+    Proposal: "/effect/proposal",
     Truth: "/truth",
 }
 """Topic of each record in a recording; pictures have one for each kind, below theirs."""
@@ -85,6 +94,8 @@ _EFFECT_KEYS: Final[dict[type, str]] = {
     Fate: "fate",
     Notice: "notice",
     MissionEnded: "ended",
+    OrderAnswer: "answer",
+    Proposal: "proposal",
 }
 
 
@@ -162,7 +173,7 @@ def decode(source: str, payload: bytes, record_type: type[RecordT]) -> RecordT:
     WireError
         When the payload is not the JSON of such a record; `source` says where it came from.
     """
-    record = _parsed(source, payload, _decoders[record_type])
+    record = parsed(source, payload, _decoders[record_type])
     if isinstance(record, Scan) and record.z_m.size == 0:  # JSON has no (0, 2)
         record = replace(record, z_m=read_only(np.empty((0, 2))))
     assert isinstance(record, record_type)
@@ -258,7 +269,7 @@ def decode_scan(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Scan:
     WireError
         When it does not have the form of ``docs/sensors.md``; the text says which field is at fault and why.
     """
-    message = _parsed(key, payload, _scan_decoder)
+    message = parsed(key, payload, _scan_decoder)
     sensor = _believed_sensor(key, message.sensor)
     offset_m = _origin_offset_m(frame, message.origin)
     if not offset_m <= MAX_ORIGIN_OFFSET_M:
@@ -302,7 +313,14 @@ def _origin_offset_m(frame: LocalFrame, origin: OriginMessage) -> float:
     return math.hypot(*frame.to_local(origin.lat_deg, origin.lon_deg))
 
 
-def _parsed(source: str, payload: bytes, decoder: msgspec.json.Decoder[RecordT]) -> RecordT:
+def parsed(source: str, payload: bytes, decoder: msgspec.json.Decoder[RecordT]) -> RecordT:
+    """Decode what came from outside.
+
+    Raises
+    ------
+    WireError
+        When it is too long, no JSON, or not of the decoder's form.
+    """
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise WireError(source, f"{len(payload)} bytes are more than the {MAX_PAYLOAD_BYTES} allowed")
     try:

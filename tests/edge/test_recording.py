@@ -25,10 +25,14 @@ from gcs.model import (
     BadInput,
     Datagram,
     Fate,
+    KeepOut,
     MissionEnded,
     Notice,
+    Order,
+    OrderAnswer,
     Picture,
     Plan,
+    Proposal,
     Route,
     Scan,
     Send,
@@ -44,7 +48,7 @@ from gcs.model import (
 T0_NS = 1_767_225_600 * NS_PER_S
 CONFIG = 'name = "demo"  # ünïcode\n'
 VERSIONS = {"swarm-gcs": "0.1.0", "numpy": "2.0"}
-EVENTS = (Datagram, Scan, Tick, BadInput)
+EVENTS = (Datagram, Scan, Tick, BadInput, Order)
 
 
 def frames(system_id: int, count: int, first: int = 0) -> bytes:
@@ -77,6 +81,10 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         yield t_ns, Send("udp", "127.0.0.1:5000", frames(255, 1, second))
         yield t_ns, UploadReport(t_ns, 1, 4, 9, True, "verified", 0.25, 1)
         yield t_ns, Notice(t_ns, "warning", "älarm", None)
+        area = KeepOut("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
+        yield t_ns, Order(t_ns, f"o-{second}", "keep-out", None, None, area, "somebody")
+        yield t_ns, OrderAnswer(t_ns, f"o-{second}", "keep-out", "done", "so it is", None, ())
+        yield t_ns, Proposal(t_ns, second + 1, (Route(1, (0, 1), read_only([[1.0, 2.0]]), 3.0),), "why")
         yield t_ns, Fate(t_ns, 1, "dead", None, (1.0, 2.0))
     yield t_ns, MissionEnded(t_ns, (1,), (2,))
 

@@ -1,0 +1,162 @@
+"""An operator would lose trust: an order that is not carried out, or said to be done when it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from staging import S
+
+from gcs.edge.wire import decode, encode
+from gcs.mavlink.codec import decode as decode_frames
+from gcs.model import Effect, Event, MissionEnded, Order, OrderAnswer, Plan, Send
+from sim_vehicles.autopilot import Mode
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import START_T_NS, VirtualRun
+
+SEED = 1
+
+
+def order(at_s: float, action: Any, *vehicles: int, **fields: Any) -> Order:
+    return Order(START_T_NS + round(at_s * S), f"{action}-{at_s}", action, tuple(vehicles) or None, **fields)
+
+
+@dataclass
+class Flight:
+    """A virtual flight under orders, and everything that went in and came out."""
+
+    run: VirtualRun
+    events: list[Event]
+    effects: list[tuple[int, Effect]]
+
+    def all(self, kind: type) -> list[Any]:
+        return [effect for _, effect in self.effects if isinstance(effect, kind)]
+
+    def answers(self, order_id: str) -> list[tuple[str, int | None]]:
+        return [(a.state, a.vehicle) for a in self.all(OrderAnswer) if a.order_id == order_id]
+
+    def told(self, vehicle: int, from_s: float, to_s: float) -> list[Any]:
+        """Messages to a vehicle within a time."""
+        found = []
+        for t_ns, effect in self.effects:
+            if isinstance(effect, Send) and from_s <= (t_ns - START_T_NS) / S < to_s:
+                found += [
+                    m for m in decode_frames(effect.data)[0] if getattr(m, "target_system", 0) == vehicle
+                ]
+        return found
+
+    def mode(self, vehicle: int) -> Mode:
+        return self.run.vehicles[f"vehicle:{vehicle}"].autopilot.mode
+
+
+def fly(
+    orders: Sequence[Order], duration_s: float, *, loss: float = 0.0, scenario: str = "prescribed"
+) -> Flight:
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        load(scenario), SEED, events.append, lambda t, e: effects.append((t, e)), loss=loss, orders=orders
+    )
+    run.run(duration_s)
+    return Flight(run, events, effects)
+
+
+MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
+
+
+def test_a_held_vehicle_loiters_and_is_not_tasked_and_goes_on_when_resumed() -> None:
+    flight = fly([order(20.0, "hold", 1), order(45.0, "resume", 1)], 400.0)
+    assert flight.answers("hold-20.0") == [("accepted", None), ("done", 1)]
+    assert flight.answers("resume-45.0") == [("accepted", None), ("done", 1)]
+    assert not {m.get_type() for m in flight.told(1, 20.0, 45.0)} & MISSION
+    held = [p for p in flight.all(Plan) if 20 * S < p.t_ns - START_T_NS < 45 * S]
+    assert any("agent 1 is held by order" in plan.reason for plan in held)
+    assert not any(1 in plan.changed for plan in held)
+    (ended,) = flight.all(MissionEnded)
+    assert 1 in ended.arrived
+
+
+def test_a_short_hold_ends_with_the_mission_that_the_vehicle_has_and_no_upload() -> None:
+    flight = fly([order(21.0, "hold", 4), order(23.5, "resume", 4)], 36.0)
+    assert flight.answers("resume-23.5") == [("accepted", None), ("done", 4)]
+    assert not {m.get_type() for m in flight.told(4, 21.0, 36.0)} & MISSION
+    assert flight.mode(4) is Mode.AUTO
+
+
+def test_return_brings_all_home_over_a_lossy_link_and_nobody_is_tasked_again() -> None:
+    flight = fly([order(30.0, "return")], 75.0, loss=0.3)
+    assert flight.answers("return-30.0")[0] == ("accepted", None)
+    assert {("done", v) for v in (1, 3, 4)} <= set(flight.answers("return-30.0"))
+    assert [flight.mode(v) for v in (1, 3, 4)] == [Mode.RTL] * 3
+    assert not any(plan.changed for plan in flight.all(Plan) if plan.t_ns > START_T_NS + 30 * S)
+
+
+def test_a_hold_in_the_middle_of_a_transfer_leaves_no_mix_to_be_flown() -> None:
+    first = fly([], 20.0, loss=0.4)
+    (plan,) = first.all(Plan)[:1]
+    at_s = (plan.t_ns - START_T_NS) / S + 0.6
+    flight = fly([order(at_s, "hold")], at_s + 40.0, loss=0.4)
+    for vehicle in (1, 2, 3, 4):
+        assert flight.mode(vehicle) is Mode.LOITER
+        assert not any(
+            m.get_type() == "COMMAND_LONG" and m.command == 176 and m.param2 == Mode.AUTO
+            for m in flight.told(vehicle, at_s, at_s + 40.0)
+        )
+
+
+def test_disarming_in_the_air_is_refused_and_nothing_is_sent() -> None:
+    flight = fly([order(20.0, "disarm")], 24.0)
+    answers = [a for a in flight.all(OrderAnswer) if a.order_id == "disarm-20.0"]
+    assert [a.state for a in answers] == ["refused"] * 4
+    assert all("in the air" in a.detail for a in answers)
+    assert answers[-1].waiting == ()
+    told = [message for vehicle in (1, 2, 3, 4) for message in flight.told(vehicle, 20.0, 24.0)]
+    assert not [message for message in told if getattr(message, "command", 0) == 400]
+
+
+def test_nothing_is_armed_without_an_order_that_says_so() -> None:
+    flight = fly([order(20.0, "hold"), order(26.0, "resume"), order(34.0, "return")], 60.0)
+    for vehicle in (1, 2, 3, 4):
+        for message in flight.told(vehicle, 0.0, 60.0):
+            assert getattr(message, "command", 0) != 400
+
+
+def test_an_order_for_somebody_who_is_not_there_is_refused_with_who_is() -> None:
+    flight = fly([order(10.0, "hold", 9)], 12.0)
+    (answer,) = flight.all(OrderAnswer)
+    assert (answer.state, answer.vehicle, answer.waiting) == ("refused", 9, ())
+    assert "1, 2, 3, 4" in answer.detail
+
+
+def test_the_newest_order_counts() -> None:
+    flight = fly([order(20.0, "return", 1), order(20.4, "hold", 1)], 30.0)
+    assert flight.answers("return-20.0") == [("accepted", None), ("failed", 1)]
+    assert flight.answers("hold-20.4") == [("accepted", None), ("done", 1)]
+    assert flight.mode(1) is Mode.LOITER
+
+
+def test_a_recorded_order_gives_the_same_effects_again() -> None:
+    from gcs.command.fold import Command
+
+    flight = fly([order(20.0, "hold", 1), order(26.0, "resume", 1), order(30.0, "return", 3)], 40.0)
+    events = [decode("recording", encode(event), type(event)) for event in flight.events]
+    command = Command(flight.run.scenario.config, SEED)
+    again = [encode(effect) for event in events for effect in command.step(event)]
+    assert again == [encode(effect) for _, effect in flight.effects]
+    assert any(isinstance(event, Order) for event in events)
+
+
+@pytest.mark.parametrize("action", ["hold", "return"])
+def test_a_vehicle_that_does_not_answer_stays_set_aside(action: str) -> None:
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        load("prescribed"), SEED, events.append, lambda t, e: effects.append((t, e)),
+        orders=[order(21.0, action, 1)], kills={1: 20.9},
+    )  # fmt: skip
+    run.run(65.0)
+    flight = Flight(run, events, effects)
+    assert flight.answers(f"{action}-21.0") == [("accepted", None), ("failed", 1)]
+    assert run.command.orders.aside == {1: action}
