@@ -7,7 +7,7 @@ one Gaussian per track, kept as a product over groups of interacting labels (Bea
 object), `hypotheses` (joint association) and `partition` (which labels interact).
 
 Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D
-while its predicted position is inside the field of view, at most once, with Gaussian noise; all else in a
+while it is inside the field of view, at most once, with Gaussian noise (see `sensors`); all else in a
 scan is Poisson clutter; new objects appear where the caller says that they may (a labelled multi-Bernoulli
 birth for each scan).
 
@@ -21,12 +21,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Sensor, Track, read_only
-from gcs.tracking import kernels, motion
+from gcs.tracking import kernels, motion, sensors
 from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
 from gcs.tracking.merging import merge_alike
 from gcs.tracking.partition import meet, part, renumber
@@ -34,8 +36,6 @@ from gcs.tracking.recovery import Histories
 
 _SURE = 1.0 - 1e-9
 """Probabilities are held below it: a model that is certain cannot be corrected."""
-_MOST_DETECTION = 0.999
-"""Of a sensor that calls itself perfect: no gate is, and one miss must not be a death certificate."""
 _LEAST_CLUTTER_PER_M2 = 1e-15
 
 
@@ -77,6 +77,19 @@ class GlmbParams:
     """Most joint options of a hypothesis whose children are enumerated; beyond, they are sampled."""
     gibbs_sweeps: int = 1000
     """Per group and scan, shared by its sampled hypotheses."""
+
+
+class _Look(NamedTuple):
+    """The usable detections of a scan, sorted by the first coordinate that was measured."""
+
+    z: FloatArray
+    """(m, 2) as the sensor measured them."""
+    place_m: FloatArray
+    """(m, 2) east/north."""
+    log_clutter: FloatArray
+    """(m,) of the clutter intensity there, per unit of `z`."""
+    rows: npt.NDArray[np.int64]
+    """(m,) which detection of the scan each is."""
 
 
 class Glmb:
@@ -141,7 +154,8 @@ class Glmb:
             When it was measured. The same time as the last scan's is fine (another sensor); earlier than it,
             the scan is counted in `late_scans` and otherwise ignored.
         z_m : (m, 2) array
-            Detections east/north, in any order. Rows that are not finite are counted in `bad_detections`.
+            Detections east/north, in any order, whatever the sensor measures. Rows that are not finite are
+            counted in `bad_detections`.
         sensor : Sensor
             What the scan's sensor says of itself.
         births : sequence of Birth
@@ -156,35 +170,30 @@ class Glmb:
             return
         dt_s = 0.0 if self._t_ns is None else (measured_t_ns - self._t_ns) / NS_PER_S
         self._t_ns = measured_t_ns
-        uniform = sensor.clutter_density_per_m2
-        z, log_clutter = self._usable(
-            z_m, uniform if clutter_density_per_m2 is None else clutter_density_per_m2
+        clutter = sensors.clutter_per_m2(sensor, np.reshape(z_m, (-1, 2)))
+        look = self._usable(
+            z_m, clutter if clutter_density_per_m2 is None else clutter_density_per_m2, sensor
         )
         F = motion.transition(dt_s)
         Q = motion.process_noise(dt_s, self.params.accel_std_m_s2, self.params.acceleration)
         live = self._predict(dt_s, F, Q, births)
-        R = np.array(sensor.noise_cov_m2, dtype=np.float64)
-        detection_probability = min(float(sensor.detection_probability), _MOST_DETECTION)
+        view = sensors.view(sensor, self._mean, self._cov)
         if self.histories is not None:
-            survival = self._survival(dt_s)
-            self.histories.begin(measured_t_ns, F, Q, R, births, survival, detection_probability)
+            self.histories.begin(measured_t_ns, F, Q, sensor, births, self._survival(dt_s))
         start, meas, logw = kernels.options(
-            self._mean,
             self._cov,
             np.log(live),
             np.log1p(-live, out=np.full(live.size, -np.inf), where=live < 1.0),
-            z,
-            R,
-            np.array(sensor.field_of_view_m, dtype=np.float64),
-            detection_probability,
-            log_clutter,
+            look.z,
+            view,
+            look.log_clutter,
             float(self.params.gate_chi2),
         )
         if meas.size > self._keys.size:
             self._keys = option_keys(2 * meas.size)
         options = Options(start, meas, logw, self._keys)
         if live.size:
-            self._associate(options, z, R)
+            self._associate(options, look, view)
         if self.histories is not None:
             tracks = kernels.map_tracks(self._groups)
             self.histories.end({self._labels[self._track_label[t]]: int(t) for t in tracks})
@@ -218,16 +227,15 @@ class Glmb:
         label = self._labels[self._track_label[t]]
         return Track(label, read_only(self._mean[t]), read_only(self._cov[t]), existence, estimated)
 
-    def _usable(self, z_m: FloatArray, clutter_per_m2: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-        """Finite detections, sorted by east for the gates, and the log of the clutter intensity at each."""
-        z = np.array(z_m, dtype=np.float64).reshape(-1, 2)
-        log_clutter = np.full(z.shape[0], np.log(np.maximum(clutter_per_m2, _LEAST_CLUTTER_PER_M2)))
-        finite = np.isfinite(z).all(axis=1) & np.isfinite(log_clutter)
-        if not finite.all():
-            self.bad_detections += int(z.shape[0] - finite.sum())
-            z, log_clutter = z[finite], log_clutter[finite]
-        order = np.argsort(z[:, 0], kind="stable")
-        return z[order], log_clutter[order]
+    def _usable(self, z_m: FloatArray, clutter_per_m2: FloatArray, sensor: Sensor) -> _Look:
+        """Take the detections that are finite, in the order that the gates need."""
+        place_m = np.array(z_m, dtype=np.float64).reshape(-1, 2)
+        clutter = np.maximum(clutter_per_m2, _LEAST_CLUTTER_PER_M2) * sensors.cell_m2(sensor, place_m)
+        z, log_clutter = sensors.measured(sensor, place_m), np.log(clutter)
+        rows = np.flatnonzero(np.isfinite(z).all(axis=1) & np.isfinite(log_clutter))
+        self.bad_detections += len(place_m) - rows.size
+        rows = rows[np.argsort(z[rows, 0], kind="stable")]
+        return _Look(z[rows], place_m[rows], log_clutter[rows], rows)
 
     def _survival(self, dt_s: float) -> float:
         return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - _SURE))
@@ -253,21 +261,22 @@ class Glmb:
         self._labels.extend((self.scans, i) for i in range(len(births)))
         return np.concatenate([live, np.clip([birth.probability for birth in births], 1.0 - _SURE, _SURE)])
 
-    def _associate(self, options: Options, z: FloatArray, R: FloatArray) -> None:
+    def _associate(self, options: Options, look: _Look, view: sensors.View) -> None:
         """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
         parent = np.repeat(np.arange(self._track_label.size), np.diff(options.start))
-        groups = meet(self._groups, options, z.shape[0], self._limits)
-        groups = children(groups, options, z.shape[0], self._limits, self._rng)
+        n_detections = look.rows.size
+        groups = meet(self._groups, options, n_detections, self._limits)
+        groups = children(groups, options, n_detections, self._limits, self._rng)
         groups, used = renumber(groups, parent.size)
         parent, meas, logw = parent[used], options.meas[used], options.logw[used]
-        mean, cov = kernels.update(self._mean, self._cov, parent, meas, z, R)
+        mean, cov = kernels.update(self._mean, self._cov, parent, meas, look.z, view)
         track_label = self._track_label[parent]
         groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
         groups = part(groups, track_label, len(self._labels), self._keys, self._limits)
         self._groups, used = renumber(groups, parent.size)
         self._mean, self._cov = mean[used], cov[used]
         if self.histories is not None:
-            self.histories.extend(parent[used], meas[used], logw[used], z)
+            self.histories.extend(parent[used], meas[used], logw[used], look.place_m)
         kept, self._track_label = np.unique(track_label[used], return_inverse=True)
         self._labels = [self._labels[i] for i in kept]
 
@@ -275,7 +284,9 @@ class Glmb:
 def warm_up_calls() -> list[compiling.Call]:
     """One call of every kernel, types as in a tracker; the longest to compile stand at the ends."""
     ones, zeros = np.ones(1), np.zeros(1, np.int64)
-    mean, cov, z, noise = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.zeros((1, 2)), np.eye(2)
+    mean, cov, z = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.zeros((1, 2))
+    matrix = np.eye(2).reshape(1, 2, 2)
+    view = sensors.View(z, matrix, matrix, ones, 0.9, wraps=False)
     limits = Limits(1, -1.0, 0.1, 0.1, 1, 1)
     groups = Groups(np.arange(2), np.arange(2), zeros, np.zeros(1))
     options = Options(np.arange(2), zeros, ones, np.zeros(1, np.uint64))
@@ -284,12 +295,13 @@ def warm_up_calls() -> list[compiling.Call]:
         (children, groups, options, 1, limits, np.zeros(1, np.uint64)),
         (meet, groups, options, 1, limits),
         (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
-        (kernels.options, mean, cov, ones, ones, z, noise, np.zeros(4), 0.9, ones, 9.0),
-        (kernels.update, mean, cov, zeros, zeros, z, noise),
+        (kernels.options, cov, ones, ones, z, view, ones, 9.0),
+        (kernels.update, mean, cov, zeros, zeros, z, view),
         (kernels.summary, groups, zeros, 1),
         (kernels.map_tracks, groups),
         (kernels.predict, mean, cov, np.eye(4), np.eye(4)),
         (renumber, groups, 1),
+        *sensors.warm_up_calls(),
         (part, groups, zeros, 1, options.key, limits),
     ]
 

@@ -8,8 +8,8 @@ What a track may do at a scan is its list of *options*: to have died, to live un
 made one of the detections in its gate. An option's log-weight is that of eq. (20) there, relative to clutter:
 
     died       log(1 - p_S)
-    missed     log p_S + log(1 - p_D)
-    made z     log p_S + log p_D + log N(z; H m, H P H' + R) - log kappa
+    missed     log p_S + log(1 - p_D P(in the field of view))
+    made z     log p_S + log p_D + log N(z; z_hat, A P A' + noise) - log kappa
 
 with p_S replaced by the birth probability for a track that is being born. Options lie track after track in
 flat arrays, the best one first.
@@ -25,12 +25,15 @@ import numpy as np
 from gcs.compiling import inlined, kernel
 from gcs.tracking.hypotheses import Groups
 from gcs.tracking.ordering import head
+from gcs.tracking.sensors import View, wrapped
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
 
 DIED = -2
 MISSED = -1
+LEAST_INSIDE = 1e-6
+"""A track that is in the field of view with less than this probability is outside."""
 MAX_GATED = 32
 """Detections kept per gate, the likeliest ones: bounds the work that a hostile scan can cause."""
 
@@ -72,12 +75,12 @@ def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
 
 
 @inlined
-def _first_east(z: FloatArray, east_m: float) -> int:
-    """Index of the first detection that is not west of `east_m`: bisection."""
+def _first_beyond(z: FloatArray, least: float) -> int:
+    """Index of the first detection whose first coordinate is not below `least`: bisection."""
     low, high = 0, z.shape[0]
     while low < high:
         mid = (low + high) // 2
-        if z[mid, 0] < east_m:
+        if z[mid, 0] < least:
             low = mid + 1
         else:
             high = mid
@@ -99,43 +102,55 @@ def _nth_best(logw: Any, start: int, end: int, best: Any) -> Any:
     return best[n - 1]
 
 
+@inlined
+def _innovation(cov: FloatArray, t: int, view: View, u: int) -> Any:
+    """A P A' + noise of track t, seen by `view` at u: its three different elements."""
+    p, q, r, s = view.A[u, 0, 0], view.A[u, 0, 1], view.A[u, 1, 0], view.A[u, 1, 1]
+    x, xy, y = cov[t, 0, 0], cov[t, 0, 1], cov[t, 1, 1]
+    return (
+        p * p * x + 2.0 * p * q * xy + q * q * y + view.noise[u, 0, 0],
+        p * r * x + (p * s + q * r) * xy + q * s * y + view.noise[u, 0, 1],
+        r * r * x + 2.0 * r * s * xy + s * s * y + view.noise[u, 1, 1],
+    )
+
+
 @kernel
 def options(
-    mean: FloatArray,
     cov: FloatArray,
     log_live: FloatArray,
     log_die: FloatArray,
     z: FloatArray,
-    R: FloatArray,
-    fov: FloatArray,
-    p_d: float,
+    view: View,
     log_clutter: FloatArray,
     gate_chi2: float,
 ) -> Any:
     """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
 
-    `z` (m, 2) must be sorted by east, so that a gate is a short run of it; `log_clutter` (m,) is the log of
-    the clutter intensity at each. A track outside the field of view `fov` (east_min, north_min, east_max,
-    north_max) cannot be detected.
+    `z` (m, 2) is what the sensor measured, sorted by its first coordinate, so that a gate is a short run of
+    it; `log_clutter` (m,) is the log of the clutter intensity at each, in the same units. A track that is
+    surely outside the field of view cannot be detected; one that may be outside is the less missed.
     """
-    n, m = mean.shape[0], z.shape[0]
+    n, m = cov.shape[0], z.shape[0]
     start = np.zeros(n + 1, np.int64)
     room = n * (min(m, MAX_GATED) + 2) + m
     meas, logw = np.empty(room, np.int64), np.empty(room)
     best = np.empty(MAX_GATED)
+    step = 0 if view.A.shape[0] == 1 else 1
     for t in range(n):
         first = count = start[t]
-        x, y = mean[t, 0], mean[t, 1]
-        seen = p_d > 0.0 and fov[0] <= x <= fov[2] and fov[1] <= y <= fov[3]
+        x, y, p_d = view.z_hat[t, 0], view.z_hat[t, 1], view.p_d
+        seen = p_d > 0.0 and view.inside[t] > LEAST_INSIDE
         if seen:
-            a, b, c = cov[t, 0, 0] + R[0, 0], cov[t, 0, 1] + R[0, 1], cov[t, 1, 1] + R[1, 1]
+            a, b, c = _innovation(cov, t, view, t * step)
             det = a * c - b * b
             scale = math.log(p_d) - math.log(2.0 * math.pi) - 0.5 * math.log(det) + log_live[t]
             reach = math.sqrt(gate_chi2 * a)
-            for j in range(_first_east(z, x - reach), m):
+            for j in range(_first_beyond(z, x - reach), m):
                 dx, dy = z[j, 0] - x, z[j, 1] - y
                 if dx > reach:
                     break
+                if view.wraps:
+                    dy = wrapped(dy)
                 d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
                 if d2 <= gate_chi2:
                     meas[count], logw[count] = j, scale - 0.5 * d2 - log_clutter[j]
@@ -148,7 +163,7 @@ def options(
                         meas[count], logw[count] = meas[i], logw[i]
                         count += 1
         meas[count] = MISSED
-        logw[count] = log_live[t] + (math.log1p(-p_d) if seen else 0.0)
+        logw[count] = log_live[t] + (math.log1p(-p_d * view.inside[t]) if seen else 0.0)
         count += 1
         if log_die[t] > -np.inf:
             meas[count], logw[count] = DIED, log_die[t]
@@ -160,15 +175,17 @@ def options(
 
 @kernel
 def update(
-    mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, R: FloatArray
+    mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, view: View
 ) -> tuple[FloatArray, FloatArray]:
     """Kalman update of track `parent[i]` with detection `meas[i]` (or MISSED), in Joseph form.
 
-    P' = (I - K H) P (I - K H)' + K R K' stays positive definite whatever the ratio of P to R.
+    With H = [A, 0]: P' = (I - K H) P (I - K H)' + K noise K' stays positive definite whatever the ratio of P
+    to the noise.
     """
     n = parent.size
     mean_out, cov_out = np.empty((n, 4)), np.empty((n, 4, 4))
     A, AP, K = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 2))
+    step = 0 if view.A.shape[0] == 1 else 1
     for i in range(n):
         p, j = parent[i], meas[i]
         if j < 0:
@@ -177,15 +194,22 @@ def update(
                 for s in range(4):
                     cov_out[i, r, s] = cov[p, r, s]
             continue
-        a, b, c = cov[p, 0, 0] + R[0, 0], cov[p, 0, 1] + R[0, 1], cov[p, 1, 1] + R[1, 1]
+        u = p * step
+        H, R = view.A[u], view.noise[u]
+        a, b, c = _innovation(cov, p, view, u)
         det = a * c - b * b
-        dx, dy = z[j, 0] - mean[p, 0], z[j, 1] - mean[p, 1]
+        dx, dy = z[j, 0] - view.z_hat[p, 0], z[j, 1] - view.z_hat[p, 1]
+        if view.wraps:
+            dy = wrapped(dy)
         for r in range(4):
-            K[r, 0] = (cov[p, r, 0] * c - cov[p, r, 1] * b) / det
-            K[r, 1] = (cov[p, r, 1] * a - cov[p, r, 0] * b) / det
+            e = cov[p, r, 0] * H[0, 0] + cov[p, r, 1] * H[0, 1]
+            n_ = cov[p, r, 0] * H[1, 0] + cov[p, r, 1] * H[1, 1]
+            K[r, 0], K[r, 1] = (e * c - n_ * b) / det, (n_ * a - e * b) / det
             mean_out[i, r] = mean[p, r] + K[r, 0] * dx + K[r, 1] * dy
             for s in range(4):
-                A[r, s] = (1.0 if r == s else 0.0) - (K[r, s] if s < 2 else 0.0)
+                A[r, s] = 1.0 if r == s else 0.0
+            for s in range(2):
+                A[r, s] -= K[r, 0] * H[0, s] + K[r, 1] * H[1, s]
         for r in range(4):
             for s in range(4):
                 total = 0.0

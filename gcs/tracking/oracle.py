@@ -12,12 +12,14 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Sequence
+from statistics import NormalDist
 
 import numpy as np
 
 from gcs.model import NS_PER_S, FloatArray, Label, Sensor
 from gcs.tracking import motion
 from gcs.tracking.glmb import Birth, GlmbParams
+from gcs.tracking.kernels import LEAST_INSIDE
 
 Track = tuple[Label, tuple[int, ...]]
 """A label and its detections so far, -1 where it was missed."""
@@ -68,17 +70,21 @@ class Oracle:
         """All that a track may do: (detection or -1, weight, the track it leads to or None when dead)."""
         label, history = track
         east_min, north_min, east_max, north_max = sensor.field_of_view_m
-        seen = east_min <= mean[0] <= east_max and north_min <= mean[1] <= north_max
-        p_d = sensor.detection_probability if seen else 0.0
+        in_view = math.prod(
+            NormalDist(mean[i], math.sqrt(cov[i, i])).cdf(high)
+            - NormalDist(mean[i], math.sqrt(cov[i, i])).cdf(low)
+            for i, (low, high) in enumerate([(east_min, east_max), (north_min, north_max)])
+        )
+        p_d = sensor.detection_probability
         missed = (label, (*history, -1))
         self._states[missed] = (mean, cov)
         options: list[tuple[int, float, Track | None]] = [
             (-1, 1.0 - live, None),
-            (-1, live * (1.0 - p_d), missed),
+            (-1, live * (1.0 - p_d * in_view), missed),
         ]
         S = _H @ cov @ _H.T + sensor.noise_cov_m2
         gain = cov @ _H.T @ np.linalg.inv(S)
-        for j, z in enumerate(z_m if seen else ()):
+        for j, z in enumerate(z_m if in_view > LEAST_INSIDE else ()):
             made = (label, (*history, j))
             step = z - _H @ mean
             density = math.exp(-0.5 * step @ np.linalg.solve(S, step)) / math.sqrt(

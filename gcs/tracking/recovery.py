@@ -33,7 +33,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from gcs.model import FloatArray, Label, read_only
+from gcs.model import FloatArray, Label, Sensor, read_only
+from gcs.tracking.sensors import MOST_DETECTION
 from gcs.tracking.smoothing import Step, filtered, smoothed
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ class _Scan:
     t_ns: int
     F: FloatArray
     Q: FloatArray
-    R: FloatArray
+    sensor: Sensor
     births: tuple[Birth, ...]
     log_death: float
     log_survival: float
@@ -120,25 +121,24 @@ class Histories:
         t_ns: int,
         F: FloatArray,
         Q: FloatArray,
-        R: FloatArray,
+        sensor: Sensor,
         births: Sequence[Birth],
         survival: float,
-        detection_probability: float,
     ) -> None:
         """Begin a scan, before its tracks are known.
 
         `F`, `Q` (4, 4) move a track from the scan before to this one, which it survives with probability
-        `survival`; `R` (2, 2) is a detection's noise. Births need positive definite covariances.
+        `survival`; `sensor` made the scan. Births need positive definite covariances.
         """
         self._scans[self._scan_count] = _Scan(
             t_ns,
             F,
             Q,
-            R,
+            sensor,
             tuple(births),
             math.log(max(1.0 - survival, 1e-300)),
             math.log(survival),
-            math.log1p(-detection_probability),
+            math.log1p(-min(sensor.detection_probability, MOST_DETECTION)),
         )
         self._nodes_of[self._scan_count] = 0
 
@@ -266,7 +266,7 @@ class Histories:
         birth = scans[0].births[int(self._node["birth"][chain[0]])]
         z_m = np.where(made[:, None], self._node["z_m"][chain], np.nan)
         steps = [
-            Step(scan.F, scan.Q, scan.R, z if seen else None)
+            Step(scan.F, scan.Q, scan.sensor, z if seen else None)
             for scan, z, seen in zip(scans, z_m, made, strict=True)
         ]
         run = filtered(birth.mean, birth.cov, steps)

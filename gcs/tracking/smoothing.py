@@ -6,7 +6,8 @@ Joseph form. Smoother (Rauch, Tung & Striebel 1965), with the gain G_k = P_k|k F
     x_k|n = x_k|k + G_k (x_k+1|n - x_k+1|k),    P_k|n = P_k|k + G_k (P_k+1|n - P_k+1|k) G_k'
 
 With a fixed lag L the state k is that of n = min(k + L, last): what one knows L scans later.
-State order [east, north, v_east, v_north]; detections are positions.
+State order [east, north, v_east, v_north]. H and R are those of `sensors.view`, which is linear around each
+track.
 """
 
 from __future__ import annotations
@@ -16,9 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs.model import FloatArray
-
-_H = np.eye(2, 4)
+from gcs.model import FloatArray, Sensor
+from gcs.tracking.sensors import measured, view, wrapped
 
 
 class Step(NamedTuple):
@@ -28,10 +28,10 @@ class Step(NamedTuple):
     """(4, 4) transition from the scan before."""
     Q: FloatArray
     """(4, 4) process noise since the scan before."""
-    R: FloatArray
-    """(2, 2) noise of a detection."""
+    sensor: Sensor
+    """What made the detection."""
     z_m: FloatArray | None
-    """(2,) the detection; None for a miss."""
+    """(2,) the detection, east/north; None for a miss."""
 
 
 class Run(NamedTuple):
@@ -57,10 +57,15 @@ def filtered(mean: FloatArray, cov: FloatArray, steps: Sequence[Step]) -> Run:
             x, P = step.F @ x, step.F @ P @ step.F.T + step.Q
         run.predicted_mean[k], run.predicted_cov[k] = x, P
         if step.z_m is not None:
-            K = np.linalg.solve(P[:2, :2] + step.R, P[:2]).T
-            x = x + K @ (step.z_m - x[:2])
-            A = np.eye(4) - K @ _H
-            P = A @ P @ A.T + K @ step.R @ K.T
+            seen = view(step.sensor, x[None], P[None])
+            H, R = np.hstack([seen.A[0], np.zeros((2, 2))]), seen.noise[0]
+            innovation = measured(step.sensor, step.z_m[None])[0] - seen.z_hat[0]
+            if seen.wraps:
+                innovation[1] = wrapped(innovation[1])
+            K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+            x = x + K @ innovation
+            A = np.eye(4) - K @ H
+            P = A @ P @ A.T + K @ R @ K.T
         P = 0.5 * (P + P.T)
         run.mean[k], run.cov[k] = x, P
     return run

@@ -5,6 +5,7 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gcs.model import Sensor
 from gcs.tracking import motion
 from gcs.tracking.smoothing import Step, filtered, smoothed
 
@@ -13,12 +14,12 @@ PRIOR = np.diag([100.0, 100.0, 25.0, 25.0])
 
 def history(seed, n, missed=0.3):
     rng = np.random.default_rng(seed)
-    R = np.diag([9.0, 16.0])
+    sensor = Sensor("s", 0.9, 1e-6, np.diag([9.0, 16.0]), (-1e4, -1e4, 1e4, 1e4))
     steps = []
     for k in range(n):
         dt = float(rng.uniform(0.1, 3.0))
         z = None if rng.random() < missed else rng.normal((5.0 * k, 0.0), 30.0)
-        steps.append(Step(motion.transition(dt), motion.process_noise(dt, 2.0), R, z))
+        steps.append(Step(motion.transition(dt), motion.process_noise(dt, 2.0), sensor, z))
     return rng.normal(0, 10, 4), steps
 
 
@@ -38,8 +39,8 @@ def joint_posterior(mean, steps, upto):
             information[here, here] += W
         if step.z_m is not None and k < upto:
             H = np.eye(2, 4)
-            information[here, here] += H.T @ np.linalg.inv(step.R) @ H
-            vector[here] += H.T @ np.linalg.inv(step.R) @ step.z_m
+            information[here, here] += H.T @ np.linalg.inv(step.sensor.noise_cov_m2) @ H
+            vector[here] += H.T @ np.linalg.inv(step.sensor.noise_cov_m2) @ step.z_m
     return np.linalg.solve(information, vector).reshape(n, 4)
 
 
@@ -63,7 +64,7 @@ def test_filter_and_smoother_agree_with_filterpy():
     for k, step in enumerate(steps):
         if k:
             kalman.predict(F=step.F, Q=step.Q)
-        kalman.update(step.z_m, R=step.R)
+        kalman.update(step.z_m, R=step.sensor.noise_cov_m2)
         means.append(kalman.x.copy())
         covs.append(kalman.P.copy())
     np.testing.assert_allclose(run.mean, means, atol=1e-8)
