@@ -120,6 +120,7 @@ class PlanningTable(Table, frozen=True, kw_only=True):
     shape: Literal["grid", "pulled"] = "grid"
     search_cost: Literal["metric", "paper"] = "metric"
     switch_gain_m: NotNegative = 0.0
+    retask: Literal["auto", "confirm"] = "auto"
 
 
 class MissionTable(Table, frozen=True, kw_only=True):

@@ -94,6 +94,10 @@ class VirtualRun:
             for spec in vehicle_specs(self.scenario, self.seed)
         }
 
+    def order(self, order: Order) -> None:
+        """Let an operator give an order when its time has come: now, if that has passed."""
+        self._orders = deque(sorted([*self._orders, order], key=lambda one: one.t_ns))
+
     def run(self, max_duration_s: float | None = None) -> float:
         """Fly until the mission ends or time is up; return the run time in seconds."""
         limit_s = max_duration_s or self.scenario.config.mission.max_duration_s

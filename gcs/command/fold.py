@@ -13,8 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from gcs.command.answers import Ongoing, named
+from gcs.command.approval import Approval
 from gcs.command.area import mission_grid
 from gcs.command.fates import Fates
+from gcs.command.keepouts import KeepOuts
 from gcs.command.orders import Orders
 from gcs.command.replanning import Replanner, Situation
 from gcs.command.tasking import Tasking
@@ -32,8 +35,7 @@ from gcs.model import (
     MissionEnded,
     Notice,
     Order,
-    OrderAnswer,
-    Plan,
+    Route,
     Scan,
     Tick,
     UploadReport,
@@ -61,17 +63,21 @@ class Command:
         vehicles = [agent.system_id for agent in config.agents]
         tracking, telemetry = config.tracking, config.telemetry
         self.grid = mission_grid(config, seed)
+        self.keep_outs = KeepOuts(self.grid)
         self.fleet = Fleet(vehicles, config.local_frame, FleetSettings(position_rate_hz=telemetry.rate_hz))
         self.trackers = Trackers(config)
         self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner = Replanner(config, self.grid)
         self.tasking = Tasking(config.mission, config.local_frame, self.fleet)
+        self.approval = Approval(self.replanner)
         self.orders = Orders(self.fleet, self.tasking, self.replanner)
         self.bad_input = 0
         self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
+        self._needs_word = config.planning.retask == "confirm"
         self._ended = False
         self._scan_t_ns: int | None = None
+        self._measured_t_ns = 0
         self._blind = False
 
     def step(self, event: Event) -> list[Effect]:
@@ -96,10 +102,40 @@ class Command:
         return effects
 
     def _order(self, event: Order) -> list[Effect]:
-        if event.action in ("confirm", "reject", "keep-out"):
-            text = f"{event.action} is not carried out by this service"
-            return [OrderAnswer(event.t_ns, event.order_id, event.action, "refused", text)]
-        return self._settle(self.orders.take(event, self.trackers.targets.beliefs.tracks))
+        effects: list[Effect]
+        match event.action:
+            case "confirm" | "reject":
+                effects, routes = self.approval.take(event)
+                effects += self._send(routes, event.t_ns)
+            case "keep-out":
+                effects = self._close(event)
+            case _:
+                effects = self._settle(self.orders.take(event, self.trackers.targets.beliefs.tracks))
+        return effects + self.approval.refresh(event.t_ns, self._away())
+
+    def _close(self, event: Order) -> list[Effect]:
+        """Close or open an area, and plan again at once."""
+        area, ongoing = event.keep_out, Ongoing(event)
+        assert area is not None
+        refusal = self.keep_outs.refusal(area)
+        if refusal:
+            return [ongoing.answer(event.t_ns, "refused", refusal)]
+        closed = self.keep_outs.take(area)
+        self.grid = self.keep_outs.grid
+        verb = "closed" if area.name in self.keep_outs.areas else "opened"
+        news = f"keep-out {area.name} {verb}"
+        places = {state.system_id: (state.east_m, state.north_m) for state in self.fleet.states()}
+        through = self.replanner.change_map(event.t_ns, self.grid, closed, places, news)
+        text = f"{area.name} {verb}"
+        text += f"; {named(through)} must be led around it" if through else ""
+        effects: list[Effect] = [ongoing.answer(event.t_ns, "done", text)]
+        if self._scan_t_ns is not None:
+            effects += self._plan(event.t_ns, self._measured_t_ns)
+        still = sorted(set(through) - set(self.replanner.routes) | set(self.replanner.blocked))
+        if still:
+            text = f"{named(still)} would fly through keep-out {area.name}: confirm a plan, or hold or return"
+            effects.append(Notice(event.t_ns, "alarm", text))
+        return effects
 
     def _tick(self, event: Tick) -> list[Effect]:
         effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
@@ -122,6 +158,7 @@ class Command:
 
     def _scan(self, event: Scan) -> list[Effect]:
         self._scan_t_ns, self._blind = event.t_ns, False
+        self._measured_t_ns = event.measured_t_ns
         refusal = self.trackers.refusal(event)
         if refusal:
             return self._bad(
@@ -135,32 +172,40 @@ class Command:
         ties, assigned = self.ties.labels, self.replanner.assigned
         for fate in self.fates.update(event.t_ns, agents, targets, ties, assigned, reporting):
             effects.append(fate)
-            self._follow(fate)
-        effects += self._plan(event)
+            effects += self._follow(fate)
+        effects += self.approval.refresh(event.t_ns, self._away())
+        effects += self._plan(event.t_ns, event.measured_t_ns)
         effects += self._end(event.t_ns)
         return effects
 
-    def _follow(self, fate: Fate) -> None:
+    def _follow(self, fate: Fate) -> list[Effect]:
         if fate.fate != "flying":
             self.replanner.drop(fate.vehicle)
         if fate.fate == "dead":
             self.ties.forget(fate.vehicle)
             self.tasking.cancel(fate.vehicle, fate.t_ns)
+            return [*self.approval.end(fate.vehicle, fate.t_ns, "the agent is lost")]
+        return []
 
-    def _plan(self, event: Scan) -> list[Effect]:
-        if self._ended or not self.replanner.is_due(event.t_ns):
+    def _plan(self, t_ns: int, picture_t_ns: int) -> list[Effect]:
+        if self._ended or not self.replanner.is_due(t_ns):
             return []
-        plan = self.replanner.check(self._situation(event))
-        notes: list[Effect] = [Notice(event.t_ns, "warning", note) for note in self.replanner.notes]
-        return notes if plan is None else [plan, *notes, *self._task(plan)]
+        plan = self.replanner.check(self._situation(t_ns, picture_t_ns))
+        notes: list[Effect] = [Notice(t_ns, "warning", note) for note in self.replanner.notes]
+        if plan is None:
+            return notes
+        if self._needs_word:
+            return [*notes, *self.approval.propose(plan)]
+        routes = [route for route in plan.routes if route.vehicle in plan.changed]
+        return [plan, *notes, *self._send(routes, plan.t_ns)]
 
-    def _situation(self, event: Scan) -> Situation:
+    def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
         targets, reached = self.trackers.targets.beliefs.tracks, self.fates.reached()
         flying, away = self.fates.flying(), self._away()
         return Situation(
-            t_ns=event.t_ns,
-            picture_t_ns=event.measured_t_ns,
+            t_ns=t_ns,
+            picture_t_ns=picture_t_ns,
             agents={v: agents[labels[v]] for v in flying if v not in away and labels.get(v) in agents},
             targets={label: track for label, track in targets.items() if label not in reached},
             arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),
@@ -176,19 +221,20 @@ class Command:
         }
         return modes | self.orders.away()
 
-    def _task(self, plan: Plan) -> list[Effect]:
-        effects: list[Effect] = []
-        for route in plan.routes:
-            if route.vehicle in plan.changed:
-                effects += self._settle(self.tasking.task(route, plan.t_ns))
-        return effects
+    def _send(self, routes: Sequence[Route], t_ns: int) -> list[Effect]:
+        """Send routes to their vehicles as missions."""
+        return [e for route in routes for e in self._settle(self.tasking.task(route, t_ns))]
 
     def _settle(self, effects: Sequence[Effect]) -> list[Effect]:
-        """Drop the route of a mission that was not delivered, so that the next look plans again."""
+        """Answer for transfers that ended; who did not get its mission is planned for again."""
+        settled: list[Effect] = []
         for effect in effects:
-            if isinstance(effect, UploadReport) and not effect.ok:
-                self.replanner.drop(effect.vehicle)
-        return list(effects)
+            settled.append(effect)
+            if isinstance(effect, UploadReport):
+                settled += self.approval.uploaded(effect)
+                if not effect.ok:
+                    self.replanner.undelivered(effect.vehicle)
+        return settled
 
     def _end(self, t_ns: int) -> list[Effect]:
         if self._ended or self.fates.flying():

@@ -14,11 +14,11 @@ vehicle reports that it stands on the ground, and it is never forced: the autopi
 from __future__ import annotations
 
 from collections.abc import Callable, Container
-from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.command.answers import Ongoing, named
 from gcs.command.replanning import Replanner
 from gcs.command.tasking import Tasking
 from gcs.mavlink.codec import Message
@@ -26,7 +26,7 @@ from gcs.mavlink.commands import command, set_mode
 from gcs.mavlink.errand import Errand, Shown
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.modes import AUTO, LOITER, RTL
-from gcs.model import Effect, Label, Order, OrderAnswer, Route, VehicleState
+from gcs.model import Effect, Label, Order, Route, VehicleState
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _SET_ASIDE: Final = {"hold": LOITER, "return": RTL}
@@ -40,24 +40,6 @@ _STANDING_M_S = 2.0
 _STANDING_M = 5.0
 
 Aside = Literal["hold", "return", "found"]
-
-
-@dataclass(slots=True)
-class _Ongoing:
-    """An order of which some vehicles' answers are still to come."""
-
-    order: Order
-    waiting: set[int] = field(default_factory=set)
-
-    def answer(
-        self,
-        t_ns: int,
-        state: Literal["accepted", "done", "refused", "failed"],
-        detail: str,
-        vehicle: int | None = None,
-    ) -> OrderAnswer:
-        waiting = tuple(sorted(self.waiting))
-        return OrderAnswer(t_ns, self.order.order_id, self.order.action, state, detail, vehicle, waiting)
 
 
 class Orders:
@@ -79,7 +61,7 @@ class Orders:
         self.suspended: dict[int, Route] = {}
         """Whole routes of vehicles set aside."""
         self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
-        self._errands: dict[int, tuple[Errand, _Ongoing]] = {}
+        self._errands: dict[int, tuple[Errand, Ongoing]] = {}
 
     def away(self) -> dict[int, str]:
         """Vehicles that are set aside, and why, in words."""
@@ -97,7 +79,7 @@ class Orders:
         """
         known = {health.system_id: health for health in self._fleet.health()}
         vehicles = order.vehicles if order.vehicles is not None else tuple(known)
-        ongoing = _Ongoing(order, set(vehicles))
+        ongoing = Ongoing(order, set(vehicles))
         effects: list[Effect] = []
         begun = []
         for vehicle in vehicles:
@@ -108,7 +90,6 @@ class Orders:
             else:
                 refusal = self._refusal(order, vehicle)
             if refusal:
-                ongoing.waiting.discard(vehicle)
                 effects.append(ongoing.answer(order.t_ns, "refused", refusal, vehicle))
             else:
                 begun.append(vehicle)
@@ -116,7 +97,7 @@ class Orders:
             effects += self._begin(ongoing, vehicle, known[vehicle].autopilot, targets)
         if not ongoing.waiting:
             return effects
-        return [ongoing.answer(order.t_ns, "accepted", _named(sorted(ongoing.waiting))), *effects]
+        return [ongoing.answer(order.t_ns, "accepted", named(ongoing.waiting)), *effects]
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Take a vehicle's message."""
@@ -150,7 +131,7 @@ class Orders:
         return ""
 
     def _begin(
-        self, ongoing: _Ongoing, vehicle: int, autopilot: int, targets: Container[Label]
+        self, ongoing: Ongoing, vehicle: int, autopilot: int, targets: Container[Label]
     ) -> list[Effect]:
         order = ongoing.order
         effects: list[Effect] = self._give_up(vehicle, order.t_ns, f"replaced by an order to {order.action}")
@@ -188,7 +169,7 @@ class Orders:
     # ------------------------------------------------------------ errands
 
     def _send(
-        self, ongoing: _Ongoing, vehicle: int, question: Message, wanted: Callable[[Shown], bool]
+        self, ongoing: Ongoing, vehicle: int, question: Message, wanted: Callable[[Shown], bool]
     ) -> list[Effect]:
         errand = Errand(question, wanted, self._fleet.encoder(vehicle), ongoing.order.t_ns)
         self._errands[vehicle] = (errand, ongoing)
@@ -200,7 +181,6 @@ class Orders:
         if errand.outcome is not None:
             del self._errands[vehicle]
             done, detail = errand.outcome
-            ongoing.waiting.discard(vehicle)
             effects.append(ongoing.answer(t_ns, "done" if done else "failed", detail, vehicle))
         return effects
 
@@ -209,9 +189,4 @@ class Orders:
         if vehicle not in self._errands:
             return []
         _, ongoing = self._errands.pop(vehicle)
-        ongoing.waiting.discard(vehicle)
         return [ongoing.answer(t_ns, "failed", why, vehicle)]
-
-
-def _named(vehicles: list[int]) -> str:
-    return f"vehicle{'s' if len(vehicles) > 1 else ''} {', '.join(map(str, vehicles))}"

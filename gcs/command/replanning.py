@@ -7,22 +7,29 @@ Algorithm 1 at 0.2 Hz), and only vehicles whose route changed get a new mission.
 The distance that a target may move is `target_moved_m` far away, as in the paper, and shrinks as the agent
 closes in: with a fixed threshold an agent may wait at the end of its route while the target walks around
 just inside the threshold.
+
+Where an operator confirms each plan, new routes are `proposed` until then. What is proposed, waiting or
+rejected, is held against the picture like what is flown: as long as it is still good, it is not news.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
-from gcs.planning.grid import Grid
+from gcs.planning.grid import Grid, Point
+from gcs.planning.progress import next_point
 from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
+from gcs.planning.sight import line_of_sight
 
 _FIRST_PLAN_WAIT_S = 5.0
 _CLOSE_FRACTION = 0.25
 _SAME_PLACE_M = 1.0
+_CORRIDOR_M = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,15 +73,64 @@ class Replanner:
         """What the last look has to say that the one before did not."""
         self.routes: dict[int, Route] = {}
         """What each vehicle flies, or is being told to fly."""
+        self.proposed: dict[int, Route] = {}
+        """What was put to the operator, with `planning.retask = "confirm"`."""
+        self.blocked: set[int] = set()
+        """Vehicles whose way was closed since they got it."""
+        self._news: list[str] = []
 
     @property
     def assigned(self) -> dict[int, Label]:
         """Target of each tasked vehicle."""
         return {vehicle: route.target for vehicle, route in self.routes.items()}
 
+    @property
+    def _newest(self) -> dict[int, Route]:
+        """Of each vehicle what was last decided or proposed."""
+        return self.routes | self.proposed
+
     def drop(self, vehicle: int) -> None:
-        """Forget what a vehicle flies: it arrived, died, or its mission could not be delivered."""
+        """Forget what a vehicle flies and might: it arrived, died, or is not ours to task."""
+        self.undelivered(vehicle)
+        self.proposed.pop(vehicle, None)
+
+    def undelivered(self, vehicle: int) -> None:
+        """Forget what a vehicle flies: its mission could not be delivered."""
         self.routes.pop(vehicle, None)
+        self.blocked.discard(vehicle)
+
+    def adopt(self, route: Route) -> None:
+        """Take a route that was proposed for the one that is flown."""
+        self.drop(route.vehicle)
+        self.routes[route.vehicle] = route
+
+    def keep_only(self, vehicles: Container[int]) -> None:
+        """Forget what others fly: the plan has no route for them."""
+        self.routes = {vehicle: route for vehicle, route in self.routes.items() if vehicle in vehicles}
+
+    def change_map(
+        self, t_ns: int, grid: Grid, closed: Grid, places: Mapping[int, Point], news: str
+    ) -> list[int]:
+        """Plan by another map from now on, and look at once.
+
+        Parameters
+        ----------
+        closed
+            What is newly blocked; routes through it are given up at the next look.
+        places
+            Where vehicles are, east and north.
+
+        Returns
+        -------
+        list of int
+            Vehicles that fly through what is closed as long as they have no other route.
+        """
+        self._grid = grid
+        self.blocked |= {v for v, r in self.routes.items() if _is_crossed(closed, r, places.get(v))}
+        self.proposed = {v: r for v, r in self.proposed.items() if not _is_crossed(closed, r, places.get(v))}
+        self._news.append(news)
+        self._next_check_t_ns = None if self._next_check_t_ns is None else t_ns
+        return sorted(self.blocked)
 
     def is_due(self, t_ns: int) -> bool:
         """Whether the time for a look has come."""
@@ -112,25 +168,27 @@ class Replanner:
     def _changes(self, situation: Situation) -> list[str]:
         """Who and what came or went since the last plan, in words."""
         gone = self._planned_agents - set(situation.agents) - situation.arrived
-        reasons = [f"agent {v} {situation.away.get(v, 'lost')}" for v in sorted(gone)]
+        news, self._news = self._news, []
+        reasons = [*news, *(f"agent {v} {situation.away.get(v, 'lost')}" for v in sorted(gone))]
         reasons += [f"agent {v} joined" for v in sorted(set(situation.agents) - self._planned_agents)]
         reasons += [
             f"target {_name(t)} appeared" for t in sorted(set(situation.targets) - self._planned_targets)
         ]
-        gone_targets = {route.target for route in self.routes.values()} - set(situation.targets)
+        gone_targets = {route.target for route in self._newest.values()} - set(situation.targets)
         return reasons + [f"target {_name(t)} lost" for t in sorted(gone_targets)]
 
     def _idle(self, situation: Situation) -> list[str]:
         """Who has no route although there are targets to spare, in words."""
-        if len(situation.targets) <= len(set(self.assigned.values()) & set(situation.targets)):
+        newest = self._newest
+        if len(situation.targets) <= len({r.target for r in newest.values()} & set(situation.targets)):
             return []
-        idle = set(situation.agents) & self._planned_agents - set(self.routes)
+        idle = set(situation.agents) & self._planned_agents - set(newest)
         return [f"agent {v} has no route" for v in sorted(idle)]
 
     def _moves(self, situation: Situation) -> list[str]:
         """Which targets are too far from where their routes end, in words."""
         moves = []
-        for vehicle, route in sorted(self.routes.items()):
+        for vehicle, route in sorted(self._newest.items()):
             agent, target = situation.agents.get(vehicle), situation.targets.get(route.target)
             if agent is not None and target is not None:
                 moved_m = _distance_m(target.mean, route.points_m[-1])
@@ -151,7 +209,7 @@ class Replanner:
                 for v, t in situation.agents.items()
             },
             {label: (float(t.mean[0]), float(t.mean[1])) for label, t in situation.targets.items()},
-            self.assigned,
+            {vehicle: route.target for vehicle, route in self._newest.items()},
             self._options,
         )
         self._planned_agents = frozenset(situation.agents)
@@ -161,13 +219,17 @@ class Replanner:
         kept: list[Route] = []
         changed: list[int] = []
         for route in result.routes:
-            flown = self.routes.get(route.vehicle)
+            flown, shown = self.routes.get(route.vehicle), self.proposed.get(route.vehicle)
+            if route.vehicle in self.blocked:
+                flown = None
             if flown is not None and self._is_still_good(flown, route, situation):
                 kept.append(flown)
+            elif shown is not None and self._is_still_good(shown, route, situation):
+                kept.append(shown)
             else:
                 kept.append(route)
                 changed.append(route.vehicle)
-        self.routes = {route.vehicle: route for route in kept}
+        self._decide(kept, situation)
         return Plan(
             t_ns=situation.t_ns,
             picture_t_ns=situation.picture_t_ns,
@@ -178,6 +240,16 @@ class Replanner:
             changed=tuple(changed),
         )
 
+    def _decide(self, kept: list[Route], situation: Situation) -> None:
+        """Make the routes of a plan those that are flown, or propose those that differ."""
+        if self._planning.retask == "auto":
+            self.routes = {route.vehicle: route for route in kept}
+            self.blocked.clear()
+            return
+        self.proposed = {r.vehicle: r for r in kept if r is not self.routes.get(r.vehicle)}
+        self.routes = {v: r for v, r in self.routes.items() if r.target in situation.targets}
+        self.blocked &= set(self.routes)
+
     def _is_still_good(self, flown: Route, new: Route, situation: Situation) -> bool:
         if flown.target != new.target:
             return False
@@ -185,6 +257,16 @@ class Replanner:
             return True
         moved_m = _distance_m(situation.targets[new.target].mean, flown.points_m[-1])
         return moved_m <= self._tolerance_m(situation.agents[new.vehicle], flown)
+
+
+def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:
+    """Whether what is left of a route leads through what is closed."""
+    points = [(float(east_m), float(north_m)) for east_m, north_m in route.points_m]
+    if place is not None:
+        points = [place, *points[next_point(route.points_m, place, _CORRIDOR_M) :]]
+    if len(points) == 1:
+        points *= 2
+    return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))
 
 
 def _distance_m(a: FloatArray, b: FloatArray) -> float:
