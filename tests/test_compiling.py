@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.planning import routes, search, shaping, sight
+from gcs.planning import routes, search, sight
 from gcs.planning.grid import free_grid, random_obstacles
 from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
 
@@ -68,8 +68,5 @@ def test_no_plan_compiles_anything_after_the_warm_up():
         search.find_path(grid, (1, 1), (19, 18))
         search.distances_m(grid, (3, 3))
         sight.line_of_sight(grid, (0.0, 0.0), (300.0, 200.0), 5.0)
-    kernels = [
-        search.astar, search.fields, search.trace_back, shaping.close_and_seen, shaping.ends_of_ways,
-        shaping.joins, shaping.shape, sight.clear_leg,
-    ]  # fmt: skip
+    kernels = [call[0] for call in routes.warm_up_calls()]
     assert [len(kernel.signatures) for kernel in kernels] == [1] * len(kernels)

@@ -26,9 +26,6 @@ import numpy as np
 from gcs.compiling import called, inlined, kernel
 from gcs.planning.sight import clear_leg, room_at
 
-NO_WAY, DIRECT = -1, -2
-"""In place of the node by which a way ends: there is none; the two places are close and see each other."""
-
 _DIRECT_CELLS = 1.5
 _NEAR_CELLS = 1.0
 _BEHIND_CELLS = 2.0
@@ -102,28 +99,6 @@ def close_and_seen(blocked, reach, a, b):  # type: ignore[no-untyped-def]
         return False
     ease = _ease(blocked, reach, a[0], a[1], b[0], b[1])
     return clear_leg(blocked, a[0], a[1], b[0], b[1], ease, _NO_CELL)
-
-
-@kernel
-def ends_of_ways(blocked, reach, field, starts, starts_inside, goals, goal_nodes, goal_off, goals_inside):  # type: ignore[no-untyped-def]
-    """Cost in cells of the way from each start to each goal, (n, m), and the node by which it ends."""
-    n, m = starts.shape[0], goals.shape[0]
-    cost, via = np.empty((n, m)), np.empty((n, m), np.int64)
-    for i in range(n):
-        for j in range(m):
-            cost[i, j], via[i, j] = np.inf, NO_WAY
-            if not (starts_inside[i] or goals_inside[j]) and close_and_seen(
-                blocked, reach, starts[i], goals[j]
-            ):
-                cost[i, j] = math.hypot(goals[j, 0] - starts[i, 0], goals[j, 1] - starts[i, 1])
-                via[i, j] = DIRECT
-                continue
-            for k in range(goal_nodes.shape[1]):
-                node = goal_nodes[j, k]
-                if node >= 0 and field[i, node] + goal_off[j, k] < cost[i, j]:
-                    cost[i, j] = field[i, node] + goal_off[j, k]
-                    via[i, j] = node
-    return cost, via
 
 
 @called

@@ -16,8 +16,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.grid import Grid, Point, free_grid, random_obstacles
+from gcs.planning.moves import flat_index, search_map
 from gcs.planning.routes import AgentStart, PlanOptions, plan_routes, warm_up
-from gcs.planning.search import distances_m, find_path, flat_index, search_map
+from gcs.planning.search import distances_m, find_path
 
 
 def median_ms(work: Callable[[], object], repeats: int) -> float:
