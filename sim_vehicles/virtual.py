@@ -59,10 +59,10 @@ class VirtualRun:
         scan.
     loss : float
         Probability that a datagram is lost, each way, drawn from the run's own generator.
-    orders : sequence of Order
-        An operator's, each given when its time has come.
     kills : dict
         Vehicles whose process is taken to be killed: system id to seconds from the start.
+    orders : sequence of Order
+        An operator's, each given when its time has come.
     """
 
     scenario: Scenario
@@ -71,8 +71,8 @@ class VirtualRun:
     on_effect: Callable[[int, Effect], None] | None = None
     on_truth: Callable[[Truth], None] | None = None
     loss: float = 0.0
-    orders: Sequence[Order] = ()
     kills: dict[int, float] = field(default_factory=dict)
+    orders: Sequence[Order] = ()
     timings: Timings = field(default_factory=Timings)
     command: Command = field(init=False)
     vehicles: dict[str, SimVehicle] = field(init=False)
