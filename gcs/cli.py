@@ -15,6 +15,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from gcs.commands.order import app as order_app
 from gcs.errors import GcsError, InterruptedRunError
 
 app = typer.Typer(
@@ -27,6 +28,8 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
 )
+
+app.add_typer(order_app, name="order")
 
 
 def _complete(incomplete: str) -> list[str]:

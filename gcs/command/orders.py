@@ -140,12 +140,18 @@ class Orders:
             question = command(vehicle, _ARM_DISARM, 1.0 if arm else 0.0)
             return effects + self._send(ongoing, vehicle, question, lambda shown: shown.armed is arm)
         if order.action == "resume":
+            if vehicle not in self.aside and self._is_taskable(vehicle):
+                return [*effects, ongoing.answer(order.t_ns, "done", "was not set aside", vehicle)]
             mode = self._take_up(vehicle, targets)
         else:
             mode = _SET_ASIDE[order.action]
             effects += self._set_aside(vehicle, "hold" if order.action == "hold" else "return", order.t_ns)
         question = set_mode(vehicle, autopilot, mode)
         return effects + self._send(ongoing, vehicle, question, lambda shown: shown.mode == mode)
+
+    def _is_taskable(self, vehicle: int) -> bool:
+        state = self._fleet.state(vehicle)
+        return state is not None and state.mode in (AUTO, LOITER)
 
     def _set_aside(self, vehicle: int, why: Aside, t_ns: int) -> list[Effect]:
         self.aside[vehicle] = why

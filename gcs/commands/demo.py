@@ -26,6 +26,7 @@ from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
 from gcs.edge.recorder import Recorder, Run
 from gcs.edge.udp import UdpLink
+from gcs.edge.whereabouts import announced
 from gcs.edge.wire import decode_truth, truth_key
 from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.errors import InterruptedRunError, SimulationError
@@ -119,7 +120,7 @@ async def _fly(
         judge.truth(truth)
         recorder.truth(truth)
 
-    with Bus(listen=endpoint) as bus:
+    with Bus(listen=endpoint) as bus, announced(config.name, endpoint):
         service = Service(config, options.seed, link, bus)
         service.sinks += [RecorderSink(recorder), JudgeSink(judge)]
         bus.subscribe(

@@ -14,6 +14,7 @@ from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
 from gcs.edge.recorder import Recorder, Run
 from gcs.edge.udp import UdpLink
+from gcs.edge.whereabouts import announced
 from gcs.edge.zenoh_bus import Bus
 
 
@@ -39,7 +40,7 @@ async def _serve(config: Config, seed: int, recorder: Recorder, console: Console
     stop = asyncio.Event()
     undo = wait_for_interrupt(stop)
     role = {config.links.zenoh_role: config.links.zenoh}
-    with Bus(**role) as bus:
+    with Bus(**role) as bus, announced(config.name, config.links.zenoh):
         service = Service(config, seed, link, bus)
         service.sinks += [RecorderSink(recorder)]
         console.print(

@@ -1,0 +1,282 @@
+"""`gcs order`: an operator's word to a running service.
+
+Exit codes: 0 done for all, 1 refused, failed or unanswered for somebody, 2 a mistake in the arguments.
+"""
+
+from __future__ import annotations
+
+import getpass
+import json
+import os
+import secrets
+import socket
+import sys
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.console import Console
+
+from gcs.errors import GcsError, LinkError
+
+if TYPE_CHECKING:
+    from gcs.edge.order_wire import AreaMessage, OrderMessage
+    from gcs.model import OrderAnswer
+
+app = typer.Typer(
+    help="""Orders to a running service (`gcs run`, `gcs demo`): to vehicles, about plans, about the map.
+
+    It is found by itself when it runs on this machine. The command waits until each vehicle itself shows that
+    the order was carried out.""",
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+)
+
+VehicleOption = Annotated[
+    list[int] | None,
+    typer.Option("--vehicle", "-v", min=1, max=250, help="System id of a vehicle; repeat it for more."),
+]
+AllOption = Annotated[bool, typer.Option("--all", help="All vehicles of the mission.")]
+MissionOption = Annotated[
+    str | None,
+    typer.Option(help="Name of the mission that the service flies.  [default: the one that runs here]"),
+]
+ZenohOption = Annotated[
+    str | None,
+    typer.Option(help="Where the service is, such as tcp/10.0.0.5:7447.  [default: on this machine]"),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="End with one JSON object on its own line.")]
+TimeoutOption = Annotated[float, typer.Option(min=1.0, help="Seconds to wait until all is done.")]
+YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
+PlanArgument = Annotated[int, typer.Argument(min=1, help="Number of the plan that is shown.", metavar="PLAN")]
+
+
+@app.command()
+def hold(
+    vehicle: VehicleOption = None,
+    everybody: AllOption = False,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Loiter where it is, and get no task until it is resumed."""
+    _to_vehicles("hold", vehicle, everybody, mission, zenoh, timeout, as_json)
+
+
+@app.command()
+def resume(
+    vehicle: VehicleOption = None,
+    everybody: AllOption = False,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Go on with its mission where that still makes sense, and be there for tasks again."""
+    _to_vehicles("resume", vehicle, everybody, mission, zenoh, timeout, as_json)
+
+
+@app.command(name="return")
+def return_(
+    vehicle: VehicleOption = None,
+    everybody: AllOption = False,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Return to launch (RTL), and get no task until it is resumed."""
+    _to_vehicles("return", vehicle, everybody, mission, zenoh, timeout, as_json)
+
+
+@app.command()
+def arm(
+    vehicle: VehicleOption = None,
+    everybody: AllOption = False,
+    yes: YesOption = False,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Arm. Propellers may turn: it asks first. Nothing else in this project arms a vehicle."""
+    _to_vehicles("arm", vehicle, everybody, mission, zenoh, timeout, as_json, ask=not yes)
+
+
+@app.command()
+def disarm(
+    vehicle: VehicleOption = None,
+    everybody: AllOption = False,
+    yes: YesOption = False,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Disarm; refused for a vehicle that may be in the air."""
+    _to_vehicles("disarm", vehicle, everybody, mission, zenoh, timeout, as_json, ask=not yes)
+
+
+@app.command()
+def confirm(
+    plan: PlanArgument,
+    vehicle: VehicleOption = None,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 330.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Let a plan that waits be flown, whole or for some vehicles (`planning.retask = "confirm"`)."""
+    _give("confirm", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan)
+
+
+@app.command()
+def reject(
+    plan: PlanArgument,
+    vehicle: VehicleOption = None,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Refuse a plan that waits; it is not proposed again before something changes."""
+    _give("reject", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan)
+
+
+@app.command(name="keep-out")
+def keep_out(
+    name: Annotated[str, typer.Argument(help="What the area is called; one of that name is replaced.")],
+    circle: Annotated[
+        str | None, typer.Option(metavar="EAST,NORTH,RADIUS", help="Centre and radius in metres.")
+    ] = None,
+    polygon: Annotated[
+        str | None, typer.Option(metavar='"EAST,NORTH EAST,NORTH ..."', help="Three corners or more.")
+    ] = None,
+    degrees: Annotated[
+        bool, typer.Option("--degrees", help="Places are LATITUDE,LONGITUDE in degrees.")
+    ] = False,
+    open_again: Annotated[bool, typer.Option("--open", help="Open the area of this name again.")] = False,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Close an area: routes are planned around it at once.
+
+    Example: `gcs order keep-out fire --circle 900,640,120`
+    """
+    if sum((circle is not None, polygon is not None, open_again)) != 1:
+        raise typer.BadParameter("expected one of --circle, --polygon and --open")
+    area = _area(name, circle, polygon, "wgs84" if degrees else "local")
+    _give("keep-out", "all", mission, zenoh, timeout, as_json, keep_out=area)
+
+
+def _area(
+    name: str, circle: str | None, polygon: str | None, frame: Literal["local", "wgs84"]
+) -> AreaMessage:
+    from gcs.edge.order_wire import AreaMessage
+
+    if circle is not None:
+        a, b, radius_m = _numbers(circle, 3, "--circle")
+        return AreaMessage(name=name, frame=frame, circle=(a, b, radius_m))
+    corners = [_numbers(corner, 2, "--polygon") for corner in (polygon or "").split()]
+    return AreaMessage(name=name, frame=frame, polygon=[(a, b) for a, b in corners])
+
+
+def _numbers(text: str, count: int, option: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise typer.BadParameter(f"expected {count} numbers with commas, got {text!r}", param_hint=option)
+    return numbers
+
+
+def _to_vehicles(
+    action: Literal["hold", "resume", "return", "arm", "disarm"],
+    vehicle: list[int] | None,
+    everybody: bool,
+    mission: str | None,
+    zenoh: str | None,
+    timeout_s: float,
+    as_json: bool,
+    *,
+    ask: bool = False,
+) -> None:
+    if (vehicle is None) == (not everybody):
+        raise typer.BadParameter("say for whom: --vehicle N (repeated for more), or --all")
+    if ask:
+        whom = "all vehicles" if everybody else f"vehicle {', '.join(map(str, vehicle or ()))}"
+        if not sys.stdin.isatty():
+            raise typer.BadParameter(f"to {action} {whom} without somebody to ask, say --yes")
+        typer.confirm(f"{action} {whom}?", abort=True, err=True)
+    _give(action, "all" if vehicle is None else vehicle, mission, zenoh, timeout_s, as_json)
+
+
+def _give(
+    action: Literal["hold", "resume", "return", "arm", "disarm", "confirm", "reject", "keep-out"],
+    vehicles: list[int] | Literal["all"],
+    mission: str | None,
+    zenoh: str | None,
+    timeout_s: float,
+    as_json: bool,
+    *,
+    plan_id: int | None = None,
+    keep_out: AreaMessage | None = None,
+) -> None:
+    from gcs.edge.order_wire import OrderMessage
+
+    order = OrderMessage(
+        order_id=f"{action}-{secrets.token_hex(6)}",
+        action=action,
+        vehicles=vehicles,
+        plan_id=plan_id,
+        keep_out=keep_out,
+        origin=f"{_user()}@{socket.gethostname()}, process {os.getpid()}",
+    )
+    console = Console(stderr=as_json)
+    answers: list[OrderAnswer] = []
+    problem = ""
+    try:
+        _collect(order, mission, zenoh, timeout_s, console, answers)
+    except GcsError as error:
+        problem = str(error)
+        Console(stderr=True).print(f"[bold red]error:[/] {problem}", highlight=False, soft_wrap=True)
+    ok = not problem and all(answer.state in ("accepted", "done") for answer in answers)
+    if as_json:
+        rows = [{"vehicle": a.vehicle, "state": a.state, "detail": a.detail} for a in answers]
+        result = {"order_id": order.order_id, "action": action, "ok": ok, "problem": problem, "answers": rows}
+        print(json.dumps(result), flush=True)  # noqa: T201  the promised last line
+    raise typer.Exit(0 if ok else 1)
+
+
+def _collect(
+    order: OrderMessage,
+    mission: str | None,
+    zenoh: str | None,
+    timeout_s: float,
+    console: Console,
+    answers: list[OrderAnswer],
+) -> None:
+    from gcs.edge.ordering import give
+    from gcs.edge.terminal import answer_line
+    from gcs.edge.whereabouts import the_service
+
+    if zenoh is None:
+        service = the_service(mission)
+        mission, zenoh = service.mission, service.zenoh
+    elif mission is None:
+        raise LinkError(zenoh, "say with --mission which mission its service flies")
+    for answer in give(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):
+        answers.append(answer)
+        text, level = answer_line(answer)
+        style = {"info": "", "warning": "yellow", "alarm": "bold red"}[level]
+        console.print(text, style=style, highlight=False, soft_wrap=True, markup=False)
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())

@@ -1,0 +1,106 @@
+"""Where running services can be reached: a small file each, by which `gcs order` finds those of this machine.
+
+They lie in a folder of the user's own, below ``XDG_RUNTIME_DIR`` or the system's folder for temporary files;
+a folder that others may write to is not believed. A service that was killed leaves its file behind: files of
+processes that are gone are passed over, and removed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from gcs.errors import LinkError
+
+
+class Whereabouts(msgspec.Struct, frozen=True, kw_only=True):
+    """One running service."""
+
+    mission: str
+    zenoh: str
+    """Endpoint to connect to."""
+    pid: int
+
+
+_decoder = msgspec.json.Decoder(Whereabouts)
+
+
+@contextlib.contextmanager
+def announced(mission: str, zenoh: str) -> Iterator[None]:
+    """Let `gcs order` on this machine find this process; where no file can be written, it does not."""
+    here = Whereabouts(mission=mission, zenoh=zenoh, pid=os.getpid())
+    path: Path | None = None
+    with contextlib.suppress(OSError):
+        folder = _folder()
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if _is_ours(folder):
+            path = folder / f"{mission}-{here.pid}.json"
+            path.write_bytes(msgspec.json.encode(here))
+    try:
+        yield
+    finally:
+        if path is not None:
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
+
+
+def services() -> list[Whereabouts]:
+    """Return the services that run on this machine, of this user."""
+    folder = _folder()
+    found: list[Whereabouts] = []
+    if not folder.is_dir() or not _is_ours(folder):
+        return found
+    for path in sorted(folder.glob("*.json")):
+        with contextlib.suppress(OSError, msgspec.DecodeError):
+            one = _decoder.decode(path.read_bytes())
+            if _is_running(one.pid):
+                found.append(one)
+            else:
+                path.unlink(missing_ok=True)
+    return found
+
+
+def the_service(mission: str | None) -> Whereabouts:
+    """Return the one service that runs here, or the one of a mission.
+
+    Raises
+    ------
+    LinkError
+        When there is none, or more than one.
+    """
+    found = [one for one in services() if mission is None or one.mission == mission]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = ", ".join(f"{one.mission} at {one.zenoh}" for one in found)
+        raise LinkError("gcs order", f"several services run here ({names}): choose by --mission and --zenoh")
+    what = "no service" if mission is None else f"no service of the mission {mission}"
+    raise LinkError(
+        "gcs order",
+        f"{what} runs on this machine: start `gcs run` or `gcs demo`, or name another machine's with "
+        "--mission NAME --zenoh tcp/HOST:PORT",
+    )
+
+
+def _folder() -> Path:
+    return Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"swarm-gcs-{os.getuid()}"
+
+
+def _is_ours(folder: Path) -> bool:
+    status = folder.stat()
+    return status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+def _is_running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

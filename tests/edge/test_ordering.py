@@ -1,0 +1,127 @@
+"""`gcs order` against a service over real zenoh: answered, or told clearly that nobody is there."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from gcs.app import Service
+from gcs.cli import app
+from gcs.config import load
+from gcs.edge.clock import RunClock
+from gcs.edge.udp import UdpLink
+from gcs.edge.whereabouts import Whereabouts, announced, services, the_service
+from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.errors import LinkError
+from gcs.model import Order
+
+
+class Events:
+    """Keeps the orders that went into the fold."""
+
+    def __init__(self) -> None:
+        self.orders: list[Order] = []
+
+    def event(self, event) -> None:
+        if isinstance(event, Order):
+            self.orders.append(event)
+
+    def effect(self, t_ns, effect) -> None:
+        pass
+
+
+@pytest.fixture
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def taken(runtime: Path) -> Iterator[list[Order]]:
+    """A service that runs, and the orders that it took."""
+    events, endpoint = Events(), free_endpoint()
+    ready = threading.Event()
+    ending: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
+
+    async def serve(bus: Bus) -> None:
+        service, stop = Service(load("prescribed"), 1, UdpLink("udpin:127.0.0.1:0"), bus), asyncio.Event()
+        service.sinks.append(events)
+        ending.append((asyncio.get_running_loop(), stop))
+        asyncio.get_running_loop().call_soon(ready.set)
+        await service.run(RunClock(), stop)
+
+    with Bus(listen=endpoint) as bus, announced("prescribed", endpoint):
+        thread = threading.Thread(target=lambda: asyncio.run(serve(bus)))
+        thread.start()
+        assert ready.wait(10.0)
+        yield events.orders
+        loop, stop = ending[0]
+        loop.call_soon_threadsafe(stop.set)
+        thread.join(10.0)
+
+
+def test_an_order_reaches_the_service_once_and_its_answer_comes_back(taken: list[Order]) -> None:
+    done = CliRunner().invoke(app, ["order", "keep-out", "fire", "--circle", "900,640,120", "--json"])
+    result = json.loads(done.stdout.strip().splitlines()[-1])
+    assert (done.exit_code, result["ok"]) == (0, True)
+    assert result["answers"] == [{"vehicle": None, "state": "done", "detail": "fire closed"}]
+    refused = CliRunner().invoke(app, ["order", "hold", "-v", "1", "-v", "7"])
+    assert refused.exit_code == 1
+    assert "agent 1 refused: never heard" in refused.output
+    assert "agent 7 refused: no vehicle of this mission" in refused.output
+    assert [order.action for order in taken] == ["keep-out", "hold"]
+
+
+def test_nobody_there_is_said_clearly(runtime: Path) -> None:
+    none = CliRunner().invoke(app, ["order", "return", "--all"])
+    assert none.exit_code == 1
+    assert "no service runs on this machine" in none.output
+    arguments = ["order", "hold", "--all", "--mission", "m", "--zenoh", free_endpoint(), "--timeout", "1"]
+    silent = CliRunner().invoke(app, arguments)
+    assert silent.exit_code == 1
+    assert "no service of the mission m answers here" in silent.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["hold"], "say for whom"),
+        (["hold", "-v", "1", "--all"], "say for whom"),
+        (["arm", "-v", "1"], "--yes"),
+        (["keep-out", "fire"], "expected one of"),
+        (["keep-out", "fire", "--circle", "1,2"], "3 numbers"),
+        (["confirm"], "Missing argument"),
+    ],
+)
+def test_mistakes_in_the_arguments_are_named(runtime: Path, arguments: list[str], words: str) -> None:
+    done = CliRunner().invoke(app, ["order", *arguments], env={"COLUMNS": "200", "TERM": "dumb"})
+    assert done.exit_code == 2
+    assert words in done.output
+
+
+def test_a_service_that_was_killed_is_not_found(runtime: Path) -> None:
+    with announced("prescribed", "tcp/127.0.0.1:1"):
+        assert the_service(None) == Whereabouts(
+            mission="prescribed", zenoh="tcp/127.0.0.1:1", pid=os.getpid()
+        )
+        (folder,) = runtime.iterdir()
+        (folder / "dead-1.json").write_text('{"mission": "dead", "zenoh": "tcp/127.0.0.1:2", "pid": 4194305}')
+        (folder / "broken.json").write_text("{")
+        assert [one.mission for one in services()] == ["prescribed"]
+        with announced("other", "tcp/127.0.0.1:3"), pytest.raises(LinkError, match="several services"):
+            the_service(None)
+    assert services() == []
+
+
+def test_a_folder_that_others_may_write_to_is_not_believed(runtime: Path) -> None:
+    with announced("prescribed", "tcp/127.0.0.1:1"):
+        (folder,) = runtime.iterdir()
+        folder.chmod(0o777)
+        assert services() == []
