@@ -10,6 +10,7 @@ scenarios in `gcs/scenarios/` show every key with its unit, range and default.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Sequence
@@ -23,6 +24,8 @@ from msgspec import Meta
 
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
+
+_G_M_S2 = 9.80665
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -110,6 +113,24 @@ class TelemetryTable(Table, frozen=True, kw_only=True):
     max_age_s: Positive = 1.0
 
 
+class AirframeTable(Table, frozen=True, kw_only=True):
+    """How the vehicles turn: what routes and waypoints are made for."""
+
+    speed_m_s: Positive = 15.0
+    bank_deg: Annotated[float, Meta(ge=5.0, le=70.0)] = 30.0
+    turn_lag_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.0
+
+    @property
+    def turn_radius_m(self) -> float:
+        """Radius of a level turn, V^2 / (g tan bank)."""
+        return self.speed_m_s**2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
+
+    @property
+    def turn_lag_m(self) -> float:
+        """How far a vehicle flies before a turn is taken up."""
+        return self.speed_m_s * self.turn_lag_s
+
+
 class PlanningTable(Table, frozen=True, kw_only=True):
     """When and how to plan."""
 
@@ -117,7 +138,7 @@ class PlanningTable(Table, frozen=True, kw_only=True):
     target_moved_m: Positive = 50.0
     capture_radius_m: Positive = 40.0
     clearance_m: NotNegative = 0.0
-    shape: Literal["grid", "pulled"] = "grid"
+    shape: Literal["grid", "pulled", "flyable"] = "grid"
     search_cost: Literal["metric", "paper"] = "metric"
     switch_gain_m: NotNegative = 0.0
     retask: Literal["auto", "confirm"] = "auto"
@@ -157,6 +178,7 @@ class Config(Table, frozen=True, kw_only=True):
     births: list[BirthTable] = []
     tracking: TrackingTable = TrackingTable()
     telemetry: TelemetryTable = TelemetryTable()
+    airframe: AirframeTable = AirframeTable()
     planning: PlanningTable = PlanningTable()
     mission: MissionTable = MissionTable()
     links: LinksTable = LinksTable()

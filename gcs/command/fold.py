@@ -69,7 +69,7 @@ class Command:
         self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner = Replanner(config, self.grid)
-        self.tasking = Tasking(config.mission, config.local_frame, self.fleet)
+        self.tasking = Tasking(config.mission, config.airframe, config.local_frame, self.fleet)
         self.approval = Approval(self.replanner)
         self.orders = Orders(self.fleet, self.tasking, self.replanner)
         self.bad_input = 0

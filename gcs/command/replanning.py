@@ -59,6 +59,7 @@ class Replanner:
             shape=planning.shape,
             search_cost=planning.search_cost,
             switch_gain_m=planning.switch_gain_m,
+            turn_radius_m=config.airframe.turn_radius_m,
         )
         self._planning = planning
         self._period_ns = int(planning.period_s * NS_PER_S)

@@ -6,17 +6,22 @@ end becomes an `UploadReport`. A newer mission for the same vehicle replaces a t
 
 from __future__ import annotations
 
-from gcs.config import MissionTable
+import numpy as np
+
+from gcs.config import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Message
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import HOME_ITEMS, Home
 from gcs.mavlink.transfer import MissionTask
-from gcs.model import Effect, Mission, Notice, Route, Waypoint
+from gcs.model import Effect, FloatArray, Mission, Notice, Route, Waypoint
 from gcs.planning.progress import next_point
+from gcs.planning.turning import acceptance_m
 
 _CORRIDOR_M = 40.0
 """A vehicle this near to a leg of its new route flies it."""
+_MAX_RADIUS_M = 255.0
+"""What a mission item can hold."""
 
 
 class Tasking:
@@ -25,15 +30,20 @@ class Tasking:
     Parameters
     ----------
     table : MissionTable
-        Altitude and acceptance radius of every waypoint.
+        Altitude and least acceptance radius of every waypoint.
+    airframe : AirframeTable
+        How the vehicles turn: they are told to turn as long before each waypoint.
     frame : LocalFrame
         Where routes lie; its origin serves as home of a vehicle that has not told its own.
     fleet : Fleet
         Addresses and sequences.
     """
 
-    def __init__(self, table: MissionTable, frame: LocalFrame, fleet: Fleet) -> None:
+    def __init__(
+        self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame, fleet: Fleet
+    ) -> None:
         self._table = table
+        self._airframe = airframe
         self._frame = frame
         self._fleet = fleet
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
@@ -103,5 +113,21 @@ class Tasking:
     def _mission(self, route: Route, mission_id: int) -> Mission:
         places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
         table = self._table
-        waypoints = tuple(Waypoint(*place, table.altitude_rel_m, table.accept_radius_m) for place in places)
+        waypoints = tuple(
+            Waypoint(*place, table.altitude_rel_m, float(radius_m))
+            for place, radius_m in zip(places, self._acceptance_m(route), strict=True)
+        )
         return Mission(mission_id, route.vehicle, waypoints, table.loiter_radius_m)
+
+    def _acceptance_m(self, route: Route) -> FloatArray:
+        """How near to each waypoint it counts as reached: soon enough to turn to the next one."""
+        state = self._fleet.state(route.vehicle)
+        start = route.points_m[:1] if state is None else [(state.east_m, state.north_m)]
+        airframe = self._airframe
+        wanted = acceptance_m(
+            np.concatenate((start, route.points_m)),
+            airframe.turn_radius_m,
+            airframe.turn_lag_m,
+            self._table.accept_radius_m,
+        )
+        return np.minimum(np.round(wanted, 0), _MAX_RADIUS_M)

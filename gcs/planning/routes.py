@@ -25,10 +25,11 @@ from gcs.planning.grid import Grid, Point, free_grid
 from gcs.planning.matrix import Places, cells, metric_ways, paper_ways
 from gcs.planning.moves import IntArray, SearchMap, search_map
 from gcs.planning.search import SearchCost
-from gcs.planning.shaping import close_and_seen, joins, shape
+from gcs.planning.shaping import Shape, Shaped, close_and_seen, is_roomy, joins, pull, shape_way
 from gcs.planning.sight import clear_leg
+from gcs.planning.taut import tauten
+from gcs.planning.turning import SHARP_CORNER, SHARP_START, flyable
 
-Shape: TypeAlias = Literal["grid", "pulled"]
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
 
 
@@ -49,8 +50,10 @@ class PlanOptions:
     ----------
     search_cost : "metric" or "paper"
         Shortest paths, or the paper's cost of nodes traversed plus Euclidean heuristic.
-    shape : "grid" or "pulled"
-        Legs along the grid, or pulled taut by line of sight.
+    shape : "grid", "pulled" or "flyable"
+        Legs along the grid, or pulled taut by line of sight, or with turns that can be flown besides.
+    turn_radius_m : float
+        Least radius of the turns of a flyable route.
     clearance_m : float
         Distance to keep from blocked cells, unless there is no way that does or only a long detour.
     switch_gain_m : float
@@ -61,6 +64,7 @@ class PlanOptions:
     shape: Shape = "grid"
     clearance_m: float = 0.0
     switch_gain_m: float = 0.0
+    turn_radius_m: float = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +136,8 @@ def plan_routes(
         for i, j in pairs.items():
             vehicle, label = vehicles[i], labels[j]
             grid_lengths_m[vehicle] = float(lengths_m[i, j])
-            points, roomy = _shaped(grid, smap, agents[vehicle], starts, goals, i, j, way(i, j), options)
+            shaped = _shaped(grid, smap, agents[vehicle], starts, goals, i, j, way(i, j), options)
+            points = shaped.points * grid.spacing_m + np.array(grid.origin_m)
             if not goals.inside[j]:
                 points[-1] = targets[label]
             else:
@@ -141,13 +146,13 @@ def plan_routes(
                     f"agent {vehicle}: target {label} is over an obstacle; "
                     f"the route ends at ({east:.0f}, {north:.0f}) m"
                 )
-            if not roomy:
+            if not shaped.is_roomy:
                 notes.append(
                     f"agent {vehicle}: the route to target {label} comes nearer than "
                     f"{options.clearance_m:g} m to obstacles: no way but a long detour, or none, keeps away"
                 )
-            length_m = float(np.hypot(*np.diff(points, axis=0).T).sum())
-            routes.append(Route(vehicle, label, read_only(points[1:]), length_m))
+            notes += _turn_notes(vehicle, shaped.problem)
+            routes.append(Route(vehicle, label, read_only(points[1:]), shaped.length * grid.spacing_m))
         done("shaping")
     served = {route.target for route in routes}
     busy = {route.vehicle for route in routes}
@@ -181,24 +186,32 @@ def _shaped(
     j: int,
     nodes: IntArray,
     options: PlanOptions,
-) -> tuple[FloatArray, bool]:
-    """Return a route's points in metres, the agent's place first, and whether it keeps the clearance."""
+) -> Shaped:
+    """Return a route as it is flown, in cells."""
     ends_at_target = not goals.inside[j]
     parts = [starts.xy[i : i + 1], cells(smap, nodes)] + [goals.xy[j : j + 1]] * ends_at_target
     course = agent.course_rad if agent.course_rad is not None and math.isfinite(agent.course_rad) else None
     heading = np.zeros(2) if course is None else np.array([math.sin(course), math.cos(course)])
-    reach = options.clearance_m / grid.spacing_m
-    points, roomy = shape(
+    return shape_way(
         grid.blocked,
-        reach,
+        options.clearance_m / grid.spacing_m,
         np.concatenate(parts),
         heading,
         bool(starts.inside[i]),
         bool(ends_at_target),
-        options.shape == "pulled",
+        options.shape,
+        options.turn_radius_m / grid.spacing_m,
     )
-    metres: FloatArray = points * grid.spacing_m + np.array(grid.origin_m)
-    return metres, bool(roomy)
+
+
+def _turn_notes(vehicle: int, problem: int) -> list[str]:
+    """Say what of a route its vehicle will not fly as planned."""
+    notes = []
+    if problem & SHARP_START:
+        notes.append(f"agent {vehicle}: no clear turn on to its route; it turns as tightly as it can")
+    if problem & SHARP_CORNER:
+        notes.append(f"agent {vehicle}: its route has corners that it cannot fly without coming too near")
+    return notes
 
 
 def _places_notes(
@@ -230,12 +243,16 @@ def warm_up_calls() -> list[compiling.Call]:
     """One call of every kernel, types as in a plan; the longest to compile stand at the ends."""
     grid = free_grid((2, 2), 10.0)
     blocked, smap, xy = grid.blocked, search_map(grid), np.zeros((1, 2))
+    way = np.array([[0.0, 0.0], [1.0, 1.0]])
     return [
         (clear_leg, blocked, 0.0, 0.0, 1.0, 1.0, 0.0, -1),
-        (shape, blocked, 0.0, xy, np.zeros(2), False, False, False),
+        (tauten, blocked, 0.0, way, np.zeros(2), 0.0, 0.0, -1),
+        (pull, blocked, 0.0, way, np.zeros(2), -1, False, False),
         (joins, blocked, smap.mainland, smap.tight, smap.stride, xy),
         (close_and_seen, blocked, 0.0, xy[0], xy[0]),
+        (is_roomy, blocked, 0.0, way, -1, False),
         *matrix.warm_up_calls(),
+        (flyable, blocked, 0.0, way, np.zeros(2), 1.0, -1),
     ]
 
 

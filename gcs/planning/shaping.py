@@ -9,22 +9,30 @@ Shaping then takes the nodes of the way and
 
 1. drops the first ones if they are too near to fly to, or behind the agent, and the next one is in sight: an
    agent between nodes is not sent back (likewise a last node just beside the target);
-2. merges what lies in a line ("grid"), or pulls the string taut ("pulled"): from each corner on, the farthest
-   point of the way that is still in sight becomes the next corner; then corners whose neighbours see each
-   other go.
+2. merges what lies in a line ("grid"), or pulls the string: from each corner on, the farthest point of the way
+   that is still in sight becomes the next corner; then corners whose neighbours see each other go;
+3. draws the string taut around the obstacles ("pulled"; `gcs.planning.taut`);
+4. gives it turns that a fixed wing can fly ("flyable"; `gcs.planning.turning`).
 
-Every new leg keeps the clearance exactly (`gcs.planning.sight`). Where the way itself is tighter, its nodes
-stay. Places are in cells here: x = column, y = row.
+Every new leg keeps the clearance exactly (`gcs.planning.sight`). Where the way itself is tighter, it stays as
+tight. Places are in cells here: x = column, y = row.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from gcs.compiling import called, inlined, kernel
+from gcs.model import FloatArray
+from gcs.planning.grid import BoolArray
 from gcs.planning.sight import clear_leg, room_at
+from gcs.planning.taut import tauten
+from gcs.planning.turning import FLYABLE, flyable
+
+Shape: TypeAlias = Literal["grid", "pulled", "flyable"]
 
 _DIRECT_CELLS = 1.5
 _NEAR_CELLS = 1.0
@@ -183,28 +191,70 @@ def _pull(blocked, reach, points, way, n, own):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def shape(blocked, reach, points, heading, start_inside, ends_at_place, pulled):  # type: ignore[no-untyped-def]
-    """Shape one way.
+def pull(blocked, reach, points, heading, own, ends_at_place, pulled):  # type: ignore[no-untyped-def]
+    """Trim one way, and merge or pull it: steps 1 and 2 of the module.
 
     Parameters: `reach` clearance in cells; `points` (k, 2), the agent first, then the nodes, then the target
-    if `ends_at_place`; `heading` (2,) unit vector, zeros if unknown. Returns the points to fly, the agent's
-    included, and whether every leg keeps the clearance, as far as the agent's and the target's own places
-    have it.
+    if `ends_at_place`; `heading` (2,) unit vector, zeros if unknown; `own` the flat cell that does not hinder
+    the agent, -1 for none. Returns the points to fly, the agent's included.
     """
-    own = _NO_CELL
-    if start_inside:
-        own = _cell(points[0, 1], blocked.shape[0]) * blocked.shape[1] + _cell(points[0, 0], blocked.shape[1])
     way = np.empty(points.shape[0], np.int64)
     count = _trim(blocked, reach, points, way, heading, ends_at_place, own)
     if count > 1:
         count = _pull(blocked, reach, points, way, count, own) if pulled else _merge(points, way, count)
-    shaped, roomy = np.empty((count, 2)), True
+    result = np.empty((count, 2))
     for i in range(count):
-        shaped[i, 0], shaped[i, 1] = points[way[i], 0], points[way[i], 1]
-    if reach > 0.0:
-        for i in range(count - 1):
-            if i == 0 or (i == count - 2 and ends_at_place):
-                roomy &= _sees_with_ease(blocked, reach, points, way[i], way[i + 1], own)
-            else:
-                roomy &= _sees(blocked, reach, points, way[i], way[i + 1], own)
-    return shaped, roomy
+        result[i, 0], result[i, 1] = points[way[i], 0], points[way[i], 1]
+    return result
+
+
+@kernel
+def is_roomy(blocked, reach, points, own, ends_at_place):  # type: ignore[no-untyped-def]
+    """Whether every leg keeps the clearance, as far as the agent's and the target's own places have it."""
+    last = points.shape[0] - 2
+    for i in range(last + 1 if reach > 0.0 else 0):
+        if i == 0 or (i == last and ends_at_place):
+            if not _sees_with_ease(blocked, reach, points, i, i + 1, own):
+                return False
+        elif not _sees(blocked, reach, points, i, i + 1, own):
+            return False
+    return True
+
+
+class Shaped(NamedTuple):
+    """A way that can be flown, in cells."""
+
+    points: FloatArray
+    """(k, 2), the agent's place first."""
+    length: float
+    """Along the legs, or along the turns if these were asked for."""
+    is_roomy: bool
+    """Every leg keeps the clearance, as far as the agent's and the target's own places have it."""
+    problem: int
+    """What cannot be flown; see `gcs.planning.turning`."""
+
+
+def shape_way(
+    blocked: BoolArray,
+    reach: float,
+    points: FloatArray,
+    heading: FloatArray,
+    start_inside: bool,
+    ends_at_place: bool,
+    kind: Shape,
+    radius: float,
+) -> Shaped:
+    """Shape one way; arguments as for `pull`, and the least radius of turns in cells for "flyable"."""
+    rows, cols = blocked.shape
+    own = -1
+    if start_inside:
+        col, row = (int(np.clip(np.floor(points[0, k] + 0.5), 0, n - 1)) for k, n in ((0, cols), (1, rows)))
+        own = row * cols + col
+    radius = radius if kind == "flyable" else 0.0
+    way = pull(blocked, reach, points, heading, own, ends_at_place, kind != "grid")
+    if kind != "grid" and len(way) > 1:
+        way = tauten(blocked, reach, way, heading, radius, radius, own)
+    length, problem = float(np.hypot(*np.diff(way, axis=0).T).sum()), FLYABLE
+    if radius > 0.0 and len(way) > 1:
+        way, length, problem = flyable(blocked, reach, way, heading, radius, own)
+    return Shaped(way, length, bool(is_roomy(blocked, reach, way, own, ends_at_place)), problem)

@@ -46,6 +46,31 @@ def _leg_square(x0, y0, x1, y1, col, row):  # type: ignore[no-untyped-def]
     return best
 
 
+@called
+def leg_room(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
+    """Distance in cells of a leg from the nearest blocked cell but `own`, at most `reach`.
+
+    `own` is a flat index, -1 for none.
+    """
+    rows, cols = blocked.shape
+    wide = reach + 0.5 + 2.0 * TOUCH
+    dx, dy = x1 - x0, y1 - y0
+    best = reach
+    first = max(0, math.ceil(min(y0, y1) - wide))
+    last = min(rows - 1, math.floor(max(y0, y1) + wide))
+    for row in range(first, last + 1):
+        if abs(dy) < 1e-12:
+            low, high = min(x0, x1), max(x0, x1)
+        else:
+            ta = min(max((row - wide - y0) / dy, 0.0), 1.0)
+            tb = min(max((row + wide - y0) / dy, 0.0), 1.0)
+            low, high = x0 + min(ta * dx, tb * dx), x0 + max(ta * dx, tb * dx)
+        for col in range(max(0, math.ceil(low - wide)), min(cols - 1, math.floor(high + wide)) + 1):
+            if blocked[row, col] and row * cols + col != own:
+                best = min(best, _leg_square(x0, y0, x1, y1, col, row))
+    return best
+
+
 @kernel
 def clear_leg(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
     """Whether a leg keeps `reach` cells from every blocked cell but `own` (flat index; -1: none)."""

@@ -1,0 +1,434 @@
+"""From a taut string to a route that a fixed wing can fly: turns of a least radius, begun on its course.
+
+A vehicle at speed V and bank phi turns on a circle of R = V^2 / (g tan phi), no tighter. So
+
+- *Corners* are flown as arcs that touch both legs. The arc passes inside the corner by R (sec(a/2) - 1), a the
+  angle of the turn, and where the string is taut an obstacle stands just there. So the corner is pushed out by
+  as much, as far as its legs stay clear. A corner that takes more of a leg than there is joins its neighbour,
+  or goes, if that is clear.
+- *The start* follows the vehicle's course: an arc and its tangent to the first corner, to the nearer side, as
+  an autopilot flies it by itself. If that hits something, every Dubins word (`gcs.planning.dubins`) to the
+  first corner is tried, the shortest first: the other way round, a loop. Its arcs become waypoints.
+- A corner sharper than `_SPLIT` becomes two: an autopilot cuts sharp corners, or swings out of them.
+
+Every leg and every arc is checked for what clearance the string had there. What cannot be had stays as it was
+and is reported: a straight plan is better than none.
+
+Places in cells; angles counter-clockwise from east.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gcs.compiling import called, inlined, kernel
+from gcs.model import FloatArray
+from gcs.planning.dubins import TURNS, words
+from gcs.planning.grid import TOUCH
+from gcs.planning.sight import clear_leg, leg_room, room_at
+
+FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
+"""What keeps a route from being flown: nothing, a corner, the turn on to it; or both (their sum)."""
+
+_SPLIT = math.radians(107.0)
+_CHORD = math.radians(15.0)
+_PUSHES = 4
+_MOST_ARC = 1.8 * math.pi
+_NO_CELL = np.int64(-1)
+
+
+def acceptance_m(points_m: FloatArray, radius_m: float, lag_m: float, least_m: float) -> FloatArray:
+    """How far before each waypoint an autopilot should turn to the next one.
+
+    An arc of the turn radius begins R tan(a/2) before a corner of angle a; a vehicle that takes up a turn
+    late, by `lag_m`, must begin that much before. The two together, by the root of the sum of their squares:
+    for an airframe whose heading closes in on the new bearing exponentially, this is within 5 % of the
+    distance that swings neither out nor across (see docs/planning.md).
+
+    Parameters
+    ----------
+    points_m : ndarray, shape (k, 2)
+        Where the vehicle starts, and the waypoints.
+    radius_m, lag_m, least_m : float
+        Turn radius; speed times the time that a turn takes to be taken up; least answer.
+
+    Returns
+    -------
+    ndarray, shape (k - 1,)
+        Of each waypoint; the last has `least_m`. Never more than half of the leg that leads to the waypoint,
+        so that no corner is skipped, but for `least_m`.
+    """
+    legs = np.diff(points_m, axis=0)
+    lengths = np.hypot(legs[:, 0], legs[:, 1])
+    result = np.full(len(legs), least_m)
+    for i in range(len(legs) - 1):
+        turn = math.atan2(
+            legs[i, 0] * legs[i + 1, 1] - legs[i, 1] * legs[i + 1, 0], float(legs[i] @ legs[i + 1])
+        )
+        wanted = math.hypot(radius_m * math.tan(min(abs(turn), _SPLIT) / 2.0), lag_m)
+        result[i] = max(least_m, min(wanted, 0.5 * lengths[i]))
+    return result
+
+
+@inlined
+def _leg(points, i):  # type: ignore[no-untyped-def]
+    return points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+
+
+@called
+def _angle(points, i):  # type: ignore[no-untyped-def]
+    """Angle of the turn at corner i, positive to the left, in (-pi, pi]."""
+    ux, uy = _leg(points, i - 1)
+    vx, vy = _leg(points, i)
+    return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
+
+
+@called
+def _need(points, i, radius):  # type: ignore[no-untyped-def]
+    """How much of its two legs the turn at point i takes; nothing at the ends."""
+    if i <= 0 or i >= points.shape[0] - 1:
+        return 0.0
+    return radius * math.tan(0.5 * min(abs(_angle(points, i)), 0.99 * math.pi))
+
+
+@called
+def _arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):  # type: ignore[no-untyped-def]
+    """Whether an arc from a place on a course keeps `reach`: chords, and the arc's height above them."""
+    count = max(1, math.ceil(sweep / _CHORD))
+    step = sweep / count
+    wide = reach + radius * (1.0 - math.cos(0.5 * step))
+    chord = 2.0 * radius * math.sin(0.5 * step)
+    for _ in range(count):
+        to_x, to_y = x + chord * math.cos(angle + side * 0.5 * step), y + chord * math.sin(
+            angle + side * 0.5 * step
+        )
+        if not clear_leg(blocked, x, y, to_x, to_y, wide, own):
+            return False
+        x, y, angle = to_x, to_y, angle + side * step
+    return True
+
+
+@called
+def _pushed(blocked, string, rooms, radius, own):  # type: ignore[no-untyped-def]
+    """Corners moved outwards so that the arcs pass where the string did, as far as the legs stay clear."""
+    size = string.shape[0]
+    push = np.zeros((size, 2))
+    for i in range(1, size - 1):
+        ux, uy = _leg(string, i - 1)
+        vx, vy = _leg(string, i)
+        u, v = math.hypot(ux, uy), math.hypot(vx, vy)
+        if u == 0.0 or v == 0.0:
+            continue
+        ox, oy = ux / u - vx / v, uy / u - vy / v
+        out = math.hypot(ox, oy)
+        if out > 1e-9:
+            half = 0.5 * min(abs(_angle(string, i)), _SPLIT)
+            by = min(radius * (1.0 / math.cos(half) - 1.0), 0.5 * min(u, v))
+            push[i, 0], push[i, 1] = by * ox / out, by * oy / out
+    result = string + push
+    for attempt in range(_PUSHES):
+        hit = False
+        for i in range(size - 1):
+            hindrance = own if i == 0 else _NO_CELL
+            if not clear_leg(
+                blocked,
+                result[i, 0],
+                result[i, 1],
+                result[i + 1, 0],
+                result[i + 1, 1],
+                rooms[i],
+                hindrance,
+            ):
+                hit = True
+                for k in range(i, i + 2):
+                    for axis in range(2):
+                        push[k, axis] *= 0.5 if attempt < _PUSHES - 1 else 0.0
+        if not hit:
+            return result
+        result = string + push
+    return string.copy() if hit else result
+
+
+@called
+def _legs_fit(points, i, radius):  # type: ignore[no-untyped-def]
+    """Whether leg i is as long as its turns need, and no shorter than the radius."""
+    dx, dy = _leg(points, i)
+    length = math.hypot(dx, dy)
+    inner = 0 < i < points.shape[0] - 2
+    return _need(points, i, radius) + _need(points, i + 1, radius) <= length + 1e-9 and (
+        not inner or length >= radius - 1e-9
+    )
+
+
+@inlined
+def _without(points, rooms, i):  # type: ignore[no-untyped-def]
+    """The points but i; the new leg has the lesser clearance of the two it replaces."""
+    size = points.shape[0]
+    fewer, fewer_rooms = np.empty((size - 1, 2)), np.empty(size - 2)
+    for k in range(size - 1):
+        at = k if k < i else k + 1
+        fewer[k, 0], fewer[k, 1] = points[at, 0], points[at, 1]
+    for k in range(size - 2):
+        fewer_rooms[k] = rooms[k] if k < i else rooms[k + 1]
+    fewer_rooms[i - 1] = min(rooms[i - 1], rooms[i])
+    return fewer, fewer_rooms
+
+
+@called
+def _joined(blocked, points, rooms, i, own):  # type: ignore[no-untyped-def]
+    """Corners i and i + 1 as one, where their outer legs meet; as they were if that is not clear."""
+    ux, uy = _leg(points, i - 1)
+    vx, vy = _leg(points, i + 1)
+    across = ux * vy - uy * vx
+    if abs(across) < 1e-9:
+        return points, rooms
+    gx, gy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+    ahead, behind = (gx * vy - gy * vx) / across, (gx * uy - gy * ux) / across
+    if ahead <= 0.0 or behind >= 0.0:
+        return points, rooms
+    fewer, fewer_rooms = _without(points, rooms, i + 1)
+    fewer[i, 0], fewer[i, 1] = points[i, 0] + ahead * ux, points[i, 1] + ahead * uy
+    for k in range(i - 1, i + 1):
+        hindrance = own if k == 0 else _NO_CELL
+        if not clear_leg(
+            blocked,
+            fewer[k, 0],
+            fewer[k, 1],
+            fewer[k + 1, 0],
+            fewer[k + 1, 1],
+            fewer_rooms[k],
+            hindrance,
+        ):
+            return points, rooms
+    return fewer, fewer_rooms
+
+
+@called
+def _fitted(blocked, points, rooms, radius, own):  # type: ignore[no-untyped-def]
+    """Join or drop corners whose legs are too short for their turns, where that is clear."""
+    i = 0
+    while i < points.shape[0] - 1:
+        size = points.shape[0]
+        if size > 2 and not _legs_fit(points, i, radius):
+            if 0 < i < size - 2:
+                fewer, fewer_rooms = _joined(blocked, points, rooms, i, own)
+                if fewer.shape[0] < size and _legs_fit(fewer, i - 1, radius) and _legs_fit(fewer, i, radius):
+                    points, rooms = fewer, fewer_rooms
+                    i = max(i - 1, 0)
+                    continue
+            dropped = False
+            for k in range(max(1, i), min(i + 2, size - 1)):
+                room = min(rooms[k - 1], rooms[k])
+                a, b = k - 1, k + 1
+                if not dropped and clear_leg(
+                    blocked,
+                    points[a, 0],
+                    points[a, 1],
+                    points[b, 0],
+                    points[b, 1],
+                    room,
+                    own if a == 0 else _NO_CELL,
+                ):
+                    fewer, fewer_rooms = _without(points, rooms, k)
+                    dropped = True
+            if dropped:
+                points, rooms = fewer, fewer_rooms
+                i = max(i - 1, 0)
+                continue
+        i += 1
+    return points, rooms
+
+
+@called
+def _corners_are_clear(blocked, points, rooms, radius, own):  # type: ignore[no-untyped-def]
+    """Whether every leg is long enough for its turns and every arc keeps its clearance."""
+    for i in range(points.shape[0] - 1):
+        if not _legs_fit(points, i, radius):
+            return False
+        need = _need(points, i, radius)
+        if need <= 1e-9:
+            continue
+        ux, uy = _leg(points, i - 1)
+        u, turn = math.hypot(ux, uy), _angle(points, i)
+        x, y = points[i, 0] - need * ux / u, points[i, 1] - need * uy / u
+        side = 1.0 if turn > 0.0 else -1.0
+        room = min(rooms[i - 1], rooms[i])
+        hindrance = own if i == 1 else _NO_CELL
+        if not _arc_is_clear(
+            blocked, room, x, y, math.atan2(uy, ux), side, abs(turn), radius, hindrance
+        ):
+            return False
+    return True
+
+
+@called
+def _start_arc(points, angle, radius):  # type: ignore[no-untyped-def]
+    """Side and sweep of the arc that turns a vehicle to its first corner; sweep inf if it cannot."""
+    dx, dy = _leg(points, 0)
+    ahead, aside = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
+    side = 1.0 if aside >= 0.0 else -1.0
+    gap = math.hypot(ahead, abs(aside) - radius)
+    if gap < radius:
+        return side, np.inf
+    sweep = math.atan2(ahead, radius - abs(aside)) - math.acos(min(radius / gap, 1.0))
+    return side, max(sweep % (2.0 * math.pi) if sweep < -1e-9 else sweep, 0.0)
+
+
+@called
+def _start_is_clear(blocked, points, room, angle, radius, own):  # type: ignore[no-untyped-def]
+    """Whether the turn on to the first leg, as an autopilot flies it by itself, keeps its clearance."""
+    side, sweep = _start_arc(points, angle, radius)
+    if sweep > _MOST_ARC:
+        return False
+    x, y = points[0, 0], points[0, 1]
+    if not _arc_is_clear(blocked, room, x, y, angle, side, sweep, radius, own):
+        return False
+    turned = angle + side * sweep
+    x += side * radius * (math.sin(turned) - math.sin(angle))
+    y -= side * radius * (math.cos(turned) - math.cos(angle))
+    return clear_leg(blocked, x, y, points[1, 0], points[1, 1], room, own)
+
+
+@called
+def _trace(blocked, room, x, y, angle, turns, pieces, radius, own, tips):  # type: ignore[no-untyped-def]
+    """Follow one Dubins word: the corners of its arcs to `tips`; how many, -1 if it is not clear."""
+    count, last_x, last_y = 0, x, y
+    for piece in range(3):
+        side, long = turns[piece], pieces[piece]
+        if side == 0:
+            to_x, to_y = x + long * radius * math.cos(angle), y + long * radius * math.sin(angle)
+            if not clear_leg(blocked, x, y, to_x, to_y, room, own):
+                return -1
+            x, y = to_x, to_y
+            continue
+        if long > _MOST_ARC or not _arc_is_clear(blocked, room, x, y, angle, side, long, radius, own):
+            return -1
+        parts = max(1, math.ceil(long / _SPLIT))
+        tip = radius * math.tan(0.5 * long / parts)
+        for _ in range(parts):
+            if long > 1e-6:
+                tip_x, tip_y = x + tip * math.cos(angle), y + tip * math.sin(angle)
+                if not clear_leg(blocked, last_x, last_y, tip_x, tip_y, room, own):
+                    return -1
+                tips[count, 0], tips[count, 1] = tip_x, tip_y
+                last_x, last_y = tip_x, tip_y
+                count += 1
+            turned = angle + side * long / parts
+            x += side * radius * (math.sin(turned) - math.sin(angle))
+            y -= side * radius * (math.cos(turned) - math.cos(angle))
+            angle = turned
+    return count if clear_leg(blocked, last_x, last_y, x, y, room, own) else -1
+
+
+@called
+def _other_start(blocked, points, room, angle, radius, own):  # type: ignore[no-untyped-def]
+    """The points with a start by the shortest clear Dubins word; the same points if there is none.
+
+    Also returns by how much the word is longer than its first leg's straight line.
+    """
+    dx, dy = _leg(points, 0)
+    toward = math.atan2(dy, dx)
+    pieces = words(points[0, 0], points[0, 1], angle, points[1, 0], points[1, 1], toward, radius)
+    tips = np.empty((16, 2))
+    lengths = np.empty(6)
+    for word in range(6):
+        lengths[word] = pieces[word, 0] + pieces[word, 1] + pieces[word, 2]
+    for _ in range(6):
+        best = 0
+        for word in range(6):
+            if lengths[word] < lengths[best]:
+                best = word
+        if lengths[best] == np.inf:
+            break
+        count = _trace(
+            blocked, room, points[0, 0], points[0, 1], angle, TURNS[best], pieces[best], radius, own, tips
+        )
+        if count >= 0:
+            size = points.shape[0]
+            result = np.empty((size + count, 2))
+            result[0, 0], result[0, 1] = points[0, 0], points[0, 1]
+            for k in range(count):
+                result[1 + k, 0], result[1 + k, 1] = tips[k, 0], tips[k, 1]
+            for k in range(1, size):
+                result[count + k, 0], result[count + k, 1] = points[k, 0], points[k, 1]
+            return result, radius * lengths[best] - math.hypot(dx, dy)
+        lengths[best] = np.inf
+    return points, np.inf
+
+
+@called
+def _split(points, radius):  # type: ignore[no-untyped-def]
+    """Sharp corners as two, around the same arc; and what the rounding of all corners saves."""
+    size = points.shape[0]
+    result, count, saved = np.empty((2 * size, 2)), 0, 0.0
+    for i in range(size):
+        turn = _angle(points, i) if 0 < i < size - 1 else 0.0
+        need = _need(points, i, radius)
+        saved += 2.0 * need - radius * abs(turn)
+        result[count, 0], result[count, 1] = points[i, 0], points[i, 1]
+        count += 1
+        if abs(turn) > _SPLIT:
+            ux, uy = _leg(points, i - 1)
+            vx, vy = _leg(points, i)
+            u, v = math.hypot(ux, uy), math.hypot(vx, vy)
+            back = need - radius * math.tan(0.25 * abs(turn))
+            result[count - 1, 0], result[count - 1, 1] = (
+                points[i, 0] - back * ux / u,
+                points[i, 1] - back * uy / u,
+            )
+            result[count, 0], result[count, 1] = (
+                points[i, 0] + back * vx / v,
+                points[i, 1] + back * vy / v,
+            )
+            count += 1
+    return result[:count].copy(), saved
+
+
+@kernel
+def flyable(blocked, reach, string, heading, radius, own):  # type: ignore[no-untyped-def]
+    """Give a taut string turns that can be flown.
+
+    Parameters: `reach` clearance in cells; `string` (k, 2), the vehicle first; `heading` (2,) unit vector,
+    zeros if unknown; `radius` > 0 of the turns, in cells; `own` as for `tauten`. Returns the corners (j, 2),
+    the length flown along the arcs, in cells, and what cannot be flown (`FLYABLE` ...).
+    """
+    legs = string.shape[0] - 1
+    rooms, problem = np.empty(legs), FLYABLE
+    for i in range(legs):
+        hindrance = own if i == 0 else _NO_CELL
+        room = leg_room(
+            blocked, string[i, 0], string[i, 1], string[i + 1, 0], string[i + 1, 1], reach, hindrance
+        )
+        rooms[i] = room if room < reach else reach
+    points = _pushed(blocked, string, rooms, radius, own)
+    points, rooms = _fitted(blocked, points, rooms, radius, own)
+    if not _corners_are_clear(blocked, points, rooms, radius, own):
+        problem = SHARP_CORNER
+    extra, joined = 0.0, points
+    points, saved = _split(points, radius)
+    if problem != FLYABLE:
+        saved = 0.0
+    if legs > 0 and (heading[0] != 0.0 or heading[1] != 0.0):
+        angle = math.atan2(heading[1], heading[0])
+        # The turn begins where the vehicle is: no more can be asked of it than the room that it has there.
+        room = min(rooms[0], max(room_at(blocked, points[0, 0], points[0, 1], reach) - TOUCH, 0.0))
+        if _start_is_clear(blocked, points, room, angle, radius, own):
+            side, sweep = _start_arc(points, angle, radius)
+            dx, dy = _leg(points, 0)
+            turned = angle + side * sweep
+            ex = dx - side * radius * (math.sin(turned) - math.sin(angle))
+            ey = dy + side * radius * (math.cos(turned) - math.cos(angle))
+            extra = radius * sweep + math.hypot(ex, ey) - math.hypot(dx, dy)
+        else:
+            other, longer = _other_start(blocked, points, room, angle, radius, own)
+            if other.shape[0] > points.shape[0]:
+                points, extra = other, longer
+            else:
+                problem += SHARP_START
+    length = extra - saved
+    for i in range(joined.shape[0] - 1):
+        dx, dy = _leg(joined, i)
+        length += math.hypot(dx, dy)
+    return points, length, problem
