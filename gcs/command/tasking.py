@@ -39,9 +39,7 @@ class Tasking:
         Addresses and sequences.
     """
 
-    def __init__(
-        self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame, fleet: Fleet
-    ) -> None:
+    def __init__(self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame, fleet: Fleet) -> None:
         self._table = table
         self._airframe = airframe
         self._frame = frame

@@ -9,8 +9,8 @@ Shaping then takes the nodes of the way and
 
 1. drops the first ones if they are too near to fly to, or behind the agent, and the next one is in sight: an
    agent between nodes is not sent back (likewise a last node just beside the target);
-2. merges what lies in a line ("grid"), or pulls the string: from each corner on, the farthest point of the way
-   that is still in sight becomes the next corner; then corners whose neighbours see each other go;
+2. merges what lies in a line ("grid"), or pulls the string: from each corner on, the farthest point of the
+   way that is still in sight becomes the next corner; then corners whose neighbours see each other go;
 3. draws the string taut around the obstacles ("pulled"; `gcs.planning.taut`);
 4. gives it turns that a fixed wing can fly ("flyable"; `gcs.planning.turning`).
 

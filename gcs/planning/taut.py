@@ -301,9 +301,7 @@ def _slide(blocked, reach, way, count, least, own):  # type: ignore[no-untyped-d
             a, b = math.hypot(way[i, 0] - ax, way[i, 1] - ay), math.hypot(way[i, 0] - bx, way[i, 1] - by)
             floor = min(least, a, b)
             share = a / max(a + b, 1e-12)
-            moved += _slid(
-                blocked, reach, way, i, ax + share * (bx - ax), ay + share * (by - ay), floor, own
-            )
+            moved += _slid(blocked, reach, way, i, ax + share * (bx - ax), ay + share * (by - ay), floor, own)
             moved += _slid(blocked, reach, way, i, ax, ay, floor, own)
             moved += _slid(blocked, reach, way, i, bx, by, floor, own)
             i += 1

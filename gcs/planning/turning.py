@@ -2,10 +2,10 @@
 
 A vehicle at speed V and bank phi turns on a circle of R = V^2 / (g tan phi), no tighter. So
 
-- *Corners* are flown as arcs that touch both legs. The arc passes inside the corner by R (sec(a/2) - 1), a the
-  angle of the turn, and where the string is taut an obstacle stands just there. So the corner is pushed out by
-  as much, as far as its legs stay clear. A corner that takes more of a leg than there is joins its neighbour,
-  or goes, if that is clear.
+- *Corners* are flown as arcs that touch both legs. The arc passes inside the corner by R (sec(a/2) - 1), a
+  the angle of the turn, and where the string is taut an obstacle stands just there. So the corner is pushed
+  out by as much, as far as its legs stay clear. A corner that takes more of a leg than there is joins its
+  neighbour, or goes, if that is clear.
 - *The start* follows the vehicle's course: an arc and its tangent to the first corner, to the nearer side, as
   an autopilot flies it by itself. If that hits something, every Dubins word (`gcs.planning.dubins`) to the
   first corner is tried, the shortest first: the other way round, a loop. Its arcs become waypoints.
@@ -101,8 +101,9 @@ def _arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):  # typ
     wide = reach + radius * (1.0 - math.cos(0.5 * step))
     chord = 2.0 * radius * math.sin(0.5 * step)
     for _ in range(count):
-        to_x, to_y = x + chord * math.cos(angle + side * 0.5 * step), y + chord * math.sin(
-            angle + side * 0.5 * step
+        to_x, to_y = (
+            x + chord * math.cos(angle + side * 0.5 * step),
+            y + chord * math.sin(angle + side * 0.5 * step),
         )
         if not clear_leg(blocked, x, y, to_x, to_y, wide, own):
             return False
@@ -256,9 +257,7 @@ def _corners_are_clear(blocked, points, rooms, radius, own):  # type: ignore[no-
         side = 1.0 if turn > 0.0 else -1.0
         room = min(rooms[i - 1], rooms[i])
         hindrance = own if i == 1 else _NO_CELL
-        if not _arc_is_clear(
-            blocked, room, x, y, math.atan2(uy, ux), side, abs(turn), radius, hindrance
-        ):
+        if not _arc_is_clear(blocked, room, x, y, math.atan2(uy, ux), side, abs(turn), radius, hindrance):
             return False
     return True
 
@@ -359,31 +358,39 @@ def _other_start(blocked, points, room, angle, radius, own):  # type: ignore[no-
 
 
 @called
-def _split(points, radius):  # type: ignore[no-untyped-def]
-    """Sharp corners as two, around the same arc; and what the rounding of all corners saves."""
+def _split(blocked, points, rooms, radius):  # type: ignore[no-untyped-def]
+    """Sharp corners as two, around the same arc, where that is clear."""
     size = points.shape[0]
-    result, count, saved = np.empty((2 * size, 2)), 0, 0.0
+    result, count = np.empty((2 * size, 2)), 0
     for i in range(size):
-        turn = _angle(points, i) if 0 < i < size - 1 else 0.0
-        need = _need(points, i, radius)
-        saved += 2.0 * need - radius * abs(turn)
         result[count, 0], result[count, 1] = points[i, 0], points[i, 1]
         count += 1
-        if abs(turn) > _SPLIT:
-            ux, uy = _leg(points, i - 1)
-            vx, vy = _leg(points, i)
-            u, v = math.hypot(ux, uy), math.hypot(vx, vy)
-            back = need - radius * math.tan(0.25 * abs(turn))
-            result[count - 1, 0], result[count - 1, 1] = (
-                points[i, 0] - back * ux / u,
-                points[i, 1] - back * uy / u,
-            )
-            result[count, 0], result[count, 1] = (
-                points[i, 0] + back * vx / v,
-                points[i, 1] + back * vy / v,
-            )
+        turn = abs(_angle(points, i)) if 0 < i < size - 1 else 0.0
+        if turn <= _SPLIT or not (_legs_fit(points, i - 1, radius) and _legs_fit(points, i, radius)):
+            continue
+        ux, uy = _leg(points, i - 1)
+        vx, vy = _leg(points, i)
+        back = _need(points, i, radius) - radius * math.tan(0.25 * turn)
+        u, v = back / math.hypot(ux, uy), back / math.hypot(vx, vy)
+        ax, ay = points[i, 0] - u * ux, points[i, 1] - u * uy
+        bx, by = points[i, 0] + v * vx, points[i, 1] + v * vy
+        if clear_leg(blocked, ax, ay, bx, by, min(rooms[i - 1], rooms[i]), _NO_CELL):
+            result[count - 1, 0], result[count - 1, 1] = ax, ay
+            result[count, 0], result[count, 1] = bx, by
             count += 1
-    return result[:count].copy(), saved
+    return result[:count].copy()
+
+
+@called
+def _rounded_length(points, radius, is_flyable):  # type: ignore[no-untyped-def]
+    """Length along legs and arcs; along the legs alone if the arcs do not fit."""
+    length = 0.0
+    for i in range(points.shape[0] - 1):
+        dx, dy = _leg(points, i)
+        length += math.hypot(dx, dy)
+        if is_flyable and i > 0:
+            length -= 2.0 * _need(points, i, radius) - radius * abs(_angle(points, i))
+    return length
 
 
 @kernel
@@ -398,18 +405,15 @@ def flyable(blocked, reach, string, heading, radius, own):  # type: ignore[no-un
     rooms, problem = np.empty(legs), FLYABLE
     for i in range(legs):
         hindrance = own if i == 0 else _NO_CELL
-        room = leg_room(
+        rooms[i] = leg_room(
             blocked, string[i, 0], string[i, 1], string[i + 1, 0], string[i + 1, 1], reach, hindrance
         )
-        rooms[i] = room if room < reach else reach
     points = _pushed(blocked, string, rooms, radius, own)
     points, rooms = _fitted(blocked, points, rooms, radius, own)
     if not _corners_are_clear(blocked, points, rooms, radius, own):
         problem = SHARP_CORNER
-    extra, joined = 0.0, points
-    points, saved = _split(points, radius)
-    if problem != FLYABLE:
-        saved = 0.0
+    length = _rounded_length(points, radius, problem == FLYABLE)
+    points = _split(blocked, points, rooms, radius)
     if legs > 0 and (heading[0] != 0.0 or heading[1] != 0.0):
         angle = math.atan2(heading[1], heading[0])
         # The turn begins where the vehicle is: no more can be asked of it than the room that it has there.
@@ -420,15 +424,12 @@ def flyable(blocked, reach, string, heading, radius, own):  # type: ignore[no-un
             turned = angle + side * sweep
             ex = dx - side * radius * (math.sin(turned) - math.sin(angle))
             ey = dy + side * radius * (math.cos(turned) - math.cos(angle))
-            extra = radius * sweep + math.hypot(ex, ey) - math.hypot(dx, dy)
+            length += radius * sweep + math.hypot(ex, ey) - math.hypot(dx, dy)
         else:
             other, longer = _other_start(blocked, points, room, angle, radius, own)
             if other.shape[0] > points.shape[0]:
-                points, extra = other, longer
+                points = other
+                length += longer
             else:
                 problem += SHARP_START
-    length = extra - saved
-    for i in range(joined.shape[0] - 1):
-        dx, dy = _leg(joined, i)
-        length += math.hypot(dx, dy)
     return points, length, problem

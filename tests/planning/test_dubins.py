@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -45,7 +46,7 @@ def test_no_path_is_shorter_than_the_straight_line_nor_turns_tighter_than_the_ra
     assert path.length_m >= math.dist(start[:2], end[:2]) - 1e-6
     step = path.length_m / 400
     poses = [path.at(k * step) for k in range(401)]
-    for a, b in zip(poses, poses[1:], strict=False):
+    for a, b in itertools.pairwise(poses):
         assert abs(b.course_rad - a.course_rad) <= step / radius + 1e-9
         assert math.dist(a[:2], b[:2]) <= step + 1e-9
 
