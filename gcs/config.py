@@ -24,6 +24,7 @@ from msgspec import Meta
 
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
+from gcs.geojson import Zones, read_zones
 
 _G_M_S2 = 9.80665
 
@@ -32,6 +33,7 @@ NotNegative = Annotated[float, Meta(ge=0.0)]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 InnerProbability = Annotated[float, Meta(gt=0.0, lt=1.0)]
 SystemId = Annotated[int, Meta(ge=1, le=250)]
+Point2 = Annotated[list[float], Meta(min_length=2, max_length=2)]
 Point3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Box = Annotated[list[float], Meta(min_length=4, max_length=4)]
 
@@ -57,6 +59,8 @@ class MapTable(Table, frozen=True, kw_only=True):
     nodes_north: Annotated[int, Meta(ge=2, le=4000)] = 51
     discs_m: list[Point3] = []
     boxes_m: list[Box] = []
+    polygons_m: list[Annotated[list[Point2], Meta(min_length=3)]] = []
+    geojson: str = ""
     random_threshold: Annotated[float, Meta(ge=0.0, le=0.6)] = 0.0
     keep_clear_m: NotNegative = 120.0
 
@@ -195,8 +199,21 @@ class Config(Table, frozen=True, kw_only=True):
         """Grid spacing east and north."""
         return self.map.width_m / (self.map.nodes_east - 1), self.map.height_m / (self.map.nodes_north - 1)
 
+    @property
+    def zones(self) -> Zones:
+        """Keep-out zones and boundary of the GeoJSON, in metres."""
+        return (
+            read_zones(self.map.geojson, _ZONES).to_local(self.local_frame) if self.map.geojson else Zones()
+        )
+
 
 T = TypeVar("T")
+
+_ZONES = "the GeoJSON of the map"
+_GEOJSON = re.compile(
+    r"""^[ \t]*(?:map\.)?geojson[ \t]*=[ \t]*(?P<value>"(?P<basic>[^"\\\n]*)"|'(?P<literal>[^'\n]*)')""",
+    re.MULTILINE,
+)
 
 _WHERE = re.compile(r"^(?P<problem>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)
 
@@ -244,6 +261,9 @@ def scenario_names() -> list[str]:
 def read_text(scenario: str) -> tuple[str, str]:
     """Return (text, source name) of a shipped scenario or of a file.
 
+    A GeoJSON file that the mission file names is read as well, and its content put in place of its name: what
+    is recorded of a run holds everything.
+
     Raises
     ------
     ConfigError
@@ -258,10 +278,33 @@ def read_text(scenario: str) -> tuple[str, str]:
         raise ConfigError(
             scenario, "", f"no such file or scenario; shipped scenarios: {', '.join(scenario_names())}"
         )
+    return _with_zones(_text_of(path), path), os.fspath(path)
+
+
+def _text_of(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8"), os.fspath(path)
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(scenario, "", f"cannot be read as text: {error}") from None
+        raise ConfigError(os.fspath(path), "", f"cannot be read as text: {error}") from None
+
+
+def _with_zones(text: str, path: Path) -> str:
+    """Return a mission file's text with the content of the GeoJSON file that it names."""
+    match = _GEOJSON.search(text)
+    if match is None:
+        return text
+    name = match["basic"] or match["literal"] or ""
+    if not name or name.lstrip().startswith("{"):
+        return text
+    file = path.parent / name
+    if not file.is_file():
+        raise ConfigError(os.fspath(path), "map.geojson", f"no such file: {file}")
+    zones = _text_of(file)
+    read_zones(zones, os.fspath(file))
+    # A JSON string of one line without control characters is a TOML string too.
+    compact = msgspec.json.encode(msgspec.json.decode(zones)).decode()
+    quoted = msgspec.json.encode(compact).decode()
+    return text[: match.start("value")] + quoted + text[match.end("value") :]
 
 
 def parse(text: str, source: str) -> Config:
@@ -287,6 +330,8 @@ def load(scenario: str) -> Config:
 
 
 def _cross_check(config: Config, source: str) -> None:
+    if config.map.geojson:
+        _check_zones(config, source)
     ids = [agent.system_id for agent in config.agents]
     for index, system_id in enumerate(ids):
         if system_id in ids[:index]:
@@ -294,6 +339,9 @@ def _cross_check(config: Config, source: str) -> None:
                 source, f"agents[{index}].system_id", f"{system_id} is used twice; each agent needs its own"
             )
     area = config.map
+    for index, corners in enumerate(area.polygons_m):
+        if len({tuple(corner) for corner in corners}) < 3:
+            raise ConfigError(source, f"map.polygons_m[{index}]", "expected at least three different corners")
     places: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [
         ("agents", config.agents),
         ("births", config.births),
@@ -315,3 +363,24 @@ def _cross_check(config: Config, source: str) -> None:
             f"the grid's cells must be square: width gives {east:.3f} m a cell, height {north:.3f} m; "
             "change nodes_east or nodes_north",
         )
+
+
+def _check_zones(config: Config, source: str) -> None:
+    if not config.map.geojson.lstrip().startswith("{"):
+        raise ConfigError(
+            source,
+            "map.geojson",
+            'expected the name of a file on a line of its own: geojson = "zones.geojson"',
+        )
+    given, near = read_zones(config.map.geojson, f"{source}: map.geojson"), config.zones
+    for what, some, here in (
+        ("the boundary", given.boundary, near.boundary),
+        ("every keep-out zone", given.polygons + given.circles, near.polygons + near.circles),
+    ):
+        if some and not here:
+            raise ConfigError(
+                source,
+                "map.geojson",
+                f"{what} lies far from the frame's origin ({config.frame.lat_deg:.3f}°, "
+                f"{config.frame.lon_deg:.3f}°); positions are [longitude, latitude], in this order",
+            )

@@ -1,4 +1,4 @@
-"""The obstacle map of a mission: what is placed by hand, and what a seed places at random."""
+"""The obstacle map of a mission: what its file and a GeoJSON file place, and what a seed places at random."""
 
 from __future__ import annotations
 
@@ -15,7 +15,15 @@ def mission_grid(config: Config, seed: int) -> Grid:
     """Return the search grid of a mission; random obstacles depend on `seed` alone."""
     area = config.map
     grid = free_grid((area.nodes_north, area.nodes_east), config.spacing_m[0])
-    grid = grid.with_obstacles(area.discs_m, area.boxes_m)
+    zones = config.zones
+    circles_m = [(east, north, radius) for (east, north), radius in zones.circles]
+    grid = grid.with_obstacles(
+        [*area.discs_m, *circles_m],
+        area.boxes_m,
+        polygons_m=[*([ring] for ring in area.polygons_m), *zones.polygons],
+    )
+    if zones.boundary:
+        grid = grid.within(zones.boundary)
     places = [(agent.east_m, agent.north_m) for agent in config.agents]
     places += [(birth.east_m, birth.north_m) for birth in config.births]
     rng = np.random.default_rng([seed, _PURPOSE])

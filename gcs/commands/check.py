@@ -38,6 +38,13 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     table.add_row(
         "obstacles", f"{blocked} nodes ({100 * blocked / grid.blocked.size:.1f} %) with seed {seed}"
     )
+    if area.geojson:
+        zones = config.zones
+        table.add_row(
+            "GeoJSON",
+            f"{len(zones.polygons) + len(zones.circles)} keep-out zones, "
+            + ("a boundary" if zones.boundary else "no boundary"),
+        )
     table.add_row(
         "agents", ", ".join(f"{a.system_id} at ({a.east_m:.0f}, {a.north_m:.0f}) m" for a in config.agents)
     )

@@ -21,11 +21,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from gcs.model import FloatArray
+from gcs.planning.polygons import cover
+
 Node: TypeAlias = tuple[int, int]
 """(row north, column east)."""
 
 Point: TypeAlias = tuple[float, float]
 """(east_m, north_m)."""
+
+Polygon: TypeAlias = Sequence[Sequence[Sequence[float]]]
+"""Rings of corners (east_m, north_m): the outline first, then the holes."""
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
@@ -97,12 +103,13 @@ class Grid:
         discs_m: Iterable[Sequence[float]] = (),
         boxes_m: Iterable[Sequence[float]] = (),
         cells: Iterable[Node] = (),
+        polygons_m: Iterable[Polygon] = (),
     ) -> Grid:
         """Return this map with more obstacles.
 
-        Discs (east, north, radius) and boxes (east_min, north_min, east_max, north_max) block every cell that
-        they overlap, so that a route around the cells is a route around the obstacle. A disc or box inside
-        one cell blocks that cell, however small.
+        Discs (east, north, radius), boxes (east_min, north_min, east_max, north_max) and polygons block every
+        cell that they overlap, so that a route around the cells is a route around the obstacle. One inside a
+        cell blocks that cell, however small.
         """
         blocked = self.blocked.copy()
         rows, cols = self.shape
@@ -120,7 +127,22 @@ class Grid:
             blocked |= over_east & over_north
         for row, col in cells:
             blocked[row, col] = True
+        for polygon in polygons_m:
+            passed, inside = cover(self.shape, self._rings(polygon))
+            blocked |= passed | inside
         return Grid(self.origin_m, self.spacing_m, blocked)
+
+    def within(self, polygons_m: Iterable[Polygon]) -> Grid:
+        """Return this map with every cell blocked that does not lie wholly inside one of the polygons."""
+        outside = np.ones(self.shape, dtype=np.bool_)
+        for polygon in polygons_m:
+            passed, inside = cover(self.shape, self._rings(polygon))
+            outside &= passed | ~inside
+        return Grid(self.origin_m, self.spacing_m, self.blocked | outside)
+
+    def _rings(self, polygon_m: Polygon) -> list[FloatArray]:
+        """Rings in cells."""
+        return [(np.asarray(ring, dtype=np.float64) - self.origin_m) / self.spacing_m for ring in polygon_m]
 
     def inflate(self, clearance_m: float) -> Grid:
         """Return this map with every node blocked that is nearer than `clearance_m` to a blocked cell.

@@ -1,0 +1,178 @@
+"""GeoJSON (RFC 7946): keep-out zones and the mission boundary, from WGS84 to the local frame.
+
+What is read: features, collections of them, or bare geometries of type
+
+- `Polygon` and `MultiPolygon`, holes included;
+- `Point` with a property `radius`: a circle of that many metres.
+
+The property `kind` says what a feature is: `"keep-out"` (so is one without it) or `"boundary"`, the area that
+a mission stays in; there may be one of these, and it is no circle. Other properties mean nothing here. Edges
+are straight in the local frame, which over a mission's area is where a straight line on a map lies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import msgspec
+
+from gcs.errors import ConfigError
+from gcs.geo import LocalFrame
+
+Position: TypeAlias = tuple[float, float]
+"""Longitude and latitude in degrees, or east and north in metres."""
+Polygon: TypeAlias = tuple[tuple[Position, ...], ...]
+"""The outline, then the holes."""
+
+_NEAR_DEG = 5.0
+"""A feature without a corner this near to the origin, in latitude and longitude, is of another place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Zones:
+    """What a file says, in degrees as read, or in metres of a local frame.
+
+    Attributes
+    ----------
+    polygons : tuple
+        Keep-out polygons.
+    circles : tuple
+        Keep-out circles: centre, radius in metres.
+    boundary : tuple
+        Polygons of the mission's boundary; empty if there is none.
+    """
+
+    polygons: tuple[Polygon, ...] = ()
+    circles: tuple[tuple[Position, float], ...] = ()
+    boundary: tuple[Polygon, ...] = ()
+
+    def to_local(self, frame: LocalFrame) -> Zones:
+        """Return the zones in metres of a local frame; those of other places on Earth are left out."""
+
+        def near(ring: tuple[Position, ...]) -> bool:
+            return any(
+                abs(lat - frame.lat_deg) < _NEAR_DEG
+                and abs((lon - frame.lon_deg + 180.0) % 360.0 - 180.0) < _NEAR_DEG
+                for lon, lat in ring
+            )
+
+        def local(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
+            return tuple(
+                tuple(tuple(frame.to_local(lat, lon) for lon, lat in ring) for ring in polygon)
+                for polygon in polygons
+                if near(polygon[0])
+            )
+
+        circles = tuple(
+            (frame.to_local(lat, lon), radius) for (lon, lat), radius in self.circles if near(((lon, lat),))
+        )
+        return Zones(local(self.polygons), circles, local(self.boundary))
+
+
+def read_zones(text: str, source: str) -> Zones:
+    """Read GeoJSON text; positions stay in degrees.
+
+    Raises
+    ------
+    ConfigError
+        With `source`, the feature at fault and what was expected there.
+    """
+    try:
+        found = msgspec.json.decode(text)
+    except msgspec.DecodeError as error:
+        raise ConfigError(source, "", f"not valid JSON: {error}") from None
+    polygons: list[Polygon] = []
+    circles: list[tuple[Position, float]] = []
+    boundaries: list[tuple[Polygon, ...]] = []
+    for key, geometry, properties in _geometries(found, source):
+        kind = properties.get("kind", "keep-out")
+        if kind not in ("keep-out", "boundary"):
+            raise ConfigError(
+                source, f"{key}.properties.kind", f'expected "keep-out" or "boundary", not {kind!r}'
+            )
+        shape = geometry.get("type")
+        where = f"{key}.geometry" if key else ""
+        corners = geometry.get("coordinates")
+        if shape == "Point" and kind == "keep-out":
+            radius = properties.get("radius")
+            if not isinstance(radius, int | float) or not 0.0 < radius < 1e6:
+                raise ConfigError(
+                    source, f"{key}.properties.radius", "a Point needs its radius in metres, above 0"
+                )
+            circles.append((_position(corners, source, where), float(radius)))
+        elif shape in ("Polygon", "MultiPolygon"):
+            many = corners if shape == "MultiPolygon" else [corners]
+            if not isinstance(many, list):
+                raise ConfigError(source, where, "expected a list of polygons as coordinates")
+            read = tuple(_polygon(rings, source, where) for rings in many)
+            if kind == "boundary":
+                boundaries.append(read)
+            else:
+                polygons += read
+        else:
+            allowed = "Polygon or MultiPolygon" + (" or Point" if kind == "keep-out" else "")
+            raise ConfigError(source, where, f"a {kind} zone is a {allowed}, not {shape!r}")
+        if len(boundaries) > 1:
+            raise ConfigError(
+                source, key, "this is the second boundary: there may be one (a MultiPolygon if need be)"
+            )
+    return Zones(tuple(polygons), tuple(circles), boundaries[0] if boundaries else ())
+
+
+def _geometries(found: Any, source: str) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
+    """Yield name, geometry and properties of all that is in a GeoJSON object."""
+    kind = found.get("type") if isinstance(found, dict) else None
+    if kind == "FeatureCollection":
+        features = found.get("features")
+        if not isinstance(features, list):
+            raise ConfigError(source, "features", "expected a list of features")
+        for index, feature in enumerate(features):
+            yield from _feature(feature, source, f"features[{index}]")
+    elif kind == "Feature":
+        yield from _feature(found, source, "feature")
+    elif isinstance(found, dict) and "coordinates" in found:
+        yield "", found, {}
+    else:
+        raise ConfigError(
+            source, "", f"expected GeoJSON: a FeatureCollection, a Feature or a geometry, not {kind!r}"
+        )
+
+
+def _feature(feature: Any, source: str, key: str) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
+    geometry = feature.get("geometry") if isinstance(feature, dict) else None
+    if not isinstance(geometry, dict):
+        raise ConfigError(source, key, "expected a feature with a geometry")
+    properties = feature.get("properties")
+    yield key, geometry, properties if isinstance(properties, dict) else {}
+
+
+def _polygon(rings: Any, source: str, where: str) -> Polygon:
+    if not isinstance(rings, list) or not rings:
+        raise ConfigError(source, where, "expected a list of rings of [longitude, latitude]")
+    polygon = []
+    for ring in rings:
+        corners = tuple(
+            _position(corner, source, where) for corner in (ring if isinstance(ring, list) else [])
+        )
+        if len(set(corners)) < 3:
+            raise ConfigError(source, where, "a ring needs at least three different corners")
+        polygon.append(corners)
+    return tuple(polygon)
+
+
+def _position(position: Any, source: str, where: str) -> Position:
+    if not isinstance(position, list) or len(position) < 2 or not all(map(_is_number, position[:2])):
+        raise ConfigError(source, where, f"expected a position [longitude, latitude], not {position!r}")
+    lon, lat = float(position[0]), float(position[1])
+    if not (abs(lon) <= 180.0 and abs(lat) <= 90.0):
+        raise ConfigError(
+            source, where, f"[{lon}, {lat}] is no [longitude, latitude] in degrees (in this order)"
+        )
+    return lon, lat
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
