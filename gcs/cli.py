@@ -248,6 +248,40 @@ def info(
 
 
 @app.command()
+def report(
+    recording: Annotated[
+        Path, typer.Argument(help="A recording, a .tlog of any ground station, or raw MAVLink.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for it.  [default: RECORDING/report, or NAME-report]"),
+    ] = None,
+    config: Annotated[
+        str | None, typer.Option(help="The mission, for a log, or for a recording that lost its own.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of the random obstacles.  [default: the recorded one]")
+    ] = None,
+    timing: Annotated[
+        bool,
+        typer.Option(help="Work every event once more, to measure how long scans and plans take here."),
+    ] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Put a run on one page: maps, trackers, plans, times; figures as PNG and PDF, tracks as CSV.
+
+    The page stands alone and opens in any browser. What a file does not hold, such as the truth of a real
+    flight, the page says.
+    """
+    from gcs.commands.report import ReportOptions, run_report
+
+    with _errors_shown():
+        options = ReportOptions(recording, out, config, seed, timing, as_json)
+        code = run_report(options, Console(stderr=as_json))
+    raise typer.Exit(code)
+
+
+@app.command()
 def scenarios() -> None:
     """List the shipped scenarios."""
     from gcs.config import load, scenario_names

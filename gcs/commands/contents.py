@@ -129,6 +129,8 @@ def _damage(contents: dict[str, Any], console: Console) -> None:
     if contents["unknown_ids"]:
         ids = ", ".join(f"{key} ({count})" for key, count in list(contents["unknown_ids"].items())[:_ROWS])
         _say(console, f"frames of unknown message ids: {ids}", "yellow")
+    if contents.get("clock_jumps"):
+        _say(console, f"its clock was set {contents['clock_jumps']} times while it was written", "yellow")
     damage = contents["damage"]
     if not damage:
         _say(console, "no damage", "green")

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeR
 
 from gcs.commands.contents import print_contents
 from gcs.edge.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
-from gcs.edge.tlog import Logged, Unreadable, is_stamped, read_log
+from gcs.edge.tlog import LogClock, Logged, Unreadable, is_stamped, read_log
 from gcs.edge.wire import topic_of
 from gcs.errors import RecordingError
 from gcs.mavlink.codec import scan
@@ -71,7 +71,7 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
     sensors: dict[str, Counter[str]] = {}
     fates: dict[int, str] = {}
     damage, ended = None, False
-    with _progress(console, path, size) as advance:
+    with reading_progress(console, path, size) as advance:
         for record in read(path, advance):
             value = record.value
             if isinstance(value, Damage):
@@ -116,7 +116,8 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     traffic, span = Traffic(), _Span()
     damage: list[Unreadable] = []
     stretches = bad_bytes = 0
-    with path.open("rb") as file, _progress(console, path, size) as advance:
+    clock = LogClock()
+    with path.open("rb") as file, reading_progress(console, path, size) as advance:
         stamped = is_stamped(file)
         if stamped is None:
             raise RecordingError(
@@ -132,13 +133,15 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
                 if len(damage) < _MAX_LISTED:
                     damage.append(part)
             else:
-                span.take(part.t_ns)
-                _count(traffic, part)
+                t_ns = clock(part.t_ns)
+                span.take(t_ns)
+                _count(traffic, part, t_ns)
     return {
         "kind": "tlog" if stamped else "raw MAVLink",
         "file": str(path),
         "bytes": size,
         **(span.times() if stamped else {"first_t_ns": None, "last_t_ns": None, "seconds": None}),
+        "clock_jumps": clock.jumps,
         "damage": [{"offset": part.offset, "bytes": part.length} for part in damage],
         "damaged_stretches": stretches,
         "damaged_bytes": bad_bytes,
@@ -146,9 +149,9 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     }
 
 
-def _count(traffic: Traffic, part: Logged) -> None:
+def _count(traffic: Traffic, part: Logged, t_ns: int) -> None:
     if part.standing == "good":
-        traffic.take(part.t_ns, part.frame)
+        traffic.take(t_ns, part.frame)
     elif part.standing == "unknown id":
         traffic.take_unknown(part.frame)
     else:
@@ -163,7 +166,7 @@ def _size(path: Path) -> int:
 
 
 @contextmanager
-def _progress(console: Console, path: Path, size: int) -> Iterator[Callable[[int], None]]:
+def reading_progress(console: Console, path: Path, size: int) -> Iterator[Callable[[int], None]]:
     """Show a bar for what takes longer; yields what moves it to a byte of the file."""
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=size < _BAR_ABOVE_BYTES) as progress:

@@ -94,8 +94,9 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     started = time.perf_counter()
     interrupted = asyncio.run(_play(replay, options, console))
     wall_s = time.perf_counter() - started
-    if replay.events == 0 and replay.damage is None:
-        raise RecordingError(str(options.path), "holds no events to replay")
+    if replay.events == 0 and not interrupted:
+        why = "" if replay.damage is None else f": {replay.damage.problem}"
+        raise RecordingError(str(options.path), f"holds no events to replay{why}")
     summary = _summary(replay, options.path, wall_s)
     _say(replay, summary, console)
     if options.verify:

@@ -16,7 +16,7 @@ import numpy as np
 
 from gcs.app import TICK_NS
 from gcs.edge.reader import Record
-from gcs.edge.tlog import Logged, is_stamped, read_log
+from gcs.edge.tlog import LogClock, Logged, is_stamped, read_log
 from gcs.errors import RecordingError
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick, read_only
 
@@ -62,13 +62,15 @@ def _datagrams(path: Path, system_ids: Collection[int]) -> Iterator[tuple[int, i
             if not is_stamped(file):
                 raise RecordingError(str(path), "is no tlog, and only a tlog says when something was heard")
             file.seek(0)
+            clock = LogClock()
             for part in read_log(file):
                 if not isinstance(part, Logged):
                     continue
+                t_ns = clock(part.t_ns)
                 seen.add(part.frame.system_id)
                 if part.frame.system_id in system_ids:
                     found = True
-                    yield part.t_ns, part.frame.system_id, part.frame.data
+                    yield t_ns, part.frame.system_id, part.frame.data
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
     if not found:

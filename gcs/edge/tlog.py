@@ -34,6 +34,32 @@ _MARKER = re.compile(b"[\xfd\xfe]")
 _SNIFFED = 200
 
 
+class LogClock:
+    """Makes one time line of a log's stamps, whose clock may have been set while it was written.
+
+    A step back by more than `_BACK_NS`, or ahead by more than `_AHEAD_NS`, is none of time: the line goes on
+    from where it was. Smaller steps back are datagrams that overtook each other, and stay.
+    """
+
+    _BACK_NS = 60 * 1_000_000_000
+    _AHEAD_NS = 24 * 3600 * 1_000_000_000
+
+    def __init__(self) -> None:
+        self.jumps = 0
+        self._last_ns: int | None = None
+        self._shift_ns = 0
+
+    def __call__(self, stamp_ns: int) -> int:
+        """Return the time of a stamp on the line."""
+        t_ns = stamp_ns + self._shift_ns
+        if self._last_ns is not None and not -self._BACK_NS <= t_ns - self._last_ns <= self._AHEAD_NS:
+            self.jumps += 1
+            self._shift_ns += self._last_ns - t_ns
+            t_ns = self._last_ns
+        self._last_ns = t_ns if self._last_ns is None else max(t_ns, self._last_ns)
+        return t_ns
+
+
 Standing: TypeAlias = Literal["good", "unknown id", "bad checksum"]
 
 

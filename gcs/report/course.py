@@ -1,17 +1,27 @@
-"""The course of a run, gathered into what a figure shows: paths, estimates, clutter, events."""
+"""The course of a run, gathered in one pass into what figures, tables and claims are made from.
+
+`CourseBuilder` takes whatever a run consists of, in its order, and keeps the least that is shown: positions
+and times as packed numbers, never a picture with its covariances. So memory grows with scans times objects,
+about 160 bytes for each object at each scan where the truth is known (most of it the judge's) and 30 where
+it is not; detections are thinned beyond `MAX_DETECTIONS`.
+"""
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from gcs.model import (
     NS_PER_S,
     Fate,
     FloatArray,
     Kind,
+    Label,
+    Notice,
     Picture,
     Plan,
     Scan,
@@ -22,8 +32,13 @@ from gcs.model import (
 )
 from gcs.report.judge import Judge, OspaSeries
 
+KINDS: tuple[Kind, ...] = ("agents", "targets")
+MAX_DETECTIONS = 40_000
 _CLUTTER_SIGMAS = 4.0
 """A detection farther than this from everything alive is clutter."""
+_TRUTH_LATE_SCANS = 20
+"""So long a scan waits for the truth of its time; in a live world that may come after it."""
+_MAX_NOTICES = 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,108 +52,318 @@ class Path:
     dies: bool
     """It was gone before the run ended."""
 
+    def until(self, t_s: float) -> Path:
+        """Return its part up to a time; it dies in it only when it was over by then."""
+        count = int(np.searchsorted(self.t_s, t_s, side="right"))
+        return Path(self.t_s[:count], self.points_m[:count], self.dies and count == len(self.t_s))
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What a tracker held to be there at one scan: the tracks in its estimate."""
+
+    t_s: float
+    points_m: FloatArray
+    """(n, 2)."""
+    labels: tuple[Label, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """One plan, without its routes."""
+
+    t_s: float
+    changed: tuple[int, ...]
+    """Vehicles that got a new route."""
+    targets: dict[int, Label]
+    """Of every vehicle with a route."""
+    ends_m: dict[int, tuple[float, float]]
+    """Where each of the new routes ends."""
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class SensorCourse:
+    """What came from one sensor, scan by scan."""
+
+    t_s: FloatArray
+    """(n,) when each scan was measured."""
+    delay_s: FloatArray
+    """(n,) from measurement to arrival."""
+    detections: FloatArray
+    """(n,)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Course:
     """A run, ready to be drawn. Times are seconds since its start."""
 
     paths: dict[Kind, dict[int, Path]]
-    estimates: dict[Kind, tuple[tuple[float, FloatArray], ...]]
-    """(when, (n, 2) of confirmed tracks in metres), for each scan in order."""
+    """The truth; empty where nobody knows it."""
+    estimates: dict[Kind, tuple[Estimate, ...]]
+    """For each scan in order."""
     clutter_m: FloatArray
-    """(n, 2) detections of nothing that is known."""
+    """(n, 2) detections of nothing that is known; all detections where the truth is not known."""
+    every: int
+    """Of the detections, each so many-th is in `clutter_m`."""
+    sensors: dict[str, SensorCourse]
     routes: tuple[tuple[int, float, FloatArray], ...]
     """(vehicle, when, (k, 2) points) of each route that was newly planned."""
-    uploads: tuple[tuple[int, float, bool], ...]
-    """(vehicle, when, whether it succeeded)."""
+    decisions: tuple[Decision, ...]
+    uploads: tuple[tuple[float, UploadReport], ...]
+    """(when it ended, how)."""
     fates: tuple[tuple[int, float, str], ...]
     """(vehicle, when, fate)."""
+    notices: tuple[tuple[float, Notice], ...]
+    """Warnings and alarms, the first of them where there are many."""
     ospa: dict[Kind, OspaSeries]
     start_t_ns: int
     duration_s: float
     area_m: tuple[float, float, float, float]
     """east_min, north_min, east_max, north_max of everything."""
 
+    @property
+    def has_truth(self) -> bool:
+        """Whether anything is known of what really was."""
+        return any(self.paths.values())
+
+    def seconds(self, t_ns: int) -> float:
+        """Return a time of the run as seconds since its start."""
+        return (t_ns - self.start_t_ns) / NS_PER_S
+
 
 def gather(values: Iterable[object]) -> Course:
     """Gather the course of a run from its events, effects and truths; others are passed over."""
-    truths: dict[int, Truth] = {}
-    pictures: dict[tuple[Kind, int], Picture] = {}
-    scans: list[Scan] = []
-    plans: list[Plan] = []
-    marks: list[UploadReport | Fate] = []
-    times: list[int] = []
-    judge = Judge(0.0, ())
+    builder = CourseBuilder()
     for value in values:
+        builder.take(value)
+    return builder.course()
+
+
+@dataclass(slots=True)
+class _Trail:
+    """Times and places of one object."""
+
+    t_ns: array[int] = field(default_factory=lambda: array("q"))
+    points_m: array[float] = field(default_factory=lambda: array("d"))
+
+
+@dataclass(slots=True)
+class _Heard:
+    measured_t_ns: array[int] = field(default_factory=lambda: array("q"))
+    delay_s: array[float] = field(default_factory=lambda: array("d"))
+    detections: array[float] = field(default_factory=lambda: array("d"))
+
+
+class CourseBuilder:
+    """Takes a run value by value.
+
+    Parameters
+    ----------
+    judge : Judge, optional
+        Is fed with the same run, and asked for its OSPA.
+    """
+
+    def __init__(self, judge: Judge | None = None) -> None:
+        self.judge = judge if judge is not None else Judge(0.0, ())
+        self._trails: dict[Kind, dict[int, _Trail]] = {kind: {} for kind in KINDS}
+        self._truth_t_ns = [0, 0]
+        """Of the first and the last truth."""
+        self._estimates: dict[tuple[Kind, int], tuple[npt.NDArray[np.float64], tuple[Label, ...]]] = {}
+        self._waiting: dict[int, list[Scan]] = {}
+        self._living: dict[int, FloatArray] = {}
+        self._detections = _Thinned()
+        self._sensors: dict[str, _Heard] = {}
+        self._fields_m: dict[str, tuple[float, float, float, float]] = {}
+        self._plans: list[Plan] = []
+        self._marks: list[UploadReport | Fate | Notice] = []
+        self._notices = 0
+        self._span_t_ns: tuple[int, int] | None = None
+
+    @property
+    def start_t_ns(self) -> int:
+        """Earliest time so far; 0 before there is one."""
+        return self._span_t_ns[0] if self._span_t_ns is not None else 0
+
+    def take(self, value: object) -> None:
+        """Take one event, effect or truth; others are passed over."""
         match value:
             case Truth():
-                truths[value.t_ns] = value
-                judge.truth(value)
+                self._truth(value)
             case Picture():
-                pictures[value.kind, value.scan_t_ns] = value
-                judge.effect(value)
+                self._reach(value.scan_t_ns)
+                self._picture(value)
             case Scan():
-                scans.append(value)
+                self._scan(value)
             case Plan():
-                plans.append(value)
+                self._plans.append(value)
+                self.judge.effect(value)
             case UploadReport() | Fate():
-                marks.append(value)
+                self._marks.append(value)
+                self.judge.effect(value)
+            case Notice(level="warning" | "alarm") if self._notices < _MAX_NOTICES:
+                self._notices += 1
+                self._marks.append(value)
             case Tick():
-                times = [min([value.t_ns, *times]), max([value.t_ns, *times])]
-    times += [*truths, *(t_ns for _, t_ns in pictures)]
-    start = min(times, default=0)
-    paths: dict[Kind, dict[int, Path]] = {kind: _paths(truths, kind, start) for kind in ("agents", "targets")}
-    estimates = {kind: _estimates(pictures, kind, start) for kind in paths}
-    since = [(mark, (mark.t_ns - start) / NS_PER_S) for mark in marks]
-    return Course(
-        paths=paths,
-        estimates=estimates,
-        clutter_m=_clutter(scans, truths),
-        routes=tuple(_routes(plans, paths["agents"], start)),
-        uploads=tuple((mark.vehicle, t_s, mark.ok) for mark, t_s in since if isinstance(mark, UploadReport)),
-        fates=tuple((mark.vehicle, t_s, mark.fate) for mark, t_s in since if isinstance(mark, Fate)),
-        ospa={kind: judge.ospa(kind) for kind in paths},
-        start_t_ns=start,
-        duration_s=(max(times, default=start) - start) / NS_PER_S,
-        area_m=_area(scans, paths, estimates),
-    )
+                self._reach(value.t_ns)
+            case _:
+                self.judge.effect(value)  # type: ignore[arg-type]  # passes over what says nothing
 
+    def _reach(self, t_ns: int) -> None:
+        first, last = self._span_t_ns or (t_ns, t_ns)
+        self._span_t_ns = min(first, t_ns), max(last, t_ns)
 
-def _paths(truths: dict[int, Truth], kind: Kind, start_t_ns: int) -> dict[int, Path]:
-    rows: dict[int, list[tuple[float, float, float]]] = {}
-    living: set[int] = set()
-    for t_ns in sorted(truths):
-        living = set()
-        for thing in truths[t_ns].objects:
-            if thing.kind == kind and thing.alive:
-                living.add(thing.id)
-                row = ((t_ns - start_t_ns) / NS_PER_S, thing.east_m, thing.north_m)
-                rows.setdefault(thing.id, []).append(row)
-    arrays = {number: read_only(rows[number]) for number in sorted(rows)}
-    return {n: Path(a[:, 0], a[:, 1:], dies=n not in living) for n, a in arrays.items()}
+    def _truth(self, truth: Truth) -> None:
+        self._reach(truth.t_ns)
+        self.judge.truth(truth)
+        self._truth_t_ns = [self._truth_t_ns[0] or truth.t_ns, max(truth.t_ns, self._truth_t_ns[1])]
+        living = []
+        for thing in truth.objects:
+            if thing.alive:
+                trail = self._trails[thing.kind].setdefault(thing.id, _Trail())
+                trail.t_ns.append(truth.t_ns)
+                trail.points_m.extend((thing.east_m, thing.north_m))
+                living.append((thing.east_m, thing.north_m))
+        self._living[truth.t_ns] = read_only(np.reshape(living, (-1, 2)))
+        for scan in self._waiting.pop(truth.t_ns, ()):
+            self._sort_out(scan)
+        while len(self._living) > 2 * _TRUTH_LATE_SCANS:
+            del self._living[next(iter(self._living))]
 
+    def _picture(self, picture: Picture) -> None:
+        shown = [track for track in picture.tracks if track.estimated]
+        points = np.array([track.mean[:2] for track in shown]).reshape(-1, 2)
+        key = (picture.kind, picture.scan_t_ns)
+        self._estimates[key] = points, tuple(track.label for track in shown)
+        self.judge.effect(picture)
 
-def _estimates(
-    pictures: dict[tuple[Kind, int], Picture], kind: Kind, start_t_ns: int
-) -> tuple[tuple[float, FloatArray], ...]:
-    found = []
-    for t_ns in sorted(t_ns for picture_kind, t_ns in pictures if picture_kind == kind):
-        confirmed = [t.mean[:2] for t in pictures[kind, t_ns].tracks if t.estimated]
-        found.append(((t_ns - start_t_ns) / NS_PER_S, read_only(np.reshape(confirmed, (-1, 2)))))
-    return tuple(found)
+    def _scan(self, scan: Scan) -> None:
+        sensor = scan.sensor
+        heard = self._sensors.setdefault(sensor.name, _Heard())
+        heard.measured_t_ns.append(scan.measured_t_ns)
+        heard.delay_s.append((scan.t_ns - scan.measured_t_ns) / NS_PER_S)
+        heard.detections.append(len(scan.z_m))
+        self._fields_m[sensor.name] = sensor.field_of_view_m
+        if scan.measured_t_ns in self._living:
+            self._sort_out(scan)
+            return
+        self._waiting.setdefault(scan.measured_t_ns, []).append(scan)
+        if len(self._waiting) > _TRUTH_LATE_SCANS:
+            for late in self._waiting.pop(next(iter(self._waiting))):
+                self._sort_out(late)
 
-
-def _clutter(scans: list[Scan], truths: dict[int, Truth]) -> FloatArray:
-    found = [np.empty((0, 2))]
-    for scan in scans:
-        z_m = scan.z_m
-        truth = truths.get(scan.measured_t_ns)
-        living = [(t.east_m, t.north_m) for t in truth.objects if t.alive] if truth is not None else []
-        if living and len(z_m):
-            gaps_m = np.linalg.norm(z_m[:, np.newaxis] - np.array(living)[np.newaxis], axis=2).min(axis=1)
+    def _sort_out(self, scan: Scan) -> None:
+        """Keep the detections of nothing that lives; all where that is not known."""
+        z_m, living_m = scan.z_m, self._living.get(scan.measured_t_ns, ())
+        if len(living_m) and len(z_m):
+            gaps_m = np.linalg.norm(z_m[:, np.newaxis] - np.asarray(living_m)[np.newaxis], axis=2).min(axis=1)
             z_m = z_m[gaps_m > _CLUTTER_SIGMAS * float(np.sqrt(scan.sensor.noise_cov_m2.trace()))]
-        found.append(z_m)
-    return read_only(np.concatenate(found))
+        self._detections.add(z_m)
+
+    def course(self) -> Course:
+        """Return what was taken so far."""
+        for scans in self._waiting.values():
+            for scan in scans:
+                self._sort_out(scan)
+        self._waiting.clear()
+        start, end = self._span_t_ns or (0, 0)
+        paths = {kind: self._paths(kind, start) for kind in KINDS}
+        estimates = {kind: self._estimated(kind, start) for kind in KINDS}
+        since = [((mark.t_ns - start) / NS_PER_S, mark) for mark in self._marks]
+        return Course(
+            paths=paths,
+            estimates=estimates,
+            clutter_m=self._detections.points_m(),
+            every=self._detections.every,
+            sensors={name: _sensor(heard, start) for name, heard in sorted(self._sensors.items())},
+            routes=tuple(_routes(self._plans, paths["agents"], start)),
+            decisions=tuple(_decision(plan, start) for plan in self._plans),
+            uploads=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, UploadReport)),
+            fates=tuple((mark.vehicle, t_s, mark.fate) for t_s, mark in since if isinstance(mark, Fate)),
+            notices=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, Notice)),
+            ospa={kind: self.judge.ospa(kind) for kind in KINDS},
+            start_t_ns=start,
+            duration_s=(end - start) / NS_PER_S,
+            area_m=self._area(paths, estimates),
+        )
+
+    def _paths(self, kind: Kind, start_t_ns: int) -> dict[int, Path]:
+        found = {}
+        for number, trail in sorted(self._trails[kind].items()):
+            t_ns, first = np.unique(np.array(trail.t_ns, dtype=np.int64), return_index=True)
+            points_m = np.array(trail.points_m).reshape(-1, 2)[first]
+            dies = int(t_ns[-1]) < self._truth_t_ns[1]
+            found[number] = Path(read_only((t_ns - start_t_ns) / NS_PER_S), read_only(points_m), dies)
+        return found
+
+    def _estimated(self, kind: Kind, start_t_ns: int) -> tuple[Estimate, ...]:
+        rows = sorted((t_ns, row) for (of, t_ns), row in self._estimates.items() if of == kind)
+        return tuple(
+            Estimate((t_ns - start_t_ns) / NS_PER_S, read_only(p), labels) for t_ns, (p, labels) in rows
+        )
+
+    def _area(
+        self, paths: dict[Kind, dict[int, Path]], estimates: dict[Kind, tuple[Estimate, ...]]
+    ) -> tuple[float, float, float, float]:
+        corners = [path.points_m for kind in paths.values() for path in kind.values()]
+        if self._detections.seen:
+            corners += [np.reshape(field_m, (2, 2)) for field_m in self._fields_m.values()]
+        else:  # there is no sensor, or one that sees nothing
+            corners += [estimate.points_m for kind in estimates.values() for estimate in kind]
+        return area_of(corners)
+
+
+def area_of(corners: Iterable[npt.ArrayLike]) -> tuple[float, float, float, float]:
+    """Return east_min, north_min, east_max, north_max of (n, 2) points; of none, a square kilometre."""
+    points = np.concatenate([np.empty((0, 2)), *(np.reshape(one, (-1, 2)) for one in corners)])
+    if not len(points):
+        return (0.0, 0.0, 1000.0, 1000.0)
+    (west, south), (east, north) = points.min(axis=0), points.max(axis=0)
+    return (float(west), float(south), float(east), float(north))
+
+
+class _Thinned:
+    """Points, of which every second is dropped each time they become too many."""
+
+    def __init__(self) -> None:
+        self.every = 1
+        self.seen = 0
+        self._points: list[FloatArray] = []
+        self._kept = 0
+
+    def add(self, points_m: FloatArray) -> None:
+        """Add (n, 2) points."""
+        kept = points_m[-self.seen % self.every :: self.every]
+        self.seen += len(points_m)
+        self._points.append(kept)
+        self._kept += len(kept)
+        if self._kept > MAX_DETECTIONS:
+            self.every *= 2
+            self._points = [np.concatenate(self._points)[::2]]
+            self._kept = len(self._points[0])
+
+    def points_m(self) -> FloatArray:
+        """Return what was kept."""
+        return read_only(np.concatenate([np.empty((0, 2)), *self._points]))
+
+
+def _sensor(heard: _Heard, start_t_ns: int) -> SensorCourse:
+    t_s = (np.array(heard.measured_t_ns, dtype=np.int64) - start_t_ns) / NS_PER_S
+    return SensorCourse(read_only(t_s), read_only(heard.delay_s), read_only(heard.detections))
+
+
+def _decision(plan: Plan, start_t_ns: int) -> Decision:
+    return Decision(
+        t_s=(plan.t_ns - start_t_ns) / NS_PER_S,
+        changed=plan.changed,
+        targets={route.vehicle: route.target for route in plan.routes},
+        ends_m={
+            route.vehicle: (float(route.points_m[-1, 0]), float(route.points_m[-1, 1]))
+            for route in plan.routes
+            if route.vehicle in plan.changed
+        },
+        reason=plan.reason,
+    )
 
 
 def _routes(
@@ -155,22 +380,3 @@ def _routes(
                 here = [np.interp(t_s, path.t_s, path.points_m[:, axis]) for axis in (0, 1)]
                 points = read_only(np.vstack([here, points]))
             yield route.vehicle, t_s, points
-
-
-def _area(
-    scans: list[Scan],
-    paths: dict[Kind, dict[int, Path]],
-    estimates: dict[Kind, tuple[tuple[float, FloatArray], ...]],
-) -> tuple[float, float, float, float]:
-    corners = [
-        np.reshape(sensor.field_of_view_m, (2, 2))
-        for sensor in {s.sensor.name: s.sensor for s in scans}.values()
-    ]
-    corners += [path.points_m for kind in paths.values() for path in kind.values()]
-    if not scans:
-        corners += [points for scans_of_kind in estimates.values() for _, points in scans_of_kind]
-    points = np.concatenate([np.empty((0, 2)), *corners])
-    if not len(points):
-        return (0.0, 0.0, 1000.0, 1000.0)
-    (west, south), (east, north) = points.min(axis=0), points.max(axis=0)
-    return (float(west), float(south), float(east), float(north))

@@ -82,6 +82,10 @@ class OspaSeries:
     t_ns: tuple[int, ...]
     total_m: FloatArray
     """(n,)."""
+    localisation_m: FloatArray
+    """(n,) its part that comes of places; with the order 1 the two parts add up to the whole."""
+    cardinality_m: FloatArray
+    """(n,) its part that comes of the number."""
     true_count: tuple[int, ...]
     estimated_count: tuple[int, ...]
 
@@ -173,13 +177,20 @@ class Judge:
     def ospa(self, kind: Kind) -> OspaSeries:
         """OSPA at each scan for which both a picture and the truth are known."""
         times = sorted(t_ns for t_ns in self._truths if (kind, t_ns) in self._estimates)
-        totals, true_counts, estimated_counts = [], [], []
+        scores, true_counts, estimated_counts = [], [], []
         for t_ns in times:
             estimates, truth = self._estimates[kind, t_ns], _positions(self._truths[t_ns], kind)
-            totals.append(ospa(truth, estimates, OSPA_CUTOFF_M, OSPA_ORDER).total_m)
+            scores.append(ospa(truth, estimates, OSPA_CUTOFF_M, OSPA_ORDER))
             true_counts.append(len(truth))
             estimated_counts.append(len(estimates))
-        return OspaSeries(tuple(times), read_only(totals), tuple(true_counts), tuple(estimated_counts))
+        return OspaSeries(
+            tuple(times),
+            read_only([score.total_m for score in scores]),
+            read_only([score.localisation_m for score in scores]),
+            read_only([score.cardinality_m for score in scores]),
+            tuple(true_counts),
+            tuple(estimated_counts),
+        )
 
     def retasks(self) -> tuple[Retask, ...]:
         """Plans that changed the route of a vehicle which had one."""

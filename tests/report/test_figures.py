@@ -71,7 +71,7 @@ def test_the_course_is_what_happened() -> None:
     assert (first.dies, second.dies) == (False, True)
     assert second.points_m[-1].tolist() == [500.0, 200.0]
     assert course.fates == ((2, 7.5, "dead"), (1, 10.0, "arrived"))
-    assert course.uploads == ((1, 3.0, True),)
+    assert [(t_s, report.vehicle, report.ok) for t_s, report in course.uploads] == [(3.0, 1, True)]
 
 
 def test_only_a_new_route_is_drawn_and_it_begins_at_the_agent() -> None:
@@ -85,7 +85,7 @@ def test_clutter_is_what_lies_near_nothing() -> None:
 
 
 def test_doubtful_tracks_are_not_drawn_as_estimates() -> None:
-    assert [len(points) for _, points in gather(a_run()).estimates["targets"]] == [0] + [1] * 10
+    assert [len(e.points_m) for e in gather(a_run()).estimates["targets"]] == [0] + [1] * 10
 
 
 def pixels(path: Path) -> np.ndarray:

@@ -1,0 +1,266 @@
+"""Charts of a run over time: numbers and OSPA with its parts, decisions, transfers, delays, flights."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from gcs.model import FloatArray, read_only
+from gcs.report.course import Course
+from gcs.report.flights import Flight
+from gcs.report.judge import OSPA_CUTOFF_M
+from gcs.report.style import (
+    INK,
+    KINDS,
+    LABELLED,
+    RED,
+    colours,
+    heading,
+    legend,
+    new_figure,
+    say,
+    size_for,
+    tidy,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_CAUSES: Final = (
+    ("first plan", re.compile(r"\bfirst plan\b"), "#7a5cc0"),
+    ("agent lost or taken over", re.compile(r"\bagent \d+ (?!joined|has no route)"), RED),
+    ("agent joined or idle", re.compile(r"\bagent \d+ (joined|has no route)"), "#009e73"),
+    ("target appeared", re.compile(r"\btarget \S+ appeared"), "#0072b2"),
+    ("target lost", re.compile(r"\btarget \S+ lost"), "#d55e00"),
+    ("target moved", re.compile(r"\btarget \S+ moved"), "#8c6d31"),
+)
+_OTHER: Final = ("other", "#718096")
+_MODE_COLOURS: Final = (
+    "#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#0072b2", "#d55e00", "#7a5cc0", "#8c6d31",
+)  # fmt: skip
+
+
+def causes(reason: str) -> list[str]:
+    """Return the kinds of cause that the words of a plan's reason name."""
+    found = [name for name, pattern, _ in _CAUSES if pattern.search(reason)]
+    return found or [_OTHER[0]]
+
+
+def quality_figure(course: Course) -> Figure:
+    """Draw numbers of objects, and OSPA of both trackers with its two parts, over time."""
+    figure = new_figure(11.0, 7.6)
+    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    draw_cardinality(top, course)
+    for axes, (kind, colour) in zip((middle, bottom), KINDS.items(), strict=True):
+        series = course.ospa[kind]
+        tidy(axes)
+        mean = f", mean {series.mean_m:.2f} m" if series.t_ns else ""
+        heading(axes, f"OSPA of {kind}, m (c = {OSPA_CUTOFF_M:.0f} m, p = 1){mean}")
+        if not series.t_ns:
+            say(axes, "no truth in this recording to compare with")
+            continue
+        t_s = _seconds(course, series.t_ns)
+        parts = (series.localisation_m, series.cardinality_m)
+        axes.stackplot(
+            t_s, *parts, colors=[colour + "66", "#cc79a7aa"], labels=["of places", "of the number"], lw=0
+        )
+        axes.plot(t_s, series.total_m, color=colour, lw=1.2, label="OSPA")
+        axes.set_ylim(0.0, max(5.0, 1.1 * float(series.total_m.max())))
+        legend(axes, ncol=3, loc="upper right")
+    bottom.set_xlabel("time, s")
+    bottom.set_xlim(0.0, max(course.duration_s, 1.0))
+    return figure
+
+
+def draw_cardinality(axes: Axes, course: Course) -> None:
+    """Draw true and estimated numbers of both kinds over time."""
+    from matplotlib.ticker import MaxNLocator
+
+    most = 1
+    for kind, colour in KINDS.items():
+        series, scans = course.ospa[kind], course.estimates[kind]
+        if series.t_ns:
+            t_s = _seconds(course, series.t_ns)
+            look: dict[str, Any] = {"color": colour, "lw": 2.6, "alpha": 0.35, "label": f"{kind}, true"}
+            axes.step(t_s, series.true_count, where="post", **look)
+        counts = [len(estimate.points_m) for estimate in scans]
+        if scans:
+            axes.plot([e.t_s for e in scans], counts, ".", ms=4.0, color=colour, label=f"{kind}, estimated")
+        most = max([most, *series.true_count, *counts])
+    axes.set_ylim(0.0, most + 1.0)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    tidy(axes)
+    heading(axes, "number of objects")
+    if any(course.estimates.values()):
+        legend(axes, ncol=4, loc="lower right")
+    else:
+        say(axes, "no tracker ran: a telemetry log without a mission (see --config)")
+
+
+def timeline_figure(course: Course) -> Figure:
+    """Draw why plans were made, and what became of each agent, over one axis of time."""
+    agents = lanes(course)
+    rows = [(name, colour) for name, _, colour in _CAUSES] + [_OTHER]
+    named = {cause for decision in course.decisions for cause in causes(decision.reason)}
+    rows = [row for row in rows if row[0] in named] or [_OTHER]
+    lane = 0.34 if len(agents) <= LABELLED else 0.16
+    heights = (0.3 * len(rows) + 0.5, lane * max(len(agents), 2) + 0.6)
+    figure = new_figure(11.0, sum(heights) + 0.9)
+    top, bottom = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": heights})
+    for row, (cause, colour) in enumerate(rows):
+        times = [d.t_s for d in course.decisions if cause in causes(d.reason)]
+        retasks = [d.t_s for d in course.decisions if cause in causes(d.reason) and d.changed]
+        top.plot(times, [row] * len(times), "o", ms=7, mfc="none", color=colour, mew=1.4)
+        top.plot(retasks, [row] * len(retasks), "o", ms=7, color=colour)
+    top.set_ylim(len(rows) - 0.4, -0.6)
+    top.set_yticks(range(len(rows)), [name for name, _ in rows])
+    tidy(top)
+    heading(top, "plans by cause (filled: vehicles got new routes)")
+    draw_lanes(bottom, course, agents)
+    bottom.set_xlabel("time, s")
+    bottom.set_xlim(0.0, 1.015 * max(course.duration_s, 1.0))
+    return figure
+
+
+def lanes(course: Course) -> list[int]:
+    """Return every agent that anything is known of."""
+    tasked = (vehicle for decision in course.decisions for vehicle in decision.targets)
+    return sorted({*course.paths["agents"], *tasked, *(v for v, _, _ in course.fates)})
+
+
+def draw_lanes(axes: Axes, course: Course, agents: Sequence[int]) -> None:
+    """One lane for each agent: alive, re-tasked, uploaded to, arrived, dead, called dead."""
+    size, lane_of = size_for(len(agents)), {vehicle: row for row, vehicle in enumerate(agents)}
+    colour = colours(agents)
+    for vehicle, row in lane_of.items():
+        path = course.paths["agents"].get(vehicle)
+        end_s = float(path.t_s[-1]) if path is not None else course.duration_s
+        look: dict[str, Any] = {"color": colour[vehicle], "alpha": 0.3, "solid_capstyle": "butt"}
+        axes.plot((0.0, end_s), (row, row), lw=6.0 * size, **look)
+        if path is not None and path.dies:
+            axes.plot(end_s, row, marker="X", ms=11 * size, color=INK, mec="white", mew=1.0, zorder=6)
+    for decision in course.decisions:
+        rows = [lane_of[v] for v in decision.changed if v in lane_of]
+        axes.plot([decision.t_s] * len(rows), [r - 0.3 for r in rows], "v", ms=5 * size, color=INK, zorder=4)
+    for t_s, report in course.uploads:
+        if report.vehicle in lane_of:
+            row = lane_of[report.vehicle]
+            span_s, shade = (t_s - report.duration_s, t_s), INK if report.ok else RED
+            axes.plot(span_s, (row, row), color=shade, lw=2.6 * size, solid_capstyle="butt", zorder=4)
+    for vehicle, t_s, fate in course.fates:
+        if vehicle in lane_of and fate != "flying":
+            style: dict[str, Any] = {"marker": "*", "ms": 15 * size, "color": colour[vehicle], "mec": INK}
+            if fate == "dead":
+                style = {"marker": "o", "ms": 11 * size, "mfc": "none", "mec": RED, "mew": 1.8}
+            axes.plot(t_s, lane_of[vehicle], zorder=7, **style)
+    axes.set_ylim(max(len(agents), 1) - 0.4, -0.6)
+    shown = agents[:: max(1, -(-len(agents) // 25))]
+    axes.set_yticks([lane_of[v] for v in shown], [f"agent {v}" for v in shown])
+    tidy(axes)
+    axes.grid(visible=False, axis="y")
+    heading(axes, "agents:  ▾ new route   ▬ upload (red: failed)   ★ arrived   ✖ died   ○ called dead")
+
+
+def times_figure(course: Course, work_ms: Mapping[str, Sequence[float]]) -> Figure:
+    """Draw how long transfers took, how late scans came, and how long scans and plans take here."""
+    figure = new_figure(11.0, 6.4)
+    ((over_time, uploads), (delays, work)) = figure.subplots(2, 2)
+    good = np.array([(t, r.duration_s) for t, r in course.uploads if r.ok]).reshape(-1, 2)
+    bad = np.array([(t, r.duration_s) for t, r in course.uploads if not r.ok]).reshape(-1, 2)
+    over_time.plot(*good.T, "o", ms=4, color=KINDS["agents"], alpha=0.8, label="verified by read-back")
+    if len(bad):
+        over_time.plot(*bad.T, "X", ms=7, color=RED, label="failed")
+    _panel(
+        over_time, "time of each mission transfer, s", "time, s", bool(course.uploads), "no mission transfers"
+    )
+    _shares(uploads, {"transfers": good[:, 1]}, "time of a transfer: share that took at most …", "s")
+    late = {name: 1e3 * sensor.delay_s for name, sensor in course.sensors.items() if len(sensor.t_s)}
+    for sensor, values in late.items():
+        delays.plot(course.sensors[sensor].t_s, values, ".", ms=3, label=sensor)
+    _panel(delays, "delay of each scan, from measurement to arrival, ms", "time, s", bool(late), "no scans")
+    delays.set_ylim(bottom=min(0.0, delays.get_ylim()[0]), top=max(1.0, delays.get_ylim()[1]))
+    _shares(work, work_ms, "work measured again on this machine: share that took at most …", "ms")
+    return figure
+
+
+def _panel(axes: Axes, title: str, xlabel: str, any_there: bool, otherwise: str) -> None:
+    tidy(axes)
+    heading(axes, title)
+    axes.set_xlabel(xlabel)
+    if any_there:
+        axes.set_ylim(bottom=0.0)
+        legend(axes, loc="best")
+    else:
+        say(axes, otherwise)
+
+
+def _shares(axes: Axes, values: Mapping[str, Sequence[float] | FloatArray], title: str, unit: str) -> None:
+    tidy(axes)
+    heading(axes, title)
+    axes.set(xlabel=unit, ylabel="share, %")
+    there = {name: np.sort(np.asarray(one)) for name, one in values.items() if len(one)}
+    for (name, one), colour in zip(there.items(), (*KINDS.values(), *_MODE_COLOURS), strict=False):
+        share = 100.0 * np.arange(1, len(one) + 1) / len(one)
+        label = f"{name} ({len(one)}), median {np.median(one):.3g} {unit}"
+        axes.step(one, share, where="post", color=colour, lw=1.6, label=label)
+    if there:
+        axes.set_ylim(0.0, 103.0)
+        axes.set_xlim(left=0.0)
+        legend(axes, loc="lower right")
+    else:
+        say(axes, "not measured")
+
+
+def flight_figure(flights: Mapping[int, Flight], duration_s: float) -> Figure:
+    """Draw what vehicles reported: height, speed and modes over time."""
+    lane = 0.34 if len(flights) <= LABELLED else 0.16
+    heights = (1.9, 1.9, lane * max(len(flights), 1) + 0.5)
+    figure = new_figure(11.0, sum(heights) + 1.2)
+    height, speed, modes = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": heights})
+    size, colour = size_for(len(flights)), colours(flights)
+    for vehicle, flight in flights.items():
+        step = max(1, len(flight.t_s) // 1500)
+        look: dict[str, Any] = {"color": colour[vehicle], "lw": 1.4 * size, "label": f"vehicle {vehicle}"}
+        height.plot(flight.t_s[::step], flight.alt_rel_m[::step], **look)
+        speed.plot(flight.t_s[::step], flight.ground_speed_m_s[::step], **look)
+    for axes, title in ((height, "height above home, m"), (speed, "ground speed, m/s")):
+        tidy(axes)
+        heading(axes, title)
+        if 1 < len(flights) <= LABELLED:
+            legend(axes, ncol=6, loc="upper right")
+    _modes(modes, flights, duration_s)
+    modes.set_xlim(0.0, max(duration_s, 1.0))
+    modes.set_xlabel("time, s")
+    return figure
+
+
+def _modes(axes: Axes, flights: Mapping[int, Flight], duration_s: float) -> None:
+    from matplotlib.patches import Patch
+
+    names = list(dict.fromkeys(mode for f in flights.values() for _, mode, _ in f.modes))
+    colour = {name: _MODE_COLOURS[n % len(_MODE_COLOURS)] for n, name in enumerate(names)}
+    for row, flight in enumerate(flights.values()):
+        ends = [*(t_s for t_s, _, _ in flight.modes[1:]), duration_s]
+        for (since_s, mode, armed), end_s in zip(flight.modes, ends, strict=False):
+            axes.barh(
+                row, end_s - since_s, left=since_s, height=0.72 if armed else 0.3, color=colour[mode], lw=0
+            )
+    axes.set_ylim(max(len(flights), 1) - 0.5, -0.6)
+    step = max(1, -(-len(flights) // 25))
+    axes.set_yticks(range(0, len(flights), step), [f"vehicle {v}" for v in list(flights)[::step]])
+    tidy(axes)
+    axes.grid(visible=False, axis="y")
+    heading(axes, "mode (thick: armed)")
+    handles = [Patch(color=colour[name], label=name) for name in names[:12]]
+    if handles:
+        figure = axes.get_figure()
+        assert figure is not None
+        figure.legend(handles=handles, ncol=8, loc="outside lower center", frameon=False, fontsize=9)
+
+
+def _seconds(course: Course, t_ns: Sequence[int]) -> FloatArray:
+    return read_only((np.array(t_ns, dtype=np.int64) - course.start_t_ns) * 1e-9)

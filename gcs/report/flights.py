@@ -1,0 +1,149 @@
+"""What vehicles said of themselves: where they flew, how high, how fast, in which mode.
+
+Read from GLOBAL_POSITION_INT and HEARTBEAT of any recording or telemetry log. Places that no vehicle can be
+at (before the first fix, beyond `_MAX_DISTANCE_M` of the origin) are left out. At most two positions a second
+are kept, fewer when a flight is long, so that memory is bounded: at most `_MOST` for each vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.geo import LocalFrame
+from gcs.mavlink.codec import Frame, Message
+from gcs.mavlink.modes import mode_name
+from gcs.mavlink.position import unplaceable
+from gcs.model import NS_PER_S, FloatArray, read_only
+
+_LEAST_NS: Final = NS_PER_S // 2
+_MOST: Final = 40_000
+_MOST_MODES: Final = 2_000
+_MAX_VEHICLES: Final = 250
+_MAX_DISTANCE_M: Final = 200_000.0
+_COLUMNS: Final = 4
+_READ: Final = frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_HEARTBEAT})
+_PLANE_LIKE: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *range(19, 26)})
+"""Aeroplanes, and the VTOL types of MAV_TYPE."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """One vehicle's reports. Times are seconds since the start of the recording."""
+
+    system_id: int
+    t_s: FloatArray
+    """(n,)."""
+    points_m: FloatArray
+    """(n, 2) east/north of the origin."""
+    alt_rel_m: FloatArray
+    """(n,) above where it was armed or switched on, as it says itself."""
+    ground_speed_m_s: FloatArray
+    """(n,)."""
+    modes: tuple[tuple[float, str, bool], ...]
+    """(since when, mode, whether armed)."""
+
+    @property
+    def length_m(self) -> float:
+        """How far it went, by its reports; standing on the ground counts as far as its noise goes."""
+        return float(np.hypot(*np.diff(self.points_m, axis=0).T).sum()) if len(self.points_m) > 1 else 0.0
+
+
+@dataclass(slots=True)
+class _Vehicle:
+    t_ns: array[int] = field(default_factory=lambda: array("q"))
+    values: array[float] = field(default_factory=lambda: array("d"))
+    """East, north, height, speed of each report."""
+    modes: list[tuple[int, str, bool]] = field(default_factory=list)
+    least_ns: int = _LEAST_NS
+
+
+class Flights:
+    """Takes frames.
+
+    Parameters
+    ----------
+    frame : LocalFrame, optional
+        What east and north refer to; without it, the first place that a vehicle reports.
+    """
+
+    def __init__(self, frame: LocalFrame | None = None) -> None:
+        self.frame = frame
+        self._vehicles: dict[int, _Vehicle] = {}
+
+    def take(self, t_ns: int, frame: Frame) -> None:
+        """Take a frame whose checksum holds; all but positions and heartbeats are passed over."""
+        if frame.message_id not in _READ:
+            return
+        vehicle = self._vehicles.get(frame.system_id)
+        is_position = frame.message_id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+        if is_position and vehicle and vehicle.t_ns and 0 <= t_ns - vehicle.t_ns[-1] < vehicle.least_ns:
+            return
+        message = frame.message()
+        if message is None:
+            return
+        if not is_position and (
+            message.type == dialect.MAV_TYPE_GCS or message.autopilot == dialect.MAV_AUTOPILOT_INVALID
+        ):
+            return
+        if vehicle is None:
+            if len(self._vehicles) >= _MAX_VEHICLES:
+                return
+            vehicle = self._vehicles[frame.system_id] = _Vehicle()
+        if is_position:
+            self._position(vehicle, t_ns, message)
+        else:
+            _mode(vehicle, t_ns, message)
+
+    def _position(self, vehicle: _Vehicle, t_ns: int, message: Message) -> None:
+        lat_deg, lon_deg, alt_msl_m = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
+        origin = self.frame if self.frame is not None else LocalFrame(lat_deg, lon_deg, alt_msl_m)
+        if unplaceable(lat_deg, lon_deg, alt_msl_m, origin, _MAX_DISTANCE_M):
+            return
+        self.frame = origin
+        speed_m_s = math.hypot(message.vx, message.vy) * 1e-2
+        vehicle.t_ns.append(t_ns)
+        vehicle.values.extend((*origin.to_local(lat_deg, lon_deg), message.relative_alt * 1e-3, speed_m_s))
+        if len(vehicle.t_ns) > _MOST:
+            vehicle.least_ns *= 2
+            vehicle.t_ns = vehicle.t_ns[::2]
+            vehicle.values = array("d", np.array(vehicle.values).reshape(-1, _COLUMNS)[::2].ravel())
+
+    def flights(self, start_t_ns: int) -> dict[int, Flight]:
+        """Return the flight of each vehicle that reported anything."""
+        found = {}
+        for system_id, vehicle in sorted(self._vehicles.items()):
+            t_s = (np.array(vehicle.t_ns, dtype=np.int64) - start_t_ns) / NS_PER_S
+            order = np.argsort(t_s, kind="stable")  # a clock that was set back must not draw lines across
+            values = np.array(vehicle.values).reshape(-1, _COLUMNS)[order]
+            modes = tuple(
+                ((t_ns - start_t_ns) / NS_PER_S, mode, armed) for t_ns, mode, armed in vehicle.modes
+            )
+            found[system_id] = Flight(
+                system_id, read_only(t_s[order]), read_only(values[:, :2]), read_only(values[:, 2]),
+                read_only(values[:, 3]), modes,
+            )  # fmt: skip
+        return found
+
+
+def _mode(vehicle: _Vehicle, t_ns: int, message: Message) -> None:
+    """Note a mode when it changes; numbers of autopilots whose names we do not know stay numbers."""
+    autopilot = message.autopilot
+    known = autopilot == dialect.MAV_AUTOPILOT_PX4 or message.type in _PLANE_LIKE
+    mode = mode_name(autopilot, message.custom_mode) if known else _copter_mode(message)
+    armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+    if (not vehicle.modes or vehicle.modes[-1][1:] != (mode, armed)) and len(vehicle.modes) < _MOST_MODES:
+        vehicle.modes.append((t_ns, mode, armed))
+
+
+def _copter_mode(message: Message) -> str:
+    """Name of the mode of a vehicle that is no aeroplane, by pymavlink's tables."""
+    from pymavlink.mavutil import mode_mapping_bynumber
+
+    names = mode_mapping_bynumber(message.type) or {}
+    return str(names.get(message.custom_mode, f"MODE({message.custom_mode})"))

@@ -1,0 +1,101 @@
+"""How every figure looks: colours that colour-blind eyes tell apart (after Okabe and Ito), quiet axes.
+
+A figure is saved as PNG and PDF on white paper, and as SVG for a page. In the SVG, what is ink, axis or paper
+becomes a variable of the page's style sheet, so that the same picture is readable on light and on dark.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from gcs.model import FloatArray, Kind
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+AGENTS = (
+    "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7a5cc0", "#8c6d31", "#1b9e9e",
+    "#b03060",
+)  # fmt: skip
+KINDS: dict[Kind, str] = {"agents": "#0072b2", "targets": "#d55e00"}
+TARGETS, RED, INK, GRID, AXIS = "#4a5568", "#d7191c", "#1a202c", "#e2e8f0", "#a0aec0"
+CLUTTER = "#718096"
+LABELLED = 12
+"""Up to this many objects of a kind are named, and drawn in full size."""
+_VARIABLES = {
+    INK: "--ink", "#000000": "--ink", "#ffffff": "--paper", GRID: "--grid", AXIS: "--axis",
+    TARGETS: "--target",
+}  # fmt: skip
+_COLOUR = re.compile("|".join(_VARIABLES))
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure, sizes in inches, that needs no display."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=130, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def svg_of(figure: Figure, name: str) -> str:
+    """Return a figure as an SVG element that takes its ink from the page it stands in."""
+    from matplotlib import rc_context
+
+    buffer = io.StringIO()
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", transparent=True, metadata=nothing)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = _COLOUR.sub(lambda found: f"var({_VARIABLES[found[0]]})", text)
+    text = re.sub(r"font(-family)?: ([^;\"]*?)'DejaVu Sans'[^;\"]*", r"font\1: \2var(--sans)", text)
+    text = re.sub(r'(<svg [^>]*?)width="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r'(<svg [^>]*?)height="[^"]*"', r'\1role="img" ', text, count=1)
+    return re.sub(r'id="(figure|axes|patch|text|line2d|legend|matplotlib|xtick|ytick)[^"]*"', "", text)
+
+
+def colours(vehicles: Iterable[int]) -> dict[int, str]:
+    """Colour of each agent; repeated in swarms."""
+    return {vehicle: AGENTS[n % len(AGENTS)] for n, vehicle in enumerate(sorted(set(vehicles)))}
+
+
+def size_for(count: int) -> float:
+    """Scale of lines and marks: large swarms are drawn finer."""
+    return 1.0 if count <= LABELLED else 0.5
+
+
+def dots(axes: Axes, points_m: FloatArray, **style: Any) -> None:
+    """Draw (n, 2) points."""
+    axes.scatter(points_m[:, 0], points_m[:, 1], **style)
+
+
+def heading(axes: Axes, text: str) -> None:
+    """Say above some axes what they show, with its unit."""
+    axes.set_title(text, loc="left", fontsize=10, color=INK, pad=4)
+
+
+def tidy(axes: Axes) -> None:
+    """Make axes quiet."""
+    axes.grid(visible=True, color=GRID, lw=0.7)
+    axes.set_axisbelow(True)
+    axes.patch.set_alpha(0.0)
+    axes.tick_params(labelsize=9, color=AXIS)
+    for side, spine in axes.spines.items():
+        spine.set_color(AXIS)
+        spine.set_visible(side in ("left", "bottom"))
+
+
+def say(axes: Axes, text: str) -> None:
+    """Write into empty axes why they are empty."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=TARGETS)
+
+
+def legend(axes: Axes, **options: Any) -> None:
+    """Draw a legend without a box."""
+    axes.legend(**{"frameon": False, "fontsize": 9, "handletextpad": 0.5, "columnspacing": 1.3, **options})

@@ -1,0 +1,216 @@
+"""What a run was, in tables: plain rows of text, each column with its unit.
+
+Numbers come from the judge, the course and the traffic; nothing is measured here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from gcs.model import NS_PER_S
+from gcs.report.charts import causes
+from gcs.report.course import KINDS, Course
+from gcs.report.flights import Flight
+from gcs.report.judge import Summary
+
+_ROWS: Final = 300
+NONE: Final = "–"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of text below the names of columns, which say their unit."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    left: frozenset[str] = frozenset()
+    """Columns of words; numbers stand on the right."""
+    note: str = ""
+
+
+def agents(course: Course, summary: Summary, flights: Mapping[int, Flight]) -> Table:
+    """What became of each agent."""
+    rows = []
+    for agent in summary.agents:
+        vehicle = agent.system_id
+        path = course.paths["agents"].get(vehicle)
+        died_s = float(path.t_s[-1]) if path is not None and path.dies else None
+        called = [t_s for v, t_s, fate in course.fates if v == vehicle and fate == "dead"]
+        retasks = sum(vehicle in retask.vehicles for retask in summary.retask_list)
+        line = (
+            path.points_m if path is not None else flights[vehicle].points_m if vehicle in flights else None
+        )
+        flown = number(float(np.hypot(*np.diff(line, axis=0).T).sum()), 0) if line is not None else NONE
+        target = NONE if agent.target is None else str(agent.target)
+        rows.append((
+            str(vehicle), agent.fate, target, number(died_s), number(called[0] if called else None),
+            str(retasks), flown,
+        ))  # fmt: skip
+    columns = ("agent", "fate", "true target", "last alive, s", "called dead, s", "re-tasks", "flown, m")
+    return _table("Agents", columns, rows, {"fate"})
+
+
+def tracking(course: Course) -> Table:
+    """How well the trackers did; only where the truth is known."""
+    rows = []
+    for kind in KINDS:
+        series = course.ospa[kind]
+        if series.t_ns:
+            right = np.mean(np.equal(series.true_count, series.estimated_count))
+            total = series.total_m
+            rows.append((
+                kind, str(len(total)), number(series.mean_m, 2), number(float(np.median(total)), 2),
+                number(float(np.percentile(total, 95)), 2), number(float(total.max()), 2),
+                number(float(series.localisation_m.mean()), 2), number(float(series.cardinality_m.mean()), 2),
+                number(100.0 * float(right)),
+            ))  # fmt: skip
+    columns = (
+        "tracker", "scans", "OSPA mean, m", "median, m", "95 %, m", "worst, m", "of places, m",
+        "of the number, m", "number right, % of scans",
+    )  # fmt: skip
+    return _table("Trackers against the truth", columns, rows, {"tracker"})
+
+
+def plans(course: Course) -> Table:
+    """Every plan and why it was made."""
+    rows = [
+        (
+            number(decision.t_s), ", ".join(map(str, decision.changed)) or NONE,
+            ", ".join(causes(decision.reason)), decision.reason,
+        )
+        for decision in course.decisions
+    ]  # fmt: skip
+    columns = ("at, s", "agents with new routes", "cause", "reason")
+    return _table("Plans", columns, rows, {"agents with new routes", "cause", "reason"})
+
+
+def uploads(course: Course) -> Table:
+    """How missions got to each vehicle."""
+    rows = []
+    for vehicle in sorted({report.vehicle for _, report in course.uploads}):
+        of = [report for _, report in course.uploads if report.vehicle == vehicle]
+        times = np.array([report.duration_s for report in of if report.ok])
+        quantiles = [number(float(np.percentile(times, q)), 2) if len(times) else NONE for q in (50, 95, 100)]
+        rows.append((
+            str(vehicle), str(len(of)), str(sum(not report.ok for report in of)),
+            str(sum(report.items for report in of)), str(sum(report.retries for report in of)), *quantiles,
+        ))  # fmt: skip
+    columns = ("vehicle", "transfers", "failed", "items", "retries", "median, s", "95 %, s", "worst, s")
+    return _table("Mission transfers by vehicle", columns, rows, note="times of those verified by read-back")
+
+
+def sensors(course: Course) -> Table:
+    """What came from each sensor."""
+    rows = []
+    for name, of in course.sensors.items():
+        period = np.median(np.diff(np.sort(of.t_s))) if len(of.t_s) > 1 else None
+        late = [number(1e3 * float(np.percentile(of.delay_s, q)), 1) for q in (50, 99, 100)]
+        rows.append((
+            name, str(len(of.t_s)), number(None if period is None else float(period), 2),
+            number(float(of.detections.mean())), number(float(of.detections.max()), 0), *late,
+        ))  # fmt: skip
+    columns = (
+        "sensor", "scans", "period, s", "detections, mean", "most", "delay median, ms", "99 %, ms",
+        "worst, ms",
+    )  # fmt: skip
+    return _table("Scans by sensor", columns, rows, {"sensor"})
+
+
+def work(work_ms: Mapping[str, Sequence[float]]) -> Table:
+    """How long scans and plans took here."""
+    rows = [
+        (
+            name, str(len(values)), number(float(np.median(values)), 2),
+            number(float(np.percentile(values, 99)), 2), number(max(values), 2),
+        )
+        for name, values in work_ms.items() if len(values)
+    ]  # fmt: skip
+    columns = ("work", "count", "median, ms", "99 %, ms", "worst, ms")
+    note = "measured while the events were worked once more, on the machine that made this page"
+    return _table("Work of central command", columns, rows, {"work"}, note)
+
+
+def notices(course: Course) -> Table:
+    """Return warnings and alarms."""
+    rows = [
+        (number(t_s), of.level, NONE if of.vehicle is None else str(of.vehicle), of.text)
+        for t_s, of in course.notices
+    ]
+    return _table("Warnings and alarms", ("at, s", "level", "vehicle", "text"), rows, {"level", "text"})
+
+
+def flown(flights: Mapping[int, Flight]) -> Table:
+    """What vehicles reported of themselves."""
+    rows = []
+    for vehicle, of in flights.items():
+        times = f"{number(float(of.t_s[0]))} – {number(float(of.t_s[-1]))}" if len(of.t_s) else NONE
+        modes = list(dict.fromkeys(mode for _, mode, _ in of.modes))
+        height = number(float(of.alt_rel_m.max())) if len(of.t_s) else NONE
+        speed = number(float(of.ground_speed_m_s.max())) if len(of.t_s) else NONE
+        rows.append((
+            str(vehicle), str(len(of.t_s)), times, number(of.length_m, 0), height, speed,
+            "yes" if any(armed for _, _, armed in of.modes) else "no", ", ".join(modes),
+        ))  # fmt: skip
+    columns = (
+        "vehicle", "positions kept", "from – to, s", "way, m", "highest, m", "fastest, m/s", "armed", "modes",
+    )  # fmt: skip
+    return _table("Vehicles by their own reports", columns, rows, {"from – to, s", "armed", "modes"})
+
+
+def senders(traffic: Mapping[str, Any]) -> Table:
+    """Who sent what over MAVLink."""
+    rows = []
+    for of in (*traffic["vehicles"], *traffic["ground_stations"]):
+        lost, frames = of["lost"], of["frames"]
+        share = NONE if lost is None else f"{100.0 * lost / max(1, lost + frames):.2f}"
+        longest = max((gap["seconds"] for gap in of["gaps"]), default=None)
+        rows.append((
+            f"{of['system']}/{of['component']}", of["type"] or NONE, of["autopilot"] or NONE,
+            of["firmware"] or NONE, of["mavlink"], str(frames), number(of["rate_hz"]), share,
+            str(of["gap_count"]), number(longest),
+        ))  # fmt: skip
+    columns = (
+        "system", "type", "autopilot", "firmware", "MAVLink", "frames", "rate, Hz", "lost, %",
+        "silences > 5 s", "longest, s",
+    )  # fmt: skip
+    return _table("Senders", columns, rows, {"system", "type", "autopilot", "firmware"})
+
+
+def transfers(traffic: Mapping[str, Any], start_t_ns: int) -> Table:
+    """Mission transfers as they are seen in the traffic."""
+    rows = [
+        (
+            number((of["t_ns"] - start_t_ns) / NS_PER_S), str(of["from"]), str(of["to"]), of["kind"],
+            str(of["items"]), str(of["items_seen"]), of["result"].lower(),
+        )
+        for of in traffic["missions"]
+    ]  # fmt: skip
+    columns = ("at, s", "from", "to", "kind", "items", "seen", "result")
+    return _table("Mission transfers in the traffic", columns, rows, {"kind", "result"})
+
+
+def versions(of: Mapping[str, str]) -> Table:
+    """What a recording was made with."""
+    return _table("Made with", ("what", "version"), list(of.items()), {"what", "version"})
+
+
+def number(value: float | None, digits: int = 1) -> str:
+    """Return a number as text; a dash for none."""
+    return NONE if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
+
+
+def _table(
+    title: str,
+    columns: tuple[str, ...],
+    rows: Sequence[tuple[str, ...]],
+    left: set[str] | frozenset[str] = frozenset(),
+    note: str = "",
+) -> Table:
+    if len(rows) > _ROWS:
+        note = f"{note + '; ' if note else ''}the first {_ROWS} of {len(rows)}"
+    return Table(title, columns, tuple(rows[:_ROWS]), frozenset(left), note)
