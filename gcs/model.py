@@ -212,13 +212,15 @@ class Waypoint:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """Waypoints for one vehicle, home excluded; it loiters at the last one."""
+    """Waypoints for one vehicle, home excluded."""
 
     mission_id: int
     vehicle: int
     waypoints: tuple[Waypoint, ...]
     loiter_radius_m: float = 0.0
     """Of the circle at the last waypoint; 0 leaves it to the autopilot."""
+    end: Literal["loiter", "land"] = "loiter"
+    """Circle at the last waypoint, or go home from there and land."""
 
 
 @dataclass(frozen=True, slots=True)

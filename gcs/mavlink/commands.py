@@ -10,7 +10,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
-from gcs.mavlink.modes import mode_numbers
+from gcs.mavlink.profiles import profile_of
 
 SET_MODE: Final[int] = dialect.MAV_CMD_DO_SET_MODE
 SET_CURRENT: Final[int] = dialect.MAV_CMD_DO_SET_MISSION_CURRENT
@@ -30,7 +30,10 @@ def set_mode(system_id: int, autopilot: int, name: str) -> Message:
     Raises
     ------
     KeyError
-        The autopilot has no such mode.
+        The autopilot is unknown, or has no such mode.
     """
+    profile = profile_of(autopilot)
+    if profile is None:
+        raise KeyError(autopilot)
     custom = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-    return command(system_id, SET_MODE, custom, *mode_numbers(autopilot, name))
+    return command(system_id, SET_MODE, custom, *profile.mode_numbers(name))

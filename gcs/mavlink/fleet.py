@@ -32,6 +32,7 @@ from gcs.mavlink.codec import (
     scan,
 )
 from gcs.mavlink.items import Home
+from gcs.mavlink.profiles import Profile
 from gcs.mavlink.vehicle import Address, Health, Vehicle
 from gcs.mavlink.wants import Wants
 from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState
@@ -277,6 +278,19 @@ class Fleet:
     def states(self) -> tuple[VehicleState, ...]:
         """Return the states of all vehicles that have reported a position, by system id."""
         return tuple(s for v in self._vehicles.values() if (s := v.state()) is not None)
+
+    def profile(self, system_id: int) -> Profile | None:
+        """Profile of the vehicle's firmware; None when it has not been heard or is not known here."""
+        return self._vehicles[system_id].profile
+
+    def boots(self, system_id: int) -> int:
+        """Reboots of the vehicle seen so far."""
+        return self._vehicles[system_id].boots
+
+    def link(self, system_id: int) -> str:
+        """Link on which the vehicle is heard; empty before it is."""
+        address = self._vehicles[system_id].address
+        return "" if address is None else address[0]
 
     def home(self, system_id: int) -> Home | None:
         """Where the vehicle says that its home is."""

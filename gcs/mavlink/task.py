@@ -6,13 +6,15 @@ radios that are slow get other numbers, not other code.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 from gcs.mavlink.asking import Patience
 
-Stage: TypeAlias = Literal["new", "upload", "verify", "select", "mode", "hold", "clear", "done"]
-Holds: TypeAlias = Literal["equal", "old", "cleared", "unknown"]
+Stage: TypeAlias = Literal["new", "park", "upload", "verify", "select", "mode", "hold", "clear", "done"]
+Holds: TypeAlias = Literal["equal", "old", "whole", "cleared", "unknown"]
+
+_SHORT_ROUND_TRIP_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +25,8 @@ class Timing:
     """MISSION_COUNT, MISSION_REQUEST_LIST, MISSION_CLEAR_ALL and commands."""
     item: Patience = field(default_factory=lambda: Patience(wait_s=0.4, wait_max_s=1.5, tries=20))
     """One item of a read-back."""
+    hold: Patience = field(default_factory=lambda: Patience(wait_s=0.25, wait_max_s=1.0, tries=40))
+    """LOITER, on which a vehicle's safety may hang."""
     silence_s: float = 8.5
     """Upload without a request; ArduPlane asks each second and gives up after 8 s."""
     last_ack_s: float = 2.5
@@ -33,10 +37,27 @@ class Timing:
     """Times that the upload is started before the task is abandoned."""
     refusals: int = 4
     """Times that a command may be refused."""
-    current_silence_s: float = 5.0
-    """In AUTO over a mixed store without MISSION_CURRENT: hold."""
+    guard_s: float = 3.0
+    """In AUTO over a mixed store: LOITER when the next item is nearer than this."""
+    hold_again_s: float = 0.25
+    """Between two such orders, until the vehicle says that it does: twelve of them in `guard_s`."""
+    delegate_s: float = 60.0
+    """For another program to upload."""
     give_up_s: float = 300.0
     """Upload and read-back together: generous, against a stall that no step sees."""
+
+    def over(self, round_trip_s: float) -> Timing:
+        """Return the same for a link of this round trip: no question is repeated while its answer may be due."""
+        if round_trip_s <= _SHORT_ROUND_TRIP_S:
+            return self
+        longer = 2.0 * round_trip_s
+        return replace(
+            self,
+            answer=replace(self.answer, wait_s=max(self.answer.wait_s, longer), wait_max_s=max(3.0, 2 * longer)),
+            item=replace(self.item, wait_s=max(self.item.wait_s, longer), wait_max_s=max(1.5, 2 * longer)),
+            last_ack_s=max(self.last_ack_s, longer),
+            settle_s=max(self.settle_s, 1.0 + round_trip_s),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +66,10 @@ class TaskResult:
 
     t_ns: int
     ok: bool
+    """Stored, read back equal, and being flown."""
     holds: Holds
-    """What it stores: this mission ("equal"), what it had before ("old"), none ("cleared"), or "unknown"."""
+    """What it stores: this mission ("equal"), what it had before ("old"), one of the two ("whole"), none
+    ("cleared"), or perhaps a mix ("unknown")."""
     detail: str
     duration_s: float
     retries: int

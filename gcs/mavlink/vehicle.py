@@ -18,8 +18,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Encoder, Message
 from gcs.mavlink.items import Home
-from gcs.mavlink.modes import mode_name
 from gcs.mavlink.position import BootClock, unplaceable
+from gcs.mavlink.profiles import Profile, profile_of
 from gcs.mavlink.wants import Wants
 from gcs.model import Level, VehicleState
 
@@ -70,6 +70,8 @@ class Vehicle:
         self.heard_t_ns = 0
         self.frames = self.lost = self.conflicts = self.boots = 0
         self.autopilot = dialect.MAV_AUTOPILOT_INVALID
+        self.profile: Profile | None = None
+        """Of its firmware; None before its first heartbeat, or when it is not known here."""
         self.home: Home | None = None
         self.wants = wants
         self.encoder = encoder
@@ -151,14 +153,25 @@ class Vehicle:
     # ------------------------------------------------------------ messages
 
     def _on_heartbeat(self, message: Message, _t_ns: int, tell: Tell) -> None:
-        self.autopilot = message.autopilot
-        mode, armed = mode_name(message.autopilot, message.custom_mode), bool(message.base_mode & _ARMED)
+        if message.autopilot != self.autopilot:
+            self._meet(message, tell)
+        mode, armed = f"MODE({message.custom_mode})", bool(message.base_mode & _ARMED)
+        if self.profile is not None:
+            mode = self.profile.mode_name(message.custom_mode)
         if self._mode and mode != self._mode:
             tell("info", f"mode {self._mode} -> {mode}")
         if self._mode and armed != self._armed:
             tell("info", "armed" if armed else "disarmed")
         if (mode, armed) != (self._mode, self._armed):
             self._mode, self._armed, self._state = mode, armed, None
+
+    def _meet(self, heartbeat: Message, tell: Tell) -> None:
+        """Note whose firmware it is."""
+        self.autopilot = heartbeat.autopilot
+        self.profile = profile_of(heartbeat.autopilot, heartbeat.type)
+        if self.profile is None:
+            text = f"firmware {heartbeat.autopilot} (MAV_AUTOPILOT) on a vehicle of type {heartbeat.type} (MAV_TYPE)"
+            tell("alarm", f"{text} is not known here: it is tracked and never tasked")
 
     def _on_position(self, message: Message, t_ns: int, tell: Tell) -> None:
         verdict = self._clock.judge(message.time_boot_ms, t_ns)

@@ -93,6 +93,12 @@ class Plane:
         self.store = list(self.whole[-1])
         self._fly_to(current)
 
+    def time_to_next_s(self, t_ns) -> float:
+        """What a ground station can work out from position and speed."""
+        if self.mode != AUTO or self.cached is None or self.cached.command == 17:
+            return math.inf
+        return self.leg_s - (t_ns - self._leg_t_ns) / S
+
     def reboot(self, t_ns) -> None:
         self.uploader, self.mode, self.boot_t_ns, self.current = None, MANUAL, t_ns, 0
         self._encode = Encoder(self.system_id, 1)

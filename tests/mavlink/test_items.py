@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.mavlink.codec import Encoder, decode
-from gcs.mavlink.items import Home, first_difference, item_of, items_of, normalised
+from gcs.mavlink.items import Home, item_of
+from gcs.mavlink.profiles import ARDUPLANE
 from gcs.model import Mission, Waypoint
 
 HOME = Home(-35.3632621, 149.165237, 584.09)
@@ -32,7 +33,7 @@ def over_the_wire(items):
 
 
 def test_home_comes_first_and_the_aircraft_stays_at_the_last_point():
-    items = items_of(mission(), HOME)
+    items = ARDUPLANE.items(mission(), HOME)
     assert [i.command for i in items] == [16, 16, 16, 17]
     assert (items[0].x, items[0].y, items[0].frame) == (-353632621, 1491652370, 0)
     assert items[1].param2 == 10.0
@@ -42,29 +43,29 @@ def test_home_comes_first_and_the_aircraft_stays_at_the_last_point():
 
 def test_a_mission_without_waypoints_is_no_mission():
     with pytest.raises(ValueError, match="no waypoint"):
-        items_of(Mission(1, 1, ()), HOME)
+        ARDUPLANE.items(Mission(1, 1, ()), HOME)
 
 
 def test_a_tiny_acceptance_radius_does_not_become_the_vehicles_large_default():
-    assert items_of(mission(Waypoint(1.0, 1.0, 50.0, 0.3)), HOME)[1].param2 >= 1.0
+    assert ARDUPLANE.items(mission(Waypoint(1.0, 1.0, 50.0, 0.3)), HOME)[1].param2 >= 1.0
 
 
 @given(st.lists(WAYPOINTS, min_size=1, max_size=20))
 def test_what_an_autopilot_stores_and_sends_back_counts_as_equal(points):
-    items = items_of(mission(*points), HOME)
+    items = ARDUPLANE.items(mission(*points), HOME)
     stored = [
-        normalised(i)._replace(
+        ARDUPLANE.normalised(i)._replace(
             frame={0: 5, 3: 6}[i.frame], param4=math.nan, autocontinue=0, z_m=round(i.z_m, 2)
         )
         for i in over_the_wire(items)
     ]
     stored[0] = stored[0]._replace(x=1, y=2, z_m=3.0)
-    assert first_difference(items, stored) == ""
+    assert ARDUPLANE.difference(items, stored) == ""
 
 
 @given(st.lists(WAYPOINTS, min_size=1, max_size=5), st.data())
 def test_every_difference_that_would_be_flown_is_named(points, data):
-    items = items_of(mission(*points), HOME)
+    items = ARDUPLANE.items(mission(*points), HOME)
     seq = data.draw(st.integers(1, len(items) - 1))
     change = data.draw(
         st.sampled_from(
@@ -79,18 +80,18 @@ def test_every_difference_that_would_be_flown_is_named(points, data):
     )
     changed = [*items]
     changed[seq] = items[seq]._replace(**change)
-    difference = first_difference(items, changed)
+    difference = ARDUPLANE.difference(items, changed)
     assert difference.startswith(f"item {seq}: {next(iter(change))} ")
 
 
 def test_missing_items_are_a_difference():
-    items = items_of(mission(), HOME)
-    assert first_difference(items, items[:-1]) == "3 items instead of 4"
+    items = ARDUPLANE.items(mission(), HOME)
+    assert ARDUPLANE.difference(items, items[:-1]) == "3 items instead of 4"
 
 
 def test_a_height_that_is_no_number_is_a_difference():
-    items = items_of(mission(), HOME)
+    items = ARDUPLANE.items(mission(), HOME)
     assert (
-        first_difference(items, [*items[:2], items[2]._replace(z_m=math.nan), items[3]])
+        ARDUPLANE.difference(items, [*items[:2], items[2]._replace(z_m=math.nan), items[3]])
         == "item 2: z_m is nan"
     )

@@ -7,11 +7,14 @@ from plane_double import AUTO, GCS, LOITER, RTL, Channel, Joined, Plane, S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.codec import Encoder, decode
-from gcs.mavlink.items import Home, items_of
+from gcs.mavlink.custody import Custody
+from gcs.mavlink.items import Home
+from gcs.mavlink.profiles import ARDUPLANE
 from gcs.mavlink.task import Timing
 from gcs.mavlink.transfer import MissionTask
 from gcs.model import Mission, Waypoint
 
+MODE_NAMES = {AUTO: "AUTO", LOITER: "LOITER", RTL: "RTL"}
 HOME = Home(-35.3632621, 149.165237, 584.09)
 
 
@@ -25,13 +28,14 @@ def mission(points=4, shift_deg=0.0, mission_id=1):
 def flying(points=6, leg_s=math.inf, mode=AUTO):
     """A plane that flies an older mission; and that mission's items."""
     plane = Plane(mode=mode, leg_s=leg_s)
-    old = items_of(mission(points, 0.01), HOME)
+    old = ARDUPLANE.items(mission(points, 0.01), HOME)
     plane.load(old, current=2)
     return plane, old
 
 
 def joined(plane, points=4, *, seed=1, loss=0.0, doubles=0.0, delay_s=(0.005, 0.03), **options):
-    task = MissionTask(mission(points), HOME, Encoder(), **options)
+    known = {"custody": Custody(MODE_NAMES[plane.mode]), "time_to_next_s": plane.time_to_next_s, "current": plane.current}
+    task = MissionTask(mission(points), HOME, Encoder(), **(known | options))
     plane.mean(task.items)
     both = {"loss": loss, "doubles": doubles, "delay_s": delay_s}
     return Joined(task, plane, Channel(2 * seed, **both), Channel(2 * seed + 1, **both))

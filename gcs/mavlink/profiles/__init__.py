@@ -1,0 +1,29 @@
+"""Autopilot profiles: one table per firmware of how it takes, flies and gives back a mission.
+
+`profile_of` chooses by what a vehicle's HEARTBEAT says. A firmware that is not here is tracked, and never
+tasked: what it would make of a mission is not known.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.profiles.ardupilot import ARDUPLANE
+from gcs.mavlink.profiles.profile import ParameterWish, Profile
+from gcs.mavlink.profiles.px4 import PX4
+
+__all__ = ["ARDUPLANE", "PROFILES", "PX4", "ParameterWish", "Profile", "profile_of"]
+
+PROFILES: Final = (ARDUPLANE, PX4)
+_VTOL_TYPES: Final = range(19, 26)
+_FIXED_WINGS: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *_VTOL_TYPES})
+"""ArduPilot's copters and rovers give other meanings to the same mode numbers."""
+
+
+def profile_of(autopilot: int, vehicle_type: int = dialect.MAV_TYPE_FIXED_WING) -> Profile | None:
+    """Return the profile of a heartbeat's MAV_AUTOPILOT and MAV_TYPE; None when there is none."""
+    if vehicle_type not in _FIXED_WINGS:
+        return None
+    return next((profile for profile in PROFILES if profile.autopilot == autopilot), None)

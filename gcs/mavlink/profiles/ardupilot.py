@@ -1,0 +1,101 @@
+"""ArduPlane.
+
+Sources: ArduPilot's `AP_Mission` (which fields of an item it stores, and in what precision), `Mode::Number`
+(https://ardupilot.org/plane/docs/parameters.html, FLTMODE1), and what ArduPlane 4.7 was seen to do.
+
+* Item 0 is always home; left out, the first item would be lost without a word.
+* An upload is in place: MISSION_COUNT truncates at once, each item replaces what stood there.
+* Items are asked for with MISSION_REQUEST and answered with MISSION_ITEM_INT.
+* Latitude and longitude survive exactly; height is kept in centimetres; frame 6 comes back as 3, NaN as 0.
+  NAV_WAYPOINT keeps its acceptance radius as whole metres up to 255 and loses hold time and yaw;
+  NAV_LOITER_UNLIM keeps its radius alone, NAV_TAKEOFF its pitch in whole degrees, NAV_LAND its abort height.
+* The waypoint being flown is cached: DO_SET_MISSION_CURRENT makes the vehicle take the new one.
+* At a mission's end, and in AUTO without one, it returns to launch.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.items import Item
+from gcs.mavlink.modes import AUTO, LOITER, RTL
+from gcs.mavlink.profiles.profile import ParameterWish, Profile
+
+_MAX_RADIUS_M: Final = 255.0
+
+_MODES: Final = {
+    0: "MANUAL",
+    1: "CIRCLE",
+    2: "STABILIZE",
+    3: "TRAINING",
+    4: "ACRO",
+    5: "FBWA",
+    6: "FBWB",
+    7: "CRUISE",
+    8: "AUTOTUNE",
+    10: AUTO,
+    11: RTL,
+    12: LOITER,
+    13: "TAKEOFF",
+    14: "AVOID_ADSB",
+    15: "GUIDED",
+    16: "INITIALISING",
+    17: "QSTABILIZE",
+    18: "QHOVER",
+    19: "QLOITER",
+    20: "QLAND",
+    21: "QRTL",
+    22: "QAUTOTUNE",
+    23: "QACRO",
+    24: "THERMAL",
+    25: "LOITER_ALT_QLAND",
+    26: "AUTOLAND",
+}
+
+
+def _stored(item: Item) -> Item:
+    match item.command:
+        case dialect.MAV_CMD_NAV_WAYPOINT:
+            radius_m = min(_MAX_RADIUS_M, float(int(item.param2))) if math.isfinite(item.param2) else _MAX_RADIUS_M
+            return item._replace(param1=0.0, param2=radius_m, param4=0.0)
+        case dialect.MAV_CMD_NAV_LOITER_UNLIM:
+            return item._replace(param1=0.0, param2=0.0, param4=0.0)
+        case dialect.MAV_CMD_NAV_TAKEOFF | dialect.MAV_CMD_NAV_LAND:
+            kept = float(int(item.param1)) if math.isfinite(item.param1) else 0.0
+            return item._replace(param1=kept, param2=0.0, param3=0.0, param4=0.0)
+    return item
+
+
+_PARAMETERS: Final = (
+    ParameterWish(
+        ("MAV_GCS_SYSID", "SYSID_MYGCS"), 255, 255, "the failsafe watches another station's heartbeat, not ours"
+    ),
+    ParameterWish(("FS_GCS_ENABL",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False),
+    ParameterWish(
+        ("FS_LONG_ACTN",), 0, 1, "2 and above glide or deploy a parachute when the link is lost; 0 flies on, 1 returns"
+    ),
+    ParameterWish(("RTL_ALTITUDE",), 30, 500, "the way home may be lower than what stands there", must=False),
+    ParameterWish(("FENCE_ENABLE",), 1, 1, "nothing stops a vehicle that leaves the area", must=False),
+    ParameterWish(("MIS_RESTART",), 0, 0, "AUTO would begin its mission anew instead of resuming it"),
+    ParameterWish(("ARMING_CHECK",), 1, 2**24, "it arms without checks"),
+)
+
+ARDUPLANE: Final = Profile(
+    name="ArduPlane",
+    autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+    home_items=1,
+    atomic=False,
+    select_by="command",
+    marks_current=False,
+    ends_in=RTL,
+    unused=0.0,
+    min_radius_m=1.0,  # less is stored as 0, which means the default of 90 m
+    takeoff_pitch_deg=15.0,
+    modes={(number, 0): name for number, name in _MODES.items()},
+    split_mode=lambda custom_mode: (custom_mode, 0),
+    stored=_stored,
+    parameters=_PARAMETERS,
+)

@@ -1,0 +1,71 @@
+"""PX4's fixed wing.
+
+Sources: PX4's `mavlink_mission.cpp` (what it takes, stores and sends back), `px4_custom_mode.h` (the main mode
+lies in bits 16-23 of `custom_mode`, the sub mode in bits 24-31),
+https://docs.px4.io/main/en/advanced_config/parameter_reference, and what PX4 1.17 was seen to do.
+
+* No home item: item 0 is flown.
+* An upload is atomic: it goes to a second store, which replaces the first when the last item is in. ``current``
+  on an item makes the new mission begin there. The same items again change nothing.
+* Items are asked for with MISSION_REQUEST_INT, again after 250 ms, given up after 5 s.
+* ACK 0 says that it is stored, not that it can be flown: the navigator's verdict shows when AUTO is refused.
+* There is no DO_SET_MISSION_CURRENT; MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
+* Parameters without a meaning are NaN: yaw 0 would be a course to keep. All are kept as floats.
+* After the last item it circles in Hold, which is the same mode as an operator's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.modes import AUTO, LOITER, RTL
+from gcs.mavlink.profiles.profile import ParameterWish, Profile
+
+_MODES: Final = {
+    (1, 0): "MANUAL",
+    (2, 0): "ALTCTL",
+    (3, 0): "POSCTL",
+    (5, 0): "ACRO",
+    (6, 0): "OFFBOARD",
+    (7, 0): "STABILIZED",
+    (8, 0): "RATTITUDE",
+    (10, 0): "TERMINATION",
+    (4, 1): "READY",
+    (4, 2): "TAKEOFF",
+    (4, 3): LOITER,
+    (4, 4): AUTO,
+    (4, 5): RTL,
+    (4, 6): "LAND",
+    (4, 8): "FOLLOW",
+    (4, 9): "PRECLAND",
+}
+
+_PARAMETERS: Final = (
+    ParameterWish(("MIS_TKO_LAND_REQ",), 0, 1, "a mission that ends in a loiter is refused when AUTO is asked for"),
+    ParameterWish(("NAV_DLL_ACT",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False),
+    ParameterWish(("COM_DL_LOSS_T",), 5, 300, "the link is given up sooner than it can recover", must=False),
+    ParameterWish(("RTL_RETURN_ALT",), 30, 500, "the way home may be lower than what stands there", must=False),
+    ParameterWish(("GF_ACTION",), 1, 5, "nothing stops a vehicle that leaves the area", must=False),
+    ParameterWish(("FW_LND_ANG",), 3.5, 15, "the approach of a mission that ends in a landing is refused", must=False),
+)
+
+
+PX4: Final = Profile(
+    name="PX4",
+    autopilot=dialect.MAV_AUTOPILOT_PX4,
+    home_items=0,
+    atomic=True,
+    select_by="message",
+    marks_current=True,
+    ends_in=LOITER,
+    unused=math.nan,
+    min_radius_m=0.1,
+    takeoff_pitch_deg=15.0,
+    modes=_MODES,
+    split_mode=lambda custom_mode: (custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF),
+    stored=lambda item: item,
+    parameters=_PARAMETERS,
+)
