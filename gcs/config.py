@@ -154,6 +154,8 @@ class MissionTable(Table, frozen=True, kw_only=True):
     altitude_rel_m: Positive = 100.0
     accept_radius_m: Annotated[float, Meta(gt=0.0, le=255.0)] = 10.0
     loiter_radius_m: Annotated[float, Meta(ge=0.0, le=255.0)] = 30.0
+    end: Literal["loiter", "land"] = "loiter"
+    uploader: Literal["own", "mavsdk"] = "own"
     max_duration_s: Positive = 600.0
 
 
@@ -169,6 +171,7 @@ class LinksTable(Table, frozen=True, kw_only=True):
     mavlink: Annotated[str, Meta(pattern=r"^udpin:[^:]+:\d{1,5}$")] = "udpin:0.0.0.0:14550"
     zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
     zenoh_role: Literal["listen", "connect"] = "listen"
+    max_parallel_uploads: Annotated[int, Meta(ge=1, le=1000)] = 32
 
 
 class Config(Table, frozen=True, kw_only=True):

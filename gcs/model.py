@@ -142,7 +142,18 @@ class Order:
     """Who gave it, in words."""
 
 
-Event: TypeAlias = Datagram | Scan | Tick | BadInput | Order
+@dataclass(frozen=True, slots=True)
+class UploadAnswer:
+    """What the program that uploads in our place says of one `Upload`."""
+
+    t_ns: int
+    vehicle: int
+    mission_id: int
+    ok: bool
+    detail: str
+
+
+Event: TypeAlias = Datagram | Scan | Tick | BadInput | Order | UploadAnswer
 
 
 # ---------------------------------------------------------------- the picture
@@ -263,6 +274,16 @@ class Send:
 
 
 @dataclass(frozen=True, slots=True)
+class Upload:
+    """A mission that another program is to upload; `UploadAnswer` says how that went."""
+
+    vehicle: int
+    mission_id: int
+    frames: bytes
+    """MISSION_ITEM_INT frames, in order, one behind the other."""
+
+
+@dataclass(frozen=True, slots=True)
 class UploadReport:
     """How one mission transfer ended."""
 
@@ -339,7 +360,7 @@ class Proposal:
 
 
 Effect: TypeAlias = (
-    Send | Picture | Plan | UploadReport | Notice | Fate | MissionEnded | OrderAnswer | Proposal
+    Send | Upload | Picture | Plan | UploadReport | Notice | Fate | MissionEnded | OrderAnswer | Proposal
 )
 
 

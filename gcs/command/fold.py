@@ -38,6 +38,7 @@ from gcs.model import (
     Route,
     Scan,
     Tick,
+    UploadAnswer,
     UploadReport,
 )
 
@@ -69,7 +70,13 @@ class Command:
         self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner = Replanner(config, self.grid)
-        self.tasking = Tasking(config.mission, config.airframe, config.local_frame, self.fleet)
+        self.tasking = Tasking(
+            config.mission,
+            config.airframe,
+            config.local_frame,
+            self.fleet,
+            config.links.max_parallel_uploads,
+        )
         self.approval = Approval(self.replanner)
         self.orders = Orders(self.fleet, self.tasking, self.replanner)
         self.bad_input = 0
@@ -93,6 +100,8 @@ class Command:
                 return self._bad(event)
             case Order():
                 return self._order(event)
+            case UploadAnswer():
+                return self._settle(self.tasking.answered(event))
 
     def _datagram(self, event: Datagram) -> list[Effect]:
         effects: list[Effect] = []
@@ -219,7 +228,7 @@ class Command:
             for state in self.fleet.states()
             if state.mode not in _TASKABLE_MODES
         }
-        return modes | self.orders.away()
+        return modes | self.tasking.taken() | self.orders.away()
 
     def _send(self, routes: Sequence[Route], t_ns: int) -> list[Effect]:
         """Send routes to their vehicles as missions."""

@@ -164,6 +164,7 @@ class Orders:
     def _take_up(self, vehicle: int, targets: Container[Label]) -> str:
         """Let a vehicle be tasked again; returns the mode to fly in until then."""
         self.aside.pop(vehicle, None)
+        self._tasking.release(vehicle)
         route = self.suspended.pop(vehicle, None)
         if vehicle in self._replanner.routes:
             return AUTO if vehicle not in self._tasking.under_way else LOITER

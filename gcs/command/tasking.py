@@ -1,21 +1,47 @@
 """Missions on their way to vehicles: one transfer a vehicle at a time, the newest wins.
 
 A route becomes a mission, a mission becomes a `MissionTask` (upload, read back, compare, start), and its
-end becomes an `UploadReport`. A newer mission for the same vehicle replaces a transfer under way.
+end becomes an `UploadReport`. A newer mission for the same vehicle replaces a transfer under way, at once; other
+missions wait until their link has room for them (`gcs.command.lanes`).
+
+What a task leaves behind is kept here: what each vehicle holds by the last read-back, whose it is
+(`gcs.mavlink.custody`), and whether it may hold a mix. A vehicle that may is held and cleared as soon as it is
+heard, if no new mission does away with the mix first.
 """
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+
 import numpy as np
 
+from gcs.command.lanes import Lane
 from gcs.config import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Message
+from gcs.mavlink.custody import Custody
 from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.items import HOME_ITEMS, Home
+from gcs.mavlink.items import Home, Item
+from gcs.mavlink.modes import LOITER
+from gcs.mavlink.profiles import Profile
+from gcs.mavlink.profiles.profile import is_on_ground
+from gcs.mavlink.task import Timing
 from gcs.mavlink.transfer import MissionTask
-from gcs.model import Effect, FloatArray, Mission, Notice, Route, Waypoint
-from gcs.planning.progress import next_point
+from gcs.model import (
+    NS_PER_S,
+    Effect,
+    FloatArray,
+    Mission,
+    Notice,
+    Route,
+    Upload,
+    UploadAnswer,
+    UploadReport,
+    Waypoint,
+)
+from gcs.planning.progress import next_point, time_to_point_s
 from gcs.planning.turning import acceptance_m
 
 _CORRIDOR_M = 40.0
@@ -24,82 +50,275 @@ _MAX_RADIUS_M = 255.0
 """What a mission item can hold."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Flown:
+    """What a vehicle holds, by the last read-back."""
+
+    route: Route
+    items: tuple[Item, ...]
+    first_point: int
+    """Number of the item that is the route's first point."""
+
+
+@dataclass(slots=True)
+class _Delivery:
+    """One transfer under way."""
+
+    task: MissionTask
+    link: str
+    began_t_ns: int
+    flown: _Flown
+    is_quiet: bool = False
+    """Whether nobody waits for its report."""
+
+
 class Tasking:
     """All transfers under way.
 
     Parameters
     ----------
     table : MissionTable
-        Altitude and least acceptance radius of every waypoint.
+        Altitude and least acceptance radius of every waypoint, and who uploads.
     airframe : AirframeTable
         How the vehicles turn: they are told to turn as long before each waypoint.
     frame : LocalFrame
         Where routes lie; its origin serves as home of a vehicle that has not told its own.
     fleet : Fleet
         Addresses and sequences.
+    max_parallel : int
+        Transfers at a time over one link, at the most.
     """
 
-    def __init__(self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame, fleet: Fleet) -> None:
+    def __init__(
+        self,
+        table: MissionTable,
+        airframe: AirframeTable,
+        frame: LocalFrame,
+        fleet: Fleet,
+        max_parallel: int = 32,
+    ) -> None:
         self._table = table
         self._airframe = airframe
         self._frame = frame
         self._fleet = fleet
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
-        self._tasks: dict[int, MissionTask] = {}
+        self._deliveries: dict[int, _Delivery] = {}
+        self._waiting: dict[int, Route] = {}
+        self._lanes: defaultdict[str, Lane] = defaultdict(lambda: Lane(max_parallel))
+        self._busy: defaultdict[str, int] = defaultdict(int)
+        self._custody: defaultdict[int, Custody] = defaultdict(Custody)
+        self._flown: dict[int, _Flown] = {}
+        self._mixed: dict[int, _Flown] = {}
+        """Vehicles that may hold a mix, and what was last sent to them."""
+        self._boots: dict[int, int] = {}
         self._mission_count = 0
 
     @property
     def under_way(self) -> dict[int, str]:
-        """Stage of each transfer under way, by vehicle."""
-        return {vehicle: task.stage for vehicle, task in self._tasks.items()}
+        """Stage of each transfer under way, by vehicle; "waiting" for room on its link."""
+        stages = {vehicle: delivery.task.stage for vehicle, delivery in self._deliveries.items()}
+        return dict.fromkeys(self._waiting, "waiting") | stages
+
+    def taken(self) -> dict[int, str]:
+        """Vehicles that are not ours to task, and why, in words."""
+        reasons = {v: f"is in {c.taken} and left alone" for v, c in self._custody.items() if c.taken}
+        for vehicle in self._custody:
+            if self._fleet.profile(vehicle) is None:
+                reasons[vehicle] = "has a firmware that is not known here"
+        return reasons
+
+    def release(self, vehicle: int) -> None:
+        """Take a vehicle back that somebody else took, on an operator's order."""
+        self._custody[vehicle].release()
+
+    # ------------------------------------------------------------ in
 
     def task(self, route: Route, t_ns: int) -> list[Effect]:
         """Send a route to its vehicle as a mission; a transfer under way is given up for it."""
-        self._supersede(route.vehicle, t_ns)
-        self._mission_count += 1
-        mission = self._mission(route, self._mission_count)
-        home = self._fleet.home(route.vehicle) or self._home
-        encode, state = self._fleet.encoder(route.vehicle), self._fleet.state(route.vehicle)
-        task = MissionTask(
-            mission, home, encode, state=state, first_item=lambda: HOME_ITEMS + self._points_passed(route)
-        )
-        self._tasks[route.vehicle] = task
-        return [*self._fleet.sends(route.vehicle, task.start(t_ns))]
+        vehicle = route.vehicle
+        if self._supersede(vehicle, t_ns):
+            return self._begin(route, t_ns)
+        self._waiting[vehicle] = route
+        return self._admit(t_ns)
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
-        """Give a vehicle's message to its transfer, if there is one."""
-        task = self._tasks.get(vehicle)
-        return [] if task is None else self._worked(vehicle, task, task.receive(message, t_ns))
+        """Take a vehicle's message: for its transfer, if there is one, and for what it tells of the vehicle."""
+        effects = self._watch(vehicle, message, t_ns)
+        delivery = self._deliveries.get(vehicle)
+        if delivery is not None:
+            effects += self._worked(vehicle, delivery.task.receive(message, t_ns))
+        return effects
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Let timers run."""
         effects: list[Effect] = []
-        for vehicle, task in list(self._tasks.items()):
-            effects += self._worked(vehicle, task, task.poll(t_ns))
-        return effects
+        for vehicle, delivery in list(self._deliveries.items()):
+            effects += self._worked(vehicle, delivery.task.poll(t_ns))
+        return effects + self._admit(t_ns)
+
+    def answered(self, answer: UploadAnswer) -> list[Effect]:
+        """Take what another program says of an upload that was left to it."""
+        delivery = self._deliveries.get(answer.vehicle)
+        if delivery is None or delivery.task.mission.mission_id != answer.mission_id:
+            return []
+        frames = delivery.task.delivered(answer.ok, answer.detail, answer.t_ns)
+        return self._worked(answer.vehicle, frames)
 
     def cancel(self, vehicle: int, t_ns: int) -> None:
-        """Stop talking to a vehicle: it is dead."""
+        """Stop talking to a vehicle that is taken for dead; should it be heard all the same, no mix is left."""
+        self._waiting.pop(vehicle, None)
         self._supersede(vehicle, t_ns)
 
     def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """Give a transfer up safely: the vehicle keeps a whole mission, or holds and is cleared."""
-        task = self._tasks.get(vehicle)
-        return [] if task is None else self._worked(vehicle, task, task.abandon(reason, t_ns))
+        self._waiting.pop(vehicle, None)
+        delivery = self._deliveries.get(vehicle)
+        return [] if delivery is None else self._worked(vehicle, delivery.task.abandon(reason, t_ns))
 
-    def _supersede(self, vehicle: int, t_ns: int) -> None:
-        task = self._tasks.pop(vehicle, None)
-        if task is not None:
-            task.supersede(t_ns)
+    # ------------------------------------------------------------ what a vehicle tells of itself
 
-    def _worked(self, vehicle: int, task: MissionTask, frames: list[bytes]) -> list[Effect]:
+    def _watch(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
+        if self._fleet.boots(vehicle) != self._boots.setdefault(vehicle, 0):
+            return self._rebooted(vehicle, t_ns)
+        profile = self._fleet.profile(vehicle)
+        if message.get_type() != "HEARTBEAT" or profile is None:
+            return []
+        custody = self._custody[vehicle]
+        custody.heard(profile.mode_name(message.custom_mode), at_end=self._at_end(vehicle, profile))
+        if vehicle in self._mixed and vehicle not in self._deliveries:
+            return self._clean(vehicle, t_ns)
+        return []
+
+    def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
+        """Begin a transfer again: what the vehicle stores and flies must be learned anew."""
+        self._boots[vehicle] = self._fleet.boots(vehicle)
+        self._custody[vehicle].rebooted()
+        self._flown.pop(vehicle, None)
+        delivery = self._deliveries.get(vehicle)
+        return [] if delivery is None else self._worked(vehicle, delivery.task.restart(t_ns))
+
+    def _at_end(self, vehicle: int, profile: Profile) -> bool:
+        flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
+        if profile.ends_in != LOITER or flown is None or state is None:
+            return False
+        return state.mission_seq == len(flown.items) - 1
+
+    def _time_to_next_s(self, vehicle: int, t_ns: int) -> float:
+        """Seconds until it can take its next item from the store; 0 when that is not known."""
+        flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
+        if flown is None or state is None or state.mission_seq < flown.first_point:
+            return 0.0
+        place, index = (state.east_m, state.north_m), state.mission_seq - flown.first_point
+        if index >= len(flown.route.points_m):
+            return math.inf if self._table.end == "loiter" else 0.0
+        points_m, speed_m_s = flown.route.points_m, state.ground_speed_m_s
+        radius_m = flown.items[state.mission_seq].param2 if state.mission_seq < len(flown.items) else 0.0
+        to_go_s = time_to_point_s(points_m, index, place, speed_m_s, radius_m)
+        return to_go_s - (t_ns - state.t_ns) / NS_PER_S
+
+    # ------------------------------------------------------------ transfers
+
+    def _admit(self, t_ns: int) -> list[Effect]:
+        """Begin the transfers for which there is room."""
+        effects: list[Effect] = []
+        for vehicle in list(self._waiting):
+            link = self._fleet.link(vehicle)
+            if self._busy[link] < self._lanes[link].window:
+                effects += self._begin(self._waiting.pop(vehicle), t_ns)
+        return effects
+
+    def _begin(self, route: Route, t_ns: int) -> list[Effect]:
+        vehicle, fleet = route.vehicle, self._fleet
+        self._mission_count += 1
+        mission = self._mission(route, self._mission_count)
+        profile, state = fleet.profile(vehicle), fleet.state(vehicle)
+        if profile is None:
+            text = "its firmware is not known here, or it was never heard"
+            return [UploadReport(t_ns, vehicle, mission.mission_id, 0, False, text, 0.0, 0)]
+        from_ground = is_on_ground(state, fleet.home(vehicle))
+        old = self._flown.get(vehicle)
+        task = MissionTask(
+            mission,
+            fleet.home(vehicle) or self._home,
+            fleet.encoder(vehicle),
+            profile=profile,
+            custody=self._custody[vehicle],
+            old=None if old is None else old.items,
+            mixed=self._mixed.pop(vehicle, None) is not None,
+            current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
+            time_to_next_s=lambda now_ns: self._time_to_next_s(vehicle, now_ns),
+            first_item=lambda: profile.first_flown(
+                self._points_passed(route),
+                from_ground=from_ground,
+                still_on_ground=is_on_ground(fleet.state(vehicle), fleet.home(vehicle)),
+            ),
+            from_ground=from_ground,
+            delegated=self._table.uploader != "own",
+            timing=Timing().over(self._lanes[fleet.link(vehicle)].round_trip_s),
+        )
+        flown = _Flown(route, task.items, profile.home_items + int(from_ground))
+        self._deliveries[vehicle] = _Delivery(task, fleet.link(vehicle), t_ns, flown)
+        self._busy[fleet.link(vehicle)] += 1
+        return self._worked(vehicle, task.start(t_ns))
+
+    def _clean(self, vehicle: int, t_ns: int) -> list[Effect]:
+        """Hold and clear a vehicle that may hold a mix."""
+        flown, profile = self._mixed.pop(vehicle), self._fleet.profile(vehicle)
+        assert profile is not None  # its heartbeat was just taken
+        task = MissionTask(
+            self._mission(flown.route, 0),
+            self._home,
+            self._fleet.encoder(vehicle),
+            profile=profile,
+            custody=self._custody[vehicle],
+            mixed=True,
+        )
+        delivery = _Delivery(task, self._fleet.link(vehicle), t_ns, flown, is_quiet=True)
+        self._deliveries[vehicle] = delivery
+        self._busy[delivery.link] += 1
+        return self._worked(vehicle, task.clean(t_ns))
+
+    def _supersede(self, vehicle: int, t_ns: int) -> bool:
+        """End a transfer under way, silently; return whether there was one."""
+        delivery = self._deliveries.get(vehicle)
+        if delivery is None:
+            return False
+        delivery.task.supersede(t_ns)
+        self._leave(vehicle)
+        return True
+
+    def _leave(self, vehicle: int) -> _Delivery:
+        """Take an ended transfer off, and keep what it says of the vehicle."""
+        delivery = self._deliveries.pop(vehicle)
+        self._busy[delivery.link] -= 1
+        result = delivery.task.result
+        assert result is not None
+        if delivery.task.is_mixed:
+            self._mixed[vehicle] = delivery.flown
+        elif result.holds == "equal":
+            self._flown[vehicle] = delivery.flown
+        elif result.holds != "old":
+            self._flown.pop(vehicle, None)
+        return delivery
+
+    def _worked(self, vehicle: int, frames: list[bytes]) -> list[Effect]:
+        delivery = self._deliveries[vehicle]
+        task, result = delivery.task, delivery.task.result
         effects: list[Effect] = [*self._fleet.sends(vehicle, frames)]
-        if task.result is not None:
-            del self._tasks[vehicle]
+        handover = task.handover()
+        if handover:
+            effects.append(Upload(vehicle, task.mission.mission_id, handover))
+        if result is None:
+            return effects
+        self._leave(vehicle)
+        repeated = result.retries / len(task.items)
+        self._lanes[delivery.link].ended(delivery.began_t_ns, result.t_ns, task.round_trip_s, repeated)
+        if not delivery.is_quiet:
             effects.append(task.report())
-            if task.result.held:
-                text = f"agent {vehicle} was told to hold: {task.result.detail}"
-                effects.append(Notice(task.result.t_ns, "alarm", text, vehicle))
+        if not result.ok and (result.held or self._custody[vehicle].taken or delivery.is_quiet):
+            said = "was told to hold" if result.held else "is not ours now"
+            said = "holds no mission now" if result.holds == "cleared" else said
+            effects.append(Notice(result.t_ns, "alarm", f"agent {vehicle} {said}: {result.detail}", vehicle))
         return effects
 
     def _points_passed(self, route: Route) -> int:
@@ -115,7 +334,7 @@ class Tasking:
             Waypoint(*place, table.altitude_rel_m, float(radius_m))
             for place, radius_m in zip(places, self._acceptance_m(route), strict=True)
         )
-        return Mission(mission_id, route.vehicle, waypoints, table.loiter_radius_m)
+        return Mission(mission_id, route.vehicle, waypoints, table.loiter_radius_m, table.end)
 
     def _acceptance_m(self, route: Route) -> FloatArray:
         """How near to each waypoint it counts as reached: soon enough to turn to the next one."""

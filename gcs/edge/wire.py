@@ -57,6 +57,8 @@ from gcs.model import (
     Sensor,
     Tick,
     Truth,
+    Upload,
+    UploadAnswer,
     UploadReport,
     read_only,
 )
@@ -75,7 +77,9 @@ TOPICS: Final[dict[type, str]] = {
     Tick: "/event/tick",
     BadInput: "/event/bad_input",
     Order: "/event/order",
+    UploadAnswer: "/event/upload_answer",
     Send: "/effect/send",
+    Upload: "/effect/upload_order",
     Picture: "/effect/picture",
     Plan: "/effect/plan",
     UploadReport: "/effect/upload",

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.asking import Asking, Patience
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
-from gcs.mavlink.modes import mode_name
+from gcs.mavlink.profiles import mode_name
 
 PATIENCE: Final = Patience(wait_s=1.0, wait_max_s=3.0, tries=10)
 _REFUSALS: Final = 3
@@ -84,7 +84,7 @@ class Errand:
                 self._said = str(message.text)
 
     def _on_heartbeat(self, message: Message) -> None:
-        shown = Shown(mode_name(message.autopilot, message.custom_mode), bool(message.base_mode & _ARMED))
+        shown = Shown(mode_name(message), bool(message.base_mode & _ARMED))
         self._shown = self._shown + 1 if self._asking.sent and self._wanted(shown) else 0
         if self._shown >= _HEARTBEATS:
             self.outcome = (True, f"{shown.mode}, {'armed' if shown.armed else 'disarmed'}")

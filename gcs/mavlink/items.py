@@ -40,7 +40,9 @@ class Item(NamedTuple):
     param4: float = 0.0
     autocontinue: int = 1
 
-    def message(self, seq: int, target_system: int, target_component: int, *, current: bool = False) -> Message:
+    def message(
+        self, seq: int, target_system: int, target_component: int, *, current: bool = False
+    ) -> Message:
         """Return the MISSION_ITEM_INT that carries this item as number `seq`."""
         return dialect.MAVLink_mission_item_int_message(
             target_system,

@@ -53,7 +53,9 @@ class Timing:
         longer = 2.0 * round_trip_s
         return replace(
             self,
-            answer=replace(self.answer, wait_s=max(self.answer.wait_s, longer), wait_max_s=max(3.0, 2 * longer)),
+            answer=replace(
+                self.answer, wait_s=max(self.answer.wait_s, longer), wait_max_s=max(3.0, 2 * longer)
+            ),
             item=replace(self.item, wait_s=max(self.item.wait_s, longer), wait_max_s=max(1.5, 2 * longer)),
             last_ack_s=max(self.last_ack_s, longer),
             settle_s=max(self.settle_s, 1.0 + round_trip_s),

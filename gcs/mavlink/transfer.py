@@ -37,14 +37,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.asking import Asking, Patience, ns
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
-from gcs.mavlink.commands import SET_CURRENT, SET_MODE, command, set_mode
+from gcs.mavlink.commands import REQUEST_MESSAGE, SET_CURRENT, SET_MODE, command, set_mode
 from gcs.mavlink.conversations import ReadBack, Sending
 from gcs.mavlink.custody import Custody
 from gcs.mavlink.items import Home, Item
 from gcs.mavlink.modes import AUTO, LOITER
 from gcs.mavlink.profiles import ARDUPLANE, Profile
 from gcs.mavlink.task import Holds, Stage, TaskResult, Timing
-from gcs.model import NS_PER_S, Mission
+from gcs.model import NS_PER_S, Mission, UploadReport
 
 _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
 _ACCEPTED: Final = dialect.MAV_MISSION_ACCEPTED
@@ -119,7 +119,7 @@ class MissionTask:
         self._time_to_next_s = time_to_next_s
         self._first_item = first_item or (lambda: profile.home_items)
         self._delegated = delegated
-        self._handover: tuple[bytes, ...] = ()
+        self._handover = b""
         self._timing = timing or Timing()
         self._own = own
         self._to = (mission.vehicle, AUTOPILOT_COMPONENT_ID)
@@ -134,6 +134,7 @@ class MissionTask:
         self._holds: Holds = "unknown" if mixed else "old"
         self._reason = ""
         self._abandoned = False
+        self._may_start = True
         self._current = current
         self._current_before = current
         self._refusals = 0
@@ -168,8 +169,7 @@ class MissionTask:
         self._began_t_ns = t_ns
         flies = self._custody.mode in ("", AUTO)
         if flies and not self._profile.atomic and self._time_to_next_s(t_ns) < self._timing.guard_s:
-            self._hold_t_ns = t_ns
-            self._enter("park", t_ns, self._mode_command(LOITER), patience=self._timing.hold)
+            self._park(t_ns)
         else:
             self._upload(t_ns)
         return self._sent(t_ns)
@@ -223,13 +223,17 @@ class MissionTask:
         return self._sent(t_ns)
 
     def abandon(self, reason: str, t_ns: int) -> list[bytes]:
-        """Give the mission up safely: the vehicle keeps a whole mission, or holds and is cleared."""
+        """Give the mission up safely: the vehicle keeps a whole mission, or holds and is cleared.
+
+        Whoever wants that says what the vehicle is to do then: nothing is started here.
+        """
+        self._may_start = False
         if self.stage in ("upload", "verify"):
             self._reason = reason
             self._hold(t_ns)
         elif self.stage in ("new", "park", "select", "mode"):
             self._reason = reason
-            self._give_back(t_ns)
+            self._finish(ok=False, t_ns=t_ns)
         return self._sent(t_ns)
 
     def supersede(self, t_ns: int) -> None:
@@ -238,9 +242,31 @@ class MissionTask:
             self._reason = "superseded"
             self._finish(ok=False, t_ns=t_ns)
 
-    def handover(self) -> tuple[bytes, ...]:
+    def report(self) -> UploadReport:
+        """Return the result as the record that flows on.
+
+        Raises
+        ------
+        ValueError
+            The task has not ended.
+        """
+        if self.result is None:
+            raise ValueError("the task has not ended")
+        end, mission = self.result, self.mission
+        return UploadReport(
+            t_ns=end.t_ns,
+            vehicle=mission.vehicle,
+            mission_id=mission.mission_id,
+            items=len(self.items),
+            ok=end.ok,
+            detail=end.detail,
+            duration_s=end.duration_s,
+            retries=end.retries,
+        )
+
+    def handover(self) -> bytes:
         """Return, once for each upload, the MISSION_ITEM_INT frames that another program is to upload."""
-        frames, self._handover = self._handover, ()
+        frames, self._handover = self._handover, b""
         return frames
 
     def delivered(self, ok: bool, detail: str, t_ns: int) -> list[bytes]:
@@ -273,6 +299,11 @@ class MissionTask:
         patience = patience or self._timing.answer
         self._asking = Asking(question, patience, t_ns) if question is not None else None
 
+    def _park(self, t_ns: int) -> None:
+        """Have the vehicle wait, and hear that it does: only then can an order that follows be told from it."""
+        self._hold_t_ns = t_ns
+        self._enter("park", t_ns, self._mode_command(LOITER), patience=self._timing.hold)
+
     def _upload(self, t_ns: int, pause_s: float = 0.0) -> None:
         self.uploads += 1
         self._sending.begin()
@@ -284,7 +315,8 @@ class MissionTask:
         self._deadline_t_ns = t_ns + ns(self._timing.delegate_s)
         self._note_upload()
         to, items = self._to, enumerate(self.items)
-        self._handover = tuple(self._encode(item.message(n, *to, current=n == self._mark)) for n, item in items)
+        messages = (item.message(n, *to, current=n == self._mark) for n, item in items)
+        self._handover = b"".join(map(self._encode, messages))
 
     def _note_upload(self) -> None:
         """From now on the vehicle may have begun to change what it stores."""
@@ -300,7 +332,6 @@ class MissionTask:
         return min(max(self._profile.home_items, self._first_item()), len(self.items) - 1)
 
     def _select(self, t_ns: int) -> None:
-        self._holds = "equal"
         self._current_before = self._current
         self._first = self._begin_at()
         question = command(self.mission.vehicle, SET_CURRENT, self._first)
@@ -322,7 +353,7 @@ class MissionTask:
 
     def _give_back(self, t_ns: int) -> None:
         """End as failed; a vehicle that was held, and still has a whole mission, goes on with it."""
-        if self._hold_t_ns is not None and self._holds == "old" and not self._custody.taken:
+        if self._hold_t_ns is not None and self._holds == "old" and self._may_start:
             self._start_mode(t_ns)
         else:
             self._finish(ok=False, t_ns=t_ns)
@@ -379,7 +410,7 @@ class MissionTask:
     def _unanswered(self, t_ns: int) -> None:
         match self.stage:
             case "park":
-                self._reason = "LOITER was not confirmed, nothing was sent"
+                self._reason = "LOITER was not confirmed, so nothing was changed"
                 self._finish(ok=False, t_ns=t_ns)
             case "upload":
                 self._reason = "no answer to MISSION_COUNT"
@@ -482,7 +513,11 @@ class MissionTask:
         self._out.append(reading.thanks())
         difference = profile.difference(self.items, reading.items)
         if not difference:
-            self._select(t_ns)
+            self._holds = "equal"
+            if self._hold_t_ns is not None and self._custody.mode == AUTO:
+                self._park(t_ns)
+            else:
+                self._select(t_ns)
         elif self._abandoned and self._old is not None and not profile.difference(self._old, reading.items):
             self._holds = "old"
             self._give_back(t_ns)
@@ -521,7 +556,9 @@ class MissionTask:
         self._custody.heard(self._profile.mode_name(message.custom_mode), at_end=self._ended())
         mode, taken = self._custody.mode, bool(self._custody.taken)
         if self.stage == "park" and mode != AUTO:
-            if taken:
+            if self._holds == "equal":
+                self._select(t_ns)
+            elif taken:
                 self._leave(t_ns)
             else:
                 self._upload(t_ns)
@@ -554,6 +591,11 @@ class MissionTask:
                 self._sending.counted(t_ns, again=again)
             self._out.append(self._asking.question)
         out, self._out = self._out, []
+        if any(message.get_type() == "COMMAND_LONG" and message.command == SET_MODE for message in out):
+            heartbeat = (
+                dialect.MAVLINK_MSG_ID_HEARTBEAT
+            )  # which tells the mode, and is due once a second only
+            out.append(command(self.mission.vehicle, REQUEST_MESSAGE, heartbeat))
         return [self._encode(message) for message in out]
 
 

@@ -19,7 +19,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Encoder, Message
 from gcs.mavlink.items import Home
 from gcs.mavlink.position import BootClock, unplaceable
-from gcs.mavlink.profiles import Profile, profile_of
+from gcs.mavlink.profiles import Profile, mode_name, profile_of
 from gcs.mavlink.wants import Wants
 from gcs.model import Level, VehicleState
 
@@ -155,9 +155,7 @@ class Vehicle:
     def _on_heartbeat(self, message: Message, _t_ns: int, tell: Tell) -> None:
         if message.autopilot != self.autopilot:
             self._meet(message, tell)
-        mode, armed = f"MODE({message.custom_mode})", bool(message.base_mode & _ARMED)
-        if self.profile is not None:
-            mode = self.profile.mode_name(message.custom_mode)
+        mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
         if self._mode and mode != self._mode:
             tell("info", f"mode {self._mode} -> {mode}")
         if self._mode and armed != self._armed:

@@ -6,11 +6,14 @@ link. It should enter the route where it is by then, not turn back to the route'
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
 
 from gcs.model import FloatArray
+
+_SLOW_M_S = 1.0
 
 
 def next_point(points_m: FloatArray, place_m: tuple[float, float], corridor_m: float) -> int:
@@ -40,3 +43,28 @@ def next_point(points_m: FloatArray, place_m: tuple[float, float], corridor_m: f
         if 0.0 < along_m <= length_m and across_m <= corridor_m:
             first = index + 1
     return first
+
+
+def time_to_point_s(
+    points_m: FloatArray, index: int, place_m: tuple[float, float], speed_m_s: float, accept_radius_m: float
+) -> float:
+    """Seconds until a vehicle that flies to point `index` may count it as reached.
+
+    It does when it is within `accept_radius_m`, or beside the end of the leg: autopilots turn then, however far
+    off the leg they are. Behind the last point there is nothing to reach: infinite.
+
+    Parameters
+    ----------
+    points_m : (k, 2) array
+        East and north of the route's points, in the order of flight; k >= 1.
+    """
+    if index >= len(points_m):
+        return math.inf
+    end, place = points_m[index], np.asarray(place_m)
+    to_go_m = float(np.hypot(*(end - place))) - accept_radius_m
+    if index > 0:
+        leg = end - points_m[index - 1]
+        length_m = float(np.hypot(*leg))
+        if length_m > 0.0:
+            to_go_m = min(to_go_m, float((end - place) @ leg) / length_m)
+    return max(to_go_m, 0.0) / max(speed_m_s, _SLOW_M_S)

@@ -41,6 +41,8 @@ from gcs.model import (
     Track,
     Truth,
     TruthObject,
+    Upload,
+    UploadAnswer,
     UploadReport,
     read_only,
 )
@@ -48,7 +50,7 @@ from gcs.model import (
 T0_NS = 1_767_225_600 * NS_PER_S
 CONFIG = 'name = "demo"  # ünïcode\n'
 VERSIONS = {"swarm-gcs": "0.1.0", "numpy": "2.0"}
-EVENTS = (Datagram, Scan, Tick, BadInput, Order)
+EVENTS = (Datagram, Scan, Tick, BadInput, Order, UploadAnswer)
 
 
 def frames(system_id: int, count: int, first: int = 0) -> bytes:
@@ -80,6 +82,8 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         )
         yield t_ns, Send("udp", "127.0.0.1:5000", frames(255, 1, second))
         yield t_ns, UploadReport(t_ns, 1, 4, 9, True, "verified", 0.25, 1)
+        yield t_ns, Upload(1, 4, frames(255, 2, second))
+        yield t_ns, UploadAnswer(t_ns, 1, 4, False, "timed out")
         yield t_ns, Notice(t_ns, "warning", "älarm", None)
         area = KeepOut("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
         yield t_ns, Order(t_ns, f"o-{second}", "keep-out", None, None, area, "somebody")

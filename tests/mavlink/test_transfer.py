@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from plane_double import AUTO, GCS, LOITER, RTL, Channel, Joined, Plane, S
+from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, Plane, S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.codec import Encoder, decode
@@ -34,7 +34,11 @@ def flying(points=6, leg_s=math.inf, mode=AUTO):
 
 
 def joined(plane, points=4, *, seed=1, loss=0.0, doubles=0.0, delay_s=(0.005, 0.03), **options):
-    known = {"custody": Custody(MODE_NAMES[plane.mode]), "time_to_next_s": plane.time_to_next_s, "current": plane.current}
+    known = {
+        "custody": Custody(MODE_NAMES[plane.mode]),
+        "time_to_next_s": plane.time_to_next_s,
+        "current": plane.current,
+    }
     task = MissionTask(mission(points), HOME, Encoder(), **(known | options))
     plane.mean(task.items)
     both = {"loss": loss, "doubles": doubles, "delay_s": delay_s}
@@ -218,19 +222,23 @@ def test_a_dead_vehicle_is_reported_within_bounds():
 @pytest.mark.parametrize("at_s", [0.05, 0.2, 0.4, 0.7])
 def test_a_reboot_in_mid_transfer_starts_it_again(at_s):
     plane, _ = flying()
-    link = joined(plane, 10)
+    custody = Custody("AUTO")
+    link = joined(plane, 10, custody=custody)
     rebooted = []
 
     def reboot(now):
         if now.t_ns >= at_s * S and not rebooted:
             rebooted.append(now.t_ns)
             plane.reboot(now.t_ns)
+            custody.rebooted()
             now.up.put(now.task.restart(now.t_ns), now.t_ns)
 
     link.each_step = reboot
-    assert link.run().ok
+    result = link.run()
     assert rebooted
     assert plane.holds(link.task.items)
+    assert (result.ok, result.holds, plane.mode) == (False, "equal", MANUAL)
+    assert "MANUAL was chosen" in result.detail
 
 
 def test_a_plane_that_reaches_its_waypoint_in_mid_transfer_is_held_then_sent_on():
@@ -317,7 +325,7 @@ def test_another_station_in_the_middle_of_its_own_upload_is_waited_for():
 
 
 def test_a_request_that_runs_ahead_is_not_answered():
-    task = MissionTask(mission(6), HOME, Encoder())
+    task = MissionTask(mission(6), HOME, Encoder(), custody=Custody("LOITER"))
     task.start(0)
     assert task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 4, 0)), 1) == []
     answered = task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 0, 0)), 2)

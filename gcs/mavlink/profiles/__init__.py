@@ -10,11 +10,12 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.mavlink.codec import Message
 from gcs.mavlink.profiles.ardupilot import ARDUPLANE
 from gcs.mavlink.profiles.profile import ParameterWish, Profile
 from gcs.mavlink.profiles.px4 import PX4
 
-__all__ = ["ARDUPLANE", "PROFILES", "PX4", "ParameterWish", "Profile", "profile_of"]
+__all__ = ["ARDUPLANE", "PROFILES", "PX4", "ParameterWish", "Profile", "mode_name", "profile_of"]
 
 PROFILES: Final = (ARDUPLANE, PX4)
 _VTOL_TYPES: Final = range(19, 26)
@@ -27,3 +28,9 @@ def profile_of(autopilot: int, vehicle_type: int = dialect.MAV_TYPE_FIXED_WING) 
     if vehicle_type not in _FIXED_WINGS:
         return None
     return next((profile for profile in PROFILES if profile.autopilot == autopilot), None)
+
+
+def mode_name(heartbeat: Message) -> str:
+    """Name of the mode that a HEARTBEAT tells; its number, for a firmware that is not known."""
+    profile = profile_of(heartbeat.autopilot, heartbeat.type)
+    return f"MODE({heartbeat.custom_mode})" if profile is None else profile.mode_name(heartbeat.custom_mode)

@@ -59,7 +59,9 @@ _MODES: Final = {
 def _stored(item: Item) -> Item:
     match item.command:
         case dialect.MAV_CMD_NAV_WAYPOINT:
-            radius_m = min(_MAX_RADIUS_M, float(int(item.param2))) if math.isfinite(item.param2) else _MAX_RADIUS_M
+            radius_m = (
+                min(_MAX_RADIUS_M, float(int(item.param2))) if math.isfinite(item.param2) else _MAX_RADIUS_M
+            )
             return item._replace(param1=0.0, param2=radius_m, param4=0.0)
         case dialect.MAV_CMD_NAV_LOITER_UNLIM:
             return item._replace(param1=0.0, param2=0.0, param4=0.0)
@@ -71,11 +73,19 @@ def _stored(item: Item) -> Item:
 
 _PARAMETERS: Final = (
     ParameterWish(
-        ("MAV_GCS_SYSID", "SYSID_MYGCS"), 255, 255, "the failsafe watches another station's heartbeat, not ours"
+        ("MAV_GCS_SYSID", "SYSID_MYGCS"),
+        255,
+        255,
+        "the failsafe watches another station's heartbeat, not ours",
     ),
-    ParameterWish(("FS_GCS_ENABL",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False),
     ParameterWish(
-        ("FS_LONG_ACTN",), 0, 1, "2 and above glide or deploy a parachute when the link is lost; 0 flies on, 1 returns"
+        ("FS_GCS_ENABL",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
+    ),
+    ParameterWish(
+        ("FS_LONG_ACTN",),
+        0,
+        1,
+        "2 and above glide or deploy a parachute when the link is lost; 0 flies on, 1 returns",
     ),
     ParameterWish(("RTL_ALTITUDE",), 30, 500, "the way home may be lower than what stands there", must=False),
     ParameterWish(("FENCE_ENABLE",), 1, 1, "nothing stops a vehicle that leaves the area", must=False),

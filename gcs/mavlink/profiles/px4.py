@@ -44,12 +44,20 @@ _MODES: Final = {
 }
 
 _PARAMETERS: Final = (
-    ParameterWish(("MIS_TKO_LAND_REQ",), 0, 1, "a mission that ends in a loiter is refused when AUTO is asked for"),
-    ParameterWish(("NAV_DLL_ACT",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False),
+    ParameterWish(
+        ("MIS_TKO_LAND_REQ",), 0, 1, "a mission that ends in a loiter is refused when AUTO is asked for"
+    ),
+    ParameterWish(
+        ("NAV_DLL_ACT",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
+    ),
     ParameterWish(("COM_DL_LOSS_T",), 5, 300, "the link is given up sooner than it can recover", must=False),
-    ParameterWish(("RTL_RETURN_ALT",), 30, 500, "the way home may be lower than what stands there", must=False),
+    ParameterWish(
+        ("RTL_RETURN_ALT",), 30, 500, "the way home may be lower than what stands there", must=False
+    ),
     ParameterWish(("GF_ACTION",), 1, 5, "nothing stops a vehicle that leaves the area", must=False),
-    ParameterWish(("FW_LND_ANG",), 3.5, 15, "the approach of a mission that ends in a landing is refused", must=False),
+    ParameterWish(
+        ("FW_LND_ANG",), 3.5, 15, "the approach of a mission that ends in a landing is refused", must=False
+    ),
 )
 
 
