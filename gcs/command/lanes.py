@@ -2,9 +2,9 @@
 
 A radio is slow, and shared: too many transfers at once wait for each other until every question is repeated
 before its answer can come. So each link has a window, found as TCP finds its own (Jacobson, *Congestion
-Avoidance and Control*, 1988): it opens by one with each transfer that went well, and is halved when round trips
-become long against the shortest seen, or when many messages had to be repeated; at most once for the transfers
-that were under way together.
+Avoidance and Control*, 1988): it opens by one with each transfer that went well, and is halved when round
+trips become long against the shortest seen, or when many messages had to be repeated; at most once for the
+transfers that were under way together.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Missions on their way to vehicles: one transfer a vehicle at a time, the newest wins.
 
 A route becomes a mission, a mission becomes a `MissionTask` (upload, read back, compare, start), and its
-end becomes an `UploadReport`. A newer mission for the same vehicle replaces a transfer under way, at once; other
-missions wait until their link has room for them (`gcs.command.lanes`).
+end becomes an `UploadReport`. A newer mission for the same vehicle replaces a transfer under way, at once;
+other missions wait until their link has room for them (`gcs.command.lanes`).
 
 What a task leaves behind is kept here: what each vehicle holds by the last read-back, whose it is
-(`gcs.mavlink.custody`), and whether it may hold a mix. A vehicle that may is held and cleared as soon as it is
-heard, if no new mission does away with the mix first.
+(`gcs.mavlink.custody`), and whether it may hold a mix. A vehicle that may is held and cleared as soon as it
+is heard, if no new mission does away with the mix first.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ class Tasking:
         return self._admit(t_ns)
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
-        """Take a vehicle's message: for its transfer, if there is one, and for what it tells of the vehicle."""
+        """Take a vehicle's message: for its transfer, and for what it tells of the vehicle."""
         effects = self._watch(vehicle, message, t_ns)
         delivery = self._deliveries.get(vehicle)
         if delivery is not None:
@@ -165,7 +165,7 @@ class Tasking:
         return self._worked(answer.vehicle, frames)
 
     def cancel(self, vehicle: int, t_ns: int) -> None:
-        """Stop talking to a vehicle that is taken for dead; should it be heard all the same, no mix is left."""
+        """Stop talking to a vehicle that is taken for dead; should it be heard after all, no mix is left."""
         self._waiting.pop(vehicle, None)
         self._supersede(vehicle, t_ns)
 

@@ -1,8 +1,8 @@
 """Whose a vehicle is: ours to task, or in the hands of somebody who chose its mode.
 
-A mode says what a vehicle does, not who wanted it: a LOITER may be a vehicle that waits for its first mission,
-one that we told to hold, one at its mission's end, or one that an operator stopped. The last is not ours to
-send on. The rule, applied to each change of mode that is heard:
+A mode says what a vehicle does, not who wanted it: a LOITER may be a vehicle that waits for its first
+mission, one that we told to hold, one at its mission's end, or one that an operator stopped. The last is not
+ours to send on. The rule, applied to each change of mode that is heard:
 
 =====================================================  ==========================================
 AUTO                                                   ours, whoever chose it

@@ -1,7 +1,7 @@
 """Mission items: the record, the message that carries it, and where two lists of them differ.
 
-Source: https://mavlink.io/en/services/mission.html. Which items a mission becomes, and what an autopilot makes
-of them, is its profile's to say (`gcs.mavlink.profiles`).
+Source: https://mavlink.io/en/services/mission.html. Which items a mission becomes, and what an autopilot
+makes of them, is its profile's to say (`gcs.mavlink.profiles`).
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class Timing:
     """Upload and read-back together: generous, against a stall that no step sees."""
 
     def over(self, round_trip_s: float) -> Timing:
-        """Return the same for a link of this round trip: no question is repeated while its answer may be due."""
+        """Return the same for a link of this round trip: nothing is repeated while its answer may be due."""
         if round_trip_s <= _SHORT_ROUND_TRIP_S:
             return self
         longer = 2.0 * round_trip_s

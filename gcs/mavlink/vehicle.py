@@ -168,8 +168,10 @@ class Vehicle:
         self.autopilot = heartbeat.autopilot
         self.profile = profile_of(heartbeat.autopilot, heartbeat.type)
         if self.profile is None:
-            text = f"firmware {heartbeat.autopilot} (MAV_AUTOPILOT) on a vehicle of type {heartbeat.type} (MAV_TYPE)"
-            tell("alarm", f"{text} is not known here: it is tracked and never tasked")
+            text = (
+                f"MAV_AUTOPILOT {heartbeat.autopilot} on MAV_TYPE {heartbeat.type}: a firmware not known here"
+            )
+            tell("alarm", f"{text}; it is tracked and never tasked")
 
     def _on_position(self, message: Message, t_ns: int, tell: Tell) -> None:
         verdict = self._clock.judge(message.time_boot_ms, t_ns)

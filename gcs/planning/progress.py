@@ -50,8 +50,8 @@ def time_to_point_s(
 ) -> float:
     """Seconds until a vehicle that flies to point `index` may count it as reached.
 
-    It does when it is within `accept_radius_m`, or beside the end of the leg: autopilots turn then, however far
-    off the leg they are. Behind the last point there is nothing to reach: infinite.
+    It does when it is within `accept_radius_m`, or beside the end of the leg: autopilots turn then, however
+    far off the leg they are. Behind the last point there is nothing to reach: infinite.
 
     Parameters
     ----------

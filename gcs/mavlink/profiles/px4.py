@@ -1,12 +1,12 @@
 """PX4's fixed wing.
 
-Sources: PX4's `mavlink_mission.cpp` (what it takes, stores and sends back), `px4_custom_mode.h` (the main mode
-lies in bits 16-23 of `custom_mode`, the sub mode in bits 24-31),
+Sources: PX4's `mavlink_mission.cpp` (what it takes, stores and sends back), `px4_custom_mode.h` (the main
+mode lies in bits 16-23 of `custom_mode`, the sub mode in bits 24-31),
 https://docs.px4.io/main/en/advanced_config/parameter_reference, and what PX4 1.17 was seen to do.
 
 * No home item: item 0 is flown.
-* An upload is atomic: it goes to a second store, which replaces the first when the last item is in. ``current``
-  on an item makes the new mission begin there. The same items again change nothing.
+* An upload is atomic: it goes to a second store, which replaces the first when the last item is in.
+  ``current`` on an item makes the new mission begin there. The same items again change nothing.
 * Items are asked for with MISSION_REQUEST_INT, again after 250 ms, given up after 5 s.
 * ACK 0 says that it is stored, not that it can be flown: the navigator's verdict shows when AUTO is refused.
 * There is no DO_SET_MISSION_CURRENT; MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
