@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Frame, Message
-from gcs.mavlink.modes import mode_name
+from gcs.mavlink.profiles import profile_of
 from gcs.mavlink.position import unplaceable
 from gcs.model import NS_PER_S, FloatArray, read_only
 
@@ -133,9 +133,9 @@ class Flights:
 
 def _mode(vehicle: _Vehicle, t_ns: int, message: Message) -> None:
     """Note a mode when it changes; numbers of autopilots whose names we do not know stay numbers."""
-    autopilot = message.autopilot
-    known = autopilot == dialect.MAV_AUTOPILOT_PX4 or message.type in _PLANE_LIKE
-    mode = mode_name(autopilot, message.custom_mode) if known else _copter_mode(message)
+    plane_like = message.autopilot == dialect.MAV_AUTOPILOT_PX4 or message.type in _PLANE_LIKE
+    profile = profile_of(message.autopilot) if plane_like else None
+    mode = _copter_mode(message) if profile is None else profile.mode_name(message.custom_mode)
     armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
     if (not vehicle.modes or vehicle.modes[-1][1:] != (mode, armed)) and len(vehicle.modes) < _MOST_MODES:
         vehicle.modes.append((t_ns, mode, armed))
