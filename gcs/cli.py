@@ -6,12 +6,14 @@ mistake in arguments or files, 130 interrupted.
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+import typer.core
 from rich.console import Console
 from rich.table import Table
 
@@ -232,6 +234,66 @@ def track(
 
     with _errors_shown():
         run_track(TrackOptions(file, model, truth, estimator, out, plot, as_json), Console(stderr=as_json))
+
+
+class _ManyPlaces(typer.core.TyperCommand):
+    """Lets an option be followed by several places: `--agents 1,2 3,4`, as well as be given several times."""
+
+    _PLACE = re.compile(r"-?[\d.]+,-?[\d.]+")
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Write the option before each of its places."""
+        option = ""
+        spread: list[str] = []
+        for arg in args:
+            if option and (self._PLACE.fullmatch(arg) or (spread[-1] == option and not arg.startswith("--"))):
+                if spread[-1] == option:
+                    spread.pop()
+                spread.append(f"{option}={arg}")
+                continue
+            name = arg.partition("=")[0]
+            option = name if name in ("--agents", "--targets") else ""
+            spread.append(arg)
+        return super().parse_args(ctx, spread)
+
+
+@app.command(cls=_ManyPlaces)
+def plan(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(
+            help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.",
+            autocompletion=_complete,
+        ),
+    ] = None,
+    agents: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y ...", help="Where agents are, in metres east and north.  [default: their starts]"
+        ),
+    ] = None,
+    targets: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y ...", help="Where targets are.  [default: the places of birth]"),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE.map", help="Plan on a Moving AI map; places are in cells."),
+    ] = None,
+    seed: SeedOption = 1,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the plan, such as plan.png.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Plan once, without flying: who goes to which target, by which way, how far; and why somebody cannot.
+
+    Exits with 1 when an agent stays without a route although there is a target for it.
+    """
+    from gcs.commands.plan import PlanArguments, run_plan
+
+    with _errors_shown():
+        arguments = PlanArguments(scenario, agents, targets, map_file, seed, plot, as_json)
+        code = run_plan(arguments, Console(stderr=as_json))
+    raise typer.Exit(code)
 
 
 @app.command()

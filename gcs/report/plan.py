@@ -1,0 +1,134 @@
+"""A picture of a plan: the map, the clearance around its obstacles, and who flies where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gcs.planning.grid import Grid, Point
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_ROUTES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5cc0", "#8c6d31")
+"""Told apart with colour-blind eyes too (after Okabe and Ito)."""
+_BLOCKED, _NEAR, _FREE, _INK = "#2d3748", "#e2e8f0", "#ffffff", "#1a202c"
+_NAMED = 30
+"""Up to this many agents or targets are named."""
+_WIDTH_IN, _TALLEST = 9.0, 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """What to draw; places in metres."""
+
+    title: str
+    grid: Grid
+    inflated: Grid
+    """The grid with all that is nearer to an obstacle than the clearance blocked too."""
+    starts: Mapping[int, Point]
+    targets: Mapping[int, Point]
+    routes: Mapping[int, Sequence[Sequence[float]]]
+    """Points by agent, its start first."""
+    y_down: bool = False
+
+
+def draw_plan(drawing: Drawing, path: Path) -> None:
+    """Draw to a file whose name says the format.
+
+    Raises
+    ------
+    OSError
+        When it cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows, cols = drawing.grid.shape
+    height_in = _WIDTH_IN * min(max(rows / cols, 0.4), _TALLEST)
+    figure = Figure(figsize=(_WIDTH_IN, height_in + 0.9), dpi=130, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.set_title(drawing.title, loc="left", fontsize=12, fontweight="bold", color=_INK)
+    _draw_map(axes, drawing)
+    few = max(len(drawing.starts), len(drawing.targets)) <= _NAMED
+    size = 1.0 if few else 0.6
+    for order, (agent, points) in enumerate(sorted(drawing.routes.items())):
+        colour, line = _ROUTES[order % len(_ROUTES)], np.array(points)
+        axes.plot(*line.T, color=colour, lw=2.0 * size, solid_joinstyle="round", zorder=3)
+        axes.plot(*line[1:-1].T, ls="none", marker="o", ms=3.5 * size, mfc="white", mec=colour, zorder=4)
+        if few:
+            _name(axes, str(agent), line[0], colour)
+    for agent, place in drawing.starts.items():
+        if few and agent not in drawing.routes:
+            _name(axes, str(agent), place, _INK)
+    starts, targets = (np.reshape(list(p.values()), (-1, 2)) for p in (drawing.starts, drawing.targets))
+    style: dict[str, Any] = {"zorder": 5, "linewidths": 2.0 * size, "s": 70 * size}
+    axes.scatter(starts[:, 0], starts[:, 1], facecolors="white", edgecolors="#d7191c", **style)
+    axes.scatter(targets[:, 0], targets[:, 1], marker="x", color=_INK, **style)
+    if few:
+        for number, place in drawing.targets.items():
+            _name(axes, f"T{number}", place, _INK)
+    _draw_legend(axes, drawing)
+    figure.savefig(path)
+
+
+def _draw_map(axes: Axes, drawing: Drawing) -> None:
+    from matplotlib.colors import ListedColormap
+
+    grid = drawing.grid
+    rows, cols = grid.shape
+    half = grid.spacing_m / 2.0
+    (west, south), (east, north) = grid.point_of((0, 0)), grid.point_of((rows - 1, cols - 1))
+    shade = np.where(grid.blocked, 2, np.where(drawing.inflated.blocked, 1, 0))
+    axes.imshow(
+        shade,
+        cmap=ListedColormap([_FREE, _NEAR, _BLOCKED]),
+        vmin=0,
+        vmax=2,
+        origin="lower",
+        extent=(west - half, east + half, south - half, north + half),
+        interpolation="nearest" if max(rows, cols) <= 1000 else "antialiased",
+        zorder=1,
+    )
+    if drawing.y_down:
+        axes.invert_yaxis()
+    axes.set(
+        xlabel="x, cells" if drawing.y_down else "east, m",
+        ylabel="y, cells" if drawing.y_down else "north, m",
+    )
+    axes.tick_params(labelsize=9, color="#a0aec0")
+    for spine in axes.spines.values():
+        spine.set_color("#a0aec0")
+
+
+def _draw_legend(axes: Axes, drawing: Drawing) -> None:
+    from matplotlib.lines import Line2D
+
+    def sample(name: str, **style: Any) -> Line2D:
+        return Line2D([], [], label=name, **{"ls": "none", "color": _INK, **style})
+
+    entries = [
+        sample("agent", marker="o", ms=8, mfc="white", mec="#d7191c", mew=2),
+        sample("target", marker="x", ms=8, mew=2),
+        sample("route, corners", ls="-", lw=2, color=_ROUTES[0], marker="o", ms=4, mfc="white"),
+        sample("obstacle", marker="s", ms=8, color=_BLOCKED),
+    ]
+    if (drawing.inflated.blocked & ~drawing.grid.blocked).any():
+        entries.append(sample("nearer than the clearance", marker="s", ms=8, color=_NEAR))
+    axes.legend(
+        handles=entries, loc="upper center", bbox_to_anchor=(0.5, -0.07), ncol=len(entries), frameon=False,
+        fontsize=9, handletextpad=0.4, columnspacing=1.4,
+    )  # fmt: skip
+
+
+def _name(axes: Axes, text: str, place: Sequence[float] | np.ndarray[Any, Any], colour: str) -> None:
+    axes.annotate(
+        text, (float(place[0]), float(place[1])), xytext=(8, 6), textcoords="offset points", fontsize=10,
+        fontweight="bold", color=colour, zorder=6,
+        bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.8},
+    )  # fmt: skip

@@ -1,0 +1,130 @@
+"""`gcs plan`: what a script reads from it, what a person sees, and what it says of input that cannot be."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+
+import pytest
+from typer.testing import CliRunner
+
+from gcs.cli import app
+
+MAP = """type octile
+height 7
+width 9
+map
+.........
+.@@@@@@@.
+.@.....@.
+.@.....@.
+.@@@@@@@.
+.........
+....T....
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    path = tmp_path / "tiny.map"
+    path.write_text(MAP, encoding="utf-8")
+    return str(path)
+
+
+def plan(*arguments):
+    result = CliRunner().invoke(app, ["plan", *map(str, arguments), "--json"], catch_exceptions=False)
+    lines = result.stdout.splitlines()
+    return result.exit_code, json.loads(lines[-1]) if lines else None, result.output
+
+
+def test_a_scenario_is_planned_from_its_starts_to_its_places_of_birth():
+    code, found, _ = plan("random-obstacles", "--seed", 3)
+    assert code == 0
+    assert [route["agent"] for route in found["routes"]] == [1, 2, 3, 4]
+    assert len(found["unassigned_targets"]) == 1
+    assert found["unassigned_agents"] == []
+    assert set(found["timings_ms"]) == {"search", "assignment", "shaping"}
+    assert all(ms > 0.0 for ms in found["timings_ms"].values())
+    for route in found["routes"]:
+        assert route["points_m"][0][0] == 120.0
+        flown_m = sum(math.dist(a, b) for a, b in pairwise(route["points_m"]))
+        assert flown_m == pytest.approx(route["length_m"])
+        assert route["length_m"] <= route["grid_length_m"] + 1e-6
+    total_m = sum(route["length_m"] for route in found["routes"])
+    assert found["total_length_m"] == pytest.approx(total_m)
+
+
+@pytest.mark.parametrize(
+    "places",
+    [
+        ["--agents", "0,0", "8,0", "--targets", "0,6", "8,6"],
+        ["--agents", "0,0", "--agents", "8,0", "--targets", "0,6 8,6"],
+        ["--targets=0,6", "8,6", "--agents=0,0;8,0"],
+    ],
+)
+def test_places_on_a_benchmark_map_are_given_in_cells_one_after_the_other(tiny, places):
+    code, found, _ = plan("--map", tiny, *places)
+    assert code == 0
+    assert [(r["agent"], r["target"], r["grid_length_m"]) for r in found["routes"]] == [(1, 1, 6), (2, 2, 6)]
+
+
+def test_the_picture_is_a_picture(tiny, tmp_path):
+    png = tmp_path / "new" / "plan.png"
+    code, _, said = plan("--map", tiny, "--agents", "0,0", "--targets", "8,6", "--plot", png)
+    assert code == 0
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert str(png) in said.replace("\n", "")
+
+
+def test_agents_that_nothing_leads_to_stay_without_a_route_and_the_plan_says_why(tiny):
+    code, found, _ = plan("--map", tiny, "--agents", "3,2", "--targets", "0,0")
+    assert code == 1
+    assert found["routes"] == []
+    assert (found["unassigned_agents"], found["unassigned_targets"]) == ([1], [1])
+    assert found["notes"] == ["agent 1: no path to any target", "target 1: no path from any agent"]
+
+
+def test_a_start_inside_an_obstacle_is_left_and_the_plan_says_where(tiny):
+    code, found, _ = plan("--map", tiny, "--agents", "4,6", "--targets", "8,6")
+    assert code == 0
+    assert found["notes"][0].startswith("agent 1: inside an obstacle; leaves it by (")
+
+
+@pytest.mark.parametrize(
+    ("places", "note"),
+    [([], "no agents"), (["--agents", "1,0"], "no targets"), (["--targets", "1,0"], "no agents")],
+)
+def test_nobody_to_plan_for_is_said_and_no_success(tiny, places, note):
+    code, found, _ = plan("--map", tiny, *places)
+    assert code == 1
+    assert note in found["notes"]
+
+
+@pytest.mark.parametrize(("cell", "code"), [(".", 0), ("@", 1)])
+def test_a_map_of_one_cell(tmp_path, cell, code):
+    path = tmp_path / "one.map"
+    path.write_text(f"type octile\nheight 1\nwidth 1\nmap\n{cell}\n", encoding="utf-8")
+    found = plan("--map", path, "--agents", "0,0", "--targets", "0,0")
+    assert found[0] == code
+    if code:
+        assert found[1]["notes"] == ["the map has no free cell"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "expected a SCENARIO"),
+        (["nowhere"], "no such file or scenario"),
+        (["--map", "nowhere.map"], "cannot be read as a map"),
+        (["prescribed", "--agents", "1;2"], "expected x,y"),
+        (["prescribed", "--agents", "5,nan"], "lies off the map"),
+        (["prescribed", "--targets", "-5000,100"], "lies off the map"),
+        (["prescribed", "--plot", "plan.doc"], "expected a name that ends in"),
+    ],
+)
+def test_mistakes_in_arguments_are_told_from_plans_that_failed(arguments, said):
+    code, found, output = plan(*arguments)
+    assert code == 2
+    assert found is None
+    assert said in output.replace("\n", " ")
