@@ -102,7 +102,11 @@ def load(scenario: str) -> Scenario:
     ConfigError
         Also when the file has no usable `[simulation]` table.
     """
-    text, source = read_text(scenario)
+    return parse_scenario(*read_text(scenario))
+
+
+def parse_scenario(text: str, source: str) -> Scenario:
+    """Validate the text of a mission file, its world included; raises as `load` does."""
     config = parse(text, source)
     if not config.simulation:
         raise ConfigError(

@@ -1,0 +1,211 @@
+"""What a campaign says: rows of single missions into figures with 95 % confidence intervals.
+
+Proportions have Wilson's interval, means Student's, rates of rare events the exact one of a Poisson count
+(Garwood 1936). Missions of one seed are flown in the same world whoever plans, so that the time that the
+trackers cost is a paired difference: each mission against the one whose planner was given the truth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+
+import msgspec
+import numpy as np
+from scipy import stats
+
+from gcs.report.deaths import DeathWatch
+from gcs.report.judge import Summary
+
+CONFIDENCE = 0.95
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """One mission."""
+
+    digest: str
+    """Of everything that was flown: rows of the same digest are the same mission."""
+    scenario: str
+    value: str
+    """Of the key that was swept; empty without a sweep."""
+    planner: str
+    """``own`` or ``truth``: whose picture it planned on."""
+    seed: int
+    outcome: str
+    reason: str
+    duration_s: float
+    agents: int
+    arrived: int
+    lost: int
+    targets_total: int
+    targets_reached: int
+    deaths_seen_after_s: list[float]
+    false_deaths: int
+    revivals: int
+    plain_deaths_seen_after_s: list[float]
+    plain_false_deaths: int
+    plain_revivals: int
+    deaths: int
+    """Agents that died before they had arrived."""
+    agent_hours: float
+    """Time that agents flew before they arrived or died, summed."""
+    ospa_agents_m: float | None
+    ospa_targets_m: float | None
+    retasks: int
+    uploads: int
+    upload_failures: int
+
+    @classmethod
+    def of(cls, value: str, planner: str, digest: str, summary: Summary, deaths: DeathWatch) -> Row:
+        """Make a row of a mission's summary and its deaths."""
+        fates = [agent.fate for agent in summary.agents]
+        ours, plain = deaths.ours(), deaths.plain()
+        return cls(
+            digest=digest,
+            scenario=summary.scenario,
+            value=value,
+            planner=planner,
+            seed=summary.seed,
+            outcome=summary.outcome,
+            reason=summary.reason,
+            duration_s=summary.duration_s,
+            agents=len(fates),
+            arrived=fates.count("arrived"),
+            lost=fates.count("dead"),
+            targets_total=summary.targets_total,
+            targets_reached=summary.targets_reached,
+            deaths_seen_after_s=list(ours.delays_s),
+            false_deaths=ours.false_deaths,
+            revivals=ours.revivals,
+            plain_deaths_seen_after_s=list(plain.delays_s),
+            plain_false_deaths=plain.false_deaths,
+            plain_revivals=plain.revivals,
+            deaths=deaths.deaths,
+            agent_hours=deaths.agent_hours,
+            ospa_agents_m=_finite(summary.ospa_agents_mean_m),
+            ospa_targets_m=_finite(summary.ospa_targets_mean_m),
+            retasks=summary.retasks,
+            uploads=summary.uploads,
+            upload_failures=summary.upload_failures,
+        )
+
+
+class Estimate(msgspec.Struct, frozen=True):
+    """A figure with its 95 % confidence interval; NaN where nothing was measured."""
+
+    value: float
+    low: float
+    high: float
+
+
+NOTHING = Estimate(math.nan, math.nan, math.nan)
+
+
+class Group(msgspec.Struct, frozen=True, kw_only=True):
+    """All missions of one scenario, one value and one planner."""
+
+    scenario: str
+    value: str
+    planner: str
+    missions: int
+    success: Estimate
+    """Share of missions that were complete."""
+    duration_s: Estimate
+    extra_time: Estimate
+    """Longer than with the truth, as a share of it; of seeds where both were complete."""
+    ospa_agents_m: Estimate
+    ospa_targets_m: Estimate
+    deaths: int
+    deaths_seen: int
+    death_seen_after_s: Estimate
+    death_seen_after_max_s: float
+    false_deaths_per_h: Estimate
+    """For each hour that an agent flies."""
+    revivals: int
+    plain_death_seen_after_s: Estimate
+    plain_false_deaths_per_h: Estimate
+    plain_revivals: int
+    retasks: Estimate
+    uploads: Estimate
+    upload_failures: int
+
+
+def proportion(successes: int, n: int) -> Estimate:
+    """Share of successes, with Wilson's interval."""
+    if n == 0:
+        return NOTHING
+    interval = stats.binomtest(successes, n).proportion_ci(CONFIDENCE, method="wilson")
+    return Estimate(successes / n, float(interval.low), float(interval.high))
+
+
+def mean(values: Iterable[float | None]) -> Estimate:
+    """Mean, with Student's interval; of one value alone the interval is not known."""
+    known = np.array([value for value in values if value is not None and math.isfinite(value)])
+    if known.size == 0:
+        return NOTHING
+    middle = float(known.mean())
+    if known.size == 1:
+        return Estimate(middle, math.nan, math.nan)
+    half = stats.t.ppf(0.5 + CONFIDENCE / 2, known.size - 1) * known.std(ddof=1) / math.sqrt(known.size)
+    return Estimate(middle, middle - float(half), middle + float(half))
+
+
+def rate(count: int, exposure: float) -> Estimate:
+    """Events for each unit of exposure, with the exact interval of a Poisson count."""
+    if exposure <= 0.0:
+        return NOTHING
+    tail = (1.0 - CONFIDENCE) / 2
+    low = stats.chi2.ppf(tail, 2 * count) / 2 if count else 0.0
+    high = stats.chi2.ppf(1.0 - tail, 2 * count + 2) / 2
+    return Estimate(count / exposure, float(low) / exposure, float(high) / exposure)
+
+
+def groups(rows: Iterable[Row]) -> list[Group]:
+    """Return the figures of a campaign, in the order in which scenarios, values and planners first came."""
+    found: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
+    for row in rows:
+        found[row.scenario, row.value, row.planner].append(row)
+    with_truth = {
+        (scenario, value): {row.seed: row for row in some if row.outcome == "complete"}
+        for (scenario, value, planner), some in found.items()
+        if planner == "truth"
+    }
+    return [_group(some, with_truth.get(key[:2], {})) for key, some in found.items()]
+
+
+def _group(rows: Sequence[Row], with_truth: dict[int, Row]) -> Group:
+    first, hours = rows[0], sum(row.agent_hours for row in rows)
+    delays = [delay for row in rows for delay in row.deaths_seen_after_s]
+    pairs = [
+        (row.duration_s, with_truth[row.seed].duration_s)
+        for row in rows
+        if row.outcome == "complete" and row.seed in with_truth
+    ]
+    return Group(
+        scenario=first.scenario,
+        value=first.value,
+        planner=first.planner,
+        missions=len(rows),
+        success=proportion(sum(row.outcome == "complete" for row in rows), len(rows)),
+        duration_s=mean(row.duration_s for row in rows),
+        extra_time=mean(own / best - 1.0 for own, best in pairs),
+        ospa_agents_m=mean(row.ospa_agents_m for row in rows),
+        ospa_targets_m=mean(row.ospa_targets_m for row in rows),
+        deaths=sum(row.deaths for row in rows),
+        deaths_seen=len(delays),
+        death_seen_after_s=mean(delays),
+        death_seen_after_max_s=max(delays, default=math.nan),
+        false_deaths_per_h=rate(sum(row.false_deaths for row in rows), hours),
+        revivals=sum(row.revivals for row in rows),
+        plain_death_seen_after_s=mean(delay for row in rows for delay in row.plain_deaths_seen_after_s),
+        plain_false_deaths_per_h=rate(sum(row.plain_false_deaths for row in rows), hours),
+        plain_revivals=sum(row.plain_revivals for row in rows),
+        retasks=mean(float(row.retasks) for row in rows),
+        uploads=mean(float(row.uploads) for row in rows),
+        upload_failures=sum(row.upload_failures for row in rows),
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,144 @@
+"""How well deaths are seen: central command's rule beside a plain threshold, on the same pictures.
+
+The plain rule is the paper's: an agent is alive as long as the existence probability of its track is at
+least a threshold, scan by scan and without memory. A clutter point near a dead agent revives it, one missed
+detection may kill a living one. Central command's rule has hysteresis (`gcs.command.fates`).
+
+Which track is an agent's is taken from the truth: the nearest within `NEAR_M` while the agent lives, and the
+same label from its death on. Both rules are judged until an agent has arrived: what happens to it later is
+nobody's concern.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from gcs.model import NS_PER_S, Effect, Fate, Label, Picture, Truth, TruthObject
+
+NEAR_M = 50.0
+PLAIN_EXISTENCE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class DeathCount:
+    """What one rule made of a run."""
+
+    delays_s: tuple[float, ...]
+    """From each death that was seen to the scan at which it was."""
+    false_deaths: int
+    """How often a living agent was called dead."""
+    revivals: int
+    """How often a dead agent was called alive again."""
+
+
+@dataclass(slots=True)
+class _Watched:
+    """One agent by the plain rule."""
+
+    label: Label | None = None
+    seen: bool = False
+    called_dead: bool = False
+    died_t_ns: int | None = None
+    arrived: bool = False
+    delay_s: float | None = None
+    false_deaths: int = 0
+    revivals: int = 0
+
+
+@dataclass(slots=True)
+class DeathWatch:
+    """Takes a run's truths and effects as they come; a truth comes before the picture of its scan."""
+
+    _truths: dict[int, tuple[TruthObject, ...]] = field(default_factory=dict)
+    _agents: dict[int, _Watched] = field(default_factory=dict)
+    _fates: list[Fate] = field(default_factory=list)
+    _flown_s: float = 0.0
+    _last_t_ns: int | None = None
+
+    def truth(self, truth: Truth) -> None:
+        """Take the truth at one scan."""
+        agents = tuple(thing for thing in truth.objects if thing.kind == "agents")
+        self._truths = {truth.t_ns: agents}
+        elapsed_s = 0.0 if self._last_t_ns is None else (truth.t_ns - self._last_t_ns) / NS_PER_S
+        self._last_t_ns = truth.t_ns
+        for agent in agents:
+            watched = self._agents.setdefault(agent.id, _Watched())
+            if agent.alive and not watched.arrived:
+                self._flown_s += elapsed_s
+            elif not agent.alive and not watched.arrived and watched.died_t_ns is None:
+                watched.died_t_ns = truth.t_ns
+
+    def effect(self, effect: Effect) -> None:
+        """Take what came out of central command."""
+        match effect:
+            case Fate():
+                self._fates.append(effect)
+                if effect.vehicle in self._agents:
+                    self._agents[effect.vehicle].arrived |= effect.fate == "arrived"
+            case Picture(kind="agents"):
+                for agent in self._truths.get(effect.scan_t_ns, ()):
+                    self._look(agent, effect)
+
+    @property
+    def agent_hours(self) -> float:
+        """Time that agents flew before they arrived or died, summed."""
+        return self._flown_s / 3600.0
+
+    @property
+    def deaths(self) -> int:
+        """Agents that died before they had arrived."""
+        return sum(watched.died_t_ns is not None for watched in self._agents.values())
+
+    def plain(self) -> DeathCount:
+        """What the plain threshold made of it."""
+        agents = self._agents.values()
+        delays = tuple(watched.delay_s for watched in agents if watched.delay_s is not None)
+        return DeathCount(delays, sum(w.false_deaths for w in agents), sum(w.revivals for w in agents))
+
+    def ours(self) -> DeathCount:
+        """What central command made of it."""
+        delays, false_deaths, revivals, dead = [], 0, 0, set[int]()
+        for fate in self._fates:
+            watched = self._agents.get(fate.vehicle)
+            if watched is None:
+                continue
+            died = watched.died_t_ns is not None and fate.t_ns >= watched.died_t_ns
+            if fate.fate == "dead" and not died:
+                false_deaths += 1
+            elif fate.fate == "dead" and fate.vehicle not in dead:
+                assert watched.died_t_ns is not None
+                delays.append((fate.t_ns - watched.died_t_ns) / NS_PER_S)
+                dead.add(fate.vehicle)
+            elif fate.fate == "flying" and fate.vehicle in dead:
+                revivals += 1
+        return DeathCount(tuple(delays), false_deaths, revivals)
+
+    def _look(self, agent: TruthObject, picture: Picture) -> None:
+        watched = self._agents[agent.id]
+        if watched.arrived:
+            return
+        if agent.alive:
+            watched.label = _nearest(agent, picture) or watched.label
+        existence = next((t.existence for t in picture.tracks if t.label == watched.label), 0.0)
+        is_alive = existence >= PLAIN_EXISTENCE
+        watched.seen = watched.seen or is_alive
+        if not watched.seen:
+            return
+        if agent.alive:
+            watched.false_deaths += not is_alive and not watched.called_dead
+        elif not is_alive and watched.delay_s is None and watched.died_t_ns is not None:
+            watched.delay_s = (picture.scan_t_ns - watched.died_t_ns) / NS_PER_S
+        elif is_alive and watched.called_dead:
+            watched.revivals += watched.delay_s is not None
+        watched.called_dead = not is_alive
+
+
+def _nearest(agent: TruthObject, picture: Picture) -> Label | None:
+    """Label of the track that is likeliest this agent's: near, and of the greatest existence."""
+    near = [
+        (-track.existence, track.label)
+        for track in picture.tracks
+        if math.hypot(track.mean[0] - agent.east_m, track.mean[1] - agent.north_m) <= NEAR_M
+    ]
+    return min(near)[1] if near else None

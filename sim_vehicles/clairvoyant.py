@@ -1,0 +1,73 @@
+"""Trackers that are told the truth: what the best picture would have been worth.
+
+A mission flown with them differs from a real one in the picture alone: the same fold ties, plans, tasks and
+judges fates. The time that it takes is the measure for the real trackers (``gcs montecarlo`` flies both).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Track, Truth, VehicleState, read_only
+
+_COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
+
+
+class TrueBeliefs:
+    """What is alive, without delay."""
+
+    def __init__(self) -> None:
+        self.tracks: Mapping[Label, Track] = {}
+
+    def is_dead(self, label: Label) -> bool:
+        """Whether an object is not alive."""
+        return label not in self.tracks
+
+
+class TrueKind:
+    """The truth of one kind as a tracker would show it. A label is (0, id)."""
+
+    def __init__(self, kind: Kind) -> None:
+        self._kind: Kind = kind
+        self._before: dict[Label, tuple[int, float, float]] = {}
+        self.beliefs = TrueBeliefs()
+
+    def update(self, truth: Truth, t_ns: int) -> Picture:
+        """Take the truth at a scan; velocities are those since the scan before."""
+        places = {
+            (0, thing.id): (truth.t_ns, thing.east_m, thing.north_m)
+            for thing in truth.objects
+            if thing.kind == self._kind and thing.alive
+        }
+        self.beliefs.tracks = {label: self._track(label, place) for label, place in sorted(places.items())}
+        self._before = places
+        tracks = tuple(self.beliefs.tracks.values())
+        cardinality = np.zeros(len(tracks) + 1)
+        cardinality[-1] = 1.0
+        return Picture(t_ns, truth.t_ns, self._kind, tracks, read_only(cardinality))
+
+    def _track(self, label: Label, place: tuple[int, float, float]) -> Track:
+        t_ns, east_m, north_m = place
+        then_ns, then_east_m, then_north_m = self._before.get(label, place)
+        dt_s = (t_ns - then_ns) / NS_PER_S or 1.0
+        velocity = ((east_m - then_east_m) / dt_s, (north_m - then_north_m) / dt_s)
+        return Track(label, read_only([east_m, north_m, *velocity]), _COV, 1.0, estimated=True)
+
+
+class TrueTrackers:
+    """Stand in the place of `gcs.command.trackers.Trackers`; `truth` is set before each scan."""
+
+    def __init__(self) -> None:
+        self.truth: Truth | None = None
+        self.agents, self.targets = TrueKind("agents"), TrueKind("targets")
+
+    def refusal(self, _scan: Scan) -> str:
+        """No scan is refused: none is looked at."""
+        return ""
+
+    def scan(self, scan: Scan, _states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
+        """Return the pictures of agents and targets as they are."""
+        assert self.truth is not None
+        return self.agents.update(self.truth, scan.t_ns), self.targets.update(self.truth, scan.t_ns)
