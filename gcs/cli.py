@@ -6,6 +6,8 @@ mistake in arguments or files, 130 interrupted.
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import subprocess
 import sys
@@ -122,14 +124,85 @@ def simulate(
     arguments += ["--json"] if as_json else []
     arguments += ["--out", str(out)] if out is not None else []
     arguments += ["--duration", str(duration)] if duration is not None else []
-    command = [sys.executable, "-m", "sim_vehicles", "simulate", *arguments]
-    process = subprocess.Popen(command)  # noqa: S603  our own module, no shell
+    raise typer.Exit(_simulated(["simulate", *arguments]))
+
+
+@app.command()
+def montecarlo(
+    scenarios: Annotated[
+        list[str],
+        typer.Argument(
+            help="Shipped scenarios or mission files.", autocompletion=_complete, show_default=False
+        ),
+    ],
+    runs: Annotated[int, typer.Option(min=1, help="How many seeds of each.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="The first seed.")] = 1,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Lay a setting over every mission file; may be repeated."
+        ),
+    ] = None,
+    sweep: Annotated[
+        str,
+        typer.Option(metavar="KEY=A,B,…", help="Fly with each of these values, and draw curves over them."),
+    ] = "",
+    workers: Annotated[
+        int,
+        typer.Option(min=0, help="Processes to fly in.  [default: one for each core]", show_default=False),
+    ] = 0,
+    dask: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Fly on a Dask cluster, such as tcp://10.0.0.1:8786.")
+    ] = "",
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder of the campaign.  [default: campaigns/SCENARIOS]"),
+    ] = None,
+    loss: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
+    ] = 0.0,
+    truth: Annotated[
+        bool, typer.Option(help="Fly each mission a second time with a planner that is given the truth.")
+    ] = True,
+    parquet: Annotated[bool, typer.Option("--parquet", help="Write results.parquet too.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Fly many missions on virtual time and say, with confidence intervals, how good the system is.
+
+    Writes every mission as a row (results.csv), and a report (report.html). A campaign that was interrupted
+    goes on when the same command is given again; with more runs, it flies those that are missing.
+
+    Example: **gcs montecarlo prescribed random-targets --runs 20 --sweep planning.period_s=1,2,5,10**
+    """
+    key, _, values = sweep.partition("=")
+    options = {
+        "campaign": {
+            "scenarios": scenarios,
+            "runs": runs,
+            "seed": seed,
+            "settings": settings or [],
+            "sweep_key": key.strip(),
+            "sweep_values": [value.strip() for value in values.split(",")],
+            "loss": loss,
+            "planners": ["own", "truth"] if truth else ["own"],
+        },
+        "folder": str(out or Path("campaigns") / "-".join(Path(name).stem for name in scenarios)),
+        "workers": workers or os.cpu_count() or 1,
+        "dask": dask,
+        "parquet": parquet,
+        "as_json": as_json,
+    }
+    raise typer.Exit(_simulated(["montecarlo", json.dumps(options)]))
+
+
+def _simulated(arguments: list[str]) -> int:
+    """Run the simulated side's own program; return its exit code."""
+    process = subprocess.Popen([sys.executable, "-m", "sim_vehicles", *arguments])  # noqa: S603  no shell
     try:
-        code = process.wait()
+        return process.wait()
     except KeyboardInterrupt:
         process.wait()
-        code = 130
-    raise typer.Exit(code)
+        return 130
 
 
 @app.command()

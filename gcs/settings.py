@@ -86,14 +86,14 @@ def _lay(document: tomlkit.TOMLDocument, key: str, value: str, source: str) -> N
     place[last] = _value(value)
 
 
-def _inside(place: Any, step: str | int, key: str, source: str) -> Any:  # noqa: ANN401  whatever TOML holds
+def _inside(place: Any, step: str | int, key: str, source: str) -> Any:
     try:
         return place[step]
     except (KeyError, IndexError, TypeError, ValueError):
         raise ConfigError(source, key, f"there is no {step!r} here to change") from None
 
 
-def _value(text: str) -> Any:  # noqa: ANN401  whatever TOML holds
+def _value(text: str) -> Any:
     try:
         return tomlkit.value(text)
     except TOMLKitError:

@@ -23,7 +23,7 @@ from gcs.command.trackers import Trackers
 from gcs.config import read_text
 from gcs.edge.recorder import versions
 from gcs.errors import RecordingError
-from gcs.model import Truth
+from gcs.model import Effect, Truth
 from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.report.campaign import Row
 from gcs.report.deaths import DeathWatch
@@ -110,19 +110,27 @@ def fly(job: Job) -> Row:
     judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
     deaths, truths = DeathWatch(), TrueTrackers()
     run = VirtualRun(scenario, job.seed, loss=job.loss)
-    run.on_effect = lambda _, effect: (judge.effect(effect), deaths.effect(effect))[0]
+
+    def on_effect(_t_ns: int, effect: Effect) -> None:
+        judge.effect(effect)
+        deaths.effect(effect)
 
     def on_truth(truth: Truth) -> None:
         truths.truth = truth
         judge.truth(truth)
         deaths.truth(truth)
 
-    run.on_truth = on_truth
+    run.on_effect, run.on_truth = on_effect, on_truth
     if job.planner == "truth":
         run.command.trackers = cast("Trackers", truths)
     duration_s = run.run()
     summary = judge.summary(
-        scenario=config.name, seed=job.seed, duration_s=duration_s, scan_ms_p99=0.0, plan_ms_p99=0.0, recording=""
+        scenario=config.name,
+        seed=job.seed,
+        duration_s=duration_s,
+        scan_ms_p99=0.0,
+        plan_ms_p99=0.0,
+        recording="",
     )
     return Row.of(job.value, job.planner, job.digest, summary, deaths)
 
@@ -162,10 +170,13 @@ class Store:
         path, now = folder / "versions.json", versions()
         with suppress(FileNotFoundError, json.JSONDecodeError):
             then = json.loads(path.read_text(encoding="utf-8"))
-            changed = [f"{name} {then.get(name)} -> {now.get(name)}" for name in now if then.get(name) != now[name]]
+            changed = [
+                f"{name} {then.get(name)} -> {now.get(name)}" for name in now if then.get(name) != now[name]
+            ]
             if changed and self._path.exists():
                 raise RecordingError(
-                    str(folder), f"was flown with other software ({', '.join(changed)}): choose another folder"
+                    str(folder),
+                    f"was flown with other software ({', '.join(changed)}): choose another folder",
                 )
         path.write_text(json.dumps(now, indent=1) + "\n", encoding="utf-8")
 
@@ -202,7 +213,7 @@ def fly_all(jobs: Sequence[Job], workers: int) -> Iterator[Row]:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def fly_on_dask(jobs: Sequence[Job], address: str) -> Iterator[Row]:
+def fly_on_dask(jobs: Sequence[Job], address: str, timeout_s: float = 10.0) -> Iterator[Row]:
     """Fly jobs on a Dask cluster whose workers have this project installed; yield rows as they come.
 
     Raises
@@ -216,7 +227,7 @@ def fly_on_dask(jobs: Sequence[Job], address: str) -> Iterator[Row]:
     except ImportError:
         raise RecordingError(address, "needs Dask: pip install 'swarm-gcs[campaign]'") from None
     try:
-        client = Client(address, timeout="10s")
+        client = Client(address, timeout=timeout_s)
     except (OSError, ValueError) as error:
         raise RecordingError(address, f"no Dask scheduler answers there: {error}") from None
     with client:

@@ -157,6 +157,22 @@ def simulate(
     raise typer.Exit(0 if complete else 1)
 
 
+@app.command(hidden=True)
+def montecarlo(options: str) -> None:
+    """Fly a campaign; `options` is the JSON of `MontecarloOptions`. People say `gcs montecarlo`."""
+    import msgspec
+
+    from gcs.errors import InterruptedRunError
+    from sim_vehicles.montecarlo import MontecarloOptions, run_montecarlo
+
+    try:
+        complete = run_montecarlo(msgspec.json.decode(options, type=MontecarloOptions))
+    except GcsError as error:
+        Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
+        raise typer.Exit(130 if isinstance(error, InterruptedRunError) else 2) from None
+    raise typer.Exit(0 if complete else 1)
+
+
 def main() -> None:
     """Entry point."""
     app()

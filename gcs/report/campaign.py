@@ -116,6 +116,7 @@ class Group(msgspec.Struct, frozen=True, kw_only=True):
     """Longer than with the truth, as a share of it; of seeds where both were complete."""
     ospa_agents_m: Estimate
     ospa_targets_m: Estimate
+    agent_hours: float
     deaths: int
     deaths_seen: int
     death_seen_after_s: Estimate
@@ -192,6 +193,7 @@ def _group(rows: Sequence[Row], with_truth: dict[int, Row]) -> Group:
         extra_time=mean(own / best - 1.0 for own, best in pairs),
         ospa_agents_m=mean(row.ospa_agents_m for row in rows),
         ospa_targets_m=mean(row.ospa_targets_m for row in rows),
+        agent_hours=hours,
         deaths=sum(row.deaths for row in rows),
         deaths_seen=len(delays),
         death_seen_after_s=mean(delays),
