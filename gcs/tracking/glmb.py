@@ -37,6 +37,8 @@ from gcs.tracking.recovery import Histories
 _SURE = 1.0 - 1e-9
 """Probabilities are held below it: a model that is certain cannot be corrected."""
 _LEAST_CLUTTER_PER_M2 = 1e-15
+_SURELY_THERE, _SURELY_IN_VIEW = 0.95, 0.999
+"""Objects that tell how probably a sensor detects what it looks at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,17 @@ class GlmbParams:
     """Per group and scan, shared by its sampled hypotheses."""
 
 
+class Account(NamedTuple):
+    """What the tracks make of a scan's detections: for births, and to check a sensor's word."""
+
+    explained: FloatArray
+    """(m,) probability that some track made each detection; 1 for one that is unusable."""
+    detected: float
+    """How many of the objects that were there beyond doubt, and surely in view, made a detection."""
+    in_view: float
+    """How many those were."""
+
+
 class _Look(NamedTuple):
     """The usable detections of a scan, sorted by the first coordinate that was measured."""
 
@@ -105,20 +118,36 @@ class Glmb:
         Of the Gibbs sampler, which works only where many objects interact.
     keep_histories : bool
         Whether tracks remember their detections, so that whole paths can be recovered (see `recovery`).
+    weigh_detections : bool
+        Whether each update says in `account` what the tracks make of the scan's detections.
 
     Attributes
     ----------
     histories : Histories or None
         Where they remember them.
+    account : Account or None
+        Of the last scan, when detections are weighed.
     scans, late_scans, bad_detections : int
         Scans taken in; scans refused as measured before the last one; detections refused as not finite.
     """
 
-    def __init__(self, kind: Kind, params: GlmbParams, seed: int, *, keep_histories: bool = False) -> None:
+    def __init__(
+        self,
+        kind: Kind,
+        params: GlmbParams,
+        seed: int,
+        *,
+        keep_histories: bool = False,
+        weigh_detections: bool = False,
+    ) -> None:
         self.kind: Kind = kind
         self.params = params
         self.histories = Histories() if keep_histories else None
+        self.account: Account | None = None
         self.scans = self.late_scans = self.bad_detections = 0
+        self._weigh_detections = weigh_detections
+        self._sure: set[Label] = set()
+        """Labels that existed beyond doubt after the last scan."""
         self._limits = Limits(
             int(params.max_hypotheses),
             math.log(params.prune_weight),
@@ -192,6 +221,10 @@ class Glmb:
         if meas.size > self._keys.size:
             self._keys = option_keys(2 * meas.size)
         options = Options(start, meas, logw, self._keys)
+        if self._weigh_detections:
+            explained = np.ones(len(clutter))
+            explained[look.rows] = 0.0
+            self.account = Account(explained, 0.0, 0.0)
         if live.size:
             self._associate(options, look, view)
         if self.histories is not None:
@@ -237,6 +270,28 @@ class Glmb:
         rows = rows[np.argsort(z[rows, 0], kind="stable")]
         return _Look(z[rows], place_m[rows], log_clutter[rows], rows)
 
+    def _accounted(
+        self,
+        groups: Groups,
+        meas: npt.NDArray[np.int64],
+        track_label: npt.NDArray[np.int64],
+        look: _Look,
+        view: sensors.View,
+    ) -> Account:
+        """Sum the updated tracks' probabilities by detection, and those of sure labels by whether detected."""
+        assert self.account is not None
+        probability, made = kernels.probabilities(groups, meas.size), meas >= 0
+        explained = self.account.explained.copy()
+        explained[look.rows] = np.bincount(meas[made], probability[made], look.rows.size)
+        in_view = np.ones(len(self._labels))
+        np.minimum.at(in_view, self._track_label, view.inside)
+        sure = in_view > _SURELY_IN_VIEW
+        sure &= np.fromiter((label in self._sure for label in self._labels), np.bool_, sure.size)
+        existence = np.bincount(track_label, probability, sure.size)
+        detected = np.bincount(track_label[made], probability[made], sure.size)
+        self._sure = {label for label, r in zip(self._labels, existence, strict=True) if r > _SURELY_THERE}
+        return Account(np.minimum(explained, 1.0), float(detected[sure].sum()), float(sure.sum()))
+
     def _survival(self, dt_s: float) -> float:
         return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - _SURE))
 
@@ -271,6 +326,8 @@ class Glmb:
         parent, meas, logw = parent[used], options.meas[used], options.logw[used]
         mean, cov = kernels.update(self._mean, self._cov, parent, meas, look.z, view)
         track_label = self._track_label[parent]
+        if self.account is not None:
+            self.account = self._accounted(groups, meas, track_label, look, view)
         groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
         groups = part(groups, track_label, len(self._labels), self._keys, self._limits)
         self._groups, used = renumber(groups, parent.size)
@@ -299,6 +356,7 @@ def warm_up_calls() -> list[compiling.Call]:
         (kernels.update, mean, cov, zeros, zeros, z, view),
         (kernels.summary, groups, zeros, 1),
         (kernels.map_tracks, groups),
+        (kernels.probabilities, groups, 1),
         (kernels.predict, mean, cov, np.eye(4), np.eye(4)),
         (renumber, groups, 1),
         *sensors.warm_up_calls(),

@@ -284,6 +284,17 @@ def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray
 
 
 @kernel
+def probabilities(groups: Groups, n_tracks: int) -> Any:
+    """Probability of each track: that of the hypotheses that hold it."""
+    probability = np.zeros(n_tracks)
+    for h in range(groups.logw.size):
+        w = math.exp(groups.logw[h])
+        for i in range(groups.start[h], groups.start[h + 1]):
+            probability[groups.items[i]] += w
+    return probability
+
+
+@kernel
 def map_tracks(groups: Groups) -> Any:
     """Tracks of the best hypothesis of each group's most probable number of objects."""
     first, start = groups.first, groups.start
