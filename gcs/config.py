@@ -85,12 +85,21 @@ class BirthTable(Table, frozen=True, kw_only=True):
     speed_std_m_s: Positive = 4.5
 
 
+class AnywhereTable(Table, frozen=True, kw_only=True):
+    """Births where no place of birth is known: at detections that nothing explains."""
+
+    per_s: NotNegative = 0.0
+    speed_std_m_s: Positive = 10.0
+    most_probability: InnerProbability = 0.1
+
+
 class KindTracking(Table, frozen=True, kw_only=True):
     """Tracking of one kind of object."""
 
     accel_std_m_s2: Positive
     birth_probability: InnerProbability = 0.03
     birth_again_probability: InnerProbability = 1e-4
+    anywhere: AnywhereTable = AnywhereTable()
 
 
 class TrackingTable(Table, frozen=True, kw_only=True):
@@ -102,6 +111,9 @@ class TrackingTable(Table, frozen=True, kw_only=True):
     max_hypotheses: Annotated[int, Meta(ge=10, le=100_000)] = 200
     gate_chi2: Annotated[float, Meta(ge=4.0, le=100.0)] = 32.2
     dead_existence: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.01
+    lost_std_m: Positive = 500.0
+    reorder_window_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    correct_sensors: bool = False
     agent_birth_std_m: Positive = 10.0
     agent_birth_speed_std_m_s: Positive = 10.0
     seed: Annotated[int, Meta(ge=0)] = 0

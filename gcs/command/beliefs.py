@@ -4,13 +4,19 @@ A track is believed once it was in the estimate for some scans in a row. It is b
 existence probability falls below `dead_existence`, or when it was out of the estimate for as many scans in
 a row: then another label has its object. In between, single scans say little: a clutter point at a place of
 birth is in the estimate for one scan, and a good track that was missed may be out of it for one.
+
+What counts is a moment at which somebody looked at the track: sensors that measure at the same moment count
+once, and one that looks elsewhere does not count at all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gcs.model import Label, Picture, Track
+import numpy as np
+
+from gcs.model import Label, Picture, Sensor, Track
+from gcs.tracking.sensors import covers
 
 SCANS_IN_A_ROW = 3
 
@@ -20,8 +26,11 @@ class Beliefs:
 
     def __init__(self, dead_existence: float) -> None:
         self._dead_existence = dead_existence
-        self._scans_in: dict[Label, int] = {}
-        self._scans_out: dict[Label, int] = {}
+        self._t_ns = -1
+        self._row: dict[Label, int] = {}
+        """How many moments in a row each label was in the estimate; below 0, out of it."""
+        self._row_before: dict[Label, int] = {}
+        """The same before the moment `_t_ns`."""
         self._tracks: dict[Label, Track] = {}
         self._alive: set[Label] = set()
 
@@ -34,17 +43,27 @@ class Beliefs:
         """Whether a track's existence probability is below `dead_existence`, or it is gone altogether."""
         return label not in self._alive
 
-    def update(self, picture: Picture) -> None:
-        """Take the next picture."""
-        labels = {track.label: track for track in picture.tracks}
-        self._scans_in = {t: self._scans_in.get(t, 0) + 1 for t, track in labels.items() if track.estimated}
-        self._scans_out = {
-            t: self._scans_out.get(t, 0) + 1 for t, track in labels.items() if not track.estimated
+    def update(self, picture: Picture, sensor: Sensor | None = None) -> None:
+        """Take the next picture, after a scan of `sensor`; without one, of a sensor that sees everywhere."""
+        if picture.scan_t_ns > self._t_ns:
+            self._t_ns, self._row_before = picture.scan_t_ns, self._row
+        tracks = picture.tracks
+        places = np.reshape([track.mean[:2] for track in tracks], (-1, 2))
+        looked_at = np.ones(len(tracks), np.bool_) if sensor is None else covers(sensor, places)
+        self._row = {
+            track.label: self._next(track) if looked else self._row.get(track.label, 0)
+            for track, looked in zip(tracks, looked_at, strict=True)
         }
-        self._alive = {t for t, track in labels.items() if track.existence >= self._dead_existence}
-        self._tracks = {label: track for label, track in labels.items() if self._is_believed(track)}
+        self._alive = {track.label for track in tracks if track.existence >= self._dead_existence}
+        self._tracks = {track.label: track for track in tracks if self._is_believed(track)}
+
+    def _next(self, track: Track) -> int:
+        """Count one moment more, whoever else looked at the same moment."""
+        before = self._row_before.get(track.label, 0)
+        return max(before, 0) + 1 if track.estimated else min(before, 0) - 1
 
     def _is_believed(self, track: Track) -> bool:
+        row = self._row[track.label]
         if track.label in self._tracks:
-            return track.label in self._alive and self._scans_out.get(track.label, 0) < SCANS_IN_A_ROW
-        return self._scans_in.get(track.label, 0) >= SCANS_IN_A_ROW
+            return track.label in self._alive and row > -SCANS_IN_A_ROW
+        return row >= SCANS_IN_A_ROW

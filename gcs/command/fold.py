@@ -19,6 +19,7 @@ from gcs.command.area import mission_grid
 from gcs.command.fates import Fates
 from gcs.command.keepouts import KeepOuts
 from gcs.command.orders import Orders
+from gcs.command.reordering import Reordering
 from gcs.command.replanning import Replanner, Situation
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
@@ -67,6 +68,7 @@ class Command:
         self.keep_outs = KeepOuts(self.grid)
         self.fleet = Fleet(vehicles, config.local_frame, FleetSettings(position_rate_hz=telemetry.rate_hz))
         self.trackers = Trackers(config)
+        self.reordering = Reordering(tracking.reorder_window_s)
         self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner = Replanner(config, self.grid)
@@ -149,6 +151,7 @@ class Command:
     def _tick(self, event: Tick) -> list[Effect]:
         effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
         effects += self._watch_sensors(event.t_ns)
+        effects += self._due_scans(event.t_ns)
         effects += self._settle(self.tasking.poll(event.t_ns))
         return effects + self.orders.poll(event.t_ns)
 
@@ -167,12 +170,25 @@ class Command:
 
     def _scan(self, event: Scan) -> list[Effect]:
         self._scan_t_ns, self._blind = event.t_ns, False
-        self._measured_t_ns = event.measured_t_ns
         refusal = self.trackers.refusal(event)
         if refusal:
-            return self._bad(
-                BadInput(event.t_ns, event.sensor.name, f"scan of {event.sensor.name} {refusal}")
-            )
+            return self._refuse(event, refusal)
+        self.reordering.hold(event)
+        return self._due_scans(event.t_ns)
+
+    def _refuse(self, scan: Scan, refusal: str) -> list[Effect]:
+        name = scan.sensor.name
+        return self._bad(BadInput(scan.t_ns, name, f"scan of {name} {refusal}"))
+
+    def _due_scans(self, t_ns: int) -> list[Effect]:
+        """Work the scans that have waited long enough for those measured before them."""
+        return [effect for scan in self.reordering.due(t_ns) for effect in self._work(scan)]
+
+    def _work(self, event: Scan) -> list[Effect]:
+        refusal = self.trackers.refusal(event)  # again: one like it may have come while it was held
+        if refusal:
+            return self._refuse(event, refusal)
+        self._measured_t_ns = event.measured_t_ns
         states = self.fleet.states()
         effects: list[Effect] = [*self.trackers.scan(event, states)]
         agents, targets = self.trackers.agents.beliefs, self.trackers.targets.beliefs
@@ -185,6 +201,8 @@ class Command:
         effects += self.approval.refresh(event.t_ns, self._away())
         effects += self._plan(event.t_ns, event.measured_t_ns)
         effects += self._end(event.t_ns)
+        for is_contradiction, text in self.trackers.findings:
+            effects.append(Notice(event.t_ns, "warning" if is_contradiction else "info", text))
         return effects
 
     def _follow(self, fate: Fate) -> list[Effect]:

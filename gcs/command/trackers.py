@@ -12,9 +12,14 @@ A place gives birth with `birth_probability` each scan until an object of it is 
 `birth_again_probability` from then on: one object is expected of each, and clutter near a place that has
 given its own must not look like another.
 
-Scans come from outside. One that is late, repeated or ahead of its time is refused (`Trackers.refusal`):
-worked in, it would count as one more scan of what is known already, and a single time stamp hours ahead
-would outlive every track. A sensor that announces no noise at all is not believed to the last millimetre.
+Where `tracking.<kind>.anywhere` gives a rate, objects are also born at detections that neither filter
+explains (see `tracking.births`).
+
+Scans come from outside, of any number of sensors, each with its own word on noise, clutter, detection and
+field of view; `tracking.calibration` holds the stream against that word. One that is late, repeated or ahead
+of its time is refused (`Trackers.refusal`): worked in, it would count as one more scan of what is known
+already, and a single time stamp hours ahead would outlive every track. A sensor that announces no noise at
+all is not believed to the last millimetre.
 """
 
 from __future__ import annotations
@@ -29,8 +34,11 @@ import numpy.typing as npt
 from gcs.command.beliefs import Beliefs
 from gcs.config import Config, KindTracking
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Scan, Sensor, VehicleState, read_only
-from gcs.tracking.glmb import Birth, Glmb, GlmbParams
+from gcs.tracking.births import UnknownBirths
+from gcs.tracking.calibration import Calibration, Finding
+from gcs.tracking.glmb import Account, Birth, Glmb, GlmbParams
 from gcs.tracking.motion import process_noise, transition
+from gcs.tracking.sensors import clutter_per_m2, covers, noise_m2
 
 _NEAR_STD = 5.0
 """A report within this many standard deviations of a track or a place of birth is taken for that object."""
@@ -38,6 +46,9 @@ _MAX_AHEAD_S = 1.0
 """A scan that says it was measured longer after its arrival than clocks may differ is refused."""
 _LEAST_VARIANCE_M2 = 1e-4
 """Of a detection: without any, covariances become singular."""
+_LEAST_BEARING_STD_RAD = 1e-5
+_MOST_SENSORS = 100
+"""Whose word is held against their stream."""
 
 
 class KindTracker:
@@ -52,24 +63,48 @@ class KindTracker:
             accel_std_m_s2=table.accel_std_m_s2,
             max_hypotheses=tracking.max_hypotheses,
             gate_chi2=tracking.gate_chi2,
+            lost_std_m=tracking.lost_std_m,
         )
         self.beliefs = Beliefs(tracking.dead_existence)
+        self.kind = kind
         self.picture: Picture | None = None
         self.places = places
+        self._born_t_ns = -1
         self._accel_std_m_s2 = table.accel_std_m_s2
         self._again_probability = table.birth_again_probability
-        self._filter = Glmb(kind, params, seed)
+        self._filter = Glmb(kind, params, seed, weigh_detections=True)
+        anywhere = table.anywhere
+        self.unknown = UnknownBirths(
+            anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, table.accel_std_m_s2
+        )
 
     def update(
         self, t_ns: int, z_m: FloatArray, sensor: Sensor, others: FloatArray, births: Sequence[Birth] = ()
-    ) -> None:
+    ) -> Account:
         """Work one scan, with births at the known places and at those given.
 
         `others` (m,) is the intensity of the other kind's detections at each detection, per m2: clutter to
-        this kind.
+        this kind. Returns what this kind's tracks make of the detections.
         """
-        clutter = sensor.clutter_density_per_m2 + others
-        self._filter.update(t_ns, z_m, sensor, [*self.places, *births], clutter)
+        clutter = clutter_per_m2(sensor, z_m) + others
+        places = self._places_now(t_ns, sensor)
+        self._filter.update(t_ns, z_m, sensor, [*places, *births, *self.unknown.births(t_ns)], clutter)
+        assert self._filter.account is not None
+        return self._filter.account
+
+    def _places_now(self, t_ns: int, sensor: Sensor) -> list[Birth]:
+        """Places give birth once a moment, and where somebody looks: else what is never missed would add up.
+
+        Reports come from everywhere, so agents are looked at everywhere. The other places keep their numbers.
+        """
+        means = np.reshape([place.mean[:2] for place in self.places], (-1, 2))
+        looked_at = covers(sensor, means) | (self.kind == "agents")
+        looked_at &= t_ns > self._born_t_ns
+        self._born_t_ns = t_ns
+        return [
+            place if is_open else replace(place, probability=0.0)
+            for place, is_open in zip(self.places, looked_at, strict=True)
+        ]
 
     def update_again(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> None:
         """Work another sensor's scan of the same moment: nothing is born in between."""
@@ -90,15 +125,16 @@ class KindTracker:
     def intensity(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> FloatArray:
         """Intensity of detections of this kind's objects at each of `z_m` (m, 2), per m2."""
         means, covs, existence = self.expected(t_ns)
-        S = covs + sensor.noise_cov_m2
-        d2 = squared_distances(z_m, means, S)
+        S = covs[None, :, :, :] + noise_m2(sensor, z_m)[:, None, :, :]
+        offset = z_m[:, None, :] - means[None, :, :]
+        d2 = np.einsum("mni,mnij,mnj->mn", offset, np.linalg.inv(S), offset)
         density = np.exp(-0.5 * d2) / (2.0 * np.pi * np.sqrt(np.linalg.det(S)))
         return np.asarray(density @ existence) * sensor.detection_probability
 
-    def look(self, t_ns: int) -> Picture:
-        """Return the picture, and follow what it says about beliefs and places."""
+    def look(self, t_ns: int, sensor: Sensor) -> Picture:
+        """Return the picture after a sensor's scan, and follow what it says about beliefs and places."""
         self.picture = self._filter.picture(t_ns)
-        self.beliefs.update(self.picture)
+        self.beliefs.update(self.picture, sensor)
         for _, index in self.beliefs.tracks:
             if index < len(self.places):
                 self.places[index] = replace(self.places[index], probability=self._again_probability)
@@ -138,6 +174,11 @@ class Trackers:
         self._report_birth_probability = tracking.agents.birth_probability
         self._measured_t_ns = -1
         self._sensors_then: set[str] = set()
+        self._reports_t_ns = -1
+        self._calibrations: dict[str, Calibration] = {}
+        self._corrects = tracking.correct_sensors
+        self.findings: list[Finding] = []
+        """News of the last scan about whether its sensor is what it says."""
         self.agents = KindTracker("agents", config, tracking.agents, starts, tracking.seed)
         self.targets = KindTracker("targets", config, tracking.targets, places, tracking.seed + 1)
 
@@ -159,18 +200,49 @@ class Trackers:
         if t_ns > self._measured_t_ns:
             self._measured_t_ns, self._sensors_then = t_ns, set()
         self._sensors_then.add(scan.sensor.name)
-        scan = replace(scan, sensor=_with_noise(scan.sensor))
+        calibration = self._calibration(scan.sensor.name)
+        sensor = _with_noise(scan.sensor)
+        if self._corrects:
+            sensor = calibration.corrected(sensor)
+        newcomers, reports = self._reports(t_ns, states)
+        of_targets = self.targets.intensity(t_ns, scan.z_m, sensor)
+        ours = self.agents.update(t_ns, scan.z_m, sensor, of_targets, newcomers)
+        if reports is not None:
+            self.agents.update_again(t_ns, reports, self._telemetry_sensor())
+        agents = self.agents.look(scan.t_ns, sensor)
+        of_agents = self.agents.intensity(t_ns, scan.z_m, sensor)
+        theirs = self.targets.update(t_ns, scan.z_m, sensor, of_agents)
+        explained = 1.0 - (1.0 - ours.explained) * (1.0 - theirs.explained)
+        for kind in (self.agents, self.targets):
+            kind.unknown.take(t_ns, scan.z_m, sensor, explained)
+        detected, in_view = ours.detected + theirs.detected, ours.in_view + theirs.in_view
+        calibration.take(float((1.0 - explained).sum()), detected, in_view)
+        self.findings = calibration.findings(scan.sensor)
+        return agents, self.targets.look(scan.t_ns, sensor)
+
+    def _calibration(self, sensor: str) -> Calibration:
+        """Return what is known of a sensor; a stream of invented names does not fill the memory."""
+        known = self._calibrations.pop(sensor, None) or Calibration()
+        self._calibrations[sensor] = known
+        if len(self._calibrations) > _MOST_SENSORS:
+            del self._calibrations[next(iter(self._calibrations))]
+        return known
+
+    def _reports(self, t_ns: int, states: Sequence[VehicleState]) -> tuple[list[Birth], FloatArray | None]:
+        """Births of vehicles that report from where nobody is known, and where the others say they are.
+
+        None in place of those when it is too soon for new reports: with several sensors, a report that was
+        used a moment ago is no second measurement.
+        """
+        period_ns = NS_PER_S / self._telemetry.rate_hz
+        if self._reports_t_ns >= 0 and t_ns - self._reports_t_ns < 0.9 * period_ns:
+            return [], None
+        self._reports_t_ns = t_ns
         fresh = [s for s in states if abs(t_ns - s.t_ns) <= self._telemetry.max_age_s * NS_PER_S]
         places = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
         known = self._are_known(places, t_ns)
         newcomers = [self._report_birth(fresh[i], places[i]) for i in np.flatnonzero(~known)]
-        of_targets = self.targets.intensity(t_ns, scan.z_m, scan.sensor)
-        self.agents.update(t_ns, scan.z_m, scan.sensor, of_targets, newcomers)
-        self.agents.update_again(t_ns, places[known], self._telemetry_sensor())
-        agents = self.agents.look(scan.t_ns)
-        of_agents = self.agents.intensity(t_ns, scan.z_m, scan.sensor)
-        self.targets.update(t_ns, scan.z_m, scan.sensor, of_agents)
-        return agents, self.targets.look(scan.t_ns)
+        return newcomers, places[known]
 
     def _telemetry_sensor(self) -> Sensor:
         t = self._telemetry
@@ -221,6 +293,12 @@ def squared_distances(places: FloatArray, means: FloatArray, S: FloatArray) -> F
 
 def _with_noise(sensor: Sensor) -> Sensor:
     """Return the sensor with a noise that can be inverted."""
+    if sensor.polar is not None:
+        range_std_m = max(sensor.polar.range_std_m, math.sqrt(_LEAST_VARIANCE_M2))
+        bearing_std_rad = max(sensor.polar.bearing_std_rad, _LEAST_BEARING_STD_RAD)
+        return replace(
+            sensor, polar=replace(sensor.polar, range_std_m=range_std_m, bearing_std_rad=bearing_std_rad)
+        )
     if np.linalg.eigvalsh(sensor.noise_cov_m2)[0] >= _LEAST_VARIANCE_M2:
         return sensor
     return replace(sensor, noise_cov_m2=read_only(sensor.noise_cov_m2 + np.eye(2) * _LEAST_VARIANCE_M2))

@@ -1,4 +1,4 @@
-"""Measurement-driven births: objects may appear anywhere, and where they did, a detection is left unexplained.
+"""Measurement-driven births: an object may appear anywhere, and then leaves a detection unexplained.
 
 After a scan every detection z has a probability r_U(z) that some track made it. What is left, 1 - r_U(z), is
 shared out among clutter and newborns: at the next scan each detection gives birth with (Reuter, Vo, Vo &
@@ -8,8 +8,7 @@ Dietmayer, "The labeled multi-Bernoulli filter", IEEE TSP 62, 2014, section IV-C
 
 so that lambda_B objects are expected in all, however much clutter there is: many false detections make each
 birth less probable, not the picture fuller. The position's covariance is that of the sensor at z, the
-velocity's the scenario's speeds, around zero; both are moved on to the time of the next scan (Trezzi, Reuter
-& Dietmayer use the same prior with a grid in place of the single Gaussian).
+velocity's the scenario's speeds, around zero; both are moved on to the time of the next scan.
 
 Objects appear per second and not per scan, so lambda_B is the rate times what passed since this sensor
 looked last, divided by the number of sensors that look: two radars do not double the births. What one has

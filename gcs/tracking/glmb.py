@@ -61,6 +61,8 @@ class GlmbParams:
     acceleration: motion.Acceleration = "white"
     """Which of the two models of `motion`."""
     survival_probability_per_s: float = 0.99
+    lost_std_m: float = math.inf
+    """A track whose position is known worse than this, along its worst axis, is given up."""
     max_hypotheses: int = 300
     """Of one group of interacting labels."""
     gate_chi2: float = 32.2
@@ -278,7 +280,7 @@ class Glmb:
         look: _Look,
         view: sensors.View,
     ) -> Account:
-        """Sum the updated tracks' probabilities by detection, and those of sure labels by whether detected."""
+        """Sum the updated tracks' probabilities by detection, and the sure labels' by whether detected."""
         assert self.account is not None
         probability, made = kernels.probabilities(groups, meas.size), meas >= 0
         explained = self.account.explained.copy()
@@ -300,6 +302,9 @@ class Glmb:
         if dt_s > 0.0:
             self._mean, self._cov = kernels.predict(self._mean, self._cov, F, Q)
         live = np.full(self._track_label.size, self._survival(dt_s))
+        if math.isfinite(self.params.lost_std_m):
+            variance = np.maximum(self._cov[:, 0, 0], self._cov[:, 1, 1])
+            live[variance > self.params.lost_std_m**2] = 1.0 - _SURE
         if not births:
             return live
         n, new = live.size, np.arange(len(births))

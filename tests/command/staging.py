@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -33,7 +34,12 @@ def track(
     return Track(label, read_only([*place, *velocity]), read_only(cov), existence, estimated)
 
 
-def picture(*tracks: Track, t_s: float = 0.0, kind: Kind = "agents") -> Picture:
+_moments = itertools.count()
+
+
+def picture(*tracks: Track, t_s: float | None = None, kind: Kind = "agents") -> Picture:
+    """A picture of these tracks; one second later than the one before, unless it is said when."""
+    t_s = float(next(_moments)) if t_s is None else t_s
     ordered = tuple(sorted(tracks, key=lambda one: one.label))
     return Picture(at(t_s), at(t_s), kind, ordered, read_only([1.0]))
 
