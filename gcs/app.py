@@ -20,8 +20,9 @@ from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.clock import RunClock
 from gcs.edge.order_wire import decode_order, order_key
+from gcs.edge.scans import decode_scan
 from gcs.edge.udp import UdpLink
-from gcs.edge.wire import decode_scan, effect_key, encode_effect, sensor_scan_keys
+from gcs.edge.wire import effect_key, encode_effect, sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
 from gcs.errors import GcsError, WireError
 from gcs.model import (

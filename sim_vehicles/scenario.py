@@ -9,25 +9,50 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta
 
-from gcs.config import Config, NotNegative, Positive, Probability, SystemId, Table, convert, parse, read_text
+from gcs.config import (
+    Box,
+    Config,
+    NotNegative,
+    Positive,
+    Probability,
+    SystemId,
+    Table,
+    convert,
+    parse,
+    read_text,
+)
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 
 
 class SensorTable(Table, frozen=True, kw_only=True):
-    """What the world's sensor does: misses, noise, clutter."""
+    """What one of the world's sensors does: where it looks, misses, noise, clutter."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "radar"
+    kind: Literal["position", "range_bearing"] = "position"
     period_s: Annotated[float, Meta(ge=0.05, le=60.0)] = 1.0
+    offset_s: NotNegative = 0.0
+    delay_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
     detection_probability: Probability = 0.98
-    noise_std_m: Positive = 3.16
     clutter_per_scan: NotNegative = 20.0
+    # kind = "position"
+    noise_std_m: Positive = 3.16
     field_margin_m: NotNegative = 100.0
+    field_m: Box | None = None
+    # kind = "range_bearing"
+    east_m: float = 0.0
+    north_m: float = 0.0
+    range_std_m: Positive = 5.0
+    bearing_std_deg: Annotated[float, Meta(gt=0.0, le=30.0)] = 0.5
+    least_range_m: NotNegative = 0.0
+    most_range_m: Positive = 3000.0
+    sector_centre_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 0.0
+    sector_width_deg: Annotated[float, Meta(gt=0.0, le=360.0)] = 360.0
 
 
 class PrescribedDeath(Table, frozen=True, kw_only=True):
@@ -73,6 +98,7 @@ class Simulation(Table, frozen=True, kw_only=True):
     forward_speed_m_s: Positive
     gps_noise_std_m: NotNegative = 1.0
     sensor: SensorTable = SensorTable()
+    more_sensors: list[SensorTable] = []
     death: DeathTable = DeathTable()
     targets: list[TargetTable] = []
     gaussian_targets: GaussianTargets | None = None
@@ -87,6 +113,11 @@ class Scenario:
     source: str
     text: str
     """The file as it was read, for recordings."""
+
+    @property
+    def sensors(self) -> list[SensorTable]:
+        """All sensors of the world."""
+        return [self.simulation.sensor, *self.simulation.more_sensors]
 
     @property
     def frame(self) -> LocalFrame:
@@ -128,6 +159,7 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
                 f"simulation.death.prescribed[{index}].system_id",
                 f"{death.system_id} is none of the agents",
             )
+    _check_sensors(simulation, source)
     width_m, height_m = config.map.width_m, config.map.height_m
     for index, target in enumerate(simulation.targets):
         if not (0.0 <= target.east_m <= width_m and 0.0 <= target.north_m <= height_m):
@@ -140,6 +172,25 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
         raise ConfigError(source, "simulation", "give either `targets` or `gaussian_targets`, not both")
     if simulation.gaussian_targets and not config.births:
         raise ConfigError(source, "simulation.gaussian_targets", "needs `[[births]]` to draw the places from")
+
+
+def _check_sensors(simulation: Simulation, source: str) -> None:
+    tables = {"sensor": simulation.sensor}
+    tables |= {f"more_sensors[{i}]": table for i, table in enumerate(simulation.more_sensors)}
+    names: set[str] = set()
+    for where, table in tables.items():
+        key, box = f"simulation.{where}", table.field_m
+        if table.name in names:
+            raise ConfigError(
+                source, f"{key}.name", f"`{table.name}` is used twice; each sensor needs its own"
+            )
+        names.add(table.name)
+        if box is not None and not (box[0] < box[2] and box[1] < box[3]):
+            raise ConfigError(
+                source, f"{key}.field_m", "expected [east_min, north_min, east_max, north_max] with min < max"
+            )
+        if table.least_range_m >= table.most_range_m:
+            raise ConfigError(source, f"{key}.most_range_m", "expected more than least_range_m")
 
 
 def generator(seed: int, purpose: str, *index: int) -> np.random.Generator:

@@ -1,7 +1,8 @@
-"""The world's sensor: truth and a random generator in, one scan out.
+"""The world's sensors: truth and a random generator in, one scan out.
 
-Each object inside the field of view is detected with probability p_D at its position plus Gaussian noise.
-Clutter is Poisson in number and uniform over the field of view. All points come in random order and without
+Each object inside the field of view is detected with probability p_D where it is, plus Gaussian noise on what
+the sensor measures: east and north, or range and bearing. Clutter is Poisson in number and uniform over the
+field of view in the same coordinates. All points come in random order and without
 identity: the standard multi-object observation model (Vo & Vo 2013, section III-C).
 
 Every scan has a generator of its own, and draws for every object whether or not it is there, so that one
@@ -10,19 +11,41 @@ agent's death does not change what is seen of the others.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from gcs.model import Scan, Sensor, TruthObject, read_only
-from sim_vehicles.scenario import Scenario, generator
+from gcs.config import MapTable
+from gcs.model import FloatArray, Polar, Scan, Sensor, TruthObject, read_only
+from gcs.tracking.sensors import covers, expected_clutter, measured, on_map, polar_sensor
+from sim_vehicles.scenario import Scenario, SensorTable, generator
 
 
-def make_sensor(scenario: Scenario) -> Sensor:
-    """What the scenario's sensor announces of itself: the truth, as a calibrated sensor would."""
-    table, area = scenario.simulation.sensor, scenario.config.map
+def make_sensors(scenario: Scenario) -> list[Sensor]:
+    """What the scenario's sensors announce of themselves: the truth, as calibrated sensors would."""
+    return [_make_sensor(table, scenario.config.map) for table in scenario.sensors]
+
+
+def _make_sensor(table: SensorTable, area: MapTable) -> Sensor:
+    if table.kind == "range_bearing":
+        half_rad = math.radians(table.sector_width_deg) / 2.0
+        span_m = table.most_range_m - table.least_range_m
+        polar = Polar(
+            table.east_m,
+            table.north_m,
+            table.range_std_m,
+            math.radians(table.bearing_std_deg),
+            (table.least_range_m, table.most_range_m),
+            (math.radians(table.sector_centre_deg), half_rad),
+            table.clutter_per_scan / (span_m * 2.0 * half_rad),
+        )
+        return polar_sensor(table.name, table.detection_probability, polar)
     margin = table.field_margin_m
     field = (-margin, -margin, area.width_m + margin, area.height_m + margin)
+    if table.field_m is not None:
+        west, south, east, north = table.field_m
+        field = (west, south, east, north)
     return Sensor(
         name=table.name,
         detection_probability=table.detection_probability,
@@ -32,23 +55,47 @@ def make_sensor(scenario: Scenario) -> Sensor:
     )
 
 
-def observe(sensor: Sensor, objects: Sequence[TruthObject], seed: int, scan_index: int, t_ns: int) -> Scan:
+def observe(
+    sensor: Sensor,
+    objects: Sequence[TruthObject],
+    seed: int,
+    scan_index: int,
+    t_ns: int,
+    purpose: str = "scan",
+) -> Scan:
     """One scan of `objects` at `t_ns`. `objects` lists everything, the dead with alive False."""
-    rng = generator(seed, "scan", scan_index)
-    east_min, north_min, east_max, north_max = sensor.field_of_view_m
-    std = np.sqrt(np.diag(sensor.noise_cov_m2))
-    seen = []
-    for thing in objects:
-        detected = rng.random() < sensor.detection_probability
-        point = np.array([thing.east_m, thing.north_m]) + std * rng.standard_normal(2)
-        inside = east_min <= thing.east_m <= east_max and north_min <= thing.north_m <= north_max
-        if detected and thing.alive and inside:
-            seen.append(point)
-    clutter = rng.poisson(sensor.clutter_density_per_m2 * _area_m2(sensor.field_of_view_m))
-    points = np.concatenate(
-        [np.reshape(seen, (-1, 2)), rng.uniform([east_min, north_min], [east_max, north_max], (clutter, 2))]
-    )
+    rng = generator(seed, purpose, scan_index)
+    detected, noise = np.empty(len(objects), np.bool_), np.empty((len(objects), 2))
+    for i in range(len(objects)):
+        detected[i] = rng.random() < sensor.detection_probability
+        noise[i] = rng.standard_normal(2)
+    places = np.reshape([(thing.east_m, thing.north_m) for thing in objects], (-1, 2))
+    alive = np.array([thing.alive for thing in objects], np.bool_)
+    seen = detected & alive & covers(sensor, places)
+    if sensor.polar is None:
+        points = _positions(sensor, places[seen], noise[seen], rng)
+    else:
+        points = _ranges_and_bearings(sensor, sensor.polar, places[seen], noise[seen], rng)
     return Scan(t_ns, t_ns, sensor, read_only(rng.permutation(points)))
+
+
+def _positions(sensor: Sensor, places: FloatArray, noise: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Detections of a sensor that reports positions, and its clutter."""
+    east_min, north_min, east_max, north_max = sensor.field_of_view_m
+    points = places + np.sqrt(np.diag(sensor.noise_cov_m2)) * noise
+    count = rng.poisson(expected_clutter(sensor))
+    return np.concatenate([points, rng.uniform([east_min, north_min], [east_max, north_max], (count, 2))])
+
+
+def _ranges_and_bearings(
+    sensor: Sensor, polar: Polar, places: FloatArray, noise: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Detections, as east/north, of a sensor that reports range and bearing, and its clutter."""
+    z = measured(sensor, places) + noise * (polar.range_std_m, polar.bearing_std_rad)
+    count = rng.poisson(expected_clutter(sensor))
+    centre_rad, half_rad = polar.bearing_rad
+    least, most = (polar.range_m[0], centre_rad - half_rad), (polar.range_m[1], centre_rad + half_rad)
+    return on_map(polar, np.concatenate([z, rng.uniform(least, most, (count, 2))]))
 
 
 def _area_m2(field: tuple[float, float, float, float]) -> float:

@@ -7,6 +7,7 @@ late. What differs from a real-time run is only who carries the bytes and who mo
 
 from __future__ import annotations
 
+import heapq
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -81,6 +82,9 @@ class VirtualRun:
     _world: World = field(init=False)
     _orders: deque[Order] = field(init=False)
     _to_vehicles: deque[Send] = field(init=False, default_factory=deque)
+    _told_t_ns: int = field(init=False, default=-1)
+    _delayed: list[tuple[int, int, Scan]] = field(init=False, default_factory=list)
+    """Scans that were measured and have not arrived: (arrival, number, scan)."""
     _loss_rng: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
@@ -105,9 +109,12 @@ class VirtualRun:
         scan_index = 0
         while not self.ended and self.t_ns <= end_ns:
             self._move_vehicles()
-            if self.t_ns >= self._world.scan_t_ns(scan_index):
+            while self.t_ns >= self._world.scan_t_ns(scan_index):
                 self._scan(scan_index)
                 scan_index += 1
+            while self._delayed and self._delayed[0][0] <= self.t_ns:
+                arrival_t_ns, _, scan = heapq.heappop(self._delayed)
+                self._step(replace(scan, t_ns=max(arrival_t_ns, scan.t_ns)))
             while self._orders and self._orders[0].t_ns <= self.t_ns:
                 self._step(replace(self._orders.popleft(), t_ns=self.t_ns))
             self._step(Tick(self.t_ns))
@@ -137,9 +144,11 @@ class VirtualRun:
 
     def _scan(self, index: int) -> None:
         truth = self._world.truth(self._world.scan_t_ns(index), self._agents())
-        if self.on_truth is not None:
+        if self.on_truth is not None and truth.t_ns > self._told_t_ns:
             self.on_truth(truth)
-        self._step(self._world.scan(index, truth))
+            self._told_t_ns = truth.t_ns
+        scan = self._world.scan(index, truth)
+        heapq.heappush(self._delayed, (self._world.arrival_t_ns(index), index, scan))
 
     def _agents(self) -> Iterable[TruthObject]:
         for vehicle in self.vehicles.values():

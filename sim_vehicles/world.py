@@ -4,32 +4,64 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from gcs.model import NS_PER_S, Scan, Sensor, Truth, TruthObject
 from sim_vehicles.scenario import Scenario
-from sim_vehicles.sensor import make_sensor, observe
+from sim_vehicles.sensor import make_sensors, observe
 from sim_vehicles.targets import Target, make_targets
+
+
+class _Look(NamedTuple):
+    """One scan to be made; earlier ones are less."""
+
+    t_ns: int
+    sensor: int
+    number: int
+    """How many scans this sensor made before."""
 
 
 @dataclass(slots=True)
 class World:
-    """Targets and the sensor of a scenario for one seed; the agents' true states come from outside."""
+    """Targets and sensors of a scenario for one seed; the agents' true states come from outside.
+
+    The sensors' scans are numbered together, in the order in which they are measured; at the same moment, in
+    the order of the scenario.
+    """
 
     scenario: Scenario
     seed: int
     start_t_ns: int
     targets: list[Target] = field(init=False)
-    sensor: Sensor = field(init=False)
-    period_ns: int = field(init=False)
+    sensors: list[Sensor] = field(init=False)
+    _looks: list[_Look] = field(init=False, default_factory=list)
+    _next_looks: list[_Look] = field(init=False)
 
     def __post_init__(self) -> None:
         self.targets = make_targets(self.scenario, self.seed)
-        self.sensor = make_sensor(self.scenario)
-        self.period_ns = round(self.scenario.simulation.sensor.period_s * NS_PER_S)
+        self.sensors = make_sensors(self.scenario)
+        self._next_looks = [self._look(sensor, 0) for sensor in range(len(self.sensors))]
+
+    def _look(self, sensor: int, count: int) -> _Look:
+        table = self.scenario.sensors[sensor]
+        t_ns = self.start_t_ns + round(table.offset_s * NS_PER_S) + count * round(table.period_s * NS_PER_S)
+        return _Look(t_ns, sensor, count)
+
+    def _numbered(self, index: int) -> _Look:
+        while len(self._looks) <= index:
+            look = min(self._next_looks)
+            self._next_looks[look.sensor] = self._look(look.sensor, look.number + 1)
+            self._looks.append(look)
+        return self._looks[index]
 
     def scan_t_ns(self, index: int) -> int:
         """When scan `index` is measured."""
-        return self.start_t_ns + index * self.period_ns
+        return self._numbered(index).t_ns
+
+    def arrival_t_ns(self, index: int) -> int:
+        """When scan `index` is published: later by its sensor's delay."""
+        look = self._numbered(index)
+        return look.t_ns + round(self.scenario.sensors[look.sensor].delay_s * NS_PER_S)
 
     def truth(self, t_ns: int, agents: Iterable[TruthObject]) -> Truth:
         """Everything there is at `t_ns`; a target that has not appeared yet is not alive."""
@@ -42,5 +74,8 @@ class World:
         return Truth(t_ns, tuple(objects))
 
     def scan(self, index: int, truth: Truth) -> Scan:
-        """What the sensor sees of the truth at scan `index`."""
-        return observe(self.sensor, truth.objects, self.seed, index, truth.t_ns)
+        """What a sensor sees of the truth at scan `index`."""
+        look = self._numbered(index)
+        sensor = self.sensors[look.sensor]
+        purpose = f"scan {sensor.name}" if look.sensor else "scan"
+        return observe(sensor, truth.objects, self.seed, look.number, truth.t_ns, purpose)

@@ -12,6 +12,7 @@ the clock as one JSON line, and ends when its standard input closes.
 from __future__ import annotations
 
 import argparse
+import heapq
 import json
 import os
 import select
@@ -24,10 +25,11 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.edge.clock import RunClock
-from gcs.edge.wire import encode_scan, encode_truth, scan_key, truth_key
+from gcs.edge.scans import encode_scan
+from gcs.edge.wire import encode_truth, scan_key, truth_key
 from gcs.edge.zenoh_bus import Bus
 from gcs.geo import LocalFrame
-from gcs.model import TruthObject
+from gcs.model import Scan, TruthObject
 from sim_vehicles.scenario import Scenario, load
 from sim_vehicles.world import World
 
@@ -126,12 +128,17 @@ class TruthReceiver:
 def fly(world: World, receiver: TruthReceiver, bus: Bus, clock: RunClock) -> None:
     """Publish scan after scan until standard input closes."""
     mission = world.scenario.config.name
-    index = 0
+    index, told_t_ns = 0, -1
+    delayed: list[tuple[int, int, Scan]] = []
     while True:
         t_ns = world.scan_t_ns(index)
-        while (wait_s := clock.wall_s_until(t_ns)) > 0:
+        while (wait_s := clock.wall_s_until(min(t_ns, delayed[0][0] if delayed else t_ns))) > 0:
             if receiver.wait(wait_s):
                 return
+        if delayed and delayed[0][0] <= t_ns:
+            scan = heapq.heappop(delayed)[-1]
+            bus.publish(scan_key(mission, scan.sensor.name), encode_scan(scan, world.scenario.frame))
+            continue
         give_up_s = time.monotonic() + _PATIENCE_S
         while (agents := receiver.agents_at(t_ns)) is None:
             left_s = give_up_s - time.monotonic()
@@ -140,9 +147,10 @@ def fly(world: World, receiver: TruthReceiver, bus: Bus, clock: RunClock) -> Non
             elif receiver.wait(left_s):
                 return
         truth = world.truth(t_ns, agents)
-        scan = world.scan(index, truth)
-        bus.publish(truth_key(mission), encode_truth(truth))
-        bus.publish(scan_key(mission, scan.sensor.name), encode_scan(scan, world.scenario.frame))
+        if t_ns > told_t_ns:
+            bus.publish(truth_key(mission), encode_truth(truth))
+            told_t_ns = t_ns
+        heapq.heappush(delayed, (world.arrival_t_ns(index), index, world.scan(index, truth)))
         index += 1
 
 

@@ -21,24 +21,19 @@ are (nested) lists of numbers, bytes are base64 text, tuples are lists. Floats a
 digits that give the same double back, so that what was written is read again bit for bit. Recordings hold
 the same JSON.
 
-A scan's JSON differs from the record: it names the origin of its local frame and not the time of arrival,
-which only the receiver knows. It comes from outside and is believed only after every check below.
+A scan on zenoh differs from the record; it has a file of its own, `gcs.edge.scans`.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import replace
-from functools import lru_cache
-from typing import Annotated, Any, Final, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from gcs.errors import WireError
-from gcs.geo import LocalFrame
 from gcs.model import (
     BadInput,
     Datagram,
@@ -54,7 +49,6 @@ from gcs.model import (
     Proposal,
     Scan,
     Send,
-    Sensor,
     Tick,
     Truth,
     Upload,
@@ -63,10 +57,7 @@ from gcs.model import (
     read_only,
 )
 
-MAX_DETECTIONS = 20_000
 MAX_PAYLOAD_BYTES = 2 * 1024 * 1024
-MAX_ORIGIN_OFFSET_M = 1.0
-"""How far a sensor's origin may lie from the mission's."""
 
 Recordable: TypeAlias = Event | Effect | Truth
 RecordT = TypeVar("RecordT")
@@ -205,116 +196,7 @@ def decode_truth(key: str, payload: bytes) -> Truth:
     return decode(key, payload, Truth)
 
 
-# ---------------------------------------------------------------- scans, from anybody
-
-_NAME = r"^[A-Za-z0-9_-]{1,64}$"
-_SCAN_KEY = re.compile(r"swarm/[^/]+/sensor/(?P<sensor>[^/]+)/scan")
-
-_Metres = Annotated[float, Meta(ge=-1e7, le=1e7)]
-_Variance = Annotated[float, Meta(ge=-1e10, le=1e10)]
-_Row = tuple[_Variance, _Variance]
-
-
-class SensorMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """What a sensor says of itself, in each of its scans."""
-
-    name: Annotated[str, Meta(pattern=_NAME)]
-    detection_probability: Annotated[float, Meta(ge=0.0, le=1.0)]
-    clutter_density_per_m2: Annotated[float, Meta(ge=0.0, le=1.0)]
-    noise_cov_m2: tuple[_Row, _Row]
-    field_of_view_m: tuple[_Metres, _Metres, _Metres, _Metres]
-
-
-class OriginMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """Where on WGS84 the sensor's east/north begin."""
-
-    lat_deg: Annotated[float, Meta(ge=-90.0, le=90.0)]
-    lon_deg: Annotated[float, Meta(ge=-180.0, le=180.0)]
-
-
-class ScanMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """A scan on the wire. Fields that are not known here are passed over."""
-
-    sensor: SensorMessage
-    origin: OriginMessage
-    measured_t_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]
-    z_m: Annotated[list[tuple[_Metres, _Metres]], Meta(max_length=MAX_DETECTIONS)]
-
-
-_scan_decoder = msgspec.json.Decoder(ScanMessage)
-
-
-def encode_scan(scan: Scan, frame: LocalFrame) -> bytes:
-    """Write a scan as a sensor publishes it; `frame` is the one that its east/north refer to."""
-    return _encode(
-        {
-            "sensor": scan.sensor,
-            "origin": {"lat_deg": frame.lat_deg, "lon_deg": frame.lon_deg},
-            "measured_t_ns": scan.measured_t_ns,
-            "z_m": scan.z_m,
-        }
-    )
-
-
-def decode_scan(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Scan:
-    """Read what somebody published as a scan; believe nothing.
-
-    Parameters
-    ----------
-    key
-        The key it was published on.
-    t_ns
-        When it arrived.
-    frame
-        The mission's local frame: a scan of another one is refused.
-
-    Raises
-    ------
-    WireError
-        When it does not have the form of ``docs/sensors.md``; the text says which field is at fault and why.
-    """
-    message = parsed(key, payload, _scan_decoder)
-    sensor = _believed_sensor(key, message.sensor)
-    offset_m = _origin_offset_m(frame, message.origin)
-    if not offset_m <= MAX_ORIGIN_OFFSET_M:
-        raise WireError(
-            key,
-            f"origin: ({message.origin.lat_deg}, {message.origin.lon_deg}) lies {offset_m:.1f} m from the "
-            f"mission's origin ({frame.lat_deg}, {frame.lon_deg}); give east/north in the mission's frame",
-        )
-    return Scan(t_ns, message.measured_t_ns, sensor, read_only(np.reshape(message.z_m, (-1, 2))))
-
-
-def _believed_sensor(key: str, message: SensorMessage) -> Sensor:
-    match = _SCAN_KEY.fullmatch(key)
-    if match is None:
-        raise WireError(key, "not a key for scans, which is swarm/<mission>/sensor/<name>/scan")
-    if message.name != match["sensor"]:
-        raise WireError(key, f"sensor.name: `{message.name}` published on the key of `{match['sensor']}`")
-    (a, b), (c, d) = message.noise_cov_m2
-    if a < 0.0 or d < 0.0:
-        raise WireError(key, f"sensor.noise_cov_m2: a variance cannot be negative, got {a} and {d}")
-    if not math.isclose(b, c, rel_tol=1e-9, abs_tol=1e-12):
-        raise WireError(key, f"sensor.noise_cov_m2: a covariance is symmetric, got {b} and {c}")
-    if b * b > a * d * (1.0 + 1e-9):
-        raise WireError(key, f"sensor.noise_cov_m2: not positive semi-definite: {b}**2 > {a} * {d}")
-    east_min, north_min, east_max, north_max = message.field_of_view_m
-    if not (east_min < east_max and north_min < north_max):
-        raise WireError(
-            key, "sensor.field_of_view_m: expected [east_min, north_min, east_max, north_max] with min < max"
-        )
-    return Sensor(
-        message.name,
-        message.detection_probability,
-        message.clutter_density_per_m2,
-        read_only(message.noise_cov_m2),
-        message.field_of_view_m,
-    )
-
-
-@lru_cache(maxsize=256)
-def _origin_offset_m(frame: LocalFrame, origin: OriginMessage) -> float:
-    return math.hypot(*frame.to_local(origin.lat_deg, origin.lon_deg))
+# ---------------------------------------------------------------- what came from outside
 
 
 def parsed(source: str, payload: bytes, decoder: msgspec.json.Decoder[RecordT]) -> RecordT:

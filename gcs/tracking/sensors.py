@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.compiling import inlined, kernel
-from gcs.model import FloatArray, Sensor
+from gcs.model import FloatArray, Polar, Sensor, read_only
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -153,6 +153,36 @@ def measured(sensor: Sensor, z_m: FloatArray) -> FloatArray:
         return z_m
     x, y = z_m[:, 0] - sensor.polar.east_m, z_m[:, 1] - sensor.polar.north_m
     return np.column_stack([np.hypot(x, y), np.arctan2(x, y)])
+
+
+def on_map(polar: Polar, z: FloatArray) -> FloatArray:
+    """Return east/north (m, 2) of ranges and bearings (m, 2)."""
+    range_m, bearing_rad = z.T
+    return np.column_stack(
+        [polar.east_m + range_m * np.sin(bearing_rad), polar.north_m + range_m * np.cos(bearing_rad)]
+    )
+
+
+def polar_sensor(name: str, detection_probability: float, polar: Polar) -> Sensor:
+    """Return a range/bearing sensor, with what those need to know who only draw."""
+    middle_m = max(0.5 * (polar.range_m[0] + polar.range_m[1]), _LEAST_RANGE_M)
+    variance_m2 = 0.5 * (polar.range_std_m**2 + (middle_m * polar.bearing_std_rad) ** 2)
+    centre_rad, half_rad = polar.bearing_rad
+    # The box around a sector: its ends, and the compass points that lie in it.
+    turns = np.array(
+        [-half_rad, half_rad, *(math.remainder(k * math.pi / 2 - centre_rad, _TWO_PI) for k in range(4))]
+    )
+    turns = turns[np.abs(turns) <= half_rad + 1e-12]
+    corners = np.array([(range_m, centre_rad + turn) for range_m in polar.range_m for turn in turns])
+    (west, south), (east, north) = (f(on_map(polar, corners), axis=0).tolist() for f in (np.min, np.max))
+    return Sensor(
+        name,
+        detection_probability,
+        polar.clutter_per_m_rad / middle_m,
+        read_only(np.eye(2) * variance_m2),
+        (west, south, east, north),
+        polar,
+    )
 
 
 def clutter_per_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:

@@ -8,15 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gcs.edge.scans import MAX_DETECTIONS, decode_scan, encode_scan
 from gcs.edge.wire import (
-    MAX_DETECTIONS,
     MAX_PAYLOAD_BYTES,
     decode,
-    decode_scan,
     decode_truth,
     effect_key,
     encode,
-    encode_scan,
     encode_truth,
     scan_key,
     topic_of,

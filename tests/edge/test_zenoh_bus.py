@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from gcs.config import load
-from gcs.edge.wire import decode_scan, sensor_scan_keys
+from gcs.edge.scans import decode_scan
+from gcs.edge.wire import sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.errors import LinkError
 

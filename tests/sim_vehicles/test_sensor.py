@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, Sensor, TruthObject, read_only
 from sim_vehicles.scenario import load
-from sim_vehicles.sensor import make_sensor, observe
+from sim_vehicles.sensor import make_sensors, observe
 
 FIELD = (-100.0, -50.0, 900.0, 450.0)
 AREA_M2 = 1000.0 * 500.0
@@ -126,7 +126,7 @@ def test_a_perfect_sensor_sees_everything_every_time() -> None:
 def test_a_sensor_announces_what_it_does() -> None:
     scenario = load("prescribed")
     table, area = scenario.simulation.sensor, scenario.config.map
-    sensor = make_sensor(scenario)
+    sensor = make_sensors(scenario)[0]
     east_min, north_min, east_max, north_max = sensor.field_of_view_m
     margin = table.field_margin_m
     assert sensor.field_of_view_m == (-margin, -margin, area.width_m + margin, area.height_m + margin)
