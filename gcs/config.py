@@ -264,7 +264,7 @@ def _plain(problem: str) -> str:
 
 def scenario_names() -> list[str]:
     """Names of the shipped scenarios, in the order in which they build on one another."""
-    order = ["deterministic", "prescribed", "random-obstacles", "random-targets", "swarm-50"]
+    order = ["deterministic", "prescribed", "random-obstacles", "random-targets", "radars", "swarm-50"]
     found = [
         f.name.removesuffix(".toml")
         for f in (resources.files("gcs") / "scenarios").iterdir()

@@ -26,6 +26,7 @@ def test_the_scenarios_of_the_paper_are_shipped_and_valid() -> None:
         "prescribed",
         "random-obstacles",
         "random-targets",
+        "radars",
         "swarm-50",
     ]
     for name in scenario_names():
