@@ -131,8 +131,12 @@ class KindTracker:
         density = np.exp(-0.5 * d2) / (2.0 * np.pi * np.sqrt(np.linalg.det(S)))
         return np.asarray(density @ existence) * sensor.detection_probability
 
-    def look(self, t_ns: int, sensor: Sensor) -> Picture:
-        """Return the picture after a sensor's scan, and follow what it says about beliefs and places."""
+    def look(self, t_ns: int, sensor: Sensor | None) -> Picture:
+        """Return the picture, and follow what it says about beliefs and places.
+
+        `sensor` is the only one that looked; None when everything was looked at, as reports come from
+        everywhere.
+        """
         self.picture = self._filter.picture(t_ns)
         self.beliefs.update(self.picture, sensor)
         for _, index in self.beliefs.tracks:
@@ -209,7 +213,7 @@ class Trackers:
         ours = self.agents.update(t_ns, scan.z_m, sensor, of_targets, newcomers)
         if reports is not None:
             self.agents.update_again(t_ns, reports, self._telemetry_sensor())
-        agents = self.agents.look(scan.t_ns, sensor)
+        agents = self.agents.look(scan.t_ns, sensor if reports is None else None)
         of_agents = self.agents.intensity(t_ns, scan.z_m, sensor)
         theirs = self.targets.update(t_ns, scan.z_m, sensor, of_agents)
         explained = 1.0 - (1.0 - ours.explained) * (1.0 - theirs.explained)
