@@ -31,29 +31,12 @@ from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.guidance import Circle, Goal, Straight, ToPoint
 from sim_vehicles.missions import MISSION, Item, MissionStore
 from sim_vehicles.parameters import Parameters
+from sim_vehicles.personality import ARDUPLANE, Mode, Personality
 
 _CHECK_NS = NS_PER_S // 10
 _GLIDE_SLOPE = 0.1
 _TOUCHDOWN_M = 0.5
 _ALT_REACHED_M = 1.0
-
-
-class Mode(IntEnum):
-    """ArduPlane's custom modes that exist here."""
-
-    MANUAL = 0
-    CIRCLE = 1
-    STABILIZE = 2
-    TRAINING = 3
-    ACRO = 4
-    FBWA = 5
-    FBWB = 6
-    CRUISE = 7
-    AUTO = 10
-    RTL = 11
-    LOITER = 12
-    TAKEOFF = 13
-    GUIDED = 15
 
 
 _LAUNCHING = frozenset({Mode.AUTO, Mode.TAKEOFF})
@@ -118,13 +101,16 @@ class Autopilot:
         forward_speed_m_s: float,
         boot_t_ns: int,
         airborne: bool,
+        personality: Personality = ARDUPLANE,
     ) -> None:
         self.airframe = airframe
         self.parameters = parameters
         self.geodesy = geodesy
         self.forward_speed_m_s = forward_speed_m_s
         self.boot_t_ns = boot_t_ns
-        self.mission = MissionStore(MISSION, self.mission_home)
+        self.personality = personality
+        self._first = personality.home_items
+        self.mission = MissionStore(MISSION, self.mission_home if self._first else None)
         self.notices: deque[StatusText | ItemReached] = deque()
         self.home = Home(airframe.east_m, airframe.north_m, 0.0)
         self.mode = Mode.MANUAL
@@ -205,7 +191,7 @@ class Autopilot:
 
     def set_current(self, seq: int) -> bool:
         """Fly item `seq` as it is stored now (in AUTO at once, else next time); False when there is none."""
-        seq = max(seq, 1)
+        seq = max(seq, self._first)
         if seq >= len(self.mission):
             return False
         self._mission_complete = False
@@ -220,6 +206,13 @@ class Autopilot:
         self.seq = 0
         self._item = None
         self._mission_complete = False
+
+    def mission_replaced(self, first: int | None) -> None:
+        """Another mission is stored as a whole: begin at item `first`, or go on with the same number."""
+        self._mission_complete = False
+        self.seq = first if first is not None else self.seq if self.seq < len(self.mission) else self._first
+        if self._mission_running:
+            self._start_item(self.seq, (self.airframe.east_m, self.airframe.north_m))
 
     def guide_to(self, east_m: float, north_m: float, alt_m: float | None, radius_m: float = 0.0) -> bool:
         """In GUIDED: go to a place and circle it. False in any other mode."""
@@ -240,7 +233,7 @@ class Autopilot:
     @property
     def mission_state(self) -> MissionState:
         """What MISSION_CURRENT says of the mission."""
-        if len(self.mission) < 2:
+        if len(self.mission) <= self._first:
             return MissionState.NO_MISSION
         if self._mission_running:
             return MissionState.ACTIVE
@@ -313,16 +306,17 @@ class Autopilot:
 
     def _end_mission(self) -> None:
         self._mission_complete = True
-        self._tell(mavlink.MAV_SEVERITY_INFO, "Mission complete, changing mode to RTL")
-        self.set_mode(Mode.RTL)
+        mode = self.personality.ends_in
+        self._tell(mavlink.MAV_SEVERITY_INFO, f"Mission complete, changing mode to {mode.name}")
+        self.set_mode(mode)
 
     def _resume_mission(self) -> None:
-        if len(self.mission) < 2:
+        if len(self.mission) <= self._first:
             self._end_mission()
             return
-        first = self._mission_complete or not 1 <= self.seq < len(self.mission)
+        first = self._mission_complete or not self._first <= self.seq < len(self.mission)
         self._mission_running, self._mission_complete = True, False
-        self._start_item(1 if first else self.seq, (self.airframe.east_m, self.airframe.north_m))
+        self._start_item(self._first if first else self.seq, (self.airframe.east_m, self.airframe.north_m))
 
     def _start_item(self, seq: int, leg_from_m: tuple[float, float]) -> None:
         item = self.mission[seq]
@@ -353,7 +347,7 @@ class Autopilot:
         return self.geodesy.to_local(item.x * 1e-7, item.y * 1e-7)
 
     def _alt_m(self, item: Item) -> float:
-        if item.frame == mavlink.MAV_FRAME_GLOBAL:
+        if item.frame in (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT):
             return item.z - self.geodesy.frame.alt_msl_m
         return self.home.alt_m + item.z
 

@@ -13,7 +13,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_vehicles.autopilot import Autopilot, Home, Mode
+from sim_vehicles.autopilot import Autopilot, Home, MissionState
+from sim_vehicles.personality import Mode
 from sim_vehicles.telemetry import Streams, Telemetry
 
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
@@ -21,6 +22,7 @@ _DENIED: int = mavlink.MAV_RESULT_DENIED
 _FAILED: int = mavlink.MAV_RESULT_FAILED
 _UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
 _FORCE = 2989
+_NO_MISSION = MissionState.NO_MISSION
 _CHANGE_MODE = 1
 _RELATIVE_FRAMES = frozenset({3, 6, 10, 11})
 
@@ -103,7 +105,8 @@ class Commands:
     def handle_set_mode(self, message: Any) -> None:
         """SET_MODE, the older form; acknowledged with the message's id in place of a command's."""
         has_custom = bool(message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-        result = self._mode(message.custom_mode) if has_custom else _DENIED
+        mode = self._autopilot.personality.mode_of_custom(message.custom_mode)
+        result = self._mode(mode) if has_custom else _DENIED
         self._ack(message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
 
     def _ack(self, message: Any, command_id: int, result: int) -> None:
@@ -113,19 +116,21 @@ class Commands:
             self._send(answer)
         self._answers.clear()
 
-    def _mode(self, custom_mode: int) -> int:
-        try:
-            mode = Mode(custom_mode)
-        except ValueError:
+    def _mode(self, mode: Mode | None) -> int:
+        autopilot = self._autopilot
+        if mode is None:
             return _FAILED
-        self._autopilot.set_mode(mode)
+        if mode is Mode.AUTO and autopilot.personality.atomic and autopilot.mission_state is _NO_MISSION:
+            return _DENIED  # PX4 does not enter a mission that is not there; ArduPlane does, and returns home
+        autopilot.set_mode(mode)
         return _ACCEPTED
 
     def _do_set_mode(self, command: Command, _t_ns: int) -> int:
         base = _whole(command.p1)
         if base < 0 or not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return _DENIED
-        return self._mode(_whole(command.p2))
+        numbers = _whole(command.p2), _whole(command.p3)
+        return self._mode(self._autopilot.personality.mode_of_numbers(*numbers))
 
     def _mission_start(self, command: Command, _t_ns: int) -> int:
         # ArduPlane starts the whole mission or nothing.
@@ -141,6 +146,8 @@ class Commands:
         return _UNSUPPORTED
 
     def _set_current(self, command: Command, t_ns: int) -> int:
+        if not self._autopilot.personality.has_set_current_command:
+            return _UNSUPPORTED
         seq = _whole(command.p1)
         if seq < 0 or not self._autopilot.set_current(seq):
             return _DENIED

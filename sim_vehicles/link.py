@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_vehicles.autopilot import Autopilot, ItemReached, Mode
+from sim_vehicles.autopilot import Autopilot, ItemReached
 from sim_vehicles.commands import Commands
 from sim_vehicles.frames import FrameReader, Outbox
 from sim_vehicles.missions import FENCE, MISSION, NEVER_NS, RALLY, MissionServer, MissionStore
+from sim_vehicles.personality import PX4, Mode
+from sim_vehicles.px4_missions import Px4MissionServer
 from sim_vehicles.telemetry import Streams, Telemetry
 
 _LISTING_NS = 40_000_000
@@ -63,13 +65,7 @@ class VehicleLink:
         self._telemetry = Telemetry(autopilot, gps_noise_std_m, rng)
         self._streams = Streams(start_t_ns)
         self._commands = Commands(autopilot, self._telemetry, self._streams, self.outbox.send)
-        self._missions = MissionServer(
-            {MISSION: autopilot.mission, FENCE: MissionStore(FENCE), RALLY: MissionStore(RALLY)},
-            send=self.outbox.send,
-            may_clear=lambda: not (autopilot.armed and autopilot.mode is Mode.AUTO),
-            cleared=autopilot.mission_cleared,
-            current=lambda: autopilot.seq,
-        )
+        self._missions = _mission_server(autopilot, self.outbox.send)
         self._list_at: int | None = None
         self._list_due_ns = NEVER_NS
         self._handlers: dict[str, Callable[[Any, int], None]] = {
@@ -246,3 +242,17 @@ class VehicleLink:
                 0, message.get_srcSystem(), message.get_srcComponent(), list(answer)
             )
         )
+
+
+def _mission_server(autopilot: Autopilot, send: Callable[[Any], None]) -> MissionServer:
+    stores = {MISSION: autopilot.mission, FENCE: MissionStore(FENCE), RALLY: MissionStore(RALLY)}
+    cleared = autopilot.mission_cleared
+    if autopilot.personality is PX4:
+        return Px4MissionServer(stores, send, cleared, lambda: autopilot.seq, autopilot.mission_replaced)
+    return MissionServer(
+        stores,
+        send=send,
+        may_clear=lambda: not (autopilot.armed and autopilot.mode is Mode.AUTO),
+        cleared=cleared,
+        current=lambda: autopilot.seq,
+    )

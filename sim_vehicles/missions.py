@@ -22,8 +22,6 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-RE_REQUEST_NS = 1_000_000_000
-GIVE_UP_NS = 8_000_000_000
 MAX_ITEMS = 700
 MISSION, FENCE, RALLY = 0, 1, 2
 NEVER_NS = 1 << 62
@@ -88,14 +86,26 @@ def normalised(message: Any, mission_type: int) -> Item:
         if not math.isfinite(value):
             raise Refused(mavlink.MAV_MISSION_INVALID_PARAM1 + index)
     p4 = p4 if math.isfinite(p4) else 0.0
-    x, y = _place(message)
+    x, y = taken_place(message)
     if not math.isfinite(message.z):
         raise Refused(mavlink.MAV_MISSION_INVALID_PARAM7)
     item = Item(message.command, frame, p1, p2, p3, p4, x, y, round(message.z, 2))
     return _as_ardupilot_packs(item)
 
 
-def _place(message: Any) -> tuple[int, int]:
+def taken_commands(mission_type: int) -> frozenset[int]:
+    """MAV_CMDs that a store of this type takes."""
+    return _COMMANDS[mission_type]
+
+
+def taken_place(message: Any) -> tuple[int, int]:
+    """Latitude and longitude of an item in 1e-7 degrees, whichever message brought it.
+
+    Raises
+    ------
+    Refused
+        There is no such place.
+    """
     if message.command in _WITHOUT_PLACE:
         return 0, 0
     if not (math.isfinite(message.x) and math.isfinite(message.y)):
@@ -158,6 +168,10 @@ class MissionStore:
         """Keep the first `count` items."""
         del self._items[count:]
 
+    def replace(self, items: list[Item]) -> None:
+        """Hold these items instead."""
+        self._items = list(items)
+
     def put(self, index: int, item: Item) -> None:
         """Replace an item, or append it when it comes next.
 
@@ -198,6 +212,9 @@ class MissionServer:
         Index of the item that is flown, for the `current` flag of what is read back.
     """
 
+    RE_REQUEST_NS = 1_000_000_000
+    GIVE_UP_NS = 8_000_000_000
+
     def __init__(
         self,
         stores: dict[int, MissionStore],
@@ -218,14 +235,14 @@ class MissionServer:
         """When `handle_timer` is next wanted."""
         if self._upload is None:
             return NEVER_NS
-        return min(self._upload.asked_ns + RE_REQUEST_NS, self._upload.heard_ns + GIVE_UP_NS)
+        return min(self._upload.asked_ns + self.RE_REQUEST_NS, self._upload.heard_ns + self.GIVE_UP_NS)
 
     def handle_timer(self, t_ns: int) -> None:
         """Ask again for an item that does not come, or give up."""
         upload = self._upload
         if upload is None or t_ns < self.due_ns:
             return
-        if t_ns >= upload.heard_ns + GIVE_UP_NS:
+        if t_ns >= upload.heard_ns + self.GIVE_UP_NS:
             self._upload = None
             self._ack(upload.peer, mavlink.MAV_MISSION_OPERATION_CANCELLED, upload.mission_type)
         else:
@@ -256,16 +273,22 @@ class MissionServer:
         if self._upload is not None and self._upload.peer != peer:
             self._ack(peer, mavlink.MAV_MISSION_DENIED, message.mission_type)
             return
-        if message.count > MAX_ITEMS:
+        if not self._prepare(store, message.count):
             self._ack(peer, mavlink.MAV_MISSION_NO_SPACE, message.mission_type)
             return
-        store.truncate(message.count)
         self._upload = None
         if message.count == 0:
             self._ack(peer, mavlink.MAV_MISSION_ACCEPTED, message.mission_type)
             return
         self._upload = _Upload(peer, message.mission_type, 0, message.count - 1, t_ns, t_ns)
         self._ask(self._upload, t_ns)
+
+    def _prepare(self, store: MissionStore, count: int) -> bool:
+        """Make ready for so many items; False when there is no room."""
+        if count > MAX_ITEMS:
+            return False
+        store.truncate(count)
+        return True
 
     def _begin_partial(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
         if self._upload is not None and self._upload.peer != peer:
@@ -305,7 +328,11 @@ class MissionServer:
 
     def _ask(self, upload: _Upload, t_ns: int) -> None:
         upload.asked_ns = t_ns
-        self._send(mavlink.MAVLink_mission_request_message(*upload.peer, upload.wanted, upload.mission_type))
+        self._send(self._ask_for(upload.peer, upload.wanted, upload.mission_type))
+
+    def _ask_for(self, peer: tuple[int, int], seq: int, mission_type: int) -> Any:
+        """Return the request for an item."""
+        return mavlink.MAVLink_mission_request_message(*peer, seq, mission_type)
 
     def _give(self, peer: tuple[int, int], message: Any) -> None:
         store = self._stores[message.mission_type]

@@ -97,6 +97,7 @@ class Simulation(Table, frozen=True, kw_only=True):
 
     forward_speed_m_s: Positive
     gps_noise_std_m: NotNegative = 1.0
+    px4: list[SystemId] = []
     sensor: SensorTable = SensorTable()
     more_sensors: list[SensorTable] = []
     death: DeathTable = DeathTable()

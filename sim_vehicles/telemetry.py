@@ -18,9 +18,10 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilot import Autopilot, Mode
+from sim_vehicles.autopilot import Autopilot
 from sim_vehicles.guidance import Circle, ToPoint
 from sim_vehicles.missions import NEVER_NS
+from sim_vehicles.personality import Mode
 
 _MIN_PERIOD_NS = NS_PER_S // 50
 _NO_ORIGIN_E7 = (1000, -300)
@@ -124,9 +125,9 @@ class Telemetry:
             status = mavlink.MAV_STATE_CRITICAL
         return mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_FIXED_WING,
-            mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+            autopilot.personality.mav_autopilot,
             base,
-            int(autopilot.mode),
+            autopilot.personality.custom_mode(autopilot.mode),
             status,
             3,
         )
@@ -203,7 +204,8 @@ class Telemetry:
         """Item that is flown; `total` does not count home."""
         autopilot = self._autopilot
         return mavlink.MAVLink_mission_current_message(
-            autopilot.seq, max(len(autopilot.mission) - 1, 0), int(autopilot.mission_state),
+            autopilot.seq, max(len(autopilot.mission) - autopilot.personality.home_items, 0),
+            int(autopilot.mission_state),
             1 if autopilot.mode is Mode.AUTO else 2,
         )  # fmt: skip
 

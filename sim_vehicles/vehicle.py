@@ -26,6 +26,7 @@ from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.link import VehicleLink
 from sim_vehicles.missions import NEVER_NS
 from sim_vehicles.parameters import Parameters
+from sim_vehicles.personality import PERSONALITIES
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,8 @@ class VehicleSpec:
     accept_radius_m: float = 10.0
     """Of waypoints that name none."""
     gps_noise_std_m: float = 1.0
+    autopilot: str = "ardupilot"
+    """Which one it plays: "ardupilot" or "px4"."""
     arming_delay_s: float = 20.0
     """How long after a start on the ground arming is refused."""
 
@@ -102,7 +105,13 @@ class SimVehicle:
         )
         self.geodesy = Geodesy(frame)
         self.autopilot = Autopilot(
-            self.airframe, parameters, self.geodesy, spec.forward_speed_m_s, start_t_ns, spec.airborne
+            self.airframe,
+            parameters,
+            self.geodesy,
+            spec.forward_speed_m_s,
+            start_t_ns,
+            spec.airborne,
+            PERSONALITIES[spec.autopilot],
         )
         self._link = VehicleLink(
             spec.system_id, self.autopilot, start_t_ns, spec.gps_noise_std_m, _generator(spec, "gps")

@@ -8,11 +8,12 @@ import pytest
 
 from gcs.geo import LocalFrame
 from sim_vehicles.airframe import Airframe
-from sim_vehicles.autopilot import Autopilot, ItemReached, Mode, StatusText
+from sim_vehicles.autopilot import Autopilot, ItemReached, StatusText
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.guidance import Circle
 from sim_vehicles.missions import Item
 from sim_vehicles.parameters import Parameters
+from sim_vehicles.personality import Mode
 
 STEP_NS = 10_000_000
 FRAME = LocalFrame(33.2, -87.6, 70.0)
