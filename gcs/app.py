@@ -31,9 +31,11 @@ from gcs.model import (
     Datagram,
     Effect,
     Event,
+    Memory,
     MissionEnded,
     Notice,
     Plan,
+    Resumed,
     Scan,
     Send,
     Tick,
@@ -95,8 +97,13 @@ class Service:
         """Recorder, view, judge: what is here when an event is taken sees it."""
         self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
         self._orders_taken: dict[str, None] = {}
+        self._memory: Memory | None = None
         self._tick_waits = False
         self._lag_warned = False
+
+    def resume(self, memory: Memory) -> None:
+        """Take up where an earlier service was; call it before `run`."""
+        self._memory = memory
 
     async def run(self, clock: RunClock, stop: asyncio.Event, end_with_mission: bool = False) -> None:
         """Serve until `stop` is set, or until the mission ends when `end_with_mission`.
@@ -109,6 +116,8 @@ class Service:
         self.clock = clock
         failure: GcsError | None = None
         loop = asyncio.get_running_loop()
+        if self._memory is not None:  # before anything else is heard
+            self._put(Resumed(clock.now_ns(), self._memory))
         self._link.start(loop, self._on_datagram)
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),

@@ -213,15 +213,35 @@ def run(
         bool, typer.Option("--headless", help="Plain lines instead of the live view.")
     ] = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the recording.  [default: runs/NAME]")] = None,
+    resume: Annotated[
+        bool | None,
+        typer.Option(
+            "--resume/--no-resume",
+            help="Take up where the service was that ended or was killed; vehicles keep their missions.  "
+            "[default: when its journal is less than 15 minutes old]",
+        ),
+    ] = None,
+    journal: Annotated[
+        Path | None, typer.Option(help="File to take up from.  [default: runs/NAME.journal]")
+    ] = None,
+    clock: Annotated[str | None, typer.Option(hidden=True, metavar="EPOCH_NS,SPEED")] = None,
 ) -> None:
     """Run central command alone, against whatever links and sensors the mission file names, until Ctrl-C.
 
     To see it work, start `sim-vehicles run SCENARIO` in a second terminal with the same scenario and seed.
-    """
-    from gcs.commands.serve import serve
 
+    Ctrl-C ends it and leaves the vehicles alone: they fly their missions to the end. Started again, it goes
+    on from there.
+    """
+    from gcs.commands.serve import ServeOptions, serve
+    from gcs.edge.clock import RunClock
+
+    run_clock = RunClock()
+    if clock is not None:  # of a simulation that flies faster than time
+        epoch_ns, _, speed = clock.partition(",")
+        run_clock = RunClock(int(epoch_ns), int(epoch_ns), float(speed))
     with _errors_shown():
-        serve(config, seed, Console(), headless=headless, out=out)
+        serve(ServeOptions(config, seed, headless, out, resume, journal, run_clock), Console())
 
 
 @app.command()

@@ -52,6 +52,14 @@ class RecordingError(GcsError):
         super().__init__(f"{path}: {problem}")
 
 
+class JournalError(GcsError):
+    """A journal cannot be read or written; ``path`` names it."""
+
+    def __init__(self, path: str, problem: str) -> None:
+        self.path, self.problem = path, problem
+        super().__init__(f"{path}: {problem}")
+
+
 class InterruptedRunError(GcsError):
     """The user ended it before it had begun."""
 

@@ -153,7 +153,51 @@ class UploadAnswer:
     detail: str
 
 
-Event: TypeAlias = Datagram | Scan | Tick | BadInput | Order | UploadAnswer
+Aside: TypeAlias = Literal["hold", "return", "found"]
+"""Why a vehicle is not tasked: ordered to hold or to return, or found with a mission of somebody else's."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleMemory:
+    """What the service knew of one vehicle."""
+
+    fate: Fate
+    aside: Aside | None
+    route: Route | None
+    """What it flies; of a vehicle that is set aside, what it flew."""
+    items: tuple[tuple[float | None, ...], ...]
+    """Mission items that it stores, by the last read-back; none when that is not known. None is NaN."""
+    first_point: int
+    """Number of the item that is the route's first point."""
+    unsure: bool
+    """Whether a transfer was under way: it may hold a mix."""
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """What a service must know to take up where an earlier one was."""
+
+    t_ns: int
+    missions: int
+    """Missions that were made so far."""
+    plans: int
+    """Number of the last plan that was put to an operator."""
+    ended: bool
+    vehicles: tuple[VehicleMemory, ...]
+    targets: tuple[Track, ...]
+    """Believed then."""
+    keep_outs: tuple[KeepOut, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """The service was started anew and takes up where an earlier one was."""
+
+    t_ns: int
+    memory: Memory
+
+
+Event: TypeAlias = Datagram | Scan | Tick | BadInput | Order | UploadAnswer | Resumed
 
 
 # ---------------------------------------------------------------- the picture

@@ -21,9 +21,11 @@ from gcs.model import (
     Datagram,
     Effect,
     Event,
+    Memory,
     MissionEnded,
     Order,
     Plan,
+    Resumed,
     Scan,
     Send,
     Tick,
@@ -80,6 +82,7 @@ class VirtualRun:
     t_ns: int = field(init=False, default=START_T_NS)
     ended: bool = field(init=False, default=False)
     _world: World = field(init=False)
+    _scan_index: int = field(init=False, default=0)
     _orders: deque[Order] = field(init=False)
     _to_vehicles: deque[Send] = field(init=False, default_factory=deque)
     _told_t_ns: int = field(init=False, default=-1)
@@ -103,15 +106,14 @@ class VirtualRun:
         self._orders = deque(sorted([*self._orders, order], key=lambda one: one.t_ns))
 
     def run(self, max_duration_s: float | None = None) -> float:
-        """Fly until the mission ends or time is up; return the run time in seconds."""
+        """Fly on until the mission ends or time is up; return the run time in seconds."""
         limit_s = max_duration_s or self.scenario.config.mission.max_duration_s
         end_ns = START_T_NS + int(limit_s * NS_PER_S)
-        scan_index = 0
         while not self.ended and self.t_ns <= end_ns:
             self._move_vehicles()
-            while self.t_ns >= self._world.scan_t_ns(scan_index):
-                self._scan(scan_index)
-                scan_index += 1
+            while self.t_ns >= self._world.scan_t_ns(self._scan_index):
+                self._scan(self._scan_index)
+                self._scan_index += 1
             while self._delayed and self._delayed[0][0] <= self.t_ns:
                 arrival_t_ns, _, scan = heapq.heappop(self._delayed)
                 self._step(replace(scan, t_ns=max(arrival_t_ns, scan.t_ns)))
@@ -120,6 +122,22 @@ class VirtualRun:
             self._step(Tick(self.t_ns))
             self.t_ns += STEP_NS
         return (self.t_ns - START_T_NS) / NS_PER_S
+
+    def restart(self, outage_s: float, memory: Memory | None = None) -> None:
+        """Kill central command, fly on without it, and start it anew from what it remembered."""
+        memory = memory or self.command.memory(self.t_ns)
+        self._to_vehicles.clear()
+        self._delayed.clear()
+        end_ns = self.t_ns + int(outage_s * NS_PER_S)
+        while self.t_ns < end_ns:
+            for vehicle in self.vehicles.values():
+                vehicle.advance(self.t_ns)
+                vehicle.datagrams_to_send(self.t_ns)
+            self.t_ns += STEP_NS
+        while self._world.scan_t_ns(self._scan_index) < self.t_ns:
+            self._scan_index += 1
+        self.command = Command(self.scenario.config, self.seed)
+        self._step(Resumed(self.t_ns, memory))
 
     def _move_vehicles(self) -> None:
         for _ in range(len(self._to_vehicles)):

@@ -19,6 +19,7 @@ from gcs.command.area import mission_grid
 from gcs.command.fates import Fates
 from gcs.command.keepouts import KeepOuts
 from gcs.command.orders import Orders
+from gcs.command.recovery import Recovery
 from gcs.command.reordering import Reordering
 from gcs.command.replanning import Replanner, Situation
 from gcs.command.tasking import Tasking
@@ -33,9 +34,11 @@ from gcs.model import (
     Effect,
     Event,
     Fate,
+    Memory,
     MissionEnded,
     Notice,
     Order,
+    Resumed,
     Route,
     Scan,
     Tick,
@@ -81,6 +84,9 @@ class Command:
         )
         self.approval = Approval(self.replanner)
         self.orders = Orders(self.fleet, self.tasking, self.replanner)
+        self.recovery = Recovery(
+            self.fleet, self.tasking, self.replanner, self.orders, self.fates, self.trackers
+        )
         self.bad_input = 0
         self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._needs_word = config.planning.retask == "confirm"
@@ -104,12 +110,37 @@ class Command:
                 return self._order(event)
             case UploadAnswer():
                 return self._settle(self.tasking.answered(event))
+            case Resumed():
+                return self._resume(event)
+
+    def memory(self, t_ns: int) -> Memory:
+        """What another service must know to take up from here (`Resumed`)."""
+        return Memory(
+            t_ns=t_ns,
+            missions=self.tasking.missions,
+            plans=self.approval.count,
+            ended=self._ended,
+            vehicles=self.recovery.vehicles(),
+            targets=self.recovery.targets(t_ns, self.trackers.targets.beliefs.tracks),
+            keep_outs=tuple(self.keep_outs.areas.values()),
+        )
+
+    def _resume(self, event: Resumed) -> list[Effect]:
+        memory = event.memory
+        self.approval.count, self._ended = memory.plans, memory.ended
+        for area in memory.keep_outs:
+            if not self.keep_outs.refusal(area):
+                self.keep_outs.take(area)
+        self.grid = self.keep_outs.grid
+        self.replanner.begin_with(self.grid)
+        return self.recovery.begin(event)
 
     def _datagram(self, event: Datagram) -> list[Effect]:
         effects: list[Effect] = []
         for vehicle, message in self.fleet.receive(event):
             effects += self._settle(self.tasking.receive(vehicle, message, event.t_ns))
             effects += self.orders.receive(vehicle, message, event.t_ns)
+            effects += self.recovery.receive(vehicle, message, event.t_ns)
         return effects
 
     def _order(self, event: Order) -> list[Effect]:
@@ -153,7 +184,7 @@ class Command:
         effects += self._watch_sensors(event.t_ns)
         effects += self._due_scans(event.t_ns)
         effects += self._settle(self.tasking.poll(event.t_ns))
-        return effects + self.orders.poll(event.t_ns)
+        return effects + self.orders.poll(event.t_ns) + self.recovery.poll(event.t_ns)
 
     def _watch_sensors(self, t_ns: int) -> list[Effect]:
         """Say when no scan has come for long: without scans nobody is seen to die."""
@@ -215,7 +246,10 @@ class Command:
         return []
 
     def _plan(self, t_ns: int, picture_t_ns: int) -> list[Effect]:
-        if self._ended or not self.replanner.is_due(t_ns):
+        targets = self.trackers.targets.beliefs.tracks
+        if self._ended or self.recovery.is_waiting(t_ns, self.ties.labels, targets):
+            return []
+        if not self.replanner.is_due(t_ns):
             return []
         plan = self.replanner.check(self._situation(t_ns, picture_t_ns))
         notes: list[Effect] = [Notice(t_ns, "warning", note) for note in self.replanner.notes]
@@ -234,7 +268,11 @@ class Command:
             t_ns=t_ns,
             picture_t_ns=picture_t_ns,
             agents={v: agents[labels[v]] for v in flying if v not in away and labels.get(v) in agents},
-            targets={label: track for label, track in targets.items() if label not in reached},
+            targets={
+                label: track
+                for label, track in targets.items()
+                if label not in reached and not self.recovery.is_reached(label)
+            },
             arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),
             away=away,
         )

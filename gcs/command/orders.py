@@ -14,7 +14,7 @@ vehicle reports that it stands on the ground, and it is never forced: the autopi
 from __future__ import annotations
 
 from collections.abc import Callable, Container
-from typing import Final, Literal
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -26,7 +26,7 @@ from gcs.mavlink.commands import command, set_mode
 from gcs.mavlink.errand import Errand, Shown
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.modes import AUTO, LOITER, RTL
-from gcs.model import Effect, Label, Order, Route, VehicleState
+from gcs.model import Aside, Effect, Label, Order, Route, VehicleState
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _SET_ASIDE: Final = {"hold": LOITER, "return": RTL}
@@ -38,8 +38,6 @@ _PILOTED: Final = frozenset(
 """Somebody has the sticks: we do not take the aircraft out of their hands."""
 _STANDING_M_S = 2.0
 _STANDING_M = 5.0
-
-Aside = Literal["hold", "return", "found"]
 
 
 class Orders:

@@ -15,7 +15,7 @@ rejected, is held against the picture like what is flown: as long as it is still
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -104,6 +104,17 @@ class Replanner:
         """Take a route that was proposed for the one that is flown."""
         self.drop(route.vehicle)
         self.routes[route.vehicle] = route
+
+    def begin_with(self, grid: Grid) -> None:
+        """Plan by another map than the mission's own."""
+        self._grid = grid
+
+    def resume(self, t_ns: int, routes: Mapping[int, Route], targets: Iterable[Label]) -> None:
+        """Begin with routes that are flown already, and look at once."""
+        self.routes = dict(routes)
+        self._planned_agents, self._planned_targets = frozenset(routes), frozenset(targets)
+        self._news.append("taken up again")
+        self._next_check_t_ns = t_ns
 
     def keep_only(self, vehicles: Container[int]) -> None:
         """Forget what others fly: the plan has no route for them."""

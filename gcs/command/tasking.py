@@ -51,7 +51,7 @@ _MAX_RADIUS_M = 255.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Flown:
+class Flown:
     """What a vehicle holds, by the last read-back."""
 
     route: Route
@@ -67,7 +67,7 @@ class _Delivery:
     task: MissionTask
     link: str
     began_t_ns: int
-    flown: _Flown
+    flown: Flown
     is_quiet: bool = False
     """Whether nobody waits for its report."""
 
@@ -107,8 +107,8 @@ class Tasking:
         self._lanes: defaultdict[str, Lane] = defaultdict(lambda: Lane(max_parallel))
         self._busy: defaultdict[str, int] = defaultdict(int)
         self._custody: defaultdict[int, Custody] = defaultdict(Custody)
-        self._flown: dict[int, _Flown] = {}
-        self._mixed: dict[int, _Flown] = {}
+        self._flown: dict[int, Flown] = {}
+        self._mixed: dict[int, Flown] = {}
         """Vehicles that may hold a mix, and what was last sent to them."""
         self._boots: dict[int, int] = {}
         self._mission_count = 0
@@ -118,6 +118,31 @@ class Tasking:
         """Stage of each transfer under way, by vehicle; "waiting" for room on its link."""
         stages = {vehicle: delivery.task.stage for vehicle, delivery in self._deliveries.items()}
         return dict.fromkeys(self._waiting, "waiting") | stages
+
+    @property
+    def missions(self) -> int:
+        """Missions that were made so far."""
+        return self._mission_count
+
+    def count_from(self, missions: int) -> None:
+        """Go on counting where an earlier service was."""
+        self._mission_count = missions
+
+    def flown(self, vehicle: int) -> Flown | None:
+        """What a vehicle holds, by the last read-back."""
+        return self._flown.get(vehicle)
+
+    def may_be_mixed(self, vehicle: int) -> bool:
+        """Whether a transfer is under way to a vehicle, or left a mix behind."""
+        return vehicle in self._deliveries or vehicle in self._mixed
+
+    def found(self, flown: Flown) -> None:
+        """Note what a vehicle was found to hold."""
+        self._flown[flown.route.vehicle] = flown
+
+    def suspect(self, route: Route) -> None:
+        """Take a vehicle for one that may hold a mix: it is held and cleared when it is heard."""
+        self._mixed[route.vehicle] = Flown(route, (), 1)
 
     def taken(self) -> dict[int, str]:
         """Vehicles that are not ours to task, and why, in words."""
@@ -256,7 +281,7 @@ class Tasking:
             delegated=self._table.uploader != "own",
             timing=Timing().over(self._lanes[fleet.link(vehicle)].round_trip_s),
         )
-        flown = _Flown(route, task.items, profile.home_items + int(from_ground))
+        flown = Flown(route, task.items, profile.home_items + int(from_ground))
         self._deliveries[vehicle] = _Delivery(task, fleet.link(vehicle), t_ns, flown)
         self._busy[fleet.link(vehicle)] += 1
         return self._worked(vehicle, task.start(t_ns))

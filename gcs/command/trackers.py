@@ -33,7 +33,7 @@ import numpy.typing as npt
 
 from gcs.command.beliefs import Beliefs
 from gcs.config import Config, KindTracking
-from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Scan, Sensor, VehicleState, read_only
+from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
 from gcs.tracking.births import UnknownBirths
 from gcs.tracking.calibration import Calibration, Finding
 from gcs.tracking.glmb import Account, Birth, Glmb, GlmbParams
@@ -175,6 +175,7 @@ class Trackers:
             )
             for birth in config.births
         ]
+        self._target_table = tracking.targets
         self._report_birth_probability = tracking.agents.birth_probability
         self._measured_t_ns = -1
         self._sensors_then: set[str] = set()
@@ -185,6 +186,31 @@ class Trackers:
         """News of the last scan about whether its sensor is what it says."""
         self.agents = KindTracker("agents", config, tracking.agents, starts, tracking.seed)
         self.targets = KindTracker("targets", config, tracking.targets, places, tracking.seed + 1)
+
+    def expect(self, targets: Sequence[Track], age_s: float) -> dict[int, Label]:
+        """Expect targets where they were believed to be `age_s` ago, before anything was seen.
+
+        Returns the label that each had by the second part of the label that it will have.
+        """
+        table, tracker = self._target_table, self.targets
+        gave_birth = {index for _, index in (track.label for track in targets)}
+        tracker.places = [
+            replace(place, probability=table.birth_again_probability) if index in gave_birth else place
+            for index, place in enumerate(tracker.places)
+        ]
+        first = len(tracker.places)
+        tracker.places += [
+            Birth(track.mean, track.cov, table.birth_probability) for track in self.moved_on(targets, age_s)
+        ]
+        return {first + number: track.label for number, track in enumerate(targets)}
+
+    def moved_on(self, targets: Sequence[Track], age_s: float) -> tuple[Track, ...]:
+        """Return targets as they should be `age_s` later, unseen."""
+        F, Q = transition(age_s), process_noise(age_s, self._target_table.accel_std_m_s2)
+        return tuple(
+            replace(track, mean=read_only(F @ track.mean), cov=read_only(F @ track.cov @ F.T + Q))
+            for track in targets
+        )
 
     def refusal(self, scan: Scan) -> str:
         """Say why a scan cannot be worked in; empty when it can."""

@@ -26,6 +26,7 @@ from gcs.model import (
     Datagram,
     Fate,
     KeepOut,
+    Memory,
     MissionEnded,
     Notice,
     Order,
@@ -33,6 +34,7 @@ from gcs.model import (
     Picture,
     Plan,
     Proposal,
+    Resumed,
     Route,
     Scan,
     Send,
@@ -44,13 +46,14 @@ from gcs.model import (
     Upload,
     UploadAnswer,
     UploadReport,
+    VehicleMemory,
     read_only,
 )
 
 T0_NS = 1_767_225_600 * NS_PER_S
 CONFIG = 'name = "demo"  # ünïcode\n'
 VERSIONS = {"swarm-gcs": "0.1.0", "numpy": "2.0"}
-EVENTS = (Datagram, Scan, Tick, BadInput, Order, UploadAnswer)
+EVENTS = (Datagram, Scan, Tick, BadInput, Order, UploadAnswer, Resumed)
 
 
 def frames(system_id: int, count: int, first: int = 0) -> bytes:
@@ -87,6 +90,8 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         yield t_ns, Notice(t_ns, "warning", "älarm", None)
         area = KeepOut("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
         yield t_ns, Order(t_ns, f"o-{second}", "keep-out", None, None, area, "somebody")
+        memory = VehicleMemory(Fate(t_ns, 1, "flying"), "hold", None, ((16.0, None),), 1, False)
+        yield t_ns, Resumed(t_ns, Memory(t_ns, 3, second, False, (memory,), (), (area,)))
         yield t_ns, OrderAnswer(t_ns, f"o-{second}", "keep-out", "done", "so it is", None, ())
         yield t_ns, Proposal(t_ns, second + 1, (Route(1, (0, 1), read_only([[1.0, 2.0]]), 3.0),), "why")
         yield t_ns, Fate(t_ns, 1, "dead", None, (1.0, 2.0))

@@ -1,0 +1,245 @@
+"""Taking up where an earlier service was, from its memory and from what vehicles and sensors show now.
+
+Memory alone decides nothing:
+
+* A vehicle flies its remembered route when its mission reads back equal; then nothing is uploaded again. One
+  that stores another mission was given it by somebody else: it is set aside and the operator is told. One
+  whose transfer was under way may hold a mix, and one that does not answer may hold anything: both are
+  planned for as if they had none, the first after it was told to hold.
+* Targets are expected where they were believed to be and must be seen there again; their tracks get new
+  labels, and the remembered routes follow them. A target that was reached stays reached.
+* Plans that waited for a word are made anew, under higher numbers: the picture has changed.
+
+No plan is made before this has ended, which is bounded in time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Mapping
+from dataclasses import replace
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.command.fates import Fates
+from gcs.command.orders import Orders
+from gcs.command.replanning import Replanner
+from gcs.command.tasking import Flown, Tasking
+from gcs.command.trackers import Trackers
+from gcs.mavlink.asking import Asking, Patience
+from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
+from gcs.mavlink.conversations import ReadBack
+from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.items import Item
+from gcs.model import NS_PER_S, Effect, Label, Notice, Resumed, Route, Track, VehicleMemory
+
+_PATIENCE: Final = Patience(wait_s=0.7, wait_max_s=2.0, tries=12)
+_LONGEST_S: Final = 25.0
+"""After this a plan is made with what is known."""
+_PATIENT_S: Final = 8.0
+"""So long for agents and targets that no verified route is about."""
+_MISSION: Final[int] = dialect.MAV_MISSION_TYPE_MISSION
+
+
+class _Check:
+    """A vehicle's mission read back and compared with the remembered one."""
+
+    def __init__(self, memory: VehicleMemory, t_ns: int) -> None:
+        assert memory.route is not None
+        items = tuple(_item(row) for row in memory.items)
+        self.flown = Flown(memory.route, items, memory.first_point)
+        self.reading = ReadBack((memory.fate.vehicle, AUTOPILOT_COMPONENT_ID))
+        self.asking = Asking(self.reading.question(), _PATIENCE, t_ns)
+
+
+class Recovery:
+    """What is left to be found out after a restart.
+
+    Parameters
+    ----------
+    fleet, tasking, replanner, orders, fates, trackers
+        The parts of the fold that remember, and are reminded.
+    """
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        tasking: Tasking,
+        replanner: Replanner,
+        orders: Orders,
+        fates: Fates,
+        trackers: Trackers,
+    ) -> None:
+        self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
+        self._orders, self._fates, self._trackers = orders, fates, trackers
+        self._checks: dict[int, _Check] = {}
+        self._verified: dict[int, Route] = {}
+        self._was: dict[int, Label] = {}
+        self._reached: dict[int, Label] = {}
+        self._expected: tuple[int, tuple[Track, ...]] = (0, ())
+        self._until_t_ns: int | None = None
+
+    # ------------------------------------------------------------ remembering
+
+    def vehicles(self) -> tuple[VehicleMemory, ...]:
+        """Return what is to be remembered of every vehicle."""
+        return tuple(self._memory(vehicle) for vehicle in self._fates.by_vehicle)
+
+    def targets(self, t_ns: int, believed: Mapping[Label, Track]) -> tuple[Track, ...]:
+        """Return the targets that are to be remembered: until they are seen again, where they should be."""
+        if self._until_t_ns is None:
+            return tuple(track for _, track in sorted(believed.items()))
+        then_t_ns, expected = self._expected
+        return self._trackers.moved_on(expected, (t_ns - then_t_ns) / NS_PER_S)
+
+    def _memory(self, vehicle: int) -> VehicleMemory:
+        check = self._checks.get(vehicle)  # not known yet: still what was remembered
+        flown = check.flown if check is not None else self._tasking.flown(vehicle)
+        wanted = (self._replanner.routes, self._orders.suspended, self._verified)
+        route = next((routes[vehicle] for routes in wanted if vehicle in routes), None)
+        if check is not None:
+            route = check.flown.route
+        unsure = self._tasking.may_be_mixed(vehicle)
+        if flown is None or flown.route is not route:
+            flown = None
+        fate = self._fates.by_vehicle[vehicle]
+        return VehicleMemory(
+            fate=replace(fate, target=self._reached.get(vehicle, fate.target)),
+            aside=self._orders.aside.get(vehicle),
+            route=route,
+            items=() if flown is None or unsure else tuple(_row(item) for item in flown.items),
+            first_point=1 if flown is None else flown.first_point,
+            unsure=unsure,
+        )
+
+    # ------------------------------------------------------------ being reminded
+
+    def begin(self, event: Resumed) -> list[Effect]:
+        """Take the memory; returns what the operator should know."""
+        memory, t_ns = event.memory, event.t_ns
+        age_s = max(0.0, (t_ns - memory.t_ns) / NS_PER_S)
+        self._was = self._trackers.expect(memory.targets, age_s)
+        self._expected = memory.t_ns, memory.targets
+        self._tasking.count_from(memory.missions)
+        self._until_t_ns = t_ns + round(_LONGEST_S * NS_PER_S)
+        effects: list[Effect] = [Notice(t_ns, "warning", f"takes up where it was {age_s:.0f} s ago")]
+        known = set(self._fates.by_vehicle)
+        for one in memory.vehicles:
+            vehicle = one.fate.vehicle
+            if vehicle not in known:
+                continue
+            if one.fate.target is not None:  # labels of then mean nothing now
+                self._reached[vehicle] = one.fate.target
+            self._fates.by_vehicle[vehicle] = replace(one.fate, target=None)
+            if one.aside is not None:
+                self._orders.aside[vehicle] = one.aside
+            if one.fate.fate != "flying" or one.route is None:
+                continue
+            if one.unsure:
+                self._tasking.suspect(one.route)
+                text = "was being given a mission when the service ended: it may hold a mix"
+                effects.append(Notice(t_ns, "warning", text, vehicle))
+            elif one.items:
+                self._checks[vehicle] = _Check(one, t_ns)
+        return effects
+
+    def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
+        """Take a vehicle's message: part of its read-back, perhaps."""
+        check = self._checks.get(vehicle)
+        if check is None or getattr(message, "mission_type", None) != _MISSION:
+            return []
+        name = message.get_type()
+        news = (name == "MISSION_COUNT" and check.reading.take_count(message)) or (
+            name == "MISSION_ITEM_INT" and check.reading.take_item(message)
+        )
+        if not news:
+            return []
+        if check.reading.is_complete:
+            frames = [self._fleet.encoder(vehicle)(check.reading.thanks())]
+            return [*self._fleet.sends(vehicle, frames), *self._judge(vehicle, check, t_ns)]
+        check.asking = Asking(check.reading.question(), _PATIENCE, t_ns)
+        return self._ask(vehicle, check, t_ns)
+
+    def poll(self, t_ns: int) -> list[Effect]:
+        """Let timers run."""
+        effects: list[Effect] = []
+        for vehicle, check in list(self._checks.items()):
+            overdue = self._until_t_ns is None or t_ns >= self._until_t_ns
+            if overdue or check.asking.unanswered(t_ns):
+                del self._checks[vehicle]
+                text = "does not tell which mission it holds: it will be given one"
+                effects.append(Notice(t_ns, "warning", text, vehicle))
+            elif self._fleet.profile(vehicle) is not None:
+                effects += self._ask(vehicle, check, t_ns)
+        return effects
+
+    def _ask(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
+        if not check.asking.due(t_ns):
+            return []
+        return [*self._fleet.sends(vehicle, [self._fleet.encoder(vehicle)(check.asking.question)])]
+
+    def _judge(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
+        profile = self._fleet.profile(vehicle)
+        assert profile is not None  # nothing is asked before it is known
+        difference = profile.difference(check.flown.items, check.reading.items)
+        del self._checks[vehicle]
+        if difference:
+            self._orders.aside[vehicle] = "found"
+            text = (
+                f"holds another mission than the one it was given ({difference}): "
+                f"left alone until `gcs order resume --vehicle {vehicle}`"
+            )
+            return [Notice(t_ns, "alarm", text, vehicle)]
+        self._verified[vehicle] = check.flown.route
+        self._tasking.found(check.flown)
+        return [Notice(t_ns, "info", "flies the mission that it was given", vehicle)]
+
+    # ------------------------------------------------------------ the end of it
+
+    def is_waiting(self, t_ns: int, agents: Container[int], targets: Mapping[Label, Track]) -> bool:
+        """Whether it is too early to plan: who flies what, or where targets are, is still being found out."""
+        if self._until_t_ns is None:
+            return False
+        seen = {self._was.get(label[1]) for label in targets}
+        flown = all(r.target in seen and v in agents for v, r in self._verified.items())
+        rest = all(v in agents for v in self._fates.flying()) and seen >= set(self._was.values())
+        left_s = (self._until_t_ns - t_ns) / NS_PER_S
+        if left_s > 0.0 and (self._checks or not flown or (not rest and left_s > _LONGEST_S - _PATIENT_S)):
+            return True
+        self._finish(t_ns, targets)
+        return False
+
+    def is_reached(self, label: Label) -> bool:
+        """Whether a target that is seen now was reached before the restart."""
+        return self._was.get(label[1]) in self._reached.values()
+
+    def _finish(self, t_ns: int, targets: Mapping[Label, Track]) -> None:
+        """Hand the routes over, with their targets under the labels that they have now."""
+        self._until_t_ns = None
+        now = {self._was.get(label[1]): label for label in targets}
+        for vehicle in [vehicle for vehicle, label in self._reached.items() if label in now]:
+            target = now[self._reached.pop(vehicle)]
+            self._fates.by_vehicle[vehicle] = replace(self._fates.by_vehicle[vehicle], target=target)
+        routes = {v: replace(r, target=now[r.target]) for v, r in self._verified.items() if r.target in now}
+        self._verified.clear()
+        for vehicle, route in routes.items():
+            flown = self._tasking.flown(vehicle)
+            if flown is not None:
+                self._tasking.found(replace(flown, route=route))
+        for vehicle in [vehicle for vehicle in routes if vehicle in self._orders.aside]:
+            self._orders.suspended[vehicle] = routes.pop(vehicle)
+        self._replanner.resume(t_ns, routes, targets)
+
+
+def _row(item: Item) -> tuple[float | None, ...]:
+    return tuple(None if math.isnan(value) else float(value) for value in item)
+
+
+def _item(row: tuple[float | None, ...]) -> Item:
+    """Read an item back; whole numbers are integers again."""
+    values = [math.nan if value is None else value for value in row]
+    command, frame, x, y, z_m, param1, param2, param3, param4, autocontinue = values
+    return Item(
+        int(command), int(frame), int(x), int(y), z_m, param1, param2, param3, param4, int(autocontinue)
+    )

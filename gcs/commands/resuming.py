@@ -1,0 +1,102 @@
+"""Keeping the journal of a service, and taking up from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from gcs.app import Service
+from gcs.edge.journal import Journal
+from gcs.errors import JournalError
+from gcs.model import (
+    NS_PER_S,
+    Effect,
+    Event,
+    Fate,
+    MissionEnded,
+    OrderAnswer,
+    Plan,
+    Proposal,
+    Tick,
+    UploadReport,
+)
+
+_EVERY_NS = 5 * NS_PER_S
+_NEWS_NS = NS_PER_S // 2
+_STALE_S = 900.0
+"""An older journal is taken up only when `--resume` asks for it."""
+
+
+def default_path(mission: str) -> Path:
+    """Where the journal of a mission lies, beside the recordings."""
+    return Path("runs") / f"{mission}.journal"
+
+
+def take_up(service: Service, journal: Journal, resume: bool | None, now_ns: int, console: Console) -> None:
+    """Give a service the memory of the one before, where there is one and it makes sense.
+
+    Parameters
+    ----------
+    resume
+        True: a journal must be there, however old; False: begin clean; None: take up from a fresh one.
+
+    Raises
+    ------
+    JournalError
+        With `resume`, when there is none that can be taken up.
+    """
+    if resume is False:
+        return
+    try:
+        memory = journal.read()
+    except JournalError as error:
+        if resume:
+            raise
+        console.print(f"[yellow]journal {error}; starting clean[/]", highlight=False, soft_wrap=True)
+        return
+    if memory is None or memory.ended:
+        if resume:
+            problem = "there is none to resume from" if memory is None else "its mission has ended"
+            raise JournalError(str(journal.path), problem)
+        return
+    age_s = (now_ns - memory.t_ns) / NS_PER_S
+    if resume is None and not -_STALE_S < age_s < _STALE_S:
+        console.print(
+            f"[yellow]journal {journal.path} is {age_s / 60:.0f} minutes old: starting clean "
+            "(--resume takes it up all the same)[/]",
+            highlight=False,
+            soft_wrap=True,
+        )
+        return
+    service.resume(memory)
+    console.print(f"taking up from {journal.path}, written {age_s:.0f} s ago (--no-resume: begin clean)")
+
+
+class JournalSink:
+    """Writes the journal: before the first message of a new plan goes out, and soon after other news."""
+
+    def __init__(self, service: Service, journal: Journal) -> None:
+        self._command, self._journal = service.command, journal
+        self._written_t_ns: int | None = None
+        self._news = False
+
+    def event(self, event: Event) -> None:
+        """Write when it is time to."""
+        if not isinstance(event, Tick):
+            return
+        since_ns = event.t_ns - (self._written_t_ns or 0)
+        if since_ns >= _EVERY_NS or (self._news and since_ns >= _NEWS_NS):
+            self.write(event.t_ns)
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Note what must be remembered."""
+        if isinstance(effect, Plan):  # comes before the messages that carry it out
+            self.write(t_ns)
+        elif isinstance(effect, Fate | UploadReport | OrderAnswer | Proposal | MissionEnded):
+            self._news = True
+
+    def write(self, t_ns: int) -> None:
+        """Write what is known now."""
+        self._journal.write(self._command.memory(t_ns))
+        self._written_t_ns, self._news = t_ns, False

@@ -1,0 +1,156 @@
+"""Central command dies in mid-flight and comes back: nothing is flown twice, nothing is taken for granted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from staging import S
+from test_orders import SEED, Flight, order
+
+from gcs.command.fold import Command
+from gcs.edge.wire import decode, encode
+from gcs.model import (
+    Effect,
+    Event,
+    Fate,
+    KeepOut,
+    Memory,
+    MissionEnded,
+    Notice,
+    Order,
+    OrderAnswer,
+    Plan,
+    Resumed,
+)
+from sim_vehicles.autopilot import Mode
+from sim_vehicles.scenario import Scenario, load
+from sim_vehicles.virtual import START_T_NS, VirtualRun
+
+MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
+
+
+def through_the_journal(memory: Memory) -> Memory:
+    return decode("journal", encode(Resumed(0, memory)), Resumed).memory
+
+
+def flight_with_a_restart(
+    at_s: float,
+    outage_s: float,
+    end_s: float,
+    *,
+    scenario: Scenario | None = None,
+    orders: tuple[Order, ...] = (),
+    loss: float = 0.0,
+    meanwhile: Callable[[VirtualRun], None] = lambda run: None,
+) -> Flight:
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        scenario or load("prescribed"), SEED, events.append, lambda t, e: effects.append((t, e)),
+        loss=loss, orders=orders,
+    )  # fmt: skip
+    run.run(at_s)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    meanwhile(run)
+    run.restart(outage_s, memory)
+    run.run(end_s)
+    return Flight(run, events, effects)
+
+
+def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive() -> None:
+    flight = flight_with_a_restart(40.0, 6.0, 400.0, scenario=load("deterministic"))
+    for vehicle in (1, 2, 3, 4):
+        assert not {m.get_type() for m in flight.told(vehicle, 46.0, 400.0)} & MISSION
+    assert sum("flies the mission that it was given" in n.text for n in flight.all(Notice)) == 4
+    (ended,) = flight.all(MissionEnded)
+    assert (ended.arrived, ended.dead) == ((1, 2, 3, 4), ())
+
+
+@pytest.mark.parametrize(("at_s", "loss"), [(30.0, 0.0), (70.0, 0.3), (125.0, 0.0)])
+def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: float, loss: float) -> None:
+    flight = flight_with_a_restart(at_s, 4.0, 400.0, loss=loss)
+    (ended,) = flight.all(MissionEnded)
+    assert (ended.arrived, ended.dead) == ((1, 3, 4), (2,))
+    reached = [fate.target for fate in flight.all(Fate) if fate.fate == "arrived"]
+    assert len(reached) == 3
+    taken_up = [plan for plan in flight.all(Plan) if "taken up again" in plan.reason]
+    assert len(taken_up) == 1
+    assert "lost" not in taken_up[0].reason
+    assert loss or "joined" not in taken_up[0].reason
+
+
+def test_a_restart_is_an_event_that_replays() -> None:
+    flight = flight_with_a_restart(30.0, 4.0, 60.0)
+    index = next(i for i, event in enumerate(flight.events) if isinstance(event, Resumed))
+    command = Command(flight.run.scenario.config, SEED)
+    again = [encode(e) for event in flight.events[index:] for e in command.step(event)]
+    after = [encode(e) for t_ns, e in flight.effects if t_ns >= flight.events[index].t_ns]
+    assert again == after[-len(again) :]
+
+
+def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed() -> None:
+    def somebody_else(run: VirtualRun) -> None:
+        store = run.vehicles["vehicle:3"].autopilot.mission
+        items = [store[i] for i in range(len(store))]
+        items[1] = replace(items[1], z=items[1].z + 5.0)
+        store._items = items
+
+    flight = flight_with_a_restart(30.0, 4.0, 70.0, meanwhile=somebody_else)
+    told = [n for n in flight.all(Notice) if n.vehicle == 3 and n.level == "alarm"]
+    assert any("holds another mission than the one it was given (item 1: z_m" in n.text for n in told)
+    assert not {m.get_type() for m in flight.told(3, 34.0, 70.0)} & MISSION
+    assert flight.mode(3) is Mode.AUTO
+    assert flight.run.command.orders.aside == {3: "found"}
+
+
+def test_a_vehicle_that_was_being_given_a_mission_holds_until_it_has_a_whole_one() -> None:
+    first = VirtualRun(load("prescribed"), SEED)
+    while not first.command.tasking.under_way:
+        first.run((first.t_ns - START_T_NS) / S + 0.05)
+    at_s = (first.t_ns - START_T_NS) / S + 0.2
+    flight = flight_with_a_restart(at_s, 3.0, 40.0)
+    told = [n.text for n in flight.all(Notice) if "may hold a mix" in n.text]
+    assert len(told) == 4
+    assert all(flight.mode(vehicle) is Mode.AUTO for vehicle in (1, 2, 3, 4))
+    assert all({m.get_type() for m in flight.told(v, at_s + 3, 40.0)} & MISSION for v in (1, 2, 3, 4))
+
+
+def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
+    area = KeepOut("fire", (1700.0, 1200.0, 60.0))
+    close = replace(order(21.0, "keep-out"), keep_out=area)
+    flight = flight_with_a_restart(30.0, 4.0, 60.0, orders=(order(20.0, "hold", 1), close))
+    command = flight.run.command
+    assert command.orders.aside == {1: "hold"}
+    assert command.keep_outs.areas == {"fire": area}
+    assert command.grid.blocked[30, 42]
+    assert not {m.get_type() for m in flight.told(1, 34.0, 60.0)} & MISSION
+    assert flight.mode(1) is Mode.LOITER
+    assert {a.action for a in flight.all(OrderAnswer)} == {"hold", "keep-out"}
+
+
+def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
+    run = VirtualRun(load("deterministic"), SEED)
+    run.run(40.0)
+    run.restart(3.0, through_the_journal(run.command.memory(run.t_ns)))
+    run.run(44.2)
+    effects: list[Effect] = []
+    run.on_effect = lambda _t_ns, effect: effects.append(effect)
+    run.restart(3.0, through_the_journal(run.command.memory(run.t_ns)))
+    run.run(400.0)
+    (ended,) = [effect for effect in effects if isinstance(effect, MissionEnded)]
+    assert ended.arrived == (1, 2, 3, 4)
+    assert not any(effect.changed for effect in effects if isinstance(effect, Plan))
+
+
+def test_the_dead_stay_dead_and_the_arrived_are_not_sent_again() -> None:
+    flight = flight_with_a_restart(132.0, 4.0, 400.0)
+    before = [(f.vehicle, f.fate) for f in flight.all(Fate) if f.t_ns < START_T_NS + 132 * S]
+    assert (2, "dead") in before
+    assert (3, "arrived") in before
+    plans = [plan for plan in flight.all(Plan) if plan.t_ns > START_T_NS + 136 * S]
+    assert plans
+    assert all(route.vehicle in (1, 4) for plan in plans for route in plan.routes)
+    targets = [fate.target for fate in flight.all(Fate) if fate.fate == "arrived"]
+    assert len(targets) == 3
