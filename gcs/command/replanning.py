@@ -48,19 +48,25 @@ class Situation:
     """Vehicles that fly but are not ours to task, and why, in words."""
 
 
+def plan_options(config: Config) -> PlanOptions:
+    """Return how a mission is planned."""
+    planning = config.planning
+    return PlanOptions(
+        clearance_m=planning.clearance_m,
+        shape=planning.shape,
+        search_cost=planning.search_cost,
+        switch_gain_m=planning.switch_gain_m,
+        turn_radius_m=config.airframe.turn_radius_m,
+    )
+
+
 class Replanner:
     """Keeps the routes being flown and decides when to plan anew."""
 
     def __init__(self, config: Config, grid: Grid) -> None:
         planning = config.planning
         self._grid = grid
-        self._options = PlanOptions(
-            clearance_m=planning.clearance_m,
-            shape=planning.shape,
-            search_cost=planning.search_cost,
-            switch_gain_m=planning.switch_gain_m,
-            turn_radius_m=config.airframe.turn_radius_m,
-        )
+        self._options = plan_options(config)
         self._planning = planning
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)

@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.command.area import mission_grid
+from gcs.command.replanning import plan_options
 from gcs.config import load
 from gcs.errors import ConfigError, RecordingError
 from gcs.planning.grid import Grid, Point
@@ -92,9 +93,7 @@ def _task(arguments: PlanArguments) -> Task:
     options, name, y_down = PlanOptions(shape="pulled"), "", False
     if arguments.scenario is not None:
         config = load(arguments.scenario)
-        planning = config.planning
-        options = PlanOptions(planning.search_cost, planning.shape, planning.clearance_m)
-        name, grid = config.name, mission_grid(config, arguments.seed)
+        options, name, grid = plan_options(config), config.name, mission_grid(config, arguments.seed)
         agents = {
             a.system_id: AgentStart(a.east_m, a.north_m, math.radians(a.course_deg)) for a in config.agents
         }

@@ -29,7 +29,7 @@ from gcs.planning.moves import (
     move_cost,
     search_map,
 )
-from gcs.planning.pairs import Seeker, seek, seek_paper
+from gcs.planning.pairs import seek, seek_paper, seeker
 from gcs.planning.shaping import close_and_seen
 from gcs.planning.spreading import costs_at, spread, trace_back
 
@@ -71,20 +71,19 @@ class Places:
 
 
 def metric_ways(
-    grid: Grid, smap: SearchMap, starts: Places, goals: Places, reach: float
+    grid: Grid, smap: SearchMap, starts: Places, goals: Places, clearance_m: float
 ) -> tuple[FloatArray, Way]:
     """Shortest ways of all pairs: their lengths in metres, (n, m), inf where there is none, and the ways.
 
-    `reach` is the clearance in cells. Where clearance makes tight moves count more, the way is the one of
-    least cost, the length what is flown.
+    Where clearance makes tight moves count more, the way is the one of least cost, the length what is flown.
     """
     if pairwise_pays(smap, len(starts.xy), len(goals.xy)):
-        lengths, way = _one_by_one(grid, smap, starts, goals, reach)
+        lengths, way = _one_by_one(grid, smap, starts, goals, clearance_m)
     elif len(goals.xy) < len(starts.xy):
-        turned, back = _one_to_all(grid, smap, goals, starts, reach)
+        turned, back = _one_to_all(grid, smap, goals, starts, clearance_m)
         lengths, way = turned.T, lambda i, j: back(j, i)[::-1]
     else:
-        lengths, way = _one_to_all(grid, smap, starts, goals, reach)
+        lengths, way = _one_to_all(grid, smap, starts, goals, clearance_m)
     return lengths * grid.spacing_m, way
 
 
@@ -97,12 +96,12 @@ def pairwise_pays(smap: SearchMap, n: int, m: int) -> bool:
 
 
 def _one_to_all(
-    grid: Grid, smap: SearchMap, near: Places, far: Places, reach: float
+    grid: Grid, smap: SearchMap, near: Places, far: Places, clearance_m: float
 ) -> tuple[FloatArray, Way]:
     """Ways in cells from each of `near` to each of `far`."""
     size, n = smap.moves.size, len(near.xy)
     came = np.empty((n, size), dtype=np.uint8)
-    field, costs = np.empty(size), np.empty((n, *far.nodes.shape))
+    field, costs, reach = np.empty(size), np.empty((n, *far.nodes.shape)), clearance_m / grid.spacing_m
     asked = far.nodes[far.nodes >= 0]
     for i in range(n):
         nodes = near.nodes[i]
@@ -126,26 +125,24 @@ def _one_to_all(
 
 
 def _one_by_one(
-    grid: Grid, smap: SearchMap, starts: Places, goals: Places, reach: float
+    grid: Grid, smap: SearchMap, starts: Places, goals: Places, clearance_m: float
 ) -> tuple[FloatArray, Way]:
     """Ways in cells of all pairs, each searched by itself."""
     lengths = np.full((len(starts.xy), len(goals.xy)), np.inf)
     ways: dict[tuple[int, int], IntArray] = {}
-    seeker = Seeker(smap)
-    for i, a in enumerate(starts.xy):
-        for j, b in enumerate(goals.xy):
+    reach = clearance_m / grid.spacing_m
+    with seeker(grid, clearance_m) as search:
+        for i, j in np.ndindex(lengths.shape):
+            a, b = starts.xy[i], goals.xy[j]
             if not (starts.inside[i] or goals.inside[j]) and close_and_seen(grid.blocked, reach, a, b):
                 lengths[i, j], ways[i, j] = np.hypot(*(b - a)), np.empty(0, dtype=np.int64)
                 continue
-            nodes, cost, flown, _ = seeker.path(starts.nodes[i], starts.off[i], goals.nodes[j], goals.off[j])
-            if not nodes.size:
-                continue
-            ways[i, j], lengths[i, j] = nodes, cost
-            if smap.any_tight:
-                ends = ((starts, i, nodes[0]), (goals, j, nodes[-1]))
-                lengths[i, j] = flown + sum(
-                    places.off[k, list(places.nodes[k]).index(node)] for places, k, node in ends
-                )
+            ends = (starts.nodes[i], starts.off[i], goals.nodes[j], goals.off[j])
+            nodes, cost, flown, _ = search.path(*ends)
+            if nodes.size:
+                # Tight moves counted many times over while searching; what is flown is compared later.
+                off = ends[1][ends[0] == nodes[0]][0] + ends[3][ends[2] == nodes[-1]][0]
+                ways[i, j], lengths[i, j] = nodes, flown + off if smap.any_tight else cost
     return lengths, lambda i, j: ways[i, j]
 
 
@@ -184,7 +181,7 @@ def _ends_of_ways(  # type: ignore[no-untyped-def]
 
 
 def paper_ways(
-    grid: Grid, smap: SearchMap, starts: Places, goals: Places, reach: float
+    grid: Grid, smap: SearchMap, starts: Places, goals: Places, clearance_m: float
 ) -> tuple[FloatArray, Way]:
     """Ways of all pairs by the paper's cost, from nearest node to nearest node; lengths are what is flown.
 
@@ -192,6 +189,7 @@ def paper_ways(
     """
     lengths_m = np.full((len(starts.xy), len(goals.xy)), np.inf)
     ways: dict[tuple[int, int], IntArray] = {}
+    reach = clearance_m / grid.spacing_m
     path = np.empty(smap.moves.size, dtype=np.int64)
     for i, (a, first) in enumerate(zip(starts.xy, _nearest_joins(starts), strict=True)):
         for j, (b, last) in enumerate(zip(goals.xy, _nearest_joins(goals), strict=True)):

@@ -14,11 +14,15 @@ heap, whose order among equals is part of what the result depends on.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
 
 import numpy as np
 
 from gcs.compiling import inlined, kernel
 from gcs.model import FloatArray
+from gcs.planning.grid import Grid
 from gcs.planning.moves import (
     COL_STEP,
     FIRST,
@@ -31,6 +35,7 @@ from gcs.planning.moves import (
     kernel_arrays,
     move_cost,
     octile,
+    search_map,
 )
 
 _PER_CELL = 2
@@ -149,8 +154,29 @@ def seek(  # type: ignore[no-untyped-def]
     return count, best, flown, expanded
 
 
+@lru_cache(maxsize=4)
+def _spare(_grid: Grid, _clearance_m: float) -> list[Seeker]:
+    """Seekers of a map that nobody is using."""
+    return []
+
+
+@contextmanager
+def seeker(grid: Grid, clearance_m: float = 0.0) -> Iterator[Seeker]:
+    """Lend a seeker for a map: one that was given back, if there is any; safe among threads."""
+    spare = _spare(grid, clearance_m)
+    try:
+        lent = spare.pop()
+    except IndexError:
+        lent = Seeker(search_map(grid, clearance_m))
+    yield lent
+    spare.append(lent)
+
+
 class Seeker:
-    """Searches pairs on one map; keeps the arrays that a search works on, so that the next one need not."""
+    """Searches pairs on one map; keeps the arrays that a search works on.
+
+    Making them takes longer than most searches. One seeker does one search at a time.
+    """
 
     def __init__(self, smap: SearchMap) -> None:
         self._smap = smap

@@ -126,7 +126,7 @@ def plan_routes(
         starts = _places(grid, smap, [(agents[v].east_m, agents[v].north_m) for v in vehicles])
         goals = _places(grid, smap, [targets[label] for label in labels])
         find_ways = paper_ways if options.search_cost == "paper" else metric_ways
-        lengths_m, way = find_ways(grid, smap, starts, goals, options.clearance_m / grid.spacing_m)
+        lengths_m, way = find_ways(grid, smap, starts, goals, options.clearance_m)
         notes += _places_notes(grid, smap, vehicles, labels, starts, lengths_m)
         done("search")
         column = {label: j for j, label in enumerate(labels)}

@@ -15,10 +15,13 @@ import numpy as np
 from gcs.model import FloatArray
 from gcs.planning.grid import Grid, Node
 from gcs.planning.moves import DIAGONAL, IntArray, flat_index, kernel_arrays, search_map
-from gcs.planning.pairs import Seeker, seek_paper
+from gcs.planning.pairs import seek_paper, seeker
 from gcs.planning.spreading import spread
 
 SearchCost: TypeAlias = Literal["metric", "paper"]
+
+_NOTHING = np.zeros(1)
+"""How far off the map's nodes a node lies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +61,15 @@ def find_path(
         path = np.empty(smap.moves.size, dtype=np.int64)
         count, expanded = seek_paper(smap.moves, smap.tight, smap.offsets, smap.stride, first, last, path)
         path = path[:count][::-1]
+        diagonal = np.isin(np.diff(path), smap.offsets[4:]).sum()
+        length = count - 1 + (DIAGONAL - 1.0) * float(diagonal)
     else:
-        path, _, _, expanded = Seeker(smap).path(
-            np.array([first]), np.zeros(1), np.array([last]), np.zeros(1)
-        )
-    rows, cols = np.divmod(path, smap.stride)
-    nodes = np.column_stack((rows - 1, cols - 1))
-    diagonal = np.count_nonzero(np.abs(np.diff(nodes, axis=0)).sum(axis=1) == 2)
-    return GridPath(nodes, (len(path) - 1 - diagonal + DIAGONAL * diagonal) * grid.spacing_m, int(expanded))
+        with seeker(grid, clearance_m) as search:
+            path, _, length, expanded = search.path(np.array([first]), _NOTHING, np.array([last]), _NOTHING)
+    nodes = np.empty((len(path), 2), dtype=np.int64)
+    np.divmod(path, smap.stride, out=(nodes[:, 0], nodes[:, 1]))
+    nodes -= 1
+    return GridPath(nodes, length * grid.spacing_m, int(expanded))
 
 
 def distances_m(grid: Grid, source: Node) -> FloatArray:
@@ -82,7 +86,8 @@ def distances_m(grid: Grid, source: Node) -> FloatArray:
         *(np.array([node]), np.zeros(1), np.empty(0, dtype=np.int64)),
         *(field, np.empty(smap.moves.size, dtype=np.uint8)),
     )
-    return field.reshape(rows + 2, cols + 2)[1:-1, 1:-1] * grid.spacing_m
+    field *= grid.spacing_m
+    return field.reshape(rows + 2, cols + 2)[1:-1, 1:-1]
 
 
 def nearest_free(grid: Grid, node: Node) -> Node | None:

@@ -1,4 +1,4 @@
-"""Planner bench: whole plans, single searches against scipy, and what string pulling and patience bring.
+"""Planner bench: whole plans, and what string pulling and patience bring.
 
     python tests/bench/bench_planning.py
 
@@ -12,13 +12,9 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.grid import Grid, Point, free_grid, random_obstacles
-from gcs.planning.moves import flat_index, search_map
 from gcs.planning.routes import AgentStart, PlanOptions, plan_routes, warm_up
-from gcs.planning.search import distances_m, find_path
 
 
 def median_ms(work: Callable[[], object], repeats: int) -> float:
@@ -69,45 +65,6 @@ def whole_plans() -> None:
                 )
 
 
-def scipy_graph(grid: Grid) -> object:
-    """The same legal moves as a sparse matrix (its making is not timed)."""
-    smap = search_map(grid)
-    rows, cols, costs = [], [], []
-    for move in range(8):
-        nodes = np.flatnonzero((smap.moves >> np.uint8(move)) & 1)
-        rows.append(nodes)
-        cols.append(nodes + smap.offsets[move])
-        costs.append(np.full(len(nodes), 1.0 if move < 4 else np.sqrt(2.0)))
-    entries = (np.concatenate(costs), (np.concatenate(rows), np.concatenate(cols)))
-    return coo_matrix(entries, shape=(smap.moves.size, smap.moves.size)).tocsr()
-
-
-def searches() -> None:
-    print("\none search              single pair ms   expanded  one to all ms  scipy ms  greatest error")
-    for nodes in (51, 100, 500):
-        for threshold in (0.1, 0.2, 0.3):
-            ends = [(2, 2), (nodes - 3, nodes - 3)]
-            grid = free_grid((nodes, nodes), 1.0)
-            grid = random_obstacles(
-                grid, threshold, np.random.default_rng(1), [(2.0, 2.0), (nodes - 3.0,) * 2], 2.0
-            )
-            repeats = 30 if nodes < 500 else 5
-            pair = median_ms(lambda: find_path(grid, ends[0], ends[1]), repeats)  # noqa: B023
-            path = find_path(grid, ends[0], ends[1])
-            ours = median_ms(lambda: distances_m(grid, ends[0]), repeats)  # noqa: B023
-            graph, source = scipy_graph(grid), flat_index(search_map(grid), ends[0])
-            peer = median_ms(lambda: dijkstra(graph, indices=source), 3)  # noqa: B023
-            theirs = dijkstra(graph, indices=source).reshape(nodes + 2, nodes + 2)[1:-1, 1:-1]
-            found = distances_m(grid, ends[0])
-            reached = np.isfinite(theirs)
-            assert np.array_equal(np.isfinite(found), reached)
-            error = np.abs(found[reached] - theirs[reached]).max()
-            print(
-                f"  {nodes:4d}^2, {threshold:.0%} obstacles {pair:20.3f} {path.expanded if path else 0:10d} "
-                f"{ours:13.3f} {peer:12.2f} {error:12.1e}"
-            )
-
-
 def pulling() -> None:
     print("\nstring pulling, 40 pairs on 151 x 151: saved length, corners left, of the grid's")
     for threshold in (0.05, 0.1, 0.2, 0.3):
@@ -150,6 +107,5 @@ if __name__ == "__main__":
     warm_up()
     print(f"warm-up {time.perf_counter() - begin:.2f} s")
     whole_plans()
-    searches()
     pulling()
     patience()

@@ -52,12 +52,11 @@ def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost
     grid, clearance_m, starts, goals = case
     smap = search_map(grid, clearance_m)
     a, b = places(grid, smap, starts), places(grid, smap, goals)
-    reach = clearance_m / grid.spacing_m
     filled = [
-        matrix._one_to_all(grid, smap, a, b, reach),
-        matrix._one_by_one(grid, smap, a, b, reach),
+        matrix._one_to_all(grid, smap, a, b, clearance_m),
+        matrix._one_by_one(grid, smap, a, b, clearance_m),
     ]
-    back, way_back = matrix._one_to_all(grid, smap, b, a, reach)
+    back, way_back = matrix._one_to_all(grid, smap, b, a, clearance_m)
     filled.append((back.T, lambda i, j: way_back(j, i)[::-1]))
     for i in range(len(starts)):
         for j in range(len(goals)):

@@ -1,0 +1,233 @@
+"""Search bench: one path, one to all and cost matrices, side by side with what PyPI has.
+
+    pip install -e '.[bench]'
+    python tests/bench/bench_search.py [--big]
+
+Maps are random: a tenth to three tenths of the nodes blocked, 100 x 100 and 500 x 500, with --big 2000 x 2000
+too. No corner is cut, and all costs of the exact peers (scipy, w9-pathfinding, rustworkx, networkx) are
+compared with ours: the greatest difference is in the table. Peers get their graph ready made; our times hold
+everything that a call needs but the search map, which is kept with its grid as the graph is. tcod and
+scikit-image cannot forbid cut corners (and tcod counts in whole numbers), so only their times are shown.
+Times are medians of CPU time on one thread, kernels compiled; peers are shown as multiples of ours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from gcs.planning import matrix
+from gcs.planning.assignment import assign
+from gcs.planning.grid import Grid, Node, free_grid, random_obstacles
+from gcs.planning.moves import SearchMap, flat_index, search_map
+from gcs.planning.routes import warm_up
+from gcs.planning.search import distances_m, find_path
+from gcs.planning.shaping import joins
+
+ROOT_2 = math.sqrt(2.0)
+
+
+def timed_ms(work: Callable[[], object], budget_ms: float = 400.0) -> float:
+    """Median CPU time of a call; as many calls as the budget holds, at least two and at most 50."""
+    times: list[float] = []
+    while len(times) < 2 or (sum(times) < budget_ms and len(times) < 50):
+        begin = time.process_time_ns()
+        work()
+        times.append((time.process_time_ns() - begin) / 1e6)
+    return float(np.median(times))
+
+
+def random_map(nodes: int, blocked: float, seed: int = 1) -> tuple[Grid, Node, Node]:
+    """A map, and two nodes near opposite corners that are connected."""
+    rng = np.random.default_rng(seed)
+    grid = random_obstacles(free_grid((nodes, nodes), 1.0), blocked, rng)
+    free = np.argwhere(search_map(grid).mainland.reshape(nodes + 2, nodes + 2)[1:-1, 1:-1])
+    ends = [free[np.argmin(np.abs(free - corner).sum(axis=1))] for corner in (2, nodes - 3)]
+    return grid, tuple(ends[0].tolist()), tuple(ends[1].tolist())
+
+
+def graph_of(smap: SearchMap) -> csr_matrix:
+    """The same legal moves as a sparse matrix."""
+    rows, cols, costs = [], [], []
+    for move, step in enumerate(smap.offsets):
+        nodes = np.flatnonzero((smap.moves >> np.uint8(move)) & 1)
+        rows.append(nodes)
+        cols.append(nodes + step)
+        costs.append(np.full(len(nodes), 1.0 if move < 4 else ROOT_2))
+    entries = (np.concatenate(costs), (np.concatenate(rows), np.concatenate(cols)))
+    return coo_matrix(entries, shape=(smap.moves.size, smap.moves.size)).tocsr()
+
+
+def w9_grid(grid: Grid):
+    from w9_pathfinding import envs
+
+    return envs.Grid(
+        np.where(grid.blocked, -1.0, 1.0).tolist(),
+        diagonal_movement=envs.DiagonalMovement.only_when_no_obstacle,
+        diagonal_movement_cost_multiplier=ROOT_2,
+    )
+
+
+def rustworkx_graph(graph: csr_matrix):
+    import rustworkx
+
+    result = rustworkx.PyDiGraph()
+    result.add_nodes_from(range(graph.shape[0]))
+    entries = graph.tocoo()
+    result.add_edges_from(
+        list(zip(entries.row.tolist(), entries.col.tolist(), entries.data.tolist(), strict=True))
+    )
+    return result
+
+
+def pairs(nodes: int, blocked: float) -> None:
+    """One path from corner to corner."""
+    import networkx
+    import rustworkx
+    import tcod.path
+    from w9_pathfinding import pf
+
+    grid, start, goal = random_map(nodes, blocked)
+    ours = timed_ms(lambda: find_path(grid, start, goal))
+    found = find_path(grid, start, goal)
+    assert found is not None
+    cells = w9_grid(grid)
+    w9 = pf.AStar(cells)
+    (y0, x0), (y1, x1) = start, goal
+    row = {"w9": timed_ms(lambda: w9.find_path((x0, y0), (x1, y1)))}
+    errors = [abs(cells.calculate_cost(w9.find_path((x0, y0), (x1, y1))) - found.length_m)]
+    cutting = tcod.path.AStar(np.where(grid.blocked, 0, 1).astype(np.int32), diagonal=ROOT_2)
+    row["tcod*"] = timed_ms(lambda: cutting.get_path(*start, *goal))
+    smap = search_map(grid)
+    first, last = flat_index(smap, start), flat_index(smap, goal)
+    if nodes <= 500:
+        graph = rustworkx_graph(graph_of(smap))
+        at = [divmod(node, smap.stride) for node in range(smap.moves.size)]
+        end = at[last]
+
+        def ahead(node: int) -> float:
+            dr, dc = abs(at[node][0] - end[0]), abs(at[node][1] - end[1])
+            return max(dr, dc) + (ROOT_2 - 1) * min(dr, dc)
+
+        def search() -> object:
+            return rustworkx.digraph_astar_shortest_path(
+                graph, first, lambda node: node == last, lambda cost: cost, ahead
+            )
+
+        row["rustworkx"] = timed_ms(search)
+        path = search()
+        cost = sum(graph.get_edge_data(a, b) for a, b in itertools.pairwise(path))
+        errors.append(abs(cost - found.length_m))
+        if nodes <= 100:
+            plain = networkx.from_scipy_sparse_array(graph_of(smap), create_using=networkx.DiGraph)
+            row["networkx"] = timed_ms(lambda: networkx.astar_path(plain, first, last, lambda a, _: ahead(a)))
+    _line(nodes, blocked, ours, row, max(errors))
+
+
+def to_all(nodes: int, blocked: float) -> None:
+    """Distances from a corner to all nodes."""
+    import skimage.graph
+    import tcod.path
+    from w9_pathfinding import pf
+
+    grid, start, _ = random_map(nodes, blocked)
+    smap = search_map(grid)
+    ours = timed_ms(lambda: distances_m(grid, start))
+    found = distances_m(grid, start)
+    graph, source = graph_of(smap), flat_index(smap, start)
+    row = {"scipy": timed_ms(lambda: dijkstra(graph, indices=source))}
+    theirs = dijkstra(graph, indices=source).reshape(nodes + 2, nodes + 2)[1:-1, 1:-1]
+    reached = np.isfinite(theirs)
+    assert np.array_equal(reached, np.isfinite(found))
+    errors = [np.abs(found[reached] - theirs[reached]).max()]
+    cells = w9_grid(grid)
+    far = np.unravel_index(int(np.argmax(np.where(reached, found, -1.0))), found.shape)
+    begin, end = (start[1], start[0]), (int(far[1]), int(far[0]))
+    row["w9"] = timed_ms(lambda: pf.ResumableDijkstra(cells, begin).distance(end))
+    errors.append(abs(pf.ResumableDijkstra(cells, begin).distance(end) - found[far]))
+    whole = np.where(grid.blocked, 0, 1).astype(np.int32)
+
+    def tcod_field() -> object:
+        field = tcod.path.maxarray(grid.shape, dtype=np.int32)
+        field[start] = 0
+        return tcod.path.dijkstra2d(field, whole, 10, 14, out=field)
+
+    row["tcod*"] = timed_ms(tcod_field)
+    costs = np.where(grid.blocked, -1.0, 1.0)
+    row["skimage*"] = timed_ms(lambda: skimage.graph.MCP_Geometric(costs).find_costs([start]))
+    _line(nodes, blocked, ours, row, max(errors))
+
+
+def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
+    """Cost matrix and assignment, agents and targets anywhere."""
+    from w9_pathfinding import pf
+
+    grid, _, _ = random_map(nodes, blocked)
+    smap = search_map(grid)
+    rng = np.random.default_rng(2)
+    mainland = np.argwhere(smap.mainland.reshape(nodes + 2, nodes + 2)[1:-1, 1:-1])
+    ends = [mainland[rng.choice(len(mainland), count, replace=False)] for count in (n, m)]
+
+    def places(nodes_at: np.ndarray) -> matrix.Places:
+        xy = nodes_at[:, ::-1].astype(np.float64)
+        return matrix.Places(xy, *joins(grid.blocked, smap.mainland, smap.tight, smap.stride, xy))
+
+    def ours() -> np.ndarray:
+        lengths, way = matrix.metric_ways(grid, smap, places(ends[0]), places(ends[1]), 0.0)
+        for i, j in assign(lengths, {}).items():
+            way(i, j)
+        return lengths
+
+    mine = timed_ms(ours, 2000.0)
+    graph = graph_of(smap)
+    sources = [flat_index(smap, tuple(node)) for node in ends[0]]
+    goals = [flat_index(smap, tuple(node)) for node in ends[1]]
+    row = {"scipy": timed_ms(lambda: [dijkstra(graph, indices=s)[goals] for s in sources], 1.0)}
+    theirs = np.array([dijkstra(graph, indices=s)[goals] for s in sources])
+    error = np.abs(ours() - theirs).max()
+    if n * m * nodes <= 400 * 500:
+        search = pf.AStar(w9_grid(grid))
+        tuples = [[(int(c), int(r)) for r, c in side] for side in ends]
+        row["w9"] = timed_ms(lambda: [search.find_path(a, b) for a in tuples[0] for b in tuples[1]], 1.0)
+    _line(nodes, blocked, mine, row, error, f"{n} x {m}, {_method(smap, n, m)}")
+
+
+def _method(smap: SearchMap, n: int, m: int) -> str:
+    return "pair by pair" if matrix.pairwise_pays(smap, n, m) else "one to all"
+
+
+def _line(
+    nodes: int, blocked: float, ours: float, row: dict[str, float], error: float, what: str = ""
+) -> None:
+    peers = "".join(f"{name:>11} {ms / ours:6.1f}" for name, ms in row.items())
+    print(f"  {nodes:5d}^2 {blocked:4.0%} {what:<24}{ours:10.3f} ms{peers}   error {error:.0e}", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--big", action="store_true", help="maps of 2000 x 2000 as well")
+    sizes = (100, 500, 2000) if parser.parse_args().big else (100, 500)
+    warm_up()
+    for title, work in (("one path (* cuts corners)", pairs), ("one to all (* cuts corners)", to_all)):
+        print(f"\n{title}: ours, peers as multiples of it")
+        for nodes in sizes:
+            for blocked in (0.1, 0.2, 0.3):
+                work(nodes, blocked)
+    print("\ncost matrix, assignment and the paths of those assigned: ours, peers as multiples of it")
+    for nodes, blocked, n, m in (
+        *((51, 0.05, 4, 5), (51, 0.2, 4, 5), (100, 0.2, 20, 20)),
+        *((500, 0.0, 2, 2), (500, 0.02, 2, 2), (500, 0.2, 2, 2), (500, 0.2, 20, 20), (500, 0.2, 5, 100)),
+        *(((2000, 0.2, 20, 20),) if 2000 in sizes else ()),
+    ):
+        matrices(nodes, blocked, n, m)
+
+
+if __name__ == "__main__":
+    main()
