@@ -207,7 +207,7 @@ class LiveView:
             )
             table.add_row(
                 str(vehicle),
-                Text(fate.fate, style=_FATE_STYLE[fate.fate]),
+                self._standing(fate),
                 state.mode if state else "",
                 label_text(label),
                 *_track_cells(track),
@@ -216,6 +216,13 @@ class LiveView:
                 self._command.tasking.under_way.get(vehicle, self._uploads.get(vehicle, "")),
             )
         return table
+
+    def _standing(self, fate: Fate) -> Text:
+        """What became of an agent, or the order that sets it aside."""
+        aside = self._command.orders.aside.get(fate.vehicle)
+        if aside is not None and fate.fate == "flying":
+            return Text(aside, style="bold yellow")
+        return Text(fate.fate, style=_FATE_STYLE[fate.fate])
 
     def _targets(self) -> Table:
         table = Table(title="Targets", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
@@ -234,7 +241,13 @@ class LiveView:
         return {} if picture is None else {track.label: track for track in picture.tracks}
 
     def _events(self) -> Panel:
-        return Panel(Group(*list(self._log)[-_EVENT_ROWS:]), title="Events", title_align="left")
+        pending = self._command.approval.pending
+        title = Text("Events")
+        if pending is not None:
+            routes = ", ".join(f"{route.vehicle} → {label_text(route.target)}" for route in pending.routes)
+            waits = f"plan {pending.plan_id} waits: {routes} (gcs order confirm {pending.plan_id})"
+            title = Text(waits, style="bold yellow")
+        return Panel(Group(*list(self._log)[-_EVENT_ROWS:]), title=title, title_align="left")
 
     def _map(self, rows: int, columns: int) -> Panel:
         """A map in characters, north up: obstacles, routes, agents by id, targets."""
@@ -253,6 +266,10 @@ class LiveView:
         for route in self._command.replanner.routes.values():
             for east_m, north_m in route.points_m:
                 put(east_m, north_m, "·", "cyan")
+        pending = self._command.approval.pending
+        for route in pending.routes if pending is not None else ():
+            for east_m, north_m in route.points_m:
+                put(east_m, north_m, "·", "bold yellow")
         reached = self._command.fates.reached()
         for label, track in self._tracks("targets").items():
             if track.estimated:

@@ -154,3 +154,15 @@ def test_the_dead_stay_dead_and_the_arrived_are_not_sent_again() -> None:
     assert all(route.vehicle in (1, 4) for plan in plans for route in plan.routes)
     targets = [fate.target for fate in flight.all(Fate) if fate.fate == "arrived"]
     assert len(targets) == 3
+
+
+def test_without_central_command_each_vehicle_flies_its_mission_to_its_safe_end() -> None:
+    run = VirtualRun(load("deterministic"), SEED)
+    run.run(40.0)
+    last = {v: len(items.items) - 1 for v in (1, 2, 3, 4) if (items := run.command.tasking.flown(v))}
+    run.restart(200.0)
+    for vehicle in (1, 2, 3, 4):
+        autopilot = run.vehicles[f"vehicle:{vehicle}"].autopilot
+        assert (autopilot.mode, autopilot.seq) == (Mode.AUTO, last[vehicle])  # circles at the last item
+    run.run(260.0)
+    assert run.ended
