@@ -405,12 +405,16 @@ def info(
 @app.command()
 def report(
     recording: Annotated[
-        Path, typer.Argument(help="A recording, a .tlog of any ground station, or raw MAVLink.")
-    ],
+        Path | None, typer.Argument(help="A recording, a .tlog of any ground station, or raw MAVLink.")
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder for it.  [default: RECORDING/report, or NAME-report]"),
     ] = None,
+    paper: Annotated[
+        bool,
+        typer.Option("--paper", help="Fly the paper's missions; draw its figures 3 to 9, check its claims."),
+    ] = False,
     config: Annotated[
         str | None, typer.Option(help="The mission, for a log, or for a recording that lost its own.")
     ] = None,
@@ -428,9 +432,15 @@ def report(
     The page stands alone and opens in any browser. What a file does not hold, such as the truth of a real
     flight, the page says.
     """
+    from gcs.commands.paper import run_paper
     from gcs.commands.report import ReportOptions, run_report
 
+    if (recording is None) != paper:
+        raise typer.BadParameter("name a recording, or give --paper without one")
     with _errors_shown():
+        if recording is None:
+            folder = out if out is not None else Path("paper-report")
+            raise typer.Exit(run_paper(folder, Console(stderr=as_json), as_json=as_json))
         options = ReportOptions(recording, out, config, seed, timing, as_json)
         code = run_report(options, Console(stderr=as_json))
     raise typer.Exit(code)

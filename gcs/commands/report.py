@@ -221,9 +221,7 @@ class _Reading:
         if not known and config.map.random_threshold > 0.0:
             self.remarks.append("It does not say its seed, and its obstacles are random; give --seed.")
             return None
-        grid = mission_grid(config, self.seed)
-        centres = [grid.point_of((int(row), int(column))) for row, column in np.argwhere(grid.blocked)]
-        return Ground(np.reshape(centres, (-1, 2)), grid.spacing_m)
+        return Ground.of(mission_grid(config, self.seed))
 
     def _judge(self) -> Judge:
         config = self.config

@@ -10,7 +10,6 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
 from rich.console import Console
 from rich.live import Live
 
@@ -112,16 +111,15 @@ def new_folder(parent: Path, name: str) -> Path:
 def draw_recording(folder: Path, config: Config, seed: int) -> Path:
     """Draw the picture of a recorded run into its folder; return the file."""
     from gcs.report.figures import draw_run
+    from gcs.report.maps import Ground
 
-    grid = mission_grid(config, seed)
-    nodes = np.argwhere(grid.blocked)
-    centres = [grid.point_of((int(row), int(column))) for row, column in nodes]
+    ground = Ground.of(mission_grid(config, seed))
     picture = folder / "run.png"
     draw_run(
         (record.value for record in read(folder)),
         picture,
-        obstacles_m=np.reshape(centres, (-1, 2)),
-        cell_m=grid.spacing_m,
+        obstacles_m=ground.obstacles_m,
+        cell_m=ground.cell_m,
         title=f"{config.name}, seed {seed}",
     )
     return picture

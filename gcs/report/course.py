@@ -2,8 +2,8 @@
 
 `CourseBuilder` takes whatever a run consists of, in its order, and keeps the least that is shown: positions
 and times as packed numbers, never a picture with its covariances. So memory grows with scans times objects,
-about 160 bytes for each object at each scan where the truth is known (most of it the judge's) and 30 where
-it is not; detections are thinned beyond `MAX_DETECTIONS`.
+about 500 bytes for each object at each scan where the truth is known, most of it the judge's; detections are
+thinned beyond `MAX_DETECTIONS`.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.model import FloatArray, Kind, Label
+from gcs.planning.grid import Grid
 from gcs.report.course import Course, area_of
 from gcs.report.flights import Flight
 from gcs.report.style import (
@@ -52,8 +53,16 @@ class Ground:
     cell_m: float
     """Side of a cell."""
 
+    @classmethod
+    def of(cls, grid: Grid) -> Ground:
+        """Return the obstacles of a map."""
+        centres = [grid.point_of((int(row), int(column))) for row, column in np.argwhere(grid.blocked)]
+        return cls(np.reshape(centres, (-1, 2)), grid.spacing_m)
 
-def truth_figure(course: Course, ground: Ground | None, flights: Mapping[int, Flight]) -> Figure:
+
+def truth_figure(
+    course: Course, ground: Ground | None, flights: Mapping[int, Flight], *, estimates: bool = True
+) -> Figure:
     """Draw what truly happened, with the tracks over it, at half time and at the end, side by side.
 
     Without truth: what the vehicles reported, and the tracks.
@@ -69,9 +78,10 @@ def truth_figure(course: Course, ground: Ground | None, flights: Mapping[int, Fl
             truth_until(axes, course, until_s)
         else:
             _reported_until(axes, course, flights, until_s)
-        draw_some_estimates(axes, course, until_s)
+        if estimates:
+            draw_some_estimates(axes, course, until_s)
     panels[1].set_ylabel("")
-    known = legend_entries(course, obstacles=ground is not None)
+    known = legend_entries(course, obstacles=ground is not None, estimates=estimates)
     _legend(figure, known if course.has_truth else _report_entries(course, flights, ground))
     return figure
 
@@ -220,7 +230,12 @@ def draw_obstacles(axes: Axes, obstacles_m: FloatArray, cell_m: float, alpha: fl
 
     half = cell_m / 2.0
     cells = [Rectangle((x - half, y - half), cell_m, cell_m) for x, y in obstacles_m]
-    look: dict[str, Any] = {"facecolor": INK, "edgecolor": INK, "linewidth": 0.3, "alpha": alpha}
+    look: dict[str, Any] = {
+        "facecolor": INK,
+        "edgecolor": INK,
+        "linewidth": 0.3 if alpha == 1.0 else 0.0,
+        "alpha": alpha,
+    }
     axes.add_collection(PatchCollection(cells, zorder=1, **look))
 
 

@@ -229,3 +229,19 @@ def test_logs_of_real_autopilots_are_shown(tmp_path: Path, log: str) -> None:
     assert code == 0
     assert found["seconds"] > 300.0
     assert "What the vehicles reported" in checked_page(tmp_path)
+
+
+@pytest.mark.slow
+def test_the_papers_figures_and_claims_come_from_one_command(tmp_path: Path) -> None:
+    code, _, found = run("report", "--paper", "-o", tmp_path, "--json")
+    assert code == 0
+    assert {Path(one).stem for one in found["figures"]} == {f"fig{n}" for n in range(3, 10)}
+    words = checked_page(tmp_path)
+    for claim in found["claims"]:
+        assert claim["verdict"] in words
+        assert " ".join(claim["seen"].split()) in words
+
+
+def test_a_recording_or_the_paper_but_not_both(tmp_path: Path) -> None:
+    assert run("report")[0] == 2
+    assert run("report", tmp_path, "--paper")[0] == 2

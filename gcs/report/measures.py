@@ -1,0 +1,208 @@
+"""Numbers that the paper's claims are held against, each measured on one simulated run and its truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.model import FloatArray, Kind
+from gcs.planning.grid import Grid, Node
+from gcs.planning.search import distances_m, nearest_free
+from gcs.report.course import KINDS, Course, Decision, Estimate, Path
+from gcs.report.judge import Summary
+
+NEAR_M = 100.0
+"""Within this an estimate belongs to an object, or a route's end to a target: OSPA's cut-off."""
+_STEP_M = 2.0
+_RE_ROUTED_WITHIN_S = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """One simulated run, with all that is known of it."""
+
+    course: Course
+    summary: Summary
+    grid: Grid
+
+
+@dataclass(frozen=True, slots=True)
+class Handover:
+    """A survivor that got the target of an agent that was lost."""
+
+    lost: int
+    taker: int
+    after_s: float
+    """From the death to the plan."""
+    new_m: float
+    """The taker's distance, as the crow flies, to where its new route ends."""
+    former_m: float
+    """And to where its former route ended; NaN when it had none."""
+
+
+def metres_in_obstacles(flown: Flown) -> float:
+    """How many metres agents flew inside blocked cells, by straight lines between the scans."""
+    total_m = 0.0
+    for path in flown.course.paths["agents"].values():
+        for a, b in zip(path.points_m[:-1], path.points_m[1:], strict=True):
+            count = max(1, math.ceil(float(np.hypot(*(b - a))) / _STEP_M))
+            for part in (np.arange(count) + 0.5) / count:
+                place = a + part * (b - a)
+                node = flown.grid.node_of((float(place[0]), float(place[1])))
+                if flown.grid.blocked[node]:
+                    total_m += float(np.hypot(*(b - a))) / count
+    return total_m
+
+
+def handovers(flown: Flown) -> tuple[Handover, ...]:
+    """Find who got the target of each agent that died, in the first plan after it that gave it away."""
+    course, found = flown.course, []
+    for lost, path in course.paths["agents"].items():
+        if not path.dies:
+            continue
+        died_s = float(path.t_s[-1])
+        before = [decision for decision in course.decisions if decision.t_s <= died_s]
+        target = before[-1].targets.get(lost) if before else None
+        for decision in course.decisions:
+            if not died_s < decision.t_s <= died_s + _RE_ROUTED_WITHIN_S or target is None:
+                continue
+            takers = [v for v in decision.changed if decision.targets[v] == target and v != lost]
+            if takers:
+                found.append(_handover(course, lost, takers[0], decision, died_s))
+                break
+    return tuple(found)
+
+
+def _handover(course: Course, lost: int, taker: int, decision: Decision, died_s: float) -> Handover:
+    here = _at(course.paths["agents"][taker], decision.t_s)
+    earlier = [d.ends_m[taker] for d in course.decisions if d.t_s < decision.t_s and taker in d.ends_m]
+    former_m = float(np.hypot(*(here - np.array(earlier[-1])))) if earlier else math.nan
+    new_m = float(np.hypot(*(here - np.array(decision.ends_m[taker]))))
+    return Handover(lost, taker, decision.t_s - died_s, new_m, former_m)
+
+
+def spurious(flown: Flown) -> tuple[int, int, int]:
+    """Count revivals: (scans, longest run of scans, scans before the first) of a dead agent that was shown.
+
+    A dead agent is shown when an agent's estimate lies within `NEAR_M` of where it died and no living agent
+    does. The third number is how many scans in a row it was shown from its death on: as long as it takes to
+    see it. The first two are of what comes after that.
+    """
+    again = longest = waiting = 0
+    for path in flown.course.paths["agents"].values():
+        if not path.dies:
+            continue
+        after = [e for e in flown.course.estimates["agents"] if e.t_s > path.t_s[-1]]
+        shown = [_is_shown(flown.course, path, estimate) for estimate in after]
+        until = shown.index(False) if False in shown else len(shown)
+        waiting = max(waiting, until)
+        run = 0
+        for here in shown[until:]:
+            run = run + 1 if here else 0
+            again += here
+            longest = max(longest, run)
+    return again, longest, waiting
+
+
+def _is_shown(course: Course, path: Path, estimate: Estimate) -> bool:
+    near = [point for point in estimate.points_m if np.hypot(*(point - path.points_m[-1])) < NEAR_M]
+    living = _living_m(course, "agents", estimate.t_s)
+    return any(all(np.hypot(*(point - one)) >= NEAR_M / 2.0 for one in living) for point in near)
+
+
+def false_and_missed(flown: Flown) -> tuple[int, int, int]:
+    """Count (estimates, of these the false ones, living objects without an estimate) over all scans."""
+    estimates = false = missed = 0
+    for kind in KINDS:
+        for estimate in flown.course.estimates[kind]:
+            places = _living_m(flown.course, kind, estimate.t_s)
+            gaps = np.hypot(*np.moveaxis(estimate.points_m[:, None] - places[None], -1, 0))
+            near = gaps < NEAR_M
+            estimates += len(estimate.points_m)
+            false += int((~near.any(axis=1)).sum()) if len(places) else len(estimate.points_m)
+            missed += int((~near.any(axis=0)).sum()) if len(estimate.points_m) else len(places)
+    return estimates, false, missed
+
+
+def wrong_kind(flown: Flown) -> tuple[int, int]:
+    """Count estimates that are of the other kind's objects: (by the agents' tracker, by the targets').
+
+    Only estimates with nothing of their own kind within `NEAR_M` count.
+    """
+    found = []
+    for kind, other in (KINDS, tuple(reversed(KINDS))):
+        count = 0
+        for estimate in flown.course.estimates[kind]:
+            own, their = (_living_m(flown.course, of, estimate.t_s) for of in (kind, other))
+            for point in estimate.points_m:
+                near_own = len(own) and np.hypot(*(own - point).T).min() < NEAR_M
+                near_other = len(their) and np.hypot(*(their - point).T).min() < NEAR_M
+                count += bool(near_other and not near_own)
+        found.append(count)
+    return found[0], found[1]
+
+
+def astray(flown: Flown) -> tuple[int, int]:
+    """Count (new routes, of these the ones that end farther than `NEAR_M` from every living target)."""
+    routes = lost = 0
+    for decision in flown.course.decisions:
+        living = _living_m(flown.course, "targets", decision.t_s)
+        for end in decision.ends_m.values():
+            routes += 1
+            gaps = [float(np.hypot(*(one - np.array(end)))) for one in living]
+            lost += not gaps or min(gaps) > NEAR_M
+    return routes, lost
+
+
+def speeds(flown: Flown) -> tuple[float, float]:
+    """Return the median speed of agents and the highest speed of a target, in m/s, by their true paths."""
+
+    def of(path: Path) -> FloatArray:
+        steps = np.hypot(*np.diff(path.points_m, axis=0).T)
+        return np.asarray(steps / np.diff(path.t_s)) if len(path.t_s) > 1 else np.empty(0)
+
+    agents = np.concatenate([np.empty(0), *(of(path) for path in flown.course.paths["agents"].values())])
+    targets = np.concatenate([np.empty(0), *(of(path) for path in flown.course.paths["targets"].values())])
+    return float(np.median(agents)), float(targets.max(initial=0.0))
+
+
+def waviness(flown: Flown) -> tuple[float, float]:
+    """Return (way flown over the shortest on the grid, turning in degrees a kilometre) of who arrived.
+
+    The shortest way is the grid's, along its eight directions and diagonals, from the start to where the
+    agent was when it arrived.
+    """
+    flown_m = shortest_m = turned_deg = 0.0
+    for vehicle, t_s, fate in flown.course.fates:
+        path = flown.course.paths["agents"].get(vehicle)
+        if fate != "arrived" or path is None:
+            continue
+        points = path.until(t_s).points_m
+        steps = np.diff(points, axis=0)
+        flown_m += float(np.hypot(*steps.T).sum())
+        heading = np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))
+        turned_deg += float(np.degrees(np.abs(np.diff(heading)).sum()))
+        start, end = (_free_node(flown.grid, point) for point in (points[0], points[-1]))
+        shortest_m += float(distances_m(flown.grid, start)[end])
+    return (flown_m / shortest_m, turned_deg / flown_m * 1e3) if flown_m else (math.nan, math.nan)
+
+
+def _living_m(course: Course, kind: Kind, t_s: float) -> FloatArray:
+    """(n, 2) true places of what lived at a time."""
+    paths = course.paths[kind].values()
+    return np.reshape([_at(path, t_s) for path in paths if _lives(path, t_s)], (-1, 2))
+
+
+def _free_node(grid: Grid, point_m: FloatArray) -> Node:
+    node = grid.node_of((float(point_m[0]), float(point_m[1])))
+    return nearest_free(grid, node) or node if grid.blocked[node] else node
+
+
+def _lives(path: Path, t_s: float) -> bool:
+    return bool(path.t_s[0] <= t_s <= path.t_s[-1])
+
+
+def _at(path: Path, t_s: float) -> FloatArray:
+    return np.array([np.interp(t_s, path.t_s, path.points_m[:, axis]) for axis in (0, 1)])
