@@ -37,8 +37,10 @@ def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure, sizes in inches, that needs no display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(width, height), dpi=130, facecolor="white", layout="constrained")
+    layout = ConstrainedLayoutEngine(h_pad=0.12, w_pad=0.08)  # inches, so that no heading is cut
+    figure = Figure(figsize=(width, height), dpi=130, facecolor="white", layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
