@@ -20,7 +20,9 @@ from collections.abc import Container, Mapping
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from scipy.optimize import linear_sum_assignment
 
 from gcs.command.fates import Fates
 from gcs.command.orders import Orders
@@ -39,6 +41,9 @@ _LONGEST_S: Final = 25.0
 """After this a plan is made with what is known."""
 _PATIENT_S: Final = 8.0
 """So long for agents and targets that no verified route is about."""
+_GATE_CHI2: Final = 13.8
+"""On the squared normalised distance of a target from where it should be: 99.9 % of two dimensions."""
+_FAR_M: Final = 1e9
 _MISSION: Final[int] = dialect.MAV_MISSION_TYPE_MISSION
 
 
@@ -76,6 +81,7 @@ class Recovery:
         self._checks: dict[int, _Check] = {}
         self._verified: dict[int, Route] = {}
         self._was: dict[int, Label] = {}
+        self._known: dict[Label, Label] = {}
         self._reached: dict[int, Label] = {}
         self._expected: tuple[int, tuple[Track, ...]] = (0, ())
         self._until_t_ns: int | None = None
@@ -201,7 +207,7 @@ class Recovery:
         """Whether it is too early to plan: who flies what, or where targets are, is still being found out."""
         if self._until_t_ns is None:
             return False
-        seen = {self._was.get(label[1]) for label in targets}
+        seen = set(self._recognised(t_ns, targets).values())
         flown = all(r.target in seen and v in agents for v, r in self._verified.items())
         rest = all(v in agents for v in self._fates.flying()) and seen >= set(self._was.values())
         left_s = (self._until_t_ns - t_ns) / NS_PER_S
@@ -210,14 +216,32 @@ class Recovery:
         self._finish(t_ns, targets)
         return False
 
+    def _recognised(self, t_ns: int, targets: Mapping[Label, Track]) -> dict[Label, Label]:
+        """Labels before the restart of targets seen now: by place of birth, the others by nearness."""
+        known = {label: self._was[label[1]] for label in targets if label[1] in self._was}
+        then_t_ns, tracks = self._expected
+        moved_on = self._trackers.moved_on(tracks, (t_ns - then_t_ns) / NS_PER_S)
+        expected = [track for track in moved_on if track.label not in known.values()]
+        seen = [track for label, track in sorted(targets.items()) if label not in known]
+        if expected and seen:
+            offset = np.array([[e.mean[:2] - s.mean[:2] for s in seen] for e in expected])
+            S = np.array([[e.cov[:2, :2] + s.cov[:2, :2] for s in seen] for e in expected])
+            d2 = np.einsum("ijk,ijkl,ijl->ij", offset, np.linalg.inv(S), offset)
+            away_m = np.where(d2 <= _GATE_CHI2, np.hypot(offset[..., 0], offset[..., 1]), _FAR_M)
+            for row, column in zip(*linear_sum_assignment(away_m), strict=True):
+                if away_m[row, column] < _FAR_M:
+                    known[seen[column].label] = expected[row].label
+        return known
+
     def is_reached(self, label: Label) -> bool:
         """Whether a target that is seen now was reached before the restart."""
-        return self._was.get(label[1]) in self._reached.values()
+        return self._known.get(label, self._was.get(label[1])) in self._reached.values()
 
     def _finish(self, t_ns: int, targets: Mapping[Label, Track]) -> None:
         """Hand the routes over, with their targets under the labels that they have now."""
         self._until_t_ns = None
-        now = {self._was.get(label[1]): label for label in targets}
+        self._known = self._recognised(t_ns, targets)
+        now = {was: label for label, was in self._known.items()}
         for vehicle in [vehicle for vehicle, label in self._reached.items() if label in now]:
             target = now[self._reached.pop(vehicle)]
             self._fates.by_vehicle[vehicle] = replace(self._fates.by_vehicle[vehicle], target=target)
