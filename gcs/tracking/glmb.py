@@ -67,7 +67,7 @@ class GlmbParams:
     """Of one group of interacting labels."""
     gate_chi2: float = 32.2
     """Squared Mahalanobis distance of the gate: 2 degrees of freedom, 1e-7 of the detections outside."""
-    prune_weight: float = 1e-6
+    prune_weight: float = 1e-4
     """Hypotheses below this share of their group's best are dropped."""
     forget_existence: float = 1e-5
     """Labels below it are forgotten."""
@@ -75,10 +75,11 @@ class GlmbParams:
     """Labels below it are not in the picture."""
     dependence: float = 0.01
     """Labels closer to independence than this total variation are tracked apart."""
-    merge_chi2: float = 0.3
+    merge_chi2: float = 1.0
     """Tracks of one label closer than this squared Mahalanobis distance become one; 0: never."""
-    enumerable: int = 1_000_000
-    """Most joint options of a hypothesis whose children are enumerated; beyond, they are sampled."""
+    enumerable: int = 100_000
+    """Most joint options of a hypothesis, of those that are not hopeless, whose children are enumerated;
+    beyond, they are sampled."""
     gibbs_sweeps: int = 1000
     """Per group and scan, shared by its sampled hypotheses."""
 
@@ -247,9 +248,13 @@ class Glmb:
         shown[estimated] = estimate
         is_estimated = np.zeros(existence.size, np.bool_)
         is_estimated[estimated] = True
+        labels = np.flatnonzero((existence >= self.params.report_existence) | is_estimated)
+        mean, cov = self._mean[shown[labels]], self._cov[shown[labels]]
+        mean.flags.writeable = cov.flags.writeable = False
+        columns = (mean, cov, existence[labels].tolist(), is_estimated[labels].tolist())
         tracks = tuple(
-            self._track(shown[i], float(existence[i]), estimated=bool(is_estimated[i]))
-            for i in np.flatnonzero((existence >= self.params.report_existence) | is_estimated)
+            Track(self._labels[i], *row)
+            for i, row in zip(labels.tolist(), zip(*columns, strict=True), strict=True)
         )
         scan_t_ns = t_ns if self._t_ns is None else self._t_ns
         return Picture(t_ns, scan_t_ns, self.kind, tracks, read_only(cardinality))
@@ -257,10 +262,6 @@ class Glmb:
     def estimate(self) -> tuple[Track, ...]:
         """Return who is there: the tracks of `picture` that are in the MAP-cardinality estimate."""
         return tuple(track for track in self.picture(0).tracks if track.estimated)
-
-    def _track(self, t: int, existence: float, *, estimated: bool) -> Track:
-        label = self._labels[self._track_label[t]]
-        return Track(label, read_only(self._mean[t]), read_only(self._cov[t]), existence, estimated)
 
     def _usable(self, z_m: FloatArray, clutter_per_m2: FloatArray, sensor: Sensor) -> _Look:
         """Take the detections that are finite, in the order that the gates need."""
@@ -339,8 +340,10 @@ class Glmb:
         self._mean, self._cov = mean[used], cov[used]
         if self.histories is not None:
             self.histories.extend(parent[used], meas[used], logw[used], look.place_m)
-        kept, self._track_label = np.unique(track_label[used], return_inverse=True)
-        self._labels = [self._labels[i] for i in kept]
+        track_label = track_label[used]
+        is_next = np.diff(track_label, prepend=-1) > 0  # labels ascend
+        self._track_label = np.cumsum(is_next) - 1
+        self._labels = [self._labels[i] for i in track_label[is_next].tolist()]
 
 
 def warm_up_calls() -> list[compiling.Call]:

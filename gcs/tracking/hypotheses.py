@@ -26,6 +26,8 @@ from gcs.compiling import called, inlined, kernel
 from gcs.tracking.ordering import greatest_first, head
 
 DIED = -2
+_FEW_JOINT_OPTIONS = 1000
+_LOSS_BINS = 16
 
 
 class Groups(NamedTuple):
@@ -60,7 +62,8 @@ class Limits(NamedTuple):
     dependence: float
     """Labels whose joint differs by less (total variation) from the product of marginals part."""
     enumerable: int
-    """Most joint options of a hypothesis that is enumerated; beyond, it is sampled."""
+    """Most joint options within `log_prune` of the best of a hypothesis that is enumerated; beyond, it is
+    sampled."""
     sweeps: int
     """Gibbs sweeps that a group's sampled hypotheses share by weight."""
 
@@ -239,6 +242,56 @@ def _enumerate(
 
 
 @inlined
+def _greedy(tracks: Any, options: Options, used: Any, pick: Any) -> float:
+    """Let each track in turn `pick` its best free option, which is `used` then; return their log-weight."""
+    start, meas = options.start, options.meas
+    total = 0.0
+    for i in range(tracks.size):
+        o = start[tracks[i]]
+        while meas[o] >= 0 and used[meas[o]]:
+            o += 1
+        pick[i] = o
+        if meas[o] >= 0:
+            used[meas[o]] = True
+        total += options.logw[o]
+    return total
+
+
+@inlined
+def _free(tracks: Any, options: Options, used: Any, pick: Any) -> None:
+    for i in range(tracks.size):
+        if options.meas[pick[i]] >= 0:
+            used[options.meas[pick[i]]] = False
+
+
+@inlined
+def _contenders(tracks: Any, options: Options, slack: float, count: Any) -> float:
+    """About how many joint options lose less than `slack` against each track's best, competition aside.
+
+    What is lost is counted in steps of a bin of `count` (bins,), rounded down, so the number is rather too
+    great.
+    """
+    start, logw = options.start, options.logw
+    count[:] = 0.0
+    count[0] = 1.0
+    per_step = count.size / slack
+    for i in range(tracks.size):
+        first, end = start[tracks[i]], start[tracks[i] + 1]
+        for b in range(count.size - 1, -1, -1):
+            total = 0.0
+            for o in range(first, end):
+                loss = (logw[first] - logw[o]) * per_step
+                if loss >= b + 1:
+                    break
+                total += count[b - int(loss)]
+            count[b] = total
+    number = 0.0
+    for b in range(count.size):
+        number += count[b]
+    return number
+
+
+@inlined
 def _draw(first: int, end: int, options: Options, used: Any, rng: Any) -> int:
     """Draw one of a track's free options in proportion to its weight."""
     meas, logw = options.meas, options.logw
@@ -275,13 +328,7 @@ def _sample(
     """Offer the distinct children that a Gibbs sampler visits, from the greedy one on."""
     start, meas = options.start, options.meas
     n = tracks.size
-    for i in range(n):
-        o = start[tracks[i]]
-        while meas[o] >= 0 and used[meas[o]]:
-            o += 1
-        pick[i] = o
-        if meas[o] >= 0:
-            used[meas[o]] = True
+    _greedy(tracks, options, used, pick)
     seen = np.empty(_power_of_two(2 * sweeps + 2), np.uint64)
     seen[:] = 0
     mask = np.uint64(seen.size - 1)
@@ -304,10 +351,42 @@ def _sample(
             pick[i] = _draw(start[tracks[i]], start[tracks[i] + 1], options, used, rng)
             if meas[pick[i]] >= 0:
                 used[meas[pick[i]]] = True
-    for i in range(n):
-        if meas[pick[i]] >= 0:
-            used[meas[pick[i]]] = False
+    _free(tracks, options, used, pick)
     return count, floor
+
+
+@inlined
+def _lone(groups: Groups, g: int, options: Options, limits: Limits, item: Any, logw: Any, order: Any) -> Any:
+    """Children of a group whose hypotheses hold one track at most, which compete for nothing.
+
+    Every option of every track is a child, and nobody's being there is one more. Fills `item` (-1 for nobody)
+    and `logw`, and the first places of `order` with the ones kept, best first; returns how many those are.
+    """
+    start, items = groups.start, groups.items
+    nobody, n, best = 0.0, 1, -np.inf
+    for h in range(groups.first[g], groups.first[g + 1]):
+        if start[h] == start[h + 1]:
+            nobody += math.exp(groups.logw[h])
+            continue
+        t = items[start[h]]
+        for o in range(options.start[t], options.start[t + 1]):
+            if options.meas[o] == DIED:
+                nobody += math.exp(groups.logw[h] + options.logw[o])
+                continue
+            item[n], logw[n] = o, groups.logw[h] + options.logw[o]
+            best = max(best, logw[n])
+            n += 1
+    item[0], logw[0] = -1, math.log(nobody) if nobody > 0.0 else -np.inf
+    floor, kept = max(best, logw[0]) + limits.log_prune, 0
+    for i in range(n):
+        if logw[i] >= floor:
+            item[kept], logw[kept] = item[i], logw[i]
+            kept += 1
+    best_first = greatest_first(logw, 0, kept)
+    kept = min(kept, limits.hypotheses)
+    for i in range(kept):
+        order[i] = best_first[i]
+    return kept
 
 
 @kernel
@@ -318,7 +397,7 @@ def children(groups: Groups, options: Options, n_detections: int, limits: Limits
     n_groups, n_hyps = first.size - 1, logw.size
     joint, bound = np.empty(n_hyps), np.empty(n_hyps)
     widest, room = np.empty(n_groups, np.int64), np.empty(n_groups, np.int64)
-    broadest, most_hyps, most_items = 0, 0, 0
+    broadest, broadest_lone, most_hyps, most_items = 0, 0, 0, 0
     for g in range(n_groups):
         total, wide = 0.0, 1
         for h in range(first[g], first[g + 1]):
@@ -330,6 +409,8 @@ def children(groups: Groups, options: Options, n_detections: int, limits: Limits
                 bound[h] += options.logw[options.start[t]]
             total += joint[h]
         room[g], widest[g] = int(min(total, 4.0 * limits.hypotheses)) + 1, wide
+        if wide <= 1:
+            broadest_lone = max(broadest_lone, int(total) + 1)
         most_hyps += min(room[g], limits.hypotheses)
         most_items += min(room[g], limits.hypotheses) * wide
         broadest = max(broadest, wide)
@@ -337,15 +418,38 @@ def children(groups: Groups, options: Options, n_detections: int, limits: Limits
     out_first, out_start = np.zeros(n_groups + 1, np.int64), np.zeros(most_hyps + 1, np.int64)
     out_items, out_logw = np.empty(most_items, np.int64), np.empty(most_hyps)
     pick, above, tail = np.empty(broadest, np.int64), np.empty(broadest + 1), np.empty(broadest + 1)
+    lone_item, lone_logw = np.empty(broadest_lone, np.int64), np.empty(broadest_lone)
+    lone_order, losses = np.empty(broadest_lone, np.int64), np.empty(_LOSS_BINS)
     n = 0
     for g in range(n_groups):
+        if widest[g] <= 1:
+            low, total = n, 0.0
+            kept = _lone(groups, g, options, limits, lone_item, lone_logw, lone_order)
+            for k in range(kept):
+                i = lone_order[k]
+                out_logw[n], out_start[n + 1] = lone_logw[i] - lone_logw[lone_order[0]], out_start[n]
+                if lone_item[i] >= 0:
+                    out_items[out_start[n]] = lone_item[i]
+                    out_start[n + 1] += 1
+                total += math.exp(out_logw[n])
+                n += 1
+            for h in range(low, n):
+                out_logw[h] -= math.log(total)
+            out_first[g + 1] = n
+            continue
         pool = _pool(room[g], widest[g])
         count, floor = np.int64(0), -np.inf
         for h in greatest_first(bound, first[g], first[g + 1]):
             if bound[h] < floor:
                 break
             tracks = items[start[h] : start[h + 1]]
-            if joint[h] <= limits.enumerable:
+            contenders = joint[h]
+            if contenders > _FEW_JOINT_OPTIONS:
+                greedy = logw[h] + _greedy(tracks, options, used, pick)
+                _free(tracks, options, used, pick)
+                slack = bound[h] - max(floor, greedy + limits.log_prune)
+                contenders = min(contenders, _contenders(tracks, options, slack, losses))
+            if contenders <= limits.enumerable:
                 count, floor = _enumerate(
                     pool, count, floor, logw[h], tracks, options, used, limits, pick, above, tail
                 )

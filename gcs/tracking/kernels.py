@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 DIED = -2
 MISSED = -1
+_TAIL = 1e-15
 LEAST_INSIDE = 1e-6
 """A track that is in the field of view with less than this probability is outside."""
 MAX_GATED = 32
@@ -144,13 +145,15 @@ def options(
             a, b, c = _innovation(cov, t, view, t * step)
             det = a * c - b * b
             scale = math.log(p_d) - math.log(2.0 * math.pi) - 0.5 * math.log(det) + log_live[t]
-            reach = math.sqrt(gate_chi2 * a)
+            reach, reach_1 = math.sqrt(gate_chi2 * a), math.sqrt(gate_chi2 * c)
             for j in range(_first_beyond(z, x - reach), m):
                 dx, dy = z[j, 0] - x, z[j, 1] - y
                 if dx > reach:
                     break
                 if view.wraps:
                     dy = wrapped(dy)
+                if abs(dy) > reach_1:
+                    continue
                 d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
                 if d2 <= gate_chi2:
                     meas[count], logw[count] = j, scale - 0.5 * d2 - log_clutter[j]
@@ -259,18 +262,31 @@ def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray
     existence, shown = np.zeros(n_labels), np.empty(n_labels, np.int64)
     cardinality, convolved = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
     shown[:] = -1
-    cardinality[0], most = 1.0, 0
+    # `least` to `most` objects are all that is probable so far; the tails left out are below 1e-12.
+    cardinality[0], least, most = 1.0, 0, 0
+    size_weight = np.zeros(n_labels + 1)
     for g in range(first.size - 1):
         low, high, widest = first[g], first[g + 1], 0
-        convolved[:] = 0.0
         for h in range(low, high):
             w, size = math.exp(groups.logw[h]), start[h + 1] - start[h]
             widest = max(widest, size)
+            size_weight[size] += w
             for i in range(start[h], start[h + 1]):
                 existence[track_label[items[i]]] += w
-            for k in range(most + 1):
-                convolved[k + size] += w * cardinality[k]
+        for k in range(least, most + widest + 1):
+            convolved[k] = 0.0
+        for size in range(widest + 1):
+            w, size_weight[size] = size_weight[size], 0.0
+            if w > 0.0:
+                for k in range(least, most + 1):
+                    convolved[k + size] += w * cardinality[k]
         most += widest
+        while least < most and convolved[least] < _TAIL:
+            convolved[least] = 0.0
+            least += 1
+        while most > least and convolved[most] < _TAIL:
+            convolved[most] = 0.0
+            most -= 1
         cardinality, convolved = convolved, cardinality
         reference = _reference(groups, g, track_label, existence)
         for i in range(start[reference], start[reference + 1]):
@@ -280,6 +296,9 @@ def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray
                 shown[track_label[items[i]]] = items[i]
     for i in range(n_labels):
         existence[i] = min(existence[i], 1.0)
+    for k in range(n_labels + 1):
+        if not least <= k <= most:
+            cardinality[k] = 0.0
     return existence, shown, cardinality
 
 

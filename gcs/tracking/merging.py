@@ -71,6 +71,9 @@ def _leaders(
         while end < n and track_label[end] == track_label[first]:
             end += 1
         count = 0
+        if end == first + 1:
+            leader[first], first = first, end
+            continue
         for t in greatest_first(weight, first, end):
             leader[t] = t
             for i in range(count):
@@ -89,17 +92,24 @@ def _leaders(
 def _join_moments(mean: FloatArray, cov: FloatArray, weight: FloatArray, leader: Any) -> None:
     """Give each leader the mean and covariance of the mixture that it stands for, in place."""
     n = leader.size
-    total, joined = np.zeros(n), np.zeros(n, np.int64)
-    centre, spread = np.zeros((n, 4)), np.zeros((n, 4, 4))
+    # Which of the mixtures each leader stands for, -1 for those that stand for themselves alone.
+    mixture, count = np.empty(n, np.int64), 0
+    mixture[:] = -1
     for t in range(n):
-        at = leader[t]
+        if leader[t] != t and mixture[leader[t]] < 0:
+            mixture[leader[t]] = count
+            count += 1
+    total, centre, spread = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4, 4))
+    for t in range(n):
+        at = mixture[leader[t]]
+        if at < 0:
+            continue
         total[at] += weight[t]
-        joined[at] += 1
         for i in range(4):
             centre[at, i] += weight[t] * mean[t, i]
     for t in range(n):
-        at = leader[t]
-        if joined[at] > 1:
+        at = mixture[leader[t]]
+        if at >= 0:
             share = weight[t] / total[at]
             for i in range(4):
                 off = mean[t, i] - centre[at, i] / total[at]
@@ -108,11 +118,12 @@ def _join_moments(mean: FloatArray, cov: FloatArray, weight: FloatArray, leader:
                         cov[t, i, j] + off * (mean[t, j] - centre[at, j] / total[at])
                     )
     for t in range(n):
-        if joined[t] > 1:
+        at = mixture[t]
+        if at >= 0:
             for i in range(4):
-                mean[t, i] = centre[t, i] / total[t]
+                mean[t, i] = centre[at, i] / total[at]
                 for j in range(4):
-                    cov[t, i, j] = spread[t, i, j]
+                    cov[t, i, j] = spread[at, i, j]
 
 
 @kernel
@@ -131,6 +142,19 @@ def merge_alike(
     out_items, out_logw = np.empty(items.size, np.int64), np.empty(groups.logw.size)
     n = 0
     for g in range(first.size - 1):
+        changed = False
+        for i in range(start[first[g]], start[first[g + 1]]):
+            changed |= leader[items[i]] != items[i]
+        if not changed:
+            for h in range(first[g], first[g + 1]):
+                out_logw[n], size = groups.logw[h], out_start[n]
+                for i in range(start[h], start[h + 1]):
+                    out_items[size] = items[i]
+                    size += 1
+                n += 1
+                out_start[n] = size
+            out_first[g + 1] = n
+            continue
         key = np.empty(first[g + 1] - first[g], np.uint64)
         for h in range(first[g], first[g + 1]):
             key[h - first[g]] = 0

@@ -13,6 +13,8 @@ import numpy as np
 
 from gcs.compiling import called, inlined
 
+_FEW = 12
+
 
 @called
 def head(array: Any, n: int) -> Any:
@@ -22,9 +24,18 @@ def head(array: Any, n: int) -> Any:
 
 @called
 def _sorted(value: Any, first: int, end: int) -> Any:
-    """Merge sort, see `greatest_first`."""
+    """Insertion sort of a few, merge sort of more; see `greatest_first`."""
     n = end - first
-    order, merged = np.empty(n, np.int64), np.empty(n, np.int64)
+    order = np.empty(n, np.int64)
+    if n <= _FEW:
+        for i in range(n):
+            j = i
+            while j > 0 and value[order[j - 1]] < value[first + i]:
+                order[j] = order[j - 1]
+                j -= 1
+            order[j] = first + i
+        return order
+    merged = np.empty(n, np.int64)
     for i in range(n):
         order[i] = first + i
     run = 1

@@ -161,38 +161,30 @@ def meet(groups: Groups, options: Options, n_detections: int, limits: Limits) ->
 
 @inlined
 def _number(items: Any, begin: int, end: int, item_label: Any, number: Any, used: Any) -> int:
-    """Number the tracks of each label among the items `begin` to `end` - 1, from 1 on.
+    """Number the tracks of each label among the items `begin` to `end` - 1, from 1 on, as they come.
 
-    Fills `number` (of an item's track) and `used` (how many a label has); returns the greatest number.
+    Fills `number` (of a track, 0 before) and `used` (how many a label has); returns the greatest number.
     """
-    key = np.empty(end - begin, np.uint64)
+    most = 0
     for i in range(begin, end):
-        key[i - begin] = ~np.uint64(items[i])  # the least first
-    most, before = 0, -1
-    for k in greatest_first(key, 0, end - begin):
-        i = begin + k
-        if items[i] != before:
+        if number[items[i]] == 0:
             used[item_label[i]] += 1
-        number[i], before = used[item_label[i]], items[i]
-        most = max(most, number[i])
+            number[items[i]] = used[item_label[i]]
+            most = max(most, used[item_label[i]])
     return most
 
 
 @inlined
 def _dependent(
-    choice: Any, marginal: Any, used: Any, weight: Any, low: int, p: int, q: int, bound: float
+    choice: Any, marginal: Any, used: Any, weight: Any, low: int, p: int, q: int, joint: Any, bound: float
 ) -> bool:
     """Whether labels p and q are further than `bound` (total variation) from being independent.
 
-    If one of them is almost sure of its option, it cannot be: the distance is at most 2 (1 - its
-    probability).
+    `joint` is scratch, as great as any two labels need.
     """
-    surest = 0.0
-    for a in range(marginal.shape[1]):
-        surest = max(surest, marginal[p, a], marginal[q, a])
-    if 2.0 * (1.0 - min(1.0, surest)) < bound:
-        return False
-    joint = np.zeros((used[p] + 1, used[q] + 1))
+    for a in range(used[p] + 1):
+        for b in range(used[q] + 1):
+            joint[a, b] = 0.0
     for h in range(choice.shape[0]):
         joint[choice[h, p], choice[h, q]] += weight[low + h]
     distance = 0.0
@@ -216,17 +208,25 @@ def _split(
         for p in range(n):
             choice[h - low, p] = 0
         for i in range(start[h], start[h + 1]):
-            choice[h - low, item_label[i]] = number[i]
+            choice[h - low, item_label[i]] = number[groups.items[i]]
         for p in range(n):
             marginal[p, choice[h - low, p]] += weight[h]
+    # A label that is almost sure of its track depends on nobody: it is at most 2 (1 - its probability) away.
+    open_, joint = np.empty(n, np.bool_), np.empty((most + 1, most + 1))
     for p in range(n):
         set_of[p] = p if 1.0 - marginal[p, 0] >= limits.existence else -1
+        surest = 0.0
+        for a in range(used[p] + 1):
+            surest = max(surest, marginal[p, a])
+        open_[p] = set_of[p] >= 0 and 2.0 * (1.0 - surest) >= limits.dependence
     for p in range(n):
+        if not open_[p]:
+            continue
         for q in range(p + 1, n):
             if (
-                min(set_of[p], set_of[q]) >= 0
+                open_[q]
                 and set_of[p] != set_of[q]
-                and _dependent(choice, marginal, used, weight, low, p, q, limits.dependence)
+                and _dependent(choice, marginal, used, weight, low, p, q, joint, limits.dependence)
             ):
                 a, b = set_of[p], set_of[q]
                 for r in range(n):
@@ -270,7 +270,10 @@ def part(groups: Groups, track_label: Any, n_labels: int, keys: Any, limits: Lim
     out_first, out_start = np.zeros(n_labels + 1, np.int64), np.empty(most * n_labels + 1, np.int64)
     out_items, out_logw = np.empty(items.size, np.int64), np.empty(most * n_labels)
     local, set_of = np.empty(n_labels, np.int64), np.empty(n_labels, np.int64)
-    item_label, number = np.empty(items.size, np.int64), np.empty(items.size, np.int64)
+    most_item = -1
+    for i in range(items.size):
+        most_item = max(most_item, items[i])
+    item_label, number = np.empty(items.size, np.int64), np.zeros(most_item + 1, np.int64)
     local[:] = -1
     out_start[0], count, h_out, size = 0, 0, 0, 0
     for g in range(first.size - 1):
@@ -281,6 +284,22 @@ def part(groups: Groups, track_label: Any, n_labels: int, keys: Any, limits: Lim
                 local[label] = n
                 n += 1
             item_label[i] = local[label]
+        if n == 1:
+            there = 0.0
+            for h in range(first[g], first[g + 1]):
+                if start[h + 1] > start[h]:
+                    there += weight[h]
+            if there >= limits.existence:
+                for h in range(first[g], first[g + 1]):
+                    if start[h + 1] > start[h]:
+                        out_items[size] = items[start[h]]
+                        size += 1
+                    out_logw[h_out] = groups.logw[h]
+                    h_out += 1
+                    out_start[h_out] = size
+                count += 1
+                out_first[count] = h_out
+            continue
         _split(groups, g, item_label, number, weight, set_of, n, limits)
         for p in range(n):
             if set_of[p] != p:
