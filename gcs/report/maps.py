@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_CLUTTER = 5000
+_MAX_OUTLINED = 3000
+"""Estimates of a kind that are drawn one by one."""
 _MOST_POINTS = 1500
 """Of one line; more cannot be seen."""
 
@@ -110,7 +112,9 @@ def tracker_figure(course: Course, ground: Ground | None) -> Figure:
     entries = []
     for kind, scans in course.estimates.items():
         points = np.concatenate([np.empty((0, 2)), *(estimate.points_m for estimate in scans)])
-        look: dict[str, Any] = {"facecolors": KINDS[kind] + "55", "edgecolors": INK}
+        many = len(points) > _MAX_OUTLINED  # a raster has no ink of the page's, and keeps the page small
+        edge = KINDS[kind] if many else INK
+        look: dict[str, Any] = {"facecolors": KINDS[kind] + "55", "edgecolors": edge, "rasterized": many}
         area = (24 if kind == "agents" else 12) * size**2  # targets are slow: their circles overlap
         dots(axes, points, s=area, linewidths=0.6 * size, zorder=4, **look)
         entries.append(

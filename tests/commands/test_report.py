@@ -242,6 +242,30 @@ def test_the_papers_figures_and_claims_come_from_one_command(tmp_path: Path) -> 
         assert " ".join(claim["seen"].split()) in words
 
 
+def test_a_run_in_parts_is_one_run_to_every_command(flight: Path, tmp_path: Path) -> None:
+    made_with = about(flight)
+    with Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run, 60_000) as recorder:
+        for record in read(flight):
+            if isinstance(record.value, Event):
+                recorder.event(record.value)
+            elif isinstance(record.value, Truth):
+                recorder.truth(record.value)
+            elif not isinstance(record.value, Damage):
+                recorder.effect(record.value, record.t_ns)
+            if record.sequence % 50 == 0:
+                recorder.flush()
+    assert (tmp_path / "run" / "run-002.mcap").is_file()
+    code, _, found = run("replay", tmp_path / "run", "--verify", "--json")
+    assert (code, found["verified"]) == (0, True)
+    info = run("info", tmp_path / "run", "--json")[2]
+    assert info["parts"] >= 2
+    assert info["records"] == run("info", flight, "--json")[2]["records"]
+    assert run("info", tmp_path / "run" / "run-002.mcap", "--json")[2]["damage"] == []
+    code, text, _ = run("replay", tmp_path / "run" / "run-002.mcap", "--verify")
+    assert code == 2
+    assert "begins in the middle of a run" in text
+
+
 def test_a_recording_or_the_paper_but_not_both(tmp_path: Path) -> None:
     assert run("report")[0] == 2
     assert run("report", tmp_path, "--paper")[0] == 2
