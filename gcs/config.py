@@ -99,6 +99,8 @@ class KindTracking(Table, frozen=True, kw_only=True):
     accel_std_m_s2: Positive
     birth_probability: InnerProbability = 0.03
     birth_again_probability: InnerProbability = 1e-4
+    turn_rate_std_deg_s: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
+    turn_time_s: Positive = 10.0
     anywhere: AnywhereTable = AnywhereTable()
 
 

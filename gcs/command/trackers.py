@@ -61,6 +61,8 @@ class KindTracker:
         params = GlmbParams(
             survival_probability_per_s=tracking.survival_probability_per_s,
             accel_std_m_s2=table.accel_std_m_s2,
+            turn_rate_std_rad_s=math.radians(table.turn_rate_std_deg_s),
+            turn_time_s=table.turn_time_s,
             max_hypotheses=tracking.max_hypotheses,
             gate_chi2=tracking.gate_chi2,
             lost_std_m=tracking.lost_std_m,
@@ -71,6 +73,7 @@ class KindTracker:
         self.places = places
         self._born_t_ns = -1
         self._accel_std_m_s2 = table.accel_std_m_s2
+        self._turn_rate_std_rad_s = math.radians(table.turn_rate_std_deg_s)
         self._again_probability = table.birth_again_probability
         self._filter = Glmb(kind, params, seed, weigh_detections=True)
         anywhere = table.anywhere
@@ -120,6 +123,9 @@ class KindTracker:
         F, Q = transition(dt_s), process_noise(dt_s, self._accel_std_m_s2)
         means = np.reshape([track.mean for track in tracks], (-1, 4)) @ F.T
         covs = F @ np.reshape([track.cov for track in tracks], (-1, 4, 4)) @ F.T + Q
+        # The picture does not say who is turning: a turn's offset from straight ahead adds to the spread.
+        offset_m = 0.5 * dt_s**2 * self._turn_rate_std_rad_s * np.hypot(means[:, 2], means[:, 3])
+        covs[:, [0, 1], [0, 1]] += np.square(offset_m)[:, None]
         return means[:, :2], covs[:, :2, :2], np.array([track.existence for track in tracks])
 
     def intensity(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> FloatArray:

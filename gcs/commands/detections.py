@@ -25,7 +25,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from gcs.config import Box, InnerProbability, Positive, Probability, Table, convert, parse
+from gcs.config import AnywhereTable, Box, InnerProbability, Positive, Probability, Table, convert, parse
 from gcs.edge.reader import about, read
 from gcs.edge.recorder import MCAP_NAME
 from gcs.errors import ConfigError, RecordingError
@@ -60,6 +60,8 @@ class ModelTable(Table, frozen=True, kw_only=True):
     dt_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 1.0
     accel_std_m_s2: Positive
     acceleration: Acceleration = "white"
+    turn_rate_std_deg_s: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
+    turn_time_s: Positive = 10.0
     survival_probability: InnerProbability
     """From scan to scan."""
     detection_probability: Probability
@@ -70,7 +72,8 @@ class ModelTable(Table, frozen=True, kw_only=True):
     field_of_view_m: Box | None = None
     """The same of where objects are detected; without it, wherever they are."""
     scans: Annotated[int, Meta(ge=1, le=_MOST_SCANS)] | None = None
-    births: Annotated[list[BirthModel], Meta(min_length=1)]
+    births: tuple[BirthModel, ...] = ()
+    anywhere: AnywhereTable = AnywhereTable()
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +91,8 @@ class Detections:
 
     params: GlmbParams
     births: tuple[Birth, ...]
+    anywhere: AnywhereTable
+    """Births where no place is known."""
     birth_again_probability: float | None
     """What a place gives birth with after an object of it was estimated; None: as before."""
     looks: tuple[Look, ...]
@@ -157,6 +162,8 @@ def _numbered(
     params = GlmbParams(
         accel_std_m_s2=table.accel_std_m_s2,
         acceleration=table.acceleration,
+        turn_rate_std_rad_s=math.radians(table.turn_rate_std_deg_s),
+        turn_time_s=table.turn_time_s,
         survival_probability_per_s=table.survival_probability ** (1.0 / table.dt_s),
     )
     births = tuple(
@@ -164,7 +171,9 @@ def _numbered(
         for b in table.births
     )
     true = {} if truth is None else {k: truth.get(k, {}) for k in times}
-    return Detections(params, births, None, looks, {t_ns: k for k, t_ns in times.items()}, true)
+    return Detections(
+        params, births, table.anywhere, None, looks, {t_ns: k for k, t_ns in times.items()}, true
+    )
 
 
 def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detections:
@@ -190,6 +199,7 @@ def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detecti
         survival_probability_per_s=tracking.survival_probability_per_s,
         max_hypotheses=tracking.max_hypotheses,
         gate_chi2=tracking.gate_chi2,
+        lost_std_m=tracking.lost_std_m,
     )
     births = [
         _birth(
@@ -209,11 +219,13 @@ def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detecti
         )
         for b in config.births
     ]
+    kinds = (tracking.agents.anywhere, tracking.targets.anywhere)
+    anywhere = max(kinds, key=lambda table: table.per_s)
     again = max(tracking.agents.birth_again_probability, tracking.targets.birth_again_probability)
     looks = tuple(Look(scan.measured_t_ns, scan.sensor, scan.z_m) for scan in scans)
     number = {t_ns: k for k, t_ns in enumerate(sorted({look.t_ns for look in looks}), 1)}
     true = _true_tracks(truths, number) if truth is None else _truth(truth)
-    return Detections(params, tuple(births), again, looks, number, true)
+    return Detections(params, tuple(births), anywhere, again, looks, number, true)
 
 
 def _true_tracks(truths: list[Truth], number: Mapping[int, int]) -> dict[int, Tracks[object]]:
@@ -300,6 +312,8 @@ def _checked(path: Path, table: ModelTable) -> ModelTable:
     if not all(math.isfinite(value) for value in (*numbers, *table.region_m)):
         raise ConfigError(str(path), "", "expected finite numbers in the model")
     west, south, east, north = table.region_m
+    if not table.births and table.anywhere.per_s <= 0.0:
+        raise ConfigError(str(path), "births", "expected places where objects appear, or anywhere.per_s > 0")
     if not (west < east and south < north):
         raise ConfigError(str(path), "region_m", "expected x_min, y_min, x_max, y_max with room between")
     return table

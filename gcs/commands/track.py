@@ -23,6 +23,7 @@ from gcs.commands.detections import Detections, load
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import FloatArray, Label
 from gcs.report.tracking import Drawing, draw_tracking
+from gcs.tracking.births import UnknownBirths
 from gcs.tracking.glmb import Glmb, warm_up
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
 
@@ -87,6 +88,12 @@ def run_track(options: TrackOptions, console: Console) -> None:
     if options.plot is not None and options.plot.suffix.lower() not in _PICTURES:
         raise ConfigError(str(options.plot), "", f"expected a name that ends in {', '.join(_PICTURES)}")
     detections = load(options.path, options.model, options.truth)
+    if options.estimator != "filtered" and detections.params.turn_rate_std_rad_s > 0.0:
+        raise ConfigError(
+            str(options.model),
+            "turn_rate_std_deg_s",
+            f"{options.estimator} paths are of straight motion only: expected --estimator filtered with it",
+        )
     with console.status(
         "loading the compiled kernels (the first run after an installation compiles them, once)"
     ):
@@ -110,7 +117,15 @@ def track(
     detections: Detections, estimator: Estimator, advance: Callable[[], object] = lambda: None
 ) -> Tracked:
     """Run the filter over all scans; `advance` is called after each."""
-    tracker = Glmb("targets", detections.params, _SEED, keep_histories=estimator != "filtered")
+    anywhere, accel_std_m_s2 = detections.anywhere, detections.params.accel_std_m_s2
+    tracker = Glmb(
+        "targets",
+        detections.params,
+        _SEED,
+        keep_histories=estimator != "filtered",
+        weigh_detections=anywhere.per_s > 0.0,
+    )
+    unknown = UnknownBirths(anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, accel_std_m_s2)
     births = list(detections.births)
     states: dict[int, States] = {k: {} for k in detections.number.values()}
     existence: dict[int, dict[Label, float]] = {k: {} for k in states}
@@ -120,7 +135,11 @@ def track(
         k = detections.number[look.t_ns]
         again = bool(number_of_scan) and number_of_scan[-1] == k
         begin = time.perf_counter()
-        tracker.update(look.t_ns, look.z_m, look.sensor, () if again else births)
+        # Places keep their numbers: at the same moment they do not give birth again.
+        places = [replace(birth, probability=0.0) for birth in births] if again else births
+        tracker.update(look.t_ns, look.z_m, look.sensor, [*places, *unknown.births(look.t_ns)])
+        if tracker.account is not None:
+            unknown.take(look.t_ns, look.z_m, look.sensor, tracker.account.explained)
         picture = tracker.picture(look.t_ns)
         scan_ms.append((time.perf_counter() - begin) * 1e3)
         advance()
@@ -130,7 +149,7 @@ def track(
         states[k] = {t.label: t.mean for t in picture.tracks if t.estimated}
         existence[k] = {t.label: t.existence for t in picture.tracks}
         if detections.birth_again_probability is not None:
-            for _, place in states[k]:
+            for place in {place for _, place in states[k] if place < len(births)}:
                 births[place] = replace(births[place], probability=detections.birth_again_probability)
     if tracker.histories is not None:
         states = {k: {} for k in states}

@@ -57,6 +57,8 @@ class _Mean:
     squares: float = 0.0
 
     def add(self, total: float, samples: float = 1.0) -> None:
+        if samples <= 0.0:
+            return
         fade = 1.0 - 1.0 / _MEMORY_SCANS
         self.total = fade * self.total + total
         self.weight = fade * self.weight + samples

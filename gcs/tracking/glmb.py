@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Sensor, Track, read_only
-from gcs.tracking import kernels, motion, sensors
+from gcs.tracking import kernels, motion, sensors, turning
 from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
 from gcs.tracking.merging import merge_alike
 from gcs.tracking.partition import meet, part, renumber
@@ -60,6 +60,10 @@ class GlmbParams:
     """Velocity gained in a second, standard deviation (see `motion`)."""
     acceleration: motion.Acceleration = "white"
     """Which of the two models of `motion`."""
+    turn_rate_std_rad_s: float = 0.0
+    """Standard deviation of the rate at which objects turn (see `turning`); 0: they fly straight."""
+    turn_time_s: float = 5.0
+    """How long a turn lasts."""
     survival_probability_per_s: float = 0.99
     lost_std_m: float = math.inf
     """A track whose position is known worse than this, along its worst axis, is given up."""
@@ -166,6 +170,8 @@ class Glmb:
         self._track_label = np.empty(0, np.int64)
         """Index into `_labels` for each track; ascending."""
         self._mean, self._cov = np.empty((0, 4)), np.empty((0, 4, 4))
+        self._turn = np.empty((0, 6)) if params.turn_rate_std_rad_s > 0.0 else None
+        """Turn rates (see `turning`)."""
         self._groups = Groups(
             np.zeros(1, np.int64), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0)
         )
@@ -300,7 +306,12 @@ class Glmb:
 
     def _predict(self, dt_s: float, F: FloatArray, Q: FloatArray, births: Sequence[Birth]) -> FloatArray:
         """Move the tracks by `dt_s`, add births as groups of their own; return each track's survival."""
-        if dt_s > 0.0:
+        params = self.params
+        if dt_s > 0.0 and self._turn is not None:
+            self._mean, self._cov, self._turn = turning.predict(
+                self._mean, self._cov, self._turn, Q, dt_s, params.turn_rate_std_rad_s, params.turn_time_s
+            )
+        elif dt_s > 0.0:
             self._mean, self._cov = kernels.predict(self._mean, self._cov, F, Q)
         live = np.full(self._track_label.size, self._survival(dt_s))
         if math.isfinite(self.params.lost_std_m):
@@ -318,6 +329,9 @@ class Glmb:
         )
         self._mean = np.concatenate([self._mean, [birth.mean for birth in births]])
         self._cov = np.concatenate([self._cov, [birth.cov for birth in births]])
+        if self._turn is not None:
+            newborn = turning.newborn(len(births), params.turn_rate_std_rad_s)
+            self._turn = np.concatenate([self._turn, newborn])
         self._track_label = np.concatenate([self._track_label, len(self._labels) + new])
         self._labels.extend((self.scans, i) for i in range(len(births)))
         return np.concatenate([live, np.clip([birth.probability for birth in births], 1.0 - _SURE, _SURE)])
@@ -337,6 +351,9 @@ class Glmb:
         groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
         groups = part(groups, track_label, len(self._labels), self._keys, self._limits)
         self._groups, used = renumber(groups, parent.size)
+        if self._turn is not None:
+            turn = turning.update(self._cov, self._turn, parent, meas, look.z, view)
+            self._turn = turn[used]
         self._mean, self._cov = mean[used], cov[used]
         if self.histories is not None:
             self.histories.extend(parent[used], meas[used], logw[used], look.place_m)
@@ -368,6 +385,7 @@ def warm_up_calls() -> list[compiling.Call]:
         (kernels.predict, mean, cov, np.eye(4), np.eye(4)),
         (renumber, groups, 1),
         *sensors.warm_up_calls(),
+        *turning.warm_up_calls(),
         (part, groups, zeros, 1, options.key, limits),
     ]
 

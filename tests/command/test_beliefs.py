@@ -1,8 +1,10 @@
 """A user would lose missions: agents sent after clutter, targets given up after one missed detection."""
 
+from dataclasses import replace
+
 from hypothesis import given
 from hypothesis import strategies as st
-from staging import picture, track
+from staging import RADAR, picture, track
 
 from gcs.command.beliefs import SCANS_IN_A_ROW, Beliefs
 
@@ -67,6 +69,35 @@ def test_a_label_is_dead_when_it_hardly_exists_or_is_gone_and_not_when_it_was_on
     beliefs = Beliefs(DEAD)
     beliefs.update(picture(missed((0, 0), 0.02), missed((0, 1), 0.009)))
     assert [beliefs.is_dead(label) for label in [(0, 0), (0, 1), (7, 7)]] == [False, True, True]
+
+
+def test_sensors_that_measure_at_the_same_moment_count_once():
+    beliefs = Beliefs(DEAD)
+    for t_s in (0.0, 0.0, 0.0, 1.0, 1.0):
+        beliefs.update(picture(seen(), t_s=t_s))
+    assert not beliefs.tracks
+    beliefs.update(picture(seen(), t_s=2.0))
+    assert set(beliefs.tracks) == {(0, 0)}
+    for t_s in (3.0, 3.0, 3.0, 4.0, 4.0):
+        beliefs.update(picture(missed(), t_s=t_s))
+    assert set(beliefs.tracks) == {(0, 0)}
+    beliefs.update(picture(missed(), t_s=5.0))
+    assert not beliefs.tracks
+
+
+def test_a_sensor_that_looks_elsewhere_neither_earns_nor_costs_belief():
+    beliefs = Beliefs(DEAD)
+    elsewhere = replace(RADAR, field_of_view_m=(500.0, 500.0, 900.0, 900.0))
+    for _ in range(4):
+        beliefs.update(picture(seen()), elsewhere)
+    assert not beliefs.tracks
+    for _ in range(3):
+        beliefs.update(picture(seen()), RADAR)
+        beliefs.update(picture(seen()), elsewhere)
+    assert set(beliefs.tracks) == {(0, 0)}
+    for _ in range(4):
+        beliefs.update(picture(missed()), elsewhere)
+    assert set(beliefs.tracks) == {(0, 0)}
 
 
 @given(st.lists(st.booleans(), max_size=40))
