@@ -10,8 +10,8 @@ Gaussian is carried through the measurement by five points: z_hat is their mean,
 on the position, and what the line leaves over adds to the noise. That is the unscented Kalman filter, written
 so that association and update need not know of it: S = A P A' + noise, K = P A' S^-1, the Joseph form. (The
 points of an unscented transform of the whole state with kappa = 3 - n give the same, as velocities are not
-measured.) Against an extended filter it neither gets overconfident nor biased where the bearing's error is
-wide at long range, and it survives a track over the sensor.
+measured.) Where a track's spread is wide for its range, it is nearer to the truth than an extended filter,
+though not exact either; and it survives a track over the sensor.
 
 A sensor looks at a field: a box on the map, or a sector around it. How probable it is that a track is in
 there is an integral over its Gaussian (along each coordinate by itself), not a question about its mean: at an

@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.model import NS_PER_S, Sensor, TruthObject, read_only
+from gcs.model import NS_PER_S, Polar, Sensor, TruthObject, read_only
+from gcs.tracking.sensors import measured, polar_sensor
 from sim_vehicles.scenario import load
 from sim_vehicles.sensor import make_sensors, observe
+from sim_vehicles.world import World
 
 FIELD = (-100.0, -50.0, 900.0, 450.0)
 AREA_M2 = 1000.0 * 500.0
@@ -136,3 +138,27 @@ def test_a_sensor_announces_what_it_does() -> None:
     assert sensor.clutter_density_per_m2 * size_m2 == pytest.approx(table.clutter_per_scan)
     counts = [len(points(sensor, [], index=i)) for i in range(500)]
     assert np.mean(counts) == pytest.approx(table.clutter_per_scan, abs=5 * math.sqrt(20 / 500))
+
+
+def test_a_radar_sees_in_range_and_bearing_what_is_in_its_sector() -> None:
+    polar = Polar(0.0, 0.0, 3.0, 0.01, (50.0, 600.0), (math.pi / 4, math.pi / 4), 2.0 / (550.0 * math.pi / 2))
+    radar = polar_sensor("radar", 1.0, polar)
+    quiet = replace(radar, polar=replace(polar, clutter_per_m_rad=0.0))
+    seen = np.concatenate([points(quiet, OBJECTS, index=i) for i in range(SCANS)])
+    assert len(seen) == 2 * SCANS  # the one at 700 m east is too far
+    z = measured(quiet, seen[np.hypot(*seen.T) < 300.0])
+    assert z.mean(axis=0) == pytest.approx((math.hypot(100.0, 100.0), math.pi / 4), abs=0.4)
+    assert z.std(axis=0) == pytest.approx((3.0, 0.01), rel=0.1)
+    clutter = measured(radar, np.concatenate([points(radar, [], index=i) for i in range(SCANS)]))
+    assert len(clutter) / SCANS == pytest.approx(2.0, abs=0.2)
+    assert clutter[:, 0].mean() == pytest.approx(325.0, rel=0.05)  # uniform in range, not in area
+
+
+def test_sensors_take_turns_in_the_order_of_time_and_draw_their_own_noise() -> None:
+    world = World(load("radars"), 0, 0)
+    looks = [
+        (world.scan_t_ns(i), world.scan(i, world.truth(world.scan_t_ns(i), [])).sensor.name) for i in range(9)
+    ]
+    assert [t for t, _ in looks] == sorted(t for t, _ in looks)
+    assert [name for _, name in looks[:4]] == ["radar-west", "radar-north", "camera", "camera"]
+    assert world.arrival_t_ns(1) - world.scan_t_ns(1) == NS_PER_S // 4
