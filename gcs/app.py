@@ -19,6 +19,7 @@ from typing import Protocol
 from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.clock import RunClock
+from gcs.edge.mavsdk_uploader import MavsdkUploader
 from gcs.edge.order_wire import decode_order, order_key
 from gcs.edge.scans import decode_scan
 from gcs.edge.udp import UdpLink
@@ -39,6 +40,7 @@ from gcs.model import (
     Scan,
     Send,
     Tick,
+    Upload,
 )
 
 TICK_NS = NS_PER_S // 20
@@ -100,6 +102,11 @@ class Service:
         self._memory: Memory | None = None
         self._tick_waits = False
         self._lag_warned = False
+        self._uploader: MavsdkUploader | None = None
+        if config.mission.uploader == "mavsdk":
+            self._uploader = MavsdkUploader(
+                self._send_for_uploader, self._put, self._tell_of_uploader, lambda: self.clock.now_ns()
+            )
 
     def resume(self, memory: Memory) -> None:
         """Take up where an earlier service was; call it before `run`."""
@@ -130,7 +137,10 @@ class Service:
             async with asyncio.TaskGroup() as group:
                 ticker = group.create_task(self._tick())
                 consumer = group.create_task(self._consume(stop, end_with_mission))
+                uploader = None if self._uploader is None else group.create_task(self._uploader.run())
                 await stop.wait()
+                if uploader is not None:
+                    uploader.cancel()
                 ticker.cancel()
                 consumer.cancel()
         except* GcsError as failures:
@@ -151,6 +161,15 @@ class Service:
 
     def _on_datagram(self, peer: str, data: bytes) -> None:
         self._put(Datagram(self.clock.now_ns(), self._link.endpoint, peer, data))
+        if self._uploader is not None:
+            self._uploader.forward(data)
+
+    def _send_for_uploader(self, vehicle: int, frame: bytes) -> None:
+        for send in self.command.fleet.sends(vehicle, [frame]):
+            self._link.send(send.peer, send.data)
+
+    def _tell_of_uploader(self, text: str) -> None:
+        self._put(BadInput(self.clock.now_ns(), "mavsdk", text))
 
     def _on_scan(self, key: str, payload: bytes) -> None:
         t_ns = self.clock.now_ns()
@@ -209,6 +228,9 @@ class Service:
     def _carry_out(self, t_ns: int, effect: Effect) -> None:
         if isinstance(effect, Send):
             self._link.send(effect.peer, effect.data)
+        elif isinstance(effect, Upload):
+            if self._uploader is not None:
+                self._uploader.upload(effect)
         else:
             self._bus.publish(effect_key(self.config.name, effect), encode_effect(effect))
         for sink in self.sinks:

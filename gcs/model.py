@@ -150,6 +150,8 @@ class UploadAnswer:
     vehicle: int
     mission_id: int
     ok: bool
+    begun: bool
+    """Whether the vehicle may have begun to change what it stores."""
     detail: str
 
 

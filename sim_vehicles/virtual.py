@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gcs.command.fold import Command
+from gcs.errors import ConfigError
 from gcs.model import (
     NS_PER_S,
     Datagram,
@@ -92,6 +93,9 @@ class VirtualRun:
 
     def __post_init__(self) -> None:
         config = self.scenario.config
+        if config.mission.uploader != "own":
+            problem = f'"{config.mission.uploader}" uploads over real sockets: use gcs demo, or set "own"'
+            raise ConfigError(self.scenario.source, "mission.uploader", problem)
         self._orders = deque(sorted(self.orders, key=lambda order: order.t_ns))
         self.command = Command(config, self.seed)
         self._world = World(self.scenario, self.seed, START_T_NS)

@@ -186,7 +186,7 @@ class Tasking:
         delivery = self._deliveries.get(answer.vehicle)
         if delivery is None or delivery.task.mission.mission_id != answer.mission_id:
             return []
-        frames = delivery.task.delivered(answer.ok, answer.detail, answer.t_ns)
+        frames = delivery.task.delivered(answer.ok, answer.begun, answer.detail, answer.t_ns)
         return self._worked(answer.vehicle, frames)
 
     def cancel(self, vehicle: int, t_ns: int) -> None:

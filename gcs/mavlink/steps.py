@@ -104,6 +104,7 @@ class Steps:
         self._sending = Sending(self.items, self._to)
         self._reading = ReadBack(self._to)
         self._cleared = False
+        self._was_mixed = mixed
         self._holds: Holds = "unknown" if mixed else "old"
         self._reason = ""
         self._abandoned = False

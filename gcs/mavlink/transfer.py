@@ -167,13 +167,21 @@ class MissionTask(Steps):
         frames, self._handover = self._handover, b""
         return frames
 
-    def delivered(self, ok: bool, detail: str, t_ns: int) -> list[bytes]:
-        """Take the other program's word on the upload; the read-back decides all the same."""
+    def delivered(self, ok: bool, begun: bool, detail: str, t_ns: int) -> list[bytes]:
+        """Take the other program's word on the upload; the read-back decides all the same.
+
+        When it failed before the vehicle could change anything, that keeps its mission. When it left a mix
+        behind, we upload ourselves.
+        """
         if self.stage == "upload" and self._delegated:
             if ok:
                 self._verify(t_ns)
-            else:
+            elif begun or self._was_mixed:
+                self._delegated = False
                 self._again(detail, t_ns)
+            else:
+                self._holds, self._reason = "old", detail
+                self._give_back(t_ns)
         return self._sent(t_ns)
 
     # ------------------------------------------------------------ time

@@ -86,7 +86,7 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         yield t_ns, Send("udp", "127.0.0.1:5000", frames(255, 1, second))
         yield t_ns, UploadReport(t_ns, 1, 4, 9, True, "verified", 0.25, 1)
         yield t_ns, Upload(1, 4, frames(255, 2, second))
-        yield t_ns, UploadAnswer(t_ns, 1, 4, False, "timed out")
+        yield t_ns, UploadAnswer(t_ns, 1, 4, False, True, "timed out")
         yield t_ns, Notice(t_ns, "warning", "älarm", None)
         area = KeepOut("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
         yield t_ns, Order(t_ns, f"o-{second}", "keep-out", None, None, area, "somebody")
