@@ -1,10 +1,10 @@
 """MAVSDK in a process of its own: uploads missions, and nothing else.
 
 ``python -m gcs.edge.mavsdk_process PORT`` connects MAVSDK to a UDP port on loopback, where the service passes
-on what vehicles say and what MAVSDK says to them. One JSON object a line on standard input asks for an upload,
-``{"vehicle": 1, "mission_id": 7, "frames": "<base64 of MISSION_ITEM_INT frames>"}``; one a line on standard
-output answers, ``{"vehicle": 1, "mission_id": 7, "ok": true, "detail": ""}``. It ends when standard input
-closes.
+on what vehicles say and what MAVSDK says to them. One JSON object a line on standard input asks for an
+upload, ``{"vehicle": 1, "mission_id": 7, "frames": "<base64 of MISSION_ITEM_INT frames>"}``; one a line on
+standard output answers, ``{"vehicle": 1, "mission_id": 7, "ok": true, "detail": ""}``. It ends when standard
+input closes.
 
 It is a process of its own because MAVSDK's library has been seen to abort its process; ours must not.
 """
@@ -44,12 +44,22 @@ async def _upload(client: Any, request: dict[str, Any]) -> None:
         marked = next((m.seq for m in messages if m.current), 0)  # MAVSDK insists on exactly one
         items = [
             MissionItem(
-                seq=m.seq, frame=m.frame, command=m.command, current=int(m.seq == marked), autocontinue=m.autocontinue,
-                param1=m.param1, param2=m.param2, param3=m.param3, param4=m.param4, x=m.x, y=m.y, z=m.z,
+                seq=m.seq,
+                frame=m.frame,
+                command=m.command,
+                current=int(m.seq == marked),
+                autocontinue=m.autocontinue,
+                param1=m.param1,
+                param2=m.param2,
+                param3=m.param3,
+                param4=m.param4,
+                x=m.x,
+                y=m.y,
+                z=m.z,
                 mission_type=m.mission_type,
             )
             for m in messages
-        ]  # fmt: skip
+        ]
         system = await _system(client, request["vehicle"])
         await MissionRawAsync(system).upload_mission(items)
     except Exception as error:

@@ -1,4 +1,4 @@
-"""A user of the second uploader would lose the service to MAVSDK's crash, or a vehicle to what MAVSDK may command."""
+"""A user would lose the service to MAVSDK's crash, or a vehicle to what MAVSDK may command."""
 
 import asyncio
 import os

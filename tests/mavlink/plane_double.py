@@ -128,11 +128,13 @@ class Plane:
             out.append(self._request(t_ns))
         if t_ns - self._beat_t_ns >= S:
             self._beat_t_ns = t_ns
-            base = 1 | (128 if self.armed else 0)
-            out.append(dialect.MAVLink_heartbeat_message(1, 3, base, self.mode, 4, 3))
+            out.append(self._heartbeat())
             out.append(dialect.MAVLink_mission_current_message(self.current))
         self._fly(t_ns)
         return [self._encode(message) for message in out]
+
+    def _heartbeat(self):
+        return dialect.MAVLink_heartbeat_message(1, 3, 1 | (128 if self.armed else 0), self.mode, 4, 3)
 
     # -- flight
 
@@ -241,6 +243,8 @@ class Plane:
             extra = [
                 dialect.MAVLink_home_position_message(lat, lon, round(alt * 1000), 0, 0, 0, nan4, 0, 0, 0)
             ]
+        elif message.command == 512 and message.param1 == 0:
+            result, extra = 0, [self._heartbeat()]
         elif message.command == 512 and message.param1 == 148:
             result = 0
             extra = [dialect.MAVLink_autopilot_version_message(4, 0, 0, 0, 0, *[[0] * 8] * 3, 0, 0, 0)]

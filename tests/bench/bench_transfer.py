@@ -1,0 +1,172 @@
+"""Mission transfers over a bad link: how many end as they should, and what a vehicle is left with.
+
+``python tests/bench/bench_transfer.py [--trials 100] [--loss 0 0.1 0.3 0.5]`` flies a scripted ArduPlane
+along an old mission of forty legs while a new one of 30 items is uploaded, on virtual time over two lossy
+channels (datagrams lost, delayed by 10-100 ms, 5 % doubled), and prints a row for each loss. A "mix flown" is
+a leg that began with an item taken from a store that was neither mission: during the task, and in ten
+minutes after it. ``--mavsdk`` uploads to simulated vehicles over real time instead, by both uploaders, a row
+each.
+"""
+
+import argparse
+import asyncio
+import importlib.util
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
+from plane_double import AUTO, Channel, Joined, Plane
+
+from gcs.geo import LocalFrame
+from gcs.mavlink.codec import Encoder, decode
+from gcs.mavlink.custody import Custody
+from gcs.mavlink.items import Home
+from gcs.mavlink.profiles import ARDUPLANE
+from gcs.mavlink.transfer import MissionTask
+from gcs.model import Mission, Upload, Waypoint
+
+HOME = Home(-35.3632621, 149.165237, 584.09)
+LEG_S = 12.0
+
+
+def mission(points: int, shift_deg: float = 0.0, vehicle: int = 1) -> Mission:
+    route = (Waypoint(-35.36 + n * 1e-3 + shift_deg, 149.16, 100.0, 10.0) for n in range(points))
+    return Mission(1, vehicle, tuple(route))
+
+
+def trial(seed: int, loss: float) -> tuple[str, float, int, int, bool]:
+    """Outcome, seconds, mixed legs during and after the task, whether it was held."""
+    plane = Plane(mode=AUTO, leg_s=LEG_S)
+    old = ARDUPLANE.items(mission(40, 0.1), HOME)
+    plane.load(old, current=2)
+    task = MissionTask(
+        mission(28), HOME, Encoder(), custody=Custody("AUTO"), old=old,
+        time_to_next_s=plane.time_to_next_s, current=2,
+    )  # fmt: skip
+    plane.mean(task.items)
+    way = {"loss": loss, "doubles": 0.05, "delay_s": (0.01, 0.1)}
+    link = Joined(task, plane, Channel(2 * seed, **way), Channel(2 * seed + 1, **way))
+    plane._leg_t_ns = -int(np.random.default_rng(seed).uniform(0, LEG_S) * 1e9)
+    result = link.run(1000.0)
+    during = len(plane.mixed_legs)
+    for _ in range(12_000):
+        link.step()
+    if result is None:
+        return "no end", 1000.0, during, 0, False
+    if result.ok:
+        assert plane.holds(task.items)
+    return (
+        ("equal" if result.ok else result.holds),
+        result.duration_s,
+        during,
+        len(plane.mixed_legs) - during,
+        result.held,
+    )
+
+
+def table(losses: list[float], trials: int) -> None:
+    heads = [
+        "loss each way",
+        "equal",
+        "old kept",
+        "cleared",
+        "other",
+        "s, median / 95 % / worst",
+        "told to hold",
+    ]
+    heads += ["mix flown during / after"]
+    print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
+    for loss in losses:
+        rows = [trial(1000 + seed, loss) for seed in range(trials)]
+        ends = [end for end, *_ in rows]
+        times_s = np.array([s for _, s, *_ in rows])
+        known = [ends.count(end) for end in ("equal", "old", "cleared")]
+        quantiles = f"{np.median(times_s):.1f} / {np.quantile(times_s, 0.95):.1f} / {times_s.max():.1f}"
+        cells = [f"{loss:.0%}", f"{known[0]} / {trials}", *known[1:], trials - sum(known), quantiles]
+        cells += [sum(held for *_, held in rows), f"{sum(r[2] for r in rows)} / {sum(r[3] for r in rows)}"]
+        print("| " + " | ".join(map(str, cells)) + " |", flush=True)
+
+
+# ---------------------------------------------------------------- beside MAVSDK, on real time
+
+
+async def upload(uploader: str, loss: float, seed: int) -> tuple[bool, float]:
+    """Upload 20 items to one simulated ArduPlane that waits; whether it holds them, and seconds."""
+    from gcs.edge.mavsdk_uploader import MavsdkUploader
+    from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+
+    rng = np.random.default_rng(seed)
+    vehicle = SimVehicle(VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0), LocalFrame(*HOME), time.time_ns())
+    task = MissionTask(mission(18, vehicle=7), HOME, Encoder(), custody=Custody("LOITER"))
+    answers = []
+
+    def send(_system_id: int, frame: bytes) -> None:
+        if rng.random() >= loss:
+            vehicle.receive_datagram(frame, time.time_ns())
+
+    other = MavsdkUploader(send, answers.append, print, time.time_ns)
+    running = asyncio.create_task(other.run())
+
+    async def step(seconds: float) -> None:
+        await asyncio.sleep(seconds)
+        for data in vehicle.datagrams_to_send(time.time_ns()):
+            if rng.random() < loss:
+                continue
+            if uploader == "mavsdk":
+                other.forward(data)
+            else:
+                for message in decode(data)[0]:
+                    for frame in task.receive(message, time.time_ns()):
+                        send(7, frame)
+
+    if uploader == "mavsdk":
+        for _ in range(300):  # to be discovered
+            await step(0.01)
+    began_s = time.monotonic()
+    if uploader == "mavsdk":
+        other.upload(
+            Upload(7, 1, b"".join(map(Encoder(), (i.message(n, 7, 1) for n, i in enumerate(task.items)))))
+        )
+        while not answers and time.monotonic() - began_s < 60.0:
+            await step(0.002)
+        ok = bool(answers) and answers[0].ok
+    else:
+        for frame in task.start(time.time_ns()):
+            send(7, frame)
+        while task.stage in ("upload", "verify") and time.monotonic() - began_s < 60.0:
+            await step(0.002)
+            for frame in task.poll(time.time_ns()):
+                send(7, frame)
+        ok = task.stage in ("select", "mode", "done")
+    took_s = time.monotonic() - began_s
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    return ok and len(vehicle.autopilot.mission) == len(task.items), took_s
+
+
+def compare(losses: list[float], trials: int) -> None:
+    print("| loss each way | uploader | delivered | s, median / worst |\n|---|---|---|---|")
+    for loss in losses:
+        for uploader in ("own", "mavsdk"):
+            rows = [asyncio.run(upload(uploader, loss, seed)) for seed in range(trials)]
+            good = [took_s for ok, took_s in rows if ok]
+            times = f"{np.median(good):.2f} / {max(good):.2f}" if good else ""
+            print(f"| {loss:.0%} | {uploader} | {len(good)} / {trials} | {times} |", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--loss", type=float, nargs="*", default=[0.0, 0.1, 0.2, 0.3, 0.5])
+    parser.add_argument("--mavsdk", action="store_true")
+    arguments = parser.parse_args()
+    if arguments.mavsdk and importlib.util.find_spec("mavsdk") is None:
+        parser.error("MAVSDK is not installed: pip install 'swarm-gcs[mavsdk]'")
+    (compare if arguments.mavsdk else table)(arguments.loss, arguments.trials)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,34 @@
+"""Anybody on the link could stop the service if one datagram could make it raise."""
+
+import importlib.util
+from pathlib import Path
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.mavlink.codec import decode, scan
+
+_SPEC = importlib.util.spec_from_file_location(
+    "fuzz_link", Path(__file__).parents[1] / "bench" / "fuzz_link.py"
+)
+fuzz_link = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(fuzz_link)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(
+        st.one_of(st.binary(max_size=60), st.sampled_from([b"\xfd", b"\xfe", b"\xfd\x09\x01"])), max_size=8
+    )
+)
+def test_no_bytes_make_the_scan_raise_and_none_are_counted_twice(parts):
+    data = b"".join(parts)
+    found = scan(data)
+    assert sum(len(frame.data) for frame in found.frames) + found.bad_bytes <= len(data)
+    decode(data)
+
+
+def test_hostile_frames_into_fleet_and_transfers_raise_nothing():
+    done, seen = fuzz_link.run(3000, 7, pool=1500)
+    assert done == 3000
+    assert min(seen[what] for what in ("messages", "sends", "tasks")) > 0
