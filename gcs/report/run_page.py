@@ -125,7 +125,7 @@ def _facts(material: Material) -> list[Fact]:
     if summary is not None:
         failed = f"{summary.upload_failures} failed"
         facts += [
-            Fact("re-tasks", str(summary.retasks), "", f"in {len(course.decisions)} plans"),
+            Fact("re-tasks", str(summary.retasks), "", f"plans: {len(course.decisions)}"),
             Fact("mission transfers", str(summary.uploads), "", failed),
         ]
     for name, values in material.work_ms.items():
