@@ -1,9 +1,9 @@
 """The cost matrix: shortest ways of all pairs of agents and targets.
 
 One search from each place of the smaller side serves all of the other side; it ends when all of them are
-reached. Few pairs on open ground are cheaper to search one by one: A* then looks at little more than the
-path, while a search to all looks at half the map. Which way is the cheaper one is estimated from the number
-of nodes and from how much of the map is blocked (`_PAIR_NODE_US` and the figures beside it).
+reached. A few pairs are cheaper to search one by one, all the more on open ground: there A* looks at little
+more than the path. Which way is the cheaper one is estimated from how far apart the places are and how much
+of the map is blocked (`pairwise_pays`).
 
 A way is kept as the moves by which its nodes were reached, a byte a node; the costs themselves are read where
 they are needed and then overwritten by the next search, so that memory stays small and in the cache.
@@ -41,11 +41,11 @@ _NO_WAY, _DIRECT = -1, -2
 """In place of the join by which a way ends: there is none; the two places are close and see each other."""
 
 # What searches take (2-core AMD EPYC, random obstacles), to choose between the two ways to fill a matrix.
-_CALL_US = 5.0
+_CALL_US = 20.0
 _SPREAD_NODE_US = 0.013
 _PAIR_NODE_US = 0.025
-_PAIR_SHARE = 1.8
-"""The part of the free nodes that A* looks at, over the part of the map that is blocked."""
+_PAIR_PART = 0.8
+"""Nodes that A* looks at, over the squared distance in cells and the part of the map that is blocked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ def metric_ways(
 
     Where clearance makes tight moves count more, the way is the one of least cost, the length what is flown.
     """
-    if pairwise_pays(smap, len(starts.xy), len(goals.xy)):
+    if pairwise_pays(smap, starts.xy, goals.xy):
         lengths, way = _one_by_one(grid, smap, starts, goals, clearance_m)
     elif len(goals.xy) < len(starts.xy):
         turned, back = _one_to_all(grid, smap, goals, starts, clearance_m)
@@ -87,12 +87,19 @@ def metric_ways(
     return lengths * grid.spacing_m, way
 
 
-def pairwise_pays(smap: SearchMap, n: int, m: int) -> bool:
-    """Whether n x m single searches are expected to take less time than one search to all from the fewer."""
-    free = np.count_nonzero(smap.part)
-    blocked_share = 1.0 - free / smap.part.size
-    pair_us = _CALL_US + _PAIR_NODE_US * _PAIR_SHARE * blocked_share * free
-    return bool(n * m * pair_us < min(n, m) * (_CALL_US + _SPREAD_NODE_US * free))
+def pairwise_pays(smap: SearchMap, starts_xy: FloatArray, goals_xy: FloatArray) -> bool:
+    """Whether single searches are expected to take less time than one search to all from the fewer side.
+
+    A* looks at a part of the square of the distance that grows with the obstacles in the way; a search to all
+    at a disc that reaches the farthest.
+    """
+    free = np.count_nonzero(smap.part) / smap.part.size
+    hindered = 1.0 - free + (np.count_nonzero(smap.tight) / smap.tight.size if smap.any_tight else 0.0)
+    apart2 = ((starts_xy[:, np.newaxis, :] - goals_xy[np.newaxis, :, :]) ** 2).sum(axis=2)
+    pairs_us = apart2.size * _CALL_US + _PAIR_NODE_US * _PAIR_PART * hindered * apart2.sum()
+    farthest2 = apart2.max(axis=int(len(starts_xy) <= len(goals_xy)))
+    discs = np.minimum(free * np.pi * farthest2, free * smap.part.size)
+    return bool(pairs_us < len(discs) * _CALL_US + _SPREAD_NODE_US * discs.sum())
 
 
 def _one_to_all(
@@ -131,6 +138,7 @@ def _one_by_one(
     lengths = np.full((len(starts.xy), len(goals.xy)), np.inf)
     ways: dict[tuple[int, int], IntArray] = {}
     reach = clearance_m / grid.spacing_m
+    parts = [[set(smap.part[row[row >= 0]].tolist()) for row in side.nodes] for side in (starts, goals)]
     with seeker(grid, clearance_m) as search:
         for i, j in np.ndindex(lengths.shape):
             a, b = starts.xy[i], goals.xy[j]
@@ -138,6 +146,8 @@ def _one_by_one(
                 lengths[i, j], ways[i, j] = np.hypot(*(b - a)), np.empty(0, dtype=np.int64)
                 continue
             ends = (starts.nodes[i], starts.off[i], goals.nodes[j], goals.off[j])
+            if parts[0][i].isdisjoint(parts[1][j]):
+                continue
             nodes, cost, flown, _ = search.path(*ends)
             if nodes.size:
                 # Tight moves counted many times over while searching; what is flown is compared later.

@@ -196,11 +196,8 @@ def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
         search = pf.AStar(w9_grid(grid))
         tuples = [[(int(c), int(r)) for r, c in side] for side in ends]
         row["w9"] = timed_ms(lambda: [search.find_path(a, b) for a in tuples[0] for b in tuples[1]], 1.0)
-    _line(nodes, blocked, mine, row, error, f"{n} x {m}, {_method(smap, n, m)}")
-
-
-def _method(smap: SearchMap, n: int, m: int) -> str:
-    return "pair by pair" if matrix.pairwise_pays(smap, n, m) else "one to all"
+    one_by_one = matrix.pairwise_pays(smap, *(side[:, ::-1].astype(np.float64) for side in ends))
+    _line(nodes, blocked, mine, row, error, f"{n} x {m}, {'pair by pair' if one_by_one else 'one to all'}")
 
 
 def _line(
@@ -224,7 +221,7 @@ def main() -> None:
     for nodes, blocked, n, m in (
         *((51, 0.05, 4, 5), (51, 0.2, 4, 5), (100, 0.2, 20, 20)),
         *((500, 0.0, 2, 2), (500, 0.02, 2, 2), (500, 0.2, 2, 2), (500, 0.2, 20, 20), (500, 0.2, 5, 100)),
-        *(((2000, 0.2, 20, 20),) if 2000 in sizes else ()),
+        *(((2000, 0.2, 5, 5), (2000, 0.2, 20, 20)) if 2000 in sizes else ()),
     ):
         matrices(nodes, blocked, n, m)
 

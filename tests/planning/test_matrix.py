@@ -131,5 +131,6 @@ def test_a_search_that_ends_when_its_goals_are_reached_has_their_exact_distances
 def test_few_pairs_on_open_ground_are_searched_one_by_one_and_many_in_clutter_are_not():
     open_ground = search_map(Grid((0.0, 0.0), 1.0, np.zeros((200, 200), dtype=bool)))
     clutter = search_map(Grid((0.0, 0.0), 1.0, np.random.default_rng(1).random((200, 200)) < 0.3))
-    assert matrix.pairwise_pays(open_ground, 2, 2)
-    assert not matrix.pairwise_pays(clutter, 20, 20)
+    places_xy = np.random.default_rng(2).uniform(0.0, 199.0, (2, 20, 2))
+    assert matrix.pairwise_pays(open_ground, places_xy[0, :2], places_xy[1, :2])
+    assert not matrix.pairwise_pays(clutter, *places_xy)
