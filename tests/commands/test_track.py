@@ -239,3 +239,31 @@ def test_any_bytes_are_read_or_refused_in_words(tmp_path_factory, data, name):
     (folder / name).write_bytes(data)
     with contextlib.suppress(GcsError):
         load(folder / name, folder / "model.toml", None)
+
+
+ANYWHERE = MODEL.split("[[births]]")[0] + "[anywhere]\nper_s = 0.1\n"
+
+
+def test_without_places_of_birth_objects_are_found_where_they_appear(tmp_path):
+    arrays, model = made(), tmp_path / "model.toml"
+    np.savez(tmp_path / "set.npz", **{name: arrays[name] for name in ("meas", "truth")})
+    model.write_text(ANYWHERE, encoding="utf-8")
+    result = CliRunner().invoke(app, ["track", str(tmp_path / "set.npz"), "--model", str(model), "--json"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.output.strip().splitlines()[-1])["cardinality_error_mean"] < 0.3
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (MODEL.split("[[births]]")[0], "anywhere.per_s > 0"),
+        ("turn_rate_std_deg_s = 10.0\n" + ANYWHERE, "--estimator filtered"),
+    ],
+)
+def test_a_model_that_cannot_be_tracked_so_says_what_to_do(tmp_path, text, words):
+    np.savez(tmp_path / "set.npz", meas=made()["meas"])
+    (tmp_path / "model.toml").write_text(text, encoding="utf-8")
+    arguments = ["track", str(tmp_path / "set.npz"), "--model", str(tmp_path / "model.toml")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code != 0
+    assert words in " ".join((result.output + str(result.exception)).split())
