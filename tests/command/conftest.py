@@ -1,6 +1,7 @@
-"""Make the staging beside the tests importable."""
+"""Make the staging beside the tests, and the doubles of vehicles, importable."""
 
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))

@@ -342,3 +342,102 @@ def test_nothing_is_ever_sent_without_a_target():
     messages = [decode(frame)[0][0] for frame in sent]
     assert {(m.target_system, m.target_component) for m in messages} == {(1, 1)}
     assert {f.system_id for frame in sent for f in decode(frame)[1].frames} == {255}
+
+
+# ---------------------------------------------------------------- operators, and the next waypoint
+
+
+@pytest.mark.parametrize("mode", [MANUAL, LOITER, RTL])
+@pytest.mark.parametrize("at_s", [0.1, 0.4, 1.0])
+def test_a_mode_that_an_operator_chooses_in_mid_transfer_is_left_alone(mode, at_s):
+    plane, _ = flying()
+    link = joined(plane, 20)
+    chosen = []
+
+    def choose(now):
+        if now.t_ns >= at_s * S and not chosen:
+            chosen.append(now.t_ns)
+            plane.mode = mode
+
+    link.each_step = choose
+    result = link.run(extra_s=5.0)
+    assert (result.ok, result.holds, result.held) == (False, "equal", False)
+    assert "was chosen meanwhile" in result.detail
+    assert plane.mode == mode
+    assert plane.holds(link.task.items)
+    assert plane.current == 1  # ready for whoever switches to AUTO
+
+
+def test_a_vehicle_near_its_next_waypoint_waits_before_anything_is_changed():
+    plane, _old = flying(leg_s=2.0)
+    link = joined(plane, 10)
+    stored_while_in_auto = []
+    link.each_step = lambda now: stored_while_in_auto.append(plane.mode == AUTO and plane.mixed())
+    result = link.run()
+    assert result.ok
+    assert result.held
+    assert not any(stored_while_in_auto)
+
+
+def test_a_vehicle_that_cannot_be_told_to_wait_keeps_its_mission():
+    plane, old = flying(leg_s=2.0)
+    plane.ignores.add("COMMAND_LONG")
+    result = joined(plane, 10).run()
+    assert (result.ok, result.holds) == (False, "old")
+    assert plane.holds(old)
+
+
+def test_a_vehicle_that_waited_in_vain_goes_on_with_its_old_mission():
+    plane, old = flying(leg_s=2.0)
+    plane._on_mission_count = lambda _m, sender, _t: [dialect.MAVLink_mission_ack_message(*sender, 14, 0)]
+    result = joined(plane, 10, old=old, timing=Timing(uploads=2)).run()
+    assert (result.ok, result.holds, result.held) == (False, "old", False)
+    assert plane.holds(old)
+    assert plane.mode == AUTO
+
+
+@pytest.mark.parametrize("loss", [0.2, 0.3])
+def test_no_mix_is_flown_over_a_bad_radio(loss):
+    for seed in range(4):
+        plane, old = flying(points=40, leg_s=9.0)
+        link = joined(plane, 20, seed=50 + seed, loss=loss, doubles=0.05, old=old)
+        assert link.run(600.0).ok
+        assert plane.mixed_legs == []
+
+
+# ---------------------------------------------------------------- another program uploads
+
+
+def test_an_upload_by_another_program_counts_when_it_is_read_back():
+    plane, _ = flying(mode=LOITER)
+    task = MissionTask(mission(), HOME, Encoder(), custody=Custody("LOITER"), delegated=True)
+    plane.mean(task.items)
+    link = Joined(task, plane, Channel(1), Channel(2))
+    assert task.start(0) == []
+    frames = decode(task.handover())[0]
+    assert [m.seq for m in frames] == list(range(len(task.items)))
+    assert task.handover() == b""
+    plane.store = list(plane.whole[-1])
+    link.up.put(task.delivered(True, True, "", 1), 1)
+    assert link.run().ok
+
+
+def test_a_program_that_never_began_leaves_the_old_mission():
+    _plane, old = flying(mode=LOITER)
+    task = MissionTask(mission(), HOME, Encoder(), custody=Custody("LOITER"), old=old, delegated=True)
+    task.start(0)
+    task.delivered(False, False, "MAVSDK's process is not running", 1)
+    assert (task.result.ok, task.result.holds) == (False, "old")
+    assert "not running" in task.result.detail
+
+
+def test_a_mix_that_another_program_leaves_is_repaired_by_us():
+    plane, _ = flying(mode=LOITER)
+    task = MissionTask(mission(), HOME, Encoder(), custody=Custody("LOITER"), delegated=True)
+    plane.mean(task.items)
+    link = Joined(task, plane, Channel(1), Channel(2))
+    task.start(0)
+    plane.store = plane.store[:3]
+    link.up.put(task.delivered(False, True, "MAVSDK: TIMEOUT", 1), 1)
+    assert link.run().ok
+    assert plane.holds(task.items)

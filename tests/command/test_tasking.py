@@ -1,0 +1,127 @@
+"""A user would lose vehicles to transfers that crowd each other, or forget what a vehicle was left with."""
+
+import numpy as np
+from plane_double import AUTO, LOITER, MANUAL, Plane, S
+
+from gcs.command.tasking import Tasking
+from gcs.config import AirframeTable, MissionTable
+from gcs.geo import LocalFrame
+from gcs.mavlink.fleet import Fleet
+from gcs.model import Datagram, Notice, Route, Send, UploadReport, read_only
+
+FRAME = LocalFrame(-35.3632621, 149.165237, 584.09)
+ROUTE = read_only([[0.0, 500.0], [500.0, 500.0], [900.0, 0.0]])
+
+
+class Swarm:
+    """Planes, and the link side of the fold, in memory on one clock."""
+
+    def __init__(self, count, most=32, mode=LOITER):
+        self.planes = {n: Plane(n, mode=mode) for n in range(1, count + 1)}
+        self.fleet = Fleet(self.planes, FRAME)
+        self.tasking = Tasking(MissionTable(), AirframeTable(), FRAME, self.fleet, most)
+        self.t_ns, self.effects, self.busiest = 0, [], 0
+        self.mute = set()
+        self.run(2.0)
+
+    def task(self, vehicle, points_m=ROUTE):
+        self.carry(self.tasking.task(Route(vehicle, (0, 0), points_m, 1.0), self.t_ns))
+
+    def carry(self, effects):
+        for effect in effects:
+            if isinstance(effect, Send):
+                plane = self.planes[int(effect.peer)]
+                self.hear(plane, plane.receive(effect.data, self.t_ns))
+            else:
+                self.effects.append(effect)
+
+    def hear(self, plane, frames):
+        for frame in frames:
+            if plane.system_id in self.mute:
+                continue
+            for vehicle, message in self.fleet.receive(
+                Datagram(self.t_ns, "udp", str(plane.system_id), frame)
+            ):
+                self.carry(self.tasking.receive(vehicle, message, self.t_ns))
+
+    def run(self, seconds):
+        for _ in range(round(seconds / 0.05)):
+            self.t_ns += S // 20
+            for plane in self.planes.values():
+                self.hear(plane, plane.poll(self.t_ns))
+            self.carry([*self.fleet.poll(self.t_ns), *self.tasking.poll(self.t_ns)])
+            stages = list(self.tasking.under_way.values())
+            self.busiest = max(self.busiest, len(stages) - stages.count("waiting"))
+
+    def reports(self):
+        return [effect for effect in self.effects if isinstance(effect, UploadReport)]
+
+
+def test_transfers_wait_for_room_on_their_link_and_all_are_delivered():
+    swarm = Swarm(12, most=3)
+    for plane in swarm.planes.values():
+        plane.ignores.add("MISSION_REQUEST_LIST")  # so that they last
+    for vehicle in swarm.planes:
+        swarm.task(vehicle)
+    assert sorted(swarm.tasking.under_way.values()).count("waiting") == 9
+    swarm.run(1.0)
+    for plane in swarm.planes.values():
+        plane.ignores.clear()
+    swarm.run(30.0)
+    assert sorted(report.vehicle for report in swarm.reports() if report.ok) == list(swarm.planes)
+    assert swarm.busiest <= 3
+
+
+def test_an_operators_loiter_is_told_and_kept_until_an_order():
+    swarm = Swarm(1)
+    swarm.task(1)
+    swarm.run(5.0)
+    assert swarm.planes[1].mode == AUTO
+    assert swarm.tasking.taken() == {}
+    swarm.planes[1].mode = LOITER
+    swarm.run(2.0)
+    assert swarm.tasking.taken() == {1: "is in LOITER and left alone"}
+    swarm.tasking.release(1)
+    assert swarm.tasking.taken() == {}
+
+
+def test_a_vehicle_taken_for_dead_in_mid_transfer_is_cleared_when_it_is_heard():
+    swarm = Swarm(1)
+    swarm.task(1)
+    swarm.run(5.0)
+    plane = swarm.planes[1]
+    plane.ignores.add("MISSION_ITEM_INT")
+    swarm.task(1, read_only(np.flip(ROUTE, axis=0)))
+    swarm.run(3.0)
+    swarm.tasking.cancel(1, swarm.t_ns)
+    plane.ignores.clear()
+    swarm.run(15.0)
+    assert plane.store == []
+    assert plane.mode == LOITER
+    assert any(isinstance(e, Notice) and "holds no mission now" in e.text for e in swarm.effects)
+
+
+def test_a_firmware_that_is_not_known_gets_no_mission():
+    swarm = Swarm(1)
+    swarm.fleet._vehicles[1].profile = None
+    swarm.task(1)
+    swarm.run(1.0)
+    (report,) = swarm.reports()
+    assert not report.ok
+    assert "firmware" in report.detail
+    assert swarm.planes[1].store == []
+
+
+def test_a_reboot_in_mid_transfer_starts_the_transfer_again():
+    swarm = Swarm(1)
+    plane = swarm.planes[1]
+    plane.ignores.add("MISSION_ITEM_INT")
+    swarm.task(1)
+    swarm.run(2.0)
+    plane.reboot(swarm.t_ns)
+    plane.ignores.clear()
+    swarm.fleet._vehicles[1].boots += 1
+    swarm.run(15.0)
+    assert len(plane.store) == 5
+    assert plane.mode == MANUAL
+    assert "MANUAL was chosen" in swarm.reports()[0].detail
