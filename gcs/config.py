@@ -148,6 +148,11 @@ class AirframeTable(Table, frozen=True, kw_only=True):
         """How far a vehicle flies before a turn is taken up."""
         return self.speed_m_s * self.turn_lag_s
 
+    @property
+    def planned_radius_m(self) -> float:
+        """Radius that routes are planned for: that of the turn, widened by its lag."""
+        return math.hypot(self.turn_radius_m, self.turn_lag_m)
+
 
 class PlanningTable(Table, frozen=True, kw_only=True):
     """When and how to plan."""

@@ -29,6 +29,7 @@ import numpy as np
 from gcs.compiling import called, inlined, kernel
 from gcs.planning.grid import TOUCH
 from gcs.planning.sight import clear_leg, leg_room
+from gcs.planning.starts import start_arc, start_is_clear, start_room
 
 _WIDTH = 2.5
 _WINDOW = 48
@@ -73,21 +74,18 @@ def _turn(ux, uy, vx, vy):  # type: ignore[no-untyped-def]
 
 
 @called
-def start_turn(dx, dy, hx, hy, radius):  # type: ignore[no-untyped-def]
-    """By how much a start on heading (hx, hy) makes the way to a place (dx, dy) off longer.
+def _start_cost(blocked, reach, found, i, heading, radius, own):  # type: ignore[no-untyped-def]
+    """By how much a start on the vehicle's course makes the way to candidate i dearer than the straight line.
 
-    The way is an arc of `radius` and its tangent. A place inside the turn is flown to after a full circle.
+    It counts what the turn adds, and a full circle for one that hits something or cannot reach it.
     """
-    straight = math.hypot(dx, dy)
-    if radius <= 0.0 or (hx == 0.0 and hy == 0.0) or straight == 0.0:
+    if heading[0] == 0.0 and heading[1] == 0.0:
         return 0.0
-    ahead, aside = dx * hx + dy * hy, abs(dx * hy - dy * hx)
-    from_centre = math.hypot(ahead, aside - radius)
-    if from_centre < radius:
+    x, y, to_x, to_y = found[0, _X], found[0, _Y], found[i, _X], found[i, _Y]
+    angle = math.atan2(heading[1], heading[0])
+    if not start_is_clear(blocked, reach, x, y, angle, to_x, to_y, radius, own):
         return 2.0 * math.pi * radius
-    tangent = math.sqrt(from_centre * from_centre - radius * radius)
-    angle = math.atan2(ahead, radius - aside) - math.acos(min(radius / from_centre, 1.0))
-    return radius * (angle % (2.0 * math.pi)) + tangent - straight
+    return start_arc(x, y, angle, to_x, to_y, radius)[2] - math.hypot(to_x - x, to_y - y)
 
 
 @inlined
@@ -211,6 +209,7 @@ def _string(blocked, reach, found, heading, radius, own):  # type: ignore[no-unt
     size = found.shape[0]
     cost, came_from, spent = np.empty(size), np.empty(size, np.int64), np.zeros(size)
     last_known = 0
+    room = start_room(blocked, reach, found[0, _X], found[0, _Y])
     cost[0], came_from[0] = 0.0, -1
     for j in range(1, size):
         cost[j], came_from[j] = np.inf, -1
@@ -236,7 +235,7 @@ def _string(blocked, reach, found, heading, radius, own):  # type: ignore[no-unt
             if radius > 0.0:
                 here += _UNFIT * max(radius - leg, 0.0)
                 if i == 0:
-                    here += start_turn(dx, dy, heading[0], heading[1], radius)
+                    here += _start_cost(blocked, room, found, j, heading, radius, own)
                 elif leg > 0.0:
                     lacking, need = _unfit(found, came_from, spent, i, dx, dy, leg, radius)
                     here += _UNFIT * lacking

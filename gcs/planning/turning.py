@@ -27,15 +27,15 @@ from gcs.compiling import called, inlined, kernel
 from gcs.model import FloatArray
 from gcs.planning.dubins import TURNS, words
 from gcs.planning.grid import TOUCH
-from gcs.planning.sight import clear_leg, leg_room, room_at
+from gcs.planning.sight import clear_leg, leg_room
+from gcs.planning.starts import ARC_HEIGHT, MOST_ARC, arc_is_clear, start_arc, start_is_clear, start_room
 
 FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
 """What keeps a route from being flown: nothing, a corner, the turn on to it; or both (their sum)."""
 
 _SPLIT = math.radians(107.0)
-_CHORD = math.radians(15.0)
 _PUSHES = 4
-_MOST_ARC = 1.8 * math.pi
+_START_TRIES = 3
 _NO_CELL = np.int64(-1)
 
 
@@ -94,24 +94,6 @@ def _need(points, i, radius):  # type: ignore[no-untyped-def]
 
 
 @called
-def _arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):  # type: ignore[no-untyped-def]
-    """Whether an arc from a place on a course keeps `reach`: chords, and the arc's height above them."""
-    count = max(1, math.ceil(sweep / _CHORD))
-    step = sweep / count
-    wide = reach + radius * (1.0 - math.cos(0.5 * step))
-    chord = 2.0 * radius * math.sin(0.5 * step)
-    for _ in range(count):
-        to_x, to_y = (
-            x + chord * math.cos(angle + side * 0.5 * step),
-            y + chord * math.sin(angle + side * 0.5 * step),
-        )
-        if not clear_leg(blocked, x, y, to_x, to_y, wide, own):
-            return False
-        x, y, angle = to_x, to_y, angle + side * step
-    return True
-
-
-@called
 def _pushed(blocked, string, rooms, radius, own):  # type: ignore[no-untyped-def]
     """Corners moved outwards so that the arcs pass where the string did, as far as the legs stay clear."""
     size = string.shape[0]
@@ -126,7 +108,7 @@ def _pushed(blocked, string, rooms, radius, own):  # type: ignore[no-untyped-def
         out = math.hypot(ox, oy)
         if out > 1e-9:
             half = 0.5 * min(abs(_angle(string, i)), _SPLIT)
-            by = min(radius * (1.0 / math.cos(half) - 1.0), 0.5 * min(u, v))
+            by = min(radius * (1.0 / math.cos(half) - 1.0 + ARC_HEIGHT) + TOUCH, 0.5 * min(u, v))
             push[i, 0], push[i, 1] = by * ox / out, by * oy / out
     result = string + push
     for attempt in range(_PUSHES):
@@ -257,37 +239,9 @@ def _corners_are_clear(blocked, points, rooms, radius, own):  # type: ignore[no-
         side = 1.0 if turn > 0.0 else -1.0
         room = min(rooms[i - 1], rooms[i])
         hindrance = own if i == 1 else _NO_CELL
-        if not _arc_is_clear(blocked, room, x, y, math.atan2(uy, ux), side, abs(turn), radius, hindrance):
+        if not arc_is_clear(blocked, room, x, y, math.atan2(uy, ux), side, abs(turn), radius, hindrance):
             return False
     return True
-
-
-@called
-def _start_arc(points, angle, radius):  # type: ignore[no-untyped-def]
-    """Side and sweep of the arc that turns a vehicle to its first corner; sweep inf if it cannot."""
-    dx, dy = _leg(points, 0)
-    ahead, aside = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
-    side = 1.0 if aside >= 0.0 else -1.0
-    gap = math.hypot(ahead, abs(aside) - radius)
-    if gap < radius:
-        return side, np.inf
-    sweep = math.atan2(ahead, radius - abs(aside)) - math.acos(min(radius / gap, 1.0))
-    return side, max(sweep % (2.0 * math.pi) if sweep < -1e-9 else sweep, 0.0)
-
-
-@called
-def _start_is_clear(blocked, points, room, angle, radius, own):  # type: ignore[no-untyped-def]
-    """Whether the turn on to the first leg, as an autopilot flies it by itself, keeps its clearance."""
-    side, sweep = _start_arc(points, angle, radius)
-    if sweep > _MOST_ARC:
-        return False
-    x, y = points[0, 0], points[0, 1]
-    if not _arc_is_clear(blocked, room, x, y, angle, side, sweep, radius, own):
-        return False
-    turned = angle + side * sweep
-    x += side * radius * (math.sin(turned) - math.sin(angle))
-    y -= side * radius * (math.cos(turned) - math.cos(angle))
-    return clear_leg(blocked, x, y, points[1, 0], points[1, 1], room, own)
 
 
 @called
@@ -302,7 +256,7 @@ def _trace(blocked, room, x, y, angle, turns, pieces, radius, own, tips):  # typ
                 return -1
             x, y = to_x, to_y
             continue
-        if long > _MOST_ARC or not _arc_is_clear(blocked, room, x, y, angle, side, long, radius, own):
+        if long > MOST_ARC or not arc_is_clear(blocked, room, x, y, angle, side, long, radius, own):
             return -1
         parts = max(1, math.ceil(long / _SPLIT))
         tip = radius * math.tan(0.5 * long / parts)
@@ -325,7 +279,7 @@ def _trace(blocked, room, x, y, angle, turns, pieces, radius, own, tips):  # typ
 def _other_start(blocked, points, room, angle, radius, own):  # type: ignore[no-untyped-def]
     """The points with a start by the shortest clear Dubins word; the same points if there is none.
 
-    Also returns by how much the word is longer than its first leg's straight line.
+    Also returns the length of the word, which ends at the first corner.
     """
     dx, dy = _leg(points, 0)
     toward = math.atan2(dy, dx)
@@ -345,6 +299,13 @@ def _other_start(blocked, points, room, angle, radius, own):  # type: ignore[no-
             blocked, room, points[0, 0], points[0, 1], angle, TURNS[best], pieces[best], radius, own, tips
         )
         if count >= 0:
+            # A tip beside the first corner is no corner.
+            while (
+                count > 0
+                and math.hypot(tips[count - 1, 0] - points[1, 0], tips[count - 1, 1] - points[1, 1])
+                < 0.5 * radius
+            ):
+                count -= 1
             size = points.shape[0]
             result = np.empty((size + count, 2))
             result[0, 0], result[0, 1] = points[0, 0], points[0, 1]
@@ -352,7 +313,7 @@ def _other_start(blocked, points, room, angle, radius, own):  # type: ignore[no-
                 result[1 + k, 0], result[1 + k, 1] = tips[k, 0], tips[k, 1]
             for k in range(1, size):
                 result[count + k, 0], result[count + k, 1] = points[k, 0], points[k, 1]
-            return result, radius * lengths[best] - math.hypot(dx, dy)
+            return result, radius * lengths[best]
         lengths[best] = np.inf
     return points, np.inf
 
@@ -416,20 +377,21 @@ def flyable(blocked, reach, string, heading, radius, own):  # type: ignore[no-un
     points = _split(blocked, points, rooms, radius)
     if legs > 0 and (heading[0] != 0.0 or heading[1] != 0.0):
         angle = math.atan2(heading[1], heading[0])
-        # The turn begins where the vehicle is: no more can be asked of it than the room that it has there.
-        room = min(rooms[0], max(room_at(blocked, points[0, 0], points[0, 1], reach) - TOUCH, 0.0))
-        if _start_is_clear(blocked, points, room, angle, radius, own):
-            side, sweep = _start_arc(points, angle, radius)
-            dx, dy = _leg(points, 0)
-            turned = angle + side * sweep
-            ex = dx - side * radius * (math.sin(turned) - math.sin(angle))
-            ey = dy + side * radius * (math.cos(turned) - math.cos(angle))
-            length += radius * sweep + math.hypot(ex, ey) - math.hypot(dx, dy)
-        else:
-            other, longer = _other_start(blocked, points, room, angle, radius, own)
+        x, y, to_x, to_y = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
+        room = start_room(blocked, min(reach, rooms[0]), x, y)
+        straight = math.hypot(to_x - x, to_y - y)
+        problem += SHARP_START
+        # Rather less room than a turn into something; what the autopilot does by itself comes first.
+        for _ in range(_START_TRIES):
+            if start_is_clear(blocked, room, x, y, angle, to_x, to_y, radius, own):
+                length += start_arc(x, y, angle, to_x, to_y, radius)[2] - straight
+                problem -= SHARP_START
+                break
+            other, word_length = _other_start(blocked, points, room, angle, radius, own)
             if other.shape[0] > points.shape[0]:
                 points = other
-                length += longer
-            else:
-                problem += SHARP_START
+                length += word_length - straight
+                problem -= SHARP_START
+                break
+            room *= 0.5
     return points, length, problem
