@@ -22,7 +22,7 @@ from itertools import pairwise
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
-from gcs.planning.progress import next_point
+from gcs.planning.progress import is_ahead_clear, next_point
 from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
 from gcs.planning.sight import line_of_sight
 
@@ -204,7 +204,7 @@ class Replanner:
         return [f"agent {v} has no route" for v in sorted(idle)]
 
     def _moves(self, situation: Situation) -> list[str]:
-        """Which targets are too far from where their routes end, in words."""
+        """Which targets are too far from where their routes end, and who is too far off its own, in words."""
         moves = []
         for vehicle, route in sorted(self._newest.items()):
             agent, target = situation.agents.get(vehicle), situation.targets.get(route.target)
@@ -212,7 +212,25 @@ class Replanner:
                 moved_m = _distance_m(target.mean, route.points_m[-1])
                 if moved_m > self._tolerance_m(agent, route):
                     moves.append(f"target {_name(route.target)} moved {moved_m:.0f} m")
+                elif self._is_astray(agent, route):
+                    moves.append(f"agent {vehicle} cannot get back on to its route")
         return moves
+
+    def _is_astray(self, agent: Track, route: Route) -> bool:
+        """Whether an agent got where its turn to the next point of its route hits something."""
+        options = self._options
+        if options.shape != "flyable":
+            return False
+        place = (float(agent.mean[0]), float(agent.mean[1]))
+        return not is_ahead_clear(
+            self._grid,
+            route.points_m,
+            place,
+            _course_rad(agent),
+            options.turn_radius_m,
+            options.clearance_m,
+            _CORRIDOR_M,
+        )
 
     def _tolerance_m(self, agent: Track, route: Route) -> float:
         to_go_m = _distance_m(agent.mean, route.points_m[-1])
@@ -269,12 +287,13 @@ class Replanner:
         self.blocked &= set(self.routes)
 
     def _is_still_good(self, flown: Route, new: Route, situation: Situation) -> bool:
-        if flown.target != new.target:
+        agent = situation.agents[new.vehicle]
+        if flown.target != new.target or (self._is_astray(agent, flown) and not self._is_astray(agent, new)):
             return False
         if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
             return True
         moved_m = _distance_m(situation.targets[new.target].mean, flown.points_m[-1])
-        return moved_m <= self._tolerance_m(situation.agents[new.vehicle], flown)
+        return moved_m <= self._tolerance_m(agent, flown)
 
 
 def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:

@@ -1,7 +1,8 @@
 """How far along a route a vehicle is.
 
 A vehicle that gets a new route flies on while the mission is on its way to it, for many seconds on a bad
-link. It should enter the route where it is by then, not turn back to the route's beginning.
+link. It should enter the route where it is by then, not turn back to the route's beginning. And when it has
+got so far off that the way to the next point hits something, it needs another route.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ from itertools import pairwise
 import numpy as np
 
 from gcs.model import FloatArray
+from gcs.planning.grid import Grid, Point
+from gcs.planning.sight import to_cells
+from gcs.planning.starts import start_is_clear, start_room
 
 _SLOW_M_S = 1.0
 
@@ -68,3 +72,33 @@ def time_to_point_s(
         if length_m > 0.0:
             to_go_m = min(to_go_m, float((end - place) @ leg) / length_m)
     return max(to_go_m, 0.0) / max(speed_m_s, _SLOW_M_S)
+
+
+def is_ahead_clear(
+    grid: Grid,
+    points_m: FloatArray,
+    place_m: Point,
+    course_rad: float,
+    radius_m: float,
+    clearance_m: float,
+    corridor_m: float,
+) -> bool:
+    """Whether a vehicle can turn to the next point of its route from where it is, and on its course.
+
+    The turn and the straight way after it keep half of the clearance, or what room the vehicle has now.
+
+    Parameters
+    ----------
+    points_m, place_m, corridor_m
+        As for `next_point`.
+    course_rad : float
+        Clockwise from north.
+    radius_m, clearance_m : float
+        Of the turn; from obstacles.
+    """
+    ahead = points_m[min(next_point(points_m, place_m, corridor_m), len(points_m) - 1)]
+    x, y = to_cells(grid, place_m)
+    to_x, to_y = to_cells(grid, (float(ahead[0]), float(ahead[1])))
+    room = start_room(grid.blocked, clearance_m / grid.spacing_m, x, y)
+    angle, radius = 0.5 * np.pi - course_rad, radius_m / grid.spacing_m
+    return bool(start_is_clear(grid.blocked, room, x, y, angle, to_x, to_y, radius, -1))

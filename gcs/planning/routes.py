@@ -27,6 +27,7 @@ from gcs.planning.moves import IntArray, SearchMap, search_map
 from gcs.planning.search import SearchCost
 from gcs.planning.shaping import Shape, Shaped, close_and_seen, is_roomy, joins, pull, shape_way
 from gcs.planning.sight import clear_leg
+from gcs.planning.starts import start_is_clear, start_room
 from gcs.planning.taut import tauten
 from gcs.planning.turning import SHARP_CORNER, SHARP_START, flyable
 
@@ -253,6 +254,8 @@ def warm_up_calls() -> list[compiling.Call]:
         (is_roomy, blocked, 0.0, way, -1, False),
         *matrix.warm_up_calls(),
         (flyable, blocked, 0.0, way, np.zeros(2), 1.0, -1),
+        (start_is_clear, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),
+        (start_room, blocked, 0.0, 0.0, 0.0),
     ]
 
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from gcs.compiling import called
+from gcs.compiling import called, kernel
 from gcs.planning.grid import TOUCH
 from gcs.planning.sight import clear_leg, room_at
 
@@ -58,7 +58,7 @@ def start_arc(x, y, angle, to_x, to_y, radius):  # type: ignore[no-untyped-def]
     return side, sweep, radius * sweep + math.sqrt(gap * gap - radius * radius)
 
 
-@called
+@kernel
 def start_is_clear(blocked, reach, x, y, angle, to_x, to_y, radius, own):  # type: ignore[no-untyped-def]
     """Whether the turn to a place, and the tangent that follows, keep `reach`."""
     side, sweep, _ = start_arc(x, y, angle, to_x, to_y, radius)
@@ -70,7 +70,7 @@ def start_is_clear(blocked, reach, x, y, angle, to_x, to_y, radius, own):  # typ
     return clear_leg(blocked, x, y, to_x, to_y, reach, own)
 
 
-@called
+@kernel
 def start_room(blocked, reach, x, y):  # type: ignore[no-untyped-def]
     """Clearance to ask of a start: a share of the wanted one, and no more than the vehicle has now."""
     return min(_START_SHARE * reach, max(room_at(blocked, x, y, reach) - TOUCH, 0.0))
