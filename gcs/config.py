@@ -137,16 +137,17 @@ class AirframeTable(Table, frozen=True, kw_only=True):
     speed_m_s: Positive = 15.0
     bank_deg: Annotated[float, Meta(ge=5.0, le=70.0)] = 30.0
     turn_lag_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.0
+    wind_m_s: Annotated[float, Meta(ge=0.0, le=30.0)] = 0.0
 
     @property
     def turn_radius_m(self) -> float:
-        """Radius of a level turn, V^2 / (g tan bank)."""
-        return self.speed_m_s**2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
+        """Radius over ground of a level turn, V^2 / (g tan bank), at its widest: with the wind."""
+        return (self.speed_m_s + self.wind_m_s) ** 2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
 
     @property
     def turn_lag_m(self) -> float:
         """How far a vehicle flies before a turn is taken up."""
-        return self.speed_m_s * self.turn_lag_s
+        return (self.speed_m_s + self.wind_m_s) * self.turn_lag_s
 
     @property
     def planned_radius_m(self) -> float:

@@ -138,6 +138,8 @@ class Airframe:
         "roll_rate_rad_s",
         "sideslip_m_s",
         "speed_m_s",
+        "wind_east_m_s",
+        "wind_north_m_s",
         "yaw_rate_rad_s",
     )
 
@@ -153,6 +155,8 @@ class Airframe:
         self.heading_rad = heading_rad
         self.speed_m_s = speed_m_s
         """Forward body velocity u; regulated elsewhere, as in the paper."""
+        self.wind_east_m_s = self.wind_north_m_s = 0.0
+        """How the air moves that it flies in."""
         self.climb_m_s = 0.0
         self.sideslip_m_s = 0.0
         self.roll_rate_rad_s = 0.0
@@ -173,8 +177,8 @@ class Airframe:
         v, p, r, f = self.sideslip_m_s, self.roll_rate_rad_s, self.yaw_rate_rad_s, self.roll_rad
         psi, u = self.heading_rad, self.speed_m_s
         sin_psi, cos_psi = math.sin(psi), math.cos(psi)
-        self.north_m += STEP_S * (u * cos_psi - v * sin_psi)
-        self.east_m += STEP_S * (u * sin_psi + v * cos_psi)
+        self.north_m += STEP_S * (u * cos_psi - v * sin_psi + self.wind_north_m_s)
+        self.east_m += STEP_S * (u * sin_psi + v * cos_psi + self.wind_east_m_s)
         self.sideslip_m_s = vv * v + vp * p + vr * r + vf * f + gv * e
         self.roll_rate_rad_s = pv * v + pp * p + pr * r + pf * f + gp * e
         self.yaw_rate_rad_s = rv * v + rp * p + rr * r + rf * f + gr * e
@@ -193,7 +197,8 @@ class Airframe:
             self.speed_m_s = min(max(speed_command_m_s, u - change), u + change)
 
     def rest(self) -> None:
-        """Stand still on the ground."""
+        """Stand still on the ground, whatever the wind."""
+        self.wind_east_m_s = self.wind_north_m_s = 0.0
         self.speed_m_s = self.climb_m_s = 0.0
         self.sideslip_m_s = self.roll_rate_rad_s = self.yaw_rate_rad_s = self.roll_rad = 0.0
 
@@ -202,7 +207,15 @@ class Airframe:
         """(east, north) over ground."""
         sin_psi, cos_psi = math.sin(self.heading_rad), math.cos(self.heading_rad)
         u, v = self.speed_m_s, self.sideslip_m_s
-        return u * sin_psi + v * cos_psi, u * cos_psi - v * sin_psi
+        east, north = u * sin_psi + v * cos_psi, u * cos_psi - v * sin_psi
+        return east + self.wind_east_m_s, north + self.wind_north_m_s
+
+    @property
+    def drift_rad(self) -> float:
+        """By how much the wind turns the course from the heading; 0 in calm air."""
+        if self.wind_east_m_s == 0.0 and self.wind_north_m_s == 0.0:
+            return 0.0
+        return (self.course_rad - self.heading_rad + _PI) % _TAU - _PI
 
     @property
     def course_rad(self) -> float:

@@ -5,6 +5,8 @@ reached within its acceptance radius, or when the finish line is passed: the lin
 the leg that leads to it. ArduPlane does the same; without it, this airframe would orbit a missed point for
 ever.
 
+In wind it is the course that is brought on to the bearing, not the heading: the vehicle crabs.
+
 Round a circle: a vector field. At distance d from the centre of a circle of radius R the wanted course is the
 tangent, turned inwards by ``atan((d - R) / (u tau))``. The heading loop follows a turning command only with a
 lag: a turn at rate w takes a heading error of ``TURN_TIME_S * w``. So the rate at which the field itself
@@ -49,7 +51,9 @@ class ToPoint:
     def heading_error_rad(self, airframe: Airframe) -> float:
         """Heading error, any size."""
         return (
-            math.atan2(self.east_m - airframe.east_m, self.north_m - airframe.north_m) - airframe.heading_rad
+            math.atan2(self.east_m - airframe.east_m, self.north_m - airframe.north_m)
+            - airframe.heading_rad
+            - airframe.drift_rad
         )
 
     def distance_m(self, airframe: Airframe) -> float:
@@ -91,7 +95,7 @@ class Circle:
         round_rate = u * cos_in / max(d, radius / 2.0)
         field_rate = u * math.sin(inwards) * cos_in * cos_in / reach
         lead = min(max(TURN_TIME_S * (round_rate - field_rate), -MAX_LEAD_RAD), MAX_LEAD_RAD)
-        error = bearing + side * (math.pi / 2.0 + inwards) - airframe.heading_rad
+        error = bearing + side * (math.pi / 2.0 + inwards) - airframe.heading_rad - airframe.drift_rad
         # Flying against the field, a lead would wrap the error over 180 degrees and hold the wrong way round.
         return error + side * lead * max(0.0, math.cos(error))
 

@@ -92,6 +92,15 @@ class GaussianTargets(Table, frozen=True, kw_only=True):
     inside_for_s: NotNegative = 240.0
 
 
+class WindTable(Table, frozen=True, kw_only=True):
+    """The wind: a steady part and gusts (see `sim_vehicles.wind`)."""
+
+    east_m_s: Annotated[float, Meta(ge=-30.0, le=30.0)] = 0.0
+    north_m_s: Annotated[float, Meta(ge=-30.0, le=30.0)] = 0.0
+    gust_std_m_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    gust_time_s: Annotated[float, Meta(ge=0.1, le=600.0)] = 5.0
+
+
 class Simulation(Table, frozen=True, kw_only=True):
     """The `[simulation]` table."""
 
@@ -101,6 +110,7 @@ class Simulation(Table, frozen=True, kw_only=True):
     sensor: SensorTable = SensorTable()
     more_sensors: list[SensorTable] = []
     death: DeathTable = DeathTable()
+    wind: WindTable = WindTable()
     targets: list[TargetTable] = []
     gaussian_targets: GaussianTargets | None = None
 

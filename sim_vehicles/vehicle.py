@@ -27,6 +27,7 @@ from sim_vehicles.link import VehicleLink
 from sim_vehicles.missions import NEVER_NS
 from sim_vehicles.parameters import Parameters
 from sim_vehicles.personality import PERSONALITIES
+from sim_vehicles.wind import Wind
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,11 @@ class VehicleSpec:
     gps_noise_std_m: float = 1.0
     autopilot: str = "ardupilot"
     """Which one it plays: "ardupilot" or "px4"."""
+    wind_east_m_s: float = 0.0
+    """As the air moves."""
+    wind_north_m_s: float = 0.0
+    gust_std_m_s: float = 0.0
+    gust_time_s: float = 5.0
     arming_delay_s: float = 20.0
     """How long after a start on the ground arming is refused."""
 
@@ -117,6 +123,16 @@ class SimVehicle:
             spec.system_id, self.autopilot, start_t_ns, spec.gps_noise_std_m, _generator(spec, "gps")
         )
         self._death_rng = _generator(spec, "death")
+        self._wind: Wind | None = None
+        if spec.wind_east_m_s or spec.wind_north_m_s or spec.gust_std_m_s:
+            self._wind = Wind(
+                spec.wind_east_m_s,
+                spec.wind_north_m_s,
+                spec.gust_std_m_s,
+                spec.gust_time_s,
+                _generator(spec, "wind"),
+                start_t_ns,
+            )
         self._start_t_ns = start_t_ns
         self._check_period_ns = max(int(spec.death_check_period_s * NS_PER_S), STEP_NS)
         self._death_check_ns = (
@@ -170,9 +186,11 @@ class SimVehicle:
 
     def _fly(self, until_ns: int) -> None:
         autopilot, now_ns = self.autopilot, self._stepped_ns
-        step, notices = autopilot.step, autopilot.notices
+        step, notices, wind = autopilot.step, autopilot.notices, self._wind
         while (now_ns := now_ns + STEP_NS) <= until_ns:
             self._stepped_ns = now_ns
+            if wind is not None and autopilot.flying:
+                wind.blow(self.airframe, now_ns)
             step(now_ns)
             if notices:
                 self._link.tell_notices(now_ns)

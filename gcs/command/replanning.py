@@ -56,7 +56,7 @@ def plan_options(config: Config) -> PlanOptions:
         shape=planning.shape,
         search_cost=planning.search_cost,
         switch_gain_m=planning.switch_gain_m,
-        turn_radius_m=config.airframe.turn_radius_m,
+        turn_radius_m=config.airframe.planned_radius_m,
     )
 
 
