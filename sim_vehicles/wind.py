@@ -1,8 +1,8 @@
 """Wind: a steady part, the same everywhere, and gusts that each vehicle meets by itself.
 
-Gusts are a first-order Gauss-Markov process on each of east and north: ``g+ = a g + s sqrt(1 - a^2) n``, with
-``a = exp(-dt / T)``; s is their standard deviation and T their correlation time. This is Dryden's longitudinal
-spectrum (MIL-F-8785C) at a fixed airspeed. They are stepped at 10 Hz.
+Gusts are a first-order Gauss-Markov process on each of east and north: ``g+ = a g + s sqrt(1 - a^2) n``,
+with ``a = exp(-dt / T)``; s is their standard deviation and T their correlation time. This is Dryden's
+longitudinal spectrum (MIL-F-8785C) at a fixed airspeed. They are stepped at 10 Hz.
 """
 
 from __future__ import annotations

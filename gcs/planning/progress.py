@@ -85,7 +85,8 @@ def is_ahead_clear(
 ) -> bool:
     """Whether a vehicle can turn to the next point of its route from where it is, and on its course.
 
-    The turn and the straight way after it keep half of the clearance, or what room the vehicle has now.
+    The turn and the straight way after it keep half of what a new start would be asked for: a little off the
+    route is no reason for another one.
 
     Parameters
     ----------
@@ -99,6 +100,6 @@ def is_ahead_clear(
     ahead = points_m[min(next_point(points_m, place_m, corridor_m), len(points_m) - 1)]
     x, y = to_cells(grid, place_m)
     to_x, to_y = to_cells(grid, (float(ahead[0]), float(ahead[1])))
-    room = start_room(grid.blocked, clearance_m / grid.spacing_m, x, y)
+    room = 0.5 * start_room(grid.blocked, clearance_m / grid.spacing_m, x, y)
     angle, radius = 0.5 * np.pi - course_rad, radius_m / grid.spacing_m
     return bool(start_is_clear(grid.blocked, room, x, y, angle, to_x, to_y, radius, -1))

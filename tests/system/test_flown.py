@@ -1,7 +1,7 @@
 """What is flown: the track of every vehicle stays out of obstacles, wherever its route has the choice.
 
-The last metres to a target are the target's: it may pass beside an obstacle, or over one. So a track is looked
-at until its vehicle is within twice the capture radius of the end of its route.
+The last metres to a target are the target's: it may pass beside an obstacle, or over one. So a track is
+looked at until its vehicle is within twice the capture radius of the end of its route.
 """
 
 from __future__ import annotations
@@ -45,9 +45,10 @@ def least_room_m(name: str, seed: int, wind: WindTable | None = None) -> float:
         if isinstance(event, Tick):
             for vehicle in run.vehicles.values():
                 place, end = (vehicle.east_m, vehicle.north_m), ends.get(vehicle.system_id)
-                if end is not None and vehicle.alive and vehicle.system_id not in done:
-                    if math.dist(place, end) > near_m:
-                        track.append(place)
+                if end is None or not vehicle.alive or vehicle.system_id in done:
+                    continue
+                if math.dist(place, end) > near_m:
+                    track.append(place)
 
     run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
     run.run()
