@@ -30,7 +30,7 @@ from gcs.model import FloatArray
 from gcs.planning.grid import BoolArray
 from gcs.planning.sight import clear_leg, room_at
 from gcs.planning.taut import tauten
-from gcs.planning.turning import FLYABLE, flyable
+from gcs.planning.turning import FLYABLE, SHARP_CORNER, flyable
 
 Shape: TypeAlias = Literal["grid", "pulled", "flyable"]
 
@@ -256,5 +256,17 @@ def shape_way(
         way = tauten(blocked, reach, way, heading, radius, radius, own)
     length, problem = float(np.hypot(*np.diff(way, axis=0).T).sum()), FLYABLE
     if radius > 0.0 and len(way) > 1:
-        way, length, problem = flyable(blocked, reach, way, heading, radius, own)
+        turned, flown, problem = flyable(blocked, reach, way, heading, radius, own)
+        # Whatever the turns need, no leg may lead through an obstacle: rather the string as it was.
+        if _legs_are_clear(blocked, turned, own):
+            way, length = turned, float(flown)
+        else:
+            problem = SHARP_CORNER
     return Shaped(way, length, bool(is_roomy(blocked, reach, way, own, ends_at_place)), problem)
+
+
+def _legs_are_clear(blocked: BoolArray, points: FloatArray, own: int) -> bool:
+    return all(
+        clear_leg(blocked, *points[i].tolist(), *points[i + 1].tolist(), 0.0, own if i == 0 else -1)
+        for i in range(len(points) - 1)
+    )

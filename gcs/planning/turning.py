@@ -300,11 +300,13 @@ def _other_start(blocked, points, room, angle, radius, own):  # type: ignore[no-
         )
         if count >= 0:
             # A tip beside the first corner is no corner.
-            while (
-                count > 0
-                and math.hypot(tips[count - 1, 0] - points[1, 0], tips[count - 1, 1] - points[1, 1])
-                < 0.5 * radius
-            ):
+            while count > 0:
+                last, before = tips[count - 1], tips[count - 2] if count > 1 else points[0]
+                x, y = points[1, 0], points[1, 1]
+                if math.hypot(last[0] - x, last[1] - y) >= 0.5 * radius:
+                    break
+                if not clear_leg(blocked, before[0], before[1], x, y, room, own):
+                    break
                 count -= 1
             size = points.shape[0]
             result = np.empty((size + count, 2))
