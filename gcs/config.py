@@ -22,9 +22,11 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from gcs.errors import ConfigError
+from gcs.endpoints import Link, parse_endpoint
+from gcs.errors import ConfigError, LinkError
 from gcs.geo import LocalFrame
 from gcs.geojson import Zones, read_zones
+from gcs.model import vehicle_id, vehicle_name
 
 _G_M_S2 = 9.80665
 
@@ -33,6 +35,7 @@ NotNegative = Annotated[float, Meta(ge=0.0)]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 InnerProbability = Annotated[float, Meta(gt=0.0, lt=1.0)]
 SystemId = Annotated[int, Meta(ge=1, le=250)]
+Network = Annotated[int, Meta(ge=0, le=255)]
 Point2 = Annotated[list[float], Meta(min_length=2, max_length=2)]
 Point3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Box = Annotated[list[float], Meta(min_length=4, max_length=4)]
@@ -66,12 +69,18 @@ class MapTable(Table, frozen=True, kw_only=True):
 
 
 class AgentTable(Table, frozen=True, kw_only=True):
-    """One agent: its MAVLink system id and where it starts."""
+    """One agent: its MAVLink network and system id, and where it starts."""
 
     system_id: SystemId
+    network: Network = 0
     east_m: float
     north_m: float
     course_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 90.0
+
+    @property
+    def vehicle(self) -> int:
+        """What the vehicle is called everywhere (`gcs.model.vehicle_id`)."""
+        return vehicle_id(self.network, self.system_id)
 
 
 class BirthTable(Table, frozen=True, kw_only=True):
@@ -185,13 +194,51 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     rotate_mb: Annotated[float, Meta(ge=1.0, le=1e6)] = 500.0
 
 
-class LinksTable(Table, frozen=True, kw_only=True):
-    """Where central command listens."""
+class EndpointTable(Table, frozen=True, kw_only=True):
+    """Where vehicles are, of a MAVLink network other than the first."""
 
-    mavlink: Annotated[str, Meta(pattern=r"^udpin:[^:]+:\d{1,5}$")] = "udpin:0.0.0.0:14550"
+    endpoint: str
+    network: Network = 0
+
+
+class ForwardTable(Table, frozen=True, kw_only=True):
+    """Where another ground station connects, and what it may do."""
+
+    endpoint: str
+    access: Literal["read-only", "full"] = "read-only"
+    adsb: bool = True
+    network: Network = 0
+
+
+class LinksTable(Table, frozen=True, kw_only=True):
+    """Where central command finds vehicles, sensors and other ground stations."""
+
+    mavlink: str | EndpointTable | Annotated[list[str | EndpointTable], Meta(min_length=1)] = (
+        "udpin:0.0.0.0:14550"
+    )
+    forward: list[ForwardTable] = []
     zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
     zenoh_role: Literal["listen", "connect"] = "listen"
     max_parallel_uploads: Annotated[int, Meta(ge=1, le=1000)] = 32
+
+    def entries(self) -> list[tuple[str, str | EndpointTable | ForwardTable]]:
+        """Every MAVLink endpoint with its key: those of vehicles first."""
+        entries: list[tuple[str, str | EndpointTable | ForwardTable]] = (
+            [("links.mavlink", self.mavlink)]
+            if not isinstance(self.mavlink, list)
+            else [(f"links.mavlink[{index}]", entry) for index, entry in enumerate(self.mavlink)]
+        )
+        return entries + [(f"links.forward[{index}]", entry) for index, entry in enumerate(self.forward)]
+
+
+def _link(entry: str | EndpointTable | ForwardTable) -> Link:
+    match entry:
+        case str():
+            return Link(parse_endpoint(entry))
+        case EndpointTable():
+            return Link(parse_endpoint(entry.endpoint), entry.network)
+        case ForwardTable():
+            return Link(parse_endpoint(entry.endpoint), entry.network, entry.access, entry.adsb)
 
 
 class Config(Table, frozen=True, kw_only=True):
@@ -211,6 +258,11 @@ class Config(Table, frozen=True, kw_only=True):
     links: LinksTable = LinksTable()
     recording: RecordingTable = RecordingTable()
     simulation: dict[str, Any] = {}
+
+    @property
+    def mavlink_links(self) -> tuple[Link, ...]:
+        """Every MAVLink endpoint: those of vehicles first, then those of other ground stations."""
+        return tuple(_link(entry) for _, entry in self.links.entries())
 
     @property
     def local_frame(self) -> LocalFrame:
@@ -355,11 +407,14 @@ def load(scenario: str) -> Config:
 def _cross_check(config: Config, source: str) -> None:
     if config.map.geojson:
         _check_zones(config, source)
-    ids = [agent.system_id for agent in config.agents]
-    for index, system_id in enumerate(ids):
-        if system_id in ids[:index]:
+    _check_links(config, source)
+    ids = [agent.vehicle for agent in config.agents]
+    for index, vehicle in enumerate(ids):
+        if vehicle in ids[:index]:
             raise ConfigError(
-                source, f"agents[{index}].system_id", f"{system_id} is used twice; each agent needs its own"
+                source,
+                f"agents[{index}].system_id",
+                f"{vehicle_name(vehicle)} is used twice; each agent needs its own",
             )
     area = config.map
     for index, corners in enumerate(area.polygons_m):
@@ -406,4 +461,29 @@ def _check_zones(config: Config, source: str) -> None:
                 "map.geojson",
                 f"{what} lies far from the frame's origin ({config.frame.lat_deg:.3f}°, "
                 f"{config.frame.lon_deg:.3f}°); positions are [longitude, latitude], in this order",
+            )
+
+
+def _check_links(config: Config, source: str) -> None:
+    """Read every connection string, and see that networks and endpoints fit together."""
+    links: list[tuple[str, Link]] = []
+    for key, entry in config.links.entries():
+        try:
+            link = _link(entry)
+        except LinkError as error:
+            raise ConfigError(source, key, str(error)) from None
+        if link.name in (other.name for _, other in links):
+            raise ConfigError(source, key, f"{link.name} is there twice; each endpoint is one link")
+        links.append((key, link))
+    reached = {link.network for _, link in links if link.role == "vehicles"}
+    for key, link in links:
+        if link.network not in reached:
+            raise ConfigError(source, key, f"network {link.network} has no endpoint in links.mavlink")
+    for index, agent in enumerate(config.agents):
+        if agent.network not in reached:
+            raise ConfigError(
+                source,
+                f"agents[{index}].network",
+                f"network {agent.network} has no endpoint in links.mavlink; "
+                f"there is {', '.join(map(str, sorted(reached)))}",
             )

@@ -32,6 +32,30 @@ def read_only(array: npt.ArrayLike) -> FloatArray:
     return result
 
 
+# ---------------------------------------------------------------- what vehicles are called
+
+
+def vehicle_id(network: int, system_id: int) -> int:
+    """Return the one number that a vehicle is called by: its MAVLink network times 256, plus its system id."""
+    return network << 8 | system_id
+
+
+def network_of(vehicle: int) -> int:
+    """MAVLink network of a vehicle."""
+    return vehicle >> 8
+
+
+def system_of(vehicle: int) -> int:
+    """MAVLink system id of a vehicle, on its network."""
+    return vehicle & 0xFF
+
+
+def vehicle_name(vehicle: int) -> str:
+    """Write a vehicle as people do: "17", or "2:17" on network 2."""
+    network, system_id = network_of(vehicle), system_of(vehicle)
+    return f"{network}:{system_id}" if network else str(system_id)
+
+
 # ---------------------------------------------------------------- events: what goes into the fold
 
 
@@ -107,6 +131,16 @@ class BadInput:
     t_ns: int
     source: str
     problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinkNews:
+    """What the edge has to say of a MAVLink link: lost, there again, somebody kept out."""
+
+    t_ns: int
+    link: str
+    level: Level
+    text: str
 
 
 Action: TypeAlias = Literal["hold", "resume", "return", "arm", "disarm", "confirm", "reject", "keep-out"]
@@ -199,7 +233,7 @@ class Resumed:
     memory: Memory
 
 
-Event: TypeAlias = Datagram | Scan | Tick | BadInput | Order | UploadAnswer | Resumed
+Event: TypeAlias = Datagram | Scan | Tick | BadInput | LinkNews | Order | UploadAnswer | Resumed
 
 
 # ---------------------------------------------------------------- the picture

@@ -1,4 +1,4 @@
-"""A UDP socket for MAVLink, read in batches by the event loop.
+"""UDP sockets for MAVLink, read in batches by the event loop.
 
 `loop.add_reader` with `recvfrom` until the socket is empty costs a few microseconds a datagram, several
 times less than asyncio's datagram protocol. A datagram is handed on as it came: what it means is decided
@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable
 
+from gcs.edge.transport import Backoff, Listener, Spoken
+from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
 
 _MAX_DATAGRAM_BYTES = 65_535
@@ -18,44 +19,36 @@ _BATCH = 256
 _BUFFER_BYTES = 4 * 1024 * 1024
 
 
-class UdpLink:
-    """One listening UDP socket, such as ``udpin:0.0.0.0:14550``.
-
-    Parameters
-    ----------
-    endpoint : str
-        ``udpin:HOST:PORT``; port 0 takes a free one.
+class UdpIn:
+    """A UDP socket that others send to.
 
     Raises
     ------
     LinkError
-        When the endpoint cannot be bound.
+        When it cannot be bound.
     """
 
-    def __init__(self, endpoint: str) -> None:
-        self.endpoint = endpoint
-        _, host, port = endpoint.split(":")
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+    def __init__(self, endpoint: Endpoint) -> None:
+        self._socket = _socket()
         try:
-            self._socket.bind((host, int(port)))
-        except (OSError, OverflowError) as error:
+            self._socket.bind((endpoint.host, endpoint.port))
+        except OSError as error:
             self._socket.close()
             raise LinkError(
-                endpoint,
+                str(endpoint),
                 f"cannot listen here ({error}); is another ground station running? "
-                "Choose another port in links.mavlink",
+                "Choose another port in links.mavlink or links.forward",
             ) from None
         self.port: int = self._socket.getsockname()[1]
         self.refused = 0
-        """Datagrams that the system would not send (full buffer, no route)."""
+        self._loop: asyncio.AbstractEventLoop | None = None
 
-    def start(self, loop: asyncio.AbstractEventLoop, receive: Callable[[str, bytes], None]) -> None:
-        """Call `receive(peer, data)` for each datagram from now on."""
-        loop.add_reader(self._socket.fileno(), self._drain, receive)
+    def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
+        """Hand on each datagram from now on."""
+        self._loop = loop
+        loop.add_reader(self._socket.fileno(), self._drain, listener)
 
-    def _drain(self, receive: Callable[[str, bytes], None]) -> None:
+    def _drain(self, listener: Listener) -> None:
         for _ in range(_BATCH):
             try:
                 data, (host, port) = self._socket.recvfrom(_MAX_DATAGRAM_BYTES)
@@ -63,17 +56,88 @@ class UdpLink:
                 return
             except OSError:
                 continue  # an ICMP error of an earlier send: the peer is gone, its silence will tell
-            receive(f"{host}:{port}", data)
+            listener.heard(f"{host}:{port}", data)
 
     def send(self, peer: str, data: bytes) -> None:
         """Send one datagram to a peer that was heard before."""
         host, _, port = peer.rpartition(":")
         try:
             self._socket.sendto(data, (host, int(port)))
+        except (OSError, ValueError, OverflowError):
+            self.refused += 1
+
+    def close(self) -> None:
+        """Stop reading and close the socket."""
+        if self._loop is not None:
+            self._loop.remove_reader(self._socket.fileno())
+        self._socket.close()
+
+
+class UdpOut:
+    """A UDP socket that talks to one remote address; its name is looked up off the loop, until it is found."""
+
+    port = 0
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.refused = 0
+        self._endpoint = endpoint
+        self._socket: socket.socket | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._opening: asyncio.Task[None] | None = None
+
+    def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
+        """Look the name up, then hear what comes back from there, and from there alone."""
+        self._loop = loop
+        self._opening = loop.create_task(self._open(loop, listener))
+
+    async def _open(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
+        spoken, remote = Spoken(), self._endpoint
+        async for _ in Backoff().tries():
+            fresh = _socket()
+            try:
+                found = await loop.getaddrinfo(
+                    remote.host, remote.port, family=socket.AF_INET, type=socket.SOCK_DGRAM
+                )
+                fresh.connect(found[0][4])
+            except OSError as error:
+                fresh.close()
+                spoken.once(listener, "warning", f"cannot be reached: {error.strerror or error}")
+                continue
+            self._socket = fresh
+            loop.add_reader(fresh.fileno(), self._drain, fresh, listener)
+            return
+
+    def _drain(self, source: socket.socket, listener: Listener) -> None:
+        for _ in range(_BATCH):
+            try:
+                data = source.recv(_MAX_DATAGRAM_BYTES)
+            except (BlockingIOError, InterruptedError):
+                return
+            except OSError:
+                continue  # nobody listens there yet
+            listener.heard(self._endpoint.remote, data)
+
+    def send(self, peer: str, data: bytes) -> None:  # noqa: ARG002  there is but one
+        """Send one datagram."""
+        if self._socket is None:
+            self.refused += 1
+            return
+        try:
+            self._socket.send(data)
         except OSError:
             self.refused += 1
 
-    def close(self, loop: asyncio.AbstractEventLoop) -> None:
+    def close(self) -> None:
         """Stop reading and close the socket."""
-        loop.remove_reader(self._socket.fileno())
-        self._socket.close()
+        if self._opening is not None:
+            self._opening.cancel()
+        if self._socket is not None and self._loop is not None:
+            self._loop.remove_reader(self._socket.fileno())
+            self._socket.close()
+
+
+def _socket() -> socket.socket:
+    fresh = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    fresh.setblocking(False)
+    fresh.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+    return fresh

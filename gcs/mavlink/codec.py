@@ -28,7 +28,8 @@ Message: TypeAlias = Any
 """A message object of the dialect, such as ``dialect.MAVLink_heartbeat_message``."""
 
 GCS_SYSTEM_ID = 255
-GCS_COMPONENT_ID = 190
+GCS_COMPONENT_ID: int = dialect.MAV_COMP_ID_PATHPLANNER
+"""Not the 190 of QGroundControl and Mission Planner: on one network an answer to them is none to us."""
 AUTOPILOT_COMPONENT_ID = 1
 
 _MAGIC_V1, _MAGIC_V2 = 0xFE, 0xFD
@@ -66,14 +67,20 @@ class Scanned(NamedTuple):
     """Bytes that belong to no frame."""
     crc_errors: int
     """Whole frames of a known id whose checksum does not hold."""
-    unknown: int
-    """Well-placed frames of an id that the dialect does not have."""
+    unchecked: list[Frame]
+    """Well-placed frames of an id that the dialect does not have: to be sent on, not to be read."""
+
+    @property
+    def unknown(self) -> int:
+        """Number of frames of unknown ids."""
+        return len(self.unchecked)
 
 
 def scan(data: bytes) -> Scanned:
     """Find the frames of a datagram, from empty."""
     frames: list[Frame] = []
-    bad_bytes = crc_errors = unknown = false_starts = 0
+    unchecked: list[Frame] = []
+    bad_bytes = crc_errors = false_starts = 0
     at, end = 0, len(data)
     while at < end:
         length = _frame_length(data, at, end)
@@ -85,7 +92,7 @@ def scan(data: bytes) -> Scanned:
                 continue
             if _message_id(data, at) not in dialect.mavlink_map:
                 if at + length == end or data[at + length] in (_MAGIC_V1, _MAGIC_V2):
-                    unknown += 1
+                    unchecked.append(_frame(data, at, length))
                     at += length
                     continue
             else:
@@ -98,7 +105,7 @@ def scan(data: bytes) -> Scanned:
         next_at = marker.start() if marker else end
         bad_bytes += next_at - at
         at = next_at
-    return Scanned(frames, bad_bytes, crc_errors, unknown)
+    return Scanned(frames, bad_bytes, crc_errors, unchecked)
 
 
 def decode(data: bytes) -> tuple[list[Message], Scanned]:
@@ -147,15 +154,27 @@ def _message_id(data: bytes, at: int) -> int:
 
 def checked_frame(data: bytes, at: int, length: int) -> Frame | None:
     """Return the frame that fills `length` bytes from `at`, when its id is known and its checksum holds."""
-    message_id = _message_id(data, at)
-    definition = dialect.mavlink_map.get(message_id)
+    definition = dialect.mavlink_map.get(_message_id(data, at))
     if definition is None:
         return None
-    second = data[at] == _MAGIC_V2
-    signed = second and bool(data[at + 2] & _SIGNED)
-    crc_at = at + length - _CRC - (_SIGNATURE if signed else 0)
+    crc_at = at + length - _CRC - (_SIGNATURE if _is_signed(data, at) else 0)
     crc = dialect.x25crc(data[at + 1 : crc_at] + bytes((definition.crc_extra,))).crc
     if crc != data[crc_at] | data[crc_at + 1] << 8:
         return None
-    sender = at + (5 if second else 3)
-    return Frame(data[sender], data[sender + 1], data[sender - 1], message_id, signed, data[at : at + length])
+    return _frame(data, at, length)
+
+
+def _is_signed(data: bytes, at: int) -> bool:
+    return data[at] == _MAGIC_V2 and bool(data[at + 2] & _SIGNED)
+
+
+def _frame(data: bytes, at: int, length: int) -> Frame:
+    sender = at + (5 if data[at] == _MAGIC_V2 else 3)
+    return Frame(
+        data[sender],
+        data[sender + 1],
+        data[sender - 1],
+        _message_id(data, at),
+        _is_signed(data, at),
+        data[at : at + length],
+    )

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.mavlink.profiles import profile_of
+from gcs.model import system_of
 
 SET_MODE: Final[int] = dialect.MAV_CMD_DO_SET_MODE
 SET_CURRENT: Final[int] = dialect.MAV_CMD_DO_SET_MISSION_CURRENT
@@ -18,13 +19,15 @@ MESSAGE_INTERVAL: Final[int] = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
 REQUEST_MESSAGE: Final[int] = dialect.MAV_CMD_REQUEST_MESSAGE
 
 
-def command(system_id: int, number: int, *params: float) -> Message:
+def command(vehicle: int, number: int, *params: float) -> Message:
     """Return a COMMAND_LONG; parameters left out are 0."""
     filled = (*params, *([0.0] * (7 - len(params))))
-    return dialect.MAVLink_command_long_message(system_id, AUTOPILOT_COMPONENT_ID, number, 0, *filled)
+    return dialect.MAVLink_command_long_message(
+        system_of(vehicle), AUTOPILOT_COMPONENT_ID, number, 0, *filled
+    )
 
 
-def set_mode(system_id: int, autopilot: int, name: str) -> Message:
+def set_mode(vehicle: int, autopilot: int, name: str) -> Message:
     """Return the command that switches the mode; the heartbeat shows whether it did.
 
     Raises
@@ -36,4 +39,4 @@ def set_mode(system_id: int, autopilot: int, name: str) -> Message:
     if profile is None:
         raise KeyError(autopilot)
     custom = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-    return command(system_id, SET_MODE, custom, *profile.mode_numbers(name))
+    return command(vehicle, SET_MODE, custom, *profile.mode_numbers(name))

@@ -1,9 +1,11 @@
-"""The vehicles on our links, keyed by system id: whose frames to believe, who is alive, what to ask of them.
+"""The vehicles on our links, by network and system id: whose frames to believe, who is alive, what to ask.
 
-Sans-I/O: datagrams in, `Send` and `Notice` out, time an argument.
+Sans-I/O: datagrams in, `Send` and `Notice` out, time an argument. Where a vehicle is an argument it is called
+by its number (`gcs.model.vehicle_id`), which on network 0 is its system id.
 
-* A vehicle is one of the expected system ids. Frames of all others (other ground stations too) are strangers:
+* A vehicle is one of the expected system ids on the network of its link. Frames of all others (other ground stations too) are strangers:
   counted up to a bound on memory, shown, and never acted on.
+* Where nobody calls us (an endpoint that does not listen) we call: a heartbeat each second.
 * Its address is learned from a HEARTBEAT of its own autopilot (component 1, a real autopilot type) and kept:
   while the vehicle is heard there, another address that claims its id is a conflict, counted and ignored.
   After a silence it may move. Nothing is ever sent to an address that has not been learned so.
@@ -20,6 +22,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.asking import ns
 from gcs.mavlink.codec import (
@@ -35,7 +38,7 @@ from gcs.mavlink.items import Home
 from gcs.mavlink.profiles import Profile
 from gcs.mavlink.vehicle import Address, Health, Vehicle
 from gcs.mavlink.wants import Wants
-from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState
+from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, vehicle_id
 
 _NEEDED: Final = frozenset(
     {
@@ -100,6 +103,26 @@ class Counters:
 
 
 @dataclass(slots=True)
+class LinkCounters:
+    """What was heard on one link of vehicles."""
+
+    datagrams: int = 0
+    bytes: int = 0
+    frames: int = 0
+    """Frames whose checksum holds."""
+    bad_bytes: int = 0
+    """Bytes that belong to no frame."""
+    crc_errors: int = 0
+    unknown_ids: int = 0
+    lost: int = 0
+    """Frames of our vehicles that are missing in their sequences."""
+    strangers: int = 0
+    """Frames of system ids that are not expected there."""
+    conflicts: int = 0
+    """Frames that claimed a vehicle's id from another address."""
+
+
+@dataclass(slots=True)
 class Stranger:
     """Somebody on the link who is not a vehicle of ours."""
 
@@ -116,9 +139,12 @@ class Fleet:
     Parameters
     ----------
     expected : iterable of int
-        System ids of our vehicles.
+        Our vehicles.
     frame : LocalFrame
         Where positions are put.
+    links : iterable of Link
+        Where vehicles are heard: what network each is, and whom to call where nobody calls us. A link that
+        is not among them is of network 0.
     own : (int, int)
         Our system and component id.
     """
@@ -129,9 +155,16 @@ class Fleet:
         frame: LocalFrame,
         settings: FleetSettings | None = None,
         *,
+        links: Iterable[Link] = (),
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
         self.counters = Counters()
+        self.links: dict[str, LinkCounters] = {}
+        """By link, in the order in which they were first heard."""
+        self._networks = {link.name: link.network for link in links}
+        self._callers = {
+            (link.name, link.endpoint.remote): Encoder(*own) for link in links if link.endpoint.remote
+        }
         self._settings = settings or FleetSettings()
         self._lost_after_ns = ns(self._settings.lost_after_s)
         self._vehicles = {
@@ -158,16 +191,25 @@ class Fleet:
         counters.datagrams += 1
         counters.frames += len(found.frames)
         counters.unknown_ids += found.unknown
+        link = self.links.setdefault(datagram.link, LinkCounters())
+        link.datagrams += 1
+        link.bytes += len(datagram.data)
+        link.frames += len(found.frames)
+        link.unknown_ids += found.unknown
         if found.bad_bytes or found.crc_errors:
+            link.bad_bytes += found.bad_bytes
+            link.crc_errors += found.crc_errors
             counters.bad_bytes += found.bad_bytes
             counters.crc_errors += found.crc_errors
             text = f"unreadable bytes from {datagram.peer} on {datagram.link}, {counters.bad_bytes} in all"
             self._tell_now_and_then("bad bytes", 0, datagram.t_ns, "warning", text)
         address = (datagram.link, datagram.peer)
+        network = self._networks.get(datagram.link, 0)
         accepted = []
         for frame in found.frames:
-            vehicle = self._vehicles.get(frame.system_id)
+            vehicle = self._vehicles.get(vehicle_id(network, frame.system_id))
             if vehicle is None:
+                link.strangers += 1
                 self._count_stranger(frame, address, datagram.t_ns)
             elif (message := self._accept(vehicle, frame, address, datagram.t_ns)) is not None:
                 accepted.append((vehicle.system_id, message))
@@ -186,7 +228,9 @@ class Fleet:
             vehicle.contact(address)
             self._tell("info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
         vehicle.liveness = "alive"
+        lost = vehicle.lost
         vehicle.count(frame.sequence, t_ns)
+        self.links[address[0]].lost += vehicle.lost - lost
         if message is None:
             return None
         if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT:
@@ -203,6 +247,7 @@ class Fleet:
         if vehicle.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns:
             vehicle.conflicts += 1
             self.counters.conflicts += 1
+            self.links[address[0]].conflicts += 1
             text = f"{address[1]} on {address[0]} claims its id, which is heard from {vehicle.address[1]}"
             self._tell_now_and_then("conflict", vehicle.system_id, t_ns, "alarm", text)
             return False
@@ -230,7 +275,11 @@ class Fleet:
 
     def poll(self, t_ns: int) -> list[Send]:
         """Let time pass: who has fallen silent, and what to send."""
-        out = []
+        out = [
+            Send(*address, encode(_heartbeat()))
+            for address, encode in self._callers.items()
+            if self._beat_due(address, t_ns)
+        ]
         for vehicle in self._vehicles.values():
             if vehicle.address is None:
                 continue
@@ -250,7 +299,7 @@ class Fleet:
         if beat_t_ns is not None and t_ns - beat_t_ns < NS_PER_S:
             return False
         if beat_t_ns is None:
-            known = {vehicle.address for vehicle in self._vehicles.values()}
+            known = {vehicle.address for vehicle in self._vehicles.values()} | self._callers.keys()
             self._beats_t_ns = {a: t for a, t in self._beats_t_ns.items() if a in known}
         self._beats_t_ns[address] = t_ns
         return True

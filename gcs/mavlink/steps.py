@@ -19,7 +19,7 @@ from gcs.mavlink.items import Home, Item
 from gcs.mavlink.modes import AUTO, LOITER
 from gcs.mavlink.profiles import ARDUPLANE, Profile
 from gcs.mavlink.task import Holds, Stage, TaskResult, Timing
-from gcs.model import NS_PER_S, Mission
+from gcs.model import NS_PER_S, Mission, system_of
 
 _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
 _MAX_PAUSE_S: Final = 4.0
@@ -95,7 +95,7 @@ class Steps:
         self._handover = b""
         self._timing = timing or Timing()
         self._own = own
-        self._to = (mission.vehicle, AUTOPILOT_COMPONENT_ID)
+        self._to = (system_of(mission.vehicle), AUTOPILOT_COMPONENT_ID)
         self._out: list[Message] = []
         self._began_t_ns = self._stage_t_ns = 0
         self._asking: Asking | None = None

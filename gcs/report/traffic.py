@@ -24,6 +24,7 @@ GAP_NS: Final = 5 * NS_PER_S
 """Silence of a sender that counts as a gap."""
 _MAX_LISTED: Final = 1000
 _MAX_SENDERS: Final = 4096
+_GROUND_COMPONENTS: Final = (GCS_COMPONENT_ID, 190)
 _READ: Final = frozenset(
     {
         dialect.MAVLINK_MSG_ID_HEARTBEAT,
@@ -233,7 +234,7 @@ def _sender(system_id: int, component_id: int, sender: _Sender) -> dict[str, Any
 
 def _is_ground_station(system_id: int, component_id: int, sender: _Sender) -> bool:
     return sender.type == "GCS" or (
-        not sender.type and (system_id == GCS_SYSTEM_ID or component_id == GCS_COMPONENT_ID)
+        not sender.type and (system_id == GCS_SYSTEM_ID or component_id in _GROUND_COMPONENTS)
     )
 
 

@@ -1,0 +1,298 @@
+"""Who gets a frame: the routes between the vehicles of one MAVLink network and other ground stations.
+
+As mavlink-router does it (https://mavlink.io/en/guide/routing.html): by the system and component that a
+frame is for, learned from where these were heard. On top of it a swarm on hostile networks needs rules of
+its own:
+
+* There are two sides. Vehicles' frames for nobody in particular go to all guests (other ground stations),
+  not to other vehicles: on one radio that grows with the square of the swarm. Guests see vehicles, not each
+  other. Frames for somebody go to where that somebody is known, and nowhere else; to nobody when unknown.
+* A vehicle's component has one place, learned from its HEARTBEAT and kept while it is heard there. What
+  claims to come from it at another address is kept out: a duplicate by another way, or an impostor.
+* A guest that speaks with a vehicle's system id, or with our own ids, is a loop or an impostor: kept out.
+* A guest's HEARTBEAT stays here: a vehicle's ground-station failsafe watches central command alone.
+* A frame goes never back to where it came from, and a guest's frame that comes again from another address
+  within two seconds is a duplicate: a command must not be done twice.
+* Guests on UDP are forgotten after ten seconds of silence. Guests, and the ids that each may speak with, are
+  bounded: when an endpoint is full newcomers wait until somebody leaves.
+* What guests may send is decided in `gcs.mavlink.access`.
+
+Pure: frames in, addresses out, time an argument. What it works on is (sender, target, raw bytes): where
+frames come from, and who checks them, is the caller's. Nothing here raises on any frame.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.endpoints import Link
+from gcs.mavlink import access
+from gcs.mavlink.asking import ns
+from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame
+from gcs.mavlink.targets import target_of
+from gcs.mavlink.vehicle import Address
+
+Id: TypeAlias = tuple[int, int]
+"""(system, component)."""
+
+_HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_MAX_REMEMBERED: Final = 4096
+_EXPIRE_EVERY_NS: Final = ns(0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class RoutingSettings:
+    """Times and bounds."""
+
+    vehicle_silent_s: float = 5.0
+    """Silence after which a vehicle's component may be heard elsewhere."""
+    guest_silent_s: float = 10.0
+    """Silence after which a guest on UDP is forgotten."""
+    duplicate_s: float = 2.0
+    max_guests: int = 32
+    """On one endpoint."""
+    max_ids: int = 16
+    """That one guest may speak with."""
+
+
+class Routed(NamedTuple):
+    """Where a frame goes, and why it does not go further."""
+
+    to: tuple[Address, ...]
+    refusal: str = ""
+
+
+@dataclass(slots=True)
+class PortCounters:
+    """What came through one guests' endpoint."""
+
+    frames: int = 0
+    """Whole frames heard from guests."""
+    passed: int = 0
+    """Of these, sent on to vehicles."""
+    sent: int = 0
+    """Frames of vehicles sent to guests there, each guest counted."""
+    refused: Counter[str] = field(default_factory=Counter)
+    """Frames kept back, by reason."""
+
+
+@dataclass(slots=True)
+class _Place:
+    address: Address
+    heard_t_ns: int
+
+
+@dataclass(slots=True)
+class _Guest:
+    heard_t_ns: int
+    stays: bool
+    """Whether silence does not end it: it is connected, or it is the endpoint's one peer."""
+    ids: dict[Id, int] = field(default_factory=dict)
+    """When it last spoke with each of its ids."""
+
+
+class Router:
+    """The routes of one network.
+
+    Parameters
+    ----------
+    links : sequence of Link
+        Of this network.
+    vehicles : iterable of int
+        System ids of our vehicles there.
+    is_busy : callable
+        Whether a mission of ours is on its way to the vehicle of a system id.
+    own : (int, int)
+        Our system and component id.
+    """
+
+    def __init__(
+        self,
+        links: Sequence[Link],
+        vehicles: Iterable[int],
+        is_busy: Callable[[int], bool] = lambda _: False,
+        settings: RoutingSettings | None = None,
+        *,
+        own: Id = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+    ) -> None:
+        self._links = {link.name: link for link in links}
+        self._vehicles = frozenset(vehicles)
+        self._is_busy = is_busy
+        self._own = own
+        self._settings = settings or RoutingSettings()
+        self._places: dict[Id, _Place] = {}
+        self._guests: dict[Address, _Guest] = {}
+        self._seen: dict[bytes, tuple[Address, int]] = {}
+        self._expired_t_ns = 0
+        self.counters = {link.name: PortCounters() for link in links if link.role != "vehicles"}
+        for link in links:
+            if link.role != "vehicles" and link.endpoint.remote:
+                self._guests[link.name, link.endpoint.remote] = _Guest(0, stays=True)
+
+    # ------------------------------------------------------------ frames
+
+    def take(self, t_ns: int, address: Address, frame: Frame) -> Routed:
+        """Return where a frame that came from `address` goes."""
+        link = self._links.get(address[0])
+        if link is None:
+            return Routed((), "unknown link")
+        if link.role == "vehicles":
+            return self._from_vehicle(t_ns, address, frame)
+        counters = self.counters[link.name]
+        counters.frames += 1
+        routed = self._from_guest(t_ns, address, frame, link)
+        counters.passed += bool(routed.to)
+        if routed.refusal:
+            counters.refused[routed.refusal] += 1
+        return routed
+
+    def _from_vehicle(self, t_ns: int, address: Address, frame: Frame) -> Routed:
+        if frame.system_id not in self._vehicles:
+            return Routed((), "stranger")
+        id_ = (frame.system_id, frame.component_id)
+        place = self._places.get(id_)
+        if place is None or (place.address != address and self._is_silent(place, t_ns)):
+            if frame.message_id != _HEARTBEAT:
+                return Routed((), "no heartbeat yet")
+            self._places[id_] = _Place(address, t_ns)
+        elif place.address != address:
+            return Routed((), "is heard elsewhere")
+        else:
+            place.heard_t_ns = t_ns
+        system, component = target_of(frame) or (0, 0)
+        if system in self._vehicles:
+            return self._to_vehicle(t_ns, address, system, component)
+        to = self._guests_to_hear(t_ns, system, component)
+        for link_name, _ in to:
+            self.counters[link_name].sent += 1
+        return Routed(to)
+
+    def _from_guest(self, t_ns: int, address: Address, frame: Frame, link: Link) -> Routed:
+        if frame.system_id in self._vehicles:
+            return Routed((), "speaks with a vehicle's system id")
+        if (frame.system_id, frame.component_id) == self._own:
+            return Routed((), "speaks with central command's ids")
+        refusal = self._meet(t_ns, address, (frame.system_id, frame.component_id))
+        if refusal:
+            return Routed((), refusal)
+        if frame.message_id == _HEARTBEAT:
+            return Routed(())
+        system, component = target_of(frame) or (0, 0)
+        if system and system not in self._vehicles:
+            return Routed((), "" if system == self._own[0] else "for somebody unknown")
+        refusal = access.refusal(link.role, frame, system, is_busy=bool(system) and self._is_busy(system))
+        if refusal:
+            return Routed((), refusal)
+        if self._is_again(t_ns, address, frame):
+            return Routed((), "duplicate")
+        if system:
+            return self._to_vehicle(t_ns, address, system, component)
+        return Routed(self._addresses(t_ns, lambda _: True, but=address))
+
+    def _to_vehicle(self, t_ns: int, source: Address, system: int, component: int) -> Routed:
+        """Route to one component, or to all of a vehicle's when that one is not known."""
+        place = self._places.get((system, component))
+        if place is not None and not self._is_silent(place, t_ns):
+            to: tuple[Address, ...] = (place.address,) if place.address != source else ()
+        else:
+            to = self._addresses(t_ns, lambda id_: id_[0] == system, but=source)
+        return Routed(to, "" if to else "for a vehicle that is not heard")
+
+    def _addresses(self, t_ns: int, wanted: Callable[[Id], bool], *, but: Address) -> tuple[Address, ...]:
+        """Addresses of vehicles' components, each once."""
+        found = {
+            place.address: None
+            for id_, place in self._places.items()
+            if wanted(id_) and place.address != but and not self._is_silent(place, t_ns)
+        }
+        return tuple(found)
+
+    def _is_silent(self, place: _Place, t_ns: int) -> bool:
+        return t_ns - place.heard_t_ns > ns(self._settings.vehicle_silent_s)
+
+    # ------------------------------------------------------------ guests
+
+    def joined(self, t_ns: int, address: Address) -> None:
+        """Note that somebody connected: it is a guest until it is gone, even when it says nothing."""
+        link = self._links.get(address[0])
+        if link is not None and link.role != "vehicles" and self._room(address[0]):
+            self._guests.setdefault(address, _Guest(t_ns, stays=True))
+
+    def gone(self, address: Address) -> None:
+        """Forget somebody whose connection ended, unless it is an endpoint's one peer."""
+        link = self._links.get(address[0])
+        if link is not None and address[1] == link.endpoint.remote:
+            return
+        self._guests.pop(address, None)
+
+    def guests(self, t_ns: int) -> dict[Address, tuple[Id, ...]]:
+        """Return who is connected, and with which ids each speaks."""
+        self._expire(t_ns)
+        return {address: tuple(sorted(guest.ids)) for address, guest in self._guests.items()}
+
+    def vehicles_heard(self, t_ns: int) -> tuple[int, ...]:
+        """System ids of the vehicles that have a place now, in order."""
+        heard = {id_[0] for id_, place in self._places.items() if not self._is_silent(place, t_ns)}
+        return tuple(sorted(heard))
+
+    def _room(self, link_name: str) -> bool:
+        return sum(address[0] == link_name for address in self._guests) < self._settings.max_guests
+
+    def _meet(self, t_ns: int, address: Address, id_: Id) -> str:
+        """Learn or refresh a guest; say why it is kept out."""
+        guest = self._guests.get(address)
+        if guest is None:
+            self._expire(t_ns)
+            if not self._room(address[0]):
+                return "too many guests"
+            guest = self._guests[address] = _Guest(t_ns, stays=False)
+        guest.heard_t_ns = t_ns
+        if id_ not in guest.ids and len(guest.ids) >= self._settings.max_ids:
+            self._forget_ids(guest, t_ns)
+            if len(guest.ids) >= self._settings.max_ids:
+                return "too many ids"
+        guest.ids[id_] = t_ns
+        return ""
+
+    def _expire(self, t_ns: int) -> None:
+        self._expired_t_ns = t_ns
+        silent_ns = ns(self._settings.guest_silent_s)
+        for address, guest in list(self._guests.items()):
+            if not guest.stays and t_ns - guest.heard_t_ns > silent_ns:
+                del self._guests[address]
+            else:
+                self._forget_ids(guest, t_ns)
+
+    def _forget_ids(self, guest: _Guest, t_ns: int) -> None:
+        silent_ns = ns(self._settings.guest_silent_s)
+        guest.ids = {id_: heard for id_, heard in guest.ids.items() if t_ns - heard <= silent_ns}
+
+    def _guests_to_hear(self, t_ns: int, system: int, component: int) -> tuple[Address, ...]:
+        """Return the guests that a vehicle's frame is for: all, or those who speak with that id."""
+        if abs(t_ns - self._expired_t_ns) >= _EXPIRE_EVERY_NS:
+            self._expire(t_ns)
+        if system == 0:
+            return tuple(self._guests)
+        if (system, component) == self._own:
+            return ()
+        exact = tuple(a for a, guest in self._guests.items() if (system, component) in guest.ids)
+        if exact or component:
+            return exact
+        return tuple(a for a, guest in self._guests.items() if any(id_[0] == system for id_ in guest.ids))
+
+    def _is_again(self, t_ns: int, address: Address, frame: Frame) -> bool:
+        """Whether the same frame came from another address just before."""
+        first, first_t_ns = self._seen.get(frame.data, (address, t_ns))
+        young = t_ns - first_t_ns <= ns(self._settings.duplicate_s)
+        if first != address and young:
+            return True
+        self._seen.pop(frame.data, None)
+        self._seen[frame.data] = (address, t_ns)
+        while len(self._seen) > _MAX_REMEMBERED:
+            del self._seen[next(iter(self._seen))]
+        return False
