@@ -1,9 +1,9 @@
 """Composition: sources fill one queue, one consumer feeds the fold, sinks take what comes out.
 
-Sources are the UDP link, zenoh scans and orders, and a ticker; each stamps its events with the run's clock
-and puts them into one bounded queue. The consumer hands every event to the sinks (the recorder among them)
-*before* it works it, so that a recording holds exactly what the fold saw, in its order. When the queue is
-full, new input is dropped and counted; ticks never pile up.
+Sources are the MAVLink links, zenoh scans and orders, and a ticker; each stamps its events with the run's
+clock and puts them into one bounded queue. The consumer hands every event to the sinks (the recorder among
+them) *before* it works it, so that a recording holds exactly what the fold saw, in its order. When the queue
+is full, new input is dropped and counted; ticks never pile up.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from typing import Protocol
 from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.clock import RunClock
+from gcs.edge.links import Links
 from gcs.edge.mavsdk_uploader import MavsdkUploader
 from gcs.edge.order_wire import decode_order, order_key
 from gcs.edge.scans import decode_scan
-from gcs.edge.udp import UdpLink
 from gcs.edge.wire import effect_key, encode_effect, sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
 from gcs.errors import GcsError, WireError
@@ -32,9 +32,12 @@ from gcs.model import (
     Datagram,
     Effect,
     Event,
+    Level,
+    LinkNews,
     Memory,
     MissionEnded,
     Notice,
+    Picture,
     Plan,
     Resumed,
     Scan,
@@ -82,18 +85,18 @@ class Service:
         The mission.
     seed : int
         Makes the random obstacles of the map.
-    link : UdpLink
-        Where vehicles talk to us, already bound.
+    links : Links
+        Where vehicles and other ground stations talk to us.
     bus : Bus
         Where sensors publish.
     """
 
-    def __init__(self, config: Config, seed: int, link: UdpLink, bus: Bus) -> None:
+    def __init__(self, config: Config, seed: int, links: Links, bus: Bus) -> None:
         self.config = config
         self.command = Command(config, seed)
         self.health = Health()
         self.clock = RunClock()
-        self._link = link
+        self.links = links
         self._bus = bus
         self.sinks: list[Sink] = []
         """Recorder, view, judge: what is here when an event is taken sees it."""
@@ -125,7 +128,7 @@ class Service:
         loop = asyncio.get_running_loop()
         if self._memory is not None:  # before anything else is heard
             self._put(Resumed(clock.now_ns(), self._memory))
-        self._link.start(loop, self._on_datagram)
+        self.links.start(loop, self, lambda vehicle: vehicle in self.command.tasking.under_way)
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),
             lambda key, payload: on_loop(loop, self._on_scan, key, payload),
@@ -146,7 +149,7 @@ class Service:
         except* GcsError as failures:
             failure = _first(failures)
         finally:
-            self._link.close(loop)
+            self.links.close()
         if failure is not None:
             raise failure
 
@@ -159,14 +162,23 @@ class Service:
             return False
         return True
 
-    def _on_datagram(self, peer: str, data: bytes) -> None:
-        self._put(Datagram(self.clock.now_ns(), self._link.endpoint, peer, data))
+    def now_ns(self) -> int:
+        """Run time."""
+        return self.clock.now_ns()
+
+    def on_datagram(self, link: str, peer: str, data: bytes) -> None:
+        """Queue what came over a link."""
+        self._put(Datagram(self.clock.now_ns(), link, peer, data))
         if self._uploader is not None:
             self._uploader.forward(data)
 
+    def on_link_news(self, link: str, level: Level, text: str) -> None:
+        """Queue what there is to say of a link."""
+        self._put(LinkNews(self.clock.now_ns(), link, level, text))
+
     def _send_for_uploader(self, vehicle: int, frame: bytes) -> None:
         for send in self.command.fleet.sends(vehicle, [frame]):
-            self._link.send(send.peer, send.data)
+            self.links.send(send.link, send.peer, send.data)
 
     def _tell_of_uploader(self, text: str) -> None:
         self._put(BadInput(self.clock.now_ns(), "mavsdk", text))
@@ -205,6 +217,7 @@ class Service:
             event = await self._queue.get()
             if isinstance(event, Tick):
                 self._tick_waits = False
+                self.links.tick(event.t_ns)
             self._watch_lag(self.clock.now_ns() - event.t_ns)
             ended = self._work(event)
             if ended and end_with_mission:
@@ -227,11 +240,13 @@ class Service:
 
     def _carry_out(self, t_ns: int, effect: Effect) -> None:
         if isinstance(effect, Send):
-            self._link.send(effect.peer, effect.data)
+            self.links.send(effect.link, effect.peer, effect.data)
         elif isinstance(effect, Upload):
             if self._uploader is not None:
                 self._uploader.upload(effect)
         else:
+            if isinstance(effect, Picture):
+                self.links.picture(effect)
             self._bus.publish(effect_key(self.config.name, effect), encode_effect(effect))
         for sink in self.sinks:
             sink.effect(t_ns, effect)

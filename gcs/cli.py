@@ -86,6 +86,14 @@ def demo(
         float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
     ] = 0.0,
     pack: Annotated[int, typer.Option(min=1, max=250, help="Simulated vehicles in each process.")] = 1,
+    forward: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ENDPOINT",
+            help="Where another ground station may look on, such as udpout:127.0.0.1:14550 for a "
+            "QGroundControl on this machine. Can be given again.",
+        ),
+    ] = None,
 ) -> None:
     """Fly a whole mission against simulated vehicles, one process each: real MAVLink over UDP, real zenoh.
 
@@ -94,7 +102,8 @@ def demo(
     """
     from gcs.commands.demo import DemoOptions, run_demo
 
-    options = DemoOptions(scenario, seed, speed, duration, loss, pack, headless, as_json, out)
+    forwards = tuple(forward or ())
+    options = DemoOptions(scenario, seed, speed, duration, loss, pack, headless, as_json, out, forwards)
     with _errors_shown():
         code = run_demo(options, Console(stderr=as_json))
     raise typer.Exit(code)

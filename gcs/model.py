@@ -36,7 +36,7 @@ def read_only(array: npt.ArrayLike) -> FloatArray:
 
 
 def vehicle_id(network: int, system_id: int) -> int:
-    """Return the one number that a vehicle is called by: its MAVLink network times 256, plus its system id."""
+    """Return the number that a vehicle is called by: its MAVLink network times 256, plus its system id."""
     return network << 8 | system_id
 
 

@@ -162,6 +162,9 @@ def parse_scenario(text: str, source: str) -> Scenario:
 
 
 def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
+    for index, agent in enumerate(config.agents):
+        if agent.network:
+            raise ConfigError(source, f"agents[{index}].network", "simulated vehicles are on network 0")
     known = {agent.system_id for agent in config.agents}
     for index, death in enumerate(simulation.death.prescribed):
         if death.system_id not in known:

@@ -77,7 +77,7 @@ def fly(
 ) -> Summary:
     """Fly one mission, recorded in `folder` if there is one, and judge it."""
     config = scenario.config
-    judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    judge = Judge(config.planning.capture_radius_m, [agent.vehicle for agent in config.agents])
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     rotate_bytes = int(config.recording.rotate_mb * 1e6)

@@ -3,7 +3,8 @@
 ``Command.step`` is synchronous and reads no clock, no socket and no random source: the same events give the
 same effects, byte for byte. A recording is the list of events, and replaying it is calling `step` on them.
 
-- A datagram goes to the fleet (what vehicles say of themselves) and to the mission transfer of its vehicle.
+- A datagram goes to the fleet (what vehicles say of themselves) and to the mission transfer of its vehicle;
+  one that another ground station sent to a vehicle, to those who watch what others do with our vehicles.
 - An order is carried out and answered; a held vehicle is not tasked.
 - A scan goes to both trackers; ties and fates follow; when a plan is due, so does the plan.
 - A tick drives every timer.
@@ -17,6 +18,7 @@ from gcs.command.answers import Ongoing, named
 from gcs.command.approval import Approval
 from gcs.command.area import mission_grid
 from gcs.command.fates import Fates
+from gcs.command.guests import Guests
 from gcs.command.keepouts import KeepOuts
 from gcs.command.orders import Orders
 from gcs.command.recovery import Recovery
@@ -34,6 +36,7 @@ from gcs.model import (
     Effect,
     Event,
     Fate,
+    LinkNews,
     Memory,
     MissionEnded,
     Notice,
@@ -65,11 +68,18 @@ class Command:
     """
 
     def __init__(self, config: Config, seed: int) -> None:
-        vehicles = [agent.system_id for agent in config.agents]
+        vehicles = [agent.vehicle for agent in config.agents]
         tracking, telemetry = config.tracking, config.telemetry
         self.grid = mission_grid(config, seed)
         self.keep_outs = KeepOuts(self.grid)
-        self.fleet = Fleet(vehicles, config.local_frame, FleetSettings(position_rate_hz=telemetry.rate_hz))
+        links = config.mavlink_links
+        self.fleet = Fleet(
+            vehicles,
+            config.local_frame,
+            FleetSettings(position_rate_hz=telemetry.rate_hz),
+            links=[link for link in links if link.role == "vehicles"],
+        )
+        self.guests = Guests(links, vehicles)
         self.trackers = Trackers(config)
         self.reordering = Reordering(tracking.reorder_window_s)
         self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
@@ -106,6 +116,8 @@ class Command:
                 return self._tick(event)
             case BadInput():
                 return self._bad(event)
+            case LinkNews():
+                return [Notice(event.t_ns, event.level, f"{event.link}: {event.text}")]
             case Order():
                 return self._order(event)
             case UploadAnswer():
@@ -136,11 +148,22 @@ class Command:
         return self.recovery.begin(event)
 
     def _datagram(self, event: Datagram) -> list[Effect]:
+        if self.guests.hosts(event.link):
+            return self._guest(event)
         effects: list[Effect] = []
         for vehicle, message in self.fleet.receive(event):
             effects += self._settle(self.tasking.receive(vehicle, message, event.t_ns))
             effects += self.orders.receive(vehicle, message, event.t_ns)
             effects += self.recovery.receive(vehicle, message, event.t_ns)
+            effects += self.guests.answered(vehicle, message, event.t_ns)
+        return effects
+
+    def _guest(self, event: Datagram) -> list[Effect]:
+        """Note what another ground station sent; who got a mission from it is no longer ours to task."""
+        effects, taken = self.guests.receive(event)
+        for vehicle in taken:
+            self.replanner.drop(vehicle)
+            self.tasking.overwritten(vehicle)
         return effects
 
     def _order(self, event: Order) -> list[Effect]:
@@ -152,6 +175,8 @@ class Command:
             case "keep-out":
                 effects = self._close(event)
             case _:
+                if event.action == "resume":
+                    self.guests.release(event.vehicles or self.guests.away())
                 effects = self._settle(self.orders.take(event, self.trackers.targets.beliefs.tracks))
         return effects + self.approval.refresh(event.t_ns, self._away())
 
@@ -184,6 +209,7 @@ class Command:
         effects += self._watch_sensors(event.t_ns)
         effects += self._due_scans(event.t_ns)
         effects += self._settle(self.tasking.poll(event.t_ns))
+        effects += self.guests.poll(event.t_ns)
         return effects + self.orders.poll(event.t_ns) + self.recovery.poll(event.t_ns)
 
     def _watch_sensors(self, t_ns: int) -> list[Effect]:
@@ -284,7 +310,7 @@ class Command:
             for state in self.fleet.states()
             if state.mode not in _TASKABLE_MODES
         }
-        return modes | self.tasking.taken() | self.orders.away()
+        return modes | self.tasking.taken() | self.guests.away() | self.orders.away()
 
     def _send(self, routes: Sequence[Route], t_ns: int) -> list[Effect]:
         """Send routes to their vehicles as missions."""
@@ -297,6 +323,8 @@ class Command:
             settled.append(effect)
             if isinstance(effect, UploadReport):
                 settled += self.approval.uploaded(effect)
+                if effect.ok:
+                    self.guests.release([effect.vehicle])
                 if not effect.ok:
                     self.replanner.undelivered(effect.vehicle)
         return settled

@@ -152,6 +152,11 @@ class Tasking:
                 reasons[vehicle] = "has a firmware that is not known here"
         return reasons
 
+    def overwritten(self, vehicle: int) -> None:
+        """Forget what a vehicle holds: somebody else writes a mission to it."""
+        self._flown.pop(vehicle, None)
+        self._mixed.pop(vehicle, None)
+
     def release(self, vehicle: int) -> None:
         """Take a vehicle back that somebody else took, on an operator's order."""
         self._custody[vehicle].release()

@@ -9,6 +9,13 @@ from rich.table import Table
 
 from gcs.command.area import mission_grid
 from gcs.config import load
+from gcs.model import vehicle_name
+
+_ROLES = {
+    "vehicles": "vehicles",
+    "read-only": "other ground stations, which may look on",
+    "full": "other ground stations, which may do everything",
+}
 
 
 def describe(scenario: str, seed: int, console: Console) -> None:
@@ -46,7 +53,8 @@ def describe(scenario: str, seed: int, console: Console) -> None:
             + ("a boundary" if zones.boundary else "no boundary"),
         )
     table.add_row(
-        "agents", ", ".join(f"{a.system_id} at ({a.east_m:.0f}, {a.north_m:.0f}) m" for a in config.agents)
+        "agents",
+        ", ".join(f"{vehicle_name(a.vehicle)} at ({a.east_m:.0f}, {a.north_m:.0f}) m" for a in config.agents),
     )
     table.add_row(
         "target births",
@@ -67,9 +75,10 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         f"at {config.mission.altitude_rel_m:.0f} m above the origin; waypoints reached at "
         f"{config.mission.accept_radius_m:.0f} m, targets at {planning.capture_radius_m:.0f} m",
     )
-    table.add_row(
-        "links", f"MAVLink {config.links.mavlink}; zenoh {config.links.zenoh} ({config.links.zenoh_role}s)"
-    )
+    for link in config.mavlink_links:
+        network = f", network {link.network}" if link.network else ""
+        table.add_row("MAVLink", f"{link.name}: {_ROLES[link.role]}{network}")
+    table.add_row("zenoh", f"{config.links.zenoh} ({config.links.zenoh_role}s)")
     table.add_row(
         "simulated world",
         "yes: `gcs demo` can fly it (its keys are checked by `sim-vehicles`)" if config.simulation else "no",

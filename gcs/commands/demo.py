@@ -13,7 +13,7 @@ import json
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +24,13 @@ from gcs.app import Health, Service, on_loop, wait_for_interrupt
 from gcs.commands.sinks import JudgeSink, RecorderSink, draw_recording, open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
+from gcs.edge.links import Links
+from gcs.edge.linkview import link_rows
 from gcs.edge.recorder import Recorder, Run
-from gcs.edge.udp import UdpLink
 from gcs.edge.whereabouts import announced
 from gcs.edge.wire import decode_truth, truth_key
 from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import InterruptedRunError, SimulationError
 from gcs.model import NS_PER_S
 from gcs.report.judge import Judge, Summary, summary_json
@@ -51,6 +53,8 @@ class DemoOptions:
     headless: bool
     as_json: bool
     out: Path | None
+    forward: tuple[str, ...] = ()
+    """Where other ground stations may look on, besides those of the mission file."""
 
 
 def run_demo(options: DemoOptions, console: Console) -> int:
@@ -62,13 +66,16 @@ def run_demo(options: DemoOptions, console: Console) -> int:
         When it cannot be flown: a mistake in the file, a port that is taken, vehicles that do not start.
     """
     text, source = read_text(options.scenario)
+    for endpoint in options.forward:
+        parse_endpoint(endpoint)
+        text += f'\n[[links.forward]]  # by --forward\nendpoint = "{endpoint}"\n'
     config = parse(text, source)
     warm_up(console)
-    judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    judge = Judge(config.planning.capture_radius_m, [agent.vehicle for agent in config.agents])
     run = Run(config.name, options.seed)
     name, rotate_mb = f"{config.name}-{options.seed}", config.recording.rotate_mb
     with open_recorder(options.out, name, text, run, rotate_mb) as recorder:
-        health, duration_s, interrupted = asyncio.run(_fly(config, options, recorder, judge, console))
+        health, links, duration_s, interrupted = asyncio.run(_fly(config, options, recorder, judge, console))
         folder = recorder.folder
     summary = judge.summary(
         scenario=config.name,
@@ -78,6 +85,7 @@ def run_demo(options: DemoOptions, console: Console) -> int:
         plan_ms_p99=percentile(health.plan_ms),
         recording=str(folder),
     )
+    summary = replace(summary, links=links)
     return _show(config, options, summary, folder, console, interrupted=interrupted)
 
 
@@ -108,9 +116,11 @@ def percentile(values_ms: list[float]) -> float:
 
 async def _fly(
     config: Config, options: DemoOptions, recorder: Recorder, judge: Judge, console: Console
-) -> tuple[Health, float, bool]:
-    """Fly from start to end; return health, run time in seconds, and whether it was interrupted."""
-    link = UdpLink("udpin:127.0.0.1:0")
+) -> tuple[Health, tuple[dict[str, Any], ...], float, bool]:
+    """Fly from start to end; return health, links, run time in seconds, and whether it was interrupted."""
+    guests = [link for link in config.mavlink_links if link.role != "vehicles"]
+    here = [Link(parse_endpoint("udpin:127.0.0.1:0")), *guests]
+    links = Links(here, [agent.vehicle for agent in config.agents], config.local_frame)
     stop, interrupt = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()
@@ -121,7 +131,7 @@ async def _fly(
         recorder.truth(truth)
 
     with Bus(listen=endpoint) as bus, announced(config.name, endpoint):
-        service = Service(config, options.seed, link, bus)
+        service = Service(config, options.seed, links, bus)
         service.sinks += [RecorderSink(recorder), JudgeSink(judge)]
         bus.subscribe(
             truth_key(config.name),
@@ -131,9 +141,9 @@ async def _fly(
         relay = asyncio.create_task(_relay(interrupt, stop))
         try:
             console.print(
-                f"central command listens on UDP port {link.port}; starting the vehicles", highlight=False
+                f"central command listens on UDP port {links.port}; starting the vehicles", highlight=False
             )
-            async with _simulation(options, link.port, endpoint, stop, console) as clock:
+            async with _simulation(options, links.port, endpoint, stop, console) as clock:
                 limit_s = options.duration_s or config.mission.max_duration_s
                 limit = loop.call_later(limit_s / options.speed, stop.set)
                 async with view_for(service, console, speed=options.speed, headless=options.headless):
@@ -143,7 +153,8 @@ async def _fly(
         finally:
             relay.cancel()
             undo()
-    return service.health, duration_s, interrupt.is_set()
+    rows = tuple(link_rows(service.command.fleet, links, service.now_ns()))
+    return service.health, rows, duration_s, interrupt.is_set()
 
 
 async def _relay(interrupt: asyncio.Event, stop: asyncio.Event) -> None:

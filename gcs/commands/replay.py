@@ -121,7 +121,7 @@ def _prepared(options: ReplayOptions) -> _Plan:
         if options.verify:
             raise RecordingError(str(path), "is no recording of ours: there is nothing to verify it against")
         config = load(options.config)
-        records = telemetry_records(path, [agent.system_id for agent in config.agents])
+        records = telemetry_records(path, [agent.vehicle for agent in config.agents])
         return _Plan(None, config, options.seed or 0, records)
     made_with = about(path)
     if options.config is not None:

@@ -63,6 +63,8 @@ class Replay:
         self.config = config
         self.command = Command(config, seed)
         self.sinks: list[Sink] = []
+        self.links = None
+        """Nobody is there."""
         self.watchers: list[Watcher] = []
         self.damage: Damage | None = None
         self.events = 0

@@ -15,8 +15,9 @@ from gcs.commands.sinks import RecorderSink, open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
 from gcs.edge.journal import Journal, fingerprint
+from gcs.edge.links import Links
+from gcs.edge.linkview import link_rows, link_table
 from gcs.edge.recorder import Recorder, Run
-from gcs.edge.udp import UdpLink
 from gcs.edge.whereabouts import announced
 from gcs.edge.zenoh_bus import Bus
 
@@ -57,20 +58,22 @@ def serve(options: ServeOptions, console: Console) -> None:
 async def _serve(
     config: Config, options: ServeOptions, recorder: Recorder, journal: Journal, console: Console
 ) -> None:
-    link = UdpLink(config.links.mavlink)
+    links = Links(config.mavlink_links, [a.vehicle for a in config.agents], config.local_frame)
     stop = asyncio.Event()
     undo = wait_for_interrupt(stop)
     role = {config.links.zenoh_role: config.links.zenoh}
     with Bus(**role) as bus, announced(config.name, config.links.zenoh):
-        service = Service(config, options.seed, link, bus)
+        service = Service(config, options.seed, links, bus)
         take_up(service, journal, options.resume, options.clock.now_ns(), console)
         keeper = JournalSink(service, journal)
         service.sinks += [RecorderSink(recorder), keeper]
         console.print(
-            f"listening on {config.links.mavlink} and zenoh {config.links.zenoh}; Ctrl-C ends it",
+            f"MAVLink on {', '.join(link.name for link in links.links)}; zenoh on {config.links.zenoh}; "
+            "Ctrl-C ends it",
             highlight=False,
         )
         async with view_for(service, console, speed=options.clock.speed, headless=options.headless):
             await service.run(options.clock, stop)
         keeper.write(options.clock.now_ns())
+        console.print(link_table(link_rows(service.command.fleet, links, service.now_ns())))
     undo()

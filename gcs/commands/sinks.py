@@ -17,6 +17,7 @@ from gcs.app import Sink
 from gcs.command.area import mission_grid
 from gcs.command.fold import Command
 from gcs.config import Config
+from gcs.edge.links import Links
 from gcs.edge.reader import read
 from gcs.edge.recorder import Recorder, Run, versions
 from gcs.edge.terminal import LiveView, PlainLines
@@ -66,6 +67,10 @@ class Shown(Protocol):
     command: Command
     sinks: list[Sink]
 
+    @property
+    def links(self) -> Links | None:
+        """None in a replay."""
+
 
 @asynccontextmanager
 async def view_for(run: Shown, console: Console, *, speed: float, headless: bool) -> AsyncIterator[None]:
@@ -74,7 +79,7 @@ async def view_for(run: Shown, console: Console, *, speed: float, headless: bool
         run.sinks.append(PlainLines(console))
         yield
         return
-    view = LiveView(run.config, run.command, speed)
+    view = LiveView(run.config, run.command, speed, run.links)
     run.sinks.append(view)
     with Live(view, console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live:
         refresher = asyncio.create_task(_refresh(live))

@@ -21,6 +21,8 @@ from rich.text import Text
 
 from gcs.command.fold import Command
 from gcs.config import Config
+from gcs.edge.links import Links
+from gcs.edge.linkview import link_rows, link_table
 from gcs.model import (
     NS_PER_S,
     Effect,
@@ -35,6 +37,7 @@ from gcs.model import (
     Proposal,
     Track,
     UploadReport,
+    vehicle_name,
 )
 
 _STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
@@ -56,11 +59,11 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
     match effect:
         case Notice(vehicle=None):
             return effect.text, effect.level
-        case Notice():
-            return f"agent {effect.vehicle}: {effect.text}", effect.level
+        case Notice(vehicle=int(vehicle)):
+            return f"agent {vehicle_name(vehicle)}: {effect.text}", effect.level
         case Plan():
             routes = ", ".join(
-                f"{route.vehicle} → {label_text(route.target)} ({route.length_m:.0f} m)"
+                f"{vehicle_name(route.vehicle)} → {label_text(route.target)} ({route.length_m:.0f} m)"
                 for route in effect.routes
                 if route.vehicle in effect.changed
             )
@@ -68,25 +71,27 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
         case UploadReport(ok=True):
             return (
                 (
-                    f"agent {effect.vehicle}: mission of {effect.items} items {effect.detail} "
+                    f"agent {vehicle_name(effect.vehicle)}: mission of {effect.items} items {effect.detail} "
                     f"in {effect.duration_s:.2f} s, {effect.retries} retries"
                 ),
                 "info",
             )
         case UploadReport():
-            return f"agent {effect.vehicle}: mission transfer failed: {effect.detail}", "alarm"
+            return f"agent {vehicle_name(effect.vehicle)}: mission transfer failed: {effect.detail}", "alarm"
         case Fate(fate="arrived"):
-            return f"agent {effect.vehicle}: reached target {label_text(effect.target)}", "info"
+            return f"agent {vehicle_name(effect.vehicle)}: reached target {label_text(effect.target)}", "info"
         case Fate(fate="dead"):
-            return f"agent {effect.vehicle}: lost", "alarm"
+            return f"agent {vehicle_name(effect.vehicle)}: lost", "alarm"
         case Fate():
-            return f"agent {effect.vehicle}: is back", "warning"
+            return f"agent {vehicle_name(effect.vehicle)}: is back", "warning"
         case OrderAnswer():
             return answer_line(effect)
         case Proposal(routes=()):
             return None
         case Proposal():
-            routes = ", ".join(f"{route.vehicle} → {label_text(route.target)}" for route in effect.routes)
+            routes = ", ".join(
+                f"{vehicle_name(route.vehicle)} → {label_text(route.target)}" for route in effect.routes
+            )
             return f"plan {effect.plan_id} waits to be confirmed: {effect.reason}; {routes}", "warning"
         case MissionEnded():
             return f"mission ended: {len(effect.arrived)} arrived, {len(effect.dead)} lost", "info"
@@ -124,9 +129,10 @@ class PlainLines:
 class LiveView:
     """Keeps what the live view shows; `render` draws it."""
 
-    def __init__(self, config: Config, command: Command, speed: float) -> None:
+    def __init__(self, config: Config, command: Command, speed: float, links: Links | None = None) -> None:
         self._config = config
         self._command = command
+        self._links = links
         self._speed = speed
         self._log: deque[Text] = deque(maxlen=_LOG_LINES)
         self._pictures: dict[str, Picture] = {}
@@ -158,7 +164,8 @@ class LiveView:
         layout.split_column(
             Layout(self._header(), size=3), Layout(name="body"), Layout(self._events(), size=_EVENT_ROWS + 2)
         )
-        tables = Layout(Group(self._agents(), self._targets()))
+        links = link_table(link_rows(self._command.fleet, self._links, self._t_ns))
+        tables = Layout(Group(self._agents(), self._targets(), links))
         if columns >= _MIN_MAP_ROWS:
             layout["body"].split_row(Layout(self._map(rows, columns), size=columns + 4), tables)
         else:
@@ -206,7 +213,7 @@ class LiveView:
                 else ""
             )
             table.add_row(
-                str(vehicle),
+                vehicle_name(vehicle),
                 self._standing(fate),
                 state.mode if state else "",
                 label_text(label),
@@ -228,7 +235,9 @@ class LiveView:
         table = Table(title="Targets", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
         for name in ("track", "exist.", "east m", "north m", "m/s", "agent"):
             table.add_column(name, justify="right", no_wrap=True)
-        hunters = {route.target: str(route.vehicle) for route in self._command.replanner.routes.values()}
+        hunters = {
+            route.target: vehicle_name(route.vehicle) for route in self._command.replanner.routes.values()
+        }
         reached = self._command.fates.reached()
         for label, track in self._tracks("targets").items():
             if track.estimated:
@@ -285,7 +294,12 @@ class LiveView:
             if fate.fate == "dead" and fate.position_m is not None:
                 put(*fate.position_m, "✗", "red")
             elif seen is not None:
-                put(float(seen.mean[0]), float(seen.mean[1]), str(vehicle), "bold " + _FATE_STYLE[fate.fate])
+                put(
+                    float(seen.mean[0]),
+                    float(seen.mean[1]),
+                    vehicle_name(vehicle),
+                    "bold " + _FATE_STYLE[fate.fate],
+                )
         return Panel(Group(*(Text.assemble(*row) for row in cells)), title="Map", title_align="left")
 
     def _obstacles(self, rows: int, columns: int) -> npt.NDArray[np.bool_]:

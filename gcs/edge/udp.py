@@ -74,7 +74,7 @@ class UdpIn:
 
 
 class UdpOut:
-    """A UDP socket that talks to one remote address; its name is looked up off the loop, until it is found."""
+    """A UDP socket that talks to one remote address; its name is looked up off the loop, again and again."""
 
     port = 0
 

@@ -1,13 +1,13 @@
 """What another ground station may send to a vehicle.
 
-=============  ================================================================================================
+=============  ===============================================================================================
 full           everything but a mission message that is for nobody in particular (ArduPilot takes a
                MISSION_COUNT for system 0 as its own: one such frame truncates the missions of all)
 read-only      questions that change nothing: parameters and missions read, and the commands that ask for a
                message, the version, the capabilities or the home position. Everything else is kept back.
 both           nothing of the mission protocol while a mission of ours is on its way to that vehicle: two
                uploads at a time leave a mix. What is kept back is asked again by every ground station.
-=============  ================================================================================================
+=============  ===============================================================================================
 
 A read-only guest may not set message rates either: on a slow radio they decide what else gets through.
 """
@@ -49,7 +49,7 @@ MISSION_WRITES: Final[frozenset[int]] = frozenset(
 COMMANDS: Final[frozenset[int]] = frozenset(
     {dialect.MAVLINK_MSG_ID_COMMAND_LONG, dialect.MAVLINK_MSG_ID_COMMAND_INT}
 )
-_QUESTIONS: Final[frozenset[int]] = frozenset(
+QUESTIONS: Final[frozenset[int]] = frozenset(
     {
         dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
         dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
@@ -100,4 +100,4 @@ def refusal(role: Role, frame: Frame, target_system: int, *, is_busy: bool) -> s
 
 
 def _is_question(frame: Frame) -> bool:
-    return frame.message_id in _QUESTIONS or command_of(frame) in ASKING_COMMANDS
+    return frame.message_id in QUESTIONS or command_of(frame) in ASKING_COMMANDS

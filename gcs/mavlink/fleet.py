@@ -3,8 +3,8 @@
 Sans-I/O: datagrams in, `Send` and `Notice` out, time an argument. Where a vehicle is an argument it is called
 by its number (`gcs.model.vehicle_id`), which on network 0 is its system id.
 
-* A vehicle is one of the expected system ids on the network of its link. Frames of all others (other ground stations too) are strangers:
-  counted up to a bound on memory, shown, and never acted on.
+* A vehicle is one of the expected system ids on the network of its link. Frames of all others (other ground
+  stations too) are strangers: counted up to a bound on memory, shown, and never acted on.
 * Where nobody calls us (an endpoint that does not listen) we call: a heartbeat each second.
 * Its address is learned from a HEARTBEAT of its own autopilot (component 1, a real autopilot type) and kept:
   while the vehicle is heard there, another address that claims its id is a conflict, counted and ignored.

@@ -25,7 +25,7 @@ import bisect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -123,6 +123,8 @@ class Summary:
     scan_ms_p99: float
     plan_ms_p99: float
     recording: str
+    links: tuple[dict[str, Any], ...] = ()
+    """Counters of the MAVLink links, where there were any."""
 
 
 _NOT_IN_JSON = frozenset({"retask_list", "death_delays_s", "deaths", "false_deaths"})

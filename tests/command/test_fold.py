@@ -16,7 +16,7 @@ from staging import RADAR, S, at, mission, scan
 from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.wire import decode, encode
-from gcs.mavlink.codec import Encoder
+from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder
 from gcs.mavlink.codec import decode as decode_frames
 from gcs.model import (
     BadInput,
@@ -168,10 +168,10 @@ FOREIGN_MESSAGES = [
     dialect.MAVLink_global_position_int_message(
         99_000, 332_000_000, -876_000_000, 170_000, 100_000, 0, 0, 0, 0
     ),
-    dialect.MAVLink_mission_ack_message(255, 190, 0, 0),
-    dialect.MAVLink_mission_ack_message(255, 190, 15, 0),
-    dialect.MAVLink_mission_request_int_message(255, 190, 0, 0),
-    dialect.MAVLink_mission_count_message(255, 190, 0, 0),
+    dialect.MAVLink_mission_ack_message(GCS_SYSTEM_ID, GCS_COMPONENT_ID, 0, 0),
+    dialect.MAVLink_mission_ack_message(GCS_SYSTEM_ID, GCS_COMPONENT_ID, 15, 0),
+    dialect.MAVLink_mission_request_int_message(GCS_SYSTEM_ID, GCS_COMPONENT_ID, 0, 0),
+    dialect.MAVLink_mission_count_message(GCS_SYSTEM_ID, GCS_COMPONENT_ID, 0, 0),
     dialect.MAVLink_mission_current_message(3),
     dialect.MAVLink_command_ack_message(176, 0),
     dialect.MAVLink_statustext_message(0, b"all is lost"),

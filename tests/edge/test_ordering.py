@@ -16,11 +16,17 @@ from gcs.app import Service
 from gcs.cli import app
 from gcs.config import load
 from gcs.edge.clock import RunClock
-from gcs.edge.udp import UdpLink
+from gcs.edge.links import Links
 from gcs.edge.whereabouts import Whereabouts, announced, services, the_service
 from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError
 from gcs.model import Order
+
+
+def loopback(port: int = 0) -> Links:
+    link = Link(parse_endpoint(f"udpin:127.0.0.1:{port}"))
+    return Links([link], [1, 2, 3, 4], load("prescribed").local_frame)
 
 
 class Events:
@@ -51,7 +57,7 @@ def taken(runtime: Path) -> Iterator[list[Order]]:
     ending: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
 
     async def serve(bus: Bus) -> None:
-        service, stop = Service(load("prescribed"), 1, UdpLink("udpin:127.0.0.1:0"), bus), asyncio.Event()
+        service, stop = Service(load("prescribed"), 1, loopback(), bus), asyncio.Event()
         service.sinks.append(events)
         ending.append((asyncio.get_running_loop(), stop))
         asyncio.get_running_loop().call_soon(ready.set)

@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.codec import Encoder, decode
+from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
 
 S = 1_000_000_000
 HOME = (-353632621, 1491652370, 584.09)
 MANUAL, AUTO, RTL, LOITER = 0, 10, 11, 12
-GCS = (255, 190)
+GCS = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from plane_double import AUTO, LOITER, Channel, Plane, S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Encoder, decode
+from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
 from gcs.mavlink.fleet import Fleet, FleetSettings
 from gcs.mavlink.items import Home
 from gcs.mavlink.transfer import MissionTask
@@ -337,7 +337,7 @@ def test_a_stream_that_dries_up_is_asked_for_again():
     air = Air()
     air.hear(0, beat(), position(0))
     air.poll(0)
-    ack = dialect.MAVLink_command_ack_message(511, 0, 0, 0, 255, 190)
+    ack = dialect.MAVLink_command_ack_message(511, 0, 0, 0, GCS_SYSTEM_ID, GCS_COMPONENT_ID)
     for n in range(100):
         air.hear(0.1 * n, ack, position(0.1 * n), dialect.MAVLink_mission_current_message(1))
         air.poll(0.1 * n)

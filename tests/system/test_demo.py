@@ -93,7 +93,7 @@ def test_a_mission_is_flown_recorded_and_judged(demo: Demo) -> None:
     result = demo.result()
     assert demo.process.returncode == 0, demo.lines
     keys = "scenario seed outcome reason duration_s agents targets_total targets_reached retasks uploads"
-    keys += " upload_failures ospa_agents_mean_m ospa_targets_mean_m scan_ms_p99 plan_ms_p99 recording"
+    keys += " upload_failures ospa_agents_mean_m ospa_targets_mean_m scan_ms_p99 plan_ms_p99 recording links"
     assert list(result) == keys.split()
     assert result["outcome"] == "complete"
     assert [agent["fate"] for agent in result["agents"]] == ["arrived", "dead", "arrived", "arrived"]

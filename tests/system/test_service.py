@@ -10,10 +10,16 @@ import pytest
 from gcs.app import Service
 from gcs.config import load
 from gcs.edge.clock import RunClock
-from gcs.edge.udp import UdpLink
+from gcs.edge.links import Links
 from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError, RecordingError
 from gcs.model import NS_PER_S, Notice, Tick
+
+
+def loopback(port: int = 0) -> Links:
+    link = Link(parse_endpoint(f"udpin:127.0.0.1:{port}"))
+    return Links([link], [1, 2, 3, 4], load("prescribed").local_frame)
 
 
 class Sink:
@@ -36,7 +42,7 @@ class Sink:
 @pytest.fixture
 def service() -> Iterator[Service]:
     with Bus(listen=free_endpoint()) as bus:
-        yield Service(load("prescribed"), 1, UdpLink("udpin:127.0.0.1:0"), bus)
+        yield Service(load("prescribed"), 1, loopback(), bus)
 
 
 def serve(service, clock, seconds):
@@ -80,4 +86,4 @@ def test_a_machine_that_cannot_keep_up_is_told_so_once(service):
 
 def test_a_port_that_is_taken_is_named_with_what_to_do(service):
     with pytest.raises(LinkError, match=r"cannot listen here.*links\.mavlink"):
-        UdpLink(f"udpin:127.0.0.1:{service._link.port}")
+        loopback(service.links.port)

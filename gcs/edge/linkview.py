@@ -1,0 +1,62 @@
+"""The counters of all links, as rows for a table or for JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from gcs.edge.links import Links
+from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.routing import PortCounters
+
+
+def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, Any]]:
+    """One row for each link: those of vehicles as central command heard them, then those of guests.
+
+    Parameters
+    ----------
+    links
+        None in a replay, where there are no guests.
+    """
+    unsent = {} if links is None else links.unsent()
+    rows: list[dict[str, Any]] = [
+        {"link": name, "role": "vehicles", **asdict(counters), "unsent": unsent.get(name, 0)}
+        for name, counters in fleet.links.items()
+    ]
+    if links is None:
+        return rows
+    guests, counters = links.guests(t_ns), links.counters()
+    for link in links.links:
+        if link.role == "vehicles":
+            continue
+        counted = counters.get(link.name, PortCounters())
+        row = {"link": link.name, "role": link.role, "guests": guests[link.name], **asdict(counted)}
+        rows.append({**row, "refused": dict(counted.refused), "unsent": unsent[link.name]})
+    return rows
+
+
+def link_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Draw the rows."""
+    table = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("link", "role", "frames", "lost", "CRC", "strangers", "conflicts", "unsent", "guests"):
+        left = name in ("link", "role", "guests")
+        table.add_column(name, justify="left" if left else "right", no_wrap=True)
+    for row in rows:
+        if row["role"] == "vehicles":
+            cells = (row["frames"], _loss(row), row["crc_errors"], row["strangers"], row["conflicts"])
+            table.add_row(row["link"], row["role"], *map(str, cells), str(row["unsent"]), "")
+        else:
+            kept = sum(row["refused"].values())
+            text = f"{len(row['guests'])}; {row['sent']} frames to them, "
+            text += f"{row['passed']} passed on, {kept} kept back"
+            table.add_row(row["link"], row["role"], str(row["frames"]), *[""] * 4, str(row["unsent"]), text)
+    return table
+
+
+def _loss(row: Mapping[str, Any]) -> str:
+    there = row["frames"] - row["strangers"] - row["conflicts"] + row["lost"]
+    return f"{100.0 * row['lost'] / there:.1f} %" if there > 0 else "0.0 %"
