@@ -73,6 +73,44 @@ def test_two_agents_of_one_system_id_are_refused() -> None:
         parse(GOOD + again, "mission.toml")
 
 
+def test_endpoints_come_alone_or_listed_and_of_other_networks() -> None:
+    links = """
+[links]
+mavlink = ["/dev/ttyUSB0,57600", { endpoint = "udp://:14560", network = 2 }]
+[[links.forward]]
+endpoint = "tcpin:0.0.0.0:5790"
+access = "full"
+network = 2
+"""
+    config = parse(GOOD.replace("system_id = 1", "system_id = 1\nnetwork = 2") + links, "mission.toml")
+    assert [(link.name, link.network, link.role) for link in config.mavlink_links] == [
+        ("serial:/dev/ttyUSB0:57600", 0, "vehicles"),
+        ("udpin:0.0.0.0:14560", 2, "vehicles"),
+        ("tcpin:0.0.0.0:5790", 2, "full"),
+    ]
+    assert config.agents[0].vehicle == 2 * 256 + 1
+
+
+@pytest.mark.parametrize(
+    ("links", "key", "words"),
+    [
+        ('mavlink = "14550"', "links.mavlink", "udpin:HOST:PORT"),
+        ('mavlink = ["udpin:0.0.0.0:1", "udp"]', "links.mavlink[1]", "udpin:HOST:PORT"),
+        ('mavlink = ["udpin:0.0.0.0:1", "udp://:1"]', "links.mavlink[1]", "twice"),
+        ("mavlink = []", "links.mavlink", "length >= 1"),
+        ('forward = [{ endpoint = "serial:x" }]', "links.forward[0]", "serial:/dev/DEVICE:BAUD"),
+        ('forward = [{ endpoint = "udpin::2", access = "some" }]', "links.forward[0].access", "some"),
+        ('forward = [{ endpoint = "udpin::2", network = 3 }]', "links.forward[0]", "network 3 has no"),
+        ('mavlink = { endpoint = "udpin::2", network = 3 }', "agents[0].network", "network 0 has no"),
+    ],
+)
+def test_an_endpoint_that_is_wrong_is_named(links: str, key: str, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse(f"{GOOD}[links]\n{links}\n", "mission.toml")
+    assert caught.value.key.startswith(key)
+    assert words in str(caught.value)
+
+
 def test_broken_toml_and_missing_files_say_so(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="not valid TOML"):
         parse("a = [[", "mission.toml")
