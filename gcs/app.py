@@ -169,7 +169,7 @@ class Service:
     def on_datagram(self, link: str, peer: str, data: bytes) -> None:
         """Queue what came over a link."""
         self._put(Datagram(self.clock.now_ns(), link, peer, data))
-        if self._uploader is not None:
+        if self._uploader is not None and not self.command.guests.hosts(link):
             self._uploader.forward(data)
 
     def on_link_news(self, link: str, level: Level, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Other ground stations: what they tell our vehicles is seen, and a vehicle that they gave a mission is theirs."""
+"""Other ground stations: what they tell our vehicles is seen, and who got a mission of theirs is theirs."""
 
 from __future__ import annotations
 

@@ -25,6 +25,7 @@ from gcs.model import (
     BadInput,
     Datagram,
     Fate,
+    LinkNews,
     KeepOut,
     Memory,
     MissionEnded,
@@ -53,7 +54,7 @@ from gcs.model import (
 T0_NS = 1_767_225_600 * NS_PER_S
 CONFIG = 'name = "demo"  # ünïcode\n'
 VERSIONS = {"swarm-gcs": "0.1.0", "numpy": "2.0"}
-EVENTS = (Datagram, Scan, Tick, BadInput, Order, UploadAnswer, Resumed)
+EVENTS = (Datagram, Scan, Tick, BadInput, LinkNews, Order, UploadAnswer, Resumed)
 
 
 def frames(system_id: int, count: int, first: int = 0) -> bytes:
@@ -74,6 +75,7 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         yield t_ns, Tick(t_ns)
         yield t_ns - 5, Datagram(t_ns - 5, "udp", "127.0.0.1:5000", frames(1, 3, second))
         yield t_ns, BadInput(t_ns, "udp", 'not "MAVLink"')
+        yield t_ns, LinkNews(t_ns, "tcp:10.0.0.1:5760", "warning", "connection lost")
         yield t_ns, Truth(t_ns, (TruthObject("agents", 1, float(second), 0.1, second % 2 == 0),))
         yield t_ns, Scan(t_ns, t_ns - 9, sensor, read_only(rng.normal(size=(second % 4, 2))))
         for kind in ("agents", "targets"):
