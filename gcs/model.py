@@ -56,6 +56,21 @@ def vehicle_name(vehicle: int) -> str:
     return f"{network}:{system_id}" if network else str(system_id)
 
 
+def vehicle_of(text: str) -> int:
+    """Read what `vehicle_name` writes.
+
+    Raises
+    ------
+    ValueError
+        When it is no such name.
+    """
+    network, _, system_id = text.rpartition(":")
+    numbers = int(network or 0), int(system_id)
+    if not (0 <= numbers[0] <= 255 and 1 <= numbers[1] <= 250):
+        raise ValueError(text)
+    return vehicle_id(*numbers)
+
+
 # ---------------------------------------------------------------- events: what goes into the fold
 
 

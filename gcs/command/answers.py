@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from gcs.model import AnswerState, Order, OrderAnswer
+from gcs.model import AnswerState, Order, OrderAnswer, vehicle_name
 
 
 class Ongoing:
@@ -27,4 +27,4 @@ class Ongoing:
 def named(vehicles: Iterable[int]) -> str:
     """Vehicles in words: ``agents 1, 3``."""
     ids = sorted(vehicles)
-    return f"agent{'s' if len(ids) != 1 else ''} {', '.join(map(str, ids))}"
+    return f"agent{'s' if len(ids) != 1 else ''} {', '.join(map(vehicle_name, ids))}"

@@ -26,7 +26,7 @@ from gcs.mavlink.commands import command, set_mode
 from gcs.mavlink.errand import Errand, Shown
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.modes import AUTO, LOITER, RTL
-from gcs.model import Aside, Effect, Label, Order, Route, VehicleState
+from gcs.model import Aside, Effect, Label, Order, Route, VehicleState, vehicle_name
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _SET_ASIDE: Final = {"hold": LOITER, "return": RTL}
@@ -82,7 +82,7 @@ class Orders:
         begun = []
         for vehicle in vehicles:
             if vehicle not in known:
-                refusal = f"no vehicle of this mission; it has {', '.join(map(str, known))}"
+                refusal = f"no vehicle of this mission; it has {', '.join(map(vehicle_name, known))}"
             elif known[vehicle].address is None:
                 refusal = "never heard"
             else:

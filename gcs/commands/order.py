@@ -31,9 +31,23 @@ app = typer.Typer(
     rich_markup_mode="markdown",
 )
 
+
+def _vehicle(text: str) -> int:
+    """Read a vehicle's name; the model is loaded only when it is needed."""
+    from gcs.model import vehicle_of
+
+    return vehicle_of(text)
+
+
 VehicleOption = Annotated[
     list[int] | None,
-    typer.Option("--vehicle", "-v", min=1, max=250, help="System id of a vehicle; repeat it for more."),
+    typer.Option(
+        "--vehicle",
+        "-v",
+        parser=_vehicle,
+        metavar="ID",
+        help="System id of a vehicle, with its network as 2:17 when that is not 0; repeat it for more.",
+    ),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="All vehicles of the mission.")]
 MissionOption = Annotated[
@@ -207,7 +221,9 @@ def _to_vehicles(
     if (vehicle is None) == (not everybody):
         raise typer.BadParameter("say for whom: --vehicle N (repeated for more), or --all")
     if ask:
-        whom = "all vehicles" if everybody else f"vehicle {', '.join(map(str, vehicle or ()))}"
+        from gcs.model import vehicle_name
+
+        whom = "all vehicles" if everybody else f"vehicle {', '.join(map(vehicle_name, vehicle or ()))}"
         if not sys.stdin.isatty():
             raise typer.BadParameter(f"to {action} {whom} without somebody to ask, say --yes")
         typer.confirm(f"{action} {whom}?", abort=True, err=True)

@@ -43,7 +43,7 @@ class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Made up by the sender, another for each order: an order that comes twice is carried out once."""
     action: Action
     vehicles: (
-        Annotated[list[Annotated[int, Meta(ge=1, le=250)]], Meta(min_length=1)] | Literal["all"] | None
+        Annotated[list[Annotated[int, Meta(ge=1, le=0xFFFF)]], Meta(min_length=1)] | Literal["all"] | None
     ) = None
     plan_id: Annotated[int, Meta(ge=1)] | None = None
     keep_out: AreaMessage | None = None

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.command.fold import Command
 from gcs.config import parse
 from gcs.mavlink.codec import Encoder
-from gcs.model import Datagram, LinkNews, Notice, Order, OrderAnswer, Send, Tick
+from gcs.model import Datagram, LinkNews, Notice, Order, OrderAnswer, Send, Tick, vehicle_name, vehicle_of
 
 S = 1_000_000_000
 AIR, SEAT, PEER = "udpin:0.0.0.0:14550", "udpin:0.0.0.0:14551", "10.0.0.5:50"
@@ -131,6 +131,15 @@ def test_the_same_system_id_on_two_networks_is_two_vehicles(stage):
 
 def _message(data: bytes):
     return dialect.MAVLink(None).decode(bytearray(data))
+
+
+def test_a_vehicle_of_another_network_is_ordered_and_named_by_network_and_system_id(stage):
+    assert vehicle_of("2:1") == 513
+    assert vehicle_name(513) == "2:1"
+    (answer, *_) = stage.step(Order(stage.t_ns, "a", "hold", (513,)))
+    assert (answer.state, answer.detail) == ("refused", "never heard")
+    (answer, *_) = stage.step(Order(stage.t_ns, "b", "hold", (77,)))
+    assert "it has 1, 2:1" in answer.detail
 
 
 def test_news_of_a_link_is_told(stage):
