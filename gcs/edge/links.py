@@ -3,7 +3,7 @@
 What vehicles send goes to central command as it came, and to the guests whom it is for. What guests send goes
 to the vehicles that it is for, as far as the guests may (`gcs.mavlink.routing`), and what went there goes to
 central command as well: it must know what others tell its vehicles. Routing happens here and not behind the
-queue, so that a ground station's command never waits for a scan to be worked.
+queue, so that a ground station's command does not stand in line behind scans.
 """
 
 from __future__ import annotations
