@@ -1,17 +1,20 @@
-"""The estimators of `gcs track` over all the standard linear-Gaussian sets: mean and spread of every score.
+"""The estimators of `gcs track` over the standard linear-Gaussian sets: mean and spread of every score.
 
-    python tests/bench/bench_track.py --data DIR
+    python tests/bench/bench_track.py --data DIR [--fresh 20] [--set merge_chi2=0.3]
 
-DIR holds `demo_mc*.npz` and `hard_mc*.npz`. Every set is tracked by the model in its own file.
+DIR holds `demo_mc*.npz` and `hard_mc*.npz`. Every set is tracked by the model in its own file. With `--fresh`
+it is not the recorded sets that are tracked but as many new draws of their detections, which is where to
+compare one choice of the filter's limits (`--set`) with another.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 
 import numpy as np
+from draws import sets
 
 from gcs.commands.detections import load
 from gcs.commands.track import Scores, score, track
@@ -22,18 +25,24 @@ def main() -> None:
     """Run the bench."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True)
-    folder = parser.parse_args().data
+    parser.add_argument("--fresh", type=int, default=0, metavar="N")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="PARAM=VALUE", help="override a GlmbParams field"
+    )
+    arguments = parser.parse_args()
+    override = {name: float(value) for name, value in (text.split("=") for text in arguments.set)}
     warm_up()
     names = [field.name for field in fields(Scores)]
     for difficulty in ("demo", "hard"):
+        with sets(arguments.data, difficulty, arguments.fresh) as paths:
+            loaded = [load(path, None, None) for path in paths]
+        loaded = [replace(d, params=replace(d.params, **override)) for d in loaded]
         for estimator in ("filtered", "recovered", "smoothed"):
-            rows = []
-            for path in sorted(folder.glob(f"{difficulty}_mc*.npz")):
-                detections = load(path, None, None)
-                rows.append(astuple(score(detections, track(detections, estimator))[0]))
-            print(difficulty, estimator, f"{len(rows)} sets")
-            for name, mean, spread in zip(names, np.mean(rows, axis=0), np.std(rows, axis=0), strict=True):
-                print(f"    {name:24s}{mean:8.2f} ± {spread:.2f}")
+            rows = np.array([astuple(score(d, track(d, estimator))[0]) for d in loaded], dtype=float)
+            print(f"{difficulty} {estimator}: {len(rows)} sets; mean ± spread, ± error of the mean")
+            error = rows.std(axis=0, ddof=1) / np.sqrt(len(rows))
+            for name, mean, spread, sure in zip(names, rows.mean(0), rows.std(0), error, strict=True):
+                print(f"    {name:24s}{mean:8.2f} ± {spread:.2f}   ± {sure:.2f}")
 
 
 if __name__ == "__main__":
