@@ -325,6 +325,12 @@ def track(
         Literal["filtered", "recovered", "smoothed"],
         typer.Option(help="What was known at each scan, whole paths afterwards, or these smoothed."),
     ] = "recovered",
+    lag_scans: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Later scans that a smoothed state knows, as a display that lags so far behind."
+        ),
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of the result, such as tracks.png.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -335,7 +341,10 @@ def track(
     from gcs.commands.track import TrackOptions, run_track
 
     with _errors_shown():
-        run_track(TrackOptions(file, model, truth, estimator, out, plot, as_json), Console(stderr=as_json))
+        run_track(
+            TrackOptions(file, model, truth, estimator, lag_scans, out, plot, as_json),
+            Console(stderr=as_json),
+        )
 
 
 class _ManyPlaces(typer.core.TyperCommand):

@@ -167,7 +167,9 @@ def _numbered(
         survival_probability_per_s=table.survival_probability ** (1.0 / table.dt_s),
     )
     births = tuple(
-        _birth((b.x_m, b.y_m, b.vx_m_s, b.vy_m_s), b.std_m, b.speed_std_m_s, b.probability)
+        _appeared(
+            _birth((b.x_m, b.y_m, b.vx_m_s, b.vy_m_s), b.std_m, b.speed_std_m_s, b.probability), table.dt_s
+        )
         for b in table.births
     )
     true = {} if truth is None else {k: truth.get(k, {}) for k in times}
@@ -243,6 +245,20 @@ def _birth(
 ) -> Birth:
     cov = np.diag([std_m**2, std_m**2, speed_std_m_s**2, speed_std_m_s**2])
     return Birth(read_only(mean), read_only(cov), probability)
+
+
+def _appeared(birth: Birth, dt_s: float) -> Birth:
+    """Where an object is at a scan that appeared at its place at some time since the scan before.
+
+    Its age is uniform between 0 and `dt_s`, its velocity v constant meanwhile: the moments of p + v age.
+    """
+    velocity, spread = birth.mean[2:], birth.cov[2:, 2:]
+    mean, cov = birth.mean.copy(), birth.cov.copy()
+    mean[:2] += velocity * dt_s / 2.0
+    cov[:2, :2] += spread * dt_s**2 / 3.0 + np.outer(velocity, velocity) * dt_s**2 / 12.0
+    cov[:2, 2:] += spread * dt_s / 2.0
+    cov[2:, :2] = cov[:2, 2:].T
+    return Birth(read_only(mean), read_only(cov), birth.probability)
 
 
 def _model(path: Path) -> ModelTable:

@@ -45,6 +45,7 @@ class TrackOptions:
     model: Path | None
     truth: Path | None
     estimator: Estimator
+    lag_scans: int | None
     out: Path | None
     plot: Path | None
     as_json: bool
@@ -87,6 +88,10 @@ def run_track(options: TrackOptions, console: Console) -> None:
     """
     if options.plot is not None and options.plot.suffix.lower() not in _PICTURES:
         raise ConfigError(str(options.plot), "", f"expected a name that ends in {', '.join(_PICTURES)}")
+    if options.lag_scans is not None and options.estimator != "smoothed":
+        raise ConfigError(
+            "--lag-scans", "", "a lag is of smoothed paths: expected --estimator smoothed with it"
+        )
     detections = load(options.path, options.model, options.truth)
     if options.estimator != "filtered" and detections.params.turn_rate_std_rad_s > 0.0:
         raise ConfigError(
@@ -101,7 +106,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("tracking", total=len(detections.looks))
-        tracked = track(detections, options.estimator, lambda: progress.advance(task))
+        tracked = track(detections, options.estimator, lambda: progress.advance(task), options.lag_scans)
     scores, per_scan = score(detections, tracked)
     if options.out is not None:
         _write(options.out, tracked)
@@ -114,9 +119,15 @@ def run_track(options: TrackOptions, console: Console) -> None:
 
 
 def track(
-    detections: Detections, estimator: Estimator, advance: Callable[[], object] = lambda: None
+    detections: Detections,
+    estimator: Estimator,
+    advance: Callable[[], object] = lambda: None,
+    lag_scans: int | None = None,
 ) -> Tracked:
-    """Run the filter over all scans; `advance` is called after each."""
+    """Run the filter over all scans; `advance` is called after each.
+
+    With `lag_scans`, a smoothed state knows the detections of so many later scans, else of all.
+    """
     anywhere, accel_std_m_s2 = detections.anywhere, detections.params.accel_std_m_s2
     tracker = Glmb(
         "targets",
@@ -153,7 +164,7 @@ def track(
                 births[place] = replace(births[place], probability=detections.birth_again_probability)
     if tracker.histories is not None:
         states = {k: {} for k in states}
-        for path in tracker.histories.paths(smooth=estimator == "smoothed"):
+        for path in tracker.histories.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
             for scan, mean in zip(path.scan, path.mean, strict=True):
                 states[number_of_scan[scan]][path.label] = mean
     return Tracked(states, existence, scan_ms, tracker.late_scans, tracker.bad_detections)

@@ -263,7 +263,9 @@ def main() -> None:
                 continue
             our_ms = our_ms or ms
             ratio = ms / our_ms
-            print(f"    {name:20s} OSPA {near:6.2f}  OSPA(2) {window:6.2f}  {ms:8.2f} ms/scan  {ratio:7.1f} x")
+            print(
+                f"    {name:20s} OSPA {near:6.2f}  OSPA(2) {window:6.2f}  {ms:8.2f} ms/scan  {ratio:7.1f} x"
+            )
 
 
 if __name__ == "__main__":

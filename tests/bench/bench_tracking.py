@@ -1,24 +1,19 @@
-"""Tracker bench: milliseconds per scan by size, start-up, and accuracy on the standard linear-Gaussian sets.
+"""Tracker bench: milliseconds of CPU per scan at the sizes of a swarm, and start-up.
 
-    python tests/bench/bench_tracking.py [--data DIR]
+    python tests/bench/bench_tracking.py
 
-DIR holds `vo_linear_gaussian/*.npz` or is that folder. Parameters come from the files' own model, never from
-`truth` or `src`. Estimator for the scores: `Glmb.estimate`, filtered (nothing is re-estimated later).
+How accurate it is: `bench_track.py`; against others: `bench_peers.py`; to 10,000 objects: `bench_scale.py`.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 
 from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb import Birth, Glmb, GlmbParams, warm_up
-from gcs.tracking.metrics import gospa, ospa, ospa2
-
-WINDOW = 10
 
 
 def scan_times(n_objects: int, n_clutter: int, scans: int = 100, side_m: float = 6000.0) -> np.ndarray:
@@ -36,10 +31,10 @@ def scan_times(n_objects: int, n_clutter: int, scans: int = 100, side_m: float =
         z = np.vstack(
             [seen + rng.normal(0, 10**0.5, seen.shape), rng.uniform(0, side_m, (rng.poisson(n_clutter), 2))]
         )
-        begin = time.perf_counter()
+        begin = time.process_time()
         tracker.update(k * NS_PER_S, rng.permutation(z), sensor, births)
         picture = tracker.picture(k * NS_PER_S)
-        times.append((time.perf_counter() - begin) * 1e3)
+        times.append((time.process_time() - begin) * 1e3)
         errors.append(float(picture.cardinality @ np.arange(picture.cardinality.size)) - n_objects)
         state[:, :2] += state[:, 2:]
     print(
@@ -50,78 +45,15 @@ def scan_times(n_objects: int, n_clutter: int, scans: int = 100, side_m: float =
     return np.array(times)
 
 
-def score(path: Path, params: dict[str, float]) -> list[float]:
-    """OSPA, its localisation part, OSPA(2), GOSPA, count error, ms per scan of one set."""
-    data = np.load(path)
-    (east_min, east_max), (north_min, north_max) = data["region"]
-    area = (east_max - east_min) * (north_max - north_min)
-    sensor = Sensor(
-        "set", float(data["pD"]), float(data["lambda_c"]) / area, np.eye(2) * float(data["sigma_z"]) ** 2,
-        (east_min, north_min, east_max, north_max),
-    )  # fmt: skip
-    order = [0, 2, 1, 3]
-    cov = np.diag(data["birth_std"][order] ** 2)
-    births = [Birth(mean[order], cov, float(data["r_birth"])) for mean in data["birth_mean"]]
-    tracker = Glmb(
-        "targets",
-        GlmbParams(
-            accel_std_m_s2=float(data["sigma_v"]), survival_probability_per_s=float(data["pS"]), **params
-        ),
-        1,
-    )
-    rows, true, found = [], [], []
-    for k in range(1, int(data["K"]) + 1):
-        z = data["meas"][data["meas"][:, 0] == k, 1:3]
-        begin = time.perf_counter()
-        tracker.update(k * NS_PER_S, z, sensor, births)
-        tracker.picture(k * NS_PER_S)
-        spent = (time.perf_counter() - begin) * 1e3
-        now = data["truth"][data["truth"][:, 0] == k]
-        true.append({int(row[1]): row[[2, 4]] for row in now})
-        found.append({track.label: track.mean[:2] for track in tracker.estimate()})
-        x, y = np.reshape(list(found[-1].values()), (-1, 2)), np.reshape(list(true[-1].values()), (-1, 2))
-        near = ospa(x, y)
-        window = ospa2(found[-WINDOW:], true[-WINDOW:])
-        rows.append(
-            [near.total_m, near.localisation_m, window.total_m, gospa(x, y).total_m, len(x) - len(y), spent]
-        )
-    return list(np.mean(rows, axis=0))
-
-
 def main() -> None:
     """Run the bench."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path)
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="PARAM=VALUE", help="override a GlmbParams field"
-    )
-    arguments = parser.parse_args()
+    parser.parse_args()
     begin = time.perf_counter()
     warm_up()
     print(f"warm-up {time.perf_counter() - begin:.2f} s")
-    if arguments.data is None:
-        for n_objects, n_clutter in [
-            (5, 25),
-            (5, 200),
-            (50, 30),
-            (50, 200),
-            (60, 200),
-            (100, 60),
-            (100, 200),
-        ]:
-            scan_times(n_objects, n_clutter)
-        return
-    params = {name: float(value) for name, value in (text.split("=") for text in arguments.set)}
-    folder = next(p for p in (arguments.data / "vo_linear_gaussian", arguments.data) if p.is_dir())
-    for name in ("demo", "hard"):
-        rows = np.array([score(path, params) for path in sorted(folder.glob(f"{name}_mc*.npz"))])
-        titles = ("OSPA", "loc", "OSPA2", "GOSPA", "count", "ms")
-        print(
-            name,
-            "  ".join(
-                f"{t} {m:.2f}±{s:.2f}" for t, m, s in zip(titles, rows.mean(0), rows.std(0), strict=True)
-            ),
-        )
+    for n_objects, n_clutter in [(5, 25), (5, 200), (50, 30), (50, 200), (60, 200), (100, 60), (100, 200)]:
+        scan_times(n_objects, n_clutter)
 
 
 if __name__ == "__main__":

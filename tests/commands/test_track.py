@@ -131,6 +131,37 @@ def test_smoothing_beats_recovering_beats_filtering(files):
     assert smoothed < recovered < filtered
 
 
+def test_a_lag_trades_delay_for_accuracy_between_the_two_ends(files):
+    smoothed = ("--estimator", "smoothed")
+    recovered = scores(files / "set.npz", "--estimator", "recovered")["ospa_mean_m"]
+    at_once, soon, late, all_ = (
+        scores(files / "set.npz", *smoothed, *lag)["ospa_mean_m"]
+        for lag in (("--lag-scans", 0), ("--lag-scans", 2), ("--lag-scans", 99), ())
+    )
+    assert at_once == pytest.approx(recovered)
+    assert all_ == pytest.approx(late)
+    assert all_ < soon < at_once
+    refused = run(files / "set.npz", "--lag-scans", 2)
+    assert refused.exit_code
+    assert "--estimator smoothed" in " ".join(refused.output.split())
+
+
+def test_who_appears_between_two_scans_has_moved_on_by_the_second(files):
+    (files / "fast.toml").write_text(
+        MODEL.replace("scans = 30", "scans = 30\ndt_s = 2.0").replace(
+            "y_m = 300.0", "y_m = 300.0\nvx_m_s = 9.0"
+        )
+    )
+    birth = load(files / "set.csv", files / "fast.toml", None).births[1]
+    rng = np.random.default_rng(3)
+    n = 200_000
+    velocity = rng.normal([9.0, 0.0], 10.0, (n, 2))
+    place = rng.normal([0.0, 300.0], 10.0, (n, 2)) + velocity * rng.uniform(0.0, 2.0, (n, 1))
+    drawn = np.column_stack([place, velocity])
+    np.testing.assert_allclose(birth.mean, drawn.mean(axis=0), atol=0.2)
+    np.testing.assert_allclose(birth.cov, np.cov(drawn.T), rtol=0.02, atol=2.0)
+
+
 def test_csv_with_a_model_of_either_kind_is_the_same_as_the_set(files):
     expected = scores(files / "set.npz")
     for model in ("set.npz", "model.toml"):

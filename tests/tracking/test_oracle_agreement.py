@@ -101,3 +101,19 @@ def test_default_limits_hardly_change_existence(seed):
     _, exact, picture = run_both(seed, [1.0, 1.0, 0.0, 0.4], **{name: getattr(usual, name) for name in kept})
     for track in picture.tracks:
         assert track.existence == pytest.approx(exact.existence(track.label), abs=0.02)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_crowd_is_enumerated_as_exactly_as_without_a_bound_on_the_work(seed):
+    rng = np.random.default_rng(seed)
+    place = rng.uniform(-60.0, 60.0, (9, 2))
+    born = [Birth(np.array([*p, 0.0, 0.0]), np.diag([60.0, 60.0, 9.0, 9.0]), 0.7) for p in place]
+    usual, unbound = (
+        Glmb("targets", GlmbParams(accel_std_m_s2=1.0, enumerable=most), 1) for most in (100_000, 10**15)
+    )
+    for k in range(4):
+        z = np.vstack([place[rng.random(9) < 0.9] + rng.normal(0, 3, 2), rng.uniform(-80, 80, (6, 2))])
+        for tracker in (usual, unbound):
+            tracker.update(k * NS_PER_S, z, SENSOR, born if k == 0 else ())
+        for one, other in zip(usual.picture(0).tracks, unbound.picture(0).tracks, strict=True):
+            assert one.existence == pytest.approx(other.existence, abs=0.01)
