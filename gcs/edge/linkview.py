@@ -10,7 +10,7 @@ from rich import box
 from rich.table import Table
 
 from gcs.edge.links import Links
-from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.fleet import Fleet, LinkCounters
 from gcs.mavlink.routing import PortCounters
 
 
@@ -23,9 +23,11 @@ def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, An
         None in a replay, where there are no guests.
     """
     unsent = {} if links is None else links.unsent()
+    silent = [] if links is None else [link.name for link in links.links if link.role == "vehicles"]
+    heard = {name: LinkCounters() for name in silent} | fleet.links
     rows: list[dict[str, Any]] = [
         {"link": name, "role": "vehicles", **asdict(counters), "unsent": unsent.get(name, 0)}
-        for name, counters in fleet.links.items()
+        for name, counters in heard.items()
     ]
     if links is None:
         return rows
@@ -44,15 +46,14 @@ def link_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     table = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("link", "role", "frames", "lost", "CRC", "strangers", "conflicts", "unsent", "guests"):
         left = name in ("link", "role", "guests")
-        table.add_column(name, justify="left" if left else "right", no_wrap=True)
+        table.add_column(name, justify="left" if left else "right", no_wrap=not left, overflow="fold")
     for row in rows:
         if row["role"] == "vehicles":
             cells = (row["frames"], _loss(row), row["crc_errors"], row["strangers"], row["conflicts"])
             table.add_row(row["link"], row["role"], *map(str, cells), str(row["unsent"]), "")
         else:
             kept = sum(row["refused"].values())
-            text = f"{len(row['guests'])}; {row['sent']} frames to them, "
-            text += f"{row['passed']} passed on, {kept} kept back"
+            text = f"{len(row['guests'])}; {row['sent']} sent, {row['passed']} passed on, {kept} kept back"
             table.add_row(row["link"], row["role"], str(row["frames"]), *[""] * 4, str(row["unsent"]), text)
     return table
 

@@ -268,7 +268,7 @@ def test_the_json_has_exactly_the_promised_keys() -> None:
     assert list(found) == [
         "scenario", "seed", "outcome", "reason", "duration_s", "agents", "targets_total", "targets_reached",
         "retasks", "uploads", "upload_failures", "ospa_agents_mean_m", "ospa_targets_mean_m", "scan_ms_p99",
-        "plan_ms_p99", "recording",
+        "plan_ms_p99", "recording", "links",
     ]  # fmt: skip
     assert found["agents"][0] == {"system_id": 1, "fate": "arrived", "target": 1}
     assert (found["scenario"], found["seed"], found["recording"]) == ("demo", 3, "runs/demo-3")
