@@ -30,15 +30,15 @@ def fresh(arrays: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
 
 
 @contextmanager
-def sets(folder: Path, difficulty: str, n_fresh: int) -> Iterator[list[Path]]:
-    """Give the recorded sets of a difficulty, or `n_fresh` fresh draws of the first one."""
+def sets(folder: Path, difficulty: str, n_fresh: int, seed: int = 0) -> Iterator[list[Path]]:
+    """Give the recorded sets of a difficulty, or `n_fresh` fresh draws of the first one from a seed on."""
     recorded = sorted(folder.glob(f"{difficulty}_mc*.npz"))
     if not n_fresh:
         yield recorded
         return
     with np.load(recorded[0]) as file, TemporaryDirectory() as made:
         arrays = {key: file[key] for key in file.files}
-        paths = [Path(made) / f"{difficulty}_fresh{seed:03d}.npz" for seed in range(n_fresh)]
-        for seed, path in enumerate(paths):
-            np.savez(path, **fresh(arrays, seed))
+        paths = [Path(made) / f"{difficulty}_fresh{n:05d}.npz" for n in range(seed, seed + n_fresh)]
+        for n, path in enumerate(paths, seed):
+            np.savez(path, **fresh(arrays, n))
         yield paths
