@@ -27,6 +27,7 @@ import io
 import json
 import platform
 import re
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
@@ -69,12 +70,21 @@ class Run:
 
 
 def versions() -> dict[str, str]:
-    """Versions of everything that a result depends on."""
+    """Versions of everything that a result depends on, and the processor that kernels are compiled for."""
     found = {}
     for library in _LIBRARIES:
         with contextlib.suppress(metadata.PackageNotFoundError):
             found[library] = metadata.version(library)
-    return found | {"python": platform.python_version(), "machine": platform.machine()}
+    machine = {"machine": platform.machine(), "processor": _processor()}
+    return found | {"python": platform.python_version()} | machine
+
+
+def _processor() -> str:
+    """Name what kernels are compiled for: model and checksum of its instruction sets (they round differently)."""
+    from llvmlite import binding  # loads LLVM
+
+    sets = str(binding.get_host_cpu_features().flatten())
+    return f"{binding.get_host_cpu_name()}-{zlib.crc32(sets.encode()):08x}"
 
 
 def part_paths(folder: Path) -> list[Path]:
