@@ -80,7 +80,7 @@ def versions() -> dict[str, str]:
 
 
 def _processor() -> str:
-    """Name what kernels are compiled for: model and checksum of its instruction sets (they round differently)."""
+    """Name what kernels are compiled for: the model, and a checksum of its instruction sets."""
     from llvmlite import binding  # loads LLVM
 
     sets = str(binding.get_host_cpu_features().flatten())

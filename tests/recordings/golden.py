@@ -2,15 +2,15 @@
 
 Each `NAME.mcap` here is a recording as every run leaves one. It is replayed through a fresh central command,
 and what comes out is held against what was recorded: pictures, plans, uploads, fates, answers to orders.
-Messages to vehicles and the wording of notices are left out: they change for good reasons, and what they bring
-about is judged.
+Messages to vehicles and the wording of notices are left out: they change for good reasons, and what they
+bring about is judged.
 
 How exactly? The fold is deterministic, but its numbers are those of libraries and of code that numba compiles
 for the processor at hand: another version, or a processor that fuses a multiplication with an addition, may
 round the last digit otherwise. So results are compared byte for byte where all versions and the processor are
 those of the recording, and elsewhere by value, where floats may differ by `TOLERANCE` (relative, and absolute
-in the unit of the field). All that is no float (labels, who flies where, numbers of scans, times) must be equal
-in either case.
+in the unit of the field). All that is no float (labels, who flies where, numbers of scans, times) must be
+equal in either case.
 
 A changed behaviour fails here. When it was meant to change, `python tests/recordings/renew.py` flies all of
 them anew and says what is different.
