@@ -217,9 +217,14 @@ class LinksTable(Table, frozen=True, kw_only=True):
         "udpin:0.0.0.0:14550"
     )
     forward: list[ForwardTable] = []
+    keys: str = ""
     zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
     zenoh_role: Literal["listen", "connect"] = "listen"
     max_parallel_uploads: Annotated[int, Meta(ge=1, le=1000)] = 32
+
+    def key_file(self, source: str) -> Path | None:
+        """Where the signing keys are: beside the mission file `source`; None when nothing is signed."""
+        return Path(source).parent / self.keys if self.keys else None
 
     def entries(self) -> list[tuple[str, str | EndpointTable | ForwardTable]]:
         """Every MAVLink endpoint with its key: those of vehicles first."""

@@ -17,10 +17,14 @@ _SIGNED = 0x01
 
 
 class FrameReader:
-    """Decodes datagrams; keeps nothing from one to the next but a count of bytes that made no sense."""
+    """Decodes datagrams; keeps nothing from one to the next but a count of bytes that made no sense.
 
-    def __init__(self) -> None:
+    With a `signing` state that holds a key, what is not validly signed makes no sense either.
+    """
+
+    def __init__(self, signing: Any = None) -> None:
         self._codec = mavlink.MAVLink(None)
+        self._codec.signing = signing or self._codec.signing
         self.bad_bytes = 0
 
     def messages(self, data: bytes) -> Iterator[Any]:
@@ -57,8 +61,9 @@ def _frame_length(data: bytes, at: int) -> int:
 class Outbox:
     """Frames that wait to be sent, of one system id and component 1, numbered in order."""
 
-    def __init__(self, system_id: int) -> None:
+    def __init__(self, system_id: int, signing: Any = None) -> None:
         self._codec = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
+        self._codec.signing = signing or self._codec.signing
         self._datagrams: list[bytearray] = []
 
     def send(self, message: Any) -> None:

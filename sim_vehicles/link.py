@@ -19,6 +19,7 @@ from sim_vehicles.frames import FrameReader, Outbox
 from sim_vehicles.missions import FENCE, MISSION, NEVER_NS, RALLY, MissionServer, MissionStore
 from sim_vehicles.personality import PX4, Mode
 from sim_vehicles.px4_missions import Px4MissionServer
+from sim_vehicles.signing import Signing
 from sim_vehicles.telemetry import Streams, Telemetry
 
 _LISTING_NS = 40_000_000
@@ -48,6 +49,8 @@ class VehicleLink:
         When telemetry begins.
     rng : numpy.random.Generator
         Draws the noise of reported positions.
+    key : bytes, optional
+        Signing key that it holds from the start.
     """
 
     def __init__(
@@ -57,10 +60,12 @@ class VehicleLink:
         start_t_ns: int,
         gps_noise_std_m: float,
         rng: np.random.Generator,
+        key: bytes | None = None,
     ) -> None:
         self.system_id = system_id
-        self.outbox = Outbox(system_id)
-        self._reader = FrameReader()
+        self.signing = Signing(key)
+        self.outbox = Outbox(system_id, self.signing.state)
+        self._reader = FrameReader(self.signing.state)
         self._autopilot = autopilot
         self._telemetry = Telemetry(autopilot, gps_noise_std_m, rng)
         self._streams = Streams(start_t_ns)
@@ -83,6 +88,7 @@ class VehicleLink:
             "PING": self._ping,
             "TIMESYNC": self._time_sync,
             "FILE_TRANSFER_PROTOCOL": self._file_transfer,
+            "SETUP_SIGNING": self._setup_signing,
         }
 
     @property
@@ -92,6 +98,7 @@ class VehicleLink:
 
     def handle_timer(self, t_ns: int) -> None:
         """Send what is due."""
+        self.signing.tell_time(t_ns)
         for message_id in self._streams.take_due(t_ns):
             message = self._telemetry.build(message_id, t_ns)
             if message is not None:
@@ -102,6 +109,7 @@ class VehicleLink:
 
     def receive_datagram(self, data: bytes, t_ns: int) -> None:
         """Take one datagram. Whatever it holds, nothing is raised: what makes no sense is stepped over."""
+        self.signing.tell_time(t_ns)
         for message in self._reader.messages(data):
             if message.get_srcSystem() == self.system_id:
                 continue
@@ -115,6 +123,7 @@ class VehicleLink:
 
     def tell_notices(self, t_ns: int) -> None:
         """Pass on what the autopilot has to say."""
+        self.signing.tell_time(t_ns)
         notices = self._autopilot.notices
         while notices:
             notice = notices.popleft()
@@ -165,6 +174,13 @@ class VehicleLink:
         else:
             alt_m -= autopilot.geodesy.frame.alt_msl_m
         return autopilot.guide_to(*autopilot.geodesy.to_local(lat_deg, lon_deg), alt_m)
+
+    def _setup_signing(self, message: Any, _t_ns: int) -> None:
+        if self._autopilot.armed:  # as ArduPlane
+            text = b"ERROR: Won't setup signing when armed"
+            self.outbox.send(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, text))
+        else:
+            self.signing.set_up(bytes(message.secret_key), message.initial_timestamp)
 
     def _set_current(self, message: Any, t_ns: int) -> None:
         # No ACK, and no word of a failure: as ArduPlane.

@@ -25,11 +25,13 @@ import signal
 import socket
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gcs.edge.clock import RunClock
+from gcs.edge.keyfile import read_keys
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
 from sim_vehicles.frames import Outbox
@@ -175,6 +177,14 @@ def _clock(line: bytes) -> RunClock:
     return RunClock(int(raw["epoch_ns"]), int(raw["start_t_ns"]), float(raw["speed"]))
 
 
+def _key(spec: VehicleSpec) -> bytes | None:
+    """Signing key of a vehicle: its own, else the one for all."""
+    if not spec.key_file:
+        return None
+    keys = read_keys(Path(spec.key_file))
+    return keys.vehicles.get(spec.system_id, keys.default)
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run until standard input closes or a signal comes."""
     arguments = _arguments(argv)
@@ -183,6 +193,7 @@ def main(argv: list[str] | None = None) -> int:
         signal.signal(number, lambda *_: sys.exit(0))
     # Build one vehicle beforehand: what is imported and computed lazily is ready when the clock starts.
     SimVehicle(arguments.spec_json[0], frame, 0).advance(0)
+    keys = {spec.system_id: _key(spec) for spec in arguments.spec_json}
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     line = sys.stdin.buffer.readline()
@@ -192,7 +203,7 @@ def main(argv: list[str] | None = None) -> int:
     with contextlib.ExitStack() as stack:
         hosts = []
         for spec in arguments.spec_json:
-            vehicle = SimVehicle(spec, frame, clock.start_t_ns)
+            vehicle = SimVehicle(spec, frame, clock.start_t_ns, keys.get(spec.system_id))
             host = Host(vehicle, clock.start_t_ns, arguments.gcs, arguments.truth, arguments.loss)
             stack.enter_context(host.socket)
             hosts.append(host)

@@ -27,6 +27,7 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
             dies_at_s=dies_at_s.get(agent.system_id),
             seed=seed,
             gps_noise_std_m=simulation.gps_noise_std_m,
+            key_file=str(scenario.config.links.key_file(scenario.source) or ""),
             wind_east_m_s=simulation.wind.east_m_s,
             wind_north_m_s=simulation.wind.north_m_s,
             gust_std_m_s=simulation.wind.gust_std_m_s,

@@ -62,6 +62,8 @@ class VehicleSpec:
     gust_time_s: float = 5.0
     arming_delay_s: float = 20.0
     """How long after a start on the ground arming is refused."""
+    key_file: str = ""
+    """Of signing keys, in which a process finds this vehicle's; empty for none."""
 
     def to_json(self) -> str:
         """One line of JSON."""
@@ -90,9 +92,13 @@ class SimVehicle:
         Where the local frame lies on Earth.
     start_t_ns : int
         Its first moment: it boots, telemetry begins, its chances of death are counted from here.
+    key : bytes, optional
+        Signing key that it holds.
     """
 
-    def __init__(self, spec: VehicleSpec, frame: LocalFrame, start_t_ns: int) -> None:
+    def __init__(
+        self, spec: VehicleSpec, frame: LocalFrame, start_t_ns: int, key: bytes | None = None
+    ) -> None:
         self.spec = spec
         self.system_id = spec.system_id
         self.alive = True
@@ -120,7 +126,7 @@ class SimVehicle:
             PERSONALITIES[spec.autopilot],
         )
         self._link = VehicleLink(
-            spec.system_id, self.autopilot, start_t_ns, spec.gps_noise_std_m, _generator(spec, "gps")
+            spec.system_id, self.autopilot, start_t_ns, spec.gps_noise_std_m, _generator(spec, "gps"), key
         )
         self._death_rng = _generator(spec, "death")
         self._wind: Wind | None = None

@@ -27,6 +27,7 @@ from gcs.edge.clock import RunClock
 from gcs.edge.links import Links
 from gcs.edge.linkview import link_rows
 from gcs.edge.recorder import Recorder, Run
+from gcs.edge.signing import Signing
 from gcs.edge.whereabouts import announced
 from gcs.edge.wire import decode_truth, truth_key
 from gcs.edge.zenoh_bus import Bus, free_endpoint
@@ -75,7 +76,9 @@ def run_demo(options: DemoOptions, console: Console) -> int:
     run = Run(config.name, options.seed)
     name, rotate_mb = f"{config.name}-{options.seed}", config.recording.rotate_mb
     with open_recorder(options.out, name, text, run, rotate_mb) as recorder:
-        health, links, duration_s, interrupted = asyncio.run(_fly(config, options, recorder, judge, console))
+        health, links, duration_s, interrupted = asyncio.run(
+            _fly(config, config.links.key_file(source), options, recorder, judge, console)
+        )
         folder = recorder.folder
     summary = judge.summary(
         scenario=config.name,
@@ -115,12 +118,18 @@ def percentile(values_ms: list[float]) -> float:
 
 
 async def _fly(
-    config: Config, options: DemoOptions, recorder: Recorder, judge: Judge, console: Console
+    config: Config,
+    keys: Path | None,
+    options: DemoOptions,
+    recorder: Recorder,
+    judge: Judge,
+    console: Console,
 ) -> tuple[Health, tuple[dict[str, Any], ...], float, bool]:
     """Fly from start to end; return health, links, run time in seconds, and whether it was interrupted."""
     guests = [link for link in config.mavlink_links if link.role != "vehicles"]
     here = [Link(parse_endpoint("udpin:127.0.0.1:0")), *guests]
-    links = Links(here, [agent.vehicle for agent in config.agents], config.local_frame)
+    vehicles = [agent.vehicle for agent in config.agents]
+    links = Links(here, vehicles, config.local_frame, Signing(here, keys))
     stop, interrupt = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()

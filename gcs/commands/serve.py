@@ -18,6 +18,7 @@ from gcs.edge.journal import Journal, fingerprint
 from gcs.edge.links import Links
 from gcs.edge.linkview import link_rows, link_table
 from gcs.edge.recorder import Recorder, Run
+from gcs.edge.signing import Signing
 from gcs.edge.whereabouts import announced
 from gcs.edge.zenoh_bus import Bus
 
@@ -51,14 +52,21 @@ def serve(options: ServeOptions, console: Console) -> None:
         journal = Journal(
             options.journal or default_path(config.name), config.name, fingerprint(text, options.seed)
         )
-        asyncio.run(_serve(config, options, recorder, journal, console))
+        signing = Signing(config.mavlink_links, config.links.key_file(source))
+        asyncio.run(_serve(config, options, signing, recorder, journal, console))
         console.print(f"recording: {recorder.folder}", highlight=False)
 
 
 async def _serve(
-    config: Config, options: ServeOptions, recorder: Recorder, journal: Journal, console: Console
+    config: Config,
+    options: ServeOptions,
+    signing: Signing,
+    recorder: Recorder,
+    journal: Journal,
+    console: Console,
 ) -> None:
-    links = Links(config.mavlink_links, [a.vehicle for a in config.agents], config.local_frame)
+    vehicles = [agent.vehicle for agent in config.agents]
+    links = Links(config.mavlink_links, vehicles, config.local_frame, signing)
     stop = asyncio.Event()
     undo = wait_for_interrupt(stop)
     role = {config.links.zenoh_role: config.links.zenoh}

@@ -1,9 +1,10 @@
 """All MAVLink endpoints of a run: vehicles' and other ground stations', and the routes between them.
 
-What vehicles send goes to central command as it came, and to the guests whom it is for. What guests send goes
-to the vehicles that it is for, as far as the guests may (`gcs.mavlink.routing`), and what went there goes to
-central command as well: it must know what others tell its vehicles. Routing happens here and not behind the
-queue, so that a ground station's command does not stand in line behind scans.
+What vehicles send goes to central command as it came, but for frames that a signed link keeps out, and to
+the guests whom it is for. What guests send goes to the vehicles that it is for, as far as the guests may
+(`gcs.mavlink.routing`), and what went there goes to central command as well: it must know what others tell
+its vehicles. Routing happens here and not behind the queue, so that a ground station's command does not
+stand in line behind scans.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, Protocol
 
 from gcs.edge.serial_port import SerialPort
+from gcs.edge.signing import Signing
 from gcs.edge.tcp import TcpIn, TcpOut
 from gcs.edge.transport import Transport
 from gcs.edge.udp import UdpIn, UdpOut
@@ -22,6 +24,7 @@ from gcs.errors import LinkError
 from gcs.geo import LocalFrame
 from gcs.mavlink.adsb import COMPONENT_ID, adsb_messages
 from gcs.mavlink.codec import Encoder, scan
+from gcs.mavlink.fleet import heartbeat
 from gcs.mavlink.routing import PortCounters, Router
 from gcs.mavlink.vehicle import Address
 from gcs.model import NS_PER_S, Level, Picture, network_of, system_of, vehicle_id
@@ -60,6 +63,8 @@ class Links:
         Our vehicles.
     frame : LocalFrame
         Where the targets' tracks lie.
+    signing : Signing, optional
+        Checks what comes in and signs what goes out; without it no link has a key.
 
     Raises
     ------
@@ -67,8 +72,16 @@ class Links:
         When a port cannot be had.
     """
 
-    def __init__(self, links: Sequence[Link], vehicles: Iterable[int], frame: LocalFrame) -> None:
+    def __init__(
+        self,
+        links: Sequence[Link],
+        vehicles: Iterable[int],
+        frame: LocalFrame,
+        signing: Signing | None = None,
+    ) -> None:
         self.links = tuple(links)
+        self.signing = signing or Signing(self.links)
+        self._now_ns: Callable[[], int] = lambda: 0
         self._transports: dict[str, Transport] = {}
         self._frame = frame
         self._ports: dict[str, _Port] = {}
@@ -78,6 +91,7 @@ class Links:
         self._adsb_t_ns = self._news_t_ns = 0
         self._told: dict[tuple[str, str], int] = {}
         self._encoders: dict[tuple[int, int], Encoder] = {}
+        self._time_giver = Encoder()
         try:
             for link in links:
                 self._transports[link.name] = _TRANSPORTS[link.endpoint.kind](link.endpoint)
@@ -111,16 +125,17 @@ class Links:
         self, loop: asyncio.AbstractEventLoop, taker: Taker, busy: Callable[[int], bool] = lambda _: False
     ) -> None:
         """Begin to hear; `busy` tells whether a mission is on its way to a vehicle."""
-        self._busy = busy
+        self._busy, self._now_ns = busy, taker.now_ns
         for link in self.links:
-            self._ports[link.name] = _Port(link, taker, self._routers.get(link.network), self._send_on)
+            router = self._routers.get(link.network)
+            self._ports[link.name] = _Port(link, taker, router, self._send_on, self.signing)
             self._transports[link.name].start(loop, self._ports[link.name])
 
     def send(self, link: str, peer: str, data: bytes) -> None:
         """Send to a peer of a link."""
         transport = self._transports.get(link)
-        if transport is not None:
-            transport.send(peer, data)
+        if transport is not None and (sealed := self.signing.gate.seal(self._now_ns(), (link, peer), data)):
+            transport.send(peer, sealed)
 
     def _send_on(self, outgoing: Mapping[Address, bytearray]) -> None:
         for (link, peer), data in outgoing.items():
@@ -131,6 +146,7 @@ class Links:
         for transport in self._transports.values():
             with contextlib.suppress(OSError):
                 transport.close()
+        self.signing.close()
 
     # ------------------------------------------------------------ what goes out by the clock
 
@@ -147,6 +163,11 @@ class Links:
         if not 0 <= t_ns - self._news_t_ns < _REFUSALS_EVERY_NS:
             self._news_t_ns = t_ns
             self._tell_refusals()
+        for link_name, level, text in self.signing.tick(t_ns):
+            if link_name in self._ports:
+                self._ports[link_name].news(level, text)
+        for address in self.signing.gate.behind():
+            self.send(*address, self._time_giver(heartbeat()))
 
     def _offer_targets(self, targets: Picture, t_ns: int) -> None:
         """As an ADS-B receiver on a vehicle does: ground stations pass over what comes from no vehicle."""
@@ -200,11 +221,16 @@ class _Port:
         taker: Taker,
         router: Router | None,
         send_on: Callable[[Mapping[Address, bytearray]], None],
+        signing: Signing,
     ) -> None:
         self._link, self._taker, self._router, self._send_on = link, taker, router, send_on
         self._is_guests = link.role != "vehicles"
+        self._admit = signing.gate.admit
 
     def heard(self, peer: str, data: bytes) -> None:
+        data = self._admit(self._taker.now_ns(), (self._link.name, peer), data)
+        if not data:
+            return
         if not self._is_guests:
             self._taker.on_datagram(self._link.name, peer, data)
         passed = self._route(peer, data)

@@ -12,6 +12,7 @@ from rich.table import Table
 from gcs.edge.links import Links
 from gcs.mavlink.fleet import Fleet, LinkCounters
 from gcs.mavlink.routing import PortCounters
+from gcs.mavlink.signing import GateCounters
 
 
 def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, Any]]:
@@ -26,7 +27,13 @@ def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, An
     silent = [] if links is None else [link.name for link in links.links if link.role == "vehicles"]
     heard = {name: LinkCounters() for name in silent} | fleet.links
     rows: list[dict[str, Any]] = [
-        {"link": name, "role": "vehicles", **asdict(counters), "unsent": unsent.get(name, 0)}
+        {
+            "link": name,
+            "role": "vehicles",
+            **asdict(counters),
+            "unsent": unsent.get(name, 0),
+            **_signing(links, name),
+        }
         for name, counters in heard.items()
     ]
     if links is None:
@@ -37,25 +44,54 @@ def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, An
             continue
         counted = counters.get(link.name, PortCounters())
         row = {"link": link.name, "role": link.role, "guests": guests[link.name], **asdict(counted)}
-        rows.append({**row, "refused": dict(counted.refused), "unsent": unsent[link.name]})
+        row |= {"refused": dict(counted.refused), "unsent": unsent[link.name]}
+        rows.append({**row, **_signing(links, link.name)})
     return rows
+
+
+def _signing(links: Links | None, name: str) -> dict[str, Any]:
+    """What the link's gate did; nothing where it had nothing to do."""
+    gate = None if links is None else links.signing.gate
+    if gate is None or not (gate.is_keyed(name) or name in gate.counters):
+        return {}
+    counters = gate.counters.get(name, GateCounters())
+    return {"verified": counters.verified, "signed": counters.signed, "rejected": dict(counters.rejected)}
 
 
 def link_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Draw the rows."""
     table = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in ("link", "role", "frames", "lost", "CRC", "strangers", "conflicts", "unsent", "guests"):
-        left = name in ("link", "role", "guests")
+    for name in (
+        "link",
+        "role",
+        "frames",
+        "lost",
+        "CRC",
+        "strangers",
+        "conflicts",
+        "unsent",
+        "signing",
+        "guests",
+    ):
+        left = name in ("link", "role", "signing", "guests")
         table.add_column(name, justify="left" if left else "right", no_wrap=not left, overflow="fold")
     for row in rows:
         if row["role"] == "vehicles":
             cells = (row["frames"], _loss(row), row["crc_errors"], row["strangers"], row["conflicts"])
-            table.add_row(row["link"], row["role"], *map(str, cells), str(row["unsent"]), "")
+            table.add_row(row["link"], row["role"], *map(str, cells), str(row["unsent"]), _gate(row), "")
         else:
             kept = sum(row["refused"].values())
             text = f"{len(row['guests'])}; {row['sent']} sent, {row['passed']} passed on, {kept} kept back"
-            table.add_row(row["link"], row["role"], str(row["frames"]), *[""] * 4, str(row["unsent"]), text)
+            numbers = (str(row["frames"]), *[""] * 4, str(row["unsent"]))
+            table.add_row(row["link"], row["role"], *numbers, _gate(row), text)
     return table
+
+
+def _gate(row: Mapping[str, Any]) -> str:
+    """Sum up signing; empty where nothing is signed and nothing was kept out."""
+    if "rejected" not in row:
+        return ""
+    return f"{row['verified']} verified, {sum(row['rejected'].values())} rejected"
 
 
 def _loss(row: Mapping[str, Any]) -> str:

@@ -37,6 +37,7 @@ from gcs.model import (
     Proposal,
     Track,
     UploadReport,
+    system_of,
     vehicle_name,
 )
 
@@ -47,6 +48,8 @@ _EVENT_ROWS: Final = 9
 _MIN_MAP_ROWS: Final = 12
 _ROWS_AROUND_MAP: Final = 3 + _EVENT_ROWS + 2 + 2
 _TABLES_WIDTH: Final = 94
+_SIGNED_WIDTH: Final = 10
+_LEFT: Final = ("fate", "mode", "signed", "mission")
 
 
 def label_text(label: Label | None) -> str:
@@ -159,7 +162,7 @@ class LiveView:
 
     def __rich_console__(self, _console: Console, options: ConsoleOptions) -> RenderResult:
         rows = max(_MIN_MAP_ROWS, (options.height or options.size.height) - _ROWS_AROUND_MAP)
-        columns = min(2 * rows, (options.max_width - _TABLES_WIDTH))
+        columns = min(2 * rows, (options.max_width - self._tables_width()))
         layout = Layout()
         layout.split_column(
             Layout(self._header(), size=3), Layout(name="body"), Layout(self._events(), size=_EVENT_ROWS + 2)
@@ -171,6 +174,9 @@ class LiveView:
         else:
             layout["body"].update(tables)
         yield layout
+
+    def _tables_width(self) -> int:
+        return _TABLES_WIDTH + (_SIGNED_WIDTH if self._config.links.keys else 0)
 
     def _header(self) -> Panel:
         seconds = (self._t_ns - (self._start_t_ns or self._t_ns)) / NS_PER_S
@@ -188,6 +194,7 @@ class LiveView:
             "id",
             "fate",
             "mode",
+            *(["signed"] if self._config.links.keys else []),
             "track",
             "exist.",
             "east m",
@@ -197,9 +204,7 @@ class LiveView:
             "to go m",
             "mission",
         ):
-            table.add_column(
-                name, justify="left" if name in ("fate", "mode", "mission") else "right", no_wrap=True
-            )
+            table.add_column(name, justify="left" if name in _LEFT else "right", no_wrap=True)
         tracks = self._tracks("agents")
         for vehicle, fate in self._command.fates.by_vehicle.items():
             state = self._command.fleet.state(vehicle)
@@ -216,6 +221,7 @@ class LiveView:
                 vehicle_name(vehicle),
                 self._standing(fate),
                 state.mode if state else "",
+                *([self._signing(vehicle)] if self._config.links.keys else []),
                 label_text(label),
                 *_track_cells(track),
                 label_text(target),
@@ -230,6 +236,15 @@ class LiveView:
         if aside is not None and fate.fate == "flying":
             return Text(aside, style="bold yellow")
         return Text(fate.fate, style=_FATE_STYLE[fate.fate])
+
+    def _signing(self, vehicle: int) -> str:
+        """How sure it is that its frames are its own."""
+        fleet = self._command.fleet
+        if not fleet.is_signed(vehicle):
+            return ""
+        gate = None if self._links is None else self._links.signing.gate
+        keyed = gate is not None and gate.is_keyed(fleet.link(vehicle), system_of(vehicle))
+        return "verified" if keyed else "unchecked"
 
     def _targets(self) -> Table:
         table = Table(title="Targets", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))

@@ -230,6 +230,8 @@ class Fleet:
         vehicle.liveness = "alive"
         lost = vehicle.lost
         vehicle.count(frame.sequence, t_ns)
+        if frame.signed is not vehicle.signed:
+            self._note_signing(vehicle, t_ns, signed=frame.signed)
         self.links[address[0]].lost += vehicle.lost - lost
         if message is None:
             return None
@@ -237,6 +239,12 @@ class Fleet:
             self._tell_text(message, vehicle.system_id, t_ns)
         vehicle.take(message, t_ns, lambda level, text: self._tell(level, text, t_ns, vehicle.system_id))
         return message
+
+    def _note_signing(self, vehicle: Vehicle, t_ns: int, *, signed: bool) -> None:
+        vehicle.signed = signed
+        level: Level = "info" if signed else "warning"
+        text = "signs its frames" if signed else "no longer signs its frames"
+        self._tell_now_and_then(text, vehicle.system_id, t_ns, level, text)
 
     def _is_its_own(
         self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
@@ -276,7 +284,7 @@ class Fleet:
     def poll(self, t_ns: int) -> list[Send]:
         """Let time pass: who has fallen silent, and what to send."""
         out = [
-            Send(*address, encode(_heartbeat()))
+            Send(*address, encode(heartbeat()))
             for address, encode in self._callers.items()
             if self._beat_due(address, t_ns)
         ]
@@ -289,7 +297,7 @@ class Fleet:
                 self._tell("alarm", f"not heard for {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
             messages = vehicle.wants.poll(t_ns) if vehicle.liveness == "alive" else []
             if self._beat_due(vehicle.address, t_ns):
-                messages.append(_heartbeat())
+                messages.append(heartbeat())
             out += [Send(*vehicle.address, vehicle.encoder(message)) for message in messages]
         return out
 
@@ -340,6 +348,10 @@ class Fleet:
         """Link on which the vehicle is heard; empty before it is."""
         address = self._vehicles[system_id].address
         return "" if address is None else address[0]
+
+    def is_signed(self, system_id: int) -> bool:
+        """Whether the vehicle's last frame carried a signature."""
+        return self._vehicles[system_id].signed
 
     def home(self, system_id: int) -> Home | None:
         """Where the vehicle says that its home is."""
@@ -393,7 +405,8 @@ def _is_vehicle(heartbeat: Message | None) -> bool:
     return autopilot != _NO_AUTOPILOT and heartbeat.type not in _NOT_A_VEHICLE
 
 
-def _heartbeat() -> Message:
+def heartbeat() -> Message:
+    """Return ours, of a ground station."""
     return dialect.MAVLink_heartbeat_message(
         dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
     )

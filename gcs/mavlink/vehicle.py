@@ -56,6 +56,8 @@ class Health:
     """Frames that claimed its id from another address."""
     refused: dict[str, int]
     """Position reports not believed, by reason."""
+    signed: bool
+    """Whether its last frame carried a signature; checked, where there is a key, before it came here."""
 
 
 class Vehicle:
@@ -76,6 +78,7 @@ class Vehicle:
         self.wants = wants
         self.encoder = encoder
         self.refused: dict[str, int] = {}
+        self.signed = False
         self._frame, self._max_distance_m = frame, max_distance_m
         self._clock = BootClock()
         self._sequence: int | None = None
@@ -148,6 +151,7 @@ class Vehicle:
             lost=self.lost,
             conflicts=self.conflicts,
             refused=dict(self.refused),
+            signed=self.signed,
         )
 
     # ------------------------------------------------------------ messages

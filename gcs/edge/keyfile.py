@@ -1,0 +1,189 @@
+"""The file of signing keys, and the file beside it with the signing time that was reached.
+
+A key file is TOML, for its owner alone (mode 600), and is replaced whole and atomically::
+
+    default = "64 hex digits"              # all vehicles without a key of their own
+
+    [links]
+    "serial:/dev/ttyUSB0:57600" = "..."    # all vehicles on this endpoint; or a ground station's endpoint
+
+    [vehicles]
+    3 = "..."                              # system id; "2:3" on network 2
+
+    [pending]
+    3 = "..."                              # on its way to that vehicle: it may hold this one already
+
+The time beside it (``keys.toml.time``) must never go back, or vehicles refuse what we sign. It is written
+ahead of the time in use, so that a crash loses nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from gcs.config import Table, convert
+from gcs.endpoints import parse_endpoint
+from gcs.errors import ConfigError, LinkError
+from gcs.mavlink.signing import KEY_BYTES, Keys
+from gcs.model import vehicle_id, vehicle_name
+
+_HEAD: Final = "# MAVLink signing keys: secret. Whoever has one can command the vehicles that hold it.\n"
+
+
+class _KeyTable(Table, frozen=True, kw_only=True):
+    default: str = ""
+    links: dict[str, str] = msgspec.field(default_factory=dict)
+    vehicles: dict[str, str] = msgspec.field(default_factory=dict)
+    pending: dict[str, str] = msgspec.field(default_factory=dict)
+
+
+class _TimeTable(Table, frozen=True, kw_only=True):
+    timestamp: int
+    streams: dict[str, int] = msgspec.field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class KeyFile:
+    """What a key file says."""
+
+    path: Path
+    default: bytes | None = field(default=None, repr=False)
+    links: dict[str, bytes] = field(default_factory=dict, repr=False)
+    vehicles: dict[int, bytes] = field(default_factory=dict, repr=False)
+    pending: dict[int, bytes] = field(default_factory=dict, repr=False)
+
+    @property
+    def keys(self) -> Keys:
+        """The keys in use."""
+        return Keys(dict(self.vehicles), dict(self.links), self.default)
+
+    def save(self) -> None:
+        """Replace the file; raises `ConfigError` when it cannot be written."""
+        parts = [_HEAD]
+        if self.default is not None:
+            parts.append(f'default = "{self.default.hex()}"\n')
+        named = {vehicle_name(vehicle): key for vehicle, key in sorted(self.vehicles.items())}
+        waiting = {vehicle_name(vehicle): key for vehicle, key in sorted(self.pending.items())}
+        for title, keys in (("links", self.links), ("vehicles", named), ("pending", waiting)):
+            if keys:
+                parts.append(f"\n[{title}]\n" + "".join(f'"{n}" = "{k.hex()}"\n' for n, k in keys.items()))
+        try:
+            write_secret(self.path, "".join(parts).encode())
+        except OSError as error:
+            raise ConfigError(str(self.path), "", f"cannot be written: {error.strerror}") from None
+
+
+def read_keys(path: Path) -> KeyFile:
+    """Read a key file.
+
+    Raises
+    ------
+    ConfigError
+        When it cannot be read, others may read it, or something in it is no key; no key is in the text.
+    """
+    source = str(path)
+    try:
+        mode = path.stat().st_mode
+        if mode & (stat.S_IRWXG | stat.S_IRWXO):
+            problem = f"others may read these keys (mode {stat.S_IMODE(mode):o}): chmod 600 {path}"
+            raise ConfigError(source, "", problem)
+        raw = msgspec.toml.decode(path.read_bytes())
+    except FileNotFoundError:
+        raise ConfigError(source, "", f"there is no such key file: gcs keys new {path}") from None
+    except OSError as error:
+        raise ConfigError(source, "", f"cannot be read: {error.strerror}") from None
+    except (msgspec.DecodeError, ValueError):  # its text would show the line, which holds a key
+        raise ConfigError(source, "", "not valid TOML") from None
+    table = convert(raw, _KeyTable, source)
+    return KeyFile(
+        path,
+        _key(source, "default", table.default) if table.default else None,
+        {_link_name(source, name): _key(source, f"links.{name}", v) for name, v in table.links.items()},
+        _of_vehicles(source, "vehicles", table.vehicles),
+        _of_vehicles(source, "pending", table.pending),
+    )
+
+
+def _of_vehicles(source: str, table: str, entries: Mapping[str, str]) -> dict[int, bytes]:
+    found = {}
+    for name, value in entries.items():
+        vehicle = vehicle_of(name)
+        if vehicle is None:
+            raise ConfigError(source, f"{table}.{name}", 'expected a system id, or "network:system id"')
+        found[vehicle] = _key(source, f"{table}.{name}", value)
+    return found
+
+
+def vehicle_of(name: str) -> int | None:
+    """Read what `gcs.model.vehicle_name` writes; None when it is no vehicle."""
+    network, _, system = name.rpartition(":")
+    if not (system.isdecimal() and (network.isdecimal() or not network)):
+        return None
+    numbers = int(network or 0), int(system)
+    return vehicle_id(*numbers) if 1 <= numbers[1] <= 250 and numbers[0] < 256 else None
+
+
+def _link_name(source: str, name: str) -> str:
+    try:
+        return str(parse_endpoint(name))
+    except LinkError as error:
+        raise ConfigError(source, f"links.{name}", error.problem) from None
+
+
+def _key(source: str, where: str, text: str) -> bytes:
+    try:
+        key = bytes.fromhex(text)
+    except ValueError:
+        key = b""
+    if len(key) != KEY_BYTES or not any(key):
+        raise ConfigError(source, where, f"expected a key: {2 * KEY_BYTES} hex digits, not all of them 0")
+    return key
+
+
+def write_secret(path: Path, data: bytes) -> None:
+    """Replace a file that only its owner may read, atomically."""
+    beside = path.with_name(f"{path.name}.{os.getpid()}.new")
+    beside.unlink(missing_ok=True)
+    descriptor = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(path)
+
+
+class TimeFile:
+    """The signing time that was reached, and that of every stream."""
+
+    def __init__(self, keys: Path) -> None:
+        self.path = keys.with_name(keys.name + ".time")
+
+    def read(self) -> tuple[int, dict[str, int]]:
+        """Return the signing time to begin with, and the streams'; zero and none when there is no file.
+
+        Raises
+        ------
+        ConfigError
+            When it is damaged: going on with the clock alone may be refused by vehicles, so it is said.
+        """
+        try:
+            table = msgspec.json.decode(self.path.read_bytes(), type=_TimeTable)
+        except FileNotFoundError:
+            return 0, {}
+        except OSError as error:
+            raise ConfigError(str(self.path), "", f"cannot be read: {error.strerror}") from None
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            problem = "is damaged; with a right clock it can be deleted: vehicles follow the later time"
+            raise ConfigError(str(self.path), "", problem) from None
+        return table.timestamp, table.streams
+
+    def write(self, timestamp: int, streams: Mapping[str, int]) -> None:
+        """Replace it; raises `OSError`."""
+        write_secret(self.path, msgspec.json.encode(_TimeTable(timestamp=timestamp, streams=dict(streams))))

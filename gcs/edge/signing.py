@@ -1,0 +1,91 @@
+"""Signing at the edge: the gate of all links, the time that must not go back, and what there is to say.
+
+Frames are checked here, before the queue: what is recorded is what was let in, so a replay needs no keys, and
+no key ever gets into a recording.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from gcs.edge.keyfile import TimeFile, read_keys
+from gcs.endpoints import Link
+from gcs.errors import ConfigError
+from gcs.mavlink.signing import TICKS_PER_S, Gate, GateCounters, Keys
+from gcs.model import NS_PER_S, Level
+
+_SAVE_EVERY_NS: Final = 10 * NS_PER_S
+_AHEAD: Final = 30 * TICKS_PER_S
+"""How far ahead of the signing time in use the saved one is."""
+_TELL_AGAIN_NS: Final = 60 * NS_PER_S
+
+
+class Signing:
+    """The signing of a run's links.
+
+    Parameters
+    ----------
+    links : sequence of Link
+        As the run has them.
+    keys : Path, optional
+        Of the key file; without it nothing is signed.
+
+    Raises
+    ------
+    ConfigError
+        When the key file or the time beside it cannot be used.
+    """
+
+    def __init__(self, links: Sequence[Link], keys: Path | None = None) -> None:
+        self._time: TimeFile | None = None
+        self._saved_t_ns = 0
+        self._told: dict[tuple[str, str], tuple[int, int]] = {}
+        if keys is None:
+            self.gate = Gate(Keys(), links)
+            return
+        table = read_keys(keys).keys
+        self._time = TimeFile(keys)
+        self.gate = Gate(table, links, *self._time.read())
+        unknown = sorted(table.links.keys() - {link.name for link in links})
+        if unknown:
+            raise ConfigError(str(keys), f"links.{unknown[0]}", "the mission file has no such endpoint")
+
+    def tick(self, t_ns: int) -> list[tuple[str, Level, str]]:
+        """Save the time now and then; return what is to be said of which link."""
+        news: list[tuple[str, Level, str]] = []
+        if self._time is not None and not 0 <= t_ns - self._saved_t_ns < _SAVE_EVERY_NS:
+            self._saved_t_ns = t_ns
+            try:
+                self._time.write(self.gate.timestamp + _AHEAD, self.gate.streams)
+            except OSError as error:
+                link = next(iter(self.gate.links))
+                news.append((link, "alarm", f"{self._time.path} cannot be written: {error.strerror}"))
+        for name, counters in self.gate.counters.items():
+            news += [(name, "alarm", text) for text in self._rejections(t_ns, name, counters)]
+        return news
+
+    def _rejections(self, t_ns: int, name: str, counters: GateCounters) -> list[str]:
+        """Say at once what is kept out for a new reason, and once a minute that it goes on."""
+        said = []
+        for reason, count in counters.rejected.items():
+            told_t_ns, told = self._told.get((name, reason), (t_ns - _TELL_AGAIN_NS, 0))
+            if count > told and t_ns - told_t_ns >= _TELL_AGAIN_NS:
+                self._told[name, reason] = t_ns, count
+                who = f", the last from {counters.last[reason]}" if reason in counters.last else ""
+                said.append(f"{count - told} frames rejected: {reason}{_ADVICE.get(reason, '')}{who}")
+        return said
+
+    def close(self) -> None:
+        """Save the time as it is."""
+        if self._time is not None:
+            with contextlib.suppress(OSError):  # told while it ran
+                self._time.write(self.gate.timestamp, self.gate.streams)
+
+
+_ADVICE: Final = {
+    "not signed": " (an impostor, or a vehicle without its key: gcs keys install)",
+    "signed with another key": " (an impostor, or a vehicle with another key than the key file says)",
+}
