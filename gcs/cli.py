@@ -19,6 +19,7 @@ import typer.core
 from rich.console import Console
 from rich.table import Table
 
+from gcs.commands.keys import app as keys_app
 from gcs.commands.order import app as order_app
 from gcs.errors import GcsError, InterruptedRunError
 
@@ -34,6 +35,7 @@ app = typer.Typer(
 )
 
 app.add_typer(order_app, name="order")
+app.add_typer(keys_app, name="keys")
 
 
 def _complete(incomplete: str) -> list[str]:

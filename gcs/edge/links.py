@@ -29,7 +29,7 @@ from gcs.mavlink.routing import PortCounters, Router
 from gcs.mavlink.vehicle import Address
 from gcs.model import NS_PER_S, Level, Picture, network_of, system_of, vehicle_id
 
-_TRANSPORTS: Final[Mapping[str, Callable[[Endpoint], Transport]]] = {
+TRANSPORTS: Final[Mapping[str, Callable[[Endpoint], Transport]]] = {
     "udpin": UdpIn,
     "udpout": UdpOut,
     "tcp": TcpOut,
@@ -94,7 +94,7 @@ class Links:
         self._time_giver = Encoder()
         try:
             for link in links:
-                self._transports[link.name] = _TRANSPORTS[link.endpoint.kind](link.endpoint)
+                self._transports[link.name] = TRANSPORTS[link.endpoint.kind](link.endpoint)
         except LinkError:
             self.close()
             raise
