@@ -1,4 +1,6 @@
-"""Reading a vehicle's mission back, and sending one: the two conversations of the mission protocol, sans-I/O.
+"""Reading a list back, and sending one: the two conversations of the mission protocol, sans-I/O.
+
+Missions, fences and rally points go by it alike: MAV_MISSION_TYPE tells them apart.
 
 Source: https://mavlink.io/en/services/mission.html. Both know only what has been said in them; patience,
 repetition and what to make of the outcome is the task's (`gcs.mavlink.transfer`).
@@ -20,7 +22,8 @@ _GAIN = 0.125
 class ReadBack:
     """What a vehicle stores, asked for in order. `to` is its system and component id."""
 
-    def __init__(self, to: tuple[int, int]) -> None:
+    def __init__(self, to: tuple[int, int], mission_type: int = _MISSION) -> None:
+        self._type = mission_type
         self.count: int | None = None
         self.items: list[Item] = []
         self._to = to
@@ -33,12 +36,12 @@ class ReadBack:
     def question(self) -> Message:
         """Return what to ask next."""
         if self.count is None:
-            return dialect.MAVLink_mission_request_list_message(*self._to, _MISSION)
-        return dialect.MAVLink_mission_request_int_message(*self._to, len(self.items), _MISSION)
+            return dialect.MAVLink_mission_request_list_message(*self._to, self._type)
+        return dialect.MAVLink_mission_request_int_message(*self._to, len(self.items), self._type)
 
     def thanks(self) -> Message:
         """Return what ends the conversation."""
-        return dialect.MAVLink_mission_ack_message(*self._to, dialect.MAV_MISSION_ACCEPTED, _MISSION)
+        return dialect.MAVLink_mission_ack_message(*self._to, dialect.MAV_MISSION_ACCEPTED, self._type)
 
     def take_count(self, message: Message) -> bool:
         """Take a MISSION_COUNT; whether it was news."""
@@ -62,7 +65,8 @@ class Sending:
     session whose MISSION_COUNT was ours too.
     """
 
-    def __init__(self, items: Sequence[Item], to: tuple[int, int]) -> None:
+    def __init__(self, items: Sequence[Item], to: tuple[int, int], mission_type: int = _MISSION) -> None:
+        self._type = mission_type
         self.next = 0
         """Items asked for so far."""
         self.acked = False
@@ -82,7 +86,7 @@ class Sending:
 
     def count(self) -> Message:
         """Return what opens the conversation."""
-        return dialect.MAVLink_mission_count_message(*self._to, len(self._items), _MISSION)
+        return dialect.MAVLink_mission_count_message(*self._to, len(self._items), self._type)
 
     def counted(self, t_ns: int, *, again: bool) -> None:
         """Note that it goes out."""
@@ -98,7 +102,7 @@ class Sending:
             self._sent_t_ns = t_ns
         else:  # asked again: which of the two is answered next cannot be told
             self._sent_t_ns = None
-        return self._items[seq].message(seq, *self._to, current=seq == current)
+        return self._items[seq].message(seq, *self._to, current=seq == current, mission_type=self._type)
 
     def _measure(self, t_ns: int) -> None:
         if self._sent_t_ns is None:

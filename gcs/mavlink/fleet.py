@@ -147,6 +147,8 @@ class Fleet:
         is not among them is of network 0.
     own : (int, int)
         Our system and component id.
+    also : iterable of int
+        Message ids that `receive` gives beside those that the service itself needs.
     """
 
     def __init__(
@@ -157,7 +159,9 @@ class Fleet:
         *,
         links: Iterable[Link] = (),
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+        also: Iterable[int] = (),
     ) -> None:
+        self._needed = _NEEDED.union(also)
         self.counters = Counters()
         self.links: dict[str, LinkCounters] = {}
         """By link, in the order in which they were first heard."""
@@ -220,7 +224,7 @@ class Fleet:
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
             self.counters.ignored += 1
             return None
-        message = frame.message() if frame.message_id in _NEEDED else None
+        message = frame.message() if frame.message_id in self._needed else None
         if not self._is_its_own(vehicle, frame, message, address, t_ns):
             return None
         silent_ns = t_ns - vehicle.heard_t_ns

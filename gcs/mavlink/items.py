@@ -41,9 +41,15 @@ class Item(NamedTuple):
     autocontinue: int = 1
 
     def message(
-        self, seq: int, target_system: int, target_component: int, *, current: bool = False
+        self,
+        seq: int,
+        target_system: int,
+        target_component: int,
+        *,
+        current: bool = False,
+        mission_type: int = dialect.MAV_MISSION_TYPE_MISSION,
     ) -> Message:
-        """Return the MISSION_ITEM_INT that carries this item as number `seq`."""
+        """Return the MISSION_ITEM_INT that carries this item as number `seq` of a list of that type."""
         return dialect.MAVLink_mission_item_int_message(
             target_system,
             target_component,
@@ -59,7 +65,7 @@ class Item(NamedTuple):
             self.x,
             self.y,
             self.z_m,
-            dialect.MAV_MISSION_TYPE_MISSION,
+            mission_type,
         )
 
 
