@@ -39,6 +39,9 @@ Network = Annotated[int, Meta(ge=0, le=255)]
 Point2 = Annotated[list[float], Meta(min_length=2, max_length=2)]
 Point3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Box = Annotated[list[float], Meta(min_length=4, max_length=4)]
+Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
+Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]
+LatLon = tuple[Latitude, Longitude]
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -188,6 +191,30 @@ class MissionTable(Table, frozen=True, kw_only=True):
     max_duration_s: Positive = 600.0
 
 
+class FenceAreaTable(Table, frozen=True, kw_only=True):
+    """An area of the fence: either corners, or a circle."""
+
+    kind: Literal["inclusion", "exclusion"]
+    corners_deg: list[LatLon] = []
+    circle: tuple[Latitude, Longitude, Positive] | None = None
+
+
+class FenceTable(Table, frozen=True, kw_only=True):
+    """Where vehicles may be; `gcs fence upload` brings it to them (`gcs.fence`)."""
+
+    from_map: bool = True
+    max_alt_rel_m: NotNegative = 0.0
+    areas: list[FenceAreaTable] = []
+
+
+class RallyTable(Table, frozen=True, kw_only=True):
+    """A place to return to instead of home."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    alt_rel_m: Annotated[int, Meta(ge=10, le=30_000)]
+
+
 class RecordingTable(Table, frozen=True, kw_only=True):
     """How runs are recorded."""
 
@@ -262,6 +289,8 @@ class Config(Table, frozen=True, kw_only=True):
     mission: MissionTable = MissionTable()
     links: LinksTable = LinksTable()
     recording: RecordingTable = RecordingTable()
+    fence: FenceTable = FenceTable()
+    rally: list[RallyTable] = []
     simulation: dict[str, Any] = {}
 
     @property

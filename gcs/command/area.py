@@ -1,10 +1,11 @@
-"""The obstacle map of a mission: what its file and a GeoJSON file place, and what a seed places at random."""
+"""The obstacle map of a mission: what its file, a GeoJSON and the fence say, and what a seed adds at random."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from gcs.config import Config
+from gcs.fence import drawn_areas
 from gcs.planning.grid import Grid, free_grid, random_obstacles
 
 _PURPOSE = 0x6D6170
@@ -24,6 +25,9 @@ def mission_grid(config: Config, seed: int) -> Grid:
     )
     if zones.boundary:
         grid = grid.within(zones.boundary)
+    for fenced in drawn_areas(config, config.name):
+        ring = fenced.outline_m(config.local_frame)
+        grid = grid.within([[ring]]) if fenced.stay_in else grid.with_obstacles(polygons_m=[[ring]])
     places = [(agent.east_m, agent.north_m) for agent in config.agents]
     places += [(birth.east_m, birth.north_m) for birth in config.births]
     rng = np.random.default_rng([seed, _PURPOSE])

@@ -12,10 +12,20 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.codec import Message
 from gcs.mavlink.profiles.ardupilot import ARDUPLANE
-from gcs.mavlink.profiles.profile import ParameterWish, Profile
+from gcs.mavlink.profiles.profile import Envelope, FenceLimits, ParameterWish, Profile
 from gcs.mavlink.profiles.px4 import PX4
 
-__all__ = ["ARDUPLANE", "PROFILES", "PX4", "ParameterWish", "Profile", "mode_name", "profile_of"]
+__all__ = [
+    "ARDUPLANE",
+    "PROFILES",
+    "PX4",
+    "Envelope",
+    "FenceLimits",
+    "ParameterWish",
+    "Profile",
+    "mode_name",
+    "profile_of",
+]
 
 PROFILES: Final = (ARDUPLANE, PX4)
 _VTOL_TYPES: Final = range(19, 26)

@@ -16,13 +16,14 @@ Sources: ArduPilot's `AP_Mission` (which fields of an item it stores, and in wha
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.items import Item
 from gcs.mavlink.modes import AUTO, LOITER, RTL
-from gcs.mavlink.profiles.profile import ParameterWish, Profile
+from gcs.mavlink.profiles.profile import Envelope, FenceLimits, ParameterWish, Profile
 
 _MAX_RADIUS_M: Final = 255.0
 
@@ -87,11 +88,64 @@ _PARAMETERS: Final = (
         1,
         "2 and above glide or deploy a parachute when the link is lost; 0 flies on, 1 returns",
     ),
-    ParameterWish(("RTL_ALTITUDE",), 30, 500, "the way home may be lower than what stands there", must=False),
+    ParameterWish(("THR_FAILSAFE",), 1, 1, "a lost remote control is not noticed", must=False),
+    ParameterWish(
+        ("RTL_ALTITUDE",),
+        30,
+        500,
+        "the way home may be lower than what stands there",
+        must=False,
+        older=ParameterWish(
+            ("ALT_HOLD_RTL",),
+            3000,
+            50_000,
+            "the way home (in cm) may be lower than what stands there",
+            must=False,
+        ),
+    ),
     ParameterWish(("FENCE_ENABLE",), 1, 1, "nothing stops a vehicle that leaves the area", must=False),
+    ParameterWish(("FENCE_ACTION",), 1, 8, "a breach of the fence is only reported", must=False),
+    ParameterWish(("NAVL1_PERIOD",), 8, 30, "turns are taken too hard or too wide", must=False),
     ParameterWish(("MIS_RESTART",), 0, 0, "AUTO would begin its mission anew instead of resuming it"),
-    ParameterWish(("ARMING_CHECK",), 1, 2**24, "it arms without checks"),
+    ParameterWish(
+        ("ARMING_SKIPCHK",),
+        0,
+        0,
+        "it arms without some of its checks",
+        older=ParameterWish(("ARMING_CHECK",), 1, 2**24, "it arms without checks"),
+    ),
 )
+
+
+def _fits(envelope: Envelope) -> tuple[ParameterWish, ...]:
+    bank, slow, fast = envelope.bank_deg, 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
+    wide = "it turns wider than routes are planned for (airframe.bank_deg)"
+    speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
+    return (
+        ParameterWish(
+            ("ROLL_LIMIT_DEG",), bank, 90, wide, older=ParameterWish(("LIM_ROLL_CD",), 100 * bank, 9000, wide)
+        ),
+        ParameterWish(
+            ("AIRSPEED_CRUISE",),
+            slow,
+            fast,
+            speed,
+            must=False,
+            older=ParameterWish(("TRIM_ARSPD_CM",), 100 * slow, 100 * fast, speed, must=False),
+        ),
+    )
+
+
+def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
+    """FENCE_TYPE: bit 0 greatest height, bit 1 circle round home, bit 2 areas."""
+    kinds = int(values.get("FENCE_TYPE", 0))
+    return FenceLimits(
+        is_on=values.get("FENCE_ENABLE", 0) > 0,
+        polygons=bool(kinds & 4),
+        max_alt_rel_m=values.get("FENCE_ALT_MAX") if kinds & 1 else None,
+        max_radius_m=values.get("FENCE_RADIUS") if kinds & 2 else None,
+    )
+
 
 ARDUPLANE: Final = Profile(
     name="ArduPlane",
@@ -108,4 +162,8 @@ ARDUPLANE: Final = Profile(
     split_mode=lambda custom_mode: (custom_mode, 0),
     stored=_stored,
     parameters=_PARAMETERS,
+    fits=_fits,
+    fence_parameters=("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS"),
+    fence_limits=_fence_limits,
+    ceiling_parameter="FENCE_ALT_MAX",
 )

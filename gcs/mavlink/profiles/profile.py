@@ -52,6 +52,41 @@ class ParameterWish:
     """What goes wrong otherwise."""
     must: bool = True
     """Whether it is refused, or only told."""
+    older: ParameterWish | None = None
+    """What older firmware has instead, with another name, unit or meaning."""
+
+    @property
+    def all_names(self) -> tuple[str, ...]:
+        """Every name to ask for."""
+        return self.names + (() if self.older is None else self.older.all_names)
+
+    def found(self, values: Mapping[str, float]) -> tuple[ParameterWish, str] | None:
+        """Return the wish and the name by which a vehicle has it; None when it has neither."""
+        name = next((name for name in self.names if name in values), None)
+        if name is not None:
+            return self, name
+        return None if self.older is None else self.older.found(values)
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """What a mission asks of its vehicles."""
+
+    speed_m_s: float
+    bank_deg: float
+    altitude_rel_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class FenceLimits:
+    """What a vehicle's parameters make of its fence."""
+
+    is_on: bool
+    polygons: bool
+    """Whether uploaded areas count."""
+    max_alt_rel_m: float | None = None
+    max_radius_m: float | None = None
+    """Around home."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +118,13 @@ class Profile:
     stored: Callable[[Item], Item]
     """What the firmware keeps of an item, apart from what `normalised` does for all."""
     parameters: tuple[ParameterWish, ...]
+    fits: Callable[[Envelope], tuple[ParameterWish, ...]]
+    """Parameters that must fit what the mission asks."""
+    fence_parameters: tuple[str, ...]
+    """What `fence_limits` reads."""
+    fence_limits: Callable[[Mapping[str, float]], FenceLimits]
+    ceiling_parameter: str
+    """Where a fence's greatest height is kept, in metres above home."""
 
     # ------------------------------------------------------------ modes
 

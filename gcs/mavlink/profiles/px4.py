@@ -17,12 +17,13 @@ https://docs.px4.io/main/en/advanced_config/parameter_reference, and what PX4 1.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.modes import AUTO, LOITER, RTL
-from gcs.mavlink.profiles.profile import ParameterWish, Profile
+from gcs.mavlink.profiles.profile import Envelope, FenceLimits, ParameterWish, Profile
 
 _MODES: Final = {
     (1, 0): "MANUAL",
@@ -61,6 +62,26 @@ _PARAMETERS: Final = (
 )
 
 
+def _fits(envelope: Envelope) -> tuple[ParameterWish, ...]:
+    slow, fast = 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
+    wide = "it turns wider than routes are planned for (airframe.bank_deg)"
+    speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
+    return (
+        ParameterWish(("FW_R_LIM",), envelope.bank_deg, 90, wide),
+        ParameterWish(("FW_AIRSPD_TRIM",), slow, fast, speed, must=False),
+    )
+
+
+def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
+    """Return what GF_* say; 0 is no limit."""
+    return FenceLimits(
+        is_on=values.get("GF_ACTION", 0) > 0,
+        polygons=True,
+        max_alt_rel_m=values.get("GF_MAX_VER_DIST") or None,
+        max_radius_m=values.get("GF_MAX_HOR_DIST") or None,
+    )
+
+
 PX4: Final = Profile(
     name="PX4",
     autopilot=dialect.MAV_AUTOPILOT_PX4,
@@ -76,4 +97,8 @@ PX4: Final = Profile(
     split_mode=lambda custom_mode: (custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF),
     stored=lambda item: item,
     parameters=_PARAMETERS,
+    fits=_fits,
+    fence_parameters=("GF_ACTION", "GF_MAX_VER_DIST", "GF_MAX_HOR_DIST"),
+    fence_limits=_fence_limits,
+    ceiling_parameter="GF_MAX_VER_DIST",
 )

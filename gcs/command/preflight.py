@@ -1,0 +1,384 @@
+"""What stands against a flight: every vehicle's answers and the mission itself, judged. Pure.
+
+A check is "ok", "warning" (somebody should know) or "refused" (do not fly). Nothing here asks or changes
+anything: `gcs.mavlink.inspection` asked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import Config
+from gcs.fence import Fence, fence_of, rally_of
+from gcs.geo import LocalFrame
+from gcs.mavlink.codec import Message
+from gcs.mavlink.fencing import FENCE, RALLY, fence_held, fence_items, list_difference, rally_items
+from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.inspection import Inspection
+from gcs.mavlink.profiles import Envelope, FenceLimits, ParameterWish, mode_name
+from gcs.mavlink.vehicle import Health
+from gcs.model import NS_PER_S, FloatArray, vehicle_name
+
+Level: TypeAlias = Literal["ok", "warning", "refused"]
+
+_TASKABLE: Final = ("AUTO", "LOITER")
+_MIN_BATTERY: Final = (25, 50)
+"""Percent: below the first refused, below the second told."""
+_MAX_CLOCK_S: Final = 1.0
+_HOME_M: Final = 50.0
+"""A home farther than this from a vehicle on the ground is not where it stands."""
+_MARGIN_M: Final = 10.0
+_MIN_SATELLITES: Final = 8
+_SENSORS: Final = {
+    dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
+    dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL: "accelerometer",
+    dialect.MAV_SYS_STATUS_SENSOR_3D_MAG: "compass",
+    dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE: "barometer",
+    dialect.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE: "airspeed sensor",
+    dialect.MAV_SYS_STATUS_SENSOR_GPS: "GPS",
+    dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER: "remote control",
+    dialect.MAV_SYS_STATUS_GEOFENCE: "fence",
+    dialect.MAV_SYS_STATUS_AHRS: "attitude",
+    dialect.MAV_SYS_STATUS_LOGGING: "logging",
+    dialect.MAV_SYS_STATUS_SENSOR_BATTERY: "battery",
+    dialect.MAV_SYS_STATUS_PREARM_CHECK: "pre-arm check",
+}
+_POSITION_OF: Final = {
+    "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,
+    "ESTIMATOR_STATUS": dialect.ESTIMATOR_POS_HORIZ_ABS,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One row of the table."""
+
+    vehicle: int | None
+    """None: about the mission."""
+    name: str
+    level: Level
+    value: str
+    wanted: str = ""
+    remedy: str = ""
+    """What to do, when it is not ok."""
+
+
+def envelope_of(config: Config) -> Envelope:
+    """Return what the mission asks of its vehicles."""
+    return Envelope(config.airframe.speed_m_s, config.airframe.bank_deg, config.mission.altitude_rel_m)
+
+
+class VehicleJudge:
+    """Judges one vehicle.
+
+    Parameters
+    ----------
+    ways_m : sequence of FloatArray
+        What the mission may ask it to fly: (n, 2) east/north each, from where it is.
+    """
+
+    def __init__(
+        self,
+        inspection: Inspection,
+        fleet: Fleet,
+        config: Config,
+        ways_m: Sequence[FloatArray],
+        t_ns: int,
+    ) -> None:
+        self._seen, self._config, self._ways_m, self._t_ns = inspection, config, ways_m, t_ns
+        self._vehicle = inspection.vehicle
+        self._state = fleet.state(self._vehicle)
+        self._health: Health = next(h for h in fleet.health() if h.system_id == self._vehicle)
+        self._messages = {name: message for name, (_, message) in inspection.messages.items()}
+
+    def checks(self) -> list[Check]:
+        """Return all rows."""
+        if "HEARTBEAT" not in self._messages:
+            return [
+                self._row(
+                    "link",
+                    "refused",
+                    "not heard",
+                    "heartbeats",
+                    "is it on, with this system id, and does it send to this machine (links.mavlink)?",
+                )
+            ]
+        rows = [self._link(), self._firmware(), self._fix(), self._position(), self._home(), self._mode()]
+        rows += [self._armed(), self._sensors(), self._battery(), self._clock()]
+        if self._seen.profile is not None:
+            rows += [*self._parameters(), *self._fence(), *self._rally()]
+        return rows
+
+    def _row(self, name: str, level: Level, value: str, wanted: str = "", remedy: str = "") -> Check:
+        return Check(self._vehicle, name, level, value, wanted, "" if level == "ok" else remedy)
+
+    # ------------------------------------------------------------ its state
+
+    def _link(self) -> Check:
+        health = self._health
+        part = health.lost / max(health.lost + health.frames, 1)
+        where = "" if health.address is None else health.address[1]
+        level: Level = "refused" if health.liveness != "alive" else "warning" if part > 0.1 else "ok"
+        value = f"{health.liveness} at {where}, {100.0 * part:.0f} % lost"
+        if health.conflicts:
+            value, level = f"{value}, {health.conflicts} frames of another with its id", "refused"
+        return self._row(
+            "link", level, value, "alive, < 10 % lost", "antennas, range, radio rate; one system id each"
+        )
+
+    def _firmware(self) -> Check:
+        profile, version = self._seen.profile, self._messages.get("AUTOPILOT_VERSION")
+        if profile is None:
+            number = self._messages["HEARTBEAT"].autopilot
+            return self._row(
+                "firmware",
+                "refused",
+                f"MAV_AUTOPILOT {number}",
+                "ArduPlane or PX4",
+                "it would be tracked, never tasked",
+            )
+        if version is None:
+            return self._row("firmware", "warning", profile.name, "a version", "AUTOPILOT_VERSION is not given")
+        numbers = ".".join(str(version.flight_sw_version >> shift & 0xFF) for shift in (24, 16, 8))
+        return self._row("firmware", "ok", f"{profile.name} {numbers}")
+
+    def _fix(self) -> Check:
+        gps = self._messages.get("GPS_RAW_INT")
+        if gps is None:
+            return self._row("GPS", "refused", "not reported", "3D fix", "is there a receiver?")
+        count = "" if gps.satellites_visible == 255 else f", {gps.satellites_visible} satellites"
+        entry = dialect.enums["GPS_FIX_TYPE"].get(gps.fix_type)
+        name = str(gps.fix_type) if entry is None else entry.name.removeprefix("GPS_FIX_TYPE_")
+        few = gps.satellites_visible < _MIN_SATELLITES
+        level: Level = "refused" if gps.fix_type < dialect.GPS_FIX_TYPE_3D_FIX else "warning" if few else "ok"
+        return self._row("GPS", level, name + count, f"3D fix, {_MIN_SATELLITES} satellites", "wait, under open sky")
+
+    def _position(self) -> Check:
+        if self._state is None:
+            why = ", ".join(self._health.refused) or "none came"
+            return self._row("position", "refused", why, "near the origin", "wait for the EKF; check [frame]")
+        for name, bit in _POSITION_OF.items():
+            message = self._messages.get(name)
+            if message is not None and not message.flags & bit:
+                return self._row("position", "refused", "EKF without it", "EKF ready", "wait for the EKF")
+        place = f"({self._state.east_m:.0f}, {self._state.north_m:.0f}) m, {self._state.alt_msl_m:.0f} m AMSL"
+        area = self._config.map
+        inside = 0 <= self._state.east_m <= area.width_m and 0 <= self._state.north_m <= area.height_m
+        return self._row(
+            "position",
+            "ok" if inside else "warning",
+            place,
+            f"on the map, {area.width_m:.0f} x {area.height_m:.0f} m",
+            "routes begin at the map's nearest cell",
+        )
+
+    def _home(self) -> Check:
+        home = self._health.home
+        if home is None:
+            return self._row("home", "refused", "not set", "set", "wait for the EKF's origin, or set home")
+        east_m, north_m = self._config.local_frame.to_local(home.lat_deg, home.lon_deg)
+        text = f"({east_m:.0f}, {north_m:.0f}) m, {home.alt_msl_m:.0f} m AMSL"
+        state = self._state
+        if state is not None and not state.armed:
+            away_m = math.hypot(state.east_m - east_m, state.north_m - north_m)
+            if away_m > _HOME_M:
+                return self._row(
+                    "home", "refused", f"{text}: {away_m:.0f} m away", f"within {_HOME_M:.0f} m", "set home anew"
+                )
+        return self._row("home", "ok", text)
+
+    def _mode(self) -> Check:
+        mode = mode_name(self._messages["HEARTBEAT"])
+        return self._row(
+            "mode",
+            "ok" if mode in _TASKABLE else "warning",
+            mode,
+            " or ".join(_TASKABLE),
+            f"no missions are sent to it while it is in {mode}",
+        )
+
+    def _armed(self) -> Check:
+        armed = bool(self._messages["HEARTBEAT"].base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        return self._row(
+            "armed",
+            "warning" if armed else "ok",
+            "armed" if armed else "disarmed",
+            "disarmed",
+            "propellers may turn: keep away, or it flies already",
+        )
+
+    def _sensors(self) -> Check:
+        status = self._messages.get("SYS_STATUS")
+        if status is None:
+            return self._row("sensors", "warning", "not reported", "healthy", "SYS_STATUS is not given")
+        enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
+        ill = [n for bit, n in _SENSORS.items() if enabled & bit & ~status.onboard_control_sensors_health]
+        return self._row(
+            "sensors",
+            "refused" if ill else "ok",
+            f"{', '.join(ill)} not healthy" if ill else "healthy",
+            "healthy",
+            "what the vehicle says (STATUSTEXT) tells why",
+        )
+
+    def _battery(self) -> Check:
+        status = self._messages.get("SYS_STATUS")
+        if status is None or not 0 <= status.battery_remaining <= 100:
+            return self._row("battery", "warning", "not reported", "", "no battery monitor: watch it by hand")
+        percent = status.battery_remaining
+        refused, told = _MIN_BATTERY
+        level: Level = "refused" if percent < refused else "warning" if percent < told else "ok"
+        volts = "" if status.voltage_battery in (0, 65535) else f", {status.voltage_battery / 1e3:.1f} V"
+        return self._row("battery", level, f"{percent} %{volts}", f"{told} %", "charge it")
+
+    def _clock(self) -> Check:
+        if "SYSTEM_TIME" not in self._messages or not self._messages["SYSTEM_TIME"].time_unix_usec:
+            return self._row("clock", "warning", "not known to it", "GPS time", "its logs and signing lack the time")
+        came_t_ns, message = self._seen.messages["SYSTEM_TIME"]
+        off_s = (message.time_unix_usec * 1000 - came_t_ns) / NS_PER_S
+        return self._row(
+            "clock",
+            "ok" if abs(off_s) <= _MAX_CLOCK_S else "warning",
+            f"{off_s:+.1f} s to ours",
+            f"within {_MAX_CLOCK_S:.0f} s",
+            "is this machine's clock set (NTP)?",
+        )
+
+    # ------------------------------------------------------------ its parameters
+
+    def _parameters(self) -> Iterator[Check]:
+        profile, values = self._seen.profile, self._seen.values
+        assert profile is not None
+        if not values:
+            yield self._row("parameters", "refused", "no answer", "", "is the link good enough both ways?")
+            return
+        for wish in (*profile.parameters, *profile.fits(envelope_of(self._config))):
+            yield self._parameter(wish, values)
+
+    def _parameter(self, wish: ParameterWish, values: Mapping[str, float]) -> Check:
+        found = wish.found(values)
+        if found is None:
+            names = " or ".join(wish.all_names)
+            text = "this firmware has none of that name, or the answer was lost: look by hand"
+            return self._row(names, "warning", "no answer", _range(wish), text)
+        wish, name = found
+        good = wish.low <= values[name] <= wish.high
+        level: Level = "ok" if good else "refused" if wish.must else "warning"
+        return self._row(name, level, f"{values[name]:.6g}", _range(wish), f"set it: {wish.why}")
+
+    def _fence(self) -> Iterator[Check]:
+        profile, config = self._seen.profile, self._config
+        assert profile is not None
+        limits = profile.fence_limits(self._seen.values)
+        wanted, held = fence_of(config, config.name), self._seen.held.get(FENCE)
+        yield self._fence_held(wanted, held)
+        if wanted.max_alt_rel_m and self._seen.values.get(profile.ceiling_parameter) != wanted.max_alt_rel_m:
+            value = self._seen.values.get(profile.ceiling_parameter)
+            yield self._row(
+                "ceiling",
+                "refused",
+                "no answer" if value is None else f"{value:g} m",
+                f"{wanted.max_alt_rel_m:g} m",
+                f"gcs fence upload sets {profile.ceiling_parameter}",
+            )
+        problem = self._breach(limits, None if held is None else fence_held(held))
+        yield self._row(
+            "mission in fence",
+            "refused" if problem else "ok",
+            problem or ("fits" if limits.is_on else "the fence is off"),
+            "",
+            "it would breach its fence on the way: change the mission or the fence",
+        )
+
+    def _fence_held(self, wanted: Fence, held: Sequence[object] | None) -> Check:
+        items = fence_items(wanted)
+        text = "not told" if held is None else f"{len(held)} items" if held else "none"
+        if held is None:
+            return self._row("fence", "warning" if not items else "refused", text, "", "it does not give its fence")
+        if not items:
+            return self._row("fence", "ok", text, "none in the mission file")
+        if not list_difference(FENCE, items, self._seen.held[FENCE] or ()):
+            return self._row("fence", "ok", text, "that of the mission file")
+        level: Level = "refused" if held or self._config.fence.areas else "warning"
+        return self._row("fence", level, text, "that of the mission file", "gcs fence upload")
+
+    def _rally(self) -> Iterator[Check]:
+        items, held = rally_items(rally_of(self._config)), self._seen.held.get(RALLY)
+        if held is None:
+            if items:
+                yield self._row("rally", "refused", "not told", f"{len(items)} points", "gcs fence upload")
+            return
+        same = not list_difference(RALLY, items, held)
+        yield self._row(
+            "rally",
+            "ok" if same else "refused" if items else "warning",
+            f"{len(held)} points" + ("" if same else ", others"),
+            f"{len(items)} points",
+            "gcs fence upload",
+        )
+
+    def _breach(self, limits: FenceLimits, held: Fence | None) -> str:
+        """How the mission would breach the fence as the vehicle has it; empty when it would not."""
+        config, frame = self._config, self._config.local_frame
+        if not limits.is_on:
+            return ""
+        ceiling_m, altitude_m = limits.max_alt_rel_m, config.mission.altitude_rel_m
+        if ceiling_m is not None and ceiling_m < altitude_m + _MARGIN_M:
+            return f"ceiling at {ceiling_m:g} m, missions at {altitude_m:g} m"
+        if limits.max_radius_m is not None and (far_m := self._farthest_m(frame)) > limits.max_radius_m:
+            return f"{far_m:.0f} m from home, the fence ends at {limits.max_radius_m:g} m"
+        if limits.polygons and held is not None:
+            beyond_m = max((held.beyond(way, frame) for way in self._ways_m), default=0.0)
+            if beyond_m:
+                return f"{beyond_m:.0f} m of a route lie beyond it"
+        return ""
+
+    def _farthest_m(self, frame: LocalFrame) -> float:
+        home = self._health.home
+        if home is None or not self._ways_m:
+            return 0.0
+        home_m = np.array(frame.to_local(home.lat_deg, home.lon_deg))
+        return float(max(np.hypot(*(way - home_m).T).max() for way in self._ways_m))
+
+
+def _range(wish: ParameterWish) -> str:
+    low, high = f"{wish.low:.6g}", f"{wish.high:.6g}"
+    return low if low == high else f"{low} ... {high}"
+
+
+def signed_check(vehicle: int, counts: tuple[int, int] | None, wanted: bool) -> Check:
+    """Judge whether a vehicle's frames are signed: counts are (signed, all) frames."""
+    signed, everything = counts or (0, 0)
+    is_signed = everything > 0 and signed == everything
+    level: Level = "ok" if is_signed or not wanted else "refused"
+    value = "signed" if is_signed else "not signed" if not signed else f"{signed} of {everything} frames"
+    return Check(vehicle, "signing", level, value, "signed" if wanted else "", "" if level == "ok" else "gcs keys")
+
+
+def vehicle_checks(
+    inspections: Sequence[Inspection],
+    fleet: Fleet,
+    config: Config,
+    ways_m: Callable[[int], Sequence[FloatArray]],
+    t_ns: int,
+) -> list[Check]:
+    """Judge all vehicles."""
+    return [
+        check
+        for one in inspections
+        for check in VehicleJudge(one, fleet, config, ways_m(one.vehicle), t_ns).checks()
+    ]
+
+
+def who(check: Check) -> str:
+    """Whom a check is about, in a word."""
+    return "mission" if check.vehicle is None else vehicle_name(check.vehicle)
+
+
+__all__ = ["Check", "Message", "VehicleJudge", "envelope_of", "signed_check", "vehicle_checks", "who"]

@@ -1,0 +1,120 @@
+"""A short visit to the vehicles: links open, conversations with each, links closed again.
+
+For commands that are no service: `gcs preflight` and `gcs fence`. While it lasts a heartbeat goes out each
+second, as from any ground station; nothing is sent to a vehicle that has not been heard.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable, Sequence
+from typing import Protocol
+
+from gcs.config import Config
+from gcs.edge.clock import RunClock
+from gcs.edge.links import Links
+from gcs.endpoints import Link
+from gcs.mavlink.codec import Message
+from gcs.mavlink.fleet import Fleet, FleetSettings
+from gcs.model import NS_PER_S, Datagram, Level
+
+_TICK_S = 0.05
+
+
+class Talk(Protocol):
+    """A conversation with one vehicle."""
+
+    vehicle: int
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it has ended."""
+
+    def poll(self, t_ns: int) -> list[bytes]:
+        """Let time pass; returns frames to send."""
+
+    def receive(self, message: Message, t_ns: int) -> list[bytes]:
+        """Take a message of the vehicle; returns frames to send."""
+
+
+class Visit:
+    """The links of a mission file, or one other, and the vehicles there.
+
+    Parameters
+    ----------
+    link : Link or None
+        Where to look instead, such as another ground station's or our own service's forward endpoint.
+
+    Raises
+    ------
+    LinkError
+        When an endpoint cannot be had.
+    """
+
+    def __init__(self, config: Config, also: Iterable[int] = (), link: Link | None = None) -> None:
+        vehicles = [agent.vehicle for agent in config.agents]
+        links = [one for one in config.mavlink_links if one.role == "vehicles"] if link is None else [link]
+        self.clock = RunClock()
+        self.fleet = Fleet(
+            vehicles,
+            config.local_frame,
+            FleetSettings(position_rate_hz=config.telemetry.rate_hz),
+            links=links,
+            also=also,
+        )
+        self.links = Links(links, vehicles, config.local_frame)
+        self.news: list[str] = []
+        self._talks: dict[int, Talk] = {}
+
+    async def run(
+        self,
+        talks: Sequence[Talk],
+        wait_s: float,
+        shown: Callable[[], None] = lambda: None,
+        enough: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """Talk until all have ended and it is `enough`, or for `wait_s`; `shown` is called now and then."""
+        self._talks = {talk.vehicle: talk for talk in talks}
+        loop = asyncio.get_running_loop()
+        self.links.start(loop, self)
+        end_t_ns = self.now_ns() + int(wait_s * NS_PER_S)
+        try:
+            while self.now_ns() < end_t_ns:
+                self._poll()
+                shown()
+                if all(talk.is_done for talk in talks) and enough():
+                    return
+                await asyncio.sleep(_TICK_S)
+        finally:
+            self.links.close()
+
+    def _poll(self) -> None:
+        t_ns = self.now_ns()
+        for send in self.fleet.poll(t_ns):
+            self.links.send(send.link, send.peer, send.data)
+        self.fleet.notices()
+        for vehicle, talk in self._talks.items():
+            if self.fleet.link(vehicle):
+                self._send(vehicle, talk.poll(t_ns))
+
+    def _send(self, vehicle: int, frames: Iterable[bytes]) -> None:
+        for send in self.fleet.sends(vehicle, frames):
+            self.links.send(send.link, send.peer, send.data)
+
+    # ------------------------------------------------------------ as `gcs.edge.links.Taker`
+
+    def now_ns(self) -> int:
+        """Wall time."""
+        return self.clock.now_ns()
+
+    def on_datagram(self, link: str, peer: str, data: bytes) -> None:
+        """Take what came."""
+        t_ns = self.now_ns()
+        for vehicle, message in self.fleet.receive(Datagram(t_ns, link, peer, data)):
+            talk = self._talks.get(vehicle)
+            if talk is not None:
+                self._send(vehicle, talk.receive(message, t_ns))
+
+    def on_link_news(self, link: str, level: Level, text: str) -> None:
+        """Keep what there is to say of a link."""
+        self.news.append(f"{level}: {link}: {text}")

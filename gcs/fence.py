@@ -1,0 +1,193 @@
+"""The fence and the rally points of a mission, as its file gives them.
+
+A fence is at most one area to stay in, any number of areas to stay out of, and a ceiling. Autopilots differ
+in what several areas to stay in mean (ArduPilot: be in all of them, PX4: in any), so one must do. The zones
+of the map's GeoJSON are part of it unless `fence.from_map` says otherwise.
+
+Places are in degrees here, as vehicles store them; `Fence.beyond` answers in metres of the local frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+
+from gcs.config import Config
+from gcs.errors import ConfigError
+from gcs.geo import LocalFrame
+from gcs.model import FloatArray
+
+Place: TypeAlias = tuple[float, float]
+"""Latitude and longitude in degrees."""
+
+_CORNERS = 48
+_LOOK_M = 2.0
+"""Legs are looked at this often: an area that a leg only grazes by less than this is passed over."""
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """To stay in, or to stay out of: a polygon, or a circle."""
+
+    stay_in: bool
+    corners_deg: tuple[Place, ...] = ()
+    centre_deg: Place = (0.0, 0.0)
+    radius_m: float = 0.0
+
+    def outline_m(self, frame: LocalFrame) -> list[tuple[float, float]]:
+        """Corners in east/north; a circle as a polygon round it, or within it when it is to be stayed in."""
+        if self.corners_deg:
+            return [frame.to_local(*corner) for corner in self.corners_deg]
+        (east_m, north_m), step = frame.to_local(*self.centre_deg), math.tau / _CORNERS
+        radius_m = self.radius_m if self.stay_in else self.radius_m / math.cos(0.5 * step)
+        turns = [n * step for n in range(_CORNERS)]
+        return [(east_m + radius_m * math.sin(a), north_m + radius_m * math.cos(a)) for a in turns]
+
+    def holds(self, points_m: FloatArray, frame: LocalFrame) -> np.ndarray:
+        """Which of (n, 2) east/north lie in it."""
+        if not self.corners_deg:
+            centre_m = np.array(frame.to_local(*self.centre_deg))
+            inside: np.ndarray = np.hypot(*(points_m - centre_m).T) <= self.radius_m
+            return inside
+        corners_m = np.array([frame.to_local(*corner) for corner in self.corners_deg])
+        return _is_inside(points_m, corners_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Fence:
+    """A mission's fence."""
+
+    areas: tuple[Area, ...] = ()
+    max_alt_rel_m: float = 0.0
+    """Above home; 0: no ceiling."""
+
+    def beyond(self, points_m: Sequence[Sequence[float]] | FloatArray, frame: LocalFrame) -> float:
+        """Metres of a way through (n, 2) east/north points that lie beyond it; 1 for a single such point."""
+        points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+        looks, step_m = _looks(points)
+        bad = np.zeros(len(looks), dtype=bool)
+        for area in self.areas:
+            bad |= area.holds(looks, frame) != area.stay_in
+        return float(bad.sum()) * step_m
+
+
+@dataclass(frozen=True, slots=True)
+class Rally:
+    """A place to return to instead of home."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_rel_m: int
+
+
+def fence_of(config: Config, source: str = "") -> Fence:
+    """Return the fence of a mission file.
+
+    Raises
+    ------
+    ConfigError
+        When an area is not one, when there are several to stay in, or when a rally point lies outside.
+    """
+    areas = [*(_from_map(config) if config.fence.from_map else ()), *drawn_areas(config, source)]
+    if sum(area.stay_in for area in areas) > 1:
+        raise ConfigError(
+            source,
+            "fence",
+            "there are several areas to stay in (the map's boundary is one): ArduPilot wants a vehicle in "
+            "all of them, PX4 in any of them, so draw a single one",
+        )
+    fence = Fence(tuple(areas), config.fence.max_alt_rel_m)
+    _check(fence, config, source)
+    return fence
+
+
+def drawn_areas(config: Config, source: str = "") -> list[Area]:
+    """Return the areas that the fence's own table gives.
+
+    Raises
+    ------
+    ConfigError
+        When one is given in two ways, or in none.
+    """
+    areas = []
+    for index, row in enumerate(config.fence.areas):
+        key, polygon, circle = f"fence.areas[{index}]", row.corners_deg, row.circle
+        if bool(polygon) == (circle is not None):
+            raise ConfigError(source, key, "expected either corners_deg or circle")
+        stay_in = row.kind == "inclusion"
+        if circle is not None:
+            areas.append(Area(stay_in, (), circle[:2], circle[2]))
+        else:
+            corners = _open(polygon)
+            if len(set(corners)) < 3:
+                raise ConfigError(source, f"{key}.corners_deg", "expected at least three different corners")
+            areas.append(Area(stay_in, corners))
+    return areas
+
+
+def rally_of(config: Config) -> tuple[Rally, ...]:
+    """Return the rally points of a mission file."""
+    return tuple(Rally(row.lat_deg, row.lon_deg, row.alt_rel_m) for row in config.rally)
+
+
+def _check(fence: Fence, config: Config, source: str) -> None:
+    frame = config.local_frame
+    if fence.max_alt_rel_m and fence.max_alt_rel_m <= config.mission.altitude_rel_m:
+        raise ConfigError(
+            source,
+            "fence.max_alt_rel_m",
+            f"expected more than mission.altitude_rel_m, {config.mission.altitude_rel_m:g} m",
+        )
+    for index, row in enumerate(config.rally):
+        if fence.beyond([frame.to_local(row.lat_deg, row.lon_deg)], frame):
+            raise ConfigError(source, f"rally[{index}]", "lies outside the fence: a return would breach it")
+
+
+def _from_map(config: Config) -> list[Area]:
+    """Areas of the map's GeoJSON."""
+    frame = config.local_frame
+    near = config.zones
+    areas = []
+    for polygon in near.boundary:
+        outline, *holes = polygon
+        areas.append(Area(True, _degrees(outline, frame)))
+        areas += [Area(False, _degrees(hole, frame)) for hole in holes]
+    areas += [Area(False, _degrees(polygon[0], frame)) for polygon in near.polygons]
+    areas += [Area(False, (), frame.to_geodetic(*centre), radius) for centre, radius in near.circles]
+    return areas
+
+
+def _degrees(ring: Sequence[tuple[float, float]], frame: LocalFrame) -> tuple[Place, ...]:
+    return _open([frame.to_geodetic(east, north) for east, north in ring])
+
+
+def _open(corners: Sequence[Place]) -> tuple[Place, ...]:
+    """Without the first corner repeated at the end."""
+    closed = len(corners) > 1 and math.dist(corners[0], corners[-1]) < 1e-9
+    return tuple(corners[:-1] if closed else corners)
+
+
+def _looks(points: FloatArray) -> tuple[FloatArray, float]:
+    if len(points) == 1:
+        return points, 1.0
+    legs = []
+    for start, end in pairwise(points):
+        count = max(1, math.ceil(float(np.hypot(*(end - start))) / _LOOK_M))
+        legs.append(start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start))
+    return np.concatenate(legs), _LOOK_M
+
+
+def _is_inside(points: FloatArray, corners: FloatArray) -> np.ndarray:
+    """Even-odd rule: a line eastwards crosses the outline an odd number of times."""
+    x, y = points[:, 0, None], points[:, 1, None]
+    (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = x0 + (y - y0) * (x1 - x0) / (y1 - y0)
+    between = (y0 > y) != (y1 > y)
+    odd: np.ndarray = np.count_nonzero(between & (crossing > x), axis=1) % 2 == 1
+    return odd

@@ -1,0 +1,147 @@
+"""What one vehicle says when it is asked everything that a pre-flight check must know. Sans-I/O.
+
+Messages are asked for one by one (MAV_CMD_REQUEST_MESSAGE; most are their own answer before that, since an
+autopilot streams them anyway), then the parameters, then fence and rally points: never two conversations of
+the mission protocol at a time. Nothing on the vehicle is changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.asking import Asking, Patience
+from gcs.mavlink.codec import Message
+from gcs.mavlink.commands import REQUEST_MESSAGE, command
+from gcs.mavlink.fencing import FENCE, RALLY
+from gcs.mavlink.items import Item
+from gcs.mavlink.lists import ListTask
+from gcs.mavlink.parameters import ParameterReading, is_bytewise
+from gcs.mavlink.profiles import Envelope, Profile, profile_of
+
+_ASKED: Final = {
+    "AUTOPILOT_VERSION": dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
+    "GPS_RAW_INT": dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+    "SYS_STATUS": dialect.MAVLINK_MSG_ID_SYS_STATUS,
+    "SYSTEM_TIME": dialect.MAVLINK_MSG_ID_SYSTEM_TIME,
+    "HOME_POSITION": dialect.MAVLINK_MSG_ID_HOME_POSITION,
+}
+_ESTIMATORS: Final = {
+    dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ("EKF_STATUS_REPORT", dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT),
+    dialect.MAV_AUTOPILOT_PX4: ("ESTIMATOR_STATUS", dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS),
+}
+NEEDED_IDS: Final = frozenset(
+    {
+        *_ASKED.values(),
+        *(number for _, number in _ESTIMATORS.values()),
+        dialect.MAVLINK_MSG_ID_PARAM_VALUE,
+    }
+)
+"""Messages that `Fleet` must give beside its own."""
+
+_PATIENCE: Final = Patience(wait_s=0.7, wait_max_s=2.0, tries=6)
+
+
+class Inspection:
+    """One vehicle's.
+
+    Attributes
+    ----------
+    messages : dict of str to (int, Message)
+        When the newest message of each type came, and what it says.
+    profile : Profile or None
+        Of its firmware, known from its first heartbeat.
+    values : dict of str to float
+        Parameters that were answered.
+    fence, rally : tuple of Item or None
+        What it holds; None when it did not say.
+    """
+
+    def __init__(self, vehicle: int, envelope: Envelope, encode: Callable[[Message], bytes]) -> None:
+        self.vehicle = vehicle
+        self.messages: dict[str, tuple[int, Message]] = {}
+        self.profile: Profile | None = None
+        self.values: dict[str, float] = {}
+        self.held: dict[int, tuple[Item, ...] | None] = {}
+        self._envelope, self._encode = envelope, encode
+        self._asking: dict[str, Asking] | None = None
+        self._reading: ParameterReading | None = None
+        self._list: ListTask | None = None
+
+    @property
+    def is_done(self) -> bool:
+        """Whether all has been asked, and answered or given up."""
+        if self._asking is None:
+            return False
+        return self.profile is None or (self._reading is not None and RALLY in self.held)
+
+    @property
+    def stage(self) -> str:
+        """What it is about, for people who wait."""
+        if self._asking is None:
+            return "not heard yet"
+        if self._reading is None:
+            return "state"
+        return "done" if self.is_done else "fence and rally" if self._reading.is_done else "parameters"
+
+    def poll(self, t_ns: int) -> list[bytes]:
+        """Let time pass; returns the frames to send, none before the vehicle has been heard."""
+        if self._asking is None or self.is_done:
+            return []
+        waiting = {name: a for name, a in self._asking.items() if not a.unanswered(t_ns)}
+        self._asking = waiting
+        if waiting:
+            return [self._encode(a.question) for a in waiting.values() if a.due(t_ns)]
+        if self.profile is None:
+            return []
+        if self._reading is None:
+            self._reading = ParameterReading(self.vehicle, self._names(), self._is_bytewise(), self._encode)
+        if not self._reading.is_done:
+            return self._reading.poll(t_ns)
+        self.values = self._reading.values
+        if self._list is None or self._list.result is not None:
+            kind = FENCE if FENCE not in self.held else RALLY
+            self._list = ListTask(self.vehicle, kind, None, self._encode, t_ns)
+        return self._listed(self._list.poll(t_ns))
+
+    def receive(self, message: Message, t_ns: int) -> list[bytes]:
+        """Take a message of the vehicle; returns the frames to send."""
+        name = message.get_type()
+        self.messages[name] = (t_ns, message)
+        if name == "HEARTBEAT" and self._asking is None:
+            self._begin(message, t_ns)
+        if self._asking is not None:
+            self._asking.pop(name, None)
+        if self._reading is not None:
+            self._reading.receive(message)
+        return [] if self._list is None else self._listed(self._list.receive(message, t_ns))
+
+    def _begin(self, heartbeat: Message, t_ns: int) -> None:
+        self.profile = profile_of(heartbeat.autopilot, heartbeat.type)
+        asked = dict(_ASKED)
+        if heartbeat.autopilot in _ESTIMATORS:
+            asked.update([_ESTIMATORS[heartbeat.autopilot]])
+        self._asking = {
+            name: Asking(command(self.vehicle, REQUEST_MESSAGE, number), _PATIENCE, t_ns)
+            for name, number in asked.items()
+            if name not in self.messages
+        }
+
+    def _listed(self, frames: list[bytes]) -> list[bytes]:
+        task = self._list
+        if task is not None and task.result is not None and task.mission_type not in self.held:
+            self.held[task.mission_type] = task.result.held
+        return frames
+
+    def _names(self) -> Iterable[str]:
+        assert self.profile is not None
+        for wish in (*self.profile.parameters, *self.profile.fits(self._envelope)):
+            yield from wish.all_names
+        yield from self.profile.fence_parameters
+
+    def _is_bytewise(self) -> bool:
+        assert self.profile is not None
+        version = self.messages.get("AUTOPILOT_VERSION")
+        return is_bytewise(self.profile.autopilot, None if version is None else version[1].capabilities)
