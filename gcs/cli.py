@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.commands.keys import app as keys_app
+from gcs.commands.fence import app as fence_app
 from gcs.commands.order import app as order_app
 from gcs.errors import GcsError, InterruptedRunError
 
@@ -36,6 +37,7 @@ app = typer.Typer(
 
 app.add_typer(order_app, name="order")
 app.add_typer(keys_app, name="keys")
+app.add_typer(fence_app, name="fence")
 
 
 def _complete(incomplete: str) -> list[str]:
@@ -265,6 +267,34 @@ def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
 
     with _errors_shown():
         describe(config, seed, Console())
+
+
+@app.command()
+def preflight(
+    config: ConfigArgument,
+    wait: Annotated[
+        float, typer.Option(min=1.0, help="Seconds until who has not answered counts as not there.")
+    ] = 30.0,
+    link: Annotated[
+        str | None,
+        typer.Option(help="Where the vehicles are, such as udpin:0.0.0.0:14560.  [default: links.mavlink]"),
+    ] = None,
+    sensors: Annotated[bool, typer.Option(help="Wait for scans on zenoh as well.")] = True,
+    brief: Annotated[bool, typer.Option("--brief", help="Show only what is not ok.")] = False,
+    seed: SeedOption = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Ask every vehicle what matters before a flight; refuse with reasons. Nothing on a vehicle is changed.
+
+    Exit code 0: nothing is refused; 1: do not fly; 2: a mistake in the mission file.
+    """
+    from gcs.commands.preflight import PreflightOptions
+    from gcs.commands.preflight import preflight as check_all
+
+    options = PreflightOptions(config, seed, wait, link, sensors, brief, as_json)
+    with _errors_shown():
+        ok = check_all(options, Console(stderr=as_json))
+    raise typer.Exit(0 if ok else 1)
 
 
 @app.command()

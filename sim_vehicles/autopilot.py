@@ -11,7 +11,7 @@ What it shares with ArduPlane, because ground stations trip over it:
 - Arming is refused for a while after boot, and while a pre-arm check fails.
 
 What it leaves out: stick input (MANUAL, FBWA and their like hold heading and altitude), glide slopes between
-items, fences (stored, not enforced), and any item but waypoint, unlimited loiter, take-off, landing and
+items, and any item but waypoint, unlimited loiter, take-off, landing and
 return.
 
 Positions are local east/north metres; altitudes are metres above the local frame's origin.
@@ -27,6 +27,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
 from sim_vehicles.airframe import Airframe
+from sim_vehicles.fence import FenceGuard
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.guidance import Circle, Goal, Straight, ToPoint
 from sim_vehicles.missions import MISSION, Item, MissionStore
@@ -34,6 +35,7 @@ from sim_vehicles.parameters import Parameters
 from sim_vehicles.personality import ARDUPLANE, Mode, Personality
 
 _CHECK_NS = NS_PER_S // 10
+_FENCE_RTL = 1
 _GLIDE_SLOPE = 0.1
 _TOUCHDOWN_M = 0.5
 _ALT_REACHED_M = 1.0
@@ -111,6 +113,8 @@ class Autopilot:
         self.personality = personality
         self._first = personality.home_items
         self.mission = MissionStore(MISSION, self.mission_home if self._first else None)
+        self.fence = FenceGuard(parameters, geodesy)
+        self._breached = False
         self.notices: deque[StatusText | ItemReached] = deque()
         self.home = Home(airframe.east_m, airframe.north_m, 0.0)
         self.mode = Mode.MANUAL
@@ -246,6 +250,7 @@ class Autopilot:
         if t_ns >= self._check_ns:
             self._check_ns = t_ns + _CHECK_NS
             self._check_failsafe(t_ns)
+            self._check_fence()
         airframe = self.airframe
         if not self.flying:
             if not (self.armed and self.mode in _LAUNCHING):
@@ -366,6 +371,10 @@ class Autopilot:
     def _return(self) -> None:
         altitude_m = self.parameters["RTL_ALTITUDE"]
         radius_m = self.parameters["RTL_RADIUS"] or self.parameters["WP_LOITER_RAD"]
+        rally = self.fence.returns_to((self.airframe.east_m, self.airframe.north_m))
+        if rally is not None:
+            self._fly(Circle(rally[0], rally[1], radius_m), self.home.alt_m + rally[2])
+            return
         self._fly(
             Circle(self.home.east_m, self.home.north_m, radius_m),
             self.airframe.alt_rel_m if altitude_m < 0.0 else self.home.alt_m + altitude_m,
@@ -392,6 +401,19 @@ class Autopilot:
         )
         if not keeps_on:
             self.set_mode(Mode.RTL)
+
+    def _check_fence(self) -> None:
+        if not self.flying or int(self.parameters["FENCE_ACTION"]) != _FENCE_RTL:
+            return
+        airframe, home = self.airframe, self.home
+        place, home_m = (airframe.east_m, airframe.north_m), (home.east_m, home.north_m)
+        kind = self.fence.breach(place, home_m, airframe.alt_rel_m - home.alt_m)
+        if kind and not self._breached:
+            self._tell(mavlink.MAV_SEVERITY_WARNING, f"{kind} fence breached")
+            self.set_mode(Mode.RTL)
+        elif self._breached and not kind:
+            self._tell(mavlink.MAV_SEVERITY_INFO, "Fence breach cleared")
+        self._breached = bool(kind)
 
     def _tell(self, severity: int, text: str) -> None:
         self.notices.append(StatusText(severity, text))

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from gcs.mavlink.parameters import carried, value_of
 from sim_vehicles.autopilot import Autopilot, ItemReached
 from sim_vehicles.commands import Commands
 from sim_vehicles.frames import FrameReader, Outbox
-from sim_vehicles.missions import FENCE, MISSION, NEVER_NS, RALLY, MissionServer, MissionStore
+from sim_vehicles.missions import MISSION, NEVER_NS, MissionServer
 from sim_vehicles.personality import PX4, Mode
 from sim_vehicles.px4_missions import Px4MissionServer
 from sim_vehicles.signing import Signing
@@ -215,15 +216,18 @@ class VehicleLink:
         parameters = self._autopilot.parameters
         name = message.param_id
         if name in parameters:
-            parameters.request(name, message.param_value)
+            value = message.param_value
+            if self._autopilot.personality is PX4:
+                value = value_of(message, bytewise=True)
+            parameters.request(name, value)
             self._send_parameter(name, parameters.index(name))
 
     def _send_parameter(self, name: str, index: int) -> None:
         parameters = self._autopilot.parameters
+        kind = int(parameters.kind(name))
+        value = carried(parameters[name], kind, bytewise=self._autopilot.personality is PX4)
         self.outbox.send(
-            mavlink.MAVLink_param_value_message(
-                name.encode("ascii"), parameters[name], int(parameters.kind(name)), len(parameters), index
-            )
+            mavlink.MAVLink_param_value_message(name.encode("ascii"), value, kind, len(parameters), index)
         )
 
     def _data_stream(self, message: Any, t_ns: int) -> None:
@@ -261,7 +265,7 @@ class VehicleLink:
 
 
 def _mission_server(autopilot: Autopilot, send: Callable[[Any], None]) -> MissionServer:
-    stores = {MISSION: autopilot.mission, FENCE: MissionStore(FENCE), RALLY: MissionStore(RALLY)}
+    stores = {MISSION: autopilot.mission, **autopilot.fence.stores}
     cleared = autopilot.mission_cleared
     if autopilot.personality is PX4:
         return Px4MissionServer(stores, send, cleared, lambda: autopilot.seq, autopilot.mission_replaced)

@@ -104,6 +104,23 @@ _TABLE: tuple[tuple[str, Kind, float], ...] = (
     ("STAT_BOOTCNT", Kind.INT16, 1),
     ("Q_ENABLE", Kind.INT8, 0),
 )
+_PX4_TABLE: tuple[tuple[str, Kind, float], ...] = (
+    ("MAV_SYS_ID", Kind.INT32, 1),
+    ("MIS_TKO_LAND_REQ", Kind.INT32, 0),
+    ("NAV_DLL_ACT", Kind.INT32, 0),
+    ("NAV_RCL_ACT", Kind.INT32, 2),
+    ("COM_DL_LOSS_T", Kind.INT32, 10),
+    ("RTL_RETURN_ALT", Kind.REAL32, 60),
+    ("GF_ACTION", Kind.INT32, 2),
+    ("GF_MAX_HOR_DIST", Kind.REAL32, 0),
+    ("GF_MAX_VER_DIST", Kind.REAL32, 0),
+    ("FW_LND_ANG", Kind.REAL32, 5),
+    ("FW_R_LIM", Kind.REAL32, 50),
+    ("FW_AIRSPD_TRIM", Kind.REAL32, 15),
+    ("NAV_ACC_RAD", Kind.REAL32, 10),
+    ("NAV_LOITER_RAD", Kind.REAL32, 80),
+)
+"""What a vehicle that plays PX4 has beside them: to be listed, read, set and read back. None is used."""
 _READ_ONLY = frozenset({"FORMAT_VERSION", "SYSID_THISMAV", "MIS_TOTAL", "FENCE_TOTAL", "RALLY_TOTAL"})
 
 
@@ -114,9 +131,10 @@ def _as_float32(value: float) -> float:
 class Parameters:
     """Named values in a fixed order; each is one that its type, and a float32 on the wire, can hold."""
 
-    def __init__(self, **values: float) -> None:
-        self._kinds = {name: kind for name, kind, _ in _TABLE}
-        self._values = {name: _as_float32(default) for name, _, default in _TABLE}
+    def __init__(self, px4: bool = False, **values: float) -> None:
+        table = _TABLE + _PX4_TABLE if px4 else _TABLE
+        self._kinds = {name: kind for name, kind, _ in table}
+        self._values = {name: _as_float32(default) for name, _, default in table}
         self._names = tuple(self._values)
         for name, value in values.items():
             self.store(name, value)

@@ -28,6 +28,7 @@ from gcs.config import (
 )
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
+from sim_vehicles.parameters import Parameters
 
 
 class SensorTable(Table, frozen=True, kw_only=True):
@@ -107,6 +108,7 @@ class Simulation(Table, frozen=True, kw_only=True):
     forward_speed_m_s: Positive
     gps_noise_std_m: NotNegative = 1.0
     px4: list[SystemId] = []
+    parameters: dict[str, float] = {}
     sensor: SensorTable = SensorTable()
     more_sensors: list[SensorTable] = []
     death: DeathTable = DeathTable()
@@ -173,6 +175,10 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
                 f"simulation.death.prescribed[{index}].system_id",
                 f"{death.system_id} is none of the agents",
             )
+    known_names = Parameters(px4=True)
+    for name in simulation.parameters:
+        if name not in known_names:
+            raise ConfigError(source, f"simulation.parameters.{name}", "no simulated vehicle has it")
     _check_sensors(simulation, source)
     width_m, height_m = config.map.width_m, config.map.height_m
     for index, target in enumerate(simulation.targets):

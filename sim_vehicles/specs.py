@@ -26,6 +26,7 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
             death_check_period_s=simulation.death.check_period_s,
             dies_at_s=dies_at_s.get(agent.system_id),
             seed=seed,
+            parameters=simulation.parameters,
             gps_noise_std_m=simulation.gps_noise_std_m,
             key_file=str(scenario.config.links.key_file(scenario.source) or ""),
             wind_east_m_s=simulation.wind.east_m_s,

@@ -21,7 +21,7 @@ from gcs.model import NS_PER_S
 from sim_vehicles.autopilot import Autopilot
 from sim_vehicles.guidance import Circle, ToPoint
 from sim_vehicles.missions import NEVER_NS
-from sim_vehicles.personality import Mode
+from sim_vehicles.personality import PX4, Mode
 
 _MIN_PERIOD_NS = NS_PER_S // 50
 _NO_ORIGIN_E7 = (1000, -300)
@@ -83,6 +83,7 @@ class Telemetry:
             mavlink.MAVLINK_MSG_ID_VFR_HUD: self.vfr_hud,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self.battery_status,
             mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.ekf_status_report,
+            mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self.estimator_status,
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.extended_sys_state,
             mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self.autopilot_version,
             mavlink.MAVLINK_MSG_ID_HOME_POSITION: self.home_position,
@@ -241,6 +242,13 @@ class Telemetry:
         flags = _EKF_READY if self._autopilot.is_position_known(t_ns) else mavlink.EKF_ATTITUDE
         return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, 0.05, 0.0)
 
+    def estimator_status(self, t_ns: int) -> Any:
+        """As PX4 says the same."""
+        ready = self._autopilot.is_position_known(t_ns)
+        flags = (_EKF_READY if ready else 0) | mavlink.ESTIMATOR_ATTITUDE
+        ratios = [0.05] * 6
+        return mavlink.MAVLink_estimator_status_message(t_ns // 1000, flags, *ratios, 1.0, 1.0)
+
     def extended_sys_state(self, _t_ns: int) -> Any:
         """On the ground or in the air."""
         in_air = self._autopilot.flying
@@ -248,10 +256,9 @@ class Telemetry:
         return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
 
     def autopilot_version(self, _t_ns: int) -> Any:
-        """Capabilities and version, as ArduPlane 4.6.0 gives them (no FTP)."""
+        """Capabilities and version, as ArduPlane 4.6.0 and PX4 1.15.0 give them (no FTP)."""
         capabilities = (
             mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
-            | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
             | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
             | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
             | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
@@ -259,7 +266,13 @@ class Telemetry:
             | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
             | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
         )
-        version = 4 << 24 | 6 << 16 | 0 << 8 | mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL
+        capabilities |= (
+            mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+            if self._autopilot.personality is PX4
+            else mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+        )
+        major, minor = (1, 15) if self._autopilot.personality is PX4 else (4, 6)
+        version = major << 24 | minor << 16 | mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL
         system_id = int(self._autopilot.parameters["SYSID_THISMAV"])
         return mavlink.MAVLink_autopilot_version_message(
             capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, system_id

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,8 @@ class VehicleSpec:
     """How long after a start on the ground arming is refused."""
     key_file: str = ""
     """Of signing keys, in which a process finds this vehicle's; empty for none."""
+    parameters: dict[str, float] = field(default_factory=dict)
+    """Values other than the defaults."""
 
     def to_json(self) -> str:
         """One line of JSON."""
@@ -110,11 +112,15 @@ class SimVehicle:
             spec.forward_speed_m_s if spec.airborne else 0.0,
         )
         parameters = Parameters(
+            px4=spec.autopilot == "px4",
             SYSID_THISMAV=spec.system_id,
             WP_RADIUS=spec.accept_radius_m,
             AIRSPEED_CRUISE=spec.forward_speed_m_s,
             ARMING_DELAY_S=spec.arming_delay_s,
         )
+        for name in parameters:
+            if name in spec.parameters:
+                parameters.store(name, spec.parameters[name])
         self.geodesy = Geodesy(frame)
         self.autopilot = Autopilot(
             self.airframe,

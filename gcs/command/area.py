@@ -1,4 +1,4 @@
-"""The obstacle map of a mission: what its file, a GeoJSON and the fence say, and what a seed adds at random."""
+"""The obstacle map of a mission: what file, GeoJSON and fence say, and what a seed adds at random."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ the mission protocol at a time. Nothing on the vehicle is changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -135,11 +135,12 @@ class Inspection:
             self.held[task.mission_type] = task.result.held
         return frames
 
-    def _names(self) -> Iterable[str]:
+    def _names(self) -> Iterator[tuple[str, ...]]:
         assert self.profile is not None
         for wish in (*self.profile.parameters, *self.profile.fits(self._envelope)):
-            yield from wish.all_names
-        yield from self.profile.fence_parameters
+            yield wish.all_names
+        known = {n for w in self.profile.parameters for n in w.all_names}
+        yield from ((name,) for name in self.profile.fence_parameters if name not in known)
 
     def _is_bytewise(self) -> bool:
         assert self.profile is not None

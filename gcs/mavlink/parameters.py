@@ -30,6 +30,7 @@ _FORMATS: Final = {
     dialect.MAV_PARAM_TYPE_UINT32: "<I",
     dialect.MAV_PARAM_TYPE_INT32: "<i",
 }
+_MAGIC_V2, _HEADER_V1, _HEADER_V2 = 0xFD, 6, 10
 _BYTEWISE: Final[int] = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
 _C_CAST: Final[int] = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
 
@@ -47,7 +48,9 @@ def value_of(message: Message, bytewise: bool) -> float:
     if form is None or not bytewise:
         return float(message.param_value)
     # From the bytes as they came: a float in between may change those of a NaN.
-    return float(struct.unpack(form, bytes(message.get_payload()[:4]))[0])
+    frame = bytes(message.get_msgbuf())
+    at = _HEADER_V2 if frame[0] == _MAGIC_V2 else _HEADER_V1
+    return float(struct.unpack_from(form, frame, at)[0])
 
 
 def carried(value: float, param_type: int, bytewise: bool) -> float:
@@ -61,6 +64,12 @@ def carried(value: float, param_type: int, bytewise: bool) -> float:
 class ParameterReading:
     """Reads named parameters of one vehicle, a few at a time.
 
+    Parameters
+    ----------
+    names : iterable of tuple of str
+        Names; of those in one tuple (what a parameter is called by newer and older firmware) one answer is
+        enough.
+
     Attributes
     ----------
     values : dict of str to float
@@ -70,13 +79,18 @@ class ParameterReading:
     """
 
     def __init__(
-        self, vehicle: int, names: Iterable[str], bytewise: bool, encode: Callable[[Message], bytes]
+        self,
+        vehicle: int,
+        names: Iterable[tuple[str, ...]],
+        bytewise: bool,
+        encode: Callable[[Message], bytes],
     ) -> None:
         self.values: dict[str, float] = {}
         self.types: dict[str, int] = {}
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
         self._bytewise, self._encode = bytewise, encode
-        self._waiting = list(dict.fromkeys(names))
+        self._same = {name: same for same in names for name in same}
+        self._waiting = list(self._same)
         self._asked: dict[str, Asking] = {}
 
     @property
@@ -104,6 +118,10 @@ class ParameterReading:
         name = str(message.param_id)
         if name in self._asked or name in self.values:
             self._asked.pop(name, None)
+            for other in self._same[name]:
+                if other != name:
+                    self._asked.pop(other, None)
+                    self._waiting = [waiting for waiting in self._waiting if waiting != other]
             self.values[name] = value_of(message, self._bytewise)
             self.types[name] = message.param_type
 
@@ -120,7 +138,7 @@ class ParameterSetting:
         self.outcome: tuple[bool, str] | None = None
         self._name, self._value, self._bytewise, self._encode = name, value, bytewise, encode
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
-        self._reading = ParameterReading(vehicle, [name], bytewise, encode)
+        self._reading = ParameterReading(vehicle, [(name,)], bytewise, encode)
         self._asking: Asking | None = None
 
     def poll(self, t_ns: int) -> list[bytes]:

@@ -1,12 +1,12 @@
 """A day's worth of flight on virtual time, and whether anything grows meanwhile.
 
-``python tests/bench/soak.py [--hours 6] [--loss 0.05] [--seed 1]`` prints a table: resident memory and the size
-of every table that the service keeps, after a warm-up and at the end.
+``python tests/bench/soak.py [--hours 6] [--loss 0.05] [--seed 1]`` prints a table: resident memory and the
+size of every table that the service keeps, after a warm-up and at the end.
 
 One service serves all the time. Its mission never ends: no agent gets near enough to a target for an arrival,
 so that each look at a moving target makes new routes. Meanwhile agents die and are replaced a while later,
-living ones reboot in the air, targets vanish and others appear, datagrams are lost each way, an operator holds
-and resumes and closes and opens an area, a recorder and a journal write.
+living ones reboot in the air, targets vanish and others appear, datagrams are lost each way, an operator
+holds and resumes and closes and opens an area, a recorder and a journal write.
 """
 
 import argparse
@@ -44,6 +44,7 @@ SETTINGS = (
 WARM_UP_S = 1800.0
 STEP_S = 20.0
 GONE_S = (20.0, 120.0)
+MOST_GONE = 2  # when nobody flies any more, the mission ends
 REBOOTS_PER_H, TARGETS_PER_H, ORDERS_PER_H = 6.0, 20.0, 30.0
 LEAF = (
     str,
@@ -130,7 +131,9 @@ class Soak:
         """Fly on, with everything that happens on the way."""
         while self.now_s < to_s:
             self.run.run(min(self.now_s + STEP_S, to_s))
-            assert not self.run.ended
+            if self.run.ended:
+                fates = {v: fate.fate for v, fate in self.command.fates.by_vehicle.items()}
+                raise SystemExit(f"the mission ended after {self.now_s:.0f} s: {fates}")
             self._replace_the_dead()
             for per_h, happens in (
                 (REBOOTS_PER_H, self._reboot),
@@ -158,7 +161,7 @@ class Soak:
             if peer not in self._gone_until:
                 self.counts["deaths"] += 1
                 self._gone_until[peer] = self.now_s + self._rng.uniform(*GONE_S)
-            elif self.now_s >= self._gone_until[peer]:
+            elif self.now_s >= self._gone_until[peer] or len(self._gone_until) > MOST_GONE:
                 del self._gone_until[peer]
                 self._start(peer, vehicle, vehicle.spec.east_m, vehicle.spec.north_m)
 

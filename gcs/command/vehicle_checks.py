@@ -1,31 +1,24 @@
-"""What stands against a flight: every vehicle's answers and the mission itself, judged. Pure.
-
-A check is "ok", "warning" (somebody should know) or "refused" (do not fly). Nothing here asks or changes
-anything: `gcs.mavlink.inspection` asked.
-"""
+"""What stands against a flight of each vehicle: its answers to `gcs.mavlink.inspection`, judged. Pure."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.command.checks import Check, Level
 from gcs.config import Config
 from gcs.fence import Fence, fence_of, rally_of
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Message
 from gcs.mavlink.fencing import FENCE, RALLY, fence_held, fence_items, list_difference, rally_items
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.inspection import Inspection
 from gcs.mavlink.profiles import Envelope, FenceLimits, ParameterWish, mode_name
 from gcs.mavlink.vehicle import Health
-from gcs.model import NS_PER_S, FloatArray, vehicle_name
-
-Level: TypeAlias = Literal["ok", "warning", "refused"]
+from gcs.model import NS_PER_S, FloatArray
 
 _TASKABLE: Final = ("AUTO", "LOITER")
 _MIN_BATTERY: Final = (25, 50)
@@ -35,6 +28,7 @@ _HOME_M: Final = 50.0
 """A home farther than this from a vehicle on the ground is not where it stands."""
 _MARGIN_M: Final = 10.0
 _MIN_SATELLITES: Final = 8
+_NO_BOUND: Final = 2**24
 _SENSORS: Final = {
     dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
     dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL: "accelerometer",
@@ -53,20 +47,6 @@ _POSITION_OF: Final = {
     "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,
     "ESTIMATOR_STATUS": dialect.ESTIMATOR_POS_HORIZ_ABS,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One row of the table."""
-
-    vehicle: int | None
-    """None: about the mission."""
-    name: str
-    level: Level
-    value: str
-    wanted: str = ""
-    remedy: str = ""
-    """What to do, when it is not ok."""
 
 
 def envelope_of(config: Config) -> Envelope:
@@ -144,7 +124,9 @@ class VehicleJudge:
                 "it would be tracked, never tasked",
             )
         if version is None:
-            return self._row("firmware", "warning", profile.name, "a version", "AUTOPILOT_VERSION is not given")
+            return self._row(
+                "firmware", "warning", profile.name, "a version", "AUTOPILOT_VERSION is not given"
+            )
         numbers = ".".join(str(version.flight_sw_version >> shift & 0xFF) for shift in (24, 16, 8))
         return self._row("firmware", "ok", f"{profile.name} {numbers}")
 
@@ -157,7 +139,9 @@ class VehicleJudge:
         name = str(gps.fix_type) if entry is None else entry.name.removeprefix("GPS_FIX_TYPE_")
         few = gps.satellites_visible < _MIN_SATELLITES
         level: Level = "refused" if gps.fix_type < dialect.GPS_FIX_TYPE_3D_FIX else "warning" if few else "ok"
-        return self._row("GPS", level, name + count, f"3D fix, {_MIN_SATELLITES} satellites", "wait, under open sky")
+        return self._row(
+            "GPS", level, name + count, f"3D fix, {_MIN_SATELLITES} satellites", "wait, under open sky"
+        )
 
     def _position(self) -> Check:
         if self._state is None:
@@ -189,7 +173,11 @@ class VehicleJudge:
             away_m = math.hypot(state.east_m - east_m, state.north_m - north_m)
             if away_m > _HOME_M:
                 return self._row(
-                    "home", "refused", f"{text}: {away_m:.0f} m away", f"within {_HOME_M:.0f} m", "set home anew"
+                    "home",
+                    "refused",
+                    f"{text}: {away_m:.0f} m away",
+                    f"within {_HOME_M:.0f} m",
+                    "set home anew",
                 )
         return self._row("home", "ok", text)
 
@@ -239,7 +227,9 @@ class VehicleJudge:
 
     def _clock(self) -> Check:
         if "SYSTEM_TIME" not in self._messages or not self._messages["SYSTEM_TIME"].time_unix_usec:
-            return self._row("clock", "warning", "not known to it", "GPS time", "its logs and signing lack the time")
+            return self._row(
+                "clock", "warning", "not known to it", "GPS time", "its logs and signing lack the time"
+            )
         came_t_ns, message = self._seen.messages["SYSTEM_TIME"]
         off_s = (message.time_unix_usec * 1000 - came_t_ns) / NS_PER_S
         return self._row(
@@ -300,7 +290,9 @@ class VehicleJudge:
         items = fence_items(wanted)
         text = "not told" if held is None else f"{len(held)} items" if held else "none"
         if held is None:
-            return self._row("fence", "warning" if not items else "refused", text, "", "it does not give its fence")
+            return self._row(
+                "fence", "warning" if not items else "refused", text, "", "it does not give its fence"
+            )
         if not items:
             return self._row("fence", "ok", text, "none in the mission file")
         if not list_difference(FENCE, items, self._seen.held[FENCE] or ()):
@@ -318,8 +310,8 @@ class VehicleJudge:
         yield self._row(
             "rally",
             "ok" if same else "refused" if items else "warning",
-            f"{len(held)} points" + ("" if same else ", others"),
-            f"{len(items)} points",
+            f"{len(held)} points" + ("" if same or not held else ", others"),
+            f"{len(items)} points" if items else "none",
             "gcs fence upload",
         )
 
@@ -330,7 +322,7 @@ class VehicleJudge:
             return ""
         ceiling_m, altitude_m = limits.max_alt_rel_m, config.mission.altitude_rel_m
         if ceiling_m is not None and ceiling_m < altitude_m + _MARGIN_M:
-            return f"ceiling at {ceiling_m:g} m, missions at {altitude_m:g} m"
+            return f"ceiling at {ceiling_m:g} m, missions at {altitude_m:g} m: less than {_MARGIN_M:g} m"
         if limits.max_radius_m is not None and (far_m := self._farthest_m(frame)) > limits.max_radius_m:
             return f"{far_m:.0f} m from home, the fence ends at {limits.max_radius_m:g} m"
         if limits.polygons and held is not None:
@@ -349,16 +341,9 @@ class VehicleJudge:
 
 def _range(wish: ParameterWish) -> str:
     low, high = f"{wish.low:.6g}", f"{wish.high:.6g}"
+    if wish.high >= _NO_BOUND:
+        return f"{low} and above"
     return low if low == high else f"{low} ... {high}"
-
-
-def signed_check(vehicle: int, counts: tuple[int, int] | None, wanted: bool) -> Check:
-    """Judge whether a vehicle's frames are signed: counts are (signed, all) frames."""
-    signed, everything = counts or (0, 0)
-    is_signed = everything > 0 and signed == everything
-    level: Level = "ok" if is_signed or not wanted else "refused"
-    value = "signed" if is_signed else "not signed" if not signed else f"{signed} of {everything} frames"
-    return Check(vehicle, "signing", level, value, "signed" if wanted else "", "" if level == "ok" else "gcs keys")
 
 
 def vehicle_checks(
@@ -374,11 +359,3 @@ def vehicle_checks(
         for one in inspections
         for check in VehicleJudge(one, fleet, config, ways_m(one.vehicle), t_ns).checks()
     ]
-
-
-def who(check: Check) -> str:
-    """Whom a check is about, in a word."""
-    return "mission" if check.vehicle is None else vehicle_name(check.vehicle)
-
-
-__all__ = ["Check", "Message", "VehicleJudge", "envelope_of", "signed_check", "vehicle_checks", "who"]

@@ -1,0 +1,141 @@
+"""What stands against a flight of the mission itself: its map, its routes, its fence, its sensors. Pure."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.command.area import mission_grid
+from gcs.command.checks import Check, Level
+from gcs.command.replanning import plan_options
+from gcs.config import Config
+from gcs.fence import fence_of
+from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
+from gcs.planning.routes import AgentStart, PlanResult, plan_routes
+
+_MAX_CLOCK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """Routes as they would be planned now, to the places where targets may appear."""
+
+    plan: PlanResult
+    ways_m: Mapping[int, tuple[FloatArray, ...]]
+    """(n, 2) east/north of each vehicle's route, from where it is."""
+
+
+def rehearse(config: Config, seed: int, places_m: Mapping[int, tuple[float, float]]) -> Rehearsal:
+    """Plan from where vehicles are; who has not told begins where the mission file says."""
+    starts = {
+        agent.vehicle: places_m.get(agent.vehicle, (agent.east_m, agent.north_m)) for agent in config.agents
+    }
+    targets: dict[Label, tuple[float, float]] = {
+        (0, index): (birth.east_m, birth.north_m) for index, birth in enumerate(config.births)
+    }
+    if not targets:  # they may appear anywhere: to the middle, then
+        area = config.map
+        targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
+    agents = {vehicle: AgentStart(*place) for vehicle, place in starts.items()}
+    plan = plan_routes(mission_grid(config, seed), agents, targets, {}, plan_options(config))
+    ways = {
+        route.vehicle: (np.concatenate(([starts[route.vehicle]], route.points_m)),) for route in plan.routes
+    }
+    return Rehearsal(plan, ways)
+
+
+def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
+    """Judge the mission file, with routes from where the vehicles are.
+
+    Raises
+    ------
+    ConfigError
+        When the fence makes no sense.
+    """
+    return [_routes(rehearsal.plan), _separation(config, rehearsal), _fence(config, rehearsal)]
+
+
+def _routes(plan: PlanResult) -> Check:
+    stuck = plan.unassigned_vehicles if plan.unassigned_targets else ()
+    longest_m = max((route.length_m for route in plan.routes), default=0.0)
+    value = f"{len(plan.routes)} routes, the longest {longest_m:.0f} m"
+    if stuck or not plan.routes:
+        names = ", ".join(map(vehicle_name, stuck)) or "any vehicle"
+        return Check(None, "routes", "refused", f"no way for {names}", "a way for all", "; ".join(plan.notes))
+    level: Level = "warning" if plan.notes else "ok"
+    return Check(None, "routes", level, value, "", "; ".join(plan.notes))
+
+
+def _separation(config: Config, rehearsal: Rehearsal) -> Check:
+    """All fly at one height: say whose routes meet."""
+    met = [
+        f"{vehicle_name(a)} and {vehicle_name(b)}"
+        for a, b in itertools.combinations(sorted(rehearsal.ways_m), 2)
+        if _cross(rehearsal.ways_m[a][0], rehearsal.ways_m[b][0])
+    ]
+    altitude = f"all at {config.mission.altitude_rel_m:g} m"
+    if not met:
+        return Check(None, "separation", "ok", f"{altitude}; no routes cross")
+    text = f"{altitude}; the routes of {', '.join(met)} cross"
+    return Check(
+        None, "separation", "warning", text, "", "nothing keeps them apart where they do: watch them"
+    )
+
+
+def _fence(config: Config, rehearsal: Rehearsal) -> Check:
+    fence, frame = fence_of(config, config.name), config.local_frame
+    if not fence.areas:
+        level: Level = "ok" if fence.max_alt_rel_m else "warning"
+        return Check(None, "fence", level, "no areas in the mission file", "[fence]", "docs/preflight.md")
+    beyond_m = {v: max(fence.beyond(way, frame) for way in ways) for v, ways in rehearsal.ways_m.items()}
+    leaving = [f"{vehicle_name(v)}: {metres:.0f} m" for v, metres in sorted(beyond_m.items()) if metres]
+    if leaving:
+        text = f"beyond the fence: {', '.join(leaving)}"
+        return Check(None, "fence", "refused", text, "within", "move the starts, or draw it wider")
+    return Check(None, "fence", "ok", f"{len(fence.areas)} areas, routes within")
+
+
+def sensor_checks(scans: Sequence[Scan], problems: Iterable[str], waited_s: float) -> list[Check]:
+    """Judge the scans that came in `waited_s` seconds: central command is blind without."""
+    rows = [Check(None, "scans", "refused", problem, "", "docs/sensors.md") for problem in problems]
+    if not scans and not rows:
+        text = f"none in {waited_s:.0f} s"
+        return [Check(None, "scans", "refused", text, "scans", "do sensors publish to links.zenoh?")]
+    for name, some in itertools.groupby(sorted(scans, key=_name), key=_name):
+        of_one = list(some)
+        late_s = [(scan.t_ns - scan.measured_t_ns) / NS_PER_S for scan in of_one]
+        worst_s = max(late_s, key=abs)
+        detections = sum(len(scan.z_m) for scan in of_one) / len(of_one)
+        level: Level = "ok" if abs(worst_s) <= _MAX_CLOCK_S else "refused"
+        value = f"{len(of_one)} of {name}, {detections:.0f} detections each, {worst_s:+.2f} s old"
+        rows.append(
+            Check(
+                None,
+                "scans",
+                level,
+                value,
+                f"within {_MAX_CLOCK_S:.0f} s",
+                "" if level == "ok" else "clocks?",
+            )
+        )
+    return rows
+
+
+def _name(scan: Scan) -> str:
+    return scan.sensor.name
+
+
+def _cross(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two ways have a point in common, ends aside."""
+    for p, q in itertools.pairwise(a):
+        for r, s in itertools.pairwise(b):
+            if _side(p, q, r) * _side(p, q, s) < 0.0 and _side(r, s, p) * _side(r, s, q) < 0.0:
+                return True
+    return False
+
+
+def _side(p: FloatArray, q: FloatArray, r: FloatArray) -> float:
+    return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))

@@ -1,0 +1,169 @@
+"""`gcs preflight`: ask every vehicle what matters before a flight, and print what stands against it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+
+from rich.console import Console
+from rich.status import Status
+from rich.table import Table
+
+from gcs.command.checks import Check
+from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
+from gcs.command.vehicle_checks import envelope_of, vehicle_checks
+from gcs.config import Config, load
+from gcs.edge.scans import decode_scan
+from gcs.edge.visit import Visit
+from gcs.edge.wire import sensor_scan_keys
+from gcs.edge.zenoh_bus import Bus
+from gcs.endpoints import Link, parse_endpoint
+from gcs.errors import LinkError, WireError
+from gcs.fence import fence_of
+from gcs.mavlink.inspection import NEEDED_IDS, Inspection
+from gcs.model import Scan, vehicle_name
+
+_STYLE = {"ok": "green", "warning": "yellow", "refused": "bold red"}
+_SETTLE_S = 2.5
+"""How long scans and telemetry are listened to at least."""
+
+
+@dataclass(frozen=True, slots=True)
+class PreflightOptions:
+    """What the command line says."""
+
+    config: str
+    seed: int
+    wait_s: float
+    link: str | None
+    sensors: bool
+    brief: bool
+    as_json: bool
+
+
+def preflight(options: PreflightOptions, console: Console) -> bool:
+    """Check, print, and return whether nothing was refused.
+
+    Raises
+    ------
+    ConfigError, LinkError
+        When the mission file is wrong or a port cannot be had.
+    """
+    config = load(options.config)
+    fence_of(config, options.config)  # its mistakes first
+    link = None if options.link is None else Link(parse_endpoint(options.link))
+    ears = Ears(config)
+    with ExitStack() as stack:
+        if options.sensors:
+            ears.open(stack)
+        checks = asyncio.run(_checked(config, options, link, ears, console))
+    refused = sum(check.level == "refused" for check in checks)
+    told = sum(check.level == "warning" for check in checks)
+    console.print(_table([c for c in checks if not (options.brief and c.level == "ok")], config.name))
+    verdict = f"{refused} refused: do not fly" if refused else "nothing refused"
+    console.print(f"{verdict}, {told} warnings", style="bold red" if refused else "bold", highlight=False)
+    if options.as_json:
+        rows = [asdict(check) for check in checks]
+        result = {
+            "mission": config.name,
+            "ok": not refused,
+            "refused": refused,
+            "warnings": told,
+            "checks": rows,
+        }
+        print(json.dumps(result), flush=True)  # noqa: T201  the promised last line
+    return not refused
+
+
+class Ears:
+    """Scans that arrive on zenoh meanwhile."""
+
+    def __init__(self, config: Config) -> None:
+        self.scans: list[Scan] = []
+        self.problems: dict[str, None] = {}
+        self._config = config
+
+    def open(self, stack: ExitStack) -> None:
+        """Listen until the stack is closed."""
+        links = self._config.links
+        try:
+            bus = stack.enter_context(Bus(**{links.zenoh_role: links.zenoh}))
+        except LinkError as error:
+            self.problems[str(error)] = None
+            return
+        bus.subscribe(sensor_scan_keys(self._config.name), self._heard)
+
+    def _heard(self, key: str, payload: bytes) -> None:
+        try:
+            self.scans.append(decode_scan(key, payload, time.time_ns(), self._config.local_frame))
+        except WireError as error:
+            self.problems[str(error)] = None
+
+
+async def _checked(
+    config: Config, options: PreflightOptions, link: Link | None, ears: Ears, console: Console
+) -> list[Check]:
+    visit = Visit(config, NEEDED_IDS, link)
+    envelope = envelope_of(config)
+    talks = [
+        Inspection(agent.vehicle, envelope, visit.fleet.encoder(agent.vehicle)) for agent in config.agents
+    ]
+    began_s = time.monotonic()
+
+    def enough() -> bool:
+        heard = bool(ears.scans or ears.problems or not options.sensors)
+        return heard and time.monotonic() - began_s >= _SETTLE_S
+
+    with console.status("") as status:
+        await visit.run(talks, options.wait_s, _progress(status, talks), enough)
+        waited_s = time.monotonic() - began_s
+        status.update("planning")
+        states = visit.fleet.states()
+        area = config.map
+        places = {
+            s.system_id: (min(max(s.east_m, 0.0), area.width_m), min(max(s.north_m, 0.0), area.height_m))
+            for s in states
+        }
+        rehearsal = rehearse(config, options.seed, places)
+    checks = vehicle_checks(
+        talks, visit.fleet, config, lambda vehicle: rehearsal.ways_m.get(vehicle, ()), visit.now_ns()
+    )
+    checks += mission_checks(config, rehearsal)
+    checks += [Check(None, "link", "warning", news) for news in dict.fromkeys(visit.news)]
+    if options.sensors:
+        checks += sensor_checks(ears.scans, ears.problems, waited_s)
+    return checks
+
+
+def _progress(status: Status, talks: list[Inspection]) -> Callable[[], None]:
+    def show() -> None:
+        waiting = [f"{vehicle_name(talk.vehicle)}: {talk.stage}" for talk in talks if not talk.is_done]
+        text = f"asking {', '.join(waiting[:6])}" if waiting else "waiting for scans"
+        status.update(text + (" ..." if len(waiting) > 6 else ""))
+
+    return show
+
+
+def _table(checks: list[Check], name: str) -> Table:
+    table = Table(title=f"pre-flight of {name}", title_justify="left", pad_edge=False)
+    for column in ("whom", "check", "", "value", "wanted", "what to do"):
+        table.add_column(column, overflow="fold")
+    whom = ""
+    for check in checks:
+        if whom and check.whom != whom:
+            table.add_section()
+        first, whom = check.whom != whom, check.whom
+        style = _STYLE[check.level]
+        table.add_row(
+            whom if first else "",
+            check.name,
+            f"[{style}]{check.level}[/]",
+            check.value,
+            check.wanted,
+            check.remedy,
+        )
+    return table
