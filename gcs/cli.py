@@ -19,8 +19,8 @@ import typer.core
 from rich.console import Console
 from rich.table import Table
 
-from gcs.commands.keys import app as keys_app
 from gcs.commands.fence import app as fence_app
+from gcs.commands.keys import app as keys_app
 from gcs.commands.order import app as order_app
 from gcs.errors import GcsError, InterruptedRunError
 

@@ -90,7 +90,7 @@ class VehicleJudge:
                 )
             ]
         rows = [self._link(), self._firmware(), self._fix(), self._position(), self._home(), self._mode()]
-        rows += [self._armed(), self._sensors(), self._battery(), self._clock()]
+        rows += [self._armed(), self._sensors(), self._battery(), self._clock(), self._signing()]
         if self._seen.profile is not None:
             rows += [*self._parameters(), *self._fence(), *self._rally()]
         return rows
@@ -238,6 +238,16 @@ class VehicleJudge:
             f"{off_s:+.1f} s to ours",
             f"within {_MAX_CLOCK_S:.0f} s",
             "is this machine's clock set (NTP)?",
+        )
+
+    def _signing(self) -> Check:
+        signed, wanted = self._health.signed, bool(self._config.links.keys)
+        return self._row(
+            "signing",
+            "ok" if signed or not wanted else "warning",
+            "signed" if signed else "not signed",
+            "signed" if wanted else "",
+            "gcs keys install, if its link has a key",
         )
 
     # ------------------------------------------------------------ its parameters

@@ -107,7 +107,7 @@ class Ears:
 async def _checked(
     config: Config, options: PreflightOptions, link: Link | None, ears: Ears, console: Console
 ) -> list[Check]:
-    visit = Visit(config, NEEDED_IDS, link)
+    visit = Visit(config, options.config, NEEDED_IDS, link)
     envelope = envelope_of(config)
     talks = [
         Inspection(agent.vehicle, envelope, visit.fleet.encoder(agent.vehicle)) for agent in config.agents

@@ -124,6 +124,7 @@ def fence_vehicles(
     ceiling_m = fence.max_alt_rel_m if action == "upload" else 0.0
     visit = Visit(
         config,
+        source,
         [dialect.MAVLINK_MSG_ID_PARAM_VALUE],
         None if link is None else Link(parse_endpoint(link)),
     )

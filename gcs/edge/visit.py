@@ -13,6 +13,7 @@ from typing import Protocol
 from gcs.config import Config
 from gcs.edge.clock import RunClock
 from gcs.edge.links import Links
+from gcs.edge.signing import Signing
 from gcs.endpoints import Link
 from gcs.mavlink.codec import Message
 from gcs.mavlink.fleet import Fleet, FleetSettings
@@ -42,16 +43,20 @@ class Visit:
 
     Parameters
     ----------
+    source : str
+        The mission file: its keys lie beside it.
     link : Link or None
         Where to look instead, such as another ground station's or our own service's forward endpoint.
 
     Raises
     ------
-    LinkError
-        When an endpoint cannot be had.
+    ConfigError, LinkError
+        When the keys cannot be used, or an endpoint cannot be had.
     """
 
-    def __init__(self, config: Config, also: Iterable[int] = (), link: Link | None = None) -> None:
+    def __init__(
+        self, config: Config, source: str, also: Iterable[int] = (), link: Link | None = None
+    ) -> None:
         vehicles = [agent.vehicle for agent in config.agents]
         links = [one for one in config.mavlink_links if one.role == "vehicles"] if link is None else [link]
         self.clock = RunClock()
@@ -62,7 +67,8 @@ class Visit:
             links=links,
             also=also,
         )
-        self.links = Links(links, vehicles, config.local_frame)
+        signing = Signing(links, config.links.key_file(source) if link is None else None)
+        self.links = Links(links, vehicles, config.local_frame, signing)
         self.news: list[str] = []
         self._talks: dict[int, Talk] = {}
 
