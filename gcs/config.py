@@ -79,6 +79,7 @@ class AgentTable(Table, frozen=True, kw_only=True):
     east_m: float
     north_m: float
     course_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 90.0
+    speed_m_s: Positive | None = None
 
     @property
     def vehicle(self) -> int:
@@ -95,6 +96,8 @@ class BirthTable(Table, frozen=True, kw_only=True):
     v_east_m_s: float = 0.0
     v_north_m_s: float = 0.0
     speed_std_m_s: Positive = 4.5
+    priority: int = 0
+    agents: Annotated[int, Meta(ge=1, le=100)] = 1
 
 
 class AnywhereTable(Table, frozen=True, kw_only=True):
@@ -178,6 +181,12 @@ class PlanningTable(Table, frozen=True, kw_only=True):
     search_cost: Literal["metric", "paper"] = "metric"
     switch_gain_m: NotNegative = 0.0
     retask: Literal["auto", "confirm"] = "auto"
+    when: Literal["events", "period"] = "events"
+    aim: Literal["intercept", "position"] = "intercept"
+    horizon_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 120.0
+    cost: Literal["length", "arrival"] = "length"
+    objective: Literal["total", "longest"] = "total"
+    spare: Literal["hold", "double"] = "hold"
 
 
 class MissionTable(Table, frozen=True, kw_only=True):
@@ -302,6 +311,13 @@ class Config(Table, frozen=True, kw_only=True):
     def local_frame(self) -> LocalFrame:
         """The frame that all east/north of this mission refer to."""
         return LocalFrame(self.frame.lat_deg, self.frame.lon_deg, self.frame.alt_msl_m)
+
+    @property
+    def agents_per_target(self) -> int:
+        """How many agents may end at one target."""
+        if self.planning.spare == "double":
+            return len(self.agents)
+        return max((birth.agents for birth in self.births), default=1)
 
     @property
     def spacing_m(self) -> tuple[float, float]:

@@ -416,11 +416,12 @@ class Fate:
 
 @dataclass(frozen=True, slots=True)
 class MissionEnded:
-    """Every agent has arrived or is dead."""
+    """Every agent has arrived, is dead, or is left over when every target has what it needs."""
 
     t_ns: int
     arrived: tuple[int, ...]
     dead: tuple[int, ...]
+    spare: tuple[int, ...] = ()
 
 
 AnswerState: TypeAlias = Literal["accepted", "done", "refused", "failed"]

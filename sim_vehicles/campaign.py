@@ -27,7 +27,7 @@ from gcs.model import Effect, Truth
 from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.report.campaign import Row
 from gcs.report.deaths import DeathWatch
-from gcs.report.judge import Judge
+from gcs.report.judge import judge_of
 from gcs.settings import with_settings
 from gcs.tracking.glmb import warm_up as warm_up_tracking
 from sim_vehicles.clairvoyant import TrueTrackers
@@ -107,7 +107,7 @@ def fly(job: Job) -> Row:
     """Fly one mission and judge it. Runs in any process that has this project installed."""
     scenario = parse_scenario(job.text, job.scenario)
     config = scenario.config
-    judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    judge = judge_of(config)
     deaths, truths = DeathWatch(), TrueTrackers()
     run = VirtualRun(scenario, job.seed, loss=job.loss)
 

@@ -62,6 +62,8 @@ class TrueTrackers:
     def __init__(self) -> None:
         self.truth: Truth | None = None
         self.agents, self.targets = TrueKind("agents"), TrueKind("targets")
+        self.findings: tuple[tuple[bool, str], ...] = ()
+        """Nothing that sensors say contradicts them."""
 
     def refusal(self, _scan: Scan) -> str:
         """No scan is refused: none is looked at."""

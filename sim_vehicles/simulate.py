@@ -15,7 +15,7 @@ from rich.table import Table
 from gcs.edge.recorder import Recorder, Run, versions
 from gcs.model import Effect, Event, Truth
 from gcs.planning.routes import warm_up as warm_up_planning
-from gcs.report.judge import Judge, Summary, summary_json
+from gcs.report.judge import Summary, judge_of, summary_json
 from gcs.report.summary import print_summary
 from gcs.tracking.glmb import warm_up as warm_up_tracking
 from sim_vehicles.scenario import Scenario
@@ -77,7 +77,7 @@ def fly(
 ) -> Summary:
     """Fly one mission, recorded in `folder` if there is one, and judge it."""
     config = scenario.config
-    judge = Judge(config.planning.capture_radius_m, [agent.vehicle for agent in config.agents])
+    judge = judge_of(config)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     rotate_bytes = int(config.recording.rotate_mb * 1e6)

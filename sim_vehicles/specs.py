@@ -19,7 +19,7 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
             north_m=agent.north_m,
             course_rad=math.radians(agent.course_deg),
             alt_rel_m=mission.altitude_rel_m,
-            forward_speed_m_s=simulation.forward_speed_m_s,
+            forward_speed_m_s=agent.speed_m_s or simulation.forward_speed_m_s,
             airborne=True,
             autopilot="px4" if agent.system_id in simulation.px4 else "ardupilot",
             survival_probability=simulation.death.survival_probability,

@@ -10,7 +10,8 @@ import pytest
 
 from gcs.planning import routes, search, sight
 from gcs.planning.grid import free_grid, random_obstacles
-from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
+from gcs.planning.routes import plan_routes
+from gcs.planning.task import AgentStart, PlanOptions
 
 ROOM = """
 from gcs.compiling import kernel

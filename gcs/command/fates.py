@@ -13,6 +13,7 @@ happens later.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from gcs.command.beliefs import Beliefs
@@ -49,13 +50,10 @@ class Fates:
         """Vehicles that are neither dead nor arrived, in order."""
         return [vehicle for vehicle, fate in self.by_vehicle.items() if fate.fate == "flying"]
 
-    def reached(self) -> set[Label]:
-        """Targets at which an agent arrived."""
-        return {
-            fate.target
-            for fate in self.by_vehicle.values()
-            if fate.fate == "arrived" and fate.target is not None
-        }
+    def at_targets(self) -> Counter[Label]:
+        """How many agents arrived at each target that one arrived at."""
+        fates = self.by_vehicle.values()
+        return Counter(f.target for f in fates if f.fate == "arrived" and f.target is not None)
 
     def update(
         self,

@@ -36,6 +36,7 @@ from gcs.model import (
     Effect,
     Event,
     Fate,
+    Label,
     LinkNews,
     Memory,
     MissionEnded,
@@ -45,6 +46,7 @@ from gcs.model import (
     Route,
     Scan,
     Tick,
+    Track,
     UploadAnswer,
     UploadReport,
 )
@@ -98,6 +100,7 @@ class Command:
             self.fleet, self.tasking, self.replanner, self.orders, self.fates, self.trackers
         )
         self.bad_input = 0
+        self._expected_targets = len(config.births)
         self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._needs_word = config.planning.retask == "confirm"
         self._ended = False
@@ -288,20 +291,25 @@ class Command:
 
     def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
-        targets, reached = self.trackers.targets.beliefs.tracks, self.fates.reached()
         flying, away = self.fates.flying(), self._away()
         return Situation(
             t_ns=t_ns,
             picture_t_ns=picture_t_ns,
             agents={v: agents[labels[v]] for v in flying if v not in away and labels.get(v) in agents},
-            targets={
-                label: track
-                for label, track in targets.items()
-                if label not in reached and not self.recovery.is_reached(label)
-            },
+            targets=self._open_targets(),
+            at_targets=self.fates.at_targets(),
             arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),
             away=away,
         )
+
+    def _open_targets(self) -> dict[Label, Track]:
+        """Believed targets that need somebody."""
+        at_targets, needed = self.fates.at_targets(), self.replanner.aims.needed
+        return {
+            label: track
+            for label, track in self.trackers.targets.beliefs.tracks.items()
+            if at_targets.get(label, 0) < needed(label) and not self.recovery.is_reached(label)
+        }
 
     def _away(self) -> dict[int, str]:
         """Vehicles that are not ours to task: by an order, or by a mode that somebody else chose."""
@@ -330,13 +338,19 @@ class Command:
         return settled
 
     def _end(self, t_ns: int) -> list[Effect]:
-        if self._ended or self.fates.flying():
+        spare = self.fates.flying()
+        if self._ended or (spare and not self._is_all_done()):
             return []
         self._ended = True
         fates = self.fates.by_vehicle.values()
         arrived = tuple(f.vehicle for f in fates if f.fate == "arrived")
         dead = tuple(f.vehicle for f in fates if f.fate == "dead")
-        return [MissionEnded(t_ns, arrived, dead)]
+        return [MissionEnded(t_ns, arrived, dead, tuple(spare))]
+
+    def _is_all_done(self) -> bool:
+        """Whether those who still fly have nothing left to do: every target that is expected was reached."""
+        reached = len(self.fates.at_targets())
+        return reached >= max(1, self._expected_targets) and not self._open_targets()
 
     def _bad(self, event: BadInput) -> list[Effect]:
         self.bad_input += 1

@@ -1,12 +1,9 @@
 """When to plan again, and what the plan changes.
 
-Every period the picture is held against what the vehicles fly: an agent died or came back, a target
-appeared, was lost, or moved away from where its route ends. Only then A* and the assignment run (the paper,
-Algorithm 1 at 0.2 Hz), and only vehicles whose route changed get a new mission.
-
-The distance that a target may move is `target_moved_m` far away, as in the paper, and shrinks as the agent
-closes in: with a fixed threshold an agent may wait at the end of its route while the target walks around
-just inside the threshold.
+The picture is held against what the vehicles fly: an agent died or came back, a target appeared, was lost,
+or is not where its route ends. Only then the planner runs, and only vehicles whose route changed get a new
+mission. That happens every period (the paper, Algorithm 1 at 0.2 Hz), or at every scan, so that events are
+answered at once; what could not be done is tried again every period in any case.
 
 Where an operator confirms each plan, new routes are `proposed` until then. What is proposed, waiting or
 rejected, is held against the picture like what is flown: as long as it is still good, it is not news.
@@ -15,19 +12,20 @@ rejected, is held against the picture like what is flown: as long as it is still
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from gcs.command.aims import Aims, course_of, place_of, plan_options
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
 from gcs.planning.progress import is_ahead_clear, next_point
-from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
+from gcs.planning.routes import plan_routes
 from gcs.planning.sight import line_of_sight
 
 _FIRST_PLAN_WAIT_S = 5.0
-_CLOSE_FRACTION = 0.25
 _SAME_PLACE_M = 1.0
 _CORRIDOR_M = 40.0
 
@@ -41,23 +39,13 @@ class Situation:
     agents: Mapping[int, Track]
     """Track of each flying vehicle that is tied to one."""
     targets: Mapping[Label, Track]
-    """Believed targets that nobody has reached."""
+    """Believed targets that need somebody."""
     arrived: frozenset[int]
     """Vehicles that have done their work."""
+    at_targets: Mapping[Label, int] = field(default_factory=dict)
+    """How many of them are at each target that needs more."""
     away: Mapping[int, str] = field(default_factory=dict)
     """Vehicles that fly but are not ours to task, and why, in words."""
-
-
-def plan_options(config: Config) -> PlanOptions:
-    """Return how a mission is planned."""
-    planning = config.planning
-    return PlanOptions(
-        clearance_m=planning.clearance_m,
-        shape=planning.shape,
-        search_cost=planning.search_cost,
-        switch_gain_m=planning.switch_gain_m,
-        turn_radius_m=config.airframe.planned_radius_m,
-    )
 
 
 class Replanner:
@@ -67,6 +55,7 @@ class Replanner:
         planning = config.planning
         self._grid = grid
         self._options = plan_options(config)
+        self.aims = Aims(config)
         self._planning = planning
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)
@@ -151,7 +140,10 @@ class Replanner:
         return sorted(self.blocked)
 
     def is_due(self, t_ns: int) -> bool:
-        """Whether the time for a look has come."""
+        """Whether the time for a look has come; where events count, every scan may bring one."""
+        return self._planning.when == "events" or self._is_regular(t_ns)
+
+    def _is_regular(self, t_ns: int) -> bool:
         return self._next_check_t_ns is None or t_ns >= self._next_check_t_ns
 
     def check(self, situation: Situation) -> Plan | None:
@@ -159,9 +151,12 @@ class Replanner:
         self.notes = []
         if self._next_check_t_ns is None:
             return self._first_plan(situation)
+        regular = self._is_regular(situation.t_ns)
         while self._next_check_t_ns <= situation.t_ns:  # looks missed without scans are not made up for
             self._next_check_t_ns += self._period_ns
-        changes, wants = self._changes(situation), self._idle(situation) + self._moves(situation)
+        changes, wants = self._changes(situation), self._moves(situation)
+        if regular:  # a vehicle that cannot be tasked must not be tried at every scan
+            wants = self._idle(situation) + wants
         if not changes and not wants:
             return None
         plan = self._plan(situation, "; ".join([*changes, *wants]))
@@ -198,10 +193,16 @@ class Replanner:
     def _idle(self, situation: Situation) -> list[str]:
         """Who has no route although there are targets to spare, in words."""
         newest = self._newest
-        if len(situation.targets) <= len({r.target for r in newest.values()} & set(situation.targets)):
+        if self._planning.spare == "hold" and not self._is_needed(situation):
             return []
         idle = set(situation.agents) & self._planned_agents - set(newest)
         return [f"agent {v} has no route" for v in sorted(idle)]
+
+    def _is_needed(self, situation: Situation) -> bool:
+        """Whether some target has fewer agents on the way than it needs."""
+        flown = Counter(route.target for route in self._newest.values())
+        there = situation.at_targets
+        return any(flown[t] + there.get(t, 0) < self.aims.needed(t) for t in situation.targets)
 
     def _moves(self, situation: Situation) -> list[str]:
         """Which targets are too far from where their routes end, and who is too far off its own, in words."""
@@ -209,8 +210,8 @@ class Replanner:
         for vehicle, route in sorted(self._newest.items()):
             agent, target = situation.agents.get(vehicle), situation.targets.get(route.target)
             if agent is not None and target is not None:
-                moved_m = _distance_m(target.mean, route.points_m[-1])
-                if moved_m > self._tolerance_m(agent, route):
+                moved_m = self.aims.off_m(vehicle, agent, route, target)
+                if moved_m > self.aims.tolerance_m(agent, route):
                     moves.append(f"target {_name(route.target)} moved {moved_m:.0f} m")
                 elif self._is_astray(agent, route):
                     moves.append(f"agent {vehicle} cannot get back on to its route")
@@ -221,32 +222,27 @@ class Replanner:
         options = self._options
         if options.shape != "flyable":
             return False
-        place = (float(agent.mean[0]), float(agent.mean[1]))
         return not is_ahead_clear(
             self._grid,
             route.points_m,
-            place,
-            _course_rad(agent),
+            place_of(agent),
+            course_of(agent),
             options.turn_radius_m,
             options.clearance_m,
             _CORRIDOR_M,
         )
 
-    def _tolerance_m(self, agent: Track, route: Route) -> float:
-        to_go_m = _distance_m(agent.mean, route.points_m[-1])
-        floor_m = 0.5 * self._planning.capture_radius_m
-        return min(self._planning.target_moved_m, max(floor_m, _CLOSE_FRACTION * to_go_m))
-
     def _plan(self, situation: Situation, reason: str) -> Plan:
         result = plan_routes(
             self._grid,
-            {
-                v: AgentStart(float(t.mean[0]), float(t.mean[1]), _course_rad(t))
-                for v, t in situation.agents.items()
-            },
-            {label: (float(t.mean[0]), float(t.mean[1])) for label, t in situation.targets.items()},
+            {v: self.aims.start(v, track) for v, track in situation.agents.items()},
+            {label: place_of(track) for label, track in situation.targets.items()},
             {vehicle: route.target for vehicle, route in self._newest.items()},
             self._options,
+            terms={
+                label: self.aims.terms(label, track, situation.at_targets.get(label, 0))
+                for label, track in situation.targets.items()
+            },
         )
         self._planned_agents = frozenset(situation.agents)
         self._planned_targets = frozenset(situation.targets)
@@ -292,8 +288,8 @@ class Replanner:
             return False
         if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
             return True
-        moved_m = _distance_m(situation.targets[new.target].mean, flown.points_m[-1])
-        return moved_m <= self._tolerance_m(agent, flown)
+        target = situation.targets[new.target]
+        return self.aims.off_m(new.vehicle, agent, flown, target) <= self.aims.tolerance_m(agent, flown)
 
 
 def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:
@@ -308,10 +304,6 @@ def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:
 
 def _distance_m(a: FloatArray, b: FloatArray) -> float:
     return math.hypot(float(a[0]) - float(b[0]), float(a[1]) - float(b[1]))
-
-
-def _course_rad(track: Track) -> float:
-    return math.atan2(float(track.mean[2]), float(track.mean[3]))
 
 
 def _name(label: Label) -> str:

@@ -34,7 +34,7 @@ from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import InterruptedRunError, SimulationError
 from gcs.model import NS_PER_S
-from gcs.report.judge import Judge, Summary, summary_json
+from gcs.report.judge import Judge, Summary, judge_of, summary_json
 from gcs.report.summary import print_summary
 
 _STARTS_WITHIN_S = 90.0
@@ -72,7 +72,7 @@ def run_demo(options: DemoOptions, console: Console) -> int:
         text += f'\n[[links.forward]]  # by --forward\nendpoint = "{endpoint}"\n'
     config = parse(text, source)
     warm_up(console)
-    judge = Judge(config.planning.capture_radius_m, [agent.vehicle for agent in config.agents])
+    judge = judge_of(config)
     run = Run(config.name, options.seed)
     name, rotate_mb = f"{config.name}-{options.seed}", config.recording.rotate_mb
     with open_recorder(options.out, name, text, run, rotate_mb) as recorder:

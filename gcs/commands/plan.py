@@ -19,13 +19,14 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from gcs.command.aims import plan_options
 from gcs.command.area import mission_grid
-from gcs.command.replanning import plan_options
 from gcs.config import load
 from gcs.errors import ConfigError, RecordingError
 from gcs.planning.grid import Grid, Point
 from gcs.planning.movingai import read_map
-from gcs.planning.routes import AgentStart, PlanOptions, PlanResult, Stage, plan_routes, warm_up
+from gcs.planning.routes import PlanResult, Stage, plan_routes, warm_up
+from gcs.planning.task import AgentStart, PlanOptions
 from gcs.report.plan import Drawing, draw_plan
 
 _PICTURES = (".png", ".pdf", ".svg")

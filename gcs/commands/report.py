@@ -30,7 +30,7 @@ from gcs.mavlink.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.course import Course, CourseBuilder
 from gcs.report.flights import Flight, Flights
-from gcs.report.judge import Judge, Summary
+from gcs.report.judge import Judge, Summary, judge_of
 from gcs.report.maps import Ground
 from gcs.report.run_page import Material, run_page
 from gcs.report.tracks_csv import TracksCsv
@@ -227,7 +227,7 @@ class _Reading:
         config = self.config
         if config is None:
             return Judge(0.0, ())
-        return Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+        return judge_of(config)
 
     def _flights(self) -> Flights:
         frame: LocalFrame | None = None if self.config is None else self.config.local_frame

@@ -97,7 +97,8 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
             )
             return f"plan {effect.plan_id} waits to be confirmed: {effect.reason}; {routes}", "warning"
         case MissionEnded():
-            return f"mission ended: {len(effect.arrived)} arrived, {len(effect.dead)} lost", "info"
+            spare = f", {len(effect.spare)} to spare" if effect.spare else ""
+            return f"mission ended: {len(effect.arrived)} arrived, {len(effect.dead)} lost{spare}", "info"
     return None
 
 
@@ -253,7 +254,7 @@ class LiveView:
         hunters = {
             route.target: vehicle_name(route.vehicle) for route in self._command.replanner.routes.values()
         }
-        reached = self._command.fates.reached()
+        reached = self._command.fates.at_targets()
         for label, track in self._tracks("targets").items():
             if track.estimated:
                 done = Text("reached", style="green") if label in reached else Text(hunters.get(label, ""))
@@ -294,7 +295,7 @@ class LiveView:
         for route in pending.routes if pending is not None else ():
             for east_m, north_m in route.points_m:
                 put(east_m, north_m, "·", "bold yellow")
-        reached = self._command.fates.reached()
+        reached = self._command.fates.at_targets()
         for label, track in self._tracks("targets").items():
             if track.estimated:
                 put(

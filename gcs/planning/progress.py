@@ -49,6 +49,12 @@ def next_point(points_m: FloatArray, place_m: tuple[float, float], corridor_m: f
     return first
 
 
+def to_go_m(points_m: FloatArray, place_m: tuple[float, float], corridor_m: float) -> float:
+    """Length of what is left of a route for a vehicle at `place_m`; parameters as of `next_point`."""
+    left = np.vstack((place_m, points_m[next_point(points_m, place_m, corridor_m) :]))
+    return float(np.hypot(*np.diff(left, axis=0).T).sum())
+
+
 def time_to_point_s(
     points_m: FloatArray, index: int, place_m: tuple[float, float], speed_m_s: float, accept_radius_m: float
 ) -> float:

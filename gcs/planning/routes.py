@@ -13,59 +13,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from gcs import compiling
-from gcs.model import FloatArray, Label, Route, read_only
+from gcs.model import FloatArray, Label, Route
 from gcs.planning import matrix
+from gcs.planning.aiming import Search
 from gcs.planning.assignment import assign
 from gcs.planning.grid import Grid, Point, free_grid
-from gcs.planning.matrix import Places, cells, metric_ways, paper_ways
-from gcs.planning.moves import IntArray, SearchMap, search_map
-from gcs.planning.search import SearchCost
-from gcs.planning.shaping import Shape, Shaped, close_and_seen, is_roomy, joins, pull, shape_way
+from gcs.planning.matrix import Places, cells
+from gcs.planning.moves import SearchMap, search_map
+from gcs.planning.shaping import close_and_seen, is_roomy, joins, pull
 from gcs.planning.sight import clear_leg
 from gcs.planning.starts import start_is_clear, start_room
+from gcs.planning.task import AgentStart, PlanOptions, Terms
 from gcs.planning.taut import tauten
-from gcs.planning.turning import SHARP_CORNER, SHARP_START, flyable
+from gcs.planning.turning import flyable
 
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
-
-
-@dataclass(frozen=True, slots=True)
-class AgentStart:
-    """Where an agent's route begins, and its course over ground if that is known."""
-
-    east_m: float
-    north_m: float
-    course_rad: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PlanOptions:
-    """How to plan.
-
-    Attributes
-    ----------
-    search_cost : "metric" or "paper"
-        Shortest paths, or the paper's cost of nodes traversed plus Euclidean heuristic.
-    shape : "grid", "pulled" or "flyable"
-        Legs along the grid, or pulled taut by line of sight, or with turns that can be flown besides.
-    turn_radius_m : float
-        Least radius of the turns of a flyable route.
-    clearance_m : float
-        Distance to keep from blocked cells, unless there is no way that does or only a long detour.
-    switch_gain_m : float
-        By how much agents that exchange targets must shorten the team's way.
-    """
-
-    search_cost: SearchCost = "metric"
-    shape: Shape = "grid"
-    clearance_m: float = 0.0
-    switch_gain_m: float = 0.0
-    turn_radius_m: float = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +76,12 @@ def plan_routes(
     current: Mapping[int, Label],
     options: PlanOptions,
     done: Callable[[Stage], None] = _unwatched,
+    terms: Mapping[Label, Terms] = MappingProxyType({}),
 ) -> PlanResult:
     """Assign targets to agents and route each agent to its own; see `PlanOptions` and `PlanResult`.
 
     `current` is who flies to which target now; whoever and whatever is gone from it is ignored. `done` is
-    told when a stage of the work ends, for whoever measures times.
+    told when a stage of the work ends, for whoever measures times. `terms` says what is special of targets.
     """
     notes: list[str] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
@@ -123,37 +92,20 @@ def plan_routes(
     routes: list[Route] = []
     grid_lengths_m: dict[int, float] = {}
     if vehicles and labels:
-        smap = search_map(grid, options.clearance_m)
-        starts = _places(grid, smap, [(agents[v].east_m, agents[v].north_m) for v in vehicles])
-        goals = _places(grid, smap, [targets[label] for label in labels])
-        find_ways = paper_ways if options.search_cost == "paper" else metric_ways
-        lengths_m, way = find_ways(grid, smap, starts, goals, options.clearance_m)
-        notes += _places_notes(grid, smap, vehicles, labels, starts, lengths_m)
+        asked = [terms.get(label, Terms()) for label in labels]
+        search = Search(
+            grid, [agents[v] for v in vehicles], [targets[label] for label in labels], asked, options
+        )
+        notes += _places_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
         done("search")
-        column = {label: j for j, label in enumerate(labels)}
-        flown = {i: column[current[v]] for i, v in enumerate(vehicles) if current.get(v) in column}
-        pairs = assign(lengths_m, flown, options.switch_gain_m)
+        pairs = _assigned(search.costs, vehicles, labels, asked, current, options)
         done("assignment")
         for i, j in pairs.items():
             vehicle, label = vehicles[i], labels[j]
-            grid_lengths_m[vehicle] = float(lengths_m[i, j])
-            shaped = _shaped(grid, smap, agents[vehicle], starts, goals, i, j, way(i, j), options)
-            points = shaped.points * grid.spacing_m + np.array(grid.origin_m)
-            if not goals.inside[j]:
-                points[-1] = targets[label]
-            else:
-                east, north = points[-1]
-                notes.append(
-                    f"agent {vehicle}: target {label} is over an obstacle; "
-                    f"the route ends at ({east:.0f}, {north:.0f}) m"
-                )
-            if not shaped.is_roomy:
-                notes.append(
-                    f"agent {vehicle}: the route to target {label} comes nearer than "
-                    f"{options.clearance_m:g} m to obstacles: no way but a long detour, or none, keeps away"
-                )
-            notes += _turn_notes(vehicle, shaped.problem)
-            routes.append(Route(vehicle, label, read_only(points[1:]), shaped.length * grid.spacing_m))
+            aimed = search.route(i, j)
+            grid_lengths_m[vehicle] = aimed.grid_length_m
+            notes += [f"agent {vehicle}: {note.format(label)}" for note in aimed.notes]
+            routes.append(Route(vehicle, label, aimed.points_m, aimed.length_m))
         done("shaping")
     served = {route.target for route in routes}
     busy = {route.vehicle for route in routes}
@@ -166,53 +118,43 @@ def plan_routes(
     )
 
 
+def _assigned(
+    costs: FloatArray,
+    vehicles: Sequence[int],
+    labels: Sequence[Label],
+    asked: Sequence[Terms],
+    current: Mapping[int, Label],
+    options: PlanOptions,
+) -> dict[int, int]:
+    """Target of each agent that gets one, by number. A target has a column for each agent that it needs."""
+    columns, ranks = _columns(len(vehicles), asked, options)
+    free: dict[Label, list[int]] = {}
+    for column, j in reversed(list(enumerate(columns))):
+        free.setdefault(labels[j], []).append(column)
+    flown = {}
+    for i, vehicle in enumerate(vehicles):
+        left = free.get(current[vehicle]) if vehicle in current else None
+        if left:
+            flown[i] = left.pop()
+    pairs = assign(costs[:, columns], flown, options.switch_gain_m, ranks, options.objective)
+    return {i: columns[column] for i, column in pairs.items()}
+
+
+def _columns(agents: int, asked: Sequence[Terms], options: PlanOptions) -> tuple[list[int], list[int]]:
+    """Return the target of each column and its rank; columns for spare agents come after all others."""
+    columns = [j for j, terms in enumerate(asked) for _ in range(terms.agents)]
+    ranks = [asked[j].rank for j in columns]
+    if options.spare == "double":
+        beyond, rounds = max(ranks, default=0), math.ceil(max(0, agents - len(columns)) / len(asked))
+        for more in range(1, rounds + 1):
+            columns += range(len(asked))
+            ranks += [beyond + more] * len(asked)
+    return columns, ranks
+
+
 def _on_earth(east_m: float, north_m: float) -> bool:
     """Whether an estimate is a place at all: neither NaN nor farther off than the Earth is round."""
     return abs(east_m) + abs(north_m) < 5e7
-
-
-def _places(grid: Grid, smap: SearchMap, points_m: Sequence[Point]) -> Places:
-    """Find how places join the map."""
-    xy = (np.array(points_m, dtype=np.float64) - grid.origin_m) / grid.spacing_m
-    return Places(xy, *joins(grid.blocked, smap.mainland, smap.tight, smap.stride, xy))
-
-
-def _shaped(
-    grid: Grid,
-    smap: SearchMap,
-    agent: AgentStart,
-    starts: Places,
-    goals: Places,
-    i: int,
-    j: int,
-    nodes: IntArray,
-    options: PlanOptions,
-) -> Shaped:
-    """Return a route as it is flown, in cells."""
-    ends_at_target = not goals.inside[j]
-    parts = [starts.xy[i : i + 1], cells(smap, nodes)] + [goals.xy[j : j + 1]] * ends_at_target
-    course = agent.course_rad if agent.course_rad is not None and math.isfinite(agent.course_rad) else None
-    heading = np.zeros(2) if course is None else np.array([math.sin(course), math.cos(course)])
-    return shape_way(
-        grid.blocked,
-        options.clearance_m / grid.spacing_m,
-        np.concatenate(parts),
-        heading,
-        bool(starts.inside[i]),
-        bool(ends_at_target),
-        options.shape,
-        options.turn_radius_m / grid.spacing_m,
-    )
-
-
-def _turn_notes(vehicle: int, problem: int) -> list[str]:
-    """Say what of a route its vehicle will not fly as planned."""
-    notes = []
-    if problem & SHARP_START:
-        notes.append(f"agent {vehicle}: no clear turn on to its route; it turns as tightly as it can")
-    if problem & SHARP_CORNER:
-        notes.append(f"agent {vehicle}: its route has corners that it cannot fly without coming too near")
-    return notes
 
 
 def _places_notes(

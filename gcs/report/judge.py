@@ -31,6 +31,7 @@ import msgspec
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from gcs.config import Config
 from gcs.model import (
     NS_PER_S,
     Effect,
@@ -136,6 +137,12 @@ def summary_json(summary: Summary) -> str:
     return msgspec.json.encode(shown).decode()
 
 
+def judge_of(config: Config) -> Judge:
+    """Return the judge of a mission."""
+    agents = [agent.vehicle for agent in config.agents]
+    return Judge(config.planning.capture_radius_m, agents, config.agents_per_target)
+
+
 class Judge:
     """Keeps what a verdict needs.
 
@@ -145,9 +152,12 @@ class Judge:
         Distance at which command calls an agent arrived.
     agents : sequence of int
         System ids of all agents of the mission.
+    agents_per_target : int
+        How many of them may end at one target.
     """
 
-    def __init__(self, capture_radius_m: float, agents: Sequence[int]) -> None:
+    def __init__(self, capture_radius_m: float, agents: Sequence[int], agents_per_target: int = 1) -> None:
+        self._per_target = agents_per_target
         self._reach_m = capture_radius_m + CAPTURE_ALLOWANCE_M
         self._agents = tuple(agents)
         self._truths: dict[int, Truth] = {}
@@ -254,7 +264,8 @@ class Judge:
 
     def _problems(self, fates: dict[int, Fate], reached: dict[int, int]) -> list[str]:
         """Everything that speaks against "complete", in words."""
-        flying = [vehicle for vehicle, fate in fates.items() if fate.fate == "flying"]
+        spare = () if self._ended is None else self._ended.spare
+        flying = [v for v, fate in fates.items() if fate.fate == "flying" and v not in spare]
         problems = []
         if self._ended is None:
             problems.append(
@@ -276,13 +287,14 @@ class Judge:
     def _reached_targets(self, fates: dict[int, Fate]) -> dict[int, int]:
         """True target of each agent whose arrival the truth confirms."""
         arrived = [vehicle for vehicle, fate in fates.items() if fate.fate == "arrived"]
-        targets = sorted(self._true_targets())
+        targets = [target for target in sorted(self._true_targets()) for _ in range(self._per_target)]
         if not arrived or not targets:
             return {}
         distances = np.full((len(arrived), len(targets)), math.inf)
         for row, vehicle in enumerate(arrived):
             for target, distance_m in self._target_distances(vehicle, fates[vehicle].t_ns).items():
-                distances[row, targets.index(target)] = distance_m
+                first = targets.index(target)
+                distances[row, first : first + self._per_target] = distance_m
         possible = distances <= self._reach_m
         impossible_m = self._reach_m * (len(arrived) + 1)
         rows, columns = linear_sum_assignment(np.where(possible, distances, impossible_m))
@@ -394,5 +406,6 @@ def _names(vehicles: Sequence[int]) -> str:
 
 def _success(fates: dict[int, Fate], reached: dict[int, int]) -> str:
     dead = [vehicle for vehicle, fate in fates.items() if fate.fate == "dead"]
-    text = f"{len(reached)} of {len(fates)} agents arrived at distinct targets"
+    distinct = " distinct" if len(set(reached.values())) == len(reached) else ""
+    text = f"{len(reached)} of {len(fates)} agents arrived at{distinct} targets"
     return f"{text}, {_names(dead)} lost" if dead else text

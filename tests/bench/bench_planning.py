@@ -14,7 +14,8 @@ from collections.abc import Callable
 import numpy as np
 
 from gcs.planning.grid import Grid, Point, free_grid, random_obstacles
-from gcs.planning.routes import AgentStart, PlanOptions, plan_routes, warm_up
+from gcs.planning.routes import plan_routes, warm_up
+from gcs.planning.task import AgentStart, PlanOptions
 
 
 def median_ms(work: Callable[[], object], repeats: int) -> float:

@@ -128,3 +128,41 @@ def test_a_target_more_outweighs_any_detour():
 def test_what_is_flown_to_a_target_that_is_gone_counts_for_nothing():
     assert assign(np.array([[10.0, 20.0]]), {0: 7, 9: 0}, 100.0) == {0: 0}
     assert assign(np.empty((0, 4)), {}) == assign(np.empty((4, 0)), {1: 1}) == {}
+
+
+@settings(max_examples=200, deadline=None)
+@given(cost_matrices(), st.data())
+def test_what_ranks_first_is_served_first(costs, data):
+    ranks = data.draw(st.lists(st.integers(0, 3), min_size=costs.shape[1], max_size=costs.shape[1]))
+
+    def worth_by_rank(pairs):
+        served = [ranks[j] for j in pairs.values()]
+        return *(-served.count(rank) for rank in range(4)), sum(costs[p] for p in pairs.items())
+
+    found = assign(costs, {}, ranks=ranks)
+    most = max(len(p) for p in all_assignments(costs))
+    full = [p for p in all_assignments(costs) if len(p) == most]
+    assert worth_by_rank(found) == pytest.approx(min(worth_by_rank(p) for p in full))
+
+
+@settings(max_examples=200, deadline=None)
+@given(cost_matrices(), st.data())
+def test_the_longest_way_is_as_short_as_it_can_be(costs, data):
+    def longest_first(pairs):
+        lengths = [costs[p] for p in pairs.items()]
+        return -len(pairs), max(lengths, default=0.0), sum(lengths)
+
+    best = min(longest_first(p) for p in all_assignments(costs))
+    assert longest_first(assign(costs, {}, objective="longest")) == pytest.approx(best)
+    gain = data.draw(st.integers(0, 60))
+    patient = assign(costs, data.draw(flown_assignments(costs)), gain, objective="longest")
+    assert len(patient) == -best[0]
+    assert longest_first(patient)[1] <= best[1] + gain + 1e-6
+
+
+def test_total_and_longest_disagree_where_one_agent_pays_for_all():
+    costs = np.array([[1.0, 10.0], [10.0, 100.0]])
+    assert assign(costs, {}) == {0: 1, 1: 0}
+    costs = np.array([[1.0, 60.0], [60.0, 100.0]])
+    assert assign(costs, {}) == {0: 0, 1: 1}
+    assert assign(costs, {}, objective="longest") == {0: 1, 1: 0}

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.planning.grid import Grid, free_grid, random_obstacles
-from gcs.planning.routes import AgentStart, PlanOptions, plan_routes
+from gcs.planning.routes import plan_routes
 from gcs.planning.search import distances_m
 from gcs.planning.sight import line_of_sight
+from gcs.planning.task import AgentStart, PlanOptions
 
 PLAIN = PlanOptions()
 OPTIONS = st.builds(

@@ -1,0 +1,96 @@
+"""What is asked of the planner for each target, and how far a route is from what it should be by now."""
+
+from __future__ import annotations
+
+import math
+
+from gcs.config import Config, PlanningTable
+from gcs.model import Label, Route, Track
+from gcs.planning.grid import Point
+from gcs.planning.intercept import led_velocity
+from gcs.planning.progress import to_go_m
+from gcs.planning.task import AgentStart, PlanOptions, Terms
+
+_CORRIDOR_M = 40.0
+_CLOSE_FRACTION = 0.25
+_FAR_FRACTION = 0.1
+"""Of the way to go: a meeting that is off by less costs next to nothing to correct later."""
+
+
+def plan_options(config: Config) -> PlanOptions:
+    """Return how a mission is planned."""
+    planning = config.planning
+    return PlanOptions(
+        clearance_m=planning.clearance_m,
+        shape=planning.shape,
+        search_cost=planning.search_cost,
+        switch_gain_m=planning.switch_gain_m,
+        turn_radius_m=config.airframe.planned_radius_m,
+        horizon_s=planning.horizon_s if planning.aim == "intercept" else 0.0,
+        cost=planning.cost,
+        objective=planning.objective,
+        spare=planning.spare,
+    )
+
+
+class Aims:
+    """Starts of agents, terms of targets, and the tolerance for routes that end where a target is not."""
+
+    def __init__(self, config: Config) -> None:
+        self._planning: PlanningTable = config.planning
+        self._births = config.births
+        self._speeds = {agent.vehicle: agent.speed_m_s for agent in config.agents}
+        self._speed_m_s = config.airframe.speed_m_s
+        highest = max((birth.priority for birth in config.births), default=0)
+        self._ranks = [highest - birth.priority for birth in config.births]
+        self._rank = highest
+
+    def start(self, vehicle: int, track: Track) -> AgentStart:
+        """Where and how an agent begins its route."""
+        return AgentStart(*place_of(track), course_of(track), self._speed_of(vehicle))
+
+    def terms(self, label: Label, track: Track, arrived: int) -> Terms:
+        """What a target still needs, `arrived` agents being there."""
+        known = label[1] < len(self._births)
+        rank, needed = (self._ranks[label[1]], self.needed(label)) if known else (self._rank, 1)
+        return Terms(led_velocity(track), rank, max(1, needed - arrived))
+
+    def needed(self, label: Label) -> int:
+        """How many agents a target needs."""
+        return self._births[label[1]].agents if label[1] < len(self._births) else 1
+
+    def off_m(self, vehicle: int, agent: Track, route: Route, target: Track) -> float:
+        """How far a route ends from where its target will be then."""
+        east_m, north_m = place_of(target)
+        if self._planning.aim == "intercept":
+            to_go = to_go_m(route.points_m, place_of(agent), _CORRIDOR_M)
+            t_s = min(to_go / self._speed_of(vehicle), self._planning.horizon_s)
+            v_east, v_north = led_velocity(target)
+            east_m, north_m = east_m + v_east * t_s, north_m + v_north * t_s
+        return math.hypot(east_m - float(route.points_m[-1, 0]), north_m - float(route.points_m[-1, 1]))
+
+    def tolerance_m(self, agent: Track, route: Route) -> float:
+        """How far off a route may end.
+
+        `target_moved_m` when the agent is far away, as in the paper, and less as it closes in: with a fixed
+        threshold an agent may wait at the end of its route while the target walks around just inside it.
+        """
+        planning, (east_m, north_m) = self._planning, place_of(agent)
+        beeline_m = math.hypot(east_m - float(route.points_m[-1, 0]), north_m - float(route.points_m[-1, 1]))
+        most_m = planning.target_moved_m
+        if planning.aim == "intercept":
+            most_m = max(most_m, _FAR_FRACTION * beeline_m)
+        return min(most_m, max(0.5 * planning.capture_radius_m, _CLOSE_FRACTION * beeline_m))
+
+    def _speed_of(self, vehicle: int) -> float:
+        return self._speeds.get(vehicle) or self._speed_m_s
+
+
+def place_of(track: Track) -> Point:
+    """East and north of a track."""
+    return float(track.mean[0]), float(track.mean[1])
+
+
+def course_of(track: Track) -> float:
+    """Course of a track over ground, in radians clockwise from north."""
+    return math.atan2(float(track.mean[2]), float(track.mean[3]))
