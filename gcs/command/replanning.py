@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -74,6 +74,8 @@ class Replanner:
         self.blocked: set[int] = set()
         """Vehicles whose way was closed since they got it."""
         self._news: list[str] = []
+        self._given_t_ns: dict[int, int] = {}
+        """When each vehicle's newest route was made."""
 
     @property
     def assigned(self) -> dict[int, Label]:
@@ -155,8 +157,8 @@ class Replanner:
         while self._next_check_t_ns <= situation.t_ns:  # looks missed without scans are not made up for
             self._next_check_t_ns += self._period_ns
         changes, wants = self._changes(situation), self._moves(situation)
-        if regular:  # a vehicle that cannot be tasked must not be tried at every scan
-            wants = self._idle(situation) + wants
+        if regular:  # what one plan could not mend is not tried again at every scan
+            wants = self._idle(situation) + wants + self._astray(situation)
         if not changes and not wants:
             return None
         plan = self._plan(situation, "; ".join([*changes, *wants]))
@@ -205,17 +207,33 @@ class Replanner:
         return any(flown[t] + there.get(t, 0) < self.aims.needed(t) for t in situation.targets)
 
     def _moves(self, situation: Situation) -> list[str]:
-        """Which targets are too far from where their routes end, and who is too far off its own, in words."""
-        moves = []
+        """Which targets are too far from where their routes end, in words.
+
+        Each route gets a period's time: estimates jitter, and a route that is corrected at every scan is
+        flown worse than one that is a little off.
+        """
+        settled_t_ns = situation.t_ns - self._period_ns
+        return [
+            f"target {_name(route.target)} moved {moved_m:.0f} m"
+            for vehicle, route, agent in self._flown(situation)
+            if self._given_t_ns.get(vehicle, 0) <= settled_t_ns
+            and (moved_m := self.aims.off_m(vehicle, agent, route, situation.targets[route.target]))
+            > self.aims.tolerance_m(agent, route)
+        ]
+
+    def _astray(self, situation: Situation) -> list[str]:
+        """Who is too far off its route, in words."""
+        return [
+            f"agent {vehicle} cannot get back on to its route"
+            for vehicle, route, agent in self._flown(situation)
+            if self._is_astray(agent, route)
+        ]
+
+    def _flown(self, situation: Situation) -> Iterator[tuple[int, Route, Track]]:
+        """Yield every vehicle that is there and flies to a target that is there, its route and its track."""
         for vehicle, route in sorted(self._newest.items()):
-            agent, target = situation.agents.get(vehicle), situation.targets.get(route.target)
-            if agent is not None and target is not None:
-                moved_m = self.aims.off_m(vehicle, agent, route, target)
-                if moved_m > self.aims.tolerance_m(agent, route):
-                    moves.append(f"target {_name(route.target)} moved {moved_m:.0f} m")
-                elif self._is_astray(agent, route):
-                    moves.append(f"agent {vehicle} cannot get back on to its route")
-        return moves
+            if vehicle in situation.agents and route.target in situation.targets:
+                yield vehicle, route, situation.agents[vehicle]
 
     def _is_astray(self, agent: Track, route: Route) -> bool:
         """Whether an agent got where its turn to the next point of its route hits something."""
@@ -261,6 +279,7 @@ class Replanner:
             else:
                 kept.append(route)
                 changed.append(route.vehicle)
+                self._given_t_ns[route.vehicle] = situation.t_ns
         self._decide(kept, situation)
         return Plan(
             t_ns=situation.t_ns,

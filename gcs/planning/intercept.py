@@ -9,9 +9,11 @@ A target's way is looked at every few seconds up to a horizon: those places stan
 targets of their own, so that one search from each agent gives the ways to all. The meeting lies between the
 last place that the agent reaches too late and the first that it reaches in time.
 
-A velocity is only as good as its estimate. It is shrunk towards zero by how uncertain it is (the positive
-part of James & Stein 1961, for a Gaussian estimate with covariance P): v max(0, 1 - tr P / |v|^2). What has
-just been born, and what stands still, is not led; the lead grows as the estimate sharpens.
+A velocity is only as good as its estimate. It is shrunk towards zero by how uncertain it is, as James & Stein
+(1961, positive part) do: v max(0, 1 - 4 tr P / |v|^2) for an estimate with covariance P. Their factor would be
+1 for the least squared error; with 4, what stands still looks as if it moved in 2 % of all scans, not in 37 %,
+and no agent is sent here and there for it. What has just been born is not led; the lead grows as the estimate
+sharpens.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from gcs.planning.grid import Grid, Point
 
 STEP_S = 5.0
 """Between two looks along a target's way."""
+_DOUBT = 4.0
 _LEAST_LEAD_M = 1.0
 """What moves less than this within a step stands still."""
 
@@ -52,7 +55,7 @@ def led_velocity(track: Track) -> tuple[float, float]:
     """East and north velocity of a track, shrunk by its uncertainty."""
     speed2 = float(track.mean[2] ** 2 + track.mean[3] ** 2)
     spread2 = float(track.cov[2, 2] + track.cov[3, 3])
-    share = max(0.0, 1.0 - spread2 / speed2) if speed2 > 0.0 else 0.0
+    share = max(0.0, 1.0 - _DOUBT * spread2 / speed2) if speed2 > 0.0 else 0.0
     return share * float(track.mean[2]), share * float(track.mean[3])
 
 

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from gcs.command.beliefs import Beliefs
 from gcs.config import Config, parse
@@ -59,18 +60,26 @@ def state(
     return VehicleState(vehicle, at(t_s), *place, 170.0, speed_m_s, course_rad, "AUTO", True, 1)
 
 
+PAPER = {"when": "period", "aim": "position"}
+
+
 def mission(
     agents: Sequence[Place] = ((100.0, 200.0), (100.0, 800.0)),
     births: Sequence[Place] = ((1500.0, 200.0), (1500.0, 800.0)),
     tables: str = "",
 ) -> Config:
-    """A mission of 2 km x 2 km: agents 1, 2, ... start at the places given, targets may appear at theirs."""
+    """A mission of 2 km x 2 km: agents 1, 2, ... start at the places given, targets may appear at theirs.
+
+    Unless the tables say otherwise it is planned as in the paper: every five seconds, to where targets are.
+    """
     text = 'name = "staged"\n[frame]\nlat_deg = 33.2\nlon_deg = -87.6\nalt_msl_m = 70.0\n'
     for number, (east_m, north_m) in enumerate(agents, start=1):
         text += f"[[agents]]\nsystem_id = {number}\neast_m = {east_m}\nnorth_m = {north_m}\n"
     for east_m, north_m in births:
         text += f"[[births]]\neast_m = {east_m}\nnorth_m = {north_m}\n"
-    return parse(text + tables, "staged.toml")
+    config = parse(text + tables, "staged.toml")
+    paper = {key: value for key, value in PAPER.items() if f"{key} =" not in tables}
+    return replace(config, planning=replace(config.planning, **paper))
 
 
 RADAR = Sensor("radar", 0.98, 4e-6, read_only(np.eye(2) * 10.0), (-100.0, -100.0, 2100.0, 2100.0))

@@ -118,14 +118,14 @@ def test_arrival_takes_two_scans_in_a_row():
     assert [scene.look(a, goal()) for a in (near, away, near, away, near)] == [[]] * 5
     assert scene.look(near, goal()) == [(1, "arrived")]
     assert (scene.fate.target, scene.fate.position_m) == (TARGET, (39.9, 0.0))
-    assert scene.fates.reached() == {TARGET}
+    assert scene.fates.at_targets() == {TARGET: 1}
 
 
 def test_an_agent_that_dies_on_its_last_metres_has_not_arrived():
     scene = Scene()
     scene.look(flying(HERE), goal())
     assert scene.look(None, goal(), reporting=False) == [(1, "dead")]
-    assert scene.fates.reached() == set()
+    assert not scene.fates.at_targets()
 
 
 def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():

@@ -313,7 +313,7 @@ def test_a_vehicle_that_somebody_sent_home_is_left_alone() -> None:
     state = run.command.fleet.state(1)
     assert state is not None
     assert state.mode == "RTL"
-    later = [effect for t_ns, effect in effects if t_ns > sent_home_t_ns + NS_PER_S]
+    later = [effect for t_ns, effect in effects if t_ns >= sent_home_t_ns + NS_PER_S]
     plans = [effect for effect in later if isinstance(effect, Plan)]
     assert any("agent 1 is in RTL and left alone" in plan.reason for plan in plans)
     assert not any(isinstance(effect, UploadReport) and effect.vehicle == 1 for effect in later)
