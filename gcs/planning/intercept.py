@@ -9,11 +9,11 @@ A target's way is looked at every few seconds up to a horizon: those places stan
 targets of their own, so that one search from each agent gives the ways to all. The meeting lies between the
 last place that the agent reaches too late and the first that it reaches in time.
 
-A velocity is only as good as its estimate. It is shrunk towards zero by how uncertain it is, as James & Stein
-(1961, positive part) do: v max(0, 1 - 4 tr P / |v|^2) for an estimate with covariance P. Their factor would be
-1 for the least squared error; with 4, what stands still looks as if it moved in 2 % of all scans, not in 37 %,
-and no agent is sent here and there for it. What has just been born is not led; the lead grows as the estimate
-sharpens.
+A velocity is only as good as its estimate. It is shrunk towards zero by how uncertain it is, as James &
+Stein (1961, positive part) do: v max(0, 1 - 4 tr P / |v|^2) for an estimate with covariance P. Their factor
+would be 1 for the least squared error; with 4, what stands still seems to move in 2 % of all scans, not in
+37 %, and no agent is sent here and there for it. What has just been born is not led; the lead grows as the
+estimate sharpens.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ SEED = 1
 
 def scenario(retask: str = "confirm", name: str = "prescribed") -> Scenario:
     loaded = load(name)
-    planning = msgspec.structs.replace(loaded.config.planning, retask=retask)
+    planning = msgspec.structs.replace(loaded.config.planning, retask=retask, when="period", aim="position")
     return replace(loaded, config=msgspec.structs.replace(loaded.config, planning=planning))
 
 

@@ -10,6 +10,7 @@ from staging import S
 from test_orders import SEED, Flight, order
 
 from gcs.command.fold import Command
+from gcs.config import read_text
 from gcs.edge.wire import decode, encode
 from gcs.model import (
     Effect,
@@ -24,8 +25,9 @@ from gcs.model import (
     Plan,
     Resumed,
 )
+from gcs.settings import with_settings
 from sim_vehicles.autopilot import Mode
-from sim_vehicles.scenario import Scenario, load
+from sim_vehicles.scenario import Scenario, load, parse_scenario
 from sim_vehicles.virtual import START_T_NS, VirtualRun
 
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
@@ -59,8 +61,14 @@ def flight_with_a_restart(
     return Flight(run, events, effects)
 
 
+def standing() -> Scenario:
+    """Targets that stand still, and routes that are not bettered in flight."""
+    text, source = read_text("deterministic")
+    return parse_scenario(with_settings(text, ["planning.shape=pulled"], source), source)
+
+
 def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive() -> None:
-    flight = flight_with_a_restart(40.0, 6.0, 400.0, scenario=load("deterministic"))
+    flight = flight_with_a_restart(40.0, 6.0, 400.0, scenario=standing())
     for vehicle in (1, 2, 3, 4):
         assert not {m.get_type() for m in flight.told(vehicle, 46.0, 400.0)} & MISSION
     assert sum("flies the mission that it was given" in n.text for n in flight.all(Notice)) == 4
@@ -131,7 +139,7 @@ def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
 
 
 def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
-    run = VirtualRun(load("deterministic"), SEED)
+    run = VirtualRun(standing(), SEED)
     run.run(40.0)
     run.restart(3.0, through_the_journal(run.command.memory(run.t_ns)))
     run.run(44.2)

@@ -116,7 +116,7 @@ def test_a_record_that_is_missing_is_found(flight: Path, tmp_path: Path) -> None
     code, _, found = replay(changed(flight, tmp_path / "run", change), "--verify")
     assert code == 1
     assert found["first_difference"]["replayed"] != "nothing"
-    assert found["first_difference"]["topic"] in ("/effect/plan", "/effect/send")
+    assert found["first_difference"]["topic"] in ("/effect/plan", "/effect/send", "/effect/notice")
 
 
 def test_a_record_too_many_is_found(flight: Path, tmp_path: Path) -> None:
