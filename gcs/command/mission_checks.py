@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gcs.command.aims import plan_options
 from gcs.command.area import mission_grid
 from gcs.command.checks import Check, Level
-from gcs.command.replanning import plan_options
 from gcs.config import Config
 from gcs.fence import fence_of
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
