@@ -14,7 +14,8 @@ from gcs.command.checks import Check, Level
 from gcs.config import Config
 from gcs.fence import fence_of
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
-from gcs.planning.routes import AgentStart, PlanResult, plan_routes
+from gcs.planning.routes import PlanResult, plan_routes
+from gcs.planning.task import AgentStart
 
 _MAX_CLOCK_S = 1.0
 
