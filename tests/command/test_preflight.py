@@ -1,0 +1,180 @@
+"""A user would take off with a vehicle, or a mission, that should have stayed on the ground."""
+
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
+from gcs.command.vehicle_checks import VehicleJudge, envelope_of
+from gcs.config import parse, read_text
+from gcs.mavlink.codec import Encoder
+from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.inspection import NEEDED_IDS, Inspection
+from gcs.model import Datagram, Scan, Send
+from gcs.settings import with_settings
+from sim_vehicles.sensor import make_sensors
+from sim_vehicles.scenario import load
+from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+
+S = 1_000_000_000
+START_NS = 1_767_225_600 * S
+GOOD = {"FS_GCS_ENABL": 1, "FENCE_ENABLE": 1, "FENCE_TYPE": 4, "NAV_DLL_ACT": 2}
+
+
+def mission(*settings):
+    return parse(with_settings(read_text("prescribed")[0], settings, "prescribed"), "prescribed")
+
+
+def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, **spec):
+    """Ask vehicle 1 everything, in memory; returns its rows by name."""
+    defaults = {
+        "system_id": 1, "east_m": 120.0, "north_m": 200.0, "course_rad": 0.0, "alt_rel_m": 100.0,
+        "forward_speed_m_s": 15.0, "parameters": GOOD,
+    }  # fmt: skip
+    plane = SimVehicle(VehicleSpec(**(defaults | spec)), config.local_frame, START_NS)
+    fleet = Fleet([1], config.local_frame, also=NEEDED_IDS)
+    talk = Inspection(1, envelope_of(config), fleet.encoder(1))
+    t_ns, to_plane = START_NS, deque()
+    while (not talk.is_done or t_ns < START_NS + until_s * S) and t_ns < START_NS + end_s * S:
+        for data in [to_plane.popleft() for _ in range(len(to_plane))]:
+            plane.receive_datagram(data, t_ns)
+        now_ns = t_ns + int(clock_s * S)
+        for data in plane.datagrams_to_send(t_ns):
+            for _, message in fleet.receive(Datagram(now_ns, "udp", "plane", data)):
+                if battery is not None and message.get_type() == "SYS_STATUS":
+                    message.battery_remaining = battery
+                to_plane += talk.receive(message, now_ns)
+        frames = [send.data for send in fleet.poll(now_ns) if isinstance(send, Send)]
+        to_plane += frames + talk.poll(now_ns)
+        t_ns += S // 20
+    ways = rehearse(config, 1, {}).ways_m[1]
+    return {check.name: check for check in VehicleJudge(talk, fleet, config, ways, now_ns).checks()}
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_nothing_stands_against_a_vehicle_that_is_ready(autopilot):
+    rows = inspected(mission(), autopilot=autopilot)
+    assert {name for name, row in rows.items() if row.level == "refused"} == set()
+    assert {name for name, row in rows.items() if row.level == "warning"} == {"armed"}
+    assert rows["firmware"].value.startswith("ArduPlane" if autopilot == "ardupilot" else "PX4")
+    assert rows["mission in fence"].value == "fits"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "name", "level"),
+    [
+        ({"FS_LONG_ACTN": 2}, "FS_LONG_ACTN", "refused"),
+        ({"SYSID_MYGCS": 252}, "SYSID_MYGCS", "refused"),
+        ({"MIS_RESTART": 1}, "MIS_RESTART", "refused"),
+        ({"ROLL_LIMIT_DEG": 20}, "ROLL_LIMIT_DEG", "refused"),
+        ({"ARMING_CHECK": 0}, "ARMING_CHECK", "refused"),
+        ({"FS_GCS_ENABL": 0}, "FS_GCS_ENABL", "warning"),
+        ({"AIRSPEED_CRUISE": 25}, "AIRSPEED_CRUISE", "warning"),
+        ({"FENCE_TYPE": 1, "FENCE_ALT_MAX": 100}, "mission in fence", "refused"),
+        ({"FENCE_TYPE": 2, "FENCE_RADIUS": 300}, "mission in fence", "refused"),
+    ],
+)
+def test_a_parameter_that_would_lose_a_vehicle_is_found(parameters, name, level):
+    rows = inspected(mission(), parameters=GOOD | parameters)
+    assert rows[name].level == level
+    assert rows[name].remedy
+    refused = {row.name for row in rows.values() if row.level == "refused"}
+    assert refused == ({name} if level == "refused" else set())
+
+
+def test_integers_of_px4_are_not_taken_for_floats():
+    rows = inspected(mission(), autopilot="px4", parameters=GOOD | {"MIS_TKO_LAND_REQ": 2})
+    assert (rows["MIS_TKO_LAND_REQ"].level, rows["MIS_TKO_LAND_REQ"].value) == ("refused", "2")
+    assert rows["NAV_DLL_ACT"].level == "ok"
+
+
+def test_a_vehicle_without_fix_home_and_checks_is_refused_until_it_has_them():
+    ground = {"airborne": False, "arming_delay_s": 40.0}
+    rows = inspected(mission(), **ground, end_s=15.0)
+    for name in ("GPS", "position", "home", "sensors"):
+        assert rows[name].level == "refused", name
+    rows = inspected(mission(), **ground, until_s=45.0, end_s=80.0)
+    assert {name for name, row in rows.items() if row.level == "refused"} == set()
+    assert (rows["armed"].level, rows["mode"].level) == ("ok", "warning")
+
+
+def test_clocks_that_differ_and_batteries_that_are_low_are_told():
+    assert inspected(mission(), clock_s=7.0)["clock"].value == "-7.0 s to ours"
+    assert inspected(mission(), clock_s=7.0)["clock"].level == "warning"
+    levels = [inspected(mission(), battery=percent)["battery"].level for percent in (80, 40, 10, -1)]
+    assert levels == ["ok", "warning", "refused", "warning"]
+
+
+def test_a_vehicle_that_is_not_there_is_refused_and_nothing_else_is_said_of_it():
+    config = mission()
+    fleet = Fleet([1], config.local_frame)
+    talk = Inspection(1, envelope_of(config), Encoder())
+    assert talk.poll(START_NS) == []
+    (row,) = VehicleJudge(talk, fleet, config, (), START_NS).checks()
+    assert (row.level, row.value) == ("refused", "not heard")
+
+
+def test_a_fence_of_the_mission_file_must_be_on_the_vehicle():
+    config = mission(
+        "fence.max_alt_rel_m=150", 'fence.areas=[{kind="exclusion", circle=[33.2, -87.57, 50.0]}]'
+    )
+    rows = inspected(config)
+    assert rows["fence"].level == rows["ceiling"].level == "refused"
+    assert rows["fence"].remedy == "gcs fence upload"
+
+
+def test_starts_beyond_the_fence_and_routes_that_meet_are_found():
+    config = mission('fence.areas=[{kind="exclusion", circle=[33.2018, -87.5987, 60.0]}]')
+    rows = {row.name: row for row in mission_checks(config, rehearse(config, 1, {}))}
+    assert rows["fence"].level == "refused"
+    assert "1: " in rows["fence"].value
+    plain = mission()
+    places = {1: (120.0, 1800.0), 2: (120.0, 1280.0), 3: (120.0, 720.0), 4: (120.0, 200.0)}
+    assert (
+        "all at 100 m"
+        in {r.name: r for r in mission_checks(plain, rehearse(plain, 1, places))}["separation"].value
+    )
+
+
+def test_nobody_gets_through_a_closed_map():
+    config = mission("map.boxes_m=[[600, 0, 700, 2000]]")
+    rows = {row.name: row for row in mission_checks(config, rehearse(config, 1, {}))}
+    assert rows["routes"].level == "refused"
+
+
+def test_central_command_is_not_sent_up_blind_or_with_scans_of_another_time():
+    scenario = load("prescribed")
+    scan = Scan(10 * S, 10 * S - S // 5, make_sensors(scenario)[0], np.zeros((3, 2)))
+    assert sensor_checks([], [], 5.0)[0].level == "refused"
+    assert sensor_checks([scan], [], 5.0)[0].level == "ok"
+    assert sensor_checks([replace(scan, measured_t_ns=3 * S)], [], 5.0)[0].level == "refused"
+    assert sensor_checks([], ["no JSON"], 5.0)[0].value == "no JSON"
+
+
+def test_an_inspection_changes_nothing_on_the_vehicle():
+    config = mission()
+    asked = []
+
+    class Ear(Inspection):
+        pass
+
+    fleet = Fleet([1], config.local_frame, also=NEEDED_IDS)
+    plane = SimVehicle(
+        VehicleSpec(1, 120.0, 200.0, 0.0, 100.0, 15.0, parameters=GOOD), config.local_frame, START_NS
+    )
+    talk = Ear(1, envelope_of(config), lambda message: asked.append(message) or b"")
+    for data in plane.datagrams_to_send(START_NS):
+        for _, message in fleet.receive(Datagram(START_NS, "udp", "plane", data)):
+            talk.receive(message, START_NS)
+    for second in range(200):
+        talk.poll(START_NS + second * S // 4)
+    harmless = {"PARAM_REQUEST_READ", "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_ACK"}
+    for message in asked:
+        is_request = (
+            message.get_type() == "COMMAND_LONG" and message.command == dialect.MAV_CMD_REQUEST_MESSAGE
+        )
+        assert is_request or message.get_type() in harmless
+    assert {message.get_type() for message in asked} >= {"COMMAND_LONG", "PARAM_REQUEST_READ"}

@@ -1,0 +1,92 @@
+"""The commands that come before a flight, against real processes over UDP: what an operator types and reads."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import selectors
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gcs.config import parse, read_text
+from gcs.settings import with_settings
+from sim_vehicles.vehicle import VehicleSpec
+
+FENCE = 'fence.areas=[{kind="exclusion", circle=[33.2, -87.57, 50.0]}]'
+RALLY = "rally=[{lat_deg=33.202, lon_deg=-87.598, alt_rel_m=80}]"
+READY = {"FS_GCS_ENABL": 1.0, "FENCE_ENABLE": 1.0}
+
+
+@pytest.fixture
+def field(tmp_path: Path) -> Iterator[Path]:
+    """A mission file of two vehicles, one of them with a failsafe that would glide it into the ground."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    links = [f'links.mavlink="udpin:127.0.0.1:{port}"', 'name="field"', FENCE, RALLY]
+    text = with_settings(read_text("prescribed")[0], links, "prescribed")
+    for system_id in (3, 4):
+        start = text.index(f"[[agents]]\nsystem_id = {system_id}")
+        ends = [at for at in (text.find("[[", start + 2), text.find("\n[", start + 2)) if at > 0]
+        text = text[:start] + text[min(ends) :]
+    text = text[: text.index("[simulation]")]
+    path = tmp_path / "field.toml"
+    path.write_text(text)
+    frame = parse(text, "field").frame
+    arguments = [sys.executable, "-m", "sim_vehicles.process", "--gcs", f"127.0.0.1:{port}", "--frame-json"]
+    arguments += [
+        json.dumps({"lat_deg": frame.lat_deg, "lon_deg": frame.lon_deg, "alt_msl_m": frame.alt_msl_m})
+    ]
+    for system_id, north_m, more in ((1, 200.0, {}), (2, 720.0, {"FS_LONG_ACTN": 2.0})):
+        spec = VehicleSpec(system_id, 120.0, north_m, math.pi / 2, 100.0, 15.0, parameters=READY | more)
+        arguments += ["--spec-json", spec.to_json()]
+    process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    with selectors.DefaultSelector() as selector:
+        selector.register(process.stdout, selectors.EVENT_READ)
+        assert selector.select(30), "the vehicles did not come up"
+    process.stdout.readline()
+    now_ns = time.time_ns()
+    process.stdin.write(json.dumps({"epoch_ns": now_ns, "start_t_ns": now_ns, "speed": 1.0}) + "\n")
+    process.stdin.flush()
+    yield path
+    process.kill()
+    process.communicate()
+
+
+def gcs(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", "from gcs.cli import main; main()", *arguments]
+    environment = os.environ | {"COLUMNS": "200"}
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment, check=False)
+
+
+def test_a_fence_is_brought_and_a_bad_failsafe_keeps_the_swarm_on_the_ground(field):
+    asked = gcs("fence", "upload", str(field))
+    assert asked.returncode == 2
+    assert "--yes" in asked.stderr
+    done = gcs("fence", "upload", str(field), "--yes", "--wait", "30", "--json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    steps = json.loads(done.stdout.splitlines()[-1])["vehicles"][0]["steps"]
+    assert [(what, ok) for what, ok, _ in steps] == [("fence", True), ("rally", True)]
+
+    checked = gcs("preflight", str(field), "--no-sensors", "--wait", "30", "--json")
+    assert checked.returncode == 1, checked.stdout + checked.stderr
+    result = json.loads(checked.stdout.splitlines()[-1])
+    refused = [
+        (row["vehicle"], row["name"], row["value"]) for row in result["checks"] if row["level"] == "refused"
+    ]
+    assert refused == [(2, "FS_LONG_ACTN", "2")]
+    assert "set it: 2 and above glide" in checked.stderr
+    rows = {(row["vehicle"], row["name"]): row["level"] for row in result["checks"]}
+    assert {rows[1, name] for name in ("link", "GPS", "home", "clock", "fence", "rally", "RTL_ALTITUDE")} == {
+        "ok"
+    }
+    assert rows[None, "routes"] == "ok"
