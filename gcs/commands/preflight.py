@@ -28,7 +28,7 @@ from gcs.mavlink.inspection import NEEDED_IDS, Inspection
 from gcs.model import Scan, vehicle_name
 
 _STYLE = {"ok": "green", "warning": "yellow", "refused": "bold red"}
-_SETTLE_S = 2.5
+_SETTLE_S = 1.5
 """How long scans and telemetry are listened to at least."""
 
 

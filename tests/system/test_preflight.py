@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import selectors
 import socket
 import subprocess
@@ -14,7 +13,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import Result
+from typer.testing import CliRunner
 
+from gcs.cli import app
 from gcs.config import parse, read_text
 from gcs.settings import with_settings
 from sim_vehicles.vehicle import VehicleSpec
@@ -62,23 +64,21 @@ def field(tmp_path: Path) -> Iterator[Path]:
     process.communicate()
 
 
-def gcs(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from gcs.cli import main; main()", *arguments]
-    environment = os.environ | {"COLUMNS": "200"}
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment, check=False)
+def gcs(*arguments: str) -> Result:
+    return CliRunner(env={"COLUMNS": "200"}).invoke(app, arguments)
 
 
 def test_a_fence_is_brought_and_a_bad_failsafe_keeps_the_swarm_on_the_ground(field):
     asked = gcs("fence", "upload", str(field))
-    assert asked.returncode == 2
+    assert asked.exit_code == 2
     assert "--yes" in asked.stderr
     done = gcs("fence", "upload", str(field), "--yes", "--wait", "30", "--json")
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.exit_code == 0, done.stdout + done.stderr
     steps = json.loads(done.stdout.splitlines()[-1])["vehicles"][0]["steps"]
     assert [(what, ok) for what, ok, _ in steps] == [("fence", True), ("rally", True)]
 
     checked = gcs("preflight", str(field), "--no-sensors", "--wait", "30", "--json")
-    assert checked.returncode == 1, checked.stdout + checked.stderr
+    assert checked.exit_code == 1, checked.stdout + checked.stderr
     result = json.loads(checked.stdout.splitlines()[-1])
     refused = [
         (row["vehicle"], row["name"], row["value"]) for row in result["checks"] if row["level"] == "refused"
