@@ -15,8 +15,8 @@ from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.inspection import NEEDED_IDS, Inspection
 from gcs.model import Datagram, Scan, Send
 from gcs.settings import with_settings
-from sim_vehicles.sensor import make_sensors
 from sim_vehicles.scenario import load
+from sim_vehicles.sensor import make_sensors
 from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
