@@ -23,6 +23,7 @@ east_m = 200.0
 north_m = 200.0
 """
 SQUARE = "corners_deg = [[33.2, -87.6], [33.215, -87.6], [33.215, -87.582], [33.2, -87.582], [33.2, -87.6]]"
+INCLUSION = f'[[fence.areas]]\nkind = "inclusion"\n{SQUARE}\n'
 
 
 def fenced(text):
@@ -66,15 +67,13 @@ def test_routes_are_planned_inside_the_area_to_stay_in():
             "three different corners",
         ),
         (
-            f'[[fence.areas]]\nkind = "inclusion"\n{SQUARE}\n'
-            '[[fence.areas]]\nkind = "inclusion"\ncircle = [33.2, -87.6, 900.0]\n',
+            INCLUSION + '[[fence.areas]]\nkind = "inclusion"\ncircle = [33.2, -87.6, 900.0]\n',
             "fence",
             "draw a single one",
         ),
         ("[fence]\nmax_alt_rel_m = 80.0\n", "fence.max_alt_rel_m", "more than mission.altitude_rel_m"),
         (
-            f'[[fence.areas]]\nkind = "inclusion"\n{SQUARE}\n'
-            "[[rally]]\nlat_deg = 33.3\nlon_deg = -87.6\nalt_rel_m = 90\n",
+            INCLUSION + "[[rally]]\nlat_deg = 33.3\nlon_deg = -87.6\nalt_rel_m = 90\n",
             "rally[0]",
             "outside the fence",
         ),

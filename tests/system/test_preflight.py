@@ -1,4 +1,4 @@
-"""The commands that come before a flight, against real processes over UDP: what an operator types and reads."""
+"""The commands that come before a flight, against vehicles in processes of their own."""
 
 from __future__ import annotations
 
