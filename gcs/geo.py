@@ -11,8 +11,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
+import numpy as np
 import pymap3d
+
+_SEMI_MAJOR_M: Final = 6_378_137.0
+_SEMI_MINOR_M: Final = 6_356_752.31424518
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,16 +29,32 @@ class LocalFrame:
     alt_msl_m: float
 
     def to_local(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-        """Return (east_m, north_m) of a point at the origin's height."""
-        east, north, _ = pymap3d.geodetic2enu(
-            lat_deg, lon_deg, self.alt_msl_m, self.lat_deg, self.lon_deg, self.alt_msl_m
-        )
-        return float(east), float(north)
+        """Return (east_m, north_m) of a point at the origin's height.
+
+        What `pymap3d.geodetic2enu` does, to the last bit, on Python's floats: many position reports come through here.
+        """
+        x, y, z = _to_ecef(lat_deg, lon_deg, self.alt_msl_m)
+        x0, y0, z0 = _to_ecef(self.lat_deg, self.lon_deg, self.alt_msl_m)
+        u, v, w = x - x0, y - y0, z - z0
+        lat0, lon0 = math.radians(self.lat_deg), math.radians(self.lon_deg)
+        sin_lon0, cos_lon0 = math.sin(lon0), math.cos(lon0)
+        outward = cos_lon0 * u + sin_lon0 * v
+        return -sin_lon0 * u + cos_lon0 * v, -math.sin(lat0) * outward + math.cos(lat0) * w
 
     def to_geodetic(self, east_m: float, north_m: float) -> tuple[float, float]:
         """Return (lat_deg, lon_deg) of a point on the local plane."""
         lat, lon, _ = pymap3d.enu2geodetic(east_m, north_m, 0.0, self.lat_deg, self.lon_deg, self.alt_msl_m)
         return float(lat), float(lon)
+
+
+def _to_ecef(lat_deg: float, lon_deg: float, alt_m: float) -> tuple[float, float, float]:
+    """WGS84 to Earth-centred, Earth-fixed x, y, z in metres."""
+    lat, lon = math.radians(lat_deg), math.radians(lon_deg)
+    sin_lat, cos_lat = math.sin(lat), math.cos(lat)
+    prime_m = _SEMI_MAJOR_M**2 / float(np.hypot(_SEMI_MAJOR_M * cos_lat, _SEMI_MINOR_M * sin_lat))
+    ring_m = (prime_m + alt_m) * cos_lat
+    z_m = (prime_m * (_SEMI_MINOR_M / _SEMI_MAJOR_M) ** 2 + alt_m) * sin_lat
+    return ring_m * math.cos(lon), ring_m * math.sin(lon), z_m
 
 
 def wrap_pi(angle_rad: float) -> float:

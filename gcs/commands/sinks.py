@@ -132,6 +132,7 @@ def draw_recording(folder: Path, config: Config, seed: int) -> Path:
 
 def warm_up(console: Console) -> None:
     """Load the compiled kernels, or compile them on the first run after an installation, and say so."""
+    from gcs.mavlink.quiet import warm_up as warm_up_links
     from gcs.planning.routes import warm_up as warm_up_planning
     from gcs.tracking.glmb import warm_up as warm_up_tracking
 
@@ -140,3 +141,4 @@ def warm_up(console: Console) -> None:
     ):
         warm_up_tracking()
         warm_up_planning()
+        warm_up_links()

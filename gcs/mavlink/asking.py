@@ -38,6 +38,11 @@ class Asking:
         self._wait_s = patience.wait_s
         self._next_t_ns = first_t_ns
 
+    @property
+    def next_t_ns(self) -> int:
+        """Before then nothing is due."""
+        return self._next_t_ns
+
     def due(self, t_ns: int) -> bool:
         """Whether to send the question now; if so, the next wait begins."""
         if t_ns < self._next_t_ns or self.unanswered(t_ns):

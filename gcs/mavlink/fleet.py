@@ -25,6 +25,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.asking import ns
+from gcs.mavlink.bulk import Frames
 from gcs.mavlink.codec import (
     AUTOPILOT_COMPONENT_ID,
     GCS_COMPONENT_ID,
@@ -32,13 +33,14 @@ from gcs.mavlink.codec import (
     Encoder,
     Frame,
     Message,
-    scan,
 )
 from gcs.mavlink.items import Home
 from gcs.mavlink.profiles import Profile
+from gcs.mavlink.quiet import Ledger
+from gcs.mavlink.row import ADDRESS, NOBODY
 from gcs.mavlink.vehicle import Address, Health, Vehicle
 from gcs.mavlink.wants import Wants
-from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, vehicle_id
+from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, network_of, system_of, vehicle_id
 
 _NEEDED: Final = frozenset(
     {
@@ -149,6 +151,8 @@ class Fleet:
         Our system and component id.
     also : iterable of int
         Message ids that `receive` gives beside those that the service itself needs.
+    kernel : bool
+        Whether quiet frames are folded in by a compiled kernel; without it the same comes out, slowly.
     """
 
     def __init__(
@@ -160,6 +164,7 @@ class Fleet:
         links: Iterable[Link] = (),
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
         also: Iterable[int] = (),
+        kernel: bool = True,
     ) -> None:
         self._needed = _NEEDED.union(also)
         self.counters = Counters()
@@ -171,15 +176,24 @@ class Fleet:
         }
         self._settings = settings or FleetSettings()
         self._lost_after_ns = ns(self._settings.lost_after_s)
+        called = sorted(set(expected))
+        systems = {n: [system_of(v) for v in called if network_of(v) == n] for n in map(network_of, called)}
+        self._ledger = Ledger(systems, _NEEDED, frame, self._settings.max_distance_m)
+        self._kernel = kernel
+        self._frames = Frames()
+        self._numbers: dict[Address, int] = {}
+        """What the ledger calls the addresses of vehicles."""
+        self._next_number = 0
         self._vehicles = {
-            system_id: Vehicle(
-                system_id,
+            vehicle: Vehicle(
+                vehicle,
                 frame,
                 Encoder(*own),
-                Wants(system_id, own, self._settings.position_rate_hz),
+                Wants(vehicle, own, self._settings.position_rate_hz),
                 self._settings.max_distance_m,
+                row,
             )
-            for system_id in sorted(set(expected))
+            for vehicle, row in zip(called, self._ledger.table, strict=True)
         }
         self._strangers: dict[tuple[int, int, Address], Stranger] = {}
         self._beats_t_ns: dict[Address, int] = {}
@@ -191,32 +205,47 @@ class Fleet:
 
     def receive(self, datagram: Datagram) -> list[tuple[int, Message]]:
         """Take one datagram; returns the messages that vehicles of ours sent, for their mission tasks."""
-        found, counters = scan(datagram.data), self.counters
-        counters.datagrams += 1
-        counters.frames += len(found.frames)
-        counters.unknown_ids += found.unknown
+        frames, counters = self._frames, self.counters
+        frames.take(datagram.data)
+        checked = frames.found - frames.unknown
         link = self.links.setdefault(datagram.link, LinkCounters())
-        link.datagrams += 1
+        for counted in (counters, link):
+            counted.datagrams += 1
+            counted.frames += checked
+            counted.unknown_ids += frames.unknown
         link.bytes += len(datagram.data)
-        link.frames += len(found.frames)
-        link.unknown_ids += found.unknown
-        if found.bad_bytes or found.crc_errors:
-            link.bad_bytes += found.bad_bytes
-            link.crc_errors += found.crc_errors
-            counters.bad_bytes += found.bad_bytes
-            counters.crc_errors += found.crc_errors
+        if frames.bad_bytes or frames.crc_errors:
+            link.bad_bytes += frames.bad_bytes
+            link.crc_errors += frames.crc_errors
+            counters.bad_bytes += frames.bad_bytes
+            counters.crc_errors += frames.crc_errors
             text = f"unreadable bytes from {datagram.peer} on {datagram.link}, {counters.bad_bytes} in all"
             self._tell_now_and_then("bad bytes", 0, datagram.t_ns, "warning", text)
+        return self._take(datagram, link)
+
+    def _take(self, datagram: Datagram, link: LinkCounters) -> list[tuple[int, Message]]:
+        """Fold the frames in, one after the other: quiet ones by the kernel, others here."""
+        frames, t_ns = self._frames, datagram.t_ns
         address = (datagram.link, datagram.peer)
         network = self._networks.get(datagram.link, 0)
         accepted = []
-        for frame in found.frames:
-            vehicle = self._vehicles.get(vehicle_id(network, frame.system_id))
-            if vehicle is None:
-                link.strangers += 1
-                self._count_stranger(frame, address, datagram.t_ns)
-            elif (message := self._accept(vehicle, frame, address, datagram.t_ns)) is not None:
-                accepted.append((vehicle.system_id, message))
+        at = 1
+        while at <= frames.found:
+            if self._kernel:
+                number = self._numbers.get(address, NOBODY)
+                at, lost = self._ledger.fold(datagram.data, frames, at, number, t_ns, network)
+                link.lost += lost
+                if at > frames.found:
+                    break
+            if frames.is_checked(at):
+                frame = frames.frame(at)
+                vehicle = self._vehicles.get(vehicle_id(network, frame.system_id))
+                if vehicle is None:
+                    link.strangers += 1
+                    self._count_stranger(frame, address, t_ns)
+                elif (message := self._accept(vehicle, frame, address, t_ns)) is not None:
+                    accepted.append((vehicle.system_id, message))
+            at += 1
         return accepted
 
     def _accept(self, vehicle: Vehicle, frame: Frame, address: Address, t_ns: int) -> Message | None:
@@ -229,7 +258,7 @@ class Fleet:
             return None
         silent_ns = t_ns - vehicle.heard_t_ns
         if vehicle.liveness == "stale":
-            vehicle.contact(address)
+            self._contact(vehicle, address)
             self._tell("info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
         vehicle.liveness = "alive"
         lost = vehicle.lost
@@ -267,9 +296,20 @@ class Fleet:
             self.counters.ignored += 1
             return False
         moved = "in contact" if vehicle.address is None else "moved"
-        vehicle.contact(address)
+        self._contact(vehicle, address)
         self._tell("info", f"{moved}: {address[1]} on {address[0]}", t_ns, vehicle.system_id)
         return True
+
+    def _contact(self, vehicle: Vehicle, address: Address) -> None:
+        """Hear a vehicle at an address from now on; addresses of nobody are forgotten when there are many."""
+        if address not in self._numbers and len(self._numbers) > 2 * len(self._vehicles):
+            used = {vehicle.address for vehicle in self._vehicles.values()}
+            self._numbers = {a: number for a, number in self._numbers.items() if a in used}
+        number = self._numbers.get(address)
+        if number is None:
+            number = self._numbers[address] = self._next_number
+            self._next_number += 1
+        vehicle.contact(address, number)
 
     def _count_stranger(self, frame: Frame, address: Address, t_ns: int) -> None:
         self.counters.strangers += 1
@@ -298,8 +338,9 @@ class Fleet:
             silent_ns = t_ns - vehicle.heard_t_ns
             if vehicle.liveness == "alive" and silent_ns > self._lost_after_ns:
                 vehicle.liveness = "stale"
+                vehicle.row[ADDRESS] = NOBODY
                 self._tell("alarm", f"not heard for {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
-            messages = vehicle.wants.poll(t_ns) if vehicle.liveness == "alive" else []
+            messages = vehicle.poll(t_ns) if vehicle.liveness == "alive" else []
             if self._beat_due(vehicle.address, t_ns):
                 messages.append(heartbeat())
             out += [Send(*vehicle.address, vehicle.encoder(message)) for message in messages]

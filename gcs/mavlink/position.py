@@ -21,13 +21,14 @@ from typing import Final, Literal, TypeAlias
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.asking import ns
+from gcs.mavlink.row import BOOT_MS, BOOT_OFFSET_NS, BOOT_RUN, NONE, Row, new_row
 
 Verdict: TypeAlias = Literal["new", "late", "rebooted"]
 
 EARTH_RADIUS_M: Final = 6_371_000.0
-_NULL_DEG: Final = 1e-3
-_MIN_ALT_M: Final = -1_000.0
-_MAX_ALT_M: Final = 50_000.0
+NULL_DEG: Final = 1e-3
+MIN_ALT_M: Final = -1_000.0
+MAX_ALT_M: Final = 50_000.0
 _BOOT_WRAP_MS: Final = 1 << 32
 _NS_PER_MS: Final = 1_000_000
 
@@ -40,23 +41,26 @@ class BootClock:
     slower by less than that is not.
     """
 
-    def __init__(self, *, confirm_s: float = 2.0, jump_s: float = 5.0, jitter_s: float = 1.0) -> None:
+    def __init__(
+        self, row: Row | None = None, *, confirm_s: float = 2.0, jump_s: float = 5.0, jitter_s: float = 1.0
+    ) -> None:
         self._confirm_ns, self._jump_ns, self._jitter_ns = ns(confirm_s), ns(jump_s), ns(jitter_s)
-        self._latest_ms: int | None = None
-        self._offset_ns = 0
-        self._run: tuple[int, int, int] | None = None
+        self._row = new_row() if row is None else row
+        self._run = (0, 0, 0)
         """First arrival, its offset between our clock and the vehicle's, and the number of reports."""
 
     def judge(self, boot_ms: int, t_ns: int) -> Verdict:
         """Take one report's time since boot; only "new" and "rebooted" ones count."""
+        latest_ms, latest_offset_ns = self._row.item(BOOT_MS), self._row.item(BOOT_OFFSET_NS)
         offset_ns = t_ns - boot_ms * _NS_PER_MS
-        ahead_ms = 1 if self._latest_ms is None else (boot_ms - self._latest_ms) % _BOOT_WRAP_MS
+        ahead_ms = 1 if latest_ms == NONE else (boot_ms - latest_ms) % _BOOT_WRAP_MS
         if 0 < ahead_ms < _BOOT_WRAP_MS // 2:
             return self._take(boot_ms, offset_ns, "new")
-        if offset_ns - self._offset_ns < self._jump_ns:
+        if offset_ns - latest_offset_ns < self._jump_ns:
             return "late"
-        if self._run is None or abs(offset_ns - self._run[1]) > self._jitter_ns:
+        if not self._row[BOOT_RUN] or abs(offset_ns - self._run[1]) > self._jitter_ns:
             self._run = (t_ns, offset_ns, 0)
+            self._row[BOOT_RUN] = True
         began_t_ns, run_offset_ns, reports = self._run
         self._run = (began_t_ns, run_offset_ns, reports + 1)
         if reports >= 2 and t_ns - began_t_ns >= self._confirm_ns:
@@ -64,7 +68,7 @@ class BootClock:
         return "late"
 
     def _take(self, boot_ms: int, offset_ns: int, verdict: Verdict) -> Verdict:
-        self._latest_ms, self._offset_ns, self._run = boot_ms, offset_ns, None
+        self._row[BOOT_MS], self._row[BOOT_OFFSET_NS], self._row[BOOT_RUN] = boot_ms, offset_ns, False
         return verdict
 
 
@@ -72,9 +76,9 @@ def unplaceable(
     lat_deg: float, lon_deg: float, alt_msl_m: float, frame: LocalFrame, max_distance_m: float
 ) -> str:
     """Say why a place cannot be where one of our vehicles is; empty when it can."""
-    if abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0 or not _MIN_ALT_M < alt_msl_m < _MAX_ALT_M:
+    if abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0 or not MIN_ALT_M < alt_msl_m < MAX_ALT_M:
         return "range"
-    if abs(lat_deg) < _NULL_DEG and abs(lon_deg) < _NULL_DEG:
+    if abs(lat_deg) < NULL_DEG and abs(lon_deg) < NULL_DEG:
         return "null"
     if distance_m(lat_deg, lon_deg, frame.lat_deg, frame.lon_deg) > max_distance_m:
         return "far"

@@ -20,6 +20,21 @@ from gcs.mavlink.codec import Encoder, Message
 from gcs.mavlink.items import Home
 from gcs.mavlink.position import BootClock, unplaceable
 from gcs.mavlink.profiles import Profile, mode_name, profile_of
+from gcs.mavlink.row import (
+    ADDRESS,
+    BATTERY_PERCENT,
+    BEST_FIX,
+    FIX_TYPE,
+    FRAMES,
+    HEARD_NS,
+    LAST_SEQUENCE,
+    LOST,
+    NONE,
+    PLACE_NS,
+    PLACES,
+    Row,
+    new_row,
+)
 from gcs.mavlink.wants import Wants
 from gcs.model import Level, VehicleState
 
@@ -64,13 +79,20 @@ class Vehicle:
     """The record of one expected vehicle. Only frames of its own autopilot reach it."""
 
     def __init__(
-        self, system_id: int, frame: LocalFrame, encoder: Encoder, wants: Wants, max_distance_m: float
+        self,
+        system_id: int,
+        frame: LocalFrame,
+        encoder: Encoder,
+        wants: Wants,
+        max_distance_m: float,
+        row: Row | None = None,
     ) -> None:
         self.system_id = system_id
+        self.row = new_row() if row is None else row
+        """What quiet frames change, here or in the kernel."""
         self.address: Address | None = None
         self.liveness: Liveness = "waiting"
-        self.heard_t_ns = 0
-        self.frames = self.lost = self.conflicts = self.boots = 0
+        self.conflicts = self.boots = 0
         self.autopilot = dialect.MAV_AUTOPILOT_INVALID
         self.profile: Profile | None = None
         """Of its firmware; None before its first heartbeat, or when it is not known here."""
@@ -80,14 +102,11 @@ class Vehicle:
         self.refused: dict[str, int] = {}
         self.signed = False
         self._frame, self._max_distance_m = frame, max_distance_m
-        self._clock = BootClock()
-        self._sequence: int | None = None
-        self._fix_type: int | None = None
-        self._best_fix: int | None = None
-        self._battery_percent: int | None = None
+        self._clock = BootClock(self.row)
         self._mode, self._armed, self._mission_seq = "", False, -1
-        self._place: tuple[int, float, float, float, float, float] | None = None
         self._state: VehicleState | None = None
+        self._state_places = 0
+        """`PLACES` when the state was made."""
         self._handlers: dict[str, Callable[[Message, int, Tell], None]] = {
             "HEARTBEAT": self._on_heartbeat,
             "GLOBAL_POSITION_INT": self._on_position,
@@ -98,25 +117,42 @@ class Vehicle:
             "COMMAND_ACK": self._on_command_ack,
         }
 
-    def contact(self, address: Address) -> None:
-        """Begin, or begin again, to hear the vehicle at this address."""
+    @property
+    def heard_t_ns(self) -> int:
+        """When its autopilot was last heard."""
+        return self.row.item(HEARD_NS)
+
+    @property
+    def lost(self) -> int:
+        """Frames missing in the sequence."""
+        return self.row.item(LOST)
+
+    def contact(self, address: Address, number: int) -> None:
+        """Begin, or begin again, to hear the vehicle at this address; `number` is what the ledger calls it."""
         self.address = address
-        self._sequence = None
+        self.row[ADDRESS], self.row[LAST_SEQUENCE] = number, NONE
         self.wants.begin()
 
     def count(self, sequence: int, t_ns: int) -> None:
         """Count one frame of its autopilot and the gap before it."""
-        self.frames += 1
-        self.heard_t_ns = t_ns
-        if self._sequence is None:
-            self._sequence = sequence
+        row = self.row
+        row[FRAMES] += 1
+        row[HEARD_NS] = t_ns
+        if row[LAST_SEQUENCE] == NONE:
+            row[LAST_SEQUENCE] = sequence
             return
-        ahead = (sequence - self._sequence) % 256
+        ahead = (sequence - row.item(LAST_SEQUENCE)) % 256
         if 0 < ahead < 128:
-            self.lost += ahead - 1
-            self._sequence = sequence
+            row[LOST] += ahead - 1
+            row[LAST_SEQUENCE] = sequence
         elif ahead >= 128:
-            self.lost = max(0, self.lost - 1)
+            row[LOST] = max(0, self.lost - 1)
+
+    def poll(self, t_ns: int) -> list[Message]:
+        """Return the questions to it that are due."""
+        if not self.wants.is_idle(t_ns) and self.row[PLACES]:
+            self.wants.heard("GLOBAL_POSITION_INT", self.row.item(PLACE_NS))  # the kernel tells nobody
+        return self.wants.poll(t_ns)
 
     def take(self, message: Message, t_ns: int, tell: Tell) -> None:
         """Fold one message into the record."""
@@ -129,11 +165,26 @@ class Vehicle:
 
     def state(self) -> VehicleState | None:
         """Return what it last said of itself; None before its first position that can be believed."""
-        if self._state is None and self._place is not None:
+        places = self.row.item(PLACES)
+        if places and (self._state is None or places != self._state_places):
+            self._state_places = places
             self._state = VehicleState(
-                self.system_id, *self._place, self._mode, self._armed, self._mission_seq
+                self.system_id, *self._place(), self._mode, self._armed, self._mission_seq
             )
         return self._state
+
+    def _place(self) -> tuple[int, float, float, float, float, float]:
+        """Time, east, north, height above sea level, ground speed and course of the last position."""
+        t_ns, lat, lon, alt_mm, v_north_cm_s, v_east_cm_s, heading_cdeg = self.row[PLACE_NS:PLACES].tolist()
+        east_m, north_m = self._frame.to_local(lat * 1e-7, lon * 1e-7)
+        v_north_m_s, v_east_m_s = v_north_cm_s * 0.01, v_east_cm_s * 0.01
+        speed_m_s = math.hypot(v_east_m_s, v_north_m_s)
+        if speed_m_s < _SLOW_M_S and heading_cdeg != _UNKNOWN_HEADING:
+            course_rad = math.radians(heading_cdeg * 0.01)
+            course_rad = math.atan2(math.sin(course_rad), math.cos(course_rad))
+        else:
+            course_rad = math.atan2(v_east_m_s, v_north_m_s)
+        return t_ns, east_m, north_m, alt_mm * 1e-3, speed_m_s, course_rad
 
     def health(self) -> Health:
         """Return its link and equipment."""
@@ -144,15 +195,19 @@ class Vehicle:
             address=self.address,
             autopilot=self.autopilot,
             home=self.home,
-            fix_type=self._fix_type,
-            battery_percent=self._battery_percent,
+            fix_type=self._known(FIX_TYPE),
+            battery_percent=self._known(BATTERY_PERCENT),
             boots=self.boots,
-            frames=self.frames,
+            frames=self.row.item(FRAMES),
             lost=self.lost,
             conflicts=self.conflicts,
             refused=dict(self.refused),
             signed=self.signed,
         )
+
+    def _known(self, column: int) -> int | None:
+        value = self.row.item(column)
+        return None if value == NONE else value
 
     # ------------------------------------------------------------ messages
 
@@ -186,26 +241,21 @@ class Vehicle:
         if problem:
             self.refused[problem] = self.refused.get(problem, 0) + 1
             return
-        east_m, north_m = self._frame.to_local(place[0], place[1])
-        v_north_m_s, v_east_m_s = message.vx * 0.01, message.vy * 0.01
-        speed_m_s = math.hypot(v_east_m_s, v_north_m_s)
-        if speed_m_s < _SLOW_M_S and message.hdg != _UNKNOWN_HEADING:
-            course_rad = math.radians(message.hdg * 0.01)
-            course_rad = math.atan2(math.sin(course_rad), math.cos(course_rad))
-        else:
-            course_rad = math.atan2(v_east_m_s, v_north_m_s)
-        self._place = (t_ns, east_m, north_m, place[2], speed_m_s, course_rad)
-        self._state = None
+        self.row[PLACE_NS:PLACES] = (
+            t_ns, message.lat, message.lon, message.alt, message.vx, message.vy, message.hdg
+        )  # fmt: skip
+        self.row[PLACES] += 1
 
     def _refusal(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> str:
-        if self._best_fix is not None and self._best_fix < dialect.GPS_FIX_TYPE_3D_FIX:
+        if NONE < self.row[BEST_FIX] < dialect.GPS_FIX_TYPE_3D_FIX:
             return "no fix"
         return unplaceable(lat_deg, lon_deg, alt_msl_m, self._frame, self._max_distance_m)
 
     def _reboot(self, tell: Tell) -> None:
         """Forget what a boot changes; mode and arming come with the next heartbeat."""
         self.boots += 1
-        self._best_fix, self._mission_seq, self.home, self._sequence = None, -1, None, None
+        self._mission_seq, self.home = -1, None
+        self.row[BEST_FIX] = self.row[LAST_SEQUENCE] = NONE
         self.wants.begin()
         tell("alarm", "rebooted")
 
@@ -220,11 +270,12 @@ class Vehicle:
             self.wants.heard("HOME_POSITION", t_ns)
 
     def _on_sys_status(self, message: Message, _t_ns: int, _tell: Tell) -> None:
-        self._battery_percent = message.battery_remaining if 0 <= message.battery_remaining <= 100 else None
+        percent = message.battery_remaining
+        self.row[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
 
     def _on_gps(self, message: Message, _t_ns: int, _tell: Tell) -> None:
-        self._fix_type = message.fix_type
-        self._best_fix = max(message.fix_type, self._best_fix or 0)
+        self.row[FIX_TYPE] = message.fix_type
+        self.row[BEST_FIX] = max(message.fix_type, self.row.item(BEST_FIX))
 
     def _on_command_ack(self, message: Message, t_ns: int, tell: Tell) -> None:
         refused = self.wants.acknowledged(message, t_ns)

@@ -23,6 +23,7 @@ _HOME: Final = Patience(wait_s=2.0, wait_max_s=2.0, tries=0)
 _REFUSALS: Final = 3
 _DRY_S: Final = 3.0
 _DRY_PERIODS: Final = 5
+_NEVER_NS: Final = 2**63 - 1
 
 
 @dataclass(slots=True)
@@ -60,15 +61,23 @@ class Wants:
             ),
         )
         self._asking: dict[int, tuple[_Want, Asking]] = {}
+        self._idle_until_ns = 0
 
     def begin(self) -> None:
         """Ask for everything: on contact, after a reboot, after a silence."""
         self._asking.clear()
+        self._idle_until_ns = 0
         for want in self._wants:
             want.met, want.refusals = False, 0
 
+    def is_idle(self, t_ns: int) -> bool:
+        """Whether nothing can be due yet."""
+        return t_ns < self._idle_until_ns
+
     def poll(self, t_ns: int) -> list[Message]:
         """Questions that are due."""
+        if self.is_idle(t_ns):
+            return []
         out = []
         for number in (MESSAGE_INTERVAL, REQUEST_MESSAGE):
             if number not in self._asking:
@@ -80,13 +89,21 @@ class Wants:
             asking = self._asking[number][1]
             if asking.due(t_ns):
                 out.append(asking.question)
+        self._idle_until_ns = min(self._next_t_ns(number) for number in (MESSAGE_INTERVAL, REQUEST_MESSAGE))
         return out
+
+    def _next_t_ns(self, number: int) -> int:
+        """When something about one command can be due, if nothing is heard until then."""
+        if number in self._asking:
+            return self._asking[number][1].next_t_ns
+        rates = (w for w in self._wants if w.command == number and w.dry_ns and w.refusals < _REFUSALS)
+        return min((w.seen_t_ns + w.dry_ns for w in rates), default=_NEVER_NS)
 
     def heard(self, name: str, t_ns: int) -> None:
         """Note that a message of type `name` came."""
         for want in self._wants:
             if want.shows == name:
-                want.seen_t_ns = t_ns
+                want.seen_t_ns = max(want.seen_t_ns, t_ns)
                 if want.command == REQUEST_MESSAGE:
                     self._met(want)
 
@@ -112,6 +129,7 @@ class Wants:
 
     def _met(self, want: _Want) -> None:
         want.met = True
+        self._idle_until_ns = 0
         if want.command in self._asking and self._asking[want.command][0] is want:
             del self._asking[want.command]
 
