@@ -31,7 +31,7 @@ class LocalFrame:
     def to_local(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """Return (east_m, north_m) of a point at the origin's height.
 
-        What `pymap3d.geodetic2enu` does, to the last bit, on Python's floats: many position reports come through here.
+        What `pymap3d.geodetic2enu` does, to the last bit, on Python's floats: reports come through here.
         """
         x, y, z = _to_ecef(lat_deg, lon_deg, self.alt_msl_m)
         x0, y0, z0 = _to_ecef(self.lat_deg, self.lon_deg, self.alt_msl_m)

@@ -2,6 +2,7 @@
 
 import math
 
+import pymap3d
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,6 +20,15 @@ def test_there_and_back_is_the_same_place(east_m: float, north_m: float) -> None
 def test_one_degree_north_is_a_degree_of_the_meridian() -> None:
     _, north_m = FRAME.to_local(33.21, -87.6)
     assert north_m == pytest.approx(1109.1, abs=0.5)  # 110.91 km a degree at 33.2 degrees on WGS84
+
+
+@given(st.floats(-85, 85), st.floats(-180, 180), st.floats(-1, 1), st.floats(-1, 1))
+def test_the_local_frame_is_pymap3ds(
+    lat_deg: float, lon_deg: float, north_deg: float, east_deg: float
+) -> None:
+    there = lat_deg + north_deg, lon_deg + east_deg
+    enu = pymap3d.geodetic2enu(*there, 70.0, lat_deg, lon_deg, 70.0)
+    assert LocalFrame(lat_deg, lon_deg, 70.0).to_local(*there) == pytest.approx(enu[:2], abs=1e-6)
 
 
 @given(st.floats(-1e4, 1e4))

@@ -66,6 +66,7 @@ class Visit:
             FleetSettings(position_rate_hz=config.telemetry.rate_hz),
             links=links,
             also=also,
+            kernel=False,  # a visit is short: it would take longer to load
         )
         signing = Signing(links, config.links.key_file(source) if link is None else None)
         self.links = Links(links, vehicles, config.local_frame, signing)

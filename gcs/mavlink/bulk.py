@@ -171,8 +171,8 @@ class Frames:
     def __init__(self) -> None:
         self.table = np.zeros((256, WIDTH), np.int32)
         self._data = b""
-        self.found = self.bad_bytes = self.crc_errors = self.unknown = 0
-        """As `gcs.mavlink.codec.Scanned` counts; `found` counts the rows, those of unknown ids too."""
+        self.found = self.checked = self.bad_bytes = self.crc_errors = self.unknown = 0
+        """Rows in all, those of good frames, and as `gcs.mavlink.codec.Scanned` counts."""
 
     def take(self, data: bytes) -> None:
         """Frame a datagram, from empty."""
@@ -181,6 +181,7 @@ class Frames:
         self._data = data
         _find(data, EXTRAS, self.table)
         self.found, self.bad_bytes, self.crc_errors, self.unknown = self.table[0, :4].tolist()
+        self.checked = self.found - self.unknown
 
     def is_checked(self, row: int) -> bool:
         """Whether the frame's checksum is known to hold."""

@@ -20,6 +20,8 @@ pymavlink); fields are unpacked by the dialect that pymavlink generates.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -41,6 +43,23 @@ _MAX_FALSE_STARTS = 64
 _MARKER = re.compile(b"[\xfd\xfe]")
 
 
+def _plain_definitions() -> dict[int, tuple[Any, Callable[[bytes], Any], int, Callable[[Any], Any]]]:
+    """Class, unpacker, payload size and order of the fields of each message that holds numbers alone."""
+    return {
+        message_id: (
+            definition,
+            definition.unpacker.unpack,
+            definition.unpacker.size,
+            itemgetter(*definition.orders) if len(definition.orders) > 1 else tuple,
+        )
+        for message_id, definition in dialect.mavlink_map.items()
+        if sum(definition.lengths) == len(definition.lengths) and "s" not in definition.unpacker.format
+    }
+
+
+_PLAIN = _plain_definitions()
+
+
 class Frame(NamedTuple):
     """One frame whose checksum holds."""
 
@@ -52,7 +71,28 @@ class Frame(NamedTuple):
     data: bytes
 
     def message(self) -> Message | None:
-        """Unpack the fields; None when they do not fit the message's definition."""
+        """Unpack the fields; None when they do not fit the message's definition.
+
+        As pymavlink's ``decode`` does it, without a second look at the checksum. Messages with arrays or
+        texts, which are rare, are left to it.
+        """
+        plain = _PLAIN.get(self.message_id)
+        if plain is None:
+            return self._decoded()
+        definition, unpack, size, in_order = plain
+        data, begin = self.data, _HEADER_V2 if self.data[0] == _MAGIC_V2 else _HEADER_V1
+        payload = data[begin : begin + min(data[1], size)]
+        message = definition(*in_order(unpack(payload.ljust(size, b"\0"))))
+        flags = data[2:4] if begin == _HEADER_V2 else b"\0\0"
+        message._header = dialect.MAVLink_header(
+            self.message_id, flags[0], flags[1], data[1], self.sequence, self.system_id, self.component_id
+        )
+        crc_at = begin + data[1]
+        message._crc = data[crc_at] | data[crc_at + 1] << 8
+        message._msgbuf, message._payload = data, data[begin:crc_at]
+        return message
+
+    def _decoded(self) -> Message | None:
         try:
             return dialect.MAVLink(None).decode(bytearray(self.data))
         except (dialect.MAVError, ValueError, TypeError, IndexError):
@@ -74,6 +114,27 @@ class Scanned(NamedTuple):
     def unknown(self) -> int:
         """Number of frames of unknown ids."""
         return len(self.unchecked)
+
+
+class SimpleFrames:
+    """The frames of one datagram at a time, by `scan`: the simple form of `gcs.mavlink.bulk.Frames`."""
+
+    def __init__(self) -> None:
+        self.take(b"")
+
+    def take(self, data: bytes) -> None:
+        """Frame a datagram, from empty."""
+        self._frames, self.bad_bytes, self.crc_errors, unchecked = scan(data)
+        self.found = self.checked = len(self._frames)
+        self.unknown = len(unchecked)
+
+    def is_checked(self, row: int) -> bool:  # noqa: ARG002  others have no row here
+        """Whether the frame's checksum is known to hold."""
+        return True
+
+    def frame(self, row: int) -> Frame:
+        """Return the frame of a row; the first is 1."""
+        return self._frames[row - 1]
 
 
 def scan(data: bytes) -> Scanned:

@@ -18,14 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
+import numpy as np
+import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.asking import ns
-from gcs.mavlink.bulk import Frames
 from gcs.mavlink.codec import (
     AUTOPILOT_COMPONENT_ID,
     GCS_COMPONENT_ID,
@@ -33,14 +34,19 @@ from gcs.mavlink.codec import (
     Encoder,
     Frame,
     Message,
+    SimpleFrames,
 )
+from gcs.mavlink.counters import Counters, LinkCounters, Stranger
 from gcs.mavlink.items import Home
 from gcs.mavlink.profiles import Profile
-from gcs.mavlink.quiet import Ledger
-from gcs.mavlink.row import ADDRESS, NOBODY
+from gcs.mavlink.row import ADDRESS, DUE_NS, HEARD_NS, NOBODY, SIGNS, new_row
 from gcs.mavlink.vehicle import Address, Health, Vehicle
 from gcs.mavlink.wants import Wants
-from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, network_of, system_of, vehicle_id
+from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, vehicle_id
+
+if TYPE_CHECKING:
+    from gcs.mavlink.bulk import Frames
+    from gcs.mavlink.quiet import Ledger
 
 _NEEDED: Final = frozenset(
     {
@@ -86,55 +92,6 @@ class FleetSettings:
     """Strangers that are told apart; more are counted together."""
 
 
-@dataclass(slots=True)
-class Counters:
-    """Totals over all links."""
-
-    datagrams: int = 0
-    frames: int = 0
-    bad_bytes: int = 0
-    crc_errors: int = 0
-    unknown_ids: int = 0
-    strangers: int = 0
-    """Frames of system ids that are not expected."""
-    conflicts: int = 0
-    """Frames that claimed a vehicle's id from another address."""
-    ignored: int = 0
-    """Frames of a vehicle before its contact, or of its other components."""
-    notices_dropped: int = 0
-
-
-@dataclass(slots=True)
-class LinkCounters:
-    """What was heard on one link of vehicles."""
-
-    datagrams: int = 0
-    bytes: int = 0
-    frames: int = 0
-    """Frames whose checksum holds."""
-    bad_bytes: int = 0
-    """Bytes that belong to no frame."""
-    crc_errors: int = 0
-    unknown_ids: int = 0
-    lost: int = 0
-    """Frames of our vehicles that are missing in their sequences."""
-    strangers: int = 0
-    """Frames of system ids that are not expected there."""
-    conflicts: int = 0
-    """Frames that claimed a vehicle's id from another address."""
-
-
-@dataclass(slots=True)
-class Stranger:
-    """Somebody on the link who is not a vehicle of ours."""
-
-    system_id: int
-    component_id: int
-    address: Address
-    frames: int
-    heard_t_ns: int
-
-
 class Fleet:
     """All expected vehicles.
 
@@ -152,7 +109,8 @@ class Fleet:
     also : iterable of int
         Message ids that `receive` gives beside those that the service itself needs.
     kernel : bool
-        Whether quiet frames are folded in by a compiled kernel; without it the same comes out, slowly.
+        Whether quiet frames are folded in by a compiled kernel, to be warmed up before
+        (`gcs.mavlink.quiet.warm_up`); without it the same comes out, slowly.
     """
 
     def __init__(
@@ -177,10 +135,17 @@ class Fleet:
         self._settings = settings or FleetSettings()
         self._lost_after_ns = ns(self._settings.lost_after_s)
         called = sorted(set(expected))
-        systems = {n: [system_of(v) for v in called if network_of(v) == n] for n in map(network_of, called)}
-        self._ledger = Ledger(systems, _NEEDED, frame, self._settings.max_distance_m)
-        self._kernel = kernel
-        self._frames = Frames()
+        self._table = np.tile(new_row(), (len(called), 1))
+        self._frames: Frames | SimpleFrames = SimpleFrames()
+        self._ledger: Ledger | None = None
+        if kernel:
+            from gcs.mavlink.bulk import Frames
+            from gcs.mavlink.quiet import Ledger
+
+            self._frames = Frames()
+            self._ledger = Ledger(
+                self._table, called, self._frames, _NEEDED, also, frame, self._settings.max_distance_m
+            )
         self._numbers: dict[Address, int] = {}
         """What the ledger calls the addresses of vehicles."""
         self._next_number = 0
@@ -189,12 +154,13 @@ class Fleet:
                 vehicle,
                 frame,
                 Encoder(*own),
-                Wants(vehicle, own, self._settings.position_rate_hz),
+                Wants(vehicle, own, self._settings.position_rate_hz, row),
                 self._settings.max_distance_m,
                 row,
             )
-            for vehicle, row in zip(called, self._ledger.table, strict=True)
+            for vehicle, row in zip(called, self._table, strict=True)
         }
+        self._in_order = tuple(self._vehicles.values())
         self._strangers: dict[tuple[int, int, Address], Stranger] = {}
         self._beats_t_ns: dict[Address, int] = {}
         self._notices: list[Notice] = []
@@ -204,14 +170,16 @@ class Fleet:
     # ------------------------------------------------------------ in
 
     def receive(self, datagram: Datagram) -> list[tuple[int, Message]]:
-        """Take one datagram; returns the messages that vehicles of ours sent, for their mission tasks."""
+        """Take one datagram; returns what vehicles of ours said in it, for their mission tasks.
+
+        Positions and other quiet frames (`gcs.mavlink.quiet`) are not among it: they are in the states.
+        """
         frames, counters = self._frames, self.counters
         frames.take(datagram.data)
-        checked = frames.found - frames.unknown
         link = self.links.setdefault(datagram.link, LinkCounters())
         for counted in (counters, link):
             counted.datagrams += 1
-            counted.frames += checked
+            counted.frames += frames.checked
             counted.unknown_ids += frames.unknown
         link.bytes += len(datagram.data)
         if frames.bad_bytes or frames.crc_errors:
@@ -231,9 +199,9 @@ class Fleet:
         accepted = []
         at = 1
         while at <= frames.found:
-            if self._kernel:
+            if self._ledger is not None:
                 number = self._numbers.get(address, NOBODY)
-                at, lost = self._ledger.fold(datagram.data, frames, at, number, t_ns, network)
+                at, lost = self._ledger.fold(datagram.data, at, number, t_ns, network)
                 link.lost += lost
                 if at > frames.found:
                     break
@@ -274,7 +242,7 @@ class Fleet:
         return message
 
     def _note_signing(self, vehicle: Vehicle, t_ns: int, *, signed: bool) -> None:
-        vehicle.signed = signed
+        vehicle.row[SIGNS] = signed
         level: Level = "info" if signed else "warning"
         text = "signs its frames" if signed else "no longer signs its frames"
         self._tell_now_and_then(text, vehicle.system_id, t_ns, level, text)
@@ -332,19 +300,32 @@ class Fleet:
             for address, encode in self._callers.items()
             if self._beat_due(address, t_ns)
         ]
-        for vehicle in self._vehicles.values():
-            if vehicle.address is None:
-                continue
-            silent_ns = t_ns - vehicle.heard_t_ns
-            if vehicle.liveness == "alive" and silent_ns > self._lost_after_ns:
-                vehicle.liveness = "stale"
-                vehicle.row[ADDRESS] = NOBODY
-                self._tell("alarm", f"not heard for {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
-            messages = vehicle.poll(t_ns) if vehicle.liveness == "alive" else []
-            if self._beat_due(vehicle.address, t_ns):
-                messages.append(heartbeat())
-            out += [Send(*vehicle.address, vehicle.encoder(message)) for message in messages]
+        for index in np.flatnonzero(self._is_due(t_ns)).tolist():
+            vehicle = self._in_order[index]
+            if vehicle.address is not None:
+                messages = self._poll_vehicle(vehicle, vehicle.address, t_ns)
+                out += [Send(*vehicle.address, vehicle.encoder(message)) for message in messages]
         return out
+
+    def _is_due(self, t_ns: int) -> npt.NDArray[np.bool_]:
+        """Which vehicles to look at: something may be due to be sent, or it has fallen silent."""
+        table = self._table
+        is_silent = (table[:, ADDRESS] != NOBODY) & (t_ns - table[:, HEARD_NS] > self._lost_after_ns)
+        return np.asarray(is_silent | (table[:, DUE_NS] <= t_ns))
+
+    def _poll_vehicle(self, vehicle: Vehicle, address: Address, t_ns: int) -> list[Message]:
+        silent_ns = t_ns - vehicle.heard_t_ns
+        if vehicle.liveness == "alive" and silent_ns > self._lost_after_ns:
+            vehicle.liveness = "stale"
+            vehicle.row[ADDRESS] = NOBODY
+            self._tell("alarm", f"not heard for {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
+        is_alive = vehicle.liveness == "alive"
+        messages = vehicle.poll(t_ns) if is_alive else []
+        if self._beat_due(address, t_ns):
+            messages.append(heartbeat())
+        next_beat_ns = self._beats_t_ns[address] + NS_PER_S
+        vehicle.row[DUE_NS] = min(next_beat_ns, vehicle.wants.idle_until_ns) if is_alive else next_beat_ns
+        return messages
 
     def _beat_due(self, address: Address, t_ns: int) -> bool:
         """Whether an address is due its heartbeat: one a second, whoever shares it."""

@@ -14,7 +14,7 @@ MAVLink 2 payload are left out (https://mavlink.io/en/guide/serialization.html#p
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs import compiling
 from gcs.geo import LocalFrame
 from gcs.mavlink import bulk
-from gcs.mavlink.bulk import CHECKED, COMPONENT, MESSAGE_ID, OFFSET, SEQUENCE, SYSTEM, Frames
+from gcs.mavlink.bulk import CHECKED, COMPONENT, MESSAGE_ID, OFFSET, SEQUENCE, SIGNED, SYSTEM, Frames
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID
 from gcs.mavlink.position import EARTH_RADIUS_M, MAX_ALT_M, MIN_ALT_M, NULL_DEG
 from gcs.mavlink.row import (
@@ -46,12 +46,13 @@ from gcs.mavlink.row import (
     NONE,
     PLACE_NS,
     PLACES,
+    SIGNS,
     V_EAST_CM_S,
     V_NORTH_CM_S,
     WIDTH,
     Row,
-    new_row,
 )
+from gcs.model import network_of, system_of
 
 _POSITION: Final[int] = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _SYS_STATUS: Final[int] = dialect.MAVLINK_MSG_ID_SYS_STATUS
@@ -62,6 +63,7 @@ _BOOT_WRAP_MS: Final = 1 << 32
 _NS_PER_MS: Final = 1_000_000
 _SYSTEMS: Final = 256
 _IDS: Final = 512
+_LOUD: Final = 2
 _V1: Final = 0xFE
 _EARTH_M: Final = EARTH_RADIUS_M
 _NULL_1E7: Final = round(NULL_DEG * 1e7)
@@ -148,8 +150,10 @@ def _count(row, sequence, t_ns):  # type: ignore[no-untyped-def]
 def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ignore[no-untyped-def]
     """Fold frames in from row `at` on; stop before the first that is not quiet.
 
-    `rows_of` holds the row of each system id (`NONE` for strangers), then for each message id whether
-    somebody reads it. Returns the row of `frames` where it stopped, and the change of all `LOST`.
+    `rows_of` holds the row of each system id (`NONE` for strangers), then for each message id 0 when nobody
+    reads it, 1 when only the vehicle's record does, `_LOUD` when others want every one.
+
+    Returns the row of `frames` where it stopped, and the change of all `LOST`.
     """
     lost = 0
     while at <= frames[0, 0]:
@@ -160,12 +164,14 @@ def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ign
         if index == NONE or frames[at, COMPONENT] != _AUTOPILOT:
             break
         row = table[index]
-        if row[ADDRESS] != address:
+        if row[ADDRESS] != address or row[SIGNS] != frames[at, SIGNED]:
             break
         if message_id < _IDS and rows_of[_SYSTEMS + message_id]:
             offset = frames[at, OFFSET]
             begin = offset + (6 if data[offset] == _V1 else 10)
             size = np.int64(data[offset + 1])
+            if rows_of[_SYSTEMS + message_id] == _LOUD:
+                break
             if message_id == _POSITION:
                 if not _take_position(data, begin, size, t_ns, row, origin):
                     break
@@ -183,47 +189,54 @@ def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ign
 
 
 class Ledger:
-    """The rows of all vehicles.
+    """The rows of all vehicles, and the quiet frames that change them.
 
     Parameters
     ----------
-    systems : mapping
-        Of each network, the system ids of its vehicles, in the order of their rows.
-    read : collection of int
-        Message ids that somebody reads.
+    table : (n, WIDTH) array
+        The rows.
+    vehicles : sequence of int
+        Whose they are, in order.
+    frames : Frames
+        Of the datagram that is worked.
+    read, loud : collection of int
+        Message ids that somebody reads; those among or beside them of which no frame is quiet.
     frame : LocalFrame
     max_distance_m : float
         Places further from the frame's origin are none of ours.
     """
 
     def __init__(
-        self, systems: Mapping[int, Iterable[int]], read: Collection[int], frame: LocalFrame, max_distance_m: float
+        self,
+        table: Row,
+        vehicles: Sequence[int],
+        frames: Frames,
+        read: Collection[int],
+        loud: Collection[int],
+        frame: LocalFrame,
+        max_distance_m: float,
     ) -> None:
-        self._rows_of: dict[int, Row] = {}
-        count = 0
-        for network, system_ids in systems.items():
-            rows_of = np.full(_SYSTEMS + _IDS, NONE, np.int64)
-            rows_of[_SYSTEMS:] = np.isin(np.arange(_IDS), list(read))
-            for system_id in system_ids:
-                rows_of[system_id] = count
-                count += 1
-            self._rows_of[network] = rows_of
-        if max(read, default=0) >= _IDS:
+        if max((*read, *loud), default=0) >= _IDS:
             raise ValueError(f"message ids that are read must be below {_IDS}")
-        self.table = np.tile(new_row(), (count, 1))
+        empty = np.full(_SYSTEMS + _IDS, NONE, np.int64)
+        empty[_SYSTEMS:] = np.isin(np.arange(_IDS), list(read))
+        empty[_SYSTEMS:][list(loud)] = _LOUD
+        self._rows_of: dict[int, Row] = {}
+        for index, vehicle in enumerate(vehicles):
+            rows_of = self._rows_of.setdefault(network_of(vehicle), empty.copy())
+            rows_of[system_of(vehicle)] = index
+        self._table, self._frames = table, frames
         self._origin = np.array([frame.lat_deg, frame.lon_deg, max_distance_m])
 
-    def fold(
-        self, data: bytes, frames: Frames, at: int, address: int, t_ns: int, network: int
-    ) -> tuple[int, int]:
-        """Fold a datagram's frames in from row `at` of its table on, up to the first that is not quiet.
+    def fold(self, data: bytes, at: int, address: int, t_ns: int, network: int) -> tuple[int, int]:
+        """Fold a datagram's frames in from row `at` of their table on, up to the first that is not quiet.
 
         Returns the row of that frame, one past the last when there is none; and the change of losses.
         """
         rows_of = self._rows_of.get(network)
         if rows_of is None or address == NOBODY:
             return at, 0
-        next_at, lost = _fold(data, frames.table, at, address, t_ns, rows_of, self.table, self._origin)
+        next_at, lost = _fold(data, self._frames.table, at, address, t_ns, rows_of, self._table, self._origin)
         return next_at, lost
 
 

@@ -20,6 +20,7 @@ Row = npt.NDArray[np.int64]
     LAST_SEQUENCE,  # NONE before its first frame, and after a reboot or a silence
     FRAMES,
     LOST,
+    SIGNS,  # whether its last frame was signed
     BOOT_MS,  # time since boot of the newest position; NONE before the first
     BOOT_OFFSET_NS,  # our clock less the vehicle's, at the newest position
     BOOT_RUN,  # whether a run of reports behind the newest is being watched
@@ -34,8 +35,9 @@ Row = npt.NDArray[np.int64]
     V_EAST_CM_S,
     HEADING_CDEG,
     PLACES,  # number of positions believed
+    DUE_NS,  # before then there is nothing to send to it by the clock
     WIDTH,
-) = range(20)
+) = range(22)
 
 NONE: Final = -1
 NOBODY: Final = -1

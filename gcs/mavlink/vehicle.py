@@ -24,6 +24,7 @@ from gcs.mavlink.row import (
     ADDRESS,
     BATTERY_PERCENT,
     BEST_FIX,
+    DUE_NS,
     FIX_TYPE,
     FRAMES,
     HEARD_NS,
@@ -32,6 +33,7 @@ from gcs.mavlink.row import (
     NONE,
     PLACE_NS,
     PLACES,
+    SIGNS,
     Row,
     new_row,
 )
@@ -100,7 +102,6 @@ class Vehicle:
         self.wants = wants
         self.encoder = encoder
         self.refused: dict[str, int] = {}
-        self.signed = False
         self._frame, self._max_distance_m = frame, max_distance_m
         self._clock = BootClock(self.row)
         self._mode, self._armed, self._mission_seq = "", False, -1
@@ -123,14 +124,19 @@ class Vehicle:
         return self.row.item(HEARD_NS)
 
     @property
+    def signed(self) -> bool:
+        """Whether its last frame was signed."""
+        return bool(self.row[SIGNS])
+
+    @property
     def lost(self) -> int:
         """Frames missing in the sequence."""
         return self.row.item(LOST)
 
     def contact(self, address: Address, number: int) -> None:
-        """Begin, or begin again, to hear the vehicle at this address; `number` is what the ledger calls it."""
+        """Begin, or begin again, to hear the vehicle at this address, which the ledger calls `number`."""
         self.address = address
-        self.row[ADDRESS], self.row[LAST_SEQUENCE] = number, NONE
+        self.row[ADDRESS], self.row[LAST_SEQUENCE], self.row[DUE_NS] = number, NONE, 0
         self.wants.begin()
 
     def count(self, sequence: int, t_ns: int) -> None:
@@ -150,7 +156,7 @@ class Vehicle:
 
     def poll(self, t_ns: int) -> list[Message]:
         """Return the questions to it that are due."""
-        if not self.wants.is_idle(t_ns) and self.row[PLACES]:
+        if t_ns >= self.wants.idle_until_ns and self.row[PLACES]:
             self.wants.heard("GLOBAL_POSITION_INT", self.row.item(PLACE_NS))  # the kernel tells nobody
         return self.wants.poll(t_ns)
 

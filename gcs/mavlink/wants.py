@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.asking import Asking, Patience, ns
 from gcs.mavlink.codec import Message
 from gcs.mavlink.commands import MESSAGE_INTERVAL, REQUEST_MESSAGE, command
+from gcs.mavlink.row import DUE_NS, Row, new_row
 
 _FOR_EVER: Final = Patience(wait_s=1.0, wait_max_s=5.0, tries=0)
 _HOME: Final = Patience(wait_s=2.0, wait_max_s=2.0, tries=0)
@@ -44,9 +45,15 @@ class _Want:
 
 
 class Wants:
-    """The questions to one vehicle. At most two are on their way at a time, one of each command."""
+    """The questions to one vehicle. At most two are on their way at a time, one of each command.
 
-    def __init__(self, system_id: int, own: tuple[int, int], position_rate_hz: float) -> None:
+    When there may be something new to ask, `DUE_NS` in the vehicle's row says so.
+    """
+
+    def __init__(
+        self, system_id: int, own: tuple[int, int], position_rate_hz: float, row: Row | None = None
+    ) -> None:
+        self._row = new_row() if row is None else row
         self._system_id, self._own = system_id, own
         self._wants = (
             _rate("GLOBAL_POSITION_INT", dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, position_rate_hz),
@@ -61,22 +68,22 @@ class Wants:
             ),
         )
         self._asking: dict[int, tuple[_Want, Asking]] = {}
-        self._idle_until_ns = 0
+        self.idle_until_ns = 0
+        """Before then nothing is due, unless something is heard."""
 
     def begin(self) -> None:
         """Ask for everything: on contact, after a reboot, after a silence."""
         self._asking.clear()
-        self._idle_until_ns = 0
+        self._look_again()
         for want in self._wants:
             want.met, want.refusals = False, 0
 
-    def is_idle(self, t_ns: int) -> bool:
-        """Whether nothing can be due yet."""
-        return t_ns < self._idle_until_ns
+    def _look_again(self) -> None:
+        self.idle_until_ns = self._row[DUE_NS] = 0
 
     def poll(self, t_ns: int) -> list[Message]:
         """Questions that are due."""
-        if self.is_idle(t_ns):
+        if t_ns < self.idle_until_ns:
             return []
         out = []
         for number in (MESSAGE_INTERVAL, REQUEST_MESSAGE):
@@ -89,7 +96,7 @@ class Wants:
             asking = self._asking[number][1]
             if asking.due(t_ns):
                 out.append(asking.question)
-        self._idle_until_ns = min(self._next_t_ns(number) for number in (MESSAGE_INTERVAL, REQUEST_MESSAGE))
+        self.idle_until_ns = min(self._next_t_ns(number) for number in (MESSAGE_INTERVAL, REQUEST_MESSAGE))
         return out
 
     def _next_t_ns(self, number: int) -> int:
@@ -129,7 +136,7 @@ class Wants:
 
     def _met(self, want: _Want) -> None:
         want.met = True
-        self._idle_until_ns = 0
+        self._look_again()
         if want.command in self._asking and self._asking[want.command][0] is want:
             del self._asking[want.command]
 

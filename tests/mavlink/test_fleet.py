@@ -69,7 +69,10 @@ def test_a_vehicles_reports_become_its_state_in_the_local_frame():
         10, beat(), position(1, 250, -400, v_east=3, v_north=-4), dialect.MAVLink_mission_current_message(5)
     )
     state = air.fleet.state(1)
-    assert [system_id for system_id, _ in accepted] == [1, 1, 1]
+    assert [(system_id, m.get_type()) for system_id, m in accepted] == [
+        (1, "HEARTBEAT"),
+        (1, "MISSION_CURRENT"),
+    ]
     assert (state.east_m, state.north_m) == pytest.approx((250, -400), abs=0.02)
     assert (state.alt_msl_m, state.ground_speed_m_s) == pytest.approx((684, 5))
     assert state.course_rad == pytest.approx(math.atan2(3, -4))
