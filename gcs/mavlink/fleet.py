@@ -124,7 +124,8 @@ class Fleet:
         also: Iterable[int] = (),
         kernel: bool = True,
     ) -> None:
-        self._needed = _NEEDED.union(also)
+        loud = frozenset(also)
+        self._needed = _NEEDED | loud
         self.counters = Counters()
         self.links: dict[str, LinkCounters] = {}
         """By link, in the order in which they were first heard."""
@@ -144,7 +145,7 @@ class Fleet:
 
             self._frames = Frames()
             self._ledger = Ledger(
-                self._table, called, self._frames, _NEEDED, also, frame, self._settings.max_distance_m
+                self._table, called, self._frames, _NEEDED, loud, frame, self._settings.max_distance_m
             )
         self._numbers: dict[Address, int] = {}
         """What the ledger calls the addresses of vehicles."""
