@@ -10,7 +10,8 @@ from rich import box
 from rich.table import Table
 
 from gcs.edge.links import Links
-from gcs.mavlink.fleet import Fleet, LinkCounters
+from gcs.mavlink.counters import LinkCounters
+from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.routing import PortCounters
 from gcs.mavlink.signing import GateCounters
 
