@@ -187,17 +187,25 @@ class PlanningTable(Table, frozen=True, kw_only=True):
     cost: Literal["length", "arrival"] = "length"
     objective: Literal["total", "longest"] = "total"
     spare: Literal["hold", "double"] = "hold"
+    separation_m: NotNegative = 60.0
 
 
 class MissionTable(Table, frozen=True, kw_only=True):
     """What is written into the missions."""
 
     altitude_rel_m: Positive = 100.0
+    lane_step_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 20.0
+    lanes: Annotated[int, Meta(ge=1, le=50)] = 5
     accept_radius_m: Annotated[float, Meta(gt=0.0, le=255.0)] = 10.0
     loiter_radius_m: Annotated[float, Meta(ge=0.0, le=255.0)] = 30.0
     end: Literal["loiter", "land"] = "loiter"
     uploader: Literal["own", "mavsdk"] = "own"
     max_duration_s: Positive = 600.0
+
+    @property
+    def highest_rel_m(self) -> float:
+        """Altitude of the highest lane."""
+        return self.altitude_rel_m + (self.lanes - 1) * self.lane_step_m
 
 
 class FenceAreaTable(Table, frozen=True, kw_only=True):

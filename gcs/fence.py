@@ -137,11 +137,11 @@ def rally_of(config: Config) -> tuple[Rally, ...]:
 
 def _check(fence: Fence, config: Config, source: str) -> None:
     frame = config.local_frame
-    if fence.max_alt_rel_m and fence.max_alt_rel_m <= config.mission.altitude_rel_m:
+    if fence.max_alt_rel_m and fence.max_alt_rel_m <= config.mission.highest_rel_m:
         raise ConfigError(
             source,
             "fence.max_alt_rel_m",
-            f"expected more than mission.altitude_rel_m, {config.mission.altitude_rel_m:g} m",
+            f"expected more than the highest altitude lane, {config.mission.highest_rel_m:g} m",
         )
     for index, row in enumerate(config.rally):
         if fence.beyond([frame.to_local(row.lat_deg, row.lon_deg)], frame):

@@ -339,6 +339,8 @@ class Route:
     """(k, 2) east/north, the vehicle's position excluded, the target's included."""
     length_m: float
     """From the vehicle's position along the points."""
+    lane: int = 0
+    """Altitude lane, from 0, the lowest (see `gcs.planning.separation`)."""
 
 
 @dataclass(frozen=True, slots=True)

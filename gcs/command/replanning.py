@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from gcs.command.aims import Aims, course_of, place_of, plan_options
+from gcs.command.apart import Lanes
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
@@ -56,6 +57,7 @@ class Replanner:
         self._grid = grid
         self._options = plan_options(config)
         self.aims = Aims(config)
+        self._lanes = Lanes(config)
         self._planning = planning
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)
@@ -264,8 +266,6 @@ class Replanner:
         )
         self._planned_agents = frozenset(situation.agents)
         self._planned_targets = frozenset(situation.targets)
-        self.notes = [note for note in result.notes if note not in self._noted]
-        self._noted = frozenset(result.notes)
         kept: list[Route] = []
         changed: list[int] = []
         for route in result.routes:
@@ -280,6 +280,10 @@ class Replanner:
                 kept.append(route)
                 changed.append(route.vehicle)
                 self._given_t_ns[route.vehicle] = situation.t_ns
+        kept, near = self._lanes.give(kept, changed, situation.agents, situation.arrived)
+        notes = (*result.notes, *near)
+        self.notes = [note for note in notes if note not in self._noted]
+        self._noted = frozenset(notes)
         self._decide(kept, situation)
         return Plan(
             t_ns=situation.t_ns,

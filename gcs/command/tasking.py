@@ -360,8 +360,9 @@ class Tasking:
     def _mission(self, route: Route, mission_id: int) -> Mission:
         places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
         table = self._table
+        altitude_rel_m = table.altitude_rel_m + route.lane * table.lane_step_m
         waypoints = tuple(
-            Waypoint(*place, table.altitude_rel_m, float(radius_m))
+            Waypoint(*place, altitude_rel_m, float(radius_m))
             for place, radius_m in zip(places, self._acceptance_m(route), strict=True)
         )
         return Mission(mission_id, route.vehicle, waypoints, table.loiter_radius_m, table.end)

@@ -330,7 +330,7 @@ class VehicleJudge:
         config, frame = self._config, self._config.local_frame
         if not limits.is_on:
             return ""
-        ceiling_m, altitude_m = limits.max_alt_rel_m, config.mission.altitude_rel_m
+        ceiling_m, altitude_m = limits.max_alt_rel_m, config.mission.highest_rel_m
         if ceiling_m is not None and ceiling_m < altitude_m + _MARGIN_M:
             return f"ceiling at {ceiling_m:g} m, missions at {altitude_m:g} m: less than {_MARGIN_M:g} m"
         if limits.max_radius_m is not None and (far_m := self._farthest_m(frame)) > limits.max_radius_m:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -26,6 +27,7 @@ from gcs.errors import ConfigError, RecordingError
 from gcs.planning.grid import Grid, Point
 from gcs.planning.movingai import read_map
 from gcs.planning.routes import PlanResult, Stage, plan_routes, warm_up
+from gcs.planning.separation import Flight, separate
 from gcs.planning.task import AgentStart, PlanOptions
 from gcs.report.plan import Drawing, draw_plan
 
@@ -58,6 +60,9 @@ class Task:
     options: PlanOptions
     y_down: bool
     """As maps of the Moving AI format are drawn."""
+    speed_m_s: float = 15.0
+    lanes: int = 1
+    separation_m: float = 0.0
 
 
 def run_plan(arguments: PlanArguments, console: Console) -> int:
@@ -92,9 +97,15 @@ def _task(arguments: PlanArguments) -> Task:
     agents: dict[int, AgentStart] = {}
     targets: list[Point] = []
     options, name, y_down = PlanOptions(shape="pulled"), "", False
+    apart: dict[str, Any] = {}
     if arguments.scenario is not None:
         config = load(arguments.scenario)
         options, name, grid = plan_options(config), config.name, mission_grid(config, arguments.seed)
+        apart = {
+            "speed_m_s": config.airframe.speed_m_s,
+            "lanes": config.mission.lanes if config.mission.lane_step_m > 0.0 else 1,
+            "separation_m": config.planning.separation_m,
+        }
         agents = {
             a.system_id: AgentStart(a.east_m, a.north_m, math.radians(a.course_deg)) for a in config.agents
         }
@@ -107,7 +118,7 @@ def _task(arguments: PlanArguments) -> Task:
     if arguments.targets is not None:
         targets = _places(arguments.targets, "--targets", grid)
     numbered = {(0, number): place for number, place in enumerate(targets, start=1)}
-    return Task(name, grid, agents, numbered, options, y_down)
+    return Task(name, grid, agents, numbered, options, y_down, **apart)
 
 
 def _read(path: Path) -> Grid:
@@ -147,8 +158,21 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
         began = now
 
     result = plan_routes(task.grid, task.agents, task.targets, {}, task.options, done)
-    notes = tuple(re.sub(r"target \(0, (\d+)\)", r"target \1", note) for note in result.notes)
-    return replace(result, notes=notes), timings_ms
+    notes = [re.sub(r"target \(0, (\d+)\)", r"target \1", note) for note in result.notes]
+    flights = [
+        Flight(
+            route.vehicle, np.vstack((_start(task, route.vehicle), route.points_m)), task.speed_m_s, number
+        )
+        for number, route in enumerate(result.routes)
+    ]
+    lanes, conflicts = separate(flights, task.lanes, task.separation_m)
+    notes += [
+        f"agents {conflict.vehicles[0]} and {conflict.vehicles[1]} come within {conflict.distance_m:.0f} m of "
+        f"each other at one altitude after {conflict.after_s:.0f} s"
+        for conflict in conflicts
+    ]
+    routes = tuple(replace(route, lane=lanes[route.vehicle]) for route in result.routes)
+    return replace(result, routes=routes, notes=tuple(notes)), timings_ms
 
 
 def _plain(task: Task, result: PlanResult, timings_ms: dict[str, float]) -> dict[str, Any]:
@@ -160,6 +184,7 @@ def _plain(task: Task, result: PlanResult, timings_ms: dict[str, float]) -> dict
                 "target": route.target[1],
                 "length_m": route.length_m,
                 "grid_length_m": result.grid_lengths_m[route.vehicle],
+                "lane": route.lane,
                 "points_m": [_start(task, route.vehicle), *route.points_m.tolist()],
             }
             for route in result.routes
@@ -205,7 +230,7 @@ def _show(
         highlight=False,
     )
     table = Table()
-    for heading in ("agent", "target", "length", "on the grid", "legs"):
+    for heading in ("agent", "target", "length", "on the grid", "legs", "lane"):
         table.add_column(heading, justify="right")
     for route in result.routes:
         table.add_row(
@@ -214,11 +239,12 @@ def _show(
             f"{route.length_m:,.1f} m",
             f"{result.grid_lengths_m[route.vehicle]:,.1f} m",
             str(len(route.points_m)),
+            str(route.lane),
         )
     if len(result.routes) > 1:
         on_grid_m = math.fsum(result.grid_lengths_m.values())
         table.add_section()
-        table.add_row("all", "", f"{result.total_length_m:,.1f} m", f"{on_grid_m:,.1f} m", "")
+        table.add_row("all", "", f"{result.total_length_m:,.1f} m", f"{on_grid_m:,.1f} m", "", "")
     if result.routes:
         console.print(table)
     for names, who in (

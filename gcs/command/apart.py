@@ -1,0 +1,69 @@
+"""Altitude lanes for the routes of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gcs.command.aims import place_of
+from gcs.config import Config
+from gcs.model import Route, Track, vehicle_name
+from gcs.planning.progress import next_point
+from gcs.planning.separation import Conflict, Flight, separate
+
+_CORRIDOR_M = 40.0
+
+
+class Lanes:
+    """Who flies how high: each vehicle its own lane while there are enough, and the same one if it can be."""
+
+    def __init__(self, config: Config) -> None:
+        mission = config.mission
+        self._count = mission.lanes if mission.lane_step_m > 0.0 else 1
+        self._least_m = config.planning.separation_m
+        self._speeds = {agent.vehicle: agent.speed_m_s for agent in config.agents}
+        self._speed_m_s = config.airframe.speed_m_s
+        self._lane = {agent.vehicle: number % self._count for number, agent in enumerate(config.agents)}
+        self._newest: dict[int, Route] = {}
+
+    def give(
+        self,
+        routes: Sequence[Route],
+        changed: Collection[int],
+        agents: Mapping[int, Track],
+        arrived: Collection[int],
+    ) -> tuple[list[Route], list[str]]:
+        """Return the routes in their lanes, and what an operator should know.
+
+        Routes of vehicles that are not in `changed` are flown already. Who has arrived circles at the end of
+        its last route.
+        """
+        flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
+        flights += [self._circling(self._newest[v]) for v in arrived if v in self._newest]
+        lanes, conflicts = separate(flights, self._count, self._least_m)
+        given = [
+            replace(route, lane=lanes[route.vehicle]) if route.vehicle in changed else route
+            for route in routes
+        ]
+        self._newest |= {route.vehicle: route for route in given}
+        self._lane |= {route.vehicle: route.lane for route in given}
+        return given, [_words(conflict) for conflict in conflicts]
+
+    def _flight(self, route: Route, agent: Track, is_flown: bool) -> Flight:
+        place = place_of(agent)
+        first = next_point(route.points_m, place, _CORRIDOR_M) if is_flown else 0
+        points_m = np.vstack((place, route.points_m[first:]))
+        speed_m_s = self._speeds.get(route.vehicle) or self._speed_m_s
+        lane = route.lane if is_flown else self._lane.get(route.vehicle, 0)
+        return Flight(route.vehicle, points_m, speed_m_s, lane, is_flown)
+
+    def _circling(self, route: Route) -> Flight:
+        return Flight(route.vehicle, route.points_m[[-1, -1]], self._speed_m_s, route.lane, True)
+
+
+def _words(conflict: Conflict) -> str:
+    """Say it without figures that change from look to look: it is said once."""
+    first, second = (vehicle_name(vehicle) for vehicle in conflict.vehicles)
+    return f"agents {first} and {second} will come near each other at one altitude: no lane is left"

@@ -1,0 +1,100 @@
+"""Keeping vehicles apart: who flies in which altitude lane, and who comes near whom all the same.
+
+Routes cross, and every target ends one. Vehicles in different lanes are apart by altitude; within a lane they
+must be apart in time. Where a vehicle will be is known from its route and speed, to a few seconds; so lanes
+come first and time second: each vehicle has a lane of its own as long as there are enough, and shares one only
+with vehicles that it stays clear of. Whoever has a route that is flown already keeps its lane, since another
+altitude is another mission.
+
+At the end of its route a vehicle circles: it is taken to stay there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.model import FloatArray
+
+_STEP_S = 1.0
+_LONGEST_S = 900.0
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """What a vehicle is going to fly."""
+
+    vehicle: int
+    points_m: FloatArray
+    """(k, 2), where it is now first."""
+    speed_m_s: float
+    lane: int
+    """The one it has, or would like."""
+    is_fixed: bool = False
+    """Whether it keeps it in any case."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """Two vehicles in one lane that come too near to each other."""
+
+    vehicles: tuple[int, int]
+    distance_m: float
+    after_s: float
+
+
+def separate(
+    flights: Sequence[Flight], lanes: int, least_m: float
+) -> tuple[dict[int, int], tuple[Conflict, ...]]:
+    """Give each vehicle a lane.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+        Everybody in the air, those with fixed lanes too.
+    lanes : int
+        How many there are.
+    least_m : float
+        Distance that vehicles of one lane keep.
+
+    Returns
+    -------
+    dict of int to int
+        Lane of each vehicle.
+    tuple of Conflict
+        Vehicles that come nearer than `least_m` because there is no lane left, or because both are fixed.
+    """
+    order = sorted(flights, key=lambda flight: (not flight.is_fixed, flight.vehicle))
+    if not order:
+        return {}, ()
+    places = _places(order)
+    found: list[int] = []
+    conflicts: list[Conflict] = []
+    for i, flight in enumerate(order):
+        gaps = np.hypot(*np.moveaxis(places[:i] - places[i], -1, 0))
+        nearest = gaps.min(axis=1, initial=np.inf)
+        taken = np.array(found, dtype=np.int64)
+        room = [float(nearest[taken == lane].min(initial=np.inf)) for lane in range(lanes)]
+        lane = flight.lane % lanes
+        if not flight.is_fixed and room[lane] < least_m:
+            lane = int(np.argmax([min(one, least_m) for one in room]))
+        for j in np.flatnonzero((taken == lane) & (nearest < least_m)).tolist():
+            when = int(np.argmax(gaps[j] < least_m))
+            pair = sorted((order[j].vehicle, flight.vehicle))
+            conflicts.append(Conflict((pair[0], pair[1]), float(nearest[j]), when * _STEP_S))
+        found.append(lane)
+    return {flight.vehicle: lane for flight, lane in zip(order, found, strict=True)}, tuple(conflicts)
+
+
+def _places(flights: Sequence[Flight]) -> FloatArray:
+    """Where everybody is at each step, (n, steps, 2), until the last has ended."""
+    ways = [np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(f.points_m, axis=0).T)))) for f in flights]
+    longest_s = max(way[-1] / flight.speed_m_s for way, flight in zip(ways, flights, strict=True))
+    t_s = np.arange(0.0, min(longest_s, _LONGEST_S) + _STEP_S, _STEP_S)
+    places = np.empty((len(flights), len(t_s), 2))
+    for i, (way, flight) in enumerate(zip(ways, flights, strict=True)):
+        for axis in (0, 1):
+            places[i, :, axis] = np.interp(flight.speed_m_s * t_s, way, flight.points_m[:, axis])
+    return places
