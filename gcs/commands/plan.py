@@ -167,8 +167,8 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
     ]
     lanes, conflicts = separate(flights, task.lanes, task.separation_m)
     notes += [
-        f"agents {conflict.vehicles[0]} and {conflict.vehicles[1]} come within {conflict.distance_m:.0f} m of "
-        f"each other at one altitude after {conflict.after_s:.0f} s"
+        f"agents {conflict.vehicles[0]} and {conflict.vehicles[1]} come within {conflict.distance_m:.0f} m "
+        f"of each other at one altitude after {conflict.after_s:.0f} s"
         for conflict in conflicts
     ]
     routes = tuple(replace(route, lane=lanes[route.vehicle]) for route in result.routes)

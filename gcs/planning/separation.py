@@ -2,9 +2,9 @@
 
 Routes cross, and every target ends one. Vehicles in different lanes are apart by altitude; within a lane they
 must be apart in time. Where a vehicle will be is known from its route and speed, to a few seconds; so lanes
-come first and time second: each vehicle has a lane of its own as long as there are enough, and shares one only
-with vehicles that it stays clear of. Whoever has a route that is flown already keeps its lane, since another
-altitude is another mission.
+come first and time second: each vehicle has a lane of its own as long as there are enough, and shares one
+only with vehicles that it stays clear of. Whoever has a route that is flown already keeps its lane, since
+another altitude is another mission.
 
 At the end of its route a vehicle circles: it is taken to stay there.
 """

@@ -1,4 +1,4 @@
-"""Vehicles stay apart: by altitude while there are lanes, in time where they share one, and never silently not."""
+"""Vehicles stay apart: by altitude while there are lanes, in time where they share one; else it is said."""
 
 from __future__ import annotations
 
