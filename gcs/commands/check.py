@@ -9,6 +9,7 @@ from rich.table import Table
 
 from gcs.command.area import mission_grid
 from gcs.config import load
+from gcs.fence import fence_of, rally_of
 from gcs.model import vehicle_name
 
 _ROLES = {
@@ -78,6 +79,9 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     for link in config.mavlink_links:
         network = f", network {link.network}" if link.network else ""
         table.add_row("MAVLink", f"{link.name}: {_ROLES[link.role]}{network}")
+    fence, rally = fence_of(config, scenario), rally_of(config)
+    ceiling = f"ceiling {fence.max_alt_rel_m:g} m" if fence.max_alt_rel_m else "no ceiling"
+    table.add_row("fence", f"{len(fence.areas)} areas, {ceiling}; {len(rally)} rally points")
     table.add_row("zenoh", f"{config.links.zenoh} ({config.links.zenoh_role}s)")
     table.add_row(
         "simulated world",

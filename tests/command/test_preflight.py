@@ -22,6 +22,7 @@ from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 S = 1_000_000_000
 START_NS = 1_767_225_600 * S
 GOOD = {"FS_GCS_ENABL": 1, "FENCE_ENABLE": 1, "FENCE_TYPE": 4, "NAV_DLL_ACT": 2}
+GOOD |= {"BATT_FS_LOW_ACT": 1, "COM_LOW_BAT_ACT": 3}
 
 
 def mission(*settings):

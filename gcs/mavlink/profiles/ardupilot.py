@@ -88,6 +88,9 @@ _PARAMETERS: Final = (
         1,
         "2 and above glide or deploy a parachute when the link is lost; 0 flies on, 1 returns",
     ),
+    ParameterWish(
+        ("BATT_FS_LOW_ACT",), 1, 6, "without a link it circles until the battery is empty", must=False
+    ),
     ParameterWish(("THR_FAILSAFE",), 1, 1, "a lost remote control is not noticed", must=False),
     ParameterWish(
         ("RTL_ALTITUDE",),

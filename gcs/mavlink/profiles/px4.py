@@ -51,6 +51,9 @@ _PARAMETERS: Final = (
     ParameterWish(
         ("NAV_DLL_ACT",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
     ),
+    ParameterWish(
+        ("COM_LOW_BAT_ACT",), 2, 3, "without a link it circles until the battery is empty", must=False
+    ),
     ParameterWish(("COM_DL_LOSS_T",), 5, 300, "the link is given up sooner than it can recover", must=False),
     ParameterWish(
         ("RTL_RETURN_ALT",), 30, 500, "the way home may be lower than what stands there", must=False
