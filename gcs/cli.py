@@ -300,7 +300,8 @@ def preflight(
 @app.command()
 def replay(
     recording: Annotated[
-        Path, typer.Argument(help="A recording: its folder or its .mcap; or a .tlog with --config.")
+        Path,
+        typer.Argument(help="A recording: its folder or its .mcap; or a .tlog or raw MAVLink with --config."),
     ],
     speed: Annotated[
         str | None,
@@ -319,6 +320,16 @@ def replay(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of the random obstacles.  [default: the recorded one]")
     ] = None,
+    detections: Annotated[
+        Path | None,
+        typer.Option(help="Scans to lay beside a log: NPZ, CSV (k,x,y or t_s,x,y or t_ns,x,y), a recording."),
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="What their sensor is, TOML or NPZ.  [default: the file's own]")
+    ] = None,
+    offset: Annotated[
+        float, typer.Option(metavar="S", help="Seconds to add to their times, which begin with the log's.")
+    ] = 0.0,
     headless: Annotated[
         bool, typer.Option("--headless", help="Plain lines instead of the live view.")
     ] = False,
@@ -333,7 +344,10 @@ def replay(
 
     with _errors_shown():
         window = Window(start, float("inf") if end is None else end)
-        options = ReplayOptions(recording, speed_of(speed), window, verify, config, seed, headless, as_json)
+        options = ReplayOptions(
+            recording, speed_of(speed), window, verify, config, seed, headless, as_json,
+            detections, model, offset,
+        )  # fmt: skip
         code = run_replay(options, Console(stderr=as_json))
     raise typer.Exit(code)
 

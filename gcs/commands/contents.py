@@ -37,6 +37,8 @@ def _heading(contents: dict[str, Any]) -> str:
         text += f" in {contents['parts']} parts"
     if contents["seconds"] is None:
         return text + ", without times"
+    if contents.get("timed_by") == "boot clocks":
+        return f"{text}, {contents['seconds']:.1f} s by the vehicles' own clocks"
     start = datetime.fromtimestamp(contents["first_t_ns"] // NS_PER_S, tz=UTC)
     return f"{text}, {contents['seconds']:.1f} s from {start:%Y-%m-%d %H:%M:%S} UTC"
 
@@ -130,7 +132,9 @@ def _damage(contents: dict[str, Any], console: Console) -> None:
         ids = ", ".join(f"{key} ({count})" for key, count in list(contents["unknown_ids"].items())[:_ROWS])
         _say(console, f"frames of unknown message ids: {ids}", "yellow")
     if contents.get("clock_jumps"):
-        _say(console, f"its clock was set {contents['clock_jumps']} times while it was written", "yellow")
+        stamped = contents["timed_by"] == "stamps"
+        what = "its clock was set" if stamped else "a vehicle was booted anew"
+        _say(console, f"{what} {contents['clock_jumps']} times while it was written", "yellow")
     damage = contents["damage"]
     if not damage:
         _say(console, "no damage", "green")

@@ -4,6 +4,8 @@
   `region, birth_mean, birth_std, r_birth, K`; state order px, vx, py, vy) and `truth` with rows
   (k, id, px, vx, py, vy).
 - CSV: rows k,x,y; more columns are ignored. Its model is another file: such an NPZ, or TOML (`ModelTable`).
+  With the titles t_s,x,y or t_ns,x,y the first column is the time of the scan: in seconds from some
+  beginning, or nanoseconds since the Unix epoch. A row without x and y is a scan without detections.
 - A recording of ours: its scans with what their sensors say of themselves, births from its mission file.
 
 Scans are numbered; one without detections is a scan as well. The region of an NPZ is where its clutter is;
@@ -15,65 +17,27 @@ detection truly came from are never read, and `truth` only to judge the result.
 from __future__ import annotations
 
 import math
-import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
 
-import msgspec
 import numpy as np
-from msgspec import Meta
 
-from gcs.config import AnywhereTable, Box, InnerProbability, Positive, Probability, Table, convert, parse
-from gcs.edge.reader import about, read
+from gcs.commands.models import MOST_SCANS, ModelTable, model_of, read_model
+from gcs.commands.tables import read_csv, read_npz
+from gcs.config import AnywhereTable, parse
+from gcs.edge.reader import Damage, about, read
 from gcs.edge.recorder import MCAP_NAME
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import NS_PER_S, FloatArray, Scan, Sensor, Truth, read_only
 from gcs.tracking.glmb import Birth, GlmbParams
 from gcs.tracking.metrics import Tracks
-from gcs.tracking.motion import Acceleration
 
 _ROW = "rows of numbers k,x,y: the scan, counted from 0 or 1, and a detection in metres"
+_TIMES = {"t_s": 1e9, "t_ns": 1.0}
+"""Titles of a first column that is a time, and what makes nanoseconds of it."""
+_LATEST_NS = 4.2e18
 _TRUTH_ROW = "rows of numbers k,id,px,vx,py,vy or k,id,x,y"
-_MODEL_KEYS = "F, sigma_v, sigma_z, pS, pD, lambda_c, region, birth_mean, birth_std, r_birth"
-_MOST_SCANS = 1_000_000
-_OURS = [0, 2, 1, 3]
-"""px, vx, py, vy in our order."""
-
-
-class BirthModel(Table, frozen=True, kw_only=True):
-    """A place where objects appear: Gaussian on position and velocity."""
-
-    x_m: float
-    y_m: float
-    vx_m_s: float = 0.0
-    vy_m_s: float = 0.0
-    std_m: Positive
-    speed_std_m_s: Positive
-    probability: InnerProbability
-
-
-class ModelTable(Table, frozen=True, kw_only=True):
-    """A model file: how objects live and move, and how they are seen."""
-
-    dt_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 1.0
-    accel_std_m_s2: Positive
-    acceleration: Acceleration = "white"
-    turn_rate_std_deg_s: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
-    turn_time_s: Positive = 10.0
-    survival_probability: InnerProbability
-    """From scan to scan."""
-    detection_probability: Probability
-    clutter_per_scan: Positive
-    noise_std_m: Positive
-    region_m: Box
-    """x_min, y_min, x_max, y_max of where the clutter is."""
-    field_of_view_m: Box | None = None
-    """The same of where objects are detected; without it, wherever they are."""
-    scans: Annotated[int, Meta(ge=1, le=_MOST_SCANS)] | None = None
-    births: tuple[BirthModel, ...] = ()
-    anywhere: AnywhereTable = AnywhereTable()
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +64,10 @@ class Detections:
     """Which scan (k) was measured at a time."""
     truth: dict[int, Tracks[object]] = field(default_factory=dict)
     """Where the objects truly were, by k; empty where it is not known."""
+    absolute: bool = False
+    """Whether times are since the Unix epoch; if not, since something that the file does not say."""
+    remarks: tuple[str, ...] = ()
+    """What the user should know, such as where a damaged file ends."""
 
 
 def load(path: Path, model: Path | None, truth: Path | None) -> Detections:
@@ -115,21 +83,48 @@ def load(path: Path, model: Path | None, truth: Path | None) -> Detections:
     if path.is_dir() or path.name == MCAP_NAME or path.suffix == ".mcap":
         return _of_recording(path, model, truth)
     if path.suffix.lower() == ".npz":
-        arrays = _npz(path)
+        arrays = read_npz(path)
         if "meas" not in arrays:
             raise ConfigError(str(path), "meas", f"is missing; expected {_ROW}")
-        table = _model_of(path, arrays) if model is None else _model(model)
+        table = model_of(path, arrays) if model is None else read_model(model)
         rows = _rows(path, arrays["meas"], 3, _ROW)
         known = arrays.get("truth") if truth is None else None
         true = _truth(truth) if truth is not None else None if known is None else _by_scan(path, known)
     else:
-        rows = _rows(path, _csv(path, _ROW), 3, _ROW)
+        numbers = read_csv(path, _ROW)
+        rows = _rows(path, numbers.rows, 3, _ROW)
         if model is None:
             raise ConfigError(
                 str(path), "", "a CSV has no model: expected --model with an NPZ or TOML that says it"
             )
-        table, true = _model(model), None if truth is None else _truth(truth)
+        table, true = read_model(model), None if truth is None else _truth(truth)
+        timed = numbers.titles[0] if numbers.titles else ""
+        found = (
+            _timed(path, rows, timed, table, true) if timed in _TIMES else _numbered(path, rows, table, true)
+        )
+        return replace(found, remarks=numbers.remarks)
     return _numbered(path, rows, table, true)
+
+
+def _timed(
+    path: Path, rows: FloatArray, title: str, table: ModelTable, truth: dict[int, Tracks[object]] | None
+) -> Detections:
+    """Scans at the times of a first column, numbered from 1 in their order."""
+    t_ns = rows[:, 0] * _TIMES[title]
+    if not (np.isfinite(t_ns).all() and (abs(t_ns) < _LATEST_NS).all()):
+        raise ConfigError(str(path), title, "expected a time in every row, before the year 2100")
+    order = np.argsort(t_ns, kind="stable")
+    times, begins = np.unique(t_ns[order], return_index=True)
+    sensor = _sensor(path, table)
+    places = np.split(rows[order, 1:3], begins[1:]) if times.size else []
+    looks = tuple(
+        Look(round(at_ns), sensor, read_only(z_m[~np.isnan(z_m).all(axis=1)]))
+        for at_ns, z_m in zip(times, places, strict=True)
+    )
+    number = {look.t_ns: k for k, look in enumerate(looks, 1)}
+    true = {} if truth is None else {k: truth.get(k, {}) for k in number.values()}
+    params, births = _motion(table)
+    return Detections(params, births, table.anywhere, None, looks, number, true, absolute=title == "t_ns")
 
 
 def _numbered(
@@ -141,17 +136,9 @@ def _numbered(
         raise ConfigError(str(path), "k", "expected whole numbers from 0 on")
     first = 0 if (scan == 0).any() or 0 in (truth or {}) else 1
     last = max(int(scan.max()) if scan.size else 0, table.scans or 0, max(truth or {}, default=0))
-    if last > _MOST_SCANS:
-        raise ConfigError(str(path), "k", f"expected scans up to {_MOST_SCANS}, found number {last}")
-    west, south, east, north = table.region_m
-    view = table.field_of_view_m or [-math.inf, -math.inf, math.inf, math.inf]
-    sensor = Sensor(
-        path.name,
-        table.detection_probability,
-        table.clutter_per_scan / ((east - west) * (north - south)),
-        read_only(np.eye(2) * table.noise_std_m**2),
-        (view[0], view[1], view[2], view[3]),
-    )
+    if last > MOST_SCANS:
+        raise ConfigError(str(path), "k", f"expected scans up to {MOST_SCANS}, found number {last}")
+    sensor = _sensor(path, table)
     order = np.argsort(scan, kind="stable")
     edges = np.searchsorted(scan[order], np.arange(first, last + 2))
     times = {k: round(k * table.dt_s * NS_PER_S) for k in range(first, last + 1)}
@@ -159,6 +146,27 @@ def _numbered(
         Look(t_ns, sensor, read_only(rows[order[edges[k - first] : edges[k - first + 1]], 1:3]))
         for k, t_ns in times.items()
     )
+    params, births = _motion(table)
+    true = {} if truth is None else {k: truth.get(k, {}) for k in times}
+    return Detections(
+        params, births, table.anywhere, None, looks, {t_ns: k for k, t_ns in times.items()}, true
+    )
+
+
+def _sensor(path: Path, table: ModelTable) -> Sensor:
+    west, south, east, north = table.region_m
+    view = table.field_of_view_m or [-math.inf, -math.inf, math.inf, math.inf]
+    return Sensor(
+        path.name,
+        table.detection_probability,
+        table.clutter_per_scan / ((east - west) * (north - south)),
+        read_only(np.eye(2) * table.noise_std_m**2),
+        (view[0], view[1], view[2], view[3]),
+    )
+
+
+def _motion(table: ModelTable) -> tuple[GlmbParams, tuple[Birth, ...]]:
+    """How objects move, and where they appear."""
     params = GlmbParams(
         accel_std_m_s2=table.accel_std_m_s2,
         acceleration=table.acceleration,
@@ -172,10 +180,7 @@ def _numbered(
         )
         for b in table.births
     )
-    true = {} if truth is None else {k: truth.get(k, {}) for k in times}
-    return Detections(
-        params, births, table.anywhere, None, looks, {t_ns: k for k, t_ns in times.items()}, true
-    )
+    return params, births
 
 
 def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detections:
@@ -188,13 +193,16 @@ def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detecti
     config = parse(text, f"{path}: mission file")
     scans: list[Scan] = []
     truths: list[Truth] = []
+    remarks: tuple[str, ...] = ()
     for record in read(path):
-        if isinstance(record.value, Scan):
+        if isinstance(record.value, Damage):
+            remarks = (f"The recording breaks off: {record.value.problem}.",)
+        elif isinstance(record.value, Scan):
             scans.append(record.value)
         elif isinstance(record.value, Truth):
             truths.append(record.value)
     if not scans:
-        raise RecordingError(str(path), "holds no scan")
+        raise RecordingError(str(path), "holds no scan" + "".join(f": {text}" for text in remarks))
     tracking = config.tracking
     params = GlmbParams(
         accel_std_m_s2=max(tracking.agents.accel_std_m_s2, tracking.targets.accel_std_m_s2),
@@ -227,7 +235,9 @@ def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detecti
     looks = tuple(Look(scan.measured_t_ns, scan.sensor, scan.z_m) for scan in scans)
     number = {t_ns: k for k, t_ns in enumerate(sorted({look.t_ns for look in looks}), 1)}
     true = _true_tracks(truths, number) if truth is None else _truth(truth)
-    return Detections(params, tuple(births), anywhere, again, looks, number, true)
+    return Detections(
+        params, tuple(births), anywhere, again, looks, number, true, absolute=True, remarks=remarks
+    )
 
 
 def _true_tracks(truths: list[Truth], number: Mapping[int, int]) -> dict[int, Tracks[object]]:
@@ -261,87 +271,13 @@ def _appeared(birth: Birth, dt_s: float) -> Birth:
     return Birth(read_only(mean), read_only(cov), birth.probability)
 
 
-def _model(path: Path) -> ModelTable:
-    if path.suffix.lower() == ".npz":
-        return _model_of(path, _npz(path))
-    try:
-        raw = msgspec.toml.decode(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, ValueError) as error:
-        raise ConfigError(str(path), "", f"expected a model in TOML or NPZ: {error}") from None
-    return _checked(path, convert(raw, ModelTable, str(path)))
-
-
-def _model_of(path: Path, arrays: Mapping[str, FloatArray]) -> ModelTable:
-    """Return the model that an NPZ carries."""
-    missing = [key for key in _MODEL_KEYS.split(", ") if key not in arrays]
-    if missing:
-        raise ConfigError(
-            str(path), missing[0], f"is missing; expected --model, or the model in the file: {_MODEL_KEYS}"
-        )
-    try:
-        means = np.reshape(arrays["birth_mean"], (-1, 4))[:, _OURS]
-        std = np.broadcast_to(arrays["birth_std"], (4,))[_OURS]
-        region, F = np.reshape(arrays["region"], (2, 2)), np.reshape(arrays["F"], (4, 4))
-        number = {
-            key: float(arrays[key]) for key in ("sigma_v", "sigma_z", "pS", "pD", "lambda_c", "r_birth")
-        }
-        scans = int(arrays["K"]) if "K" in arrays else None
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ConfigError(
-            str(path), "", f"its model has not the shapes of px, vx, py, vy states: {error}"
-        ) from None
-    dt_s = float(F[0, 1])
-    expected = np.kron(np.eye(2), [[1.0, dt_s], [0.0, 1.0]])
-    if not np.allclose(F, expected):
-        raise ConfigError(str(path), "F", "expected constant velocity in the order px, vx, py, vy")
-    if std[0] != std[1] or std[2] != std[3]:
-        raise ConfigError(str(path), "birth_std", "expected the same for x and y")
-    raw = {
-        "dt_s": dt_s,
-        "accel_std_m_s2": number["sigma_v"],
-        "acceleration": "piecewise",
-        "survival_probability": number["pS"],
-        "detection_probability": number["pD"],
-        "clutter_per_scan": number["lambda_c"],
-        "noise_std_m": number["sigma_z"],
-        "region_m": region.T.ravel().tolist(),
-        "scans": scans,
-        "births": [
-            {
-                **dict(zip(("x_m", "y_m", "vx_m_s", "vy_m_s"), mean.tolist(), strict=True)),
-                "std_m": float(std[0]),
-                "speed_std_m_s": float(std[2]),
-                "probability": number["r_birth"],
-            }
-            for mean in means
-        ],
-    }
-    return _checked(path, convert(raw, ModelTable, str(path)))
-
-
-def _checked(path: Path, table: ModelTable) -> ModelTable:
-    """Return the model when it has no infinite numbers and no empty region."""
-    numbers = [value for value in msgspec.structs.astuple(table) if isinstance(value, float)]
-    numbers += [value for birth in table.births for value in msgspec.structs.astuple(birth)]
-    if not all(math.isfinite(value) for value in (*numbers, *table.region_m)):
-        raise ConfigError(str(path), "", "expected finite numbers in the model")
-    west, south, east, north = table.region_m
-    if not table.births and table.anywhere.per_s <= 0.0:
-        raise ConfigError(str(path), "births", "expected places where objects appear, or anywhere.per_s > 0")
-    if not (west < east and south < north):
-        raise ConfigError(str(path), "region_m", "expected x_min, y_min, x_max, y_max with room between")
-    return table
-
-
 def _truth(path: Path) -> dict[int, Tracks[object]]:
     if path.suffix.lower() == ".npz":
-        arrays = _npz(path)
+        arrays = read_npz(path)
         if "truth" not in arrays:
             raise ConfigError(str(path), "truth", f"is missing; expected {_TRUTH_ROW}")
         return _by_scan(path, arrays["truth"])
-    return _by_scan(path, _csv(path, _TRUTH_ROW))
+    return _by_scan(path, read_csv(path, _TRUTH_ROW).rows)
 
 
 def _by_scan(path: Path, table: FloatArray) -> dict[int, Tracks[object]]:
@@ -349,8 +285,8 @@ def _by_scan(path: Path, table: FloatArray) -> dict[int, Tracks[object]]:
     rows = _rows(path, table, 4, _TRUTH_ROW)
     if not (np.isfinite(rows).all() and (abs(rows[:, :2]) < 2**53).all()):
         raise ConfigError(str(path), "truth", f"expected finite numbers in {_TRUTH_ROW}")
-    if rows.size and (rows[:, 0].max() > _MOST_SCANS or rows[:, 0].min() < 0):
-        raise ConfigError(str(path), "truth", f"expected scans from 0 to {_MOST_SCANS}")
+    if rows.size and (rows[:, 0].max() > MOST_SCANS or rows[:, 0].min() < 0):
+        raise ConfigError(str(path), "truth", f"expected scans from 0 to {MOST_SCANS}")
     y = 4 if rows.shape[1] >= 6 else 3
     true: dict[int, dict[object, FloatArray]] = {}
     for row in rows:
@@ -364,39 +300,3 @@ def _rows(path: Path, table: FloatArray, columns: int, expected: str) -> FloatAr
     if table.ndim != 2 or table.shape[1] < columns:
         raise ConfigError(str(path), "", f"expected {expected}; found the shape {table.shape}")
     return table
-
-
-def _npz(path: Path) -> dict[str, FloatArray]:
-    """Return the numbers in an NPZ; nothing in it is executed."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {key: np.asarray(file[key], dtype=np.float64) for key in file.files}
-    except FileNotFoundError:
-        raise ConfigError(str(path), "", "there is no such file") from None
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, KeyError) as error:
-        raise ConfigError(str(path), "", f"expected an NPZ of numbers: {error}") from None
-
-
-def _csv(path: Path, expected: str) -> FloatArray:
-    """Return the numbers of a CSV; lines that begin with # and one line of titles are skipped."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        raise ConfigError(str(path), "", "there is no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(str(path), "", f"cannot be read as text: {error}") from None
-    rows: list[list[float]] = []
-    titles_may_come = True
-    for number, line in enumerate(lines, 1):
-        cells = line.split("#", 1)[0].replace(";", ",").strip()
-        if not cells:
-            continue
-        try:
-            rows.append([float(cell) for cell in cells.split(",")])
-        except ValueError:
-            if not titles_may_come:
-                raise ConfigError(f"{path}, line {number}", "", f"expected {expected}") from None
-        titles_may_come = False
-        if rows and len(rows[-1]) != len(rows[0]):
-            raise ConfigError(f"{path}, line {number}", "", f"expected {expected}") from None
-    return np.array(rows, np.float64) if rows else np.empty((0, 3))

@@ -14,8 +14,9 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gcs.commands.contents import print_contents
+from gcs.edge.boot_clock import TimeLine
 from gcs.edge.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
-from gcs.edge.tlog import LogClock, Logged, Unreadable, is_stamped, read_log
+from gcs.edge.tlog import Logged, Unreadable, is_stamped, read_log
 from gcs.edge.wire import topic_of
 from gcs.errors import RecordingError
 from gcs.mavlink.codec import scan
@@ -116,7 +117,6 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     traffic, span = Traffic(), _Span()
     damage: list[Unreadable] = []
     stretches = bad_bytes = 0
-    clock = LogClock()
     with path.open("rb") as file, reading_progress(console, path, size) as advance:
         stamped = is_stamped(file)
         if stamped is None:
@@ -124,6 +124,7 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
                 str(path), "is empty" if size == 0 else "is no recording, and no MAVLink frame is in it"
             )
         file.seek(0)
+        line = TimeLine(stamped=stamped)
         for number, part in enumerate(read_log(file, stamped=stamped)):
             if number % _EVERY == 0:
                 advance(part.offset)
@@ -133,15 +134,16 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
                 if len(damage) < _MAX_LISTED:
                     damage.append(part)
             else:
-                t_ns = clock(part.t_ns)
+                t_ns = line(part)
                 span.take(t_ns)
                 _count(traffic, part, t_ns)
     return {
         "kind": "tlog" if stamped else "raw MAVLink",
         "file": str(path),
         "bytes": size,
-        **(span.times() if stamped else {"first_t_ns": None, "last_t_ns": None, "seconds": None}),
-        "clock_jumps": clock.jumps,
+        "timed_by": line.timed_by,
+        **(span.times() if line.timed_by else {"first_t_ns": None, "last_t_ns": None, "seconds": None}),
+        "clock_jumps": line.jumps,
         "damage": [{"offset": part.offset, "bytes": part.length} for part in damage],
         "damaged_stretches": stretches,
         "damaged_bytes": bad_bytes,

@@ -17,9 +17,10 @@ import typer
 from rich.console import Console
 
 from gcs.app import wait_for_interrupt
+from gcs.commands.detections import load as load_detections
 from gcs.commands.replaying import Replay, Verifier, Window
 from gcs.commands.sinks import view_for, warm_up
-from gcs.commands.telemetry import telemetry_records
+from gcs.commands.telemetry import Beside, telemetry_records
 from gcs.commands.whatif import Comparison, settings, table
 from gcs.config import Config, load, parse
 from gcs.edge.reader import About, Record, about, is_recording, read
@@ -41,6 +42,11 @@ class ReplayOptions:
     seed: int | None
     headless: bool
     as_json: bool
+    detections: Path | None = None
+    """To lay beside a log."""
+    model: Path | None = None
+    """Of the detections, where their file has none."""
+    offset_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +89,7 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     RecordingError, ConfigError
         When there is nothing to replay, or not enough to replay it with.
     """
-    plan = _prepared(options)
+    plan = _prepared(options, console)
     warm_up(console)
     replay = Replay(plan.config, plan.seed, plan.records, options.window)
     verifier, comparison = Verifier(), Comparison()
@@ -110,7 +116,7 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     return 1 if verifier.result.first is not None else 0
 
 
-def _prepared(options: ReplayOptions) -> _Plan:
+def _prepared(options: ReplayOptions, console: Console) -> _Plan:
     path = options.path
     if not is_recording(path):
         if options.config is None:
@@ -121,8 +127,12 @@ def _prepared(options: ReplayOptions) -> _Plan:
         if options.verify:
             raise RecordingError(str(path), "is no recording of ours: there is nothing to verify it against")
         config = load(options.config)
-        records = telemetry_records(path, [agent.vehicle for agent in config.agents])
+        records = telemetry_records(
+            path, [agent.vehicle for agent in config.agents], _beside(options, console)
+        )
         return _Plan(None, config, options.seed or 0, records)
+    if options.detections is not None:
+        raise RecordingError(str(path), "is a recording with scans of its own; --detections goes with a log")
     made_with = about(path)
     if options.config is not None:
         config = load(options.config)
@@ -139,6 +149,15 @@ def _prepared(options: ReplayOptions) -> _Plan:
         )
     seed = _seed(options, made_with, config)
     return _Plan(made_with, config, seed, itertools.chain(first, records))
+
+
+def _beside(options: ReplayOptions, console: Console) -> Beside | None:
+    if options.detections is None:
+        return None
+    detections = load_detections(options.detections, options.model, None)
+    for remark in detections.remarks:
+        console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
+    return Beside(str(options.detections), detections, options.offset_s)
 
 
 def _seed(options: ReplayOptions, made_with: About, config: Config) -> int:

@@ -22,8 +22,9 @@ from gcs.commands.info import reading_progress
 from gcs.commands.sinks import warm_up
 from gcs.commands.telemetry import telemetry_records
 from gcs.config import Config, load, parse
+from gcs.edge.boot_clock import TimedBy, TimeLine
 from gcs.edge.reader import Damage, Record, about, is_recording, read, recording_bytes
-from gcs.edge.tlog import LogClock, Logged, is_stamped, read_log
+from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import ConfigError, RecordingError
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import scan
@@ -150,7 +151,7 @@ class _Reading:
             judge, ground = self._judge(), self._ground(known=True)
             builder = CourseBuilder(judge)
         flights = self._flights()
-        stamped, span = self._read_log(flights)
+        timed_by, span = self._read_log(flights)
         course = builder.course()
         with TracksCsv(self.csv) as csv:
             if self.config is not None:
@@ -165,40 +166,43 @@ class _Reading:
                 "A telemetry log holds no scans and no mission: the page shows what the vehicles reported. "
                 "With --config and a mission that names them, the agents' tracker runs on it."
             )
-        if not stamped:
+        if timed_by == "boot clocks":
+            self.remarks.append("A raw MAVLink stream: its times are those of the vehicles' own clocks.")
+        elif timed_by is None:
             self.remarks.append("A raw MAVLink stream says not when: nothing over time can be shown.")
-        return self._material(
-            path.name, "telemetry log" if stamped else "raw MAVLink", course, flights, judge, ground, {}, span
-        )
+        kind = "telemetry log" if timed_by == "stamps" else "raw MAVLink"
+        return self._material(path.name, kind, course, flights, judge, ground, {}, span)
 
-    def _read_log(self, flights: Flights) -> tuple[bool, tuple[int, int]]:
-        """Take every frame; return whether it is stamped, and the first and last time."""
+    def _read_log(self, flights: Flights) -> tuple[TimedBy | None, tuple[int, int]]:
+        """Take every frame; return where times come from, and the first and last one."""
         path = self.options.path
         size = path.stat().st_size
-        clock, times, bad_bytes, stretches = LogClock(), [0, 0], 0, 0
+        times, bad_bytes, stretches = [0, 0], 0, 0
         with path.open("rb") as file, reading_progress(self.console, path, size) as advance:
             stamped = is_stamped(file)
             if stamped is None:
                 what = "is empty" if size == 0 else "is no recording, and no MAVLink frame is in it"
                 raise RecordingError(str(path), what)
             file.seek(0)
+            line = TimeLine(stamped=stamped)
             for number, part in enumerate(read_log(file, stamped=stamped)):
                 if number % _EVERY == 0:
                     advance(part.offset)
                 if not isinstance(part, Logged):
                     stretches, bad_bytes = stretches + 1, bad_bytes + part.length
                 elif part.standing == "good":
-                    t_ns = clock(part.t_ns)
+                    t_ns = line(part)
                     times = [times[0] or t_ns, max(times[1], t_ns)]
                     self.traffic.take(t_ns, part.frame)
                     flights.take(t_ns, part.frame)
         if bad_bytes:
             places = _times(stretches, "stretch", "stretches")
             self.remarks.append(f"{bad_bytes} damaged bytes, in {places}, were passed over.")
-        if clock.jumps:
-            often = _times(clock.jumps, "time", "times")
-            self.remarks.append(f"Its clock was set {often} while it was written; the time line goes on.")
-        return stamped, (times[0], times[1])
+        if line.jumps:
+            often = _times(line.jumps, "time", "times")
+            what = "Its clock was set" if stamped else "A vehicle was booted anew"
+            self.remarks.append(f"{what} {often} while it was written; the time line goes on.")
+        return line.timed_by, (times[0], times[1])
 
     def _find_mission(self, text: str) -> None:
         if self.options.config is not None:

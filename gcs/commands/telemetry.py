@@ -1,23 +1,31 @@
 """A telemetry log as events: what the vehicles of a mission said, and the time that passed between.
 
 A tlog holds traffic of both directions and does not say which frame came from where. The system id does:
-frames of the mission's vehicles came in; all others (ground stations, radios, strangers) are left out.
-Nothing in a tlog is a scan. Trackers look at position reports when a scan comes, so a blind sensor is laid
-beside it: one empty scan a second with detection probability 0, which says nothing and lets reports speak.
+frames of the mission's vehicles came in; all others (ground stations, radios, strangers) are left out. A raw
+stream is the same; its times are those of the vehicles' own clocks (`gcs.edge.boot_clock`).
+
+Nothing in a log is a scan. Detections that were recorded elsewhere can be laid beside it: they enter in the
+order of their times, as if their sensor had published them then. Trackers look at position reports when a
+scan comes, so where there are none a blind sensor stands in: an empty scan each second with detection
+probability 0, which says nothing and lets reports speak.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from gcs.app import TICK_NS
+from gcs.commands.detections import Detections
+from gcs.edge.boot_clock import TimeLine
 from gcs.edge.reader import Record
-from gcs.edge.tlog import LogClock, Logged, is_stamped, read_log
+from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import RecordingError
+from gcs.mavlink.codec import Frame
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick, read_only
 
 LINK: Final = "tlog"
@@ -28,54 +36,111 @@ _BLIND: Final = Sensor("blind", 0.0, 1e-9, read_only(np.eye(2) * 100.0), (0.0, 0
 _EMPTY: Final = read_only(np.empty((0, 2)))
 
 
-def telemetry_records(path: Path, system_ids: Collection[int]) -> Iterator[Record]:
-    """Read the events of a tlog, ticks and blind scans in between; damage is passed over.
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Detections to lay beside a log."""
+
+    name: str
+    """Of their file, for errors."""
+    detections: Detections
+    offset_s: float
+    """Added to their times: Unix times as they are, others from the beginning of the log."""
+
+    def scans(self, start_t_ns: int) -> list[Scan]:
+        """Return them as scans in the order of time, beside a log that begins then."""
+        shift_ns = round(self.offset_s * NS_PER_S) + (0 if self.detections.absolute else start_t_ns)
+        looks = sorted(self.detections.looks, key=lambda look: look.t_ns)
+        return [Scan(look.t_ns + shift_ns, look.t_ns + shift_ns, look.sensor, look.z_m) for look in looks]
+
+
+def telemetry_records(
+    path: Path, system_ids: Collection[int], beside: Beside | None = None
+) -> Iterator[Record]:
+    """Read the events of a log, ticks and scans in between; damage is passed over.
 
     Raises
     ------
     RecordingError
-        When it is no tlog, or none of the vehicles is in it.
+        When it is no log or says no times, none of the vehicles is in it, or no scan lies beside it.
     """
-    for number, event in enumerate(_events(path, system_ids)):
+    for number, event in enumerate(_events(path, system_ids, beside)):
         yield Record(number, event.t_ns, event)
 
 
-def _events(path: Path, system_ids: Collection[int]) -> Iterator[Event]:
-    tick_t_ns = scan_t_ns = 0
-    for t_ns, system_id, data in _datagrams(path, system_ids):
-        if tick_t_ns == 0 or t_ns - tick_t_ns > _LONGEST_GAP_NS:
-            tick_t_ns = scan_t_ns = t_ns
-        while tick_t_ns + TICK_NS <= t_ns:
+def _events(path: Path, system_ids: Collection[int], beside: Beside | None) -> Iterator[Event]:
+    """Ticks between all that has a time; a silence that nothing interrupts is jumped."""
+    tick_t_ns: int | None = None
+    scan_t_ns, patience_ns = 0, _SCAN_NS
+    for event in _merged(path, system_ids, beside):
+        if tick_t_ns is None or event.t_ns - tick_t_ns > _LONGEST_GAP_NS:
+            tick_t_ns = scan_t_ns = event.t_ns
+        while tick_t_ns + TICK_NS <= event.t_ns:
             tick_t_ns += TICK_NS
             yield Tick(tick_t_ns)
-            if tick_t_ns - scan_t_ns >= _SCAN_NS:
-                scan_t_ns = tick_t_ns
+            if tick_t_ns - scan_t_ns >= patience_ns:
+                scan_t_ns, patience_ns = tick_t_ns, _SCAN_NS
                 yield Scan(tick_t_ns, tick_t_ns, _BLIND, _EMPTY)
-        yield Datagram(max(t_ns, tick_t_ns), LINK, f"system {system_id}", data)
+        if isinstance(event, Scan):
+            scan_t_ns, patience_ns = event.t_ns, 2 * _SCAN_NS
+        yield event
 
 
-def _datagrams(path: Path, system_ids: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+def _merged(path: Path, system_ids: Collection[int], beside: Beside | None) -> Iterator[Datagram | Scan]:
+    """Datagrams and scans in the order of time, which never runs back; scans outside the log are left out."""
+    scans: list[Scan] = []
+    start_t_ns: int | None = None
+    at = found = t_ns = 0
     seen: set[int] = set()
-    found = False
-    try:
-        with path.open("rb") as file:
-            if not is_stamped(file):
-                raise RecordingError(str(path), "is no tlog, and only a tlog says when something was heard")
-            file.seek(0)
-            clock = LogClock()
-            for part in read_log(file):
-                if not isinstance(part, Logged):
-                    continue
-                t_ns = clock(part.t_ns)
-                seen.add(part.frame.system_id)
-                if part.frame.system_id in system_ids:
-                    found = True
-                    yield t_ns, part.frame.system_id, part.frame.data
-    except OSError as error:
-        raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
+    for heard_t_ns, frame in _frames(path):
+        t_ns = max(t_ns, heard_t_ns)
+        if start_t_ns is None:
+            start_t_ns = t_ns
+            scans = [] if beside is None else beside.scans(t_ns)
+            at = first = sum(scan.t_ns < t_ns for scan in scans)
+        while at < len(scans) and scans[at].t_ns <= t_ns:
+            yield scans[at]
+            at += 1
+        seen.add(frame.system_id)
+        if frame.system_id in system_ids:
+            found += 1
+            yield Datagram(t_ns, LINK, f"system {frame.system_id}", frame.data)
     if not found:
         raise RecordingError(
             str(path),
             f"none of the mission's vehicles is in it: it holds systems {', '.join(map(str, sorted(seen)))}; "
             f"the mission file names {', '.join(map(str, sorted(system_ids)))}",
+        )
+    if beside is not None and at == first:
+        raise RecordingError(beside.name, _elsewhere(scans, start_t_ns or 0, t_ns))
+
+
+def _elsewhere(scans: list[Scan], start_t_ns: int, end_t_ns: int) -> str:
+    if not scans:
+        return "holds no scans"
+    first_s, last_s = ((scan.t_ns - start_t_ns) / NS_PER_S for scan in (scans[0], scans[-1]))
+    return (
+        f"none of its {len(scans)} scans lies beside the log, which lasts "
+        f"{(end_t_ns - start_t_ns) / NS_PER_S:.1f} s: they are from {first_s:.1f} s to {last_s:.1f} s after "
+        "its beginning; shift them with --offset"
+    )
+
+
+def _frames(path: Path) -> Iterator[tuple[int, Frame]]:
+    """Frames of a log with their times."""
+    try:
+        with path.open("rb") as file:
+            stamped = is_stamped(file)
+            if stamped is None:
+                raise RecordingError(str(path), "is no tlog, and no MAVLink frame is in it")
+            file.seek(0)
+            line = TimeLine(stamped=stamped)
+            for part in read_log(file, stamped=stamped):
+                if isinstance(part, Logged):
+                    yield line(part), part.frame
+    except OSError as error:
+        raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
+    if line.timed_by is None:
+        raise RecordingError(
+            str(path),
+            "says not when anything was heard: it has no stamps, and no vehicle says its boot time",
         )

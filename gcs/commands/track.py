@@ -93,6 +93,9 @@ def run_track(options: TrackOptions, console: Console) -> None:
             "--lag-scans", "", "a lag is of smoothed paths: expected --estimator smoothed with it"
         )
     detections = load(options.path, options.model, options.truth)
+    if not detections.births and detections.anywhere.per_s <= 0.0:
+        where = str(options.model or options.path)
+        raise ConfigError(where, "births", "expected places where objects appear, or anywhere.per_s > 0")
     if options.estimator != "filtered" and detections.params.turn_rate_std_rad_s > 0.0:
         raise ConfigError(
             str(options.model),
@@ -114,8 +117,10 @@ def run_track(options: TrackOptions, console: Console) -> None:
         with console.status("drawing"):
             _draw(options, detections, tracked, scores, per_scan)
     _show(options, tracked, scores, console)
+    for remark in detections.remarks:
+        console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
-        print(json.dumps(asdict(scores)), flush=True)  # noqa: T201  the promised last line
+        print(json.dumps(asdict(scores) | {"remarks": list(detections.remarks)}), flush=True)  # noqa: T201  the promised last line
 
 
 def track(

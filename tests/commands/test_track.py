@@ -27,6 +27,7 @@ KEYS = [
     "id_switches",
     "scan_ms_mean",
     "scan_ms_p99",
+    "remarks",
 ]
 SCANS = 30
 MODEL = """

@@ -1,0 +1,111 @@
+"""Numbers from NPZ and CSV files of others, read in bounded memory."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from array import array
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TextIO
+
+import numpy as np
+
+from gcs.errors import ConfigError
+from gcs.model import FloatArray
+
+_MOST_NUMBERS: Final = 40_000_000
+"""In one file: 320 MB."""
+_MOST_LINE: Final = 100_000
+_SPLIT: Final = "expected less: split it into several files"
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """What a CSV holds."""
+
+    titles: tuple[str, ...]
+    """Of its first line, when that is no row; a leading # is passed over."""
+    rows: FloatArray
+    remarks: tuple[str, ...] = ()
+    """What the user should know, such as a last line that was cut off."""
+
+
+def read_npz(path: Path) -> dict[str, FloatArray]:
+    """Return the numbers in an NPZ; nothing in it is executed.
+
+    Raises
+    ------
+    ConfigError
+        When it is none, or unpacks to more than memory should hold.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > 8 * _MOST_NUMBERS:
+            raise ConfigError(str(path), "", f"unpacks to {size / 1e6:.0f} MB; {_SPLIT}")
+        with np.load(path, allow_pickle=False) as file:
+            return {key: np.asarray(file[key], dtype=np.float64) for key in file.files}
+    except FileNotFoundError:
+        raise ConfigError(str(path), "", "there is no such file") from None
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, KeyError) as error:
+        raise ConfigError(str(path), "", f"expected an NPZ of numbers: {error}") from None
+
+
+def read_csv(path: Path, expected: str) -> Numbers:
+    """Return the numbers of a CSV; lines that begin with # and one line of titles are skipped.
+
+    An empty cell is NaN. A last line that breaks off (no line end, fewer cells) is left out, with a remark.
+
+    Raises
+    ------
+    ConfigError
+        When it cannot be read, a line is no row, or it holds more than memory should.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return _numbers(path, file, expected)
+    except FileNotFoundError:
+        raise ConfigError(str(path), "", "there is no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(str(path), "", f"cannot be read as text: {error}") from None
+
+
+def _numbers(path: Path, file: TextIO, expected: str) -> Numbers:
+    values, columns, number = array("d"), 0, 0
+    titles: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    titles_may_come = True
+    while line := file.readline(_MOST_LINE):
+        number += 1
+        if number == 1:
+            titles = _titles(line)
+        cells = line.split("#", 1)[0].replace(";", ",").strip()
+        if not cells:
+            continue
+        row = _row(cells)
+        if row is not None and (not columns or len(row) == columns):
+            columns = len(row)
+            values.extend(row)
+        elif columns and not line.endswith(("\n", "\r")) and not file.read(1):
+            remarks = (f"Line {number}, the last, breaks off and is left out.",)
+        elif not titles_may_come:
+            raise ConfigError(f"{path}, line {number}", "", f"expected {expected}")
+        titles_may_come = False
+        if len(values) > _MOST_NUMBERS:
+            raise ConfigError(str(path), "", f"holds more than {_MOST_NUMBERS} numbers; {_SPLIT}")
+    rows = np.frombuffer(values, np.float64).reshape(-1, columns) if columns else np.empty((0, 3))
+    return Numbers(titles, rows, remarks)
+
+
+def _titles(line: str) -> tuple[str, ...]:
+    cells = line.strip().lstrip("#").replace(";", ",").split(",")
+    return tuple(cell.strip() for cell in cells) if _row(",".join(cells)) is None else ()
+
+
+def _row(cells: str) -> list[float] | None:
+    """Return the numbers of a line, None where it holds anything else."""
+    try:
+        return [float(cell) if cell.strip() else math.nan for cell in cells.split(",")]
+    except ValueError:
+        return None
