@@ -259,8 +259,8 @@ def test_shared_logs_and_detections_go_together(tmp_path: Path) -> None:
     demo = SHARED / "vo_linear_gaussian" / "demo_mc00.npz"
     for path in (log, raw):
         code, _, found = run(
-            "replay", path, "--config", tmp_path / "mission.toml", "--headless", "--to", 60,
+            "replay", path, "--config", tmp_path / "mission.toml", "--headless", "--to", 20,
             "--detections", demo, "--offset", 10,
         )  # fmt: skip
         assert code == 0
-        assert found["seconds"] == pytest.approx(60.0, abs=1.0)
+        assert found["seconds"] == pytest.approx(20.0, abs=1.0)
