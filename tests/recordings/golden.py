@@ -171,6 +171,7 @@ class Result:
         for what, before, after in self.outcome:
             changed = before if before == after else f"{before}  ->  {after}"
             lines.append(f"  {'  ' if before == after else '* '}{what:{width}}  {changed}")
+        lines.append("  (the recorded vehicles fly on as they did: missions that differ go unanswered)")
         return "\n".join(lines)
 
 
@@ -217,21 +218,22 @@ class _Fields:
         self._close()
 
     def _close(self) -> None:
-        for then, now in zip_longest(self._then, self._now):
-            self.compared += 1
-            found = self._difference(then, now)
-            if found is not None:
-                self.different += 1
-                self.first = self.first or found
+        """Judge what came of one event: like with like, so that one effect too few is one difference."""
+        for topic in dict.fromkeys(map(topic_of, [*self._then, *self._now])):
+            of_topic = ([one for one in side if topic_of(one) == topic] for side in (self._then, self._now))
+            for then, now in zip_longest(*of_topic):
+                self.compared += 1
+                found = self._difference(topic, then, now)
+                if found is not None:
+                    self.different += 1
+                    self.first = self.first or found
         self._then.clear()
         self._now.clear()
 
-    def _difference(self, then: Effect | None, now: Effect | None) -> Difference | None:
+    def _difference(self, topic: str, then: Effect | None, now: Effect | None) -> Difference | None:
         t_s = (self._t_ns - self.start_t_ns) / NS_PER_S
-        if then is None or now is None or topic_of(then) != topic_of(now):
-            known = then or now
-            assert known is not None
-            return Difference(t_s, topic_of(known), "the whole", _short(then), _short(now))
+        if then is None or now is None:
+            return Difference(t_s, topic, "the whole", _short(then), _short(now))
         before, after = encode(then), encode(now)
         if before == after:
             return None
@@ -239,7 +241,7 @@ class _Fields:
         for what, one, other in differences(
             msgspec.json.decode(before), msgspec.json.decode(after), tolerance
         ):
-            return Difference(t_s, topic_of(then), what, one, other)
+            return Difference(t_s, topic, what, one, other)
         return None
 
 

@@ -11,7 +11,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from golden import GOLDEN, compare, fly
+from golden import GOLDEN, Golden, compare, fly
 
 
 def main() -> None:
@@ -30,12 +30,26 @@ def main() -> None:
         print(f"{golden.name} ({golden.shows}):", flush=True)
         print(f"  {compare(golden.path)}" if golden.path.exists() else "  is new", flush=True)
         if not options.check:
-            with tempfile.TemporaryDirectory() as folder:
-                new = fly(golden, Path(folder))
-                same = golden.path.exists() and golden.path.read_bytes() == new.read_bytes()
-                shutil.copyfile(new, golden.path)
-            size_kb = golden.path.stat().st_size / 1000
-            print(f"  {'stays as it was' if same else 'renewed'}, {size_kb:.0f} kB", flush=True)
+            _renew(golden)
+
+
+def _renew(golden: Golden) -> None:
+    """Replace a recording by a new flight, and say how that went differently."""
+    with tempfile.TemporaryDirectory() as folder:
+        new = fly(golden, Path(folder))
+        if golden.path.exists() and golden.path.read_bytes() == new.read_bytes():
+            print("  stays as it was", flush=True)
+            return
+        before = compare(golden.path).outcome if golden.path.exists() else []
+        result = compare(new)
+        if result.first is not None:
+            raise SystemExit(f"  does not replay as it was flown: {result}")
+        shutil.copyfile(new, golden.path)
+    print(f"  flown anew, {golden.path.stat().st_size / 1000:.0f} kB", flush=True)
+    now = {what: after for what, _, after in result.outcome}
+    for what, then, _ in before:
+        if what in now and now[what] != then:
+            print(f"    {what}: {then}  ->  {now[what]}", flush=True)
 
 
 if __name__ == "__main__":
