@@ -455,7 +455,12 @@ def plan(
 
 @app.command()
 def info(
-    file: Annotated[Path, typer.Argument(help="A recording, a .tlog of any ground station, or raw MAVLink.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A recording, a .tlog of any ground station, raw MAVLink, or detections (NPZ, CSV)."
+        ),
+    ],
     as_json: JsonOption = False,
 ) -> None:
     """Say what is in a recording: vehicles, messages and their rates, gaps, loss, missions, damage."""

@@ -34,7 +34,7 @@ from gcs.tracking.glmb import Birth, GlmbParams
 from gcs.tracking.metrics import Tracks
 
 _ROW = "rows of numbers k,x,y: the scan, counted from 0 or 1, and a detection in metres"
-_TIMES = {"t_s": 1e9, "t_ns": 1.0}
+TIMES = {"t_s": 1e9, "t_ns": 1.0}
 """Titles of a first column that is a time, and what makes nanoseconds of it."""
 _LATEST_NS = 4.2e18
 _TRUTH_ROW = "rows of numbers k,id,px,vx,py,vy or k,id,x,y"
@@ -100,7 +100,7 @@ def load(path: Path, model: Path | None, truth: Path | None) -> Detections:
         table, true = read_model(model), None if truth is None else _truth(truth)
         timed = numbers.titles[0] if numbers.titles else ""
         found = (
-            _timed(path, rows, timed, table, true) if timed in _TIMES else _numbered(path, rows, table, true)
+            _timed(path, rows, timed, table, true) if timed in TIMES else _numbered(path, rows, table, true)
         )
         return replace(found, remarks=numbers.remarks)
     return _numbered(path, rows, table, true)
@@ -110,7 +110,7 @@ def _timed(
     path: Path, rows: FloatArray, title: str, table: ModelTable, truth: dict[int, Tracks[object]] | None
 ) -> Detections:
     """Scans at the times of a first column, numbered from 1 in their order."""
-    t_ns = rows[:, 0] * _TIMES[title]
+    t_ns = rows[:, 0] * TIMES[title]
     if not (np.isfinite(t_ns).all() and (abs(t_ns) < _LATEST_NS).all()):
         raise ConfigError(str(path), title, "expected a time in every row, before the year 2100")
     order = np.argsort(t_ns, kind="stable")

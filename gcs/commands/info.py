@@ -1,4 +1,4 @@
-"""`gcs info`: what is in a recording of ours, a telemetry log or a raw MAVLink stream."""
+"""`gcs info`: what is in a recording of ours, a telemetry log, raw MAVLink or a table of detections."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gcs.commands.contents import print_contents
+from gcs.commands.scans_info import SUFFIXES, detections_contents, print_detections
 from gcs.edge.boot_clock import TimeLine
 from gcs.edge.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
-from gcs.edge.tlog import Logged, Unreadable, is_stamped, read_log
+from gcs.edge.tlog import NO_FRAMES, Logged, Unreadable, is_stamped, read_log
 from gcs.edge.wire import topic_of
 from gcs.errors import RecordingError
 from gcs.mavlink.codec import scan
@@ -36,8 +37,12 @@ def run_info(path: Path, console: Console, *, as_json: bool) -> int:
     RecordingError
         When it cannot be read or is nothing that we know.
     """
-    contents = _recording(path, console) if is_recording(path) else _log(path, console)
-    print_contents(contents, console)
+    if path.suffix.lower() in SUFFIXES and not path.is_dir():
+        contents = detections_contents(path)
+        print_detections(contents, console)
+    else:
+        contents = _recording(path, console) if is_recording(path) else _log(path, console)
+        print_contents(contents, console)
     if as_json:
         print(json.dumps(contents), flush=True)  # noqa: T201  the promised last line
     return 0
@@ -120,9 +125,7 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     with path.open("rb") as file, reading_progress(console, path, size) as advance:
         stamped = is_stamped(file)
         if stamped is None:
-            raise RecordingError(
-                str(path), "is empty" if size == 0 else "is no recording, and no MAVLink frame is in it"
-            )
+            raise RecordingError(str(path), "is empty" if size == 0 else NO_FRAMES)
         file.seek(0)
         line = TimeLine(stamped=stamped)
         for number, part in enumerate(read_log(file, stamped=stamped)):

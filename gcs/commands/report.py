@@ -24,7 +24,7 @@ from gcs.commands.telemetry import telemetry_records
 from gcs.config import Config, load, parse
 from gcs.edge.boot_clock import TimedBy, TimeLine
 from gcs.edge.reader import Damage, Record, about, is_recording, read, recording_bytes
-from gcs.edge.tlog import Logged, is_stamped, read_log
+from gcs.edge.tlog import NO_FRAMES, Logged, is_stamped, read_log
 from gcs.errors import ConfigError, RecordingError
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import scan
@@ -181,8 +181,7 @@ class _Reading:
         with path.open("rb") as file, reading_progress(self.console, path, size) as advance:
             stamped = is_stamped(file)
             if stamped is None:
-                what = "is empty" if size == 0 else "is no recording, and no MAVLink frame is in it"
-                raise RecordingError(str(path), what)
+                raise RecordingError(str(path), "is empty" if size == 0 else NO_FRAMES)
             file.seek(0)
             line = TimeLine(stamped=stamped)
             for number, part in enumerate(read_log(file, stamped=stamped)):

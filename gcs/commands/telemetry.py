@@ -23,7 +23,7 @@ from gcs.app import TICK_NS
 from gcs.commands.detections import Detections
 from gcs.edge.boot_clock import TimeLine
 from gcs.edge.reader import Record
-from gcs.edge.tlog import Logged, is_stamped, read_log
+from gcs.edge.tlog import NO_FRAMES, Logged, is_stamped, read_log
 from gcs.errors import RecordingError
 from gcs.mavlink.codec import Frame
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick, read_only
@@ -131,7 +131,7 @@ def _frames(path: Path) -> Iterator[tuple[int, Frame]]:
         with path.open("rb") as file:
             stamped = is_stamped(file)
             if stamped is None:
-                raise RecordingError(str(path), "is no tlog, and no MAVLink frame is in it")
+                raise RecordingError(str(path), NO_FRAMES)
             file.seek(0)
             line = TimeLine(stamped=stamped)
             for part in read_log(file, stamped=stamped):

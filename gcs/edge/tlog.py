@@ -13,6 +13,7 @@ stream (frames alone, as they came from a serial port) is the same without stamp
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 from collections.abc import Iterator
@@ -32,6 +33,8 @@ _MAX_ENTRY_BYTES = 2 * (8 + 280)
 """An entry and the beginning of the next."""
 _MARKER = re.compile(b"[\xfd\xfe]")
 _SNIFFED = 200
+_SNIFFED_BYTES = 16 * 1024 * 1024
+NO_FRAMES = "is no recording, and no MAVLink frame is in its first 16 MB"
 
 
 class LogClock:
@@ -119,9 +122,13 @@ def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[Logged | Unrea
 
 
 def is_stamped(file: BinaryIO) -> bool | None:
-    """Tell a tlog from a raw stream by what lies between the first frames; None when there are no frames."""
+    """Tell a tlog from a raw stream by what lies between the first frames; None when there are no frames.
+
+    The beginning of the file decides, so that gigabytes of something else are refused at once.
+    """
     between, frames = 0, 0
-    for part in islice(read_log(file, stamped=False), _SNIFFED):
+    head = io.BytesIO(file.read(_SNIFFED_BYTES))
+    for part in islice(read_log(head, stamped=False), _SNIFFED):
         if isinstance(part, Unreadable):
             between += part.length == _STAMP.size
         else:

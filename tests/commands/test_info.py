@@ -175,3 +175,28 @@ def test_what_is_nothing_of_the_kind_is_said_to_be(
     code, text, _ = info(tmp_path / "file")
     assert code == (0 if expected == "cut off" else 2)
     assert expected in text
+
+
+def test_detections_are_said_with_rate_gaps_and_disorder(tmp_path: Path) -> None:
+    times = [0.5 * k for k in range(40)] + [60.0, 30.0]
+    text = "t_s,x,y\n" + "".join(f"{t},{10 * t},2.0\n{t},inf,1.0\n" for t in times) + "61.0,,\n62.0,"
+    (tmp_path / "radar.csv").write_text(text)
+    code, text, found = info(tmp_path / "radar.csv")
+    assert (code, found["kind"], found["scans"], found["detections"]) == (0, "detections", 43, 42)
+    assert (found["rate_hz"], found["gap_count"], found["not_finite"]) == (2.0, 2, 42)
+    assert found["gaps"][0] == {"at": 19.5, "length": 10.5}
+    assert found["out_of_order"] == 1
+    assert "43 scans at 2 Hz" in text
+    assert "breaks off" in text
+    (tmp_path / "no.csv").write_text("dear reader\nhow are you\n")
+    result = CliRunner().invoke(app, ["info", str(tmp_path / "no.csv")])
+    assert result.exit_code == 2
+    assert "expected rows of numbers" in " ".join(result.output.split())
+
+
+def test_a_large_file_of_something_else_is_refused_at_once(tmp_path: Path) -> None:
+    with (tmp_path / "disk.img").open("wb") as file:
+        file.truncate(3_000_000_000)  # sparse: zeros that take no room
+    result = CliRunner().invoke(app, ["info", str(tmp_path / "disk.img")])
+    assert result.exit_code == 2
+    assert "no MAVLink frame is in its first 16 MB" in " ".join(result.output.split())

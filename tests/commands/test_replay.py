@@ -268,7 +268,7 @@ def test_mistakes_are_named(flight: Path, tmp_path: Path) -> None:
         ((tmp_path / "nothing",), "No such file"),
         ((tmp_path / "empty",), "No such file"),
         ((tmp_path / "text.txt",), "--config"),
-        ((tmp_path / "text.txt", "--config", "prescribed"), "no tlog"),
+        ((tmp_path / "text.txt", "--config", "prescribed"), "no recording"),
         ((tlog,), "--config"),
         ((tlog, "--config", "prescribed", "--verify"), "nothing to verify"),
         ((flight, "--speed", "fast"), "neither a positive number nor"),

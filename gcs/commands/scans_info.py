@@ -1,0 +1,107 @@
+"""What `gcs info` says of detections: scans, their rate and gaps, what is missing or out of order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from rich.console import Console
+
+from gcs.commands.detections import TIMES
+from gcs.commands.tables import read_csv, read_npz
+from gcs.errors import ConfigError
+from gcs.model import NS_PER_S, FloatArray
+
+SUFFIXES: Final = (".npz", ".csv")
+_GAP: Final = 5.0
+"""Times the usual time between scans: longer is a gap."""
+_MAX_LISTED: Final = 100
+_SHOWN: Final = 3
+_ROWS: Final = "rows of numbers k,x,y or t_s,x,y or t_ns,x,y"
+
+
+def detections_contents(path: Path) -> dict[str, Any]:
+    """Read detections and return what is in them, as plain data.
+
+    Raises
+    ------
+    ConfigError
+        When the file is no table of detections.
+    """
+    more: list[str] = []
+    remarks: tuple[str, ...] = ()
+    title = "k"
+    if path.suffix.lower() == ".npz":
+        arrays = read_npz(path)
+        if "meas" not in arrays:
+            raise ConfigError(str(path), "meas", f"is missing; expected {_ROWS}")
+        rows, more = arrays["meas"], sorted(set(arrays) - {"meas"})
+    else:
+        numbers = read_csv(path, _ROWS)
+        rows, remarks = numbers.rows, numbers.remarks
+        title = numbers.titles[0] if numbers.titles and numbers.titles[0] in TIMES else "k"
+    if rows.ndim != 2 or rows.shape[1] < 3:
+        raise ConfigError(str(path), "", f"expected {_ROWS}; found the shape {rows.shape}")
+    return {
+        "kind": "detections",
+        "file": str(path),
+        "bytes": path.stat().st_size,
+        "more": more,
+        "remarks": list(remarks),
+        **_scans(rows, title),
+    }
+
+
+def _scans(rows: FloatArray, title: str) -> dict[str, Any]:
+    """Count scans; times are in seconds where the file has them, in scan numbers where not."""
+    first = rows[:, 0] * (TIMES[title] / NS_PER_S if title in TIMES else 1.0)
+    seen = np.isfinite(rows[:, 1:3]).all(axis=1)
+    when = np.unique(first[np.isfinite(first)])
+    steps = np.diff(when)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    gaps = np.flatnonzero(steps > _GAP * usual)
+    timed = title in TIMES
+    return {
+        "column": title,
+        "scans": int(when.size),
+        "detections": int(seen.sum()),
+        "not_finite": int((~seen & ~np.isnan(rows[:, 1:3]).all(axis=1)).sum()),
+        "first": float(when[0]) if when.size else None,
+        "last": float(when[-1]) if when.size else None,
+        "rate_hz": 1.0 / usual if timed and usual > 0.0 else None,
+        "gap_count": int(gaps.size),
+        "gaps": [{"at": float(when[i]), "length": float(steps[i])} for i in gaps[:_MAX_LISTED]],
+        "out_of_order": int((np.diff(first) < 0.0).sum()),
+    }
+
+
+def print_detections(contents: dict[str, Any], console: Console) -> None:
+    """Print what is in a table of detections."""
+
+    def say(text: str, style: str = "") -> None:
+        console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+
+    size_mb = contents["bytes"] / 1e6
+    more = f"; also {', '.join(contents['more'])}" if contents["more"] else ""
+    say(f"{contents['file']}: detections, {size_mb:.1f} MB{more}")
+    scans, unit = contents["scans"], "" if contents["column"] == "k" else " s"
+    if not scans:
+        say("no scans", "yellow")
+        return
+    start = contents["first"]
+    rate = "" if contents["rate_hz"] is None else f" at {contents['rate_hz']:.3g} Hz"
+    span = f"from {start:.10g}{unit} to {contents['last']:.10g}{unit}"
+    say(f"{scans} scans{rate}, {span}, {contents['detections'] / scans:.1f} detections in each")
+    if contents["gap_count"]:
+        places = ", ".join(
+            f"{gap['length']:.4g}{unit} at {gap['at'] - start:.4g}{unit}" for gap in contents["gaps"][:_SHOWN]
+        )
+        left = contents["gap_count"] - min(_SHOWN, contents["gap_count"])
+        say(f"gaps: {places}" + (f" and {left} more" if left else ""), "yellow")
+    if contents["out_of_order"]:
+        say(f"{contents['out_of_order']} rows are earlier than the row before them", "yellow")
+    if contents["not_finite"]:
+        say(f"{contents['not_finite']} detections are no finite numbers", "yellow")
+    for remark in contents["remarks"]:
+        say(remark, "yellow")
