@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import signal
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -49,6 +50,7 @@ from gcs.model import (
 TICK_NS = NS_PER_S // 20
 QUEUE_SIZE = 20_000
 _ORDERS_REMEMBERED = 1000
+_TIMES_KEPT = 10_000
 LAG_WARNING_NS = NS_PER_S // 2
 LAG_TEXT = "this machine cannot keep up"
 """Begins the one notice that is the service's own: it is recorded, and no replay gives it."""
@@ -68,8 +70,8 @@ class Sink(Protocol):
 class Health:
     """How the service itself is doing."""
 
-    scan_ms: list[float] = field(default_factory=list)
-    plan_ms: list[float] = field(default_factory=list)
+    scan_ms: deque[float] = field(default_factory=lambda: deque(maxlen=_TIMES_KEPT))
+    plan_ms: deque[float] = field(default_factory=lambda: deque(maxlen=_TIMES_KEPT))
     dropped: int = 0
     """Events that found the queue full."""
     worst_lag_s: float = 0.0

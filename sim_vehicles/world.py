@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -10,6 +11,9 @@ from gcs.model import NS_PER_S, Scan, Sensor, Truth, TruthObject
 from sim_vehicles.scenario import Scenario
 from sim_vehicles.sensor import make_sensors, observe
 from sim_vehicles.targets import Target, make_targets
+
+_LOOKS_KEPT = 10_000
+"""More than are ever on their way: an index farther back is an error."""
 
 
 class _Look(NamedTuple):
@@ -34,7 +38,8 @@ class World:
     start_t_ns: int
     targets: list[Target] = field(init=False)
     sensors: list[Sensor] = field(init=False)
-    _looks: list[_Look] = field(init=False, default_factory=list)
+    _looks: deque[_Look] = field(init=False, default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
+    _looks_made: int = field(init=False, default=0)
     _next_looks: list[_Look] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -48,11 +53,12 @@ class World:
         return _Look(t_ns, sensor, count)
 
     def _numbered(self, index: int) -> _Look:
-        while len(self._looks) <= index:
+        while self._looks_made <= index:
             look = min(self._next_looks)
             self._next_looks[look.sensor] = self._look(look.sensor, look.number + 1)
             self._looks.append(look)
-        return self._looks[index]
+            self._looks_made += 1
+        return self._looks[index - self._looks_made]  # counted from the newest
 
     def scan_t_ns(self, index: int) -> int:
         """When scan `index` is measured."""

@@ -71,7 +71,11 @@ def test_routes_are_planned_inside_the_area_to_stay_in():
             "fence",
             "draw a single one",
         ),
-        ("[fence]\nmax_alt_rel_m = 80.0\n", "fence.max_alt_rel_m", "more than mission.altitude_rel_m"),
+        (
+            "[fence]\nmax_alt_rel_m = 80.0\n",
+            "fence.max_alt_rel_m",
+            "more than the highest altitude lane, 180 m",
+        ),
         (
             INCLUSION + "[[rally]]\nlat_deg = 33.3\nlon_deg = -87.6\nalt_rel_m = 90\n",
             "rally[0]",

@@ -15,6 +15,7 @@ from gcs.config import Config
 from gcs.fence import fence_of
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
 from gcs.planning.routes import PlanResult, plan_routes
+from gcs.planning.separation import Flight, separate
 from gcs.planning.task import AgentStart
 
 _MAX_CLOCK_S = 1.0
@@ -71,19 +72,20 @@ def _routes(plan: PlanResult) -> Check:
 
 
 def _separation(config: Config, rehearsal: Rehearsal) -> Check:
-    """All fly at one height: say whose routes meet."""
-    met = [
-        f"{vehicle_name(a)} and {vehicle_name(b)}"
-        for a, b in itertools.combinations(sorted(rehearsal.ways_m), 2)
-        if _cross(rehearsal.ways_m[a][0], rehearsal.ways_m[b][0])
+    """Say who would come near whom at one altitude."""
+    mission, speeds = config.mission, {agent.vehicle: agent.speed_m_s for agent in config.agents}
+    count = mission.lanes if mission.lane_step_m > 0.0 else 1
+    flights = [
+        Flight(vehicle, way, speeds[vehicle] or config.airframe.speed_m_s, number % count, False)
+        for number, (vehicle, (way,)) in enumerate(sorted(rehearsal.ways_m.items()))
     ]
-    altitude = f"all at {config.mission.altitude_rel_m:g} m"
-    if not met:
-        return Check(None, "separation", "ok", f"{altitude}; no routes cross")
-    text = f"{altitude}; the routes of {', '.join(met)} cross"
-    return Check(
-        None, "separation", "warning", text, "", "nothing keeps them apart where they do: watch them"
-    )
+    value = f"{count} lanes, {mission.altitude_rel_m:g} to {mission.highest_rel_m:g} m"
+    conflicts = separate(flights, count, config.planning.separation_m)[1] if flights else ()
+    if not conflicts:
+        return Check(None, "separation", "ok", value)
+    near = ", ".join(" and ".join(map(vehicle_name, conflict.vehicles)) for conflict in conflicts)
+    text = f"{value}; {near} come near each other"
+    return Check(None, "separation", "warning", text, "a lane each", "more mission.lanes, or watch them")
 
 
 def _fence(config: Config, rehearsal: Rehearsal) -> Check:
@@ -127,16 +129,3 @@ def sensor_checks(scans: Sequence[Scan], problems: Iterable[str], waited_s: floa
 
 def _name(scan: Scan) -> str:
     return scan.sensor.name
-
-
-def _cross(a: FloatArray, b: FloatArray) -> bool:
-    """Whether two ways have a point in common, ends aside."""
-    for p, q in itertools.pairwise(a):
-        for r, s in itertools.pairwise(b):
-            if _side(p, q, r) * _side(p, q, s) < 0.0 and _side(r, s, p) * _side(r, s, q) < 0.0:
-                return True
-    return False
-
-
-def _side(p: FloatArray, q: FloatArray, r: FloatArray) -> float:
-    return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))

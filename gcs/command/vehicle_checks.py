@@ -51,7 +51,7 @@ _POSITION_OF: Final = {
 
 def envelope_of(config: Config) -> Envelope:
     """Return what the mission asks of its vehicles."""
-    return Envelope(config.airframe.speed_m_s, config.airframe.bank_deg, config.mission.altitude_rel_m)
+    return Envelope(config.airframe.speed_m_s, config.airframe.bank_deg)
 
 
 class VehicleJudge:
@@ -332,7 +332,9 @@ class VehicleJudge:
             return ""
         ceiling_m, altitude_m = limits.max_alt_rel_m, config.mission.highest_rel_m
         if ceiling_m is not None and ceiling_m < altitude_m + _MARGIN_M:
-            return f"ceiling at {ceiling_m:g} m, missions at {altitude_m:g} m: less than {_MARGIN_M:g} m"
+            return (
+                f"ceiling at {ceiling_m:g} m, the highest lane at {altitude_m:g} m: less than {_MARGIN_M:g} m"
+            )
         if limits.max_radius_m is not None and (far_m := self._farthest_m(frame)) > limits.max_radius_m:
             return f"{far_m:.0f} m from home, the fence ends at {limits.max_radius_m:g} m"
         if limits.polygons and held is not None:

@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import json
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -112,9 +112,9 @@ def _show(
     return 0 if summary.outcome == "complete" else 1
 
 
-def percentile(values_ms: list[float]) -> float:
+def percentile(values_ms: Collection[float]) -> float:
     """99th percentile, NaN-free: 0 when nothing was measured."""
-    return float(np.percentile(values_ms, 99)) if values_ms else 0.0
+    return float(np.percentile(list(values_ms), 99)) if values_ms else 0.0
 
 
 async def _fly(

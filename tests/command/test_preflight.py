@@ -74,7 +74,7 @@ def test_nothing_stands_against_a_vehicle_that_is_ready(autopilot):
         ({"ARMING_CHECK": 0}, "ARMING_CHECK", "refused"),
         ({"FS_GCS_ENABL": 0}, "FS_GCS_ENABL", "warning"),
         ({"AIRSPEED_CRUISE": 25}, "AIRSPEED_CRUISE", "warning"),
-        ({"FENCE_TYPE": 1, "FENCE_ALT_MAX": 100}, "mission in fence", "refused"),
+        ({"FENCE_TYPE": 1, "FENCE_ALT_MAX": 185}, "mission in fence", "refused"),
         ({"FENCE_TYPE": 2, "FENCE_RADIUS": 300}, "mission in fence", "refused"),
     ],
 )
@@ -120,7 +120,7 @@ def test_a_vehicle_that_is_not_there_is_refused_and_nothing_else_is_said_of_it()
 
 def test_a_fence_of_the_mission_file_must_be_on_the_vehicle():
     config = mission(
-        "fence.max_alt_rel_m=150", 'fence.areas=[{kind="exclusion", circle=[33.2, -87.57, 50.0]}]'
+        "fence.max_alt_rel_m=250", 'fence.areas=[{kind="exclusion", circle=[33.2, -87.57, 50.0]}]'
     )
     rows = inspected(config)
     assert rows["fence"].level == rows["ceiling"].level == "refused"
@@ -132,12 +132,19 @@ def test_starts_beyond_the_fence_and_routes_that_meet_are_found():
     rows = {row.name: row for row in mission_checks(config, rehearse(config, 1, {}))}
     assert rows["fence"].level == "refused"
     assert "1: " in rows["fence"].value
-    plain = mission()
-    places = {1: (120.0, 1800.0), 2: (120.0, 1280.0), 3: (120.0, 720.0), 4: (120.0, 200.0)}
-    assert (
-        "all at 100 m"
-        in {r.name: r for r in mission_checks(plain, rehearse(plain, 1, places))}["separation"].value
-    )
+
+
+def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_told():
+    together = {1: (300.0, 900.0), 2: (300.0, 930.0), 3: (300.0, 960.0), 4: (300.0, 990.0)}
+
+    def separation(*settings):
+        config = mission(*settings)
+        return {row.name: row for row in mission_checks(config, rehearse(config, 1, together))}["separation"]
+
+    assert separation().level == "ok"
+    crowded = separation("mission.lanes=1")
+    assert crowded.level == "warning"
+    assert "1 and 2" in crowded.value
 
 
 def test_nobody_gets_through_a_closed_map():

@@ -74,7 +74,6 @@ class Envelope:
 
     speed_m_s: float
     bank_deg: float
-    altitude_rel_m: float
 
 
 @dataclass(frozen=True, slots=True)
