@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from gcs.command.aims import Aims, course_of, place_of, plan_options
@@ -25,10 +25,14 @@ from gcs.planning.grid import Grid, Point
 from gcs.planning.progress import is_ahead_clear, next_point
 from gcs.planning.routes import plan_routes
 from gcs.planning.sight import line_of_sight
+from gcs.planning.starts import expected_place
+from gcs.planning.task import AgentStart
 
 _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
 _CORRIDOR_M = 40.0
+_DELIVERY_S = 1.0
+"""How long a mission takes from the plan until it is flown, on a good link: 0.5 to 1.8 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +63,7 @@ class Replanner:
         self.aims = Aims(config)
         self._lanes = Lanes(config)
         self._planning = planning
+        self._ahead_s = _DELIVERY_S + 0.5 * config.airframe.turn_lag_s
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)
         self._expected_targets = len(config.births)
@@ -248,14 +253,13 @@ class Replanner:
             place_of(agent),
             course_of(agent),
             options.turn_radius_m,
-            options.clearance_m,
             _CORRIDOR_M,
         )
 
     def _plan(self, situation: Situation, reason: str) -> Plan:
         result = plan_routes(
             self._grid,
-            {v: self.aims.start(v, track) for v, track in situation.agents.items()},
+            {v: self._start(v, track) for v, track in situation.agents.items()},
             {label: place_of(track) for label, track in situation.targets.items()},
             {vehicle: route.target for vehicle, route in self._newest.items()},
             self._options,
@@ -294,6 +298,12 @@ class Replanner:
             reason=reason,
             changed=tuple(changed),
         )
+
+    def _start(self, vehicle: int, agent: Track) -> AgentStart:
+        """Where an agent will be when it takes up a route that is planned now."""
+        velocity_m_s = (float(agent.mean[2]), float(agent.mean[3]))
+        east_m, north_m = expected_place(self._grid, place_of(agent), velocity_m_s, self._ahead_s)
+        return replace(self.aims.start(vehicle, agent), east_m=east_m, north_m=north_m)
 
     def _decide(self, kept: list[Route], situation: Situation) -> None:
         """Make the routes of a plan those that are flown, or propose those that differ."""

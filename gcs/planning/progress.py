@@ -15,7 +15,7 @@ import numpy as np
 from gcs.model import FloatArray
 from gcs.planning.grid import Grid, Point
 from gcs.planning.sight import to_cells
-from gcs.planning.starts import start_is_clear, start_room
+from gcs.planning.starts import start_is_clear
 
 _SLOW_M_S = 1.0
 
@@ -86,13 +86,12 @@ def is_ahead_clear(
     place_m: Point,
     course_rad: float,
     radius_m: float,
-    clearance_m: float,
     corridor_m: float,
 ) -> bool:
     """Whether a vehicle can turn to the next point of its route from where it is, and on its course.
 
-    The turn and the straight way after it keep half of what a new start would be asked for: a little off the
-    route is no reason for another one.
+    Coming nearer to obstacles than was planned is no reason for another route: that would begin with a turn
+    as well, and with a wider one.
 
     Parameters
     ----------
@@ -100,12 +99,11 @@ def is_ahead_clear(
         As for `next_point`.
     course_rad : float
         Clockwise from north.
-    radius_m, clearance_m : float
-        Of the turn; from obstacles.
+    radius_m : float
+        Of the turn.
     """
     ahead = points_m[min(next_point(points_m, place_m, corridor_m), len(points_m) - 1)]
     x, y = to_cells(grid, place_m)
     to_x, to_y = to_cells(grid, (float(ahead[0]), float(ahead[1])))
-    room = 0.5 * start_room(grid.blocked, clearance_m / grid.spacing_m, x, y)
     angle, radius = 0.5 * np.pi - course_rad, radius_m / grid.spacing_m
-    return bool(start_is_clear(grid.blocked, room, x, y, angle, to_x, to_y, radius, -1))
+    return bool(start_is_clear(grid.blocked, 0.0, x, y, angle, to_x, to_y, radius, -1))

@@ -30,7 +30,7 @@ from gcs.model import FloatArray
 from gcs.planning.grid import BoolArray
 from gcs.planning.sight import clear_leg, room_at
 from gcs.planning.taut import tauten
-from gcs.planning.turning import FLYABLE, SHARP_CORNER, flyable
+from gcs.planning.turning import FLYABLE, SHARP_CORNER, SHARP_START, flyable
 
 Shape: TypeAlias = Literal["grid", "pulled", "flyable"]
 
@@ -257,11 +257,15 @@ def shape_way(
     length, problem = float(np.hypot(*np.diff(way, axis=0).T).sum()), FLYABLE
     if radius > 0.0 and len(way) > 1:
         turned, flown, problem = flyable(blocked, reach, way, heading, radius, own)
-        # Whatever the turns need, no leg may lead through an obstacle: rather the string as it was.
+        # Whatever the turns need, no leg may lead through an obstacle: rather no loop on to the route, or the
+        # string as it was.
+        if not _legs_are_clear(blocked, turned, own):
+            turned, flown, problem = flyable(blocked, reach, way, np.zeros(2), radius, own)
+            problem += SHARP_START
         if _legs_are_clear(blocked, turned, own):
             way, length = turned, float(flown)
         else:
-            problem = SHARP_CORNER
+            problem = SHARP_START + SHARP_CORNER
     return Shaped(way, length, bool(is_roomy(blocked, reach, way, own, ends_at_place)), problem)
 
 

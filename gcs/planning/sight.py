@@ -78,6 +78,9 @@ def clear_leg(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-d
     limit = max(reach - TOUCH, TOUCH)
     wide = reach + 0.5 + 2.0 * TOUCH
     dx, dy = x1 - x0, y1 - y0
+    # A square is no nearer than the line through the leg: most cells are done with by that.
+    length = math.hypot(dx, dy)
+    beside = limit * length + 0.5 * (abs(dx) + abs(dy)) + TOUCH * length
     first = max(0, math.ceil(min(y0, y1) - wide))
     last = min(rows - 1, math.floor(max(y0, y1) + wide))
     for row in range(first, last + 1):
@@ -93,6 +96,7 @@ def clear_leg(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-d
             if (
                 blocked[row, col]
                 and row * cols + col != own
+                and abs((col - x0) * dy - (row - y0) * dx) <= beside
                 and _leg_square(x0, y0, x1, y1, col, row) < limit
             ):
                 return False

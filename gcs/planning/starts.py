@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from gcs.compiling import called, kernel
-from gcs.planning.grid import TOUCH
-from gcs.planning.sight import clear_leg, room_at
+from gcs.planning.grid import TOUCH, Grid, Point
+from gcs.planning.sight import clear_leg, line_of_sight, room_at
 
 MOST_ARC = 1.8 * math.pi
 """No turn is longer: what is nearly a full circle is a detour or a rounding error."""
@@ -74,3 +74,16 @@ def start_is_clear(blocked, reach, x, y, angle, to_x, to_y, radius, own):  # typ
 def start_room(blocked, reach, x, y):  # type: ignore[no-untyped-def]
     """Clearance to ask of a start: a share of the wanted one, and no more than the vehicle has now."""
     return min(_START_SHARE * reach, max(room_at(blocked, x, y, reach) - TOUCH, 0.0))
+
+
+def expected_place(grid: Grid, place_m: Point, velocity_m_s: Point, ahead_s: float) -> Point:
+    """Where a vehicle will be when it takes up a new route, as far as nothing stands in its way until there.
+
+    A mission that is sent now is flown some time later, and the turn that it asks for later still: a route
+    that began where the vehicle is would begin behind it.
+    """
+    for share in (1.0, 0.5):
+        east_m, north_m = (place_m[k] + share * ahead_s * velocity_m_s[k] for k in range(2))
+        if line_of_sight(grid, place_m, (east_m, north_m)):
+            return east_m, north_m
+    return place_m

@@ -39,8 +39,6 @@ _FORCED = 3.0
 _CORNER = 0.25
 """What a corner counts, in cells: corners that save less are not worth flying."""
 _APART = 3.0
-_GAIN = 0.998
-_PASSES = 3
 _SWEEPS = 4
 _HALVINGS = 7
 _AWAY = 1e-6
@@ -312,23 +310,13 @@ def _slide(blocked, reach, way, count, least, own):  # type: ignore[no-untyped-d
 @called
 def _tautened(blocked, reach, way, heading, radius, least, own):  # type: ignore[no-untyped-def]
     """Shorten a way whose legs keep `reach`, or have no other choice; see `tauten`."""
-    string = way.copy()
-    length = np.inf
-    for _ in range(_PASSES):
-        found = _candidates(blocked, reach, string)
-        path = _string(blocked, reach, found, heading, radius, own)
-        count = path.size
-        string = np.empty((count, 2))
-        for i in range(count):
-            string[i, 0], string[i, 1] = found[path[count - 1 - i], _X], found[path[count - 1 - i], _Y]
-        count = _slide(blocked, reach, string, count, least, own)
-        string = string[:count].copy()
-        before, length = length, 0.0
-        for i in range(count - 1):
-            length += _gap(string, i, i + 1)
-        if length > _GAIN * before:
-            break
-    return string
+    found = _candidates(blocked, reach, way)
+    path = _string(blocked, reach, found, heading, radius, own)
+    count = path.size
+    string = np.empty((count, 2))
+    for i in range(count):
+        string[i, 0], string[i, 1] = found[path[count - 1 - i], _X], found[path[count - 1 - i], _Y]
+    return string[: _slide(blocked, reach, string, count, least, own)].copy()
 
 
 @called

@@ -383,17 +383,19 @@ def flyable(blocked, reach, string, heading, radius, own):  # type: ignore[no-un
         room = start_room(blocked, min(reach, rooms[0]), x, y)
         straight = math.hypot(to_x - x, to_y - y)
         problem += SHARP_START
-        # Rather less room than a turn into something; what the autopilot does by itself comes first.
-        for _ in range(_START_TRIES):
-            if start_is_clear(blocked, room, x, y, angle, to_x, to_y, radius, own):
-                length += start_arc(x, y, angle, to_x, to_y, radius)[2] - straight
-                problem -= SHARP_START
-                break
-            other, word_length = _other_start(blocked, points, room, angle, radius, own)
+        # Rather a turn with less room than a loop with more: an autopilot flies the one by itself.
+        for attempt in range(2 * _START_TRIES):
+            tried = room * 0.5 ** (attempt % _START_TRIES)
+            if attempt < _START_TRIES:
+                if start_is_clear(blocked, tried, x, y, angle, to_x, to_y, radius, own):
+                    length += start_arc(x, y, angle, to_x, to_y, radius)[2] - straight
+                    problem -= SHARP_START
+                    break
+                continue
+            other, word_length = _other_start(blocked, points, tried, angle, radius, own)
             if other.shape[0] > points.shape[0]:
                 points = other
                 length += word_length - straight
                 problem -= SHARP_START
                 break
-            room *= 0.5
     return points, length, problem

@@ -14,6 +14,7 @@ from gcs.planning.grid import Grid, free_grid, random_obstacles
 from gcs.planning.routes import plan_routes
 from gcs.planning.search import distances_m
 from gcs.planning.sight import line_of_sight
+from gcs.planning.starts import expected_place
 from gcs.planning.task import AgentStart, PlanOptions
 
 PLAIN = PlanOptions()
@@ -285,3 +286,21 @@ def test_the_survivors_take_over_from_a_dead_agent():
     result = plan(grid, {2: (0.0, 800.0)}, targets, {1: (0, 0), 2: (0, 1)}, PlanOptions(switch_gain_m=50.0))
     assert [(r.vehicle, r.target) for r in result.routes] == [(2, (0, 1))]
     assert result.unassigned_targets == ((0, 0),)
+
+
+def test_a_loop_on_to_the_route_never_leads_through_the_obstacle_that_its_agent_came_out_of():
+    """It starts inside a blocked cell, heading away: the way back would cross the cell once more."""
+    grid = Grid((-300.0, 70.0), 40.0, np.array([[False, False, False, True, False]]))
+    result = plan(
+        grid, {1: (-165.1, 45.0, 0.0)}, {(0, 0): (-182.2, 75.0)}, None, PlanOptions(shape="flyable")
+    )
+    points = [tuple(p) for p in result.routes[0].points_m.tolist()]
+    assert all(line_of_sight(grid, a, b) for a, b in itertools.pairwise(points))
+    assert any("no clear turn on to its route" in note for note in result.notes)
+
+
+def test_a_route_starts_where_its_vehicle_will_take_it_up_but_never_beyond_an_obstacle():
+    grid = free_grid((11, 11), 40.0).with_obstacles(cells=[(5, 5)])
+    assert expected_place(grid, (20.0, 40.0), (15.0, -5.0), 2.0) == (50.0, 30.0)
+    assert expected_place(grid, (150.0, 200.0), (15.0, 0.0), 3.0) == (172.5, 200.0)
+    assert expected_place(grid, (175.0, 200.0), (15.0, 0.0), 3.0) == (175.0, 200.0)

@@ -69,7 +69,14 @@ def test_nobody_flies_into_an_obstacle(name, wind, room_m):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["deterministic", "prescribed", "random-obstacles", "random-targets"])
-def test_nobody_flies_into_an_obstacle_over_seeds(name):
-    rooms_m = [least_room_m(name, seed) for seed in range(1, 9)]
+@pytest.mark.parametrize(
+    ("name", "wind"),
+    [
+        *((name, None) for name in ("deterministic", "prescribed", "random-obstacles", "random-targets")),
+        *((name, WIND) for name in ("deterministic", "prescribed", "random-targets")),
+    ],
+)
+def test_nobody_flies_into_an_obstacle_over_seeds(name, wind):
+    """But in wind from a start beside an obstacle, as some of random-obstacles' are: docs/planning.md."""
+    rooms_m = [least_room_m(name, seed, wind) for seed in range(1, 9)]
     assert min(rooms_m) > 0.0, rooms_m
