@@ -29,6 +29,7 @@ from gcs.geojson import Zones, read_zones
 from gcs.model import vehicle_id, vehicle_name
 
 _G_M_S2 = 9.80665
+_STRONG_WIND_M_S = 30.0
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -158,6 +159,11 @@ class AirframeTable(Table, frozen=True, kw_only=True):
     def turn_radius_m(self) -> float:
         """Radius over ground of a level turn, V^2 / (g tan bank), at its widest: with the wind."""
         return (self.speed_m_s + self.wind_m_s) ** 2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
+
+    @property
+    def max_ground_speed_m_s(self) -> float:
+        """What a report may say at most: a dive at three times the airspeed, with a strong wind behind."""
+        return 3.0 * self.speed_m_s + max(self.wind_m_s, _STRONG_WIND_M_S)
 
     @property
     def turn_lag_m(self) -> float:

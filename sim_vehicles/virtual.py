@@ -67,6 +67,9 @@ class VirtualRun:
         Vehicles whose process is taken to be killed: system id to seconds from the start.
     orders : sequence of Order
         An operator's, each given when its time has come.
+    tamper : callable
+        What becomes of a vehicle's datagram on a hostile link: run time, peer and bytes in; out comes what
+        arrives, and from whom.
     """
 
     scenario: Scenario
@@ -77,6 +80,7 @@ class VirtualRun:
     loss: float = 0.0
     kills: dict[int, float] = field(default_factory=dict)
     orders: Sequence[Order] = ()
+    tamper: Callable[[int, str, bytes], Iterable[tuple[str, bytes]]] | None = None
     timings: Timings = field(default_factory=Timings)
     command: Command = field(init=False)
     vehicles: dict[str, SimVehicle] = field(init=False)
@@ -155,7 +159,11 @@ class VirtualRun:
             vehicle.advance(self.t_ns)
             for data in vehicle.datagrams_to_send(self.t_ns):
                 if not self._is_lost():
-                    self._step(Datagram(self.t_ns, LINK, peer, data))
+                    for sender, arrived in self._arriving(peer, data):
+                        self._step(Datagram(self.t_ns, LINK, sender, arrived))
+
+    def _arriving(self, peer: str, data: bytes) -> Iterable[tuple[str, bytes]]:
+        return [(peer, data)] if self.tamper is None else self.tamper(self.t_ns, peer, data)
 
     def _is_killed(self, vehicle: SimVehicle) -> bool:
         at_s = self.kills.get(vehicle.system_id)

@@ -27,6 +27,7 @@ from gcs.command.replanning import Replanner, Situation
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers
+from gcs.command.witness import Witness
 from gcs.config import Config
 from gcs.mavlink.fleet import Fleet, FleetSettings
 from gcs.model import (
@@ -78,13 +79,16 @@ class Command:
         self.fleet = Fleet(
             vehicles,
             config.local_frame,
-            FleetSettings(position_rate_hz=telemetry.rate_hz),
+            FleetSettings(
+                position_rate_hz=telemetry.rate_hz, max_speed_m_s=config.airframe.max_ground_speed_m_s
+            ),
             links=[link for link in links if link.role == "vehicles"],
         )
         self.guests = Guests(links, vehicles)
         self.trackers = Trackers(config)
         self.reordering = Reordering(tracking.reorder_window_s)
         self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
+        self.witness = Witness(telemetry)
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner = Replanner(config, self.grid)
         self.tasking = Tasking(
@@ -253,6 +257,7 @@ class Command:
         effects: list[Effect] = [*self.trackers.scan(event, states)]
         agents, targets = self.trackers.agents.beliefs, self.trackers.targets.beliefs
         self.ties.update(agents, event.measured_t_ns, states)
+        effects += self.witness.take(event, states, self.ties.labels, agents.tracks, targets.tracks.values())
         reporting = {s.system_id for s in states if abs(event.t_ns - s.t_ns) <= self._report_age_ns}
         ties, assigned = self.ties.labels, self.replanner.assigned
         for fate in self.fates.update(event.t_ns, agents, targets, ties, assigned, reporting):

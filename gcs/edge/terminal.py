@@ -232,10 +232,12 @@ class LiveView:
         return table
 
     def _standing(self, fate: Fate) -> Text:
-        """What became of an agent, or the order that sets it aside."""
+        """What became of an agent, the order that sets it aside, or that its reports are false."""
         aside = self._command.orders.aside.get(fate.vehicle)
         if aside is not None and fate.fate == "flying":
             return Text(aside, style="bold yellow")
+        if fate.vehicle in self._command.witness.doubted():
+            return Text("not there", style="bold red")
         return Text(fate.fate, style=_FATE_STYLE[fate.fate])
 
     def _signing(self, vehicle: int) -> str:

@@ -40,7 +40,7 @@ from gcs.mavlink.counters import Counters, LinkCounters, Stranger
 from gcs.mavlink.items import Home
 from gcs.mavlink.profiles import Profile
 from gcs.mavlink.row import ADDRESS, DUE_NS, HEARD_NS, NOBODY, SIGNS, new_row
-from gcs.mavlink.vehicle import Address, Health, Vehicle
+from gcs.mavlink.vehicle import Address, Health, Tell, Vehicle
 from gcs.mavlink.wants import Wants
 from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, vehicle_id
 
@@ -84,8 +84,12 @@ class FleetSettings:
     """How to watch and what to ask."""
 
     position_rate_hz: float = 4.0
+    stale_after_s: float = 2.5
+    """Silence after which a vehicle is stale: a first word to the operator."""
     lost_after_s: float = 5.0
-    """Silence after which a vehicle is stale, and may be heard from another address."""
+    """Silence after which a vehicle is lost, and may be heard from another address."""
+    max_speed_m_s: float = 150.0
+    """Over ground; reports of more are refused, and so are places further away than that."""
     max_distance_m: float = 100_000.0
     """Positions further from the frame's origin are refused."""
     max_strangers: int = 64
@@ -134,6 +138,7 @@ class Fleet:
             (link.name, link.endpoint.remote): Encoder(*own) for link in links if link.endpoint.remote
         }
         self._settings = settings or FleetSettings()
+        self._stale_after_ns = ns(self._settings.stale_after_s)
         self._lost_after_ns = ns(self._settings.lost_after_s)
         called = sorted(set(expected))
         self._table = np.tile(new_row(), (len(called), 1))
@@ -145,7 +150,13 @@ class Fleet:
 
             self._frames = Frames()
             self._ledger = Ledger(
-                self._table, called, self._frames, _NEEDED, loud, frame, self._settings.max_distance_m
+                self._table,
+                called,
+                self._frames,
+                _NEEDED,
+                loud,
+                frame,
+                (self._settings.max_distance_m, self._settings.max_speed_m_s),
             )
         self._numbers: dict[Address, int] = {}
         """What the ledger calls the addresses of vehicles."""
@@ -157,6 +168,7 @@ class Fleet:
                 Encoder(*own),
                 Wants(vehicle, own, self._settings.position_rate_hz, row),
                 self._settings.max_distance_m,
+                self._settings.max_speed_m_s,
                 row,
             )
             for vehicle, row in zip(called, self._table, strict=True)
@@ -166,6 +178,8 @@ class Fleet:
         self._beats_t_ns: dict[Address, int] = {}
         self._notices: list[Notice] = []
         self._told_t_ns: dict[tuple[str, int], int] = {}
+        self._claimed_t_ns: dict[int, int] = {}
+        """When somebody at another address last claimed a vehicle's id."""
         self._texts: dict[int, tuple[int, int]] = {}
 
     # ------------------------------------------------------------ in
@@ -226,8 +240,10 @@ class Fleet:
         if not self._is_its_own(vehicle, frame, message, address, t_ns):
             return None
         silent_ns = t_ns - vehicle.heard_t_ns
-        if vehicle.liveness == "stale":
-            self._contact(vehicle, address)
+        if vehicle.liveness in ("stale", "lost"):
+            if vehicle.liveness == "lost":
+                self._contact(vehicle, address)
+            vehicle.row[ADDRESS] = self._numbers[address]
             self._tell("info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
         vehicle.liveness = "alive"
         lost = vehicle.lost
@@ -239,7 +255,7 @@ class Fleet:
             return None
         if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT:
             self._tell_text(message, vehicle.system_id, t_ns)
-        vehicle.take(message, t_ns, lambda level, text: self._tell(level, text, t_ns, vehicle.system_id))
+        vehicle.take(message, t_ns, self._teller(t_ns, vehicle.system_id))
         return message
 
     def _note_signing(self, vehicle: Vehicle, t_ns: int, *, signed: bool) -> None:
@@ -256,6 +272,7 @@ class Fleet:
             return not _is_heartbeat(frame) or _is_vehicle(message)
         if vehicle.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns:
             vehicle.conflicts += 1
+            self._claimed_t_ns[vehicle.system_id] = t_ns
             self.counters.conflicts += 1
             self.links[address[0]].conflicts += 1
             text = f"{address[1]} on {address[0]} claims its id, which is heard from {vehicle.address[1]}"
@@ -311,22 +328,43 @@ class Fleet:
     def _is_due(self, t_ns: int) -> npt.NDArray[np.bool_]:
         """Which vehicles to look at: something may be due to be sent, or it has fallen silent."""
         table = self._table
-        is_silent = (table[:, ADDRESS] != NOBODY) & (t_ns - table[:, HEARD_NS] > self._lost_after_ns)
+        is_silent = (table[:, ADDRESS] != NOBODY) & (t_ns - table[:, HEARD_NS] > self._stale_after_ns)
         return np.asarray(is_silent | (table[:, DUE_NS] <= t_ns))
 
     def _poll_vehicle(self, vehicle: Vehicle, address: Address, t_ns: int) -> list[Message]:
-        silent_ns = t_ns - vehicle.heard_t_ns
-        if vehicle.liveness == "alive" and silent_ns > self._lost_after_ns:
-            vehicle.liveness = "stale"
-            vehicle.row[ADDRESS] = NOBODY
-            self._tell("alarm", f"not heard for {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
+        self._watch(vehicle, t_ns)
         is_alive = vehicle.liveness == "alive"
         messages = vehicle.poll(t_ns) if is_alive else []
         if self._beat_due(address, t_ns):
             messages.append(heartbeat())
         next_beat_ns = self._beats_t_ns[address] + NS_PER_S
-        vehicle.row[DUE_NS] = min(next_beat_ns, vehicle.wants.idle_until_ns) if is_alive else next_beat_ns
+        if is_alive:
+            vehicle.row[DUE_NS] = min(next_beat_ns, vehicle.wants.idle_until_ns)
+        else:
+            lost_t_ns = vehicle.heard_t_ns + self._lost_after_ns + 1
+            vehicle.row[DUE_NS] = (
+                min(next_beat_ns, lost_t_ns) if vehicle.liveness == "stale" else next_beat_ns
+            )
         return messages
+
+    def _watch(self, vehicle: Vehicle, t_ns: int) -> None:
+        """Say who falls silent, who is lost, and whose id nobody else claims any more."""
+        tell, silent_ns = self._teller(t_ns, vehicle.system_id), t_ns - vehicle.heard_t_ns
+        if vehicle.liveness in ("alive", "stale") and silent_ns > self._lost_after_ns:
+            vehicle.liveness, vehicle.row[ADDRESS] = "lost", NOBODY
+            tell("alarm", f"not heard for {silent_ns / NS_PER_S:.1f} s: lost")
+        elif vehicle.liveness == "alive" and silent_ns > self._stale_after_ns:
+            vehicle.liveness, vehicle.row[ADDRESS] = "stale", NOBODY
+            tell("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
+        elif vehicle.liveness == "alive":
+            vehicle.watch(t_ns, tell)
+        claimed_t_ns = self._claimed_t_ns.get(vehicle.system_id)
+        if claimed_t_ns is not None and t_ns - claimed_t_ns > _REPEAT_NOTICE_NS:
+            del self._claimed_t_ns[vehicle.system_id]
+            tell("info", "nobody else claims its id any more")
+
+    def _teller(self, t_ns: int, system_id: int) -> Tell:
+        return lambda level, text: self._tell(level, text, t_ns, system_id)
 
     def _beat_due(self, address: Address, t_ns: int) -> bool:
         """Whether an address is due its heartbeat: one a second, whoever shares it."""

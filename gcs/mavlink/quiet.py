@@ -25,6 +25,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink import bulk
 from gcs.mavlink.bulk import CHECKED, COMPONENT, MESSAGE_ID, OFFSET, SEQUENCE, SIGNED, SYSTEM, Frames
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID
+from gcs.mavlink.plausibility import BOOTS_APART_S, SLACK_M, STANDING_M_S
 from gcs.mavlink.position import EARTH_RADIUS_M, MAX_ALT_M, MIN_ALT_M, NULL_DEG
 from gcs.mavlink.row import (
     ADDRESS,
@@ -49,6 +50,7 @@ from gcs.mavlink.row import (
     SIGNS,
     V_EAST_CM_S,
     V_NORTH_CM_S,
+    WATCHED,
     WIDTH,
     Row,
 )
@@ -69,8 +71,10 @@ _EARTH_M: Final = EARTH_RADIUS_M
 _NULL_1E7: Final = round(NULL_DEG * 1e7)
 _LOW_MM: Final = round(MIN_ALT_M * 1e3)
 _HIGH_MM: Final = round(MAX_ALT_M * 1e3)
-_MARGIN: Final = 0.99
-"""Of the greatest distance: nearer than that the kernel is sure, whatever the last bit of its sine says."""
+_BOOTS_APART_NS: Final = round(BOOTS_APART_S * 1e9)
+_MARGIN: Final = 0.98
+"""Of the greatest distance, and of what is in reach: nearer than that the kernel is sure, whatever the last
+bit of its sine and the shape of the Earth say."""
 
 
 @compiling.called
@@ -104,6 +108,21 @@ def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
 
 
 @compiling.called
+def _goes_on(row, boot_ms, t_ns, lat, lon, speed_m_s, max_speed_m_s):  # type: ignore[no-untyped-def]
+    """Whether a position surely goes on from the one before, as `gcs.mavlink.plausibility` judges."""
+    if row[PLACES] == 0 or row[WATCHED] or speed_m_s > max_speed_m_s:
+        return False
+    if lat == row[LAT_1E7DEG] and lon == row[LON_1E7DEG] and speed_m_s >= STANDING_M_S:
+        return False
+    if abs(t_ns - boot_ms * _NS_PER_MS - row[BOOT_OFFSET_NS]) >= _BOOTS_APART_NS:
+        return False
+    north_m = math.radians((lat - row[LAT_1E7DEG]) * 1e-7) * _EARTH_M
+    east_m = math.radians((lon - row[LON_1E7DEG]) * 1e-7) * _EARTH_M * math.cos(math.radians(lat * 1e-7))
+    reach_m = max_speed_m_s * (boot_ms - row[BOOT_MS] & _BOOT_WRAP_MS - 1) * 1e-3 + SLACK_M
+    return math.hypot(east_m, north_m) < _MARGIN * reach_m
+
+
+@compiling.called
 def _take_position(data, begin, size, t_ns, row, origin):  # type: ignore[no-untyped-def]
     """Take a position that is newer and can be believed; return whether it was taken."""
     boot_ms = _number(data, begin, 0, size, 4)
@@ -119,10 +138,12 @@ def _take_position(data, begin, size, t_ns, row, origin):  # type: ignore[no-unt
         return False
     if (abs(lat) <= _NULL_1E7 and abs(lon) <= _NULL_1E7) or not _is_near(lat, lon, origin):
         return False
+    v_north, v_east = _signed(data, begin, 20, size, 2), _signed(data, begin, 22, size, 2)
+    if not _goes_on(row, boot_ms, t_ns, lat, lon, math.hypot(v_east, v_north) * 0.01, origin[3]):
+        return False
     row[BOOT_MS], row[BOOT_OFFSET_NS], row[BOOT_RUN] = boot_ms, t_ns - boot_ms * _NS_PER_MS, 0
     row[PLACE_NS], row[LAT_1E7DEG], row[LON_1E7DEG], row[ALT_MM] = t_ns, lat, lon, alt
-    row[V_NORTH_CM_S] = _signed(data, begin, 20, size, 2)
-    row[V_EAST_CM_S] = _signed(data, begin, 22, size, 2)
+    row[V_NORTH_CM_S], row[V_EAST_CM_S] = v_north, v_east
     row[HEADING_CDEG] = _number(data, begin, 26, size, 2)
     row[PLACES] += 1
     return True
@@ -202,8 +223,8 @@ class Ledger:
     read, loud : collection of int
         Message ids that somebody reads; those among or beside them of which no frame is quiet.
     frame : LocalFrame
-    max_distance_m : float
-        Places further from the frame's origin are none of ours.
+    bounds : (float, float)
+        Metres from the frame's origin beyond which places are none of ours, and the greatest ground speed.
     """
 
     def __init__(
@@ -214,7 +235,7 @@ class Ledger:
         read: Collection[int],
         loud: Collection[int],
         frame: LocalFrame,
-        max_distance_m: float,
+        bounds: tuple[float, float],
     ) -> None:
         if max((*read, *loud), default=0) >= _IDS:
             raise ValueError(f"message ids that are read must be below {_IDS}")
@@ -226,7 +247,7 @@ class Ledger:
             rows_of = self._rows_of.setdefault(network_of(vehicle), empty.copy())
             rows_of[system_of(vehicle)] = index
         self._table, self._frames = table, frames
-        self._origin = np.array([frame.lat_deg, frame.lon_deg, max_distance_m])
+        self._origin = np.array([frame.lat_deg, frame.lon_deg, *bounds])
 
     def fold(self, data: bytes, at: int, address: int, t_ns: int, network: int) -> tuple[int, int]:
         """Fold a datagram's frames in from row `at` of their table on, up to the first that is not quiet.
@@ -244,7 +265,7 @@ def warm_up_calls() -> list[compiling.Call]:
     """List one call of each kernel, those of the framing among them."""
     frames = np.zeros((2, CHECKED + 1), np.int32)
     rows_of, table = np.full(_SYSTEMS + _IDS, NONE, np.int64), np.zeros((1, WIDTH), np.int64)
-    return [*bulk.warm_up_calls(), (_fold, b"\xfd", frames, 1, 0, 0, rows_of, table, np.zeros(3))]
+    return [*bulk.warm_up_calls(), (_fold, b"\xfd", frames, 1, 0, 0, rows_of, table, np.zeros(4))]
 
 
 def warm_up() -> None:

@@ -35,9 +35,10 @@ Row = npt.NDArray[np.int64]
     V_EAST_CM_S,
     HEADING_CDEG,
     PLACES,  # number of positions believed
+    WATCHED,  # whether the next position must be held against more than the one before
     DUE_NS,  # before then there is nothing to send to it by the clock
     WIDTH,
-) = range(22)
+) = range(23)
 
 NONE: Final = -1
 NOBODY: Final = -1

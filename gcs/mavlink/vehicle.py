@@ -16,14 +16,17 @@ from typing import Final, Literal, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
+from gcs.mavlink.asking import ns
 from gcs.mavlink.codec import Encoder, Message
 from gcs.mavlink.items import Home
+from gcs.mavlink.plausibility import Motion, Report, Voices
 from gcs.mavlink.position import BootClock, unplaceable
 from gcs.mavlink.profiles import Profile, mode_name, profile_of
 from gcs.mavlink.row import (
     ADDRESS,
     BATTERY_PERCENT,
     BEST_FIX,
+    BOOT_MS,
     DUE_NS,
     FIX_TYPE,
     FRAMES,
@@ -34,21 +37,24 @@ from gcs.mavlink.row import (
     PLACE_NS,
     PLACES,
     SIGNS,
+    WATCHED,
     Row,
     new_row,
 )
 from gcs.mavlink.wants import Wants
-from gcs.model import Level, VehicleState
+from gcs.model import NS_PER_S, Level, VehicleState
 
 Address: TypeAlias = tuple[str, str]
 """(link, peer)."""
-Liveness: TypeAlias = Literal["waiting", "alive", "stale"]
+Liveness: TypeAlias = Literal["waiting", "alive", "stale", "lost"]
+"""Not heard yet, heard, silent for a moment, silent for so long that it may be heard from elsewhere."""
 Tell: TypeAlias = Callable[[Level, str], None]
 """Takes a notice about this vehicle."""
 
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _UNKNOWN_HEADING: Final = 65535
 _SLOW_M_S: Final = 0.5
+_UNPLACED_NS: Final = ns(5.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +93,7 @@ class Vehicle:
         encoder: Encoder,
         wants: Wants,
         max_distance_m: float,
+        max_speed_m_s: float,
         row: Row | None = None,
     ) -> None:
         self.system_id = system_id
@@ -104,6 +111,10 @@ class Vehicle:
         self.refused: dict[str, int] = {}
         self._frame, self._max_distance_m = frame, max_distance_m
         self._clock = BootClock(self.row)
+        self._motion, self._voices = Motion(max_speed_m_s), Voices(max_speed_m_s)
+        self._judged_places = 0
+        """`PLACES` when these two had seen all of them."""
+        self._unplaced = False
         self._mode, self._armed, self._mission_seq = "", False, -1
         self._state: VehicleState | None = None
         self._state_places = 0
@@ -239,11 +250,18 @@ class Vehicle:
             tell("alarm", f"{text}; it is tracked and never tasked")
 
     def _on_position(self, message: Message, t_ns: int, tell: Tell) -> None:
+        self._catch_up()
         verdict = self._clock.judge(message.time_boot_ms, t_ns)
         if verdict == "rebooted":
             self._reboot(tell)
-        place = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
-        problem = verdict if verdict == "late" else self._refusal(*place)
+        problem = self._refusal(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
+        if verdict == "late" and problem:
+            problem = "late"
+        elif not problem:
+            report = self._report(
+                t_ns, message.time_boot_ms, message.lat, message.lon, message.vx, message.vy
+            )
+            problem = self._contradiction(report, tell, late=verdict == "late")
         if problem:
             self.refused[problem] = self.refused.get(problem, 0) + 1
             return
@@ -251,6 +269,46 @@ class Vehicle:
             t_ns, message.lat, message.lon, message.alt, message.vx, message.vy, message.hdg
         )  # fmt: skip
         self.row[PLACES] += 1
+        self._judged_places = self.row.item(PLACES)
+
+    def _report(
+        self, t_ns: int, boot_ms: int, lat: int, lon: int, v_north_cm_s: int, v_east_cm_s: int
+    ) -> Report:
+        east_m, north_m = self._frame.to_local(lat * 1e-7, lon * 1e-7)
+        return Report(t_ns, boot_ms, east_m, north_m, math.hypot(v_east_cm_s, v_north_cm_s) * 0.01)
+
+    def _catch_up(self) -> None:
+        """Go on from the last position that the kernel took: each of those was in order."""
+        if self.row.item(PLACES) == self._judged_places:
+            return
+        self._judged_places = self.row.item(PLACES)
+        t_ns, lat, lon, _, v_north_cm_s, v_east_cm_s, _ = self.row[PLACE_NS:PLACES].tolist()
+        last = self._report(t_ns, self.row.item(BOOT_MS), lat, lon, v_north_cm_s, v_east_cm_s)
+        self._motion.resume(last)
+        self._voices.resume(last)
+
+    def _contradiction(self, report: Report, tell: Tell, *, late: bool) -> str:
+        """Hold a report against those before it, and say what comes of it; return why it is not believed."""
+        self._voices.take(report)
+        problem = "late" if late else self._motion.judge(report)
+        for level, text in (*self._voices.news, *([] if late else self._motion.news)):
+            tell(level, text)
+        self.row[WATCHED] = bool(problem) or self._voices.is_watching
+        return problem
+
+    def watch(self, t_ns: int, tell: Tell) -> None:
+        """Say when it is heard and gives no position that can be believed, and when it does again."""
+        if not self.row[PLACES]:
+            return
+        silent_ns = t_ns - self.row.item(PLACE_NS)
+        if not self._unplaced and silent_ns > _UNPLACED_NS:
+            self._unplaced = True
+            why = ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
+            text = f"no position that can be believed for {silent_ns / NS_PER_S:.0f} s"
+            tell("alarm", f"{text}; refused so far: {why}" if why else text)
+        elif self._unplaced and silent_ns <= _UNPLACED_NS:
+            self._unplaced = False
+            tell("info", "its positions are believed again")
 
     def _refusal(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> str:
         if NONE < self.row[BEST_FIX] < dialect.GPS_FIX_TYPE_3D_FIX:
@@ -262,6 +320,7 @@ class Vehicle:
         self.boots += 1
         self._mission_seq, self.home = -1, None
         self.row[BEST_FIX] = self.row[LAST_SEQUENCE] = NONE
+        self._motion.begin()
         self.wants.begin()
         tell("alarm", "rebooted")
 

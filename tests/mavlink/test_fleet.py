@@ -275,8 +275,11 @@ def test_silence_is_told_once_and_so_is_the_return():
     for n in range(3, 20):
         air.hear(n, dialect.MAVLink_mission_current_message(1), system_id=2, peer=THERE)
         air.poll(n)
-    assert air.texts("alarm") == [(1, "not heard for 6.0 s")]
-    assert [h.liveness for h in air.fleet.health()] == ["stale", "alive"]
+        if n == 6:
+            assert air.health().liveness == "stale"
+    told = [(notice.level, notice.vehicle, notice.text) for notice in air.fleet.notices()]
+    assert told == [("warning", 1, "not heard for 3.0 s"), ("alarm", 1, "not heard for 6.0 s: lost")]
+    assert [h.liveness for h in air.fleet.health()] == ["lost", "alive"]
     air.hear(20, beat())
     assert (1, "heard again after 18.0 s") in air.texts()
     assert air.health().liveness == "alive"
