@@ -1,0 +1,28 @@
+"""An operator would look up what nobody says any more: the page of alarms quotes what the program can say."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / "docs" / "alarms.md").read_text(encoding="utf-8")
+
+
+def quoted() -> list[str]:
+    """Pieces of notices that the page quotes: first cells of its rows, between backticks."""
+    cells = [row.split("|")[1] for row in PAGE.splitlines() if re.match(r"\| (alarm|warning|info) ", row)]
+    found = [
+        piece.strip() for cell in cells for text in re.findall("`(.*?)`", cell) for piece in text.split("…")
+    ]
+    return [piece for piece in found if len(piece) > 3]
+
+
+def test_everything_that_the_page_quotes_is_said_somewhere():
+    source = " ".join(
+        re.sub(r'"\s*\n\s*f?"', "", path.read_text(encoding="utf-8")) for path in (ROOT / "gcs").rglob("*.py")
+    )
+    # What is built of parts is looked for by its parts.
+    pieces = [part for piece in quoted() for part in re.split(r"(?<=rejected): |: (?=is the)", piece)]
+    assert len(pieces) > 50
+    assert [piece for piece in pieces if piece not in source] == []
