@@ -13,7 +13,10 @@ def quoted() -> list[str]:
     """Pieces of notices that the page quotes: first cells of its rows, between backticks."""
     cells = [row.split("|")[1] for row in PAGE.splitlines() if re.match(r"\| (alarm|warning|info) ", row)]
     found = [
-        piece.strip() for cell in cells for text in re.findall("`(.*?)`", cell) for piece in text.split("…")
+        piece.strip(" :")
+        for cell in cells
+        for text in re.findall("`(.*?)`", cell)
+        for piece in text.split("…")
     ]
     return [piece for piece in found if len(piece) > 3]
 
