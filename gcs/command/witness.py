@@ -38,6 +38,7 @@ _MANOEUVRE_M_S2 = 5.0
 _PERIOD_NS = NS_PER_S * 4 // 10
 """Looks at one vehicle that follow each other faster are not independent."""
 _FORGET_NS = 10 * NS_PER_S
+_TINY = 1e-12
 
 
 @dataclass(slots=True)
@@ -162,7 +163,7 @@ def _evidence(sensor: Sensor, hit: bool, clutter: float, crowd: int) -> float:
     p_d = min(float(sensor.detection_probability), MOST_DETECTION)
     p_else = -math.expm1(-clutter - p_d * crowd)
     p_there = 1.0 - (1.0 - p_d) * (1.0 - p_else)
-    doubt = math.log(max(p_else, 1e-12) / p_there) if hit else -math.log1p(-p_d)
+    doubt = math.log(max(p_else, _TINY) / max(p_there, _TINY)) if hit else -math.log1p(-p_d)
     return min(max(doubt, -_MOST_OF_A_SCAN), _MOST_OF_A_SCAN)
 
 

@@ -333,18 +333,13 @@ class Fleet:
 
     def _poll_vehicle(self, vehicle: Vehicle, address: Address, t_ns: int) -> list[Message]:
         self._watch(vehicle, t_ns)
-        is_alive = vehicle.liveness == "alive"
-        messages = vehicle.poll(t_ns) if is_alive else []
+        messages = vehicle.poll(t_ns) if vehicle.liveness == "alive" else []
         if self._beat_due(address, t_ns):
             messages.append(heartbeat())
         next_beat_ns = self._beats_t_ns[address] + NS_PER_S
-        if is_alive:
-            vehicle.row[DUE_NS] = min(next_beat_ns, vehicle.wants.idle_until_ns)
-        else:
-            lost_t_ns = vehicle.heard_t_ns + self._lost_after_ns + 1
-            vehicle.row[DUE_NS] = (
-                min(next_beat_ns, lost_t_ns) if vehicle.liveness == "stale" else next_beat_ns
-            )
+        lost_t_ns = vehicle.heard_t_ns + self._lost_after_ns + 1
+        due = {"alive": vehicle.wants.idle_until_ns, "stale": lost_t_ns}.get(vehicle.liveness, next_beat_ns)
+        vehicle.row[DUE_NS] = min(next_beat_ns, due)
         return messages
 
     def _watch(self, vehicle: Vehicle, t_ns: int) -> None:

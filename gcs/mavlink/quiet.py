@@ -110,8 +110,10 @@ def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
 @compiling.called
 def _goes_on(row, boot_ms, t_ns, lat, lon, speed_m_s, max_speed_m_s):  # type: ignore[no-untyped-def]
     """Whether a position surely goes on from the one before, as `gcs.mavlink.plausibility` judges."""
-    if row[PLACES] == 0 or row[WATCHED] or speed_m_s > max_speed_m_s:
+    if row[WATCHED] or speed_m_s > max_speed_m_s:
         return False
+    if row[PLACES] == 0:
+        return True
     if lat == row[LAT_1E7DEG] and lon == row[LON_1E7DEG] and speed_m_s >= STANDING_M_S:
         return False
     if abs(t_ns - boot_ms * _NS_PER_MS - row[BOOT_OFFSET_NS]) >= _BOOTS_APART_NS:

@@ -186,7 +186,7 @@ def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
             notices += known[4]
     assert any("signs its frames" in n.text for n in notices)
     refused = set().union(*(one.refused for one in fast.health()))
-    assert folded > 1000
-    assert {"late", "no fix", "null", "far", "range"} <= refused
+    assert folded > 400
+    assert {"late", "no fix", "null", "far", "range", "jump"} <= refused
     assert sum(one.boots for one in fast.health()) > 0
     assert fast.counters.conflicts > 0
