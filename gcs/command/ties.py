@@ -47,6 +47,8 @@ class Ties:
         self._break_after = break_after
         self._labels: dict[int, Label] = {}
         self._outside: dict[int, int] = {}
+        self._last_look: set[int] = set()
+        """Vehicles whose track was dead at the last update."""
 
     @property
     def labels(self) -> Mapping[int, Label]:
@@ -63,8 +65,13 @@ class Ties:
         }
         for vehicle, label in list(self._labels.items()):
             if label not in tracks:
-                if not beliefs.is_dead(label):  # another label has its object by now
+                # Of a dead track its agent dies, once: after that look, whoever reports is tied anew. Of one
+                # that is not dead another label has the object by now.
+                reports_on = vehicle in self._last_look and vehicle in places
+                if reports_on or not beliefs.is_dead(label):
                     self.forget(vehicle)
+                else:
+                    self._last_look.add(vehicle)
             elif vehicle in places:
                 self._check(vehicle, places[vehicle], tracks[label])
         free = [vehicle for vehicle in sorted(places) if vehicle not in self._labels]
@@ -77,6 +84,7 @@ class Ties:
         """Untie a vehicle."""
         self._labels.pop(vehicle, None)
         self._outside.pop(vehicle, None)
+        self._last_look.discard(vehicle)
 
     def _check(self, vehicle: int, place: tuple[float, float], track: Track) -> None:
         inside = self._distances([place], [track])[0, 0] <= self._gate_chi2

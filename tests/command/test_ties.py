@@ -114,6 +114,20 @@ def test_a_dead_label_keeps_its_vehicle_until_the_death_is_called():
     assert ties.labels == {2: B}
 
 
+def test_a_vehicle_that_comes_back_twice_is_tied_to_its_new_track():
+    # Its death was called long ago; a track that it was tied to since then has died before it was sure.
+    ties = tied_pair()
+    beliefs = believed(track(A, WEST), track(B, EAST))
+    beliefs.update(picture(track(A, WEST, existence=0.001, estimated=False), track(B, EAST)))
+    ties.update(beliefs, at(1), [state(1, WEST, 1), state(2, EAST, 1)])
+    assert ties.labels == {1: A, 2: B}, "its fate is still to be judged by this track"
+    successor = (5, 0)
+    for t_s in (2, 3, 4):
+        beliefs.update(picture(track(B, EAST), track(successor, WEST)))
+        ties.update(beliefs, at(t_s), [state(1, WEST, t_s), state(2, EAST, t_s)])
+    assert ties.labels == {1: successor, 2: B}
+
+
 def test_a_doubted_label_loses_its_vehicle_to_the_label_that_has_the_object_now():
     ties = tied_pair()
     successor = (5, 0)
