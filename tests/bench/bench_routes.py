@@ -13,7 +13,8 @@ import time
 import numpy as np
 
 from gcs.planning.grid import Grid, Point, free_grid, random_obstacles
-from gcs.planning.routes import AgentStart, PlanOptions, plan_routes, warm_up
+from gcs.planning.routes import plan_routes, warm_up
+from gcs.planning.task import AgentStart, PlanOptions
 
 SHAPES = ("grid", "pulled", "flyable")
 CASES = ((0.0, 20.0), (0.0, 40.0), (20.0, 40.0), (40.0, 40.0), (40.0, 57.0))
