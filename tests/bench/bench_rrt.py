@@ -2,8 +2,8 @@
 
     python tests/bench/bench_rrt.py
 
-RRT* (Karaman & Frazzoli 2011) with a goal bias of 5 %, rewiring within the shrinking radius, a bucket grid for
-neighbours, the same exact sight test, and a straight last leg wherever it is clear: no turns, no clearance, so
+RRT* (Karaman & Frazzoli 2011) with a goal bias of 5 %, rewiring within the shrinking radius, buckets for
+neighbours, the same exact sight test, and a straight last leg wherever it is clear: no turns, no clearance;
 both solve the same problem. Compiled like ours; CPU time, one thread. "Never" is not within `LIMIT_S`.
 """
 
@@ -29,7 +29,7 @@ _MOST_NEAR = 400
 
 @njit(cache=True)
 def grow(blocked, nodes, parent, cost, head, link, count, goal, best, last, draws):  # type: ignore[no-untyped-def]
-    """Take one sample for each of `draws` (k, 3) in [0, 1); returns the node count, best length, its last node."""
+    """Take a sample for each of `draws` (k, 3) in [0, 1); return node count, best length, its last node."""
     rows, cols = blocked.shape
     free = rows * cols - blocked.sum()
     tall, wide = head.shape
@@ -61,7 +61,7 @@ def grow(blocked, nodes, parent, cost, head, link, count, goal, best, last, draw
         # 2 (1 + 1/2)^(1/2) (free / pi)^(1/2): the least constant that the optimum is reached with.
         radius = min(_STEP, math.sqrt(6.0 * free / math.pi * math.log(count + 1.0) / (count + 1.0)))
         row, col = int((y + 0.5) / _BUCKET), int((x + 0.5) / _BUCKET)
-        span, found = int(math.ceil(radius / _BUCKET)), 0
+        span, found = math.ceil(radius / _BUCKET), 0
         for r in range(max(0, row - span), min(tall, row + span + 1)):
             for c in range(max(0, col - span), min(wide, col + span + 1)):
                 i = head[r, c]
@@ -102,7 +102,7 @@ def grow(blocked, nodes, parent, cost, head, link, count, goal, best, last, draw
 
 
 def rrt_star(blocked, start, goal, rng, aim, limit_s):  # type: ignore[no-untyped-def]
-    """Grow until the way is no longer than `aim` cells; returns [(seconds of CPU, length)], as it improves."""
+    """Grow until the way is no longer than `aim` cells; return [(CPU seconds, length)] as it improves."""
     rows, cols = blocked.shape
     most = 400_000
     nodes, parent = np.empty((most, 2)), np.full(most, -1)
