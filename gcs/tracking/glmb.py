@@ -340,7 +340,7 @@ class Glmb:
         """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
         parent = np.repeat(np.arange(self._track_label.size), np.diff(options.start))
         n_detections = look.rows.size
-        groups = meet(self._groups, options, n_detections, self._limits)
+        groups = meet(self._groups, options, self._track_label, n_detections, self._limits)
         groups = children(groups, options, n_detections, self._limits, self._rng)
         groups, used = renumber(groups, parent.size)
         parent, meas, logw = parent[used], options.meas[used], options.logw[used]
@@ -375,7 +375,7 @@ def warm_up_calls() -> list[compiling.Call]:
     return [
         (option_keys, 1),
         (children, groups, options, 1, limits, np.zeros(1, np.uint64)),
-        (meet, groups, options, 1, limits),
+        (meet, groups, options, zeros, 1, limits),
         (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
         (kernels.options, cov, ones, ones, z, view, ones, 9.0),
         (kernels.update, mean, cov, zeros, zeros, z, view),

@@ -22,16 +22,9 @@ from typing import Any
 import numpy as np
 
 from gcs.compiling import inlined, kernel
+from gcs.tracking.claims import root_of, unite
 from gcs.tracking.hypotheses import Groups, Limits, Options
 from gcs.tracking.ordering import distinct, greatest_first, head
-
-
-@inlined
-def _root(parent: Any, i: int) -> int:
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
 
 
 @inlined
@@ -85,31 +78,9 @@ def _product(
     return out_start, out_items, out_logw
 
 
-@inlined
-def _unite(groups: Groups, options: Options, n_detections: int, parent: Any) -> None:
-    """Fill `parent` (groups,) with sets of groups that have detections in common, as trees."""
-    owner, visited = np.empty(n_detections, np.int64), np.zeros(options.start.size - 1, np.bool_)
-    owner[:] = -1
-    for g in range(parent.size):
-        parent[g] = g
-        for i in range(groups.start[groups.first[g]], groups.start[groups.first[g + 1]]):
-            t = groups.items[i]
-            if visited[t]:
-                continue
-            visited[t] = True
-            for o in range(options.start[t], options.start[t + 1]):
-                j = options.meas[o]
-                if j >= 0 and owner[j] < 0:
-                    owner[j] = g
-                elif j >= 0:
-                    # The smaller index stays the root, so that order does not depend on history.
-                    a, b = _root(parent, owner[j]), _root(parent, g)
-                    parent[max(a, b)] = min(a, b)
-
-
 @kernel
-def meet(groups: Groups, options: Options, n_detections: int, limits: Limits) -> Any:
-    """Unite the groups that have a detection in common among their tracks' options."""
+def meet(groups: Groups, options: Options, track_label: Any, n_detections: int, limits: Limits) -> Any:
+    """Unite the groups whose labels want the same detections (see `claims`)."""
     first, start = groups.first, groups.start
     items, logw = groups.items, groups.logw
     n_groups = first.size - 1
@@ -119,10 +90,10 @@ def meet(groups: Groups, options: Options, n_detections: int, limits: Limits) ->
         np.empty(n_groups, np.int64),
     )
     room, wide = np.empty(n_groups, np.int64), np.empty(n_groups, np.int64)
-    _unite(groups, options, n_detections, parent)
+    unite(groups, options, track_label, n_detections, limits.dependence, parent)
     # From each root a chain through the groups that it is united with, in their order; and the union's size.
     for g in range(n_groups):
-        root = _root(parent, g)
+        root = root_of(parent, g)
         parent[g], follower[g], last[g] = root, -1, g
         room[g], wide[g] = first[g + 1] - first[g], _widest(start, first[g], first[g + 1])
         if root != g:

@@ -1,0 +1,136 @@
+"""Compiled competition for detections: which labels want the same one so much that it matters.
+
+Two labels whose gates share a detection need not be associated jointly. Let a and b take detection j with
+probabilities q_a(j) and q_b(j), each by itself. Their joint posterior is the product of the two, given that
+they do not take the same detection; the two distributions differ, in total variation, by the probability of
+such a conflict, which is at most the sum of q_a(j) q_b(j). So labels go on apart where that product is below
+the bound that also lets labels part (`partition.part`). At the edge of a gate, where most of the sharing
+happens, it is below by orders of magnitude.
+
+q is taken on the safe side. A label that loses a contested detection turns to its next best one, so what it
+may fall back upon counts only what nobody contests: its death, its being missed, and detections without a
+conflict. What is contested grows until nothing changes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from gcs.compiling import inlined
+from gcs.tracking.hypotheses import Groups, Options
+
+_NOBODY, _MANY = -1, -2
+
+
+@inlined
+def root_of(parent: Any, i: int) -> int:
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@inlined
+def _rivals(options: Options, track_label: Any, owner: Any, span: Any) -> int:
+    """Fill `owner` (detections,) with the one label that gates it, or `_MANY`; find the labels with rivals.
+
+    Row i of `span` gets the first track of the i-th of these, and the one after its last. Returns how many.
+    """
+    start, meas = options.start, options.meas
+    n_tracks = track_label.size
+    for t in range(n_tracks):
+        for o in range(start[t], start[t + 1]):
+            j = meas[o]
+            if j >= 0 and owner[j] != track_label[t]:
+                owner[j] = track_label[t] if owner[j] == _NOBODY else _MANY
+    count, first = 0, 0
+    while first < n_tracks:
+        end, rivals = first, False
+        while end < n_tracks and track_label[end] == track_label[first]:
+            for o in range(start[end], start[end + 1]):
+                rivals |= meas[o] >= 0 and owner[meas[o]] == _MANY
+            end += 1
+        if rivals:
+            span[count, 0], span[count, 1] = first, end
+            count += 1
+        first = end
+    return count
+
+
+@inlined
+def _claim(
+    options: Options, first: int, end: int, prior: Any, owner: Any, contested: Any, share: Any, claim: Any
+) -> None:
+    """Fill `claim` (options,) with q of the label whose tracks are `first` to `end` - 1, where it has rivals.
+
+    `prior` (tracks,) is each track's probability; `share` (detections,) is scratch, and zero again at the end.
+    """
+    start, meas, logw = options.start, options.meas, options.logw
+    fallback = 1.0
+    for t in range(first, end):
+        fallback -= prior[t]
+    fallback = max(fallback, 0.0)
+    for t in range(first, end):
+        for o in range(start[t], start[t + 1]):
+            w, j = prior[t] * math.exp(logw[o]), meas[o]
+            if j < 0 or not contested[j]:
+                fallback += w
+            if j >= 0:
+                share[j] += w
+    for o in range(start[first], start[end]):
+        j = meas[o]
+        if j >= 0 and owner[j] == _MANY:
+            claim[o] = share[j] / max(fallback + (share[j] if contested[j] else 0.0), 1e-300)
+    for o in range(start[first], start[end]):
+        if meas[o] >= 0:
+            share[meas[o]] = 0.0
+
+
+@inlined
+def unite(
+    groups: Groups, options: Options, track_label: Any, n_detections: int, bound: float, parent: Any
+) -> None:
+    """Fill `parent` (groups,) with sets of groups that are in conflict over detections, as trees."""
+    first, start, items = groups.first, groups.start, groups.items
+    start_o, meas = options.start, options.meas
+    for g in range(parent.size):
+        parent[g] = g
+    owner, span = np.empty(n_detections, np.int64), np.empty((track_label.size, 2), np.int64)
+    owner[:] = _NOBODY
+    n_rivals = _rivals(options, track_label, owner, span)
+    if n_rivals == 0:
+        return
+    prior, group = np.zeros(track_label.size), np.empty(track_label.size, np.int64)
+    for g in range(parent.size):
+        for h in range(first[g], first[g + 1]):
+            w = math.exp(groups.logw[h])
+            for i in range(start[h], start[h + 1]):
+                prior[items[i]] += w
+                group[items[i]] = g
+    contested, share = np.zeros(n_detections, np.bool_), np.zeros(n_detections)
+    claim, most = np.empty(meas.size), np.empty(n_detections)
+    strongest = np.empty(n_detections, np.int64)
+    changed = True
+    while changed:
+        changed = False
+        most[:] = 0.0
+        for r in range(n_rivals):
+            low, high = span[r, 0], span[r, 1]
+            _claim(options, low, high, prior, owner, contested, share, claim)
+            for o in range(start_o[low], start_o[high]):
+                j = meas[o]
+                if j >= 0 and owner[j] == _MANY and claim[o] > most[j]:
+                    most[j], strongest[j] = claim[o], r
+        for r in range(n_rivals):
+            for o in range(start_o[span[r, 0]], start_o[span[r, 1]]):
+                j = meas[o]
+                if j < 0 or owner[j] != _MANY or strongest[j] == r or claim[o] * most[j] <= bound:
+                    continue
+                changed |= not contested[j]
+                contested[j] = True
+                # The smaller index stays the root, so that order does not depend on history.
+                a, b = root_of(parent, group[span[r, 0]]), root_of(parent, group[span[strongest[j], 0]])
+                parent[max(a, b)] = min(a, b)
