@@ -27,6 +27,7 @@ _NOBODY, _MANY = -1, -2
 
 @inlined
 def root_of(parent: Any, i: int) -> int:
+    """Root of the tree that i is in; the way there becomes shorter."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -62,29 +63,33 @@ def _rivals(options: Options, track_label: Any, owner: Any, span: Any) -> int:
 
 @inlined
 def _claim(
-    options: Options, first: int, end: int, prior: Any, owner: Any, contested: Any, share: Any, claim: Any
+    meas: Any,
+    low: int,
+    high: int,
+    weight: Any,
+    absent: float,
+    owner: Any,
+    contested: Any,
+    share: Any,
+    claim: Any,
 ) -> None:
-    """Fill `claim` (options,) with q of the label whose tracks are `first` to `end` - 1, where it has rivals.
+    """Fill `claim` (options,) with q of the label that has the options `low` to `high` - 1, if it has rivals.
 
-    `prior` (tracks,) is each track's probability; `share` (detections,) is scratch, and zero again at the end.
+    `weight` (options,) is that of the option times its track's probability; `absent` is the probability that
+    the label was not there before; `share` (detections,) is scratch, and zero again at the end.
     """
-    start, meas, logw = options.start, options.meas, options.logw
-    fallback = 1.0
-    for t in range(first, end):
-        fallback -= prior[t]
-    fallback = max(fallback, 0.0)
-    for t in range(first, end):
-        for o in range(start[t], start[t + 1]):
-            w, j = prior[t] * math.exp(logw[o]), meas[o]
-            if j < 0 or not contested[j]:
-                fallback += w
-            if j >= 0:
-                share[j] += w
-    for o in range(start[first], start[end]):
+    fallback = absent
+    for o in range(low, high):
+        j = meas[o]
+        if j < 0 or not contested[j]:
+            fallback += weight[o]
+        if j >= 0:
+            share[j] += weight[o]
+    for o in range(low, high):
         j = meas[o]
         if j >= 0 and owner[j] == _MANY:
             claim[o] = share[j] / max(fallback + (share[j] if contested[j] else 0.0), 1e-300)
-    for o in range(start[first], start[end]):
+    for o in range(low, high):
         if meas[o] >= 0:
             share[meas[o]] = 0.0
 
@@ -103,24 +108,38 @@ def unite(
     n_rivals = _rivals(options, track_label, owner, span)
     if n_rivals == 0:
         return
-    prior, group = np.zeros(track_label.size), np.empty(track_label.size, np.int64)
+    absent, group = np.ones(track_label.size), np.empty(track_label.size, np.int64)
+    weight = np.zeros(meas.size)
     for g in range(parent.size):
         for h in range(first[g], first[g + 1]):
             w = math.exp(groups.logw[h])
             for i in range(start[h], start[h + 1]):
-                prior[items[i]] += w
+                weight[start_o[items[i]]] += w
                 group[items[i]] = g
+    for r in range(n_rivals):
+        for t in range(span[r, 0], span[r, 1]):
+            prior = weight[start_o[t]]
+            absent[r] -= prior
+            for o in range(start_o[t], start_o[t + 1]):
+                weight[o] = prior * math.exp(options.logw[o])
+        absent[r] = max(absent[r], 0.0)
     contested, share = np.zeros(n_detections, np.bool_), np.zeros(n_detections)
-    claim, most = np.empty(meas.size), np.empty(n_detections)
-    strongest = np.empty(n_detections, np.int64)
+    claim, most = np.empty(meas.size), np.zeros(n_detections)
+    strongest, known = np.empty(n_detections, np.int64), np.empty(n_rivals, np.int64)
+    known[:] = -1
     changed = True
     while changed:
         changed = False
-        most[:] = 0.0
         for r in range(n_rivals):
-            low, high = span[r, 0], span[r, 1]
-            _claim(options, low, high, prior, owner, contested, share, claim)
-            for o in range(start_o[low], start_o[high]):
+            low, high, count = start_o[span[r, 0]], start_o[span[r, 1]], 0
+            for o in range(low, high):
+                count += meas[o] >= 0 and contested[meas[o]]
+            if count == known[r]:
+                continue
+            # The more is contested, the greater the claims, so those of before need no second look.
+            known[r] = count
+            _claim(meas, low, high, weight, absent[r], owner, contested, share, claim)
+            for o in range(low, high):
                 j = meas[o]
                 if j >= 0 and owner[j] == _MANY and claim[o] > most[j]:
                     most[j], strongest[j] = claim[o], r

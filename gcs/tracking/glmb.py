@@ -27,8 +27,9 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs import compiling
-from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Sensor, Track, read_only
+from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
 from gcs.tracking import kernels, motion, sensors, turning
+from gcs.tracking.alone import Tracks, alone
 from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
 from gcs.tracking.merging import merge_alike
 from gcs.tracking.partition import meet, part, renumber
@@ -77,6 +78,8 @@ class GlmbParams:
     """Labels below it are forgotten."""
     report_existence: float = 1e-3
     """Labels below it are not in the picture."""
+    conflict: float = 1e-3
+    """Labels that would take the same detection less probably than this are associated apart."""
     dependence: float = 0.01
     """Labels closer to independence than this total variation are tracked apart."""
     merge_chi2: float = 1.0
@@ -99,8 +102,31 @@ class Account(NamedTuple):
     """How many those were."""
 
 
+class _Born(NamedTuple):
+    """Births as arrays, made once of known places: one tuple, the same at each scan."""
+
+    births: tuple[Birth, ...]
+    mean: FloatArray
+    """(n, 4)."""
+    cov: FloatArray
+    """(n, 4, 4)."""
+    probability: FloatArray
+    """(n,) within (0, 1)."""
+
+    @classmethod
+    def of(cls, births: Sequence[Birth]) -> _Born:
+        """Convert; what is not a tuple might change, and is kept as a tuple of its own."""
+        probability = np.array([birth.probability for birth in births])
+        return cls(
+            tuple(births),
+            np.array([birth.mean for birth in births], dtype=np.float64).reshape(-1, 4),
+            np.array([birth.cov for birth in births], dtype=np.float64).reshape(-1, 4, 4),
+            np.clip(probability, 1.0 - _SURE, _SURE),
+        )
+
+
 class _Look(NamedTuple):
-    """The usable detections of a scan, sorted by the first coordinate that was measured."""
+    """The usable detections of a scan, in the order of `kernels.strips`."""
 
     z: FloatArray
     """(m, 2) as the sensor measured them."""
@@ -110,6 +136,34 @@ class _Look(NamedTuple):
     """(m,) of the clutter intensity there, per unit of `z`."""
     rows: npt.NDArray[np.int64]
     """(m,) which detection of the scan each is."""
+
+
+class _Made(NamedTuple):
+    """Probabilities that add up over the groups of a scan."""
+
+    explained: FloatArray
+    """(m,) that some track made each usable detection."""
+    detected: FloatArray
+    """(labels,) that each label, before the scan, was detected."""
+    there: FloatArray
+    """(labels,) that it is there."""
+
+
+class Estimates(NamedTuple):
+    """A picture as arrays, a row for each of its labels, in their order."""
+
+    label: npt.NDArray[np.int64]
+    """(n, 2) scan of birth and index there."""
+    mean: FloatArray
+    """(n, 4)."""
+    cov: FloatArray
+    """(n, 4, 4)."""
+    existence: FloatArray
+    """(n,)."""
+    estimated: npt.NDArray[np.bool_]
+    """(n,) whether it is in the MAP-cardinality estimate."""
+    cardinality: FloatArray
+    """(k,) probability of each number of objects."""
 
 
 class Glmb:
@@ -153,12 +207,11 @@ class Glmb:
         self.account: Account | None = None
         self.scans = self.late_scans = self.bad_detections = 0
         self._weigh_detections = weigh_detections
-        self._sure: set[Label] = set()
-        """Labels that existed beyond doubt after the last scan."""
         self._limits = Limits(
             int(params.max_hypotheses),
             math.log(params.prune_weight),
             float(params.forget_existence),
+            float(params.conflict),
             float(params.dependence),
             int(params.enumerable),
             int(params.gibbs_sweeps),
@@ -166,12 +219,16 @@ class Glmb:
         self._rng = np.array([seed % 2**64], dtype=np.uint64)
         self._keys = option_keys(256)
         self._t_ns: int | None = None
-        self._labels: list[Label] = []
+        self._labels = np.empty((0, 2), np.int64)
+        """Scan of birth and index there."""
+        self._sure = np.empty(0, np.bool_)
+        """Whether each label existed beyond doubt after the last scan."""
         self._track_label = np.empty(0, np.int64)
-        """Index into `_labels` for each track; ascending."""
+        """Index into `_labels` for each track; a label's tracks stand together."""
         self._mean, self._cov = np.empty((0, 4)), np.empty((0, 4, 4))
         self._turn = np.empty((0, 6)) if params.turn_rate_std_rad_s > 0.0 else None
         """Turn rates (see `turning`)."""
+        self._born = _Born.of(())
         self._groups = Groups(
             np.zeros(1, np.int64), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0)
         )
@@ -230,15 +287,18 @@ class Glmb:
         if meas.size > self._keys.size:
             self._keys = option_keys(2 * meas.size)
         options = Options(start, meas, logw, self._keys)
-        if self._weigh_detections:
-            explained = np.ones(len(clutter))
-            explained[look.rows] = 0.0
-            self.account = Account(explained, 0.0, 0.0)
+        sure = self._surely_in_view(view) if self._weigh_detections else None
+        made = _Made(np.zeros(look.rows.size), np.zeros(len(self._labels)), np.zeros(len(self._labels)))
         if live.size:
-            self._associate(options, look, view)
+            self._associate(options, look, view, made)
+        if sure is not None:
+            explained = np.ones(len(clutter))
+            explained[look.rows] = np.minimum(made.explained, 1.0)
+            self.account = Account(explained, float(made.detected[sure].sum()), float(sure.sum()))
         if self.histories is not None:
             tracks = kernels.map_tracks(self._groups)
-            self.histories.end({self._labels[self._track_label[t]]: int(t) for t in tracks})
+            labels = self._labels[self._track_label[tracks]].tolist()
+            self.histories.end({(k, i): t for (k, i), t in zip(labels, tracks.tolist(), strict=True)})
         self.scans += 1
 
     def picture(self, t_ns: int) -> Picture:
@@ -248,22 +308,35 @@ class Glmb:
         places would be a place where nobody is. Labels that interact are shown as in the most probable joint
         hypothesis that holds all the likely ones, so that two labels are not shown at one object.
         """
+        found = self.estimates()
+        columns = (found.mean, found.cov, found.existence.tolist(), found.estimated.tolist())
+        tracks = tuple(
+            Track((k, i), *row)
+            for (k, i), row in zip(found.label.tolist(), zip(*columns, strict=True), strict=True)
+        )
+        scan_t_ns = t_ns if self._t_ns is None else self._t_ns
+        return Picture(t_ns, scan_t_ns, self.kind, tracks, found.cardinality)
+
+    def estimates(self) -> Estimates:
+        """Return what `picture` shows as read-only arrays; for large scenes, where records take time."""
         existence, shown, cardinality = kernels.summary(self._groups, self._track_label, len(self._labels))
         estimate = kernels.map_tracks(self._groups)
         estimated = self._track_label[estimate]
         shown[estimated] = estimate
         is_estimated = np.zeros(existence.size, np.bool_)
         is_estimated[estimated] = True
-        labels = np.flatnonzero((existence >= self.params.report_existence) | is_estimated)
-        mean, cov = self._mean[shown[labels]], self._cov[shown[labels]]
-        mean.flags.writeable = cov.flags.writeable = False
-        columns = (mean, cov, existence[labels].tolist(), is_estimated[labels].tolist())
-        tracks = tuple(
-            Track(self._labels[i], *row)
-            for i, row in zip(labels.tolist(), zip(*columns, strict=True), strict=True)
+        rows = np.flatnonzero((existence >= self.params.report_existence) | is_estimated)
+        rows = rows[np.lexsort(self._labels[rows].T[::-1])]
+        columns = (
+            self._labels[rows],
+            self._mean[shown[rows]],
+            self._cov[shown[rows]],
+            existence[rows],
+            is_estimated[rows],
         )
-        scan_t_ns = t_ns if self._t_ns is None else self._t_ns
-        return Picture(t_ns, scan_t_ns, self.kind, tracks, read_only(cardinality))
+        for column in (*columns, cardinality):
+            column.flags.writeable = False
+        return Estimates(*columns, cardinality)
 
     def estimate(self) -> tuple[Track, ...]:
         """Return who is there: the tracks of `picture` that are in the MAP-cardinality estimate."""
@@ -276,30 +349,14 @@ class Glmb:
         z, log_clutter = sensors.measured(sensor, place_m), np.log(clutter)
         rows = np.flatnonzero(np.isfinite(z).all(axis=1) & np.isfinite(log_clutter))
         self.bad_detections += len(place_m) - rows.size
-        rows = rows[np.argsort(z[rows, 0], kind="stable")]
+        rows = rows[kernels.strips(z[rows])]
         return _Look(z[rows], place_m[rows], log_clutter[rows], rows)
 
-    def _accounted(
-        self,
-        groups: Groups,
-        meas: npt.NDArray[np.int64],
-        track_label: npt.NDArray[np.int64],
-        look: _Look,
-        view: sensors.View,
-    ) -> Account:
-        """Sum the updated tracks' probabilities by detection, and the sure labels' by whether detected."""
-        assert self.account is not None
-        probability, made = kernels.probabilities(groups, meas.size), meas >= 0
-        explained = self.account.explained.copy()
-        explained[look.rows] = np.bincount(meas[made], probability[made], look.rows.size)
+    def _surely_in_view(self, view: sensors.View) -> npt.NDArray[np.bool_]:
+        """Return which labels existed beyond doubt and are in view whichever of their tracks is right."""
         in_view = np.ones(len(self._labels))
         np.minimum.at(in_view, self._track_label, view.inside)
-        sure = in_view > _SURELY_IN_VIEW
-        sure &= np.fromiter((label in self._sure for label in self._labels), np.bool_, sure.size)
-        existence = np.bincount(track_label, probability, sure.size)
-        detected = np.bincount(track_label[made], probability[made], sure.size)
-        self._sure = {label for label, r in zip(self._labels, existence, strict=True) if r > _SURELY_THERE}
-        return Account(np.minimum(explained, 1.0), float(detected[sure].sum()), float(sure.sum()))
+        return np.asarray(self._sure & (in_view > _SURELY_IN_VIEW))
 
     def _survival(self, dt_s: float) -> float:
         return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - _SURE))
@@ -327,40 +384,65 @@ class Glmb:
             np.concatenate([groups.items, n + new]),
             np.concatenate([groups.logw, np.zeros(len(births))]),
         )
-        self._mean = np.concatenate([self._mean, [birth.mean for birth in births]])
-        self._cov = np.concatenate([self._cov, [birth.cov for birth in births]])
+        born = self._born = self._born if births is self._born.births else _Born.of(births)
+        self._mean = np.concatenate([self._mean, born.mean])
+        self._cov = np.concatenate([self._cov, born.cov])
         if self._turn is not None:
             newborn = turning.newborn(len(births), params.turn_rate_std_rad_s)
             self._turn = np.concatenate([self._turn, newborn])
         self._track_label = np.concatenate([self._track_label, len(self._labels) + new])
-        self._labels.extend((self.scans, i) for i in range(len(births)))
-        return np.concatenate([live, np.clip([birth.probability for birth in births], 1.0 - _SURE, _SURE)])
+        self._labels = np.concatenate([self._labels, np.column_stack([np.full(new.size, self.scans), new])])
+        self._sure = np.concatenate([self._sure, np.zeros(new.size, np.bool_)])
+        return np.concatenate([live, born.probability])
 
-    def _associate(self, options: Options, look: _Look, view: sensors.View) -> None:
+    def _associate(self, options: Options, look: _Look, view: sensors.View, made: _Made) -> None:
         """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
-        parent = np.repeat(np.arange(self._track_label.size), np.diff(options.start))
-        n_detections = look.rows.size
-        groups = meet(self._groups, options, self._track_label, n_detections, self._limits)
-        groups = children(groups, options, n_detections, self._limits, self._rng)
-        groups, used = renumber(groups, parent.size)
-        parent, meas, logw = parent[used], options.meas[used], options.logw[used]
+        lone, groups = meet(self._groups, options, self._track_label, look.rows.size, self._limits)
+        tracks = alone(
+            self._groups,
+            lone,
+            options,
+            self._mean,
+            self._cov,
+            self._track_label,
+            look.z,
+            view,
+            self._limits,
+            float(self.params.merge_chi2),
+            *made,
+        )
+        if groups.logw.size:
+            tracks = tracks.and_of(self._jointly(groups, options, look, view, made))
+        parent, meas = tracks.parent, options.meas[tracks.option]
+        if self._turn is not None:
+            self._turn = turning.update(self._cov, self._turn, parent, meas, look.z, view)
+        if self.histories is not None:
+            self.histories.extend(parent, meas, options.logw[tracks.option], look.place_m)
+        self._groups, self._mean, self._cov = tracks.groups, tracks.mean, tracks.cov
+        track_label = self._track_label[parent]
+        is_next = np.diff(track_label, prepend=-1) != 0
+        self._track_label = np.cumsum(is_next) - 1
+        kept = track_label[is_next]
+        self._labels, self._sure = self._labels[kept], made.there[kept] > _SURELY_THERE
+
+    def _jointly(
+        self, groups: Groups, options: Options, look: _Look, view: sensors.View, made: _Made
+    ) -> Tracks:
+        """Update groups of labels that compete."""
+        groups = children(groups, options, look.rows.size, self._limits, self._rng)
+        groups, option = renumber(groups, options.meas.size)
+        parent, meas = np.searchsorted(options.start, option, side="right") - 1, options.meas[option]
         mean, cov = kernels.update(self._mean, self._cov, parent, meas, look.z, view)
         track_label = self._track_label[parent]
-        if self.account is not None:
-            self.account = self._accounted(groups, meas, track_label, look, view)
+        if self._weigh_detections:
+            probability, seen = kernels.probabilities(groups, meas.size), meas >= 0
+            np.add.at(made.explained, meas[seen], probability[seen])
+            np.add.at(made.detected, track_label[seen], probability[seen])
+            np.add.at(made.there, track_label, probability)
         groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
         groups = part(groups, track_label, len(self._labels), self._keys, self._limits)
-        self._groups, used = renumber(groups, parent.size)
-        if self._turn is not None:
-            turn = turning.update(self._cov, self._turn, parent, meas, look.z, view)
-            self._turn = turn[used]
-        self._mean, self._cov = mean[used], cov[used]
-        if self.histories is not None:
-            self.histories.extend(parent[used], meas[used], logw[used], look.place_m)
-        track_label = track_label[used]
-        is_next = np.diff(track_label, prepend=-1) > 0  # labels ascend
-        self._track_label = np.cumsum(is_next) - 1
-        self._labels = [self._labels[i] for i in track_label[is_next].tolist()]
+        groups, used = renumber(groups, parent.size)
+        return Tracks(groups, parent[used], option[used], mean[used], cov[used])
 
 
 def warm_up_calls() -> list[compiling.Call]:
@@ -369,13 +451,14 @@ def warm_up_calls() -> list[compiling.Call]:
     mean, cov, z = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.zeros((1, 2))
     matrix = np.eye(2).reshape(1, 2, 2)
     view = sensors.View(z, matrix, matrix, ones, 0.9, wraps=False)
-    limits = Limits(1, -1.0, 0.1, 0.1, 1, 1)
+    limits = Limits(1, -1.0, 0.1, 0.1, 0.1, 1, 1)
     groups = Groups(np.arange(2), np.arange(2), zeros, np.zeros(1))
     options = Options(np.arange(2), zeros, ones, np.zeros(1, np.uint64))
     return [
         (option_keys, 1),
         (children, groups, options, 1, limits, np.zeros(1, np.uint64)),
         (meet, groups, options, zeros, 1, limits),
+        (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, ones, ones, ones),
         (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
         (kernels.options, cov, ones, ones, z, view, ones, 9.0),
         (kernels.update, mean, cov, zeros, zeros, z, view),

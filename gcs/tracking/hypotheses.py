@@ -59,6 +59,8 @@ class Limits(NamedTuple):
     """Log of the least weight kept, relative to the group's best."""
     existence: float
     """Labels below it are forgotten."""
+    conflict: float
+    """Labels that would take the same detection less probably than this are associated apart."""
     dependence: float
     """Labels whose joint differs by less (total variation) from the product of marginals part."""
     enumerable: int
@@ -355,49 +357,18 @@ def _sample(
     return count, floor
 
 
-@inlined
-def _lone(groups: Groups, g: int, options: Options, limits: Limits, item: Any, logw: Any, order: Any) -> Any:
-    """Children of a group whose hypotheses hold one track at most, which compete for nothing.
-
-    Every option of every track is a child, and nobody's being there is one more. Fills `item` (-1 for nobody)
-    and `logw`, and the first places of `order` with the ones kept, best first; returns how many those are.
-    """
-    start, items = groups.start, groups.items
-    nobody, n, best = 0.0, 1, -np.inf
-    for h in range(groups.first[g], groups.first[g + 1]):
-        if start[h] == start[h + 1]:
-            nobody += math.exp(groups.logw[h])
-            continue
-        t = items[start[h]]
-        for o in range(options.start[t], options.start[t + 1]):
-            if options.meas[o] == DIED:
-                nobody += math.exp(groups.logw[h] + options.logw[o])
-                continue
-            item[n], logw[n] = o, groups.logw[h] + options.logw[o]
-            best = max(best, logw[n])
-            n += 1
-    item[0], logw[0] = -1, math.log(nobody) if nobody > 0.0 else -np.inf
-    floor, kept = max(best, logw[0]) + limits.log_prune, 0
-    for i in range(n):
-        if logw[i] >= floor:
-            item[kept], logw[kept] = item[i], logw[i]
-            kept += 1
-    best_first = greatest_first(logw, 0, kept)
-    kept = min(kept, limits.hypotheses)
-    for i in range(kept):
-        order[i] = best_first[i]
-    return kept
-
-
 @kernel
 def children(groups: Groups, options: Options, n_detections: int, limits: Limits, rng: Any) -> Groups:
-    """Jointly predict and update every group; the result's items are options. `rng` (1,) uint64 advances."""
+    """Jointly predict and update groups of several labels; the result's items are options.
+
+    `rng` (1,) uint64 advances.
+    """
     first, start = groups.first, groups.start
     items, logw = groups.items, groups.logw
     n_groups, n_hyps = first.size - 1, logw.size
     joint, bound = np.empty(n_hyps), np.empty(n_hyps)
     widest, room = np.empty(n_groups, np.int64), np.empty(n_groups, np.int64)
-    broadest, broadest_lone, most_hyps, most_items = 0, 0, 0, 0
+    broadest, most_hyps, most_items = 0, 0, 0
     for g in range(n_groups):
         total, wide = 0.0, 1
         for h in range(first[g], first[g + 1]):
@@ -409,8 +380,6 @@ def children(groups: Groups, options: Options, n_detections: int, limits: Limits
                 bound[h] += options.logw[options.start[t]]
             total += joint[h]
         room[g], widest[g] = int(min(total, 4.0 * limits.hypotheses)) + 1, wide
-        if wide <= 1:
-            broadest_lone = max(broadest_lone, int(total) + 1)
         most_hyps += min(room[g], limits.hypotheses)
         most_items += min(room[g], limits.hypotheses) * wide
         broadest = max(broadest, wide)
@@ -418,25 +387,9 @@ def children(groups: Groups, options: Options, n_detections: int, limits: Limits
     out_first, out_start = np.zeros(n_groups + 1, np.int64), np.zeros(most_hyps + 1, np.int64)
     out_items, out_logw = np.empty(most_items, np.int64), np.empty(most_hyps)
     pick, above, tail = np.empty(broadest, np.int64), np.empty(broadest + 1), np.empty(broadest + 1)
-    lone_item, lone_logw = np.empty(broadest_lone, np.int64), np.empty(broadest_lone)
-    lone_order, losses = np.empty(broadest_lone, np.int64), np.empty(_LOSS_BINS)
+    losses = np.empty(_LOSS_BINS)
     n = 0
     for g in range(n_groups):
-        if widest[g] <= 1:
-            low, total = n, 0.0
-            kept = _lone(groups, g, options, limits, lone_item, lone_logw, lone_order)
-            for k in range(kept):
-                i = lone_order[k]
-                out_logw[n], out_start[n + 1] = lone_logw[i] - lone_logw[lone_order[0]], out_start[n]
-                if lone_item[i] >= 0:
-                    out_items[out_start[n]] = lone_item[i]
-                    out_start[n + 1] += 1
-                total += math.exp(out_logw[n])
-                n += 1
-            for h in range(low, n):
-                out_logw[h] -= math.log(total)
-            out_first[g + 1] = n
-            continue
         pool = _pool(room[g], widest[g])
         count, floor = np.int64(0), -np.inf
         for h in greatest_first(bound, first[g], first[g + 1]):

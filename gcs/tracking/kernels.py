@@ -18,7 +18,7 @@ flat arrays, the best one first.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -75,13 +75,26 @@ def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
         meas[j], logw[j] = m, w
 
 
+def strips(z: FloatArray) -> Any:
+    """Order of the detections (m, 2) in which `options` finds those in a gate, as indices (m,).
+
+    They are cut into strips of isqrt(m) by the first coordinate; each is in the order of the second.
+    """
+    order = np.argsort(z[:, 0])
+    width = max(1, math.isqrt(order.size))
+    count = -(-order.size // width)
+    second = np.full(count * width, np.inf)
+    second[: order.size] = z[order, 1]
+    inside = np.argsort(second.reshape(count, width), axis=1) + width * np.arange(count)[:, None]
+    return order[inside.ravel()[: order.size]]
+
+
 @inlined
-def _first_beyond(z: FloatArray, least: float) -> int:
-    """Index of the first detection whose first coordinate is not below `least`: bisection."""
-    low, high = 0, z.shape[0]
+def _first_beyond(value: Any, low: int, high: int, least: float) -> int:
+    """Index of the first of the ascending values `low` to `high` - 1 that is not below `least`: bisection."""
     while low < high:
         mid = (low + high) // 2
-        if z[mid, 0] < least:
+        if value[mid] < least:
             low = mid + 1
         else:
             high = mid
@@ -127,8 +140,8 @@ def options(
 ) -> Any:
     """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
 
-    `z` (m, 2) is what the sensor measured, sorted by its first coordinate, so that a gate is a short run of
-    it; `log_clutter` (m,) is the log of the clutter intensity at each, in the same units. A track that is
+    `z` (m, 2) is what the sensor measured, in the order of `strips`, so that a gate is a few runs of it;
+    `log_clutter` (m,) is the log of the clutter intensity at each, in the same units. A track that is
     surely outside the field of view cannot be detected; one that may be outside is the less missed.
     """
     n, m = cov.shape[0], z.shape[0]
@@ -136,6 +149,13 @@ def options(
     room = n * (min(m, MAX_GATED) + 2) + m
     meas, logw = np.empty(room, np.int64), np.empty(room)
     best = np.empty(MAX_GATED)
+    width = max(1, int(math.sqrt(m)))
+    n_strips = (m + width - 1) // width
+    edge, second = np.empty(n_strips), np.empty(m)
+    for s in range(n_strips):
+        edge[s] = np.inf
+        for j in range(s * width, min((s + 1) * width, m)):
+            edge[s], second[j] = min(edge[s], z[j, 0]), z[j, 1]
     step = 0 if view.A.shape[0] == 1 else 1
     for t in range(n):
         first = count = start[t]
@@ -146,18 +166,20 @@ def options(
             det = a * c - b * b
             scale = math.log(p_d) - math.log(2.0 * math.pi) - 0.5 * math.log(det) + log_live[t]
             reach, reach_1 = math.sqrt(gate_chi2 * a), math.sqrt(gate_chi2 * c)
-            for j in range(_first_beyond(z, x - reach), m):
-                dx, dy = z[j, 0] - x, z[j, 1] - y
-                if dx > reach:
+            for s in range(max(0, _first_beyond(edge, 0, n_strips, x - reach) - 1), n_strips):
+                if edge[s] > x + reach:
                     break
-                if view.wraps:
-                    dy = wrapped(dy)
-                if abs(dy) > reach_1:
-                    continue
-                d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
-                if d2 <= gate_chi2:
-                    meas[count], logw[count] = j, scale - 0.5 * d2 - log_clutter[j]
-                    count += 1
+                low, high = s * width, min((s + 1) * width, m)
+                for j in range(low if view.wraps else _first_beyond(second, low, high, y - reach_1), high):
+                    dx, dy = z[j, 0] - x, z[j, 1] - y
+                    if view.wraps:
+                        dy = wrapped(dy)
+                    elif dy > reach_1:
+                        break
+                    d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
+                    if d2 <= gate_chi2:
+                        meas[count], logw[count] = j, scale - 0.5 * d2 - log_clutter[j]
+                        count += 1
             if count - first > MAX_GATED:
                 least = _nth_best(logw, first, count, best)
                 end, count = count, first
@@ -176,28 +198,46 @@ def options(
     return start, head(meas, start[n]), head(logw, start[n])
 
 
-@kernel
-def update(
-    mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, view: View
-) -> tuple[FloatArray, FloatArray]:
-    """Kalman update of track `parent[i]` with detection `meas[i]` (or MISSED), in Joseph form.
+class Scratch(NamedTuple):
+    """Room for the matrices of an update."""
+
+    A: Any
+    AP: Any
+    K: Any
+
+
+@inlined
+def scratch() -> Scratch:
+    """Return such room."""
+    return Scratch(np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 2)))
+
+
+@inlined
+def updated(
+    mean: FloatArray,
+    cov: FloatArray,
+    p: int,
+    j: int,
+    z: FloatArray,
+    view: View,
+    mean_out: FloatArray,
+    cov_out: FloatArray,
+    i: int,
+    work: Scratch,
+) -> None:
+    """Put at i the Kalman update of track p with detection j (or MISSED), in Joseph form.
 
     With H = [A, 0]: P' = (I - K H) P (I - K H)' + K noise K' stays positive definite whatever the ratio of P
     to the noise.
     """
-    n = parent.size
-    mean_out, cov_out = np.empty((n, 4)), np.empty((n, 4, 4))
-    A, AP, K = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 2))
-    step = 0 if view.A.shape[0] == 1 else 1
-    for i in range(n):
-        p, j = parent[i], meas[i]
-        if j < 0:
-            for r in range(4):
-                mean_out[i, r] = mean[p, r]
-                for s in range(4):
-                    cov_out[i, r, s] = cov[p, r, s]
-            continue
-        u = p * step
+    A, AP, K = work.A, work.AP, work.K
+    if j < 0:
+        for r in range(4):
+            mean_out[i, r] = mean[p, r]
+            for s in range(4):
+                cov_out[i, r, s] = cov[p, r, s]
+    else:
+        u = 0 if view.A.shape[0] == 1 else p
         H, R = view.A[u], view.noise[u]
         a, b, c = _innovation(cov, p, view, u)
         det = a * c - b * b
@@ -228,6 +268,17 @@ def update(
                     for q in range(2):
                         total += K[r, k] * R[k, q] * K[s, q]
                 cov_out[i, r, s] = cov_out[i, s, r] = total
+
+
+@kernel
+def update(
+    mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, view: View
+) -> tuple[FloatArray, FloatArray]:
+    """Kalman update of each track `parent[i]` with detection `meas[i]` (or MISSED)."""
+    n = parent.size
+    mean_out, cov_out, work = np.empty((n, 4)), np.empty((n, 4, 4)), scratch()
+    for i in range(n):
+        updated(mean, cov, parent[i], meas[i], z, view, mean_out, cov_out, i, work)
     return mean_out, cov_out
 
 

@@ -23,22 +23,27 @@ if TYPE_CHECKING:
 
 
 @inlined
-def _factor(cov: FloatArray, lower: FloatArray, t: int) -> None:
-    """Cholesky factor of covariance t, `cov` and `lower` (n, 4, 4)."""
+def factor(cov: FloatArray, t: int, lower: FloatArray, at: int) -> None:
+    """Put the Cholesky factor of covariance t at place `at`; `cov` and `lower` (n, 4, 4)."""
     for i in range(4):
         for j in range(i + 1):
             total = cov[t, i, j]
             for k in range(j):
-                total -= lower[t, i, k] * lower[t, j, k]
-            lower[t, i, j] = math.sqrt(max(total, 1e-300)) if i == j else total / lower[t, j, j]
+                total -= lower[at, i, k] * lower[at, j, k]
+            lower[at, i, j] = math.sqrt(max(total, 1e-300)) if i == j else total / lower[at, j, j]
 
 
 @inlined
-def _distance2(mean: FloatArray, lower: FloatArray, a: int, b: int, whitened: FloatArray) -> float:
-    """Squared Mahalanobis distance of the means a and b under the covariance of b, which `lower` factors."""
+def distance2_to(
+    mean: FloatArray, a: int, centre: FloatArray, lower: FloatArray, b: int, whitened: FloatArray
+) -> float:
+    """Squared Mahalanobis distance of the mean a from the centre b under the covariance that `lower` factors.
+
+    `whitened` (4,) is scratch.
+    """
     total = 0.0
     for i in range(4):
-        value = mean[a, i] - mean[b, i]
+        value = mean[a, i] - centre[b, i]
         for k in range(i):
             value -= lower[b, i, k] * whitened[k]
         whitened[i] = value / lower[b, i, i]
@@ -77,13 +82,13 @@ def _leaders(
         for t in greatest_first(weight, first, end):
             leader[t] = t
             for i in range(count):
-                if _distance2(mean, lower, t, leading[i], whitened) < distance2:
+                if distance2_to(mean, t, mean, lower, leading[i], whitened) < distance2:
                     leader[t] = leading[i]
                     break
             if leader[t] == t:
                 leading[count] = t
                 count += 1
-                _factor(cov, lower, t)
+                factor(cov, t, lower, t)
         first = end
     return leader
 
@@ -132,7 +137,7 @@ def merge_alike(
 ) -> Groups:
     """Merge tracks of one label within squared Mahalanobis `distance2`; `mean` and `cov` change in place.
 
-    `track_label` must ascend. Tracks that were merged into others are in no hypothesis of the result.
+    Tracks of a label stand together. Those that were merged into others are in no hypothesis of the result.
     """
     first, start, items = groups.first, groups.start, groups.items
     weight = _weights(groups, track_label.size)

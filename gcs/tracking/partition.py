@@ -78,9 +78,21 @@ def _product(
     return out_start, out_items, out_logw
 
 
+@inlined
+def _one_label(groups: Groups, g: int, track_label: Any) -> bool:
+    begin = groups.start[groups.first[g]]
+    for i in range(begin, groups.start[groups.first[g + 1]]):
+        if track_label[groups.items[i]] != track_label[groups.items[begin]]:
+            return False
+    return True
+
+
 @kernel
 def meet(groups: Groups, options: Options, track_label: Any, n_detections: int, limits: Limits) -> Any:
-    """Unite the groups whose labels want the same detections (see `claims`)."""
+    """Unite the groups whose labels want the same detections (see `claims`).
+
+    Returns which groups are of one label that competes with nobody, and all others, united.
+    """
     first, start = groups.first, groups.start
     items, logw = groups.items, groups.logw
     n_groups = first.size - 1
@@ -90,7 +102,7 @@ def meet(groups: Groups, options: Options, track_label: Any, n_detections: int, 
         np.empty(n_groups, np.int64),
     )
     room, wide = np.empty(n_groups, np.int64), np.empty(n_groups, np.int64)
-    unite(groups, options, track_label, n_detections, limits.dependence, parent)
+    unite(groups, options, track_label, n_detections, limits.conflict, parent)
     # From each root a chain through the groups that it is united with, in their order; and the union's size.
     for g in range(n_groups):
         root = root_of(parent, g)
@@ -101,7 +113,11 @@ def meet(groups: Groups, options: Options, track_label: Any, n_detections: int, 
             room[root] = min(room[root] * room[g], limits.hypotheses)
             wide[root] += wide[g]
     n_hyps, n_items = 0, 0
+    alone, n_alone = np.empty(n_groups, np.int64), 0
     for g in range(n_groups):
+        if parent[g] == g and follower[g] < 0 and _one_label(groups, g, track_label):
+            alone[n_alone], parent[g] = g, -1
+            n_alone += 1
         if parent[g] == g:
             n_hyps += room[g]
             n_items += room[g] * wide[g]
@@ -125,9 +141,10 @@ def meet(groups: Groups, options: Options, track_label: Any, n_detections: int, 
             out_start[n] = size
         count += 1
         out_first[count] = n
-    return Groups(
+    united = Groups(
         head(out_first, count + 1), head(out_start, n + 1), head(out_items, out_start[n]), head(out_logw, n)
     )
+    return head(alone, n_alone), united
 
 
 @inlined
@@ -255,22 +272,6 @@ def part(groups: Groups, track_label: Any, n_labels: int, keys: Any, limits: Lim
                 local[label] = n
                 n += 1
             item_label[i] = local[label]
-        if n == 1:
-            there = 0.0
-            for h in range(first[g], first[g + 1]):
-                if start[h + 1] > start[h]:
-                    there += weight[h]
-            if there >= limits.existence:
-                for h in range(first[g], first[g + 1]):
-                    if start[h + 1] > start[h]:
-                        out_items[size] = items[start[h]]
-                        size += 1
-                    out_logw[h_out] = groups.logw[h]
-                    h_out += 1
-                    out_start[h_out] = size
-                count += 1
-                out_first[count] = h_out
-            continue
         _split(groups, g, item_label, number, weight, set_of, n, limits)
         for p in range(n):
             if set_of[p] != p:

@@ -8,7 +8,7 @@ wrong here is its own doing.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,7 +30,7 @@ class Scan:
 
     t_ns: int
     z_m: np.ndarray
-    births: list[Birth]
+    births: Sequence[Birth]
     truth: np.ndarray
     """(n, 4)."""
 
@@ -62,7 +62,7 @@ class World:
         F, Q = motion.transition(1.0), motion.process_noise(1.0, ACCEL_STD)
         n_places = max(1, self.objects // 10)
         places = rng.uniform(0.0, self.side_m, (n_places, 2))
-        again = [_birth(p, self.objects * (1.0 - P_S) / n_places) for p in places]
+        again = tuple(_birth(p, self.objects * (1.0 - P_S) / n_places) for p in places)
         births = []
         for place in rng.uniform(0.0, self.side_m, (round(self.objects / 0.99), 2)):
             velocity = rng.normal(0.0, 10.0, 2)

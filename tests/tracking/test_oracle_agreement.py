@@ -18,6 +18,7 @@ EXACT = {
     "gate_chi2": 1e6,
     "prune_weight": 1e-300,
     "forget_existence": 0.0,
+    "conflict": 0.0,
     "dependence": 1e-12,
     "merge_chi2": 0.0,
     "report_existence": 0.0,
@@ -58,19 +59,21 @@ def joint(fast):
     return everything
 
 
+def label_of(fast, track):
+    return tuple(fast._labels[fast._track_label[track]].tolist())
+
+
 def assert_agree(fast, exact, picture, rel, floor):
     hypotheses = joint(fast)
     sets = defaultdict(float)
     for weight, tracks in hypotheses:
-        sets[frozenset(fast._labels[fast._track_label[t]] for t in tracks)] += weight
+        sets[frozenset(label_of(fast, t) for t in tracks)] += weight
     for labels, weight in exact.label_sets().items():
         assert sets[labels] == pytest.approx(weight, rel=rel, abs=floor)
     for track in picture.tracks:
         assert track.existence == pytest.approx(exact.existence(track.label), rel=rel, abs=floor)
     for label in {track.label for track in picture.tracks if track.existence > 0.2}:
-        held = [
-            (w, t) for w, tracks in hypotheses for t in tracks if fast._labels[fast._track_label[t]] == label
-        ]
+        held = [(w, t) for w, tracks in hypotheses for t in tracks if label_of(fast, t) == label]
         mean = sum(w * fast._mean[t] for w, t in held) / sum(w for w, _ in held)
         np.testing.assert_allclose(mean, exact.mean(label), rtol=rel, atol=100 * floor)
     sizes = np.zeros(picture.cardinality.size)
