@@ -100,7 +100,8 @@ def test_gibbs_sampling_alone_finds_the_same_marginals(seed):
 @pytest.mark.parametrize("seed", range(6))
 def test_default_limits_hardly_change_existence(seed):
     usual = GlmbParams(accel_std_m_s2=2.0)
-    kept = ("max_hypotheses", "gate_chi2", "prune_weight", "forget_existence", "dependence", "merge_chi2")
+    limits = "max_hypotheses gate_chi2 prune_weight forget_existence conflict dependence merge_chi2"
+    kept = limits.split()
     _, exact, picture = run_both(seed, [1.0, 1.0, 0.0, 0.4], **{name: getattr(usual, name) for name in kept})
     for track in picture.tracks:
         assert track.existence == pytest.approx(exact.existence(track.label), abs=0.02)
