@@ -1,8 +1,6 @@
-"""UDP sockets for MAVLink, read in batches by the event loop.
+"""UDP sockets for MAVLink, read in batches by the event loop (`gcs.edge.batches`).
 
-`loop.add_reader` with `recvfrom` until the socket is empty costs a few microseconds a datagram, several
-times less than asyncio's datagram protocol. A datagram is handed on as it came: what it means is decided
-behind the queue.
+A datagram is handed on as it came: what it means is decided behind the queue.
 """
 
 from __future__ import annotations
@@ -10,12 +8,11 @@ from __future__ import annotations
 import asyncio
 import socket
 
+from gcs.edge.batches import Drain
 from gcs.edge.transport import Backoff, Listener, Spoken
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
 
-_MAX_DATAGRAM_BYTES = 65_535
-_BATCH = 256
 _BUFFER_BYTES = 4 * 1024 * 1024
 
 
@@ -41,22 +38,11 @@ class UdpIn:
             ) from None
         self.port: int = self._socket.getsockname()[1]
         self.refused = 0
-        self._loop: asyncio.AbstractEventLoop | None = None
+        self._drain: Drain | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
         """Hand on each datagram from now on."""
-        self._loop = loop
-        loop.add_reader(self._socket.fileno(), self._drain, listener)
-
-    def _drain(self, listener: Listener) -> None:
-        for _ in range(_BATCH):
-            try:
-                data, (host, port) = self._socket.recvfrom(_MAX_DATAGRAM_BYTES)
-            except (BlockingIOError, InterruptedError):
-                return
-            except OSError:
-                continue  # an ICMP error of an earlier send: the peer is gone, its silence will tell
-            listener.heard(f"{host}:{port}", data)
+        self._drain = Drain(loop, self._socket, listener.heard)
 
     def send(self, peer: str, data: bytes) -> None:
         """Send one datagram to a peer that was heard before."""
@@ -68,8 +54,8 @@ class UdpIn:
 
     def close(self) -> None:
         """Stop reading and close the socket."""
-        if self._loop is not None:
-            self._loop.remove_reader(self._socket.fileno())
+        if self._drain is not None:
+            self._drain.close()
         self._socket.close()
 
 
@@ -82,12 +68,11 @@ class UdpOut:
         self.refused = 0
         self._endpoint = endpoint
         self._socket: socket.socket | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
+        self._drain: Drain | None = None
         self._opening: asyncio.Task[None] | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
         """Look the name up, then hear what comes back from there, and from there alone."""
-        self._loop = loop
         self._opening = loop.create_task(self._open(loop, listener))
 
     async def _open(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
@@ -104,18 +89,8 @@ class UdpOut:
                 spoken.once(listener, "warning", f"cannot be reached: {error.strerror or error}")
                 continue
             self._socket = fresh
-            loop.add_reader(fresh.fileno(), self._drain, fresh, listener)
+            self._drain = Drain(loop, fresh, lambda _, data: listener.heard(self._endpoint.remote, data))
             return
-
-    def _drain(self, source: socket.socket, listener: Listener) -> None:
-        for _ in range(_BATCH):
-            try:
-                data = source.recv(_MAX_DATAGRAM_BYTES)
-            except (BlockingIOError, InterruptedError):
-                return
-            except OSError:
-                continue  # nobody listens there yet
-            listener.heard(self._endpoint.remote, data)
 
     def send(self, peer: str, data: bytes) -> None:  # noqa: ARG002  there is but one
         """Send one datagram."""
@@ -131,9 +106,8 @@ class UdpOut:
         """Stop reading and close the socket."""
         if self._opening is not None:
             self._opening.cancel()
-        if self._socket is not None and self._loop is not None:
-            self._loop.remove_reader(self._socket.fileno())
-            self._socket.close()
+        if self._drain is not None:
+            self._drain.close()
 
 
 def _socket() -> socket.socket:

@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs import compiling
 from gcs.geo import LocalFrame
-from gcs.mavlink import bulk
+from gcs.mavlink import bulk, gathering
 from gcs.mavlink.bulk import CHECKED, COMPONENT, MESSAGE_ID, OFFSET, SEQUENCE, SIGNED, SYSTEM, Frames
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID
 from gcs.mavlink.plausibility import BOOTS_APART_S, SLACK_M, STANDING_M_S
@@ -264,10 +264,14 @@ class Ledger:
 
 
 def warm_up_calls() -> list[compiling.Call]:
-    """List one call of each kernel, those of the framing among them."""
+    """List one call of each kernel, those of framing and gathering among them."""
     frames = np.zeros((2, CHECKED + 1), np.int32)
     rows_of, table = np.full(_SYSTEMS + _IDS, NONE, np.int64), np.zeros((1, WIDTH), np.int64)
-    return [*bulk.warm_up_calls(), (_fold, b"\xfd", frames, 1, 0, 0, rows_of, table, np.zeros(4))]
+    return [
+        *bulk.warm_up_calls(),
+        *gathering.warm_up_calls(),
+        (_fold, b"\xfd", frames, 1, 0, 0, rows_of, table, np.zeros(4)),
+    ]
 
 
 def warm_up() -> None:

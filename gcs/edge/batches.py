@@ -1,0 +1,185 @@
+"""Everything that waits in a UDP socket, at one system call.
+
+`recvmmsg` (Linux, https://man7.org/linux/man-pages/man2/recvmmsg.2.html) fills up to 256 slots at a call; a
+flood is put together by sender (`gcs.mavlink.gathering`), a few datagrams are handed on as they are.
+Elsewhere they are read one by one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from gcs.mavlink.gathering import Gatherer
+
+Numbers: TypeAlias = npt.NDArray[np.int64]
+Heard: TypeAlias = list[tuple[str, bytes]]
+"""(peer, data), in order."""
+
+SLOTS: Final = 256
+"""Datagrams that one call takes at most."""
+FLOOD: Final = 16
+"""From so many on they are put together."""
+
+_MAX_DATAGRAM_BYTES: Final = 65_536
+_SLOT_BYTES: Final = _MAX_DATAGRAM_BYTES + 64
+"""Not a power of two, so that the slots' beginnings do not fall into the same lines of the cache."""
+_MAX_PEERS: Final = 4096
+_PAUSE_S: Final = 0.005
+"""Between two looks at a flooded socket: being woken for a datagram costs more than the datagram."""
+
+
+class _IoVector(ctypes.Structure):
+    _fields_ = (("base", ctypes.c_void_p), ("length", ctypes.c_size_t))
+
+
+class _Message(ctypes.Structure):
+    """``struct msghdr``."""
+
+    _fields_ = (
+        ("name", ctypes.c_void_p),
+        ("name_length", ctypes.c_uint32),
+        ("vector", ctypes.POINTER(_IoVector)),
+        ("vectors", ctypes.c_size_t),
+        ("control", ctypes.c_void_p),
+        ("control_length", ctypes.c_size_t),
+        ("flags", ctypes.c_int),
+    )
+
+
+class _Header(ctypes.Structure):
+    """``struct mmsghdr``."""
+
+    _fields_ = (("message", _Message), ("length", ctypes.c_uint32))
+
+
+class Reader(Protocol):
+    """Empties sockets."""
+
+    def read(self, source: socket.socket) -> tuple[int, Heard]:
+        """Take up to `SLOTS` datagrams from a socket that does not block.
+
+        Returns how many there were, and what is to be handed on.
+        """
+
+
+class OneByOne:
+    """`recvfrom` until the socket is empty: the simple form."""
+
+    def read(self, source: socket.socket) -> tuple[int, Heard]:
+        """Take up to `SLOTS` datagrams."""
+        heard: Heard = []
+        for _ in range(SLOTS):
+            try:
+                data, (host, port) = source.recvfrom(_MAX_DATAGRAM_BYTES)
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:
+                continue  # an ICMP error of an earlier send: the peer is gone, its silence will tell
+            heard.append((f"{host}:{port}", data))
+        return len(heard), heard
+
+
+class ManyAtOnce:
+    """`recvmmsg` into slots that are used again."""
+
+    def __init__(self) -> None:
+        self._recvmmsg = ctypes.CDLL(None, use_errno=True).recvmmsg
+        self._slots = np.zeros(
+            (SLOTS, _SLOT_BYTES), np.uint8
+        )  # the system gives a page when it is written to
+        self._names = np.zeros((SLOTS, 2), np.int64)
+        """sockaddr_in: family, port and address fill the first eight bytes."""
+        self._vectors = (_IoVector * SLOTS)()
+        self._headers = (_Header * SLOTS)()
+        for i, (vector, header) in enumerate(zip(self._vectors, self._headers, strict=True)):
+            vector.base, vector.length = self._slots[i].ctypes.data, _MAX_DATAGRAM_BYTES
+            message = header.message
+            message.name, message.name_length = self._names[i].ctypes.data, self._names[i].nbytes
+            message.vector, message.vectors = ctypes.pointer(vector), 1
+        words = np.frombuffer(memoryview(self._headers).cast("B"), np.uint32).reshape(SLOTS, -1)
+        self._lengths = words[:, _Header.length.offset // 4]
+        self._gatherer: Gatherer | None = None
+        self._peers: dict[int, str] = {}
+
+    def read(self, source: socket.socket) -> tuple[int, Heard]:
+        """Take up to `SLOTS` datagrams."""
+        count = self._recvmmsg(source.fileno(), self._headers, SLOTS, socket.MSG_DONTWAIT, None)
+        if count <= 0:
+            return 0, []  # empty, or an ICMP error of an earlier send, which this call has taken away
+        lengths, senders = self._lengths[:count].astype(np.int64), self._names[:count, 0].copy()
+        if count < FLOOD:
+            parts: Iterable[tuple[int, bytes]] = enumerate(
+                self._slots[i, :n].tobytes() for i, n in enumerate(lengths.tolist())
+            )
+        else:
+            parts = self._gathered(lengths, senders)
+        return count, [(self._peer(senders.item(i)), data) for i, data in parts]
+
+    def _gathered(self, lengths: Numbers, senders: Numbers) -> Iterable[tuple[int, bytes]]:
+        """Put a flood together; the kernel is loaded at the first one, unless a service has warmed it up."""
+        if self._gatherer is None:
+            from gcs.mavlink.gathering import Gatherer
+
+            self._gatherer = Gatherer(SLOTS)
+        return self._gatherer.gather(self._slots, lengths, senders)
+
+    def _peer(self, name: int) -> str:
+        peer = self._peers.get(name)
+        if peer is None:
+            raw = name.to_bytes(8, sys.byteorder, signed=True)
+            if len(self._peers) >= _MAX_PEERS:
+                self._peers.clear()
+            peer = self._peers[name] = f"{socket.inet_ntoa(raw[4:])}:{int.from_bytes(raw[2:4], 'big')}"
+        return peer
+
+
+_of_thread = threading.local()
+
+
+def reader() -> Reader:
+    """Return this thread's reader: all its sockets share the slots."""
+    if not hasattr(_of_thread, "reader"):
+        _of_thread.reader = ManyAtOnce() if sys.platform == "linux" else OneByOne()
+    found: Reader = _of_thread.reader
+    return found
+
+
+class Drain:
+    """Hands on what comes to a socket; while it is flooded, every few milliseconds."""
+
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, source: socket.socket, heard: Callable[[str, bytes], None]
+    ) -> None:
+        self._loop, self._source, self._heard = loop, source, heard
+        self._reader = reader()
+        self._pause: asyncio.TimerHandle | None = None
+        loop.add_reader(source.fileno(), self._look)
+
+    def _look(self) -> None:
+        count, heard = self._reader.read(self._source)
+        for peer, data in heard:
+            self._heard(peer, data)
+        if count >= FLOOD:
+            if self._pause is None:
+                self._loop.remove_reader(self._source.fileno())
+            self._pause = self._loop.call_later(_PAUSE_S if count < SLOTS else 0.0, self._look)
+        elif self._pause is not None:
+            self._pause = None
+            self._loop.add_reader(self._source.fileno(), self._look)
+
+    def close(self) -> None:
+        """Stop, and close the socket."""
+        if self._pause is not None:
+            self._pause.cancel()
+        self._loop.remove_reader(self._source.fileno())
+        self._source.close()
