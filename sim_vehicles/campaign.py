@@ -23,6 +23,7 @@ from gcs.command.trackers import Trackers
 from gcs.config import read_text
 from gcs.edge.recorder import versions
 from gcs.errors import RecordingError
+from gcs.mavlink.quiet import warm_up as warm_up_links
 from gcs.model import Effect, Truth
 from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.report.campaign import Row
@@ -101,6 +102,7 @@ def warm_up() -> None:
     """Load the compiled kernels."""
     warm_up_tracking()
     warm_up_planning()
+    warm_up_links()
 
 
 def fly(job: Job) -> Row:

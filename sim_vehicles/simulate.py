@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.edge.recorder import Recorder, Run, versions
+from gcs.mavlink.quiet import warm_up as warm_up_links
 from gcs.model import Effect, Event, Truth
 from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.report.judge import Summary, judge_of, summary_json
@@ -38,6 +39,7 @@ def simulate(
     ):
         warm_up_tracking()
         warm_up_planning()
+        warm_up_links()
     started = time.perf_counter()
     summaries = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

@@ -236,9 +236,11 @@ class Fleet:
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
             self.counters.ignored += 1
             return None
-        message = frame.message() if frame.message_id in self._needed else None
+        message = frame.message() if _is_heartbeat(frame) else None
         if not self._is_its_own(vehicle, frame, message, address, t_ns):
             return None
+        if message is None and frame.message_id in self._needed:
+            message = frame.message()
         silent_ns = t_ns - vehicle.heard_t_ns
         if vehicle.liveness in ("stale", "lost"):
             if vehicle.liveness == "lost":

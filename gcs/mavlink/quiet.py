@@ -100,7 +100,13 @@ def _signed(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
 
 @compiling.called
 def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
-    """Whether a place (1e-7 degrees) is well within reach, as `gcs.mavlink.position.distance_m` measures."""
+    """Whether a place (1e-7 degrees) is well within reach, as `gcs.mavlink.position.distance_m` measures.
+
+    The way along the meridian and then along the equator's circle is never shorter: it mostly suffices.
+    """
+    around = math.radians(abs(lat * 1e-7 - origin[0]) + abs(lon * 1e-7 - origin[1]))
+    if _EARTH_M * around < _MARGIN * origin[2]:
+        return True
     lat1, lat0 = math.radians(lat * 1e-7), math.radians(origin[0])
     half_lat, half_lon = (lat0 - lat1) / 2.0, math.radians(origin[1] - lon * 1e-7) / 2.0
     chord = math.sin(half_lat) ** 2 + math.cos(lat1) * math.cos(lat0) * math.sin(half_lon) ** 2
