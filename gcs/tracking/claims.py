@@ -23,6 +23,8 @@ from gcs.compiling import inlined
 from gcs.tracking.hypotheses import Groups, Options
 
 _NOBODY, _MANY = -1, -2
+_ROUNDS = 64
+"""In which what is contested may grow: a few are enough, and no scan may take for ever."""
 
 
 @inlined
@@ -127,8 +129,7 @@ def unite(
     claim, most = np.empty(meas.size), np.zeros(n_detections)
     strongest, known = np.empty(n_detections, np.int64), np.empty(n_rivals, np.int64)
     known[:] = -1
-    changed = True
-    while changed:
+    for _ in range(_ROUNDS):
         changed = False
         for r in range(n_rivals):
             low, high, count = start_o[span[r, 0]], start_o[span[r, 1]], 0
@@ -153,3 +154,5 @@ def unite(
                 # The smaller index stays the root, so that order does not depend on history.
                 a, b = root_of(parent, group[span[r, 0]]), root_of(parent, group[span[strongest[j], 0]])
                 parent[max(a, b)] = min(a, b)
+        if not changed:
+            break

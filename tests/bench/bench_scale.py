@@ -5,8 +5,10 @@
     python tests/bench/bench_scale.py --flood          # thousands of detections in one scan
 
 As many clutter points as objects; sparse: a cell of 316 m x 316 m for each object, dense: 100 m x 100 m, with
-noise of 3.2 m and gates of 18 m and more around each track (`worlds.py` says how they live). CPU time of
-`update` (the filter) and of `picture` (all tracks as records, existence and the number's distribution).
+noise of 3.2 m and gates of 18 m and more around each track (`worlds.py` says how they live). CPU time of the
+thread (not of the process: BLAS, which makes the worlds, keeps its other threads spinning for a while) of
+`update` (the filter), of `estimates` (all tracks, existence and the number's distribution as arrays) and of
+`picture` (the same as records).
 """
 
 from __future__ import annotations
@@ -28,25 +30,28 @@ SETTLE = 5
 CELLS_M = {"sparse": 316.0, "dense": 100.0}
 
 
-def timed(tracker: Glmb, world: World, scan: object) -> tuple[float, float, float]:
-    """CPU milliseconds of update and picture, and the mean of the number of objects."""
-    begin = time.process_time()
+def timed(tracker: Glmb, world: World, scan: object) -> tuple[float, float, float, float]:
+    """CPU milliseconds of update, estimates and picture, and the mean of the number of objects."""
+    begin = time.thread_time()
     tracker.update(scan.t_ns, scan.z_m, world.sensor, scan.births)
-    middle = time.process_time()
+    middle = time.thread_time()
+    tracker.estimates()
+    late = time.thread_time()
     picture = tracker.picture(scan.t_ns)
-    end = time.process_time()
+    end = time.thread_time()
     mean = float(picture.cardinality @ np.arange(picture.cardinality.size))
-    return (middle - begin) * 1e3, (end - middle) * 1e3, mean
+    return (middle - begin) * 1e3, (late - middle) * 1e3, (end - late) * 1e3, mean
 
 
 def measure(world: World, scans: int, **limits: int) -> dict[str, float]:
     """Median and 95 % of the milliseconds, and the count's bias over all scans."""
     tracker = Glmb("targets", replace(world.params, **limits), 1)
     rows = [(*timed(tracker, world, scan), len(scan.truth)) for scan in world.scans(scans + SETTLE)]
-    update, picture, mean, true = np.array(rows[SETTLE:]).T
+    update, estimates, picture, mean, true = np.array(rows[SETTLE:]).T
     return {
         "update": float(np.median(update)),
         "update_95": float(np.quantile(update, 0.95)),
+        "estimates": float(np.median(estimates)),
         "picture": float(np.median(picture)),
         "bias": float(mean.sum() / true.sum() - 1.0),
     }
@@ -54,20 +59,23 @@ def measure(world: World, scans: int, **limits: int) -> dict[str, float]:
 
 def curve(sizes: list[int], scans: int, plot: Path | None) -> None:
     result = {name: [] for name in CELLS_M}
-    print("objects  clutter            update ms   95 %   picture ms   us/object   bias of the count")
+    print(
+        "objects  clutter            update ms   95 %   estimates ms   picture ms   us/object   count's bias"
+    )
     for name, cell_m in CELLS_M.items():
         for n in sizes:
             row = measure(World(n, n, cell_m), max(scans, min(200, 2000 // n)))
             result[name].append(row["update"])
             print(
                 f"{n:7d}  {n:7d}  {name:6s}  {row['update']:10.2f} {row['update_95']:7.2f}"
-                f"  {row['picture']:10.2f}  {row['update'] / n * 1e3:10.2f}   {row['bias']:+.2%}",
+                f"  {row['estimates']:12.2f}  {row['picture']:10.2f}  {row['update'] / n * 1e3:10.2f}"
+                f"   {row['bias']:+.2%}",
                 flush=True,
             )
     row = measure(World(100, 60, 600.0), 200, max_hypotheses=1000)
     print(
         f"    100       60  1,000 hypotheses each"
-        f" {row['update']:7.2f} {row['update_95']:7.2f}  {row['picture']:10.2f}"
+        f" {row['update']:7.2f} {row['update_95']:7.2f}  {row['estimates']:12.2f}  {row['picture']:10.2f}"
     )
     if plot is not None:
         draw(sizes, result, plot)
@@ -118,9 +126,9 @@ def flood() -> None:
                     z = np.vstack([z, rng.uniform(0.0, world.side_m, (n, 2))])
                 elif k == 6:
                     z = np.vstack([z, rng.choice(scan.truth[:, :2], n) + rng.normal(0.0, 5.0, (n, 2))])
-                begin = time.process_time()
+                begin = time.thread_time()
                 tracker.update(k * NS_PER_S, z, world.sensor, scan.births)
-                times.append((time.process_time() - begin) * 1e3)
+                times.append((time.thread_time() - begin) * 1e3)
             memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
             print(
                 f"{n:8d} {where:16s}  {times[6]:14.1f}  {np.max(times[7:]):12.1f}  {memory:14.0f}", flush=True
