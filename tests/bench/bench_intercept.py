@@ -1,0 +1,67 @@
+"""What aiming ahead is worth: missions against targets of rising speed, flown by both ways to aim.
+
+``python tests/bench/bench_intercept.py [--runs 20]`` prints a table: four agents at 15 m/s and four targets
+that cross a 4 km x 4 km area, each towards a random place in its middle. A target that was not reached within
+400 s, or left the area before, got away.
+"""
+
+import argparse
+
+import numpy as np
+
+from gcs.config import read_text
+from gcs.settings import with_settings
+from sim_vehicles.campaign import Job, fly, warm_up
+
+SPEED_M_S = 15.0
+PLACES_M = [(2600.0, 900.0), (2000.0, 1700.0), (2600.0, 2500.0), (2000.0, 3200.0)]
+
+
+def job(aim: str, share: float, seed: int) -> Job:
+    text, source = read_text("random-targets")
+    rng = np.random.default_rng([seed, round(100 * share)])
+    targets = []
+    for east_m, north_m in PLACES_M:
+        towards = rng.uniform(1000.0, 3000.0, 2) - (east_m, north_m)
+        velocity = share * SPEED_M_S * towards / np.hypot(*towards)
+        targets.append(
+            f"{{east_m = {east_m}, north_m = {north_m}, v_east_m_s = {velocity[0]:.3f}, "
+            f"v_north_m_s = {velocity[1]:.3f}}}"
+        )
+    births = [
+        f"{{east_m = {east}, north_m = {north}, std_m = 20.0, speed_std_m_s = {max(3.0, share * 10.0)}}}"
+        for east, north in PLACES_M
+    ]
+    agents = [f"{{system_id = {i + 1}, east_m = 600.0, north_m = {700.0 + 850.0 * i}}}" for i in range(4)]
+    settings = [
+        "map.width_m=4000.0", "map.height_m=4000.0", "map.nodes_east=101", "map.nodes_north=101",
+        "map.random_threshold=0.01", f"planning.aim={aim}", f"births=[{', '.join(births)}]",
+        f"agents=[{', '.join(agents)}]", f"simulation.targets=[{', '.join(targets)}]",
+        "simulation.death.survival_probability=1.0", f"mission.max_duration_s={400.0}",
+        "simulation.sensor.clutter_per_scan=40.0",
+    ]  # fmt: skip
+    text = text[: text.index("[simulation.gaussian_targets]")]
+    return Job(with_settings(text, settings, source), source, "", seed, "own", 0.0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=20)
+    runs = parser.parse_args().runs
+    warm_up()
+    print("| target / agent speed | aim | targets reached | all reached | mission s, all reached by both |")
+    print("|---|---|---|---|---|")
+    for share in (0.2, 0.4, 0.6, 0.8, 0.9):
+        seeds = range(1, runs + 1)
+        rows = {aim: [fly(job(aim, share, s)) for s in seeds] for aim in ("position", "intercept")}
+        both = [i for i in range(runs) if all(r[i].outcome == "complete" for r in rows.values())]
+        for aim, some in rows.items():
+            reached, total = sum(r.targets_reached for r in some), sum(r.targets_total for r in some)
+            whole = sum(r.outcome == "complete" for r in some)
+            mean_s = np.mean([some[i].duration_s for i in both]) if both else float("nan")
+            cells = (f"{share:.1f}", aim, f"{reached} / {total}", f"{whole} / {runs}", f"{mean_s:.0f} ({len(both)})")
+            print("| " + " | ".join(cells) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
