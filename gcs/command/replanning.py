@@ -30,6 +30,8 @@ from gcs.planning.task import AgentStart
 
 _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
+_FAR_OFF = 3.0
+"""A target so many times farther from where its route ends than it may be cannot wait for the next look."""
 _CORRIDOR_M = 40.0
 _DELIVERY_S = 1.0
 """How long a mission takes from the plan until it is flown, on a good link: 0.5 to 1.8 s."""
@@ -163,7 +165,7 @@ class Replanner:
         regular = self._is_regular(situation.t_ns)
         while self._next_check_t_ns <= situation.t_ns:  # looks missed without scans are not made up for
             self._next_check_t_ns += self._period_ns
-        changes, wants = self._changes(situation), self._moves(situation)
+        changes, wants = self._changes(situation), self._moves(situation, 1.0 if regular else _FAR_OFF)
         if regular:  # what one plan could not mend is not tried again at every scan
             wants = self._idle(situation) + wants + self._astray(situation)
         if not changes and not wants:
@@ -213,20 +215,23 @@ class Replanner:
         there = situation.at_targets
         return any(flown[t] + there.get(t, 0) < self.aims.needed(t) for t in situation.targets)
 
-    def _moves(self, situation: Situation) -> list[str]:
-        """Which targets are too far from where their routes end, in words.
-
-        Each route gets a period's time: estimates jitter, and a route that is corrected at every scan is
-        flown worse than one that is a little off.
-        """
-        settled_t_ns = situation.t_ns - self._period_ns
+    def _moves(self, situation: Situation, times: float) -> list[str]:
+        """Which targets are so many times too far from where their routes end, in words."""
         return [
             f"target {_name(route.target)} moved {moved_m:.0f} m"
             for vehicle, route, agent in self._flown(situation)
-            if self._given_t_ns.get(vehicle, 0) <= settled_t_ns
+            if self._is_settled(vehicle, situation.t_ns)
             and (moved_m := self.aims.off_m(vehicle, agent, route, situation.targets[route.target]))
-            > self.aims.tolerance_m(agent, route)
+            > times * self.aims.tolerance_m(agent, route)
         ]
+
+    def _is_settled(self, vehicle: int, t_ns: int) -> bool:
+        """Whether a vehicle had its route for a period.
+
+        Estimates jitter: a route that is corrected again before it was taken up is flown worse than one that
+        is a little off.
+        """
+        return t_ns - self._given_t_ns.get(vehicle, 0) >= self._period_ns
 
     def _astray(self, situation: Situation) -> list[str]:
         """Who is too far off its route, in words."""
@@ -320,6 +325,8 @@ class Replanner:
         if flown.target != new.target or (self._is_astray(agent, flown) and not self._is_astray(agent, new)):
             return False
         if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
+            return True
+        if not self._is_settled(new.vehicle, situation.t_ns):
             return True
         target = situation.targets[new.target]
         return self.aims.off_m(new.vehicle, agent, flown, target) <= self.aims.tolerance_m(agent, flown)
