@@ -59,7 +59,13 @@ def main() -> None:
             reached, total = sum(r.targets_reached for r in some), sum(r.targets_total for r in some)
             whole = sum(r.outcome == "complete" for r in some)
             mean_s = np.mean([some[i].duration_s for i in both]) if both else float("nan")
-            cells = (f"{share:.1f}", aim, f"{reached} / {total}", f"{whole} / {runs}", f"{mean_s:.0f} ({len(both)})")
+            cells = (
+                f"{share:.1f}",
+                aim,
+                f"{reached} / {total}",
+                f"{whole} / {runs}",
+                f"{mean_s:.0f} ({len(both)})",
+            )
             print("| " + " | ".join(cells) + " |", flush=True)
 
 
