@@ -90,6 +90,7 @@ def restless(text: str, port: int) -> str:
     """The mission with targets so near to their limits that somebody is re-tasked all the time."""
     text = re.sub(r"(?m)^target_moved_m = \S+", "target_moved_m = 4.0", text)
     text = re.sub(r"(?m)^period_s = 5.0", "period_s = 1.0", text)
+    text = re.sub(r"(?m)^aim = \S+", 'aim = "position"', text)
     return text + f'\n[[links.forward]]\nendpoint = "udpin:127.0.0.1:{port}"\naccess = "full"\n'
 
 
