@@ -326,6 +326,11 @@ class Config(Table, frozen=True, kw_only=True):
         """The frame that all east/north of this mission refer to."""
         return LocalFrame(self.frame.lat_deg, self.frame.lon_deg, self.frame.alt_msl_m)
 
+    def speed_m_s(self, vehicle: int) -> float:
+        """How fast a vehicle flies: its own speed, or that of the airframe."""
+        own = next((agent.speed_m_s for agent in self.agents if agent.vehicle == vehicle), None)
+        return own or self.airframe.speed_m_s
+
     @property
     def agents_per_target(self) -> int:
         """How many agents may end at one target."""

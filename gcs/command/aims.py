@@ -8,10 +8,9 @@ from gcs.config import Config, PlanningTable
 from gcs.model import Label, Route, Track
 from gcs.planning.grid import Point
 from gcs.planning.intercept import led_velocity
-from gcs.planning.progress import to_go_m
+from gcs.planning.progress import CORRIDOR_M, to_go_m
 from gcs.planning.task import AgentStart, PlanOptions, Terms
 
-_CORRIDOR_M = 40.0
 _CLOSE_FRACTION = 0.25
 _FAR_FRACTION = 0.1
 """Of the way to go: a meeting that is off by less costs next to nothing to correct later."""
@@ -39,15 +38,14 @@ class Aims:
     def __init__(self, config: Config) -> None:
         self._planning: PlanningTable = config.planning
         self._births = config.births
-        self._speeds = {agent.vehicle: agent.speed_m_s for agent in config.agents}
-        self._speed_m_s = config.airframe.speed_m_s
+        self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
         highest = max((birth.priority for birth in config.births), default=0)
         self._ranks = [highest - birth.priority for birth in config.births]
         self._rank = highest
 
     def start(self, vehicle: int, track: Track) -> AgentStart:
         """Where and how an agent begins its route."""
-        return AgentStart(*place_of(track), course_of(track), self._speed_of(vehicle))
+        return AgentStart(*place_of(track), course_of(track), self._speeds_m_s[vehicle])
 
     def terms(self, label: Label, track: Track, arrived: int) -> Terms:
         """What a target still needs, `arrived` agents being there."""
@@ -63,8 +61,8 @@ class Aims:
         """How far a route ends from where its target will be then."""
         east_m, north_m = place_of(target)
         if self._planning.aim == "intercept":
-            to_go = to_go_m(route.points_m, place_of(agent), _CORRIDOR_M)
-            t_s = min(to_go / self._speed_of(vehicle), self._planning.horizon_s)
+            to_go = to_go_m(route.points_m, place_of(agent), CORRIDOR_M)
+            t_s = min(to_go / self._speeds_m_s[vehicle], self._planning.horizon_s)
             v_east, v_north = led_velocity(target)
             east_m, north_m = east_m + v_east * t_s, north_m + v_north * t_s
         return math.hypot(east_m - float(route.points_m[-1, 0]), north_m - float(route.points_m[-1, 1]))
@@ -81,9 +79,6 @@ class Aims:
         if planning.aim == "intercept":
             most_m = max(most_m, _FAR_FRACTION * beeline_m)
         return min(most_m, max(0.5 * planning.capture_radius_m, _CLOSE_FRACTION * beeline_m))
-
-    def _speed_of(self, vehicle: int) -> float:
-        return self._speeds.get(vehicle) or self._speed_m_s
 
 
 def place_of(track: Track) -> Point:

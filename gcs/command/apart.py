@@ -10,10 +10,8 @@ import numpy as np
 from gcs.command.aims import place_of
 from gcs.config import Config
 from gcs.model import Route, Track, vehicle_name
-from gcs.planning.progress import next_point
+from gcs.planning.progress import CORRIDOR_M, next_point
 from gcs.planning.separation import Conflict, Flight, separate
-
-_CORRIDOR_M = 40.0
 
 
 class Lanes:
@@ -23,8 +21,7 @@ class Lanes:
         mission = config.mission
         self._count = mission.lanes if mission.lane_step_m > 0.0 else 1
         self._least_m = config.planning.separation_m
-        self._speeds = {agent.vehicle: agent.speed_m_s for agent in config.agents}
-        self._speed_m_s = config.airframe.speed_m_s
+        self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
         self._lane = {agent.vehicle: number % self._count for number, agent in enumerate(config.agents)}
         self._newest: dict[int, Route] = {}
 
@@ -53,14 +50,15 @@ class Lanes:
 
     def _flight(self, route: Route, agent: Track, is_flown: bool) -> Flight:
         place = place_of(agent)
-        first = next_point(route.points_m, place, _CORRIDOR_M) if is_flown else 0
+        first = next_point(route.points_m, place, CORRIDOR_M) if is_flown else 0
         points_m = np.vstack((place, route.points_m[first:]))
-        speed_m_s = self._speeds.get(route.vehicle) or self._speed_m_s
         lane = route.lane if is_flown else self._lane.get(route.vehicle, 0)
-        return Flight(route.vehicle, points_m, speed_m_s, lane, is_flown)
+        return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], lane, is_flown)
 
     def _circling(self, route: Route) -> Flight:
-        return Flight(route.vehicle, route.points_m[[-1, -1]], self._speed_m_s, route.lane, True)
+        return Flight(
+            route.vehicle, route.points_m[[-1, -1]], self._speeds_m_s[route.vehicle], route.lane, True
+        )
 
 
 def _words(conflict: Conflict) -> str:

@@ -22,7 +22,7 @@ from gcs.command.apart import Lanes
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
-from gcs.planning.progress import is_ahead_clear, next_point
+from gcs.planning.progress import CORRIDOR_M, is_ahead_clear, next_point
 from gcs.planning.routes import plan_routes
 from gcs.planning.sight import line_of_sight
 from gcs.planning.starts import expected_place
@@ -32,7 +32,6 @@ _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
 _FAR_OFF = 3.0
 """A target so many times farther from where its route ends than it may be cannot wait for the next look."""
-_CORRIDOR_M = 40.0
 _DELIVERY_S = 1.0
 """How long a mission takes from the plan until it is flown, on a good link: 0.5 to 1.8 s."""
 
@@ -258,7 +257,7 @@ class Replanner:
             place_of(agent),
             course_of(agent),
             options.turn_radius_m,
-            _CORRIDOR_M,
+            CORRIDOR_M,
         )
 
     def _plan(self, situation: Situation, reason: str) -> Plan:
@@ -336,7 +335,7 @@ def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:
     """Whether what is left of a route leads through what is closed."""
     points = [(float(east_m), float(north_m)) for east_m, north_m in route.points_m]
     if place is not None:
-        points = [place, *points[next_point(route.points_m, place, _CORRIDOR_M) :]]
+        points = [place, *points[next_point(route.points_m, place, CORRIDOR_M) :]]
     if len(points) == 1:
         points *= 2
     return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))

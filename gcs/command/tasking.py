@@ -41,11 +41,9 @@ from gcs.model import (
     UploadReport,
     Waypoint,
 )
-from gcs.planning.progress import next_point, time_to_point_s
+from gcs.planning.progress import CORRIDOR_M, next_point, time_to_point_s
 from gcs.planning.turning import acceptance_m
 
-_CORRIDOR_M = 40.0
-"""A vehicle this near to a leg of its new route flies it."""
 _MAX_RADIUS_M = 255.0
 """What a mission item can hold."""
 
@@ -355,7 +353,7 @@ class Tasking:
         state = self._fleet.state(route.vehicle)
         if state is None:
             return 0
-        return next_point(route.points_m, (state.east_m, state.north_m), _CORRIDOR_M)
+        return next_point(route.points_m, (state.east_m, state.north_m), CORRIDOR_M)
 
     def _mission(self, route: Route, mission_id: int) -> Mission:
         places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)

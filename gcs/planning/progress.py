@@ -17,6 +17,8 @@ from gcs.planning.grid import Grid, Point
 from gcs.planning.sight import to_cells
 from gcs.planning.starts import start_is_clear
 
+CORRIDOR_M = 40.0
+"""A vehicle this near to a leg of its route flies it."""
 _SLOW_M_S = 1.0
 
 
