@@ -5,7 +5,7 @@ it for a scan): an agent dies when the existence probability of its track falls 
 it lives again only when a track above `REVIVE_EXISTENCE` is tied to it and it reports over its link once
 more.
 
-Arrival takes two scans in a row within the capture radius, with the agent surely there: one that dies on
+Arrival takes two moments in a row within the capture radius, with the agent surely there: one that dies on
 its last metres has not arrived. It is latched: an agent that reached its target has done its work, whatever
 happens later.
 """
@@ -17,10 +17,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from gcs.command.beliefs import Beliefs
+from gcs.command.moments import InARow
 from gcs.model import NS_PER_S, Fate, Label, Track
 
 REVIVE_EXISTENCE = 0.9
-ARRIVAL_SCANS = 2
+ARRIVAL_MOMENTS = 2
+"""In a row; sensors that measure at the same moment are one."""
 UNSEEN_S = 5.0
 """An agent that was there and has had neither track nor report for this long is taken for dead."""
 NEVER_SEEN_S = 20.0
@@ -42,7 +44,7 @@ class Fates:
         self._capture_radius_m = capture_radius_m
         self._awaited_t_ns: dict[int, int] = {}
         self._seen_t_ns: dict[int, int] = {}
-        self._scans_at_target: dict[int, int] = {}
+        self._at_target = InARow()
         self._last_position_m: dict[int, tuple[float, float]] = {}
         self.by_vehicle: dict[int, Fate] = {vehicle: Fate(0, vehicle, "flying") for vehicle in vehicles}
 
@@ -58,6 +60,7 @@ class Fates:
     def update(
         self,
         t_ns: int,
+        measured_t_ns: int,
         agents: Beliefs,
         targets: Beliefs,
         ties: Mapping[int, Label],
@@ -68,6 +71,8 @@ class Fates:
 
         Parameters
         ----------
+        t_ns, measured_t_ns
+            When the scan came, and of when it is.
         ties
             Track label of each tied vehicle.
         assigned
@@ -87,7 +92,7 @@ class Fates:
             is_dead = label is not None and agents.is_dead(label)
             after = None
             if before.fate == "flying":
-                after = self._judge_flying(t_ns, vehicle, track, target, is_dead)
+                after = self._judge_flying(t_ns, measured_t_ns, vehicle, track, target, is_dead)
             elif before.fate == "dead" and track is not None and vehicle in reporting:
                 after = self._revived(t_ns, vehicle, track)
             if after is not None:
@@ -96,13 +101,18 @@ class Fates:
         return changed
 
     def _judge_flying(
-        self, t_ns: int, vehicle: int, track: Track | None, target: Track | None, is_dead: bool
+        self,
+        t_ns: int,
+        measured_t_ns: int,
+        vehicle: int,
+        track: Track | None,
+        target: Track | None,
+        is_dead: bool,
     ) -> Fate | None:
         position = self._last_position_m.get(vehicle)
         near = track is not None and target is not None and self._is_at(track, target)
-        scans = self._scans_at_target.get(vehicle, 0) + 1 if near else 0
-        self._scans_at_target[vehicle] = scans
-        if target is not None and scans >= ARRIVAL_SCANS:
+        moments = self._at_target.take(vehicle, measured_t_ns, holds=near)
+        if target is not None and moments >= ARRIVAL_MOMENTS:
             return Fate(t_ns, vehicle, "arrived", target.label, position)
         is_gone = is_dead or self._is_unseen(t_ns, vehicle)
         return Fate(t_ns, vehicle, "dead", None, position) if is_gone else None

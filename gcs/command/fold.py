@@ -260,7 +260,8 @@ class Command:
         effects += self.witness.take(event, states, self.ties.labels, agents.tracks, targets.tracks.values())
         reporting = {s.system_id for s in states if abs(event.t_ns - s.t_ns) <= self._report_age_ns}
         ties, assigned = self.ties.labels, self.replanner.assigned
-        for fate in self.fates.update(event.t_ns, agents, targets, ties, assigned, reporting):
+        moment = event.t_ns, event.measured_t_ns
+        for fate in self.fates.update(*moment, agents, targets, ties, assigned, reporting):
             effects.append(fate)
             effects += self._follow(fate)
         effects += self.approval.refresh(event.t_ns, self._away())

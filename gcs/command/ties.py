@@ -2,7 +2,7 @@
 
 A sensor does not say whom it sees, a MAVLink report does. A vehicle is tied to the agent track that its
 reports fall onto. A tie holds through silence; it breaks when the vehicle's reports stay outside its
-track's gate for several scans, as they do after two tracks swapped their objects.
+track's gate for several moments, as they do after two tracks swapped their objects.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from gcs.command.beliefs import Beliefs
+from gcs.command.moments import InARow
 from gcs.command.trackers import at_time, squared_distances
 from gcs.model import NS_PER_S, FloatArray, Label, Track, VehicleState
 
@@ -31,7 +32,7 @@ class Ties:
     max_age_s : float
         Older reports say nothing.
     break_after : int
-        Scans in a row with the report outside the gate that break a tie.
+        Moments in a row with the report outside the gate that break a tie.
     """
 
     def __init__(
@@ -46,7 +47,7 @@ class Ties:
         self._max_age_ns = int(max_age_s * NS_PER_S)
         self._break_after = break_after
         self._labels: dict[int, Label] = {}
-        self._outside: dict[int, int] = {}
+        self._outside = InARow()
         self._last_look: set[int] = set()
         """Vehicles whose track was dead at the last update."""
 
@@ -73,7 +74,7 @@ class Ties:
                 else:
                     self._last_look.add(vehicle)
             elif vehicle in places:
-                self._check(vehicle, places[vehicle], tracks[label])
+                self._check(vehicle, t_ns, places[vehicle], tracks[label])
         free = [vehicle for vehicle in sorted(places) if vehicle not in self._labels]
         taken = set(self._labels.values())
         candidates = [track for label, track in tracks.items() if label not in taken]
@@ -83,14 +84,12 @@ class Ties:
     def forget(self, vehicle: int) -> None:
         """Untie a vehicle."""
         self._labels.pop(vehicle, None)
-        self._outside.pop(vehicle, None)
+        self._outside.forget(vehicle)
         self._last_look.discard(vehicle)
 
-    def _check(self, vehicle: int, place: tuple[float, float], track: Track) -> None:
-        inside = self._distances([place], [track])[0, 0] <= self._gate_chi2
-        count = 0 if inside else self._outside.get(vehicle, 0) + 1
-        self._outside[vehicle] = count
-        if count >= self._break_after:
+    def _check(self, vehicle: int, t_ns: int, place: tuple[float, float], track: Track) -> None:
+        is_outside = not self._distances([place], [track])[0, 0] <= self._gate_chi2
+        if self._outside.take(vehicle, t_ns, holds=is_outside) >= self._break_after:
             self.forget(vehicle)
 
     def _tie(
@@ -101,7 +100,6 @@ class Ties:
         for row, column in zip(*linear_sum_assignment(costs), strict=True):
             if costs[row, column] < _FORBIDDEN:
                 self._labels[free[row]] = candidates[column].label
-                self._outside[free[row]] = 0
 
     def _distances(self, places: Sequence[tuple[float, float]], tracks: Sequence[Track]) -> FloatArray:
         means = np.array([track.mean[:2] for track in tracks])

@@ -20,12 +20,13 @@ class Scene:
         self.fates = Fates(vehicles, RADIUS_M)
         self.t_s = 0
 
-    def look(self, agent=None, target=None, *, tied=True, reporting=True, tasked=True):
+    def look(self, agent=None, target=None, *, tied=True, reporting=True, tasked=True, again=False):
         """Judge a scan with this agent's and this target's track; return (vehicle, fate) that changed."""
-        self.t_s += 1
+        self.t_s += not again
         agents = believed(agent) if agent else NOBODY
         targets = believed(target) if target else NOBODY
         changed = self.fates.update(
+            at(self.t_s),
             at(self.t_s),
             agents,
             targets,
@@ -64,7 +65,7 @@ def test_an_agent_whose_track_was_only_missed_flies_on():
     for _ in range(6):
         scene.t_s += 1
         doubted.update(picture(flying(existence=0.3, estimated=False)))
-        assert scene.fates.update(at(scene.t_s), doubted, NOBODY, {1: AGENT}, {}, set()) == []
+        assert scene.fates.update(at(scene.t_s), at(scene.t_s), doubted, NOBODY, {1: AGENT}, {}, set()) == []
 
 
 def test_the_last_place_known_is_one_where_it_was_seen():
@@ -72,7 +73,7 @@ def test_the_last_place_known_is_one_where_it_was_seen():
     scene.look(flying((300.0, 40.0)), goal())
     coasted = believed(flying((300.0, 40.0)))
     coasted.update(picture(flying((390.0, 40.0), existence=0.2, estimated=False)))
-    scene.fates.update(at(2), coasted, NOBODY, {1: AGENT}, {}, set())
+    scene.fates.update(at(2), at(2), coasted, NOBODY, {1: AGENT}, {}, set())
     scene.look(None, goal(), reporting=False)
     assert scene.fate.position_m == (300.0, 40.0)
 
@@ -121,6 +122,19 @@ def test_arrival_takes_two_scans_in_a_row():
     assert scene.fates.at_targets() == {TARGET: 1}
 
 
+def test_two_sensors_that_see_an_agent_at_its_target_at_one_moment_are_not_two_scans_in_a_row():
+    scene = Scene()
+    assert [scene.look(flying(HERE), goal(), again=again) for again in (False, True, True)] == [[]] * 3
+    assert scene.look(flying(HERE), goal()) == [(1, "arrived")]
+
+
+def test_a_second_sensor_that_sees_the_agent_elsewhere_at_that_moment_breaks_the_row():
+    scene = Scene()
+    scene.look(flying(HERE), goal())
+    scene.look(flying(FAR), goal(), again=True)
+    assert scene.look(flying(HERE), goal()) == []
+
+
 def test_an_agent_that_dies_on_its_last_metres_has_not_arrived():
     scene = Scene()
     scene.look(flying(HERE), goal())
@@ -133,7 +147,7 @@ def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():
     agents = believed(flying(HERE))
     agents.update(picture(flying(HERE, existence=0.4, estimated=False)))
     for t_s in range(1, 5):
-        changed = scene.fates.update(at(t_s), agents, believed(goal()), {1: AGENT}, {1: TARGET}, {1})
+        changed = scene.fates.update(at(t_s), at(t_s), agents, believed(goal()), {1: AGENT}, {1: TARGET}, {1})
         assert changed == []
 
 

@@ -82,6 +82,16 @@ def test_one_or_two_reports_outside_the_gate_do_not_break_a_tie():
         assert ties.labels == {1: A, 2: B}
 
 
+def test_three_sensors_at_one_moment_do_not_break_a_tie_as_three_moments_do():
+    ties = tied_pair()
+    beliefs = believed(track(A, WEST), track(B, EAST))
+    for t_s in (1, 1, 1, 2, 2, 2):
+        ties.update(beliefs, at(t_s), [state(1, (300.0, 300.0), t_s)])
+        assert ties.labels == {1: A, 2: B}
+    ties.update(beliefs, at(3), [state(1, (300.0, 300.0), 3)])
+    assert ties.labels == {2: B}
+
+
 def test_vehicles_side_by_side_keep_their_tracks_though_reports_stray_to_the_neighbours():
     ties, places = new_ties(), {1: (0.0, 0.0), 2: (8.0, 0.0)}
     beliefs = believed(track(A, places[1]), track(B, places[2]))
