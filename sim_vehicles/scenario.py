@@ -14,18 +14,8 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from gcs.config import (
-    Box,
-    Config,
-    NotNegative,
-    Positive,
-    Probability,
-    SystemId,
-    Table,
-    convert,
-    parse,
-    read_text,
-)
+from gcs.config import Config, Table, convert, parse, read_text
+from gcs.config.tables import Box, NotNegative, Positive, Probability, SystemId
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 from sim_vehicles.parameters import Parameters

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs.config import MapTable
+from gcs.config.tables import MapTable
 from gcs.model import FloatArray, Polar, Scan, Sensor, TruthObject, read_only
 from gcs.tracking.sensors import covers, expected_clutter, measured, on_map, polar_sensor
 from sim_vehicles.scenario import Scenario, SensorTable, generator

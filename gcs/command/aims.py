@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from gcs.config import Config, PlanningTable
+from gcs.config import Config
+from gcs.config.tables import PlanningTable
 from gcs.model import Label, Route, Track
 from gcs.planning.grid import Point
 from gcs.planning.intercept import led_velocity

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.command.lanes import Lane
-from gcs.config import AirframeTable, MissionTable
+from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Message
 from gcs.mavlink.custody import Custody

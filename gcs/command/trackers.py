@@ -32,7 +32,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.command.beliefs import Beliefs
-from gcs.config import Config, KindTracking
+from gcs.config import Config
+from gcs.config.tables import KindTracking
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
 from gcs.tracking.births import UnknownBirths
 from gcs.tracking.calibration import Calibration, Finding

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.command.trackers import at_time
-from gcs.config import TelemetryTable
+from gcs.config.tables import TelemetryTable
 from gcs.model import NS_PER_S, Effect, FloatArray, Label, Notice, Scan, Sensor, Track, VehicleState
 from gcs.tracking.sensors import MOST_DETECTION, clutter_per_m2, covers, noise_m2
 

@@ -25,7 +25,8 @@ import numpy as np
 
 from gcs.commands.models import MOST_SCANS, ModelTable, model_of, read_model
 from gcs.commands.tables import read_csv, read_npz
-from gcs.config import AnywhereTable, parse
+from gcs.config import parse
+from gcs.config.tables import AnywhereTable
 from gcs.edge.reader import Damage, about, read
 from gcs.edge.recorder import MCAP_NAME
 from gcs.errors import ConfigError, RecordingError

@@ -12,7 +12,8 @@ import numpy as np
 from msgspec import Meta
 
 from gcs.commands.tables import read_npz
-from gcs.config import AnywhereTable, Box, InnerProbability, Positive, Probability, Table, convert
+from gcs.config import Table, convert
+from gcs.config.tables import AnywhereTable, Box, InnerProbability, Positive, Probability
 from gcs.errors import ConfigError
 from gcs.model import FloatArray
 from gcs.tracking.motion import Acceleration

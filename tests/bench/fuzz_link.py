@@ -15,7 +15,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.command.tasking import Tasking
-from gcs.config import AirframeTable, MissionTable
+from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet import Fleet
 from gcs.model import Datagram, Route, Send, read_only

@@ -4,7 +4,7 @@ import numpy as np
 from plane_double import AUTO, LOITER, MANUAL, Plane, S
 
 from gcs.command.tasking import Tasking
-from gcs.config import AirframeTable, MissionTable
+from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet import Fleet
 from gcs.model import Datagram, Notice, Route, Send, UploadReport, read_only

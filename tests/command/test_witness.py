@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs.command.witness import Witness
-from gcs.config import TelemetryTable
+from gcs.config.tables import TelemetryTable
 from gcs.mavlink.codec import Encoder, decode
 from gcs.model import NS_PER_S, Notice, Scan, Sensor, Track, VehicleState, read_only
 from sim_vehicles.scenario import load

@@ -1,0 +1,56 @@
+"""The ``gcs`` command: arguments in, exit codes out; the work is done elsewhere.
+
+Exit codes: 0 done as it should be, 1 the mission did not end as it should (the reason is printed), 2 a
+mistake in arguments or files, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+from typing import Annotated
+
+import typer
+
+from gcs.cli import flying, preparing, recordings
+from gcs.commands.fence import app as fence_app
+from gcs.commands.keys import app as keys_app
+from gcs.commands.order import app as order_app
+
+app = typer.Typer(
+    help="""Central command for a swarm of fixed-wing vehicles.
+
+    Tracks agents and targets through clutter, plans, uploads MAVLink missions, and re-tasks the survivors.
+
+    Start with **gcs demo**.""",
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+)
+
+app.add_typer(flying.app)
+app.add_typer(order_app, name="order", rich_help_panel=flying.PANEL)
+app.add_typer(preparing.app)
+app.add_typer(fence_app, name="fence", rich_help_panel=preparing.PANEL)
+app.add_typer(keys_app, name="keys", rich_help_panel=preparing.PANEL)
+app.add_typer(recordings.app)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"gcs {importlib.metadata.version('swarm-gcs')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Entry point."""
+    app()

@@ -1,0 +1,131 @@
+"""Commands before a flight: mission files, plans, and what the vehicles say."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import typer.core
+from rich.console import Console
+from rich.table import Table
+
+from gcs.cli.shared import ConfigArgument, JsonOption, SeedOption, complete_scenario, errors_shown
+
+PANEL = "Before a flight"
+
+app = typer.Typer()
+
+
+@app.command(rich_help_panel=PANEL)
+def scenarios() -> None:
+    """List the shipped scenarios."""
+    from gcs.config import load, scenario_names
+
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column()
+    for name in scenario_names():
+        table.add_row(name, load(name).description)
+    Console().print(table)
+
+
+@app.command(rich_help_panel=PANEL)
+def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
+    """Validate a mission file and say what it would do.
+
+    A mistake is shown with its file, its key and what was expected.
+    """
+    from gcs.commands.check import describe
+
+    with errors_shown():
+        describe(config, seed, Console())
+
+
+@app.command(rich_help_panel=PANEL)
+def preflight(
+    config: ConfigArgument,
+    wait: Annotated[
+        float, typer.Option(min=1.0, help="Seconds until who has not answered counts as not there.")
+    ] = 30.0,
+    link: Annotated[
+        str | None,
+        typer.Option(help="Where the vehicles are, such as udpin:0.0.0.0:14560.  [default: links.mavlink]"),
+    ] = None,
+    sensors: Annotated[bool, typer.Option(help="Wait for scans on zenoh as well.")] = True,
+    brief: Annotated[bool, typer.Option("--brief", help="Show only what is not ok.")] = False,
+    seed: SeedOption = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Ask every vehicle what matters before a flight; refuse with reasons. Nothing on a vehicle is changed.
+
+    Exit code 0: nothing is refused; 1: do not fly; 2: a mistake in the mission file.
+    """
+    from gcs.commands.preflight import PreflightOptions
+    from gcs.commands.preflight import preflight as check_all
+
+    options = PreflightOptions(config, seed, wait, link, sensors, brief, as_json)
+    with errors_shown():
+        ok = check_all(options, Console(stderr=as_json))
+    raise typer.Exit(0 if ok else 1)
+
+
+class _ManyPlaces(typer.core.TyperCommand):
+    """Lets an option be followed by several places: `--agents 1,2 3,4`, as well as be given several times."""
+
+    _PLACE = re.compile(r"-?[\d.]+,-?[\d.]+")
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Write the option before each of its places."""
+        option = ""
+        spread: list[str] = []
+        for arg in args:
+            if option and (self._PLACE.fullmatch(arg) or (spread[-1] == option and not arg.startswith("--"))):
+                if spread[-1] == option:
+                    spread.pop()
+                spread.append(f"{option}={arg}")
+                continue
+            name = arg.partition("=")[0]
+            option = name if name in ("--agents", "--targets") else ""
+            spread.append(arg)
+        return super().parse_args(ctx, spread)
+
+
+@app.command(cls=_ManyPlaces, rich_help_panel=PANEL)
+def plan(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(
+            help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.",
+            autocompletion=complete_scenario,
+        ),
+    ] = None,
+    agents: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y ...", help="Where agents are, in metres east and north.  [default: their starts]"
+        ),
+    ] = None,
+    targets: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y ...", help="Where targets are.  [default: the places of birth]"),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE.map", help="Plan on a Moving AI map; places are in cells."),
+    ] = None,
+    seed: SeedOption = 1,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the plan, such as plan.png.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Plan once, without flying: who goes to which target, by which way, how far; and why somebody cannot.
+
+    Exits with 1 when an agent stays without a route although there is a target for it.
+    """
+    from gcs.commands.plan import PlanArguments, run_plan
+
+    with errors_shown():
+        arguments = PlanArguments(scenario, agents, targets, map_file, seed, plot, as_json)
+        code = run_plan(arguments, Console(stderr=as_json))
+    raise typer.Exit(code)

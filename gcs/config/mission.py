@@ -1,0 +1,83 @@
+"""A whole mission file as one value."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from msgspec import Meta
+
+from gcs.config.tables import (
+    AgentTable,
+    AirframeTable,
+    BirthTable,
+    FenceTable,
+    FrameTable,
+    LinksTable,
+    MapTable,
+    MissionTable,
+    PlanningTable,
+    RallyTable,
+    RecordingTable,
+    TelemetryTable,
+    TrackingTable,
+    link_of,
+)
+from gcs.config.validation import Table
+from gcs.endpoints import Link
+from gcs.geo import LocalFrame
+from gcs.geojson import Zones, read_zones
+
+ZONES = "the GeoJSON of the map"
+
+
+class Config(Table, frozen=True, kw_only=True):
+    """A whole mission file."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+    description: str = ""
+    frame: FrameTable
+    map: MapTable = MapTable()
+    agents: Annotated[list[AgentTable], Meta(min_length=1)]
+    births: list[BirthTable] = []
+    tracking: TrackingTable = TrackingTable()
+    telemetry: TelemetryTable = TelemetryTable()
+    airframe: AirframeTable = AirframeTable()
+    planning: PlanningTable = PlanningTable()
+    mission: MissionTable = MissionTable()
+    links: LinksTable = LinksTable()
+    recording: RecordingTable = RecordingTable()
+    fence: FenceTable = FenceTable()
+    rally: list[RallyTable] = []
+    simulation: dict[str, Any] = {}
+
+    @property
+    def mavlink_links(self) -> tuple[Link, ...]:
+        """Every MAVLink endpoint: those of vehicles first, then those of other ground stations."""
+        return tuple(link_of(entry) for _, entry in self.links.entries())
+
+    @property
+    def local_frame(self) -> LocalFrame:
+        """The frame that all east/north of this mission refer to."""
+        return LocalFrame(self.frame.lat_deg, self.frame.lon_deg, self.frame.alt_msl_m)
+
+    def speed_m_s(self, vehicle: int) -> float:
+        """How fast a vehicle flies: its own speed, or that of the airframe."""
+        own = next((agent.speed_m_s for agent in self.agents if agent.vehicle == vehicle), None)
+        return own or self.airframe.speed_m_s
+
+    @property
+    def agents_per_target(self) -> int:
+        """How many agents may end at one target."""
+        if self.planning.spare == "double":
+            return len(self.agents)
+        return max((birth.agents for birth in self.births), default=1)
+
+    @property
+    def spacing_m(self) -> tuple[float, float]:
+        """Grid spacing east and north."""
+        return self.map.width_m / (self.map.nodes_east - 1), self.map.height_m / (self.map.nodes_north - 1)
+
+    @property
+    def zones(self) -> Zones:
+        """Keep-out zones and boundary of the GeoJSON, in metres."""
+        return read_zones(self.map.geojson, ZONES).to_local(self.local_frame) if self.map.geojson else Zones()

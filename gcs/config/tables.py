@@ -1,0 +1,283 @@
+"""The tables of a mission file, each with its keys, units, ranges and defaults."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from gcs.config.validation import Table
+from gcs.endpoints import Link, parse_endpoint
+from gcs.model import vehicle_id
+
+_G_M_S2 = 9.80665
+_STRONG_WIND_M_S = 30.0
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NotNegative = Annotated[float, Meta(ge=0.0)]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+InnerProbability = Annotated[float, Meta(gt=0.0, lt=1.0)]
+SystemId = Annotated[int, Meta(ge=1, le=250)]
+Network = Annotated[int, Meta(ge=0, le=255)]
+Point2 = Annotated[list[float], Meta(min_length=2, max_length=2)]
+Point3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
+Box = Annotated[list[float], Meta(min_length=4, max_length=4)]
+Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
+Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]
+LatLon = tuple[Latitude, Longitude]
+
+
+class FrameTable(Table, frozen=True, kw_only=True):
+    """Origin of the local east/north frame on WGS84."""
+
+    lat_deg: Annotated[float, Meta(ge=-85.0, le=85.0)]
+    lon_deg: Annotated[float, Meta(ge=-180.0, le=180.0)]
+    alt_msl_m: Annotated[float, Meta(ge=-500.0, le=9000.0)]
+
+
+class MapTable(Table, frozen=True, kw_only=True):
+    """Mission area and its search grid; node (0, 0) lies at the frame's origin."""
+
+    width_m: Positive = 2000.0
+    height_m: Positive = 2000.0
+    nodes_east: Annotated[int, Meta(ge=2, le=4000)] = 51
+    nodes_north: Annotated[int, Meta(ge=2, le=4000)] = 51
+    discs_m: list[Point3] = []
+    boxes_m: list[Box] = []
+    polygons_m: list[Annotated[list[Point2], Meta(min_length=3)]] = []
+    geojson: str = ""
+    random_threshold: Annotated[float, Meta(ge=0.0, le=0.6)] = 0.0
+    keep_clear_m: NotNegative = 120.0
+
+
+class AgentTable(Table, frozen=True, kw_only=True):
+    """One agent: its MAVLink network and system id, and where it starts."""
+
+    system_id: SystemId
+    network: Network = 0
+    east_m: float
+    north_m: float
+    course_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 90.0
+    speed_m_s: Positive | None = None
+
+    @property
+    def vehicle(self) -> int:
+        """What the vehicle is called everywhere (`gcs.model.vehicle_id`)."""
+        return vehicle_id(self.network, self.system_id)
+
+
+class BirthTable(Table, frozen=True, kw_only=True):
+    """A place where targets may appear: a Gaussian on position and on velocity."""
+
+    east_m: float
+    north_m: float
+    std_m: Positive = 10.0
+    v_east_m_s: float = 0.0
+    v_north_m_s: float = 0.0
+    speed_std_m_s: Positive = 4.5
+    priority: int = 0
+    agents: Annotated[int, Meta(ge=1, le=100)] = 1
+
+
+class AnywhereTable(Table, frozen=True, kw_only=True):
+    """Births where no place of birth is known: at detections that nothing explains."""
+
+    per_s: NotNegative = 0.0
+    speed_std_m_s: Positive = 10.0
+    most_probability: InnerProbability = 0.1
+
+
+class KindTracking(Table, frozen=True, kw_only=True):
+    """Tracking of one kind of object."""
+
+    accel_std_m_s2: Positive
+    birth_probability: InnerProbability = 0.03
+    birth_again_probability: InnerProbability = 1e-4
+    turn_rate_std_deg_s: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
+    turn_time_s: Positive = 10.0
+    anywhere: AnywhereTable = AnywhereTable()
+
+
+class TrackingTable(Table, frozen=True, kw_only=True):
+    """The two GLMB filters and how their output is read."""
+
+    agents: KindTracking = KindTracking(accel_std_m_s2=4.0)
+    targets: KindTracking = KindTracking(accel_std_m_s2=0.5)
+    survival_probability_per_s: InnerProbability = 0.99
+    max_hypotheses: Annotated[int, Meta(ge=10, le=100_000)] = 200
+    gate_chi2: Annotated[float, Meta(ge=4.0, le=100.0)] = 32.2
+    dead_existence: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.01
+    lost_std_m: Positive = 500.0
+    reorder_window_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    correct_sensors: bool = False
+    agent_birth_std_m: Positive = 10.0
+    agent_birth_speed_std_m_s: Positive = 10.0
+    seed: Annotated[int, Meta(ge=0)] = 0
+
+
+class TelemetryTable(Table, frozen=True, kw_only=True):
+    """MAVLink position reports as a sensor of agents."""
+
+    rate_hz: Annotated[float, Meta(gt=0.0, le=50.0)] = 4.0
+    noise_std_m: Positive = 3.0
+    detection_probability: InnerProbability = 0.9
+    clutter_density_per_m2: Positive = 1e-6
+    max_age_s: Positive = 1.0
+
+
+class AirframeTable(Table, frozen=True, kw_only=True):
+    """How the vehicles turn: what routes and waypoints are made for."""
+
+    speed_m_s: Positive = 15.0
+    bank_deg: Annotated[float, Meta(ge=5.0, le=70.0)] = 30.0
+    turn_lag_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.0
+    wind_m_s: Annotated[float, Meta(ge=0.0, le=30.0)] = 0.0
+
+    @property
+    def turn_radius_m(self) -> float:
+        """Radius over ground of a level turn, V^2 / (g tan bank), at its widest: with the wind."""
+        return (self.speed_m_s + self.wind_m_s) ** 2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
+
+    @property
+    def max_ground_speed_m_s(self) -> float:
+        """What a report may say at most: a dive at three times the airspeed, with a strong wind behind."""
+        return 3.0 * self.speed_m_s + max(self.wind_m_s, _STRONG_WIND_M_S)
+
+    @property
+    def turn_lag_m(self) -> float:
+        """How far a vehicle flies before a turn is taken up."""
+        return (self.speed_m_s + self.wind_m_s) * self.turn_lag_s
+
+    @property
+    def planned_radius_m(self) -> float:
+        """Radius that routes are planned for: that of the turn, widened by its lag."""
+        return math.hypot(self.turn_radius_m, self.turn_lag_m)
+
+
+class PlanningTable(Table, frozen=True, kw_only=True):
+    """When and how to plan."""
+
+    period_s: Positive = 5.0
+    target_moved_m: Positive = 50.0
+    capture_radius_m: Positive = 40.0
+    clearance_m: NotNegative = 0.0
+    shape: Literal["grid", "pulled", "flyable"] = "grid"
+    search_cost: Literal["metric", "paper"] = "metric"
+    switch_gain_m: NotNegative = 0.0
+    retask: Literal["auto", "confirm"] = "auto"
+    when: Literal["events", "period"] = "events"
+    aim: Literal["intercept", "position"] = "intercept"
+    horizon_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 120.0
+    cost: Literal["length", "arrival"] = "length"
+    objective: Literal["total", "longest"] = "total"
+    spare: Literal["hold", "double"] = "hold"
+    separation_m: NotNegative = 60.0
+
+
+class MissionTable(Table, frozen=True, kw_only=True):
+    """What is written into the missions."""
+
+    altitude_rel_m: Positive = 100.0
+    lane_step_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 20.0
+    lanes: Annotated[int, Meta(ge=1, le=50)] = 5
+    accept_radius_m: Annotated[float, Meta(gt=0.0, le=255.0)] = 10.0
+    loiter_radius_m: Annotated[float, Meta(ge=0.0, le=255.0)] = 30.0
+    end: Literal["loiter", "land"] = "loiter"
+    uploader: Literal["own", "mavsdk"] = "own"
+    max_duration_s: Positive = 600.0
+
+    @property
+    def highest_rel_m(self) -> float:
+        """Altitude of the highest lane."""
+        return self.altitude_rel_m + (self.lanes - 1) * self.lane_step_m
+
+
+class FenceAreaTable(Table, frozen=True, kw_only=True):
+    """An area of the fence: either corners, or a circle."""
+
+    kind: Literal["inclusion", "exclusion"]
+    corners_deg: list[LatLon] = []
+    circle: tuple[Latitude, Longitude, Positive] | None = None
+
+
+class FenceTable(Table, frozen=True, kw_only=True):
+    """Where vehicles may be; `gcs fence upload` brings it to them (`gcs.fence`)."""
+
+    from_map: bool = True
+    max_alt_rel_m: NotNegative = 0.0
+    areas: list[FenceAreaTable] = []
+
+
+class RallyTable(Table, frozen=True, kw_only=True):
+    """A place to return to instead of home."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    alt_rel_m: Annotated[int, Meta(ge=10, le=30_000)]
+
+
+class RecordingTable(Table, frozen=True, kw_only=True):
+    """How runs are recorded."""
+
+    rotate_mb: Annotated[float, Meta(ge=1.0, le=1e6)] = 500.0
+
+
+class EndpointTable(Table, frozen=True, kw_only=True):
+    """Where vehicles are, of a MAVLink network other than the first."""
+
+    endpoint: str
+    network: Network = 0
+
+
+class ForwardTable(Table, frozen=True, kw_only=True):
+    """Where another ground station connects, and what it may do."""
+
+    endpoint: str
+    access: Literal["read-only", "full"] = "read-only"
+    adsb: bool = True
+    network: Network = 0
+
+
+class LinksTable(Table, frozen=True, kw_only=True):
+    """Where central command finds vehicles, sensors and other ground stations."""
+
+    mavlink: str | EndpointTable | Annotated[list[str | EndpointTable], Meta(min_length=1)] = (
+        "udpin:0.0.0.0:14550"
+    )
+    forward: list[ForwardTable] = []
+    keys: str = ""
+    zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
+    zenoh_role: Literal["listen", "connect"] = "listen"
+    max_parallel_uploads: Annotated[int, Meta(ge=1, le=1000)] = 32
+
+    def key_file(self, source: str) -> Path | None:
+        """Where the signing keys are: beside the mission file `source`; None when nothing is signed."""
+        return Path(source).parent / self.keys if self.keys else None
+
+    def entries(self) -> list[tuple[str, str | EndpointTable | ForwardTable]]:
+        """Every MAVLink endpoint with its key: those of vehicles first."""
+        entries: list[tuple[str, str | EndpointTable | ForwardTable]] = (
+            [("links.mavlink", self.mavlink)]
+            if not isinstance(self.mavlink, list)
+            else [(f"links.mavlink[{index}]", entry) for index, entry in enumerate(self.mavlink)]
+        )
+        return entries + [(f"links.forward[{index}]", entry) for index, entry in enumerate(self.forward)]
+
+
+def link_of(entry: str | EndpointTable | ForwardTable) -> Link:
+    """Read an entry's connection string.
+
+    Raises
+    ------
+    LinkError
+        When it is not one.
+    """
+    match entry:
+        case str():
+            return Link(parse_endpoint(entry))
+        case EndpointTable():
+            return Link(parse_endpoint(entry.endpoint), entry.network)
+        case ForwardTable():
+            return Link(parse_endpoint(entry.endpoint), entry.network, entry.access, entry.adsb)
