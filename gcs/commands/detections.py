@@ -205,8 +205,11 @@ def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detecti
     if not scans:
         raise RecordingError(str(path), "holds no scan" + "".join(f": {text}" for text in remarks))
     tracking = config.tracking
+    turning = max(tracking.agents, tracking.targets, key=lambda table: table.turn_rate_std_deg_s)
     params = GlmbParams(
         accel_std_m_s2=max(tracking.agents.accel_std_m_s2, tracking.targets.accel_std_m_s2),
+        turn_rate_std_rad_s=math.radians(turning.turn_rate_std_deg_s),
+        turn_time_s=turning.turn_time_s,
         survival_probability_per_s=tracking.survival_probability_per_s,
         max_hypotheses=tracking.max_hypotheses,
         gate_chi2=tracking.gate_chi2,

@@ -96,12 +96,6 @@ def run_track(options: TrackOptions, console: Console) -> None:
     if not detections.births and detections.anywhere.per_s <= 0.0:
         where = str(options.model or options.path)
         raise ConfigError(where, "births", "expected places where objects appear, or anywhere.per_s > 0")
-    if options.estimator != "filtered" and detections.params.turn_rate_std_rad_s > 0.0:
-        raise ConfigError(
-            str(options.model),
-            "turn_rate_std_deg_s",
-            f"{options.estimator} paths are of straight motion only: expected --estimator filtered with it",
-        )
     with console.status(
         "loading the compiled kernels (the first run after an installation compiles them, once)"
     ):

@@ -203,7 +203,10 @@ class Glmb:
     ) -> None:
         self.kind: Kind = kind
         self.params = params
-        self.histories = Histories() if keep_histories else None
+        self._turns = None
+        if params.turn_rate_std_rad_s > 0.0:
+            self._turns = turning.Turns(params.turn_rate_std_rad_s, params.turn_time_s)
+        self.histories = Histories(self._turns) if keep_histories else None
         self.account: Account | None = None
         self.scans = self.late_scans = self.bad_detections = 0
         self._weigh_detections = weigh_detections
@@ -226,7 +229,7 @@ class Glmb:
         self._track_label = np.empty(0, np.int64)
         """Index into `_labels` for each track; a label's tracks stand together."""
         self._mean, self._cov = np.empty((0, 4)), np.empty((0, 4, 4))
-        self._turn = np.empty((0, 6)) if params.turn_rate_std_rad_s > 0.0 else None
+        self._turn = None if self._turns is None else np.empty((0, 6))
         """Turn rates (see `turning`)."""
         self._born = _Born.of(())
         self._groups = Groups(
@@ -274,7 +277,7 @@ class Glmb:
         live = self._predict(dt_s, F, Q, births)
         view = sensors.view(sensor, self._mean, self._cov)
         if self.histories is not None:
-            self.histories.begin(measured_t_ns, F, Q, sensor, births, self._survival(dt_s))
+            self.histories.begin(measured_t_ns, dt_s, F, Q, sensor, births, self._survival(dt_s))
         start, meas, logw = kernels.options(
             self._cov,
             np.log(live),
@@ -363,10 +366,9 @@ class Glmb:
 
     def _predict(self, dt_s: float, F: FloatArray, Q: FloatArray, births: Sequence[Birth]) -> FloatArray:
         """Move the tracks by `dt_s`, add births as groups of their own; return each track's survival."""
-        params = self.params
-        if dt_s > 0.0 and self._turn is not None:
+        if dt_s > 0.0 and self._turns is not None:
             self._mean, self._cov, self._turn = turning.predict(
-                self._mean, self._cov, self._turn, Q, dt_s, params.turn_rate_std_rad_s, params.turn_time_s
+                self._mean, self._cov, self._turn, Q, dt_s, *self._turns
             )
         elif dt_s > 0.0:
             self._mean, self._cov = kernels.predict(self._mean, self._cov, F, Q)
@@ -387,8 +389,8 @@ class Glmb:
         born = self._born = self._born if births is self._born.births else _Born.of(births)
         self._mean = np.concatenate([self._mean, born.mean])
         self._cov = np.concatenate([self._cov, born.cov])
-        if self._turn is not None:
-            newborn = turning.newborn(len(births), params.turn_rate_std_rad_s)
+        if self._turns is not None:
+            newborn = turning.newborn(len(births), self._turns.rate_std_rad_s)
             self._turn = np.concatenate([self._turn, newborn])
         self._track_label = np.concatenate([self._track_label, len(self._labels) + new])
         self._labels = np.concatenate([self._labels, np.column_stack([np.full(new.size, self.scans), new])])

@@ -36,6 +36,7 @@ import numpy.typing as npt
 from gcs.model import FloatArray, Label, Sensor, read_only
 from gcs.tracking.sensors import MOST_DETECTION
 from gcs.tracking.smoothing import Step, filtered, smoothed
+from gcs.tracking.turning import Turns
 
 if TYPE_CHECKING:
     from gcs.tracking.glmb import Birth
@@ -81,6 +82,7 @@ class _Scan:
     """What every node of a scan shares."""
 
     t_ns: int
+    dt_s: float
     F: FloatArray
     Q: FloatArray
     sensor: Sensor
@@ -91,9 +93,16 @@ class _Scan:
 
 
 class Histories:
-    """The association histories of a tracker's tracks."""
+    """The association histories of a tracker's tracks.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    turns : Turns, optional
+        How its objects turn, where they do not fly straight.
+    """
+
+    def __init__(self, turns: Turns | None = None) -> None:
+        self._turns = turns
         self._scans: dict[int, _Scan] = {}
         self._nodes_of: dict[int, int] = {}
         self._scan_count = 0
@@ -119,6 +128,7 @@ class Histories:
     def begin(
         self,
         t_ns: int,
+        dt_s: float,
         F: FloatArray,
         Q: FloatArray,
         sensor: Sensor,
@@ -127,11 +137,12 @@ class Histories:
     ) -> None:
         """Begin a scan, before its tracks are known.
 
-        `F`, `Q` (4, 4) move a track from the scan before to this one, which it survives with probability
-        `survival`; `sensor` made the scan. Births need positive definite covariances.
+        `F`, `Q` (4, 4) move a track straight on by `dt_s` since the scan before, which it survives to this
+        one with probability `survival`; `sensor` made the scan. Births need positive definite covariances.
         """
         self._scans[self._scan_count] = _Scan(
             t_ns,
+            dt_s,
             F,
             Q,
             sensor,
@@ -266,17 +277,17 @@ class Histories:
         birth = scans[0].births[int(self._node["birth"][chain[0]])]
         z_m = np.where(made[:, None], self._node["z_m"][chain], np.nan)
         steps = [
-            Step(scan.F, scan.Q, scan.sensor, z if seen else None)
+            Step(scan.dt_s, scan.F, scan.Q, scan.sensor, z if seen else None)
             for scan, z, seen in zip(scans, z_m, made, strict=True)
         ]
-        run = filtered(birth.mean, birth.cov, steps)
-        mean, cov = smoothed(run, steps, lag_scans) if smooth else (run.mean, run.cov)
+        run = filtered(birth.mean, birth.cov, steps, self._turns)
+        mean, cov = smoothed(run, lag_scans) if smooth else (run.mean, run.cov)
         return Path(
             label,
             self._node["scan"][chain],
             np.array([scan.t_ns for scan in scans], np.int64),
-            read_only(mean),
-            read_only(cov),
+            read_only(mean[:, :4]),
+            read_only(cov[:, :4, :4]),
             read_only(z_m),
             label in self._estimated_now,
         )

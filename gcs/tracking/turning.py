@@ -19,7 +19,7 @@ the covariance with w is held within what the four allow.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,15 @@ _MOST_CORRELATION = 0.98
 """Squared, between the turn rate and the other four states."""
 
 
+class Turns(NamedTuple):
+    """How objects turn."""
+
+    rate_std_rad_s: float
+    """Standard deviation of the turn rate."""
+    time_s: float
+    """How long a turn lasts."""
+
+
 @inlined
 def _arc(w: float, dt: float) -> Any:
     """sin(w dt)/w, (1 - cos(w dt))/w, and their derivatives by w."""
@@ -40,6 +49,19 @@ def _arc(w: float, dt: float) -> Any:
         return dt, 0.5 * a * dt, -a * dt * dt / 3.0, 0.5 * dt * dt
     s, c = math.sin(a), math.cos(a)
     return s / w, (1.0 - c) / w, (dt * c * w - s) / (w * w), (dt * s * w - (1.0 - c)) / (w * w)
+
+
+@inlined
+def _linearise(w: float, vx: float, vy: float, dt: float, F: FloatArray, g: FloatArray) -> None:
+    """Write how the four states at the end change with those at the beginning (F), and with w (g)."""
+    along, aside, d_along, d_aside = _arc(w, dt)
+    s, c = math.sin(w * dt), math.cos(w * dt)
+    F[0, 2] = F[1, 3] = along
+    F[0, 3], F[1, 2] = -aside, aside
+    F[2, 2] = F[3, 3] = c
+    F[2, 3], F[3, 2] = -s, s
+    g[0], g[1] = d_along * vx - d_aside * vy, d_aside * vx + d_along * vy
+    g[2], g[3] = -dt * (s * vx + c * vy), dt * (c * vx - s * vy)
 
 
 @inlined
@@ -86,15 +108,8 @@ def predict(
     q = 2.0 * stationary / rate_time_s
     for t in range(n):
         _hold(cov, turn, t)
-        w, variance, vx, vy = turn[t, 0], turn[t, 1], mean[t, 2], mean[t, 3]
-        along, aside, d_along, d_aside = _arc(w, dt)
-        s, c = math.sin(w * dt), math.cos(w * dt)
-        F[0, 2] = F[1, 3] = along
-        F[0, 3], F[1, 2] = -aside, aside
-        F[2, 2] = F[3, 3] = c
-        F[2, 3], F[3, 2] = -s, s
-        g[0], g[1] = d_along * vx - d_aside * vy, d_aside * vx + d_along * vy
-        g[2], g[3] = -dt * (s * vx + c * vy), dt * (c * vx - s * vy)
+        w, variance = turn[t, 0], turn[t, 1]
+        _linearise(w, mean[t, 2], mean[t, 3], dt, F, g)
         for i in range(4):
             moved, coupled = 0.0, 0.0
             for j in range(4):
@@ -161,6 +176,21 @@ def update(cov: FloatArray, turn: FloatArray, parent: Any, meas: Any, z: FloatAr
     return out
 
 
+@kernel
+def jacobians(mean: FloatArray, dt: FloatArray, rate_time_s: float) -> Any:
+    """Return how [p, v, w] (5, 5) changes over each `dt` (n,) with what it was, `mean` (n, 5)."""
+    out = np.zeros((mean.shape[0], 5, 5))
+    F, g = np.eye(4), np.empty(4)
+    for k in range(mean.shape[0]):
+        _linearise(mean[k, 4], mean[k, 2], mean[k, 3], dt[k], F, g)
+        for i in range(4):
+            out[k, i, 4] = g[i]
+            for j in range(4):
+                out[k, i, j] = F[i, j]
+        out[k, 4, 4] = math.exp(-dt[k] / rate_time_s)
+    return out
+
+
 def newborn(n: int, rate_std_rad_s: float) -> FloatArray:
     """Turns (n, 6) of objects that are as likely to turn as any."""
     turn = np.zeros((n, 6))
@@ -176,4 +206,5 @@ def warm_up_calls() -> list[tuple[Any, ...]]:
     return [
         (predict, mean, cov, turn, np.eye(4), 1.0, 0.1, 5.0),
         (update, cov, turn, zeros, zeros, z, view),
+        (jacobians, np.zeros((1, 5)), np.ones(1), 5.0),
     ]

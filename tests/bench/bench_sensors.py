@@ -71,13 +71,17 @@ def aircraft(rng: np.random.Generator, kind: str, seconds: int, speed_m_s: float
     return np.array(states)
 
 
-def turning_run(params: GlmbParams, kind: str, seeds: range) -> tuple[float, float, float]:
-    """RMS error of position and velocity, and mean NEES (4 is right), from the sixth second on."""
-    errors, nees = [], []
+def turning_run(params: GlmbParams, kind: str, seeds: range) -> dict[str, tuple[float, float, float]]:
+    """RMS error of position and velocity, and mean NEES (4 is right), from the sixth second on.
+
+    Of each estimator, at the scans at which the filter showed the aircraft.
+    """
+    found: dict[str, list[tuple[float, float, float]]] = {"filtered": [], "recovered": [], "smoothed": []}
     look = Sensor("s", 0.98, 4e-6, np.eye(2) * 10.0, (-5e3, -5e3, 5e3, 5e3))
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        path, tracker = aircraft(rng, kind, 60), Glmb("agents", params, 1)
+        path, tracker = aircraft(rng, kind, 60), Glmb("agents", params, 1, keep_histories=True)
+        shown = set()
         for k, x in enumerate(path):
             z = x[None, :2][rng.random(1) < 0.98]
             clutter = x[:2] + rng.uniform(-150, 150, (rng.poisson(0.36), 2))
@@ -85,11 +89,20 @@ def turning_run(params: GlmbParams, kind: str, seeds: range) -> tuple[float, flo
             birth = Birth(np.array([*x[:2], 0.0, 0.0]), np.diag([100.0] * 4), 0.5)
             tracker.update(k * NS_PER_S, z, look, [birth] if k == 0 else ())
             for track in tracker.estimate()[:1] if k > 5 else ():
-                d = track.mean - x
-                errors.append([d[:2] @ d[:2], d[2:] @ d[2:]])
-                nees.append(d @ np.linalg.solve(track.cov, d))
-    position, velocity = np.sqrt(np.mean(errors, axis=0))
-    return float(position), float(velocity), float(np.mean(nees))
+                shown.add(k)
+                found["filtered"].append(_errors(track.mean - x, track.cov))
+        assert tracker.histories is not None
+        for name, smooth in (("recovered", False), ("smoothed", True)):
+            for one in tracker.histories.paths(smooth=smooth)[:1]:
+                rows = zip(one.scan.tolist(), one.mean, one.cov, strict=True)
+                found[name] += [_errors(m - path[k], P) for k, m, P in rows if k in shown]
+    means = {name: np.mean(rows, axis=0) for name, rows in found.items()}
+    return {name: (math.sqrt(p), math.sqrt(v), float(nees)) for name, (p, v, nees) in means.items()}
+
+
+def _errors(d: np.ndarray, cov: np.ndarray) -> tuple[float, float, float]:
+    """Squared errors of position and velocity, and the NEES."""
+    return d[:2] @ d[:2], d[2:] @ d[2:], d @ np.linalg.solve(cov, d)
 
 
 def update_run(prior_std_m: float, bearing_std_rad: float, runs: int) -> list[tuple[float, float]]:
@@ -137,8 +150,10 @@ def main() -> None:
     }
     for kind in ("straight", "legs", "loiter"):
         for name, params in models.items():
-            position, velocity, nees = turning_run(params, kind, seeds)
-            print(f"{kind:8s} {name}: {position:.2f} m, {velocity:.2f} m/s, NEES {nees:.1f}")
+            for estimator, (position, velocity, nees) in turning_run(params, kind, seeds).items():
+                print(
+                    f"{kind:8s} {name}, {estimator:9s}: {position:.2f} m, {velocity:.2f} m/s, NEES {nees:.1f}"
+                )
     for prior_std_m, bearing_std_rad in ((10.0, 0.005), (40.0, 0.005), (150.0, 0.005), (150.0, 0.05)):
         found = update_run(prior_std_m, bearing_std_rad, 3000)
         for name, (error_m, nees) in zip(("unscented", "extended "), found, strict=True):

@@ -285,17 +285,44 @@ def test_without_places_of_birth_objects_are_found_where_they_appear(tmp_path):
     assert json.loads(result.output.strip().splitlines()[-1])["cardinality_error_mean"] < 0.3
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (MODEL.split("[[births]]")[0], "anywhere.per_s > 0"),
-        ("turn_rate_std_deg_s = 10.0\n" + ANYWHERE, "--estimator filtered"),
-    ],
-)
-def test_a_model_that_cannot_be_tracked_so_says_what_to_do(tmp_path, text, words):
+def test_a_model_without_any_births_says_what_to_do(tmp_path):
     np.savez(tmp_path / "set.npz", meas=made()["meas"])
-    (tmp_path / "model.toml").write_text(text, encoding="utf-8")
-    arguments = ["track", str(tmp_path / "set.npz"), "--model", str(tmp_path / "model.toml")]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code != 0
-    assert words in " ".join((result.output + str(result.exception)).split())
+    (tmp_path / "model.toml").write_text(MODEL.split("[[births]]")[0], encoding="utf-8")
+    done = run(tmp_path / "set.npz", "--model", tmp_path / "model.toml")
+    assert done.exit_code == 2
+    assert "anywhere.per_s > 0" in " ".join(done.stderr.split())
+
+
+def circling(rng, scans=60, radius_m=60.0, speed_m_s=15.0):
+    """Rows of truth and of detections of an aircraft that loiters."""
+    angle = np.arange(scans) * speed_m_s / radius_m
+    place = radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
+    velocity = speed_m_s * np.column_stack([-np.sin(angle), np.cos(angle)])
+    k = np.arange(1.0, scans + 1)
+    truth = np.column_stack([k, np.ones(scans), place[:, 0], velocity[:, 0], place[:, 1], velocity[:, 1]])
+    seen = rng.random(scans) < 0.95
+    made = np.column_stack([k, place + rng.normal(0.0, 10.0, place.shape)])[seen]
+    clutter = np.column_stack(
+        [rng.integers(1, scans + 1, 10 * scans), rng.uniform(-500, 500, (10 * scans, 2))]
+    )
+    return truth, np.vstack([made, clutter])
+
+
+def test_paths_of_what_turns_are_recovered_with_its_turns(tmp_path):
+    truth, meas = circling(np.random.default_rng(3))
+    np.savez(tmp_path / "set.npz", meas=meas, truth=truth)
+    head, _ = MODEL.split("[[births]]", 1)
+    birth = "[[births]]\nx_m = 60.0\ny_m = 0.0\nstd_m = 10.0\nspeed_std_m_s = 10.0\nprobability = 0.03\n"
+    straight, turning = tmp_path / "straight.toml", tmp_path / "turning.toml"
+    straight.write_text(head + birth)
+    head = head.replace("accel_std_m_s2 = 5.0", "accel_std_m_s2 = 1.0\nturn_rate_std_deg_s = 17.0")
+    turning.write_text(head + birth)
+
+    def ospa(model, estimator):
+        result = scores(tmp_path / "set.npz", "--model", model, "--estimator", estimator)
+        return result["ospa_mean_m"]
+
+    filtered, recovered, smoothed = (ospa(turning, e) for e in ("filtered", "recovered", "smoothed"))
+    assert recovered <= filtered
+    assert smoothed < 0.75 * recovered
+    assert smoothed < ospa(straight, "smoothed")

@@ -19,7 +19,7 @@ def history(seed, n, missed=0.3):
     for k in range(n):
         dt = float(rng.uniform(0.1, 3.0))
         z = None if rng.random() < missed else rng.normal((5.0 * k, 0.0), 30.0)
-        steps.append(Step(motion.transition(dt), motion.process_noise(dt, 2.0), sensor, z))
+        steps.append(Step(dt, motion.transition(dt), motion.process_noise(dt, 2.0), sensor, z))
     return rng.normal(0, 10, 4), steps
 
 
@@ -49,7 +49,7 @@ def joint_posterior(mean, steps, upto):
 def test_each_state_is_the_posterior_given_what_it_may_know(seed, n, lag):
     mean, steps = history(seed, n)
     run = filtered(mean, PRIOR, steps)
-    lagged, whole = smoothed(run, steps, lag)[0], smoothed(run, steps)[0]
+    lagged, whole = smoothed(run, lag)[0], smoothed(run)[0]
     for k in range(n):
         for result, upto in ((run.mean, k + 1), (lagged, k + 1 + lag), (whole, n)):
             np.testing.assert_allclose(result[k], joint_posterior(mean, steps, upto)[k], atol=1e-5)
@@ -72,7 +72,7 @@ def test_filter_and_smoother_agree_with_filterpy():
     expected, expected_cov, _, _ = kalman.rts_smoother(
         np.array(means), np.array(covs), [step.F for step in steps], [step.Q for step in steps]
     )
-    mean_out, cov_out = smoothed(run, steps)
+    mean_out, cov_out = smoothed(run)
     np.testing.assert_allclose(mean_out, expected, atol=1e-6)
     np.testing.assert_allclose(cov_out, expected_cov, atol=1e-6)
 
@@ -81,6 +81,6 @@ def test_filter_and_smoother_agree_with_filterpy():
 def test_what_comes_later_never_makes_a_state_less_certain(seed, n):
     mean, steps = history(seed, n)
     run = filtered(mean, PRIOR, steps)
-    _, cov = smoothed(run, steps)
+    _, cov = smoothed(run)
     assert (np.trace(cov, axis1=1, axis2=2) <= np.trace(run.cov, axis1=1, axis2=2) + 1e-9).all()
     assert (np.linalg.eigvalsh(cov) > 0).all()

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, Sensor
@@ -35,6 +35,11 @@ def joint(cov, turn):
     return np.block([[cov, turn[2:, None]], [turn[None, 2:], np.array([[turn[1]]])]])
 
 
+def is_held(P):
+    """Whether the covariance with the turn rate is more than merged tracks may have (see `turning`)."""
+    return P[4, :4] @ np.linalg.solve(P[:4, :4], P[4, :4]) > 0.97 * P[4, 4]
+
+
 def random_track(rng):
     root = rng.normal(0.0, 1.0, (5, 5)) * np.array([5.0, 5.0, 3.0, 3.0, 0.2])[:, None]
     P = root @ root.T + np.diag([1.0, 1.0, 1.0, 1.0, 1e-3])
@@ -59,9 +64,10 @@ def test_prediction_is_the_extended_filters_on_five_states(seed, dt):
     J = np.column_stack([(moved(x + d, dt) - moved(x - d, dt)) / (2 * d.max()) for d in step])
     expected = J @ P @ J.T
     expected[:4, :4] += Q
+    assume(not is_held(P) and not is_held(expected))
     np.testing.assert_allclose(np.append(mean[0], turn[0, 0]), moved(x, dt), atol=1e-9)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    np.testing.assert_allclose(joint(cov[0], turn[0]) / scale, expected / scale, atol=2e-2)
+    np.testing.assert_allclose(joint(cov[0], turn[0]) / scale, expected / scale, atol=1e-3)
 
 
 def test_the_update_is_the_kalman_update_of_five_states():
@@ -76,6 +82,17 @@ def test_the_update_is_the_kalman_update_of_five_states():
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + SENSOR.noise_cov_m2)
     np.testing.assert_allclose(np.append(new_mean[0], new_turn[0, 0]), x + K @ (place[0] - x[:2]), atol=1e-9)
     np.testing.assert_allclose(joint(new_cov[0], new_turn[0]), P - K @ H @ P, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=50)
+@given(seed=st.integers(0, 2**32 - 1), dt=st.sampled_from([0.0, 0.05, 1.0, 2.0]), straight=st.booleans())
+def test_jacobians_are_the_slopes_of_the_turn(seed, dt, straight):
+    x, _ = random_track(np.random.default_rng(seed))
+    if straight:
+        x[4] = 0.0
+    (found,) = turning.jacobians(x[None], np.array([dt]), 1e12)
+    slopes = [(moved(x + d, dt) - moved(x - d, dt)) / 2e-4 for d in np.eye(5) * 1e-4]
+    np.testing.assert_allclose(found, np.column_stack(slopes), atol=1e-4, rtol=1e-4)
 
 
 @settings(deadline=None, max_examples=100)
@@ -123,6 +140,59 @@ def test_a_loiter_circle_is_followed_much_closer_than_by_straight_motion():
         GlmbParams(accel_std_m_s2=1.0, turn_rate_std_rad_s=0.3, turn_time_s=10.0), range(5)
     )
     assert turning_too < 0.7 * straight
+
+
+def loitering(seed, **params):
+    """Tracker of an aircraft that circles among misses and clutter; states shown by scan, and the truth."""
+    params = {"accel_std_m_s2": 1.0, "turn_rate_std_rad_s": 0.3, "turn_time_s": 10.0} | params
+    rng, tracker = np.random.default_rng(seed), Glmb("agents", GlmbParams(**params), 1, keep_histories=True)
+    angle = np.arange(40) / 3.0
+    truth = 45.0 * np.column_stack([np.cos(angle) - 1.0, np.sin(angle)])
+    shown = {}
+    for k, place in enumerate(truth):
+        z = place[None][rng.random(1) < 0.9] + rng.normal(0.0, math.sqrt(10.0), (1, 2))
+        z = np.vstack([z, place + rng.uniform(-100.0, 100.0, (rng.poisson(0.16), 2))])
+        births = [Birth(np.zeros(4), np.diag([100.0] * 4), 0.5)] if k == 0 else []
+        tracker.update(k * NS_PER_S, z, SENSOR, births)
+        for track in tracker.estimate():
+            shown[k] = track.mean
+    return tracker, shown, truth
+
+
+@settings(deadline=None, max_examples=10)
+@given(seed=st.integers(0, 10_000))
+def test_a_living_path_of_turns_ends_in_the_very_state_that_the_filter_shows(seed):
+    tracker, _, _ = loitering(seed, merge_chi2=0.0)
+    shown = {track.label: track for track in tracker.estimate()}
+    living = {path.label: path for path in tracker.histories.paths() if path.alive}
+    assert living.keys() == shown.keys()
+    for label, path in living.items():
+        np.testing.assert_allclose(path.mean[-1], shown[label].mean, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(path.cov[-1], shown[label].cov, rtol=1e-6, atol=1e-6)
+
+
+def path_of(tracker, **how):
+    (path,) = tracker.histories.paths(**how)
+    return dict(zip(path.scan.tolist(), path.mean, strict=True))
+
+
+def test_recovered_turns_are_no_worse_than_filtered_ones_and_smoothed_ones_far_better():
+    squares = {}
+    for seed in range(8):
+        tracker, shown, truth = loitering(seed)
+        ways = {
+            "filtered": shown,
+            "recovered": path_of(tracker),
+            "lagged": path_of(tracker, smooth=True, lag_scans=3),
+            "smoothed": path_of(tracker, smooth=True),
+        }
+        assert ways["recovered"].keys() == set(range(len(truth)))
+        for name, states in ways.items():
+            squares.setdefault(name, []).extend(((states[k][:2] - truth[k]) ** 2).sum() for k in shown)
+    rms = {name: math.sqrt(np.mean(values)) for name, values in squares.items()}
+    assert rms["recovered"] <= 1.01 * rms["filtered"]
+    assert rms["smoothed"] < rms["lagged"] < 0.75 * rms["filtered"]
+    assert rms["smoothed"] < 0.5 * math.hypot(*np.sqrt(np.diag(SENSOR.noise_cov_m2)))
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.3])
