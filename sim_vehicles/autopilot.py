@@ -20,13 +20,12 @@ Positions are local east/north metres; altitudes are metres above the local fram
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-from enum import IntEnum
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
 from sim_vehicles.airframe import Airframe
+from sim_vehicles.autopilot_state import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
 from sim_vehicles.fence import FenceGuard
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.guidance import Circle, Goal, Straight, ToPoint
@@ -45,40 +44,6 @@ _LAUNCHING = frozenset({Mode.AUTO, Mode.TAKEOFF})
 _MANUAL_LIKE = frozenset(
     {Mode.MANUAL, Mode.STABILIZE, Mode.TRAINING, Mode.ACRO, Mode.FBWA, Mode.FBWB, Mode.CRUISE}
 )
-
-
-class MissionState(IntEnum):
-    """MISSION_STATE."""
-
-    NO_MISSION = 1
-    NOT_STARTED = 2
-    ACTIVE = 3
-    COMPLETE = 5
-
-
-@dataclass(frozen=True, slots=True)
-class StatusText:
-    """Something to tell the ground; `severity` is a MAV_SEVERITY."""
-
-    severity: int
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class ItemReached:
-    """A mission item was completed."""
-
-    seq: int
-
-
-@dataclass(frozen=True, slots=True)
-class Home:
-    """Where RTL returns to."""
-
-    east_m: float
-    north_m: float
-    alt_m: float
-    """Above the local frame's origin."""
 
 
 class Autopilot:
@@ -329,7 +294,7 @@ class Autopilot:
         airframe = self.airframe
         east_m, north_m = self._place(item)
         alt_m = self._alt_m(item)
-        self._tell(mavlink.MAV_SEVERITY_INFO, f"Mission: {seq} {_NAMES[item.command]}")
+        self._tell(mavlink.MAV_SEVERITY_INFO, f"Mission: {seq} {ITEM_NAMES[item.command]}")
         if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
             self._fly(Circle(east_m, north_m, item.param3 or self.parameters["WP_LOITER_RAD"]), alt_m)
         elif item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
@@ -417,12 +382,3 @@ class Autopilot:
 
     def _tell(self, severity: int, text: str) -> None:
         self.notices.append(StatusText(severity, text))
-
-
-_NAMES = {
-    mavlink.MAV_CMD_NAV_WAYPOINT: "WP",
-    mavlink.MAV_CMD_NAV_LOITER_UNLIM: "LoitUnlim",
-    mavlink.MAV_CMD_NAV_TAKEOFF: "Takeoff",
-    mavlink.MAV_CMD_NAV_LAND: "Land",
-    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: "RTL",
-}

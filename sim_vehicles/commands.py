@@ -13,7 +13,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_vehicles.autopilot import Autopilot, Home, MissionState
+from sim_vehicles.autopilot import Autopilot
+from sim_vehicles.autopilot_state import Home, MissionState
 from sim_vehicles.personality import Mode
 from sim_vehicles.telemetry import Streams, Telemetry
 

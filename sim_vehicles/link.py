@@ -14,7 +14,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.mavlink.parameters import carried, value_of
-from sim_vehicles.autopilot import Autopilot, ItemReached
+from sim_vehicles.autopilot import Autopilot
+from sim_vehicles.autopilot_state import ItemReached
 from sim_vehicles.commands import Commands
 from sim_vehicles.frames import FrameReader, Outbox
 from sim_vehicles.missions import MISSION, NEVER_NS, MissionServer

@@ -21,7 +21,6 @@ Times are those of the records; between two scans the truth is interpolated.
 
 from __future__ import annotations
 
-import bisect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -46,6 +45,7 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
+from gcs.report.truths import Truths
 from gcs.tracking.metrics import ospa
 
 OSPA_CUTOFF_M = 100.0
@@ -160,7 +160,7 @@ class Judge:
         self._per_target = agents_per_target
         self._reach_m = capture_radius_m + CAPTURE_ALLOWANCE_M
         self._agents = tuple(agents)
-        self._truths: dict[int, Truth] = {}
+        self._truths = Truths()
         self._estimates: dict[tuple[Kind, int], FloatArray] = {}
         self._fates: list[Fate] = []
         self._plans: list[Plan] = []
@@ -169,7 +169,7 @@ class Judge:
 
     def truth(self, truth: Truth) -> None:
         """Take the truth at one scan; in any order."""
-        self._truths[truth.t_ns] = truth
+        self._truths.add(truth)
 
     def effect(self, effect: Effect) -> None:
         """Take what came out of the fold, in its order; what says nothing about success is passed over."""
@@ -188,10 +188,10 @@ class Judge:
 
     def ospa(self, kind: Kind) -> OspaSeries:
         """OSPA at each scan for which both a picture and the truth are known."""
-        times = sorted(t_ns for t_ns in self._truths if (kind, t_ns) in self._estimates)
+        times = [t_ns for t_ns in self._truths.times_ns if (kind, t_ns) in self._estimates]
         scores, true_counts, estimated_counts = [], [], []
         for t_ns in times:
-            estimates, truth = self._estimates[kind, t_ns], _positions(self._truths[t_ns], kind)
+            estimates, truth = self._estimates[kind, t_ns], self._truths.positions(t_ns, kind)
             scores.append(ospa(truth, estimates, OSPA_CUTOFF_M, OSPA_ORDER))
             true_counts.append(len(truth))
             estimated_counts.append(len(estimates))
@@ -246,7 +246,7 @@ class Judge:
             reason="; ".join(problems) or _success(fates, reached),
             duration_s=duration_s,
             agents=tuple(AgentOutcome(v, f.fate, reached.get(v)) for v, f in fates.items()),
-            targets_total=len(self._true_targets()),
+            targets_total=len(self._truths.targets()),
             targets_reached=len(set(reached.values())),
             retasks=len(retasks),
             retask_list=retasks,
@@ -273,7 +273,7 @@ class Judge:
             )
         elif flying:
             problems.append(f"the mission ended with {_names(flying)} still flying")
-        if not self._truths:
+        if not self._truths.times_ns:
             return [*problems, "there is no truth to judge by"]
         for vehicle, fate in fates.items():
             if fate.fate == "arrived" and vehicle not in reached:
@@ -287,7 +287,7 @@ class Judge:
     def _reached_targets(self, fates: dict[int, Fate]) -> dict[int, int]:
         """True target of each agent whose arrival the truth confirms."""
         arrived = [vehicle for vehicle, fate in fates.items() if fate.fate == "arrived"]
-        targets = [target for target in sorted(self._true_targets()) for _ in range(self._per_target)]
+        targets = [target for target in sorted(self._truths.targets()) for _ in range(self._per_target)]
         if not arrived or not targets:
             return {}
         distances = np.full((len(arrived), len(targets)), math.inf)
@@ -303,7 +303,7 @@ class Judge:
     def _target_distances(self, vehicle: int, t_ns: int) -> dict[int, float]:
         """Distance of an agent to each living target when it last lived; empty when it was dead too long."""
         for back_s in range(ARRIVAL_DELAY_S + 1):
-            things = self._truth_at(t_ns - back_s * NS_PER_S)
+            things = self._truths.at(t_ns - back_s * NS_PER_S)
             agent = next((t for t in things if t.kind == "agents" and t.id == vehicle and t.alive), None)
             if agent is not None:
                 return {
@@ -326,7 +326,7 @@ class Judge:
     def _death_delays(self, fates: dict[int, Fate]) -> tuple[tuple[float, ...], int]:
         """Delay of each detected death, and the number of deaths of agents that had not arrived."""
         delays, deaths = [], 0
-        for vehicle, died_t_ns in self._deaths().items():
+        for vehicle, died_t_ns in self._truths.deaths(self._agents).items():
             final = fates[vehicle]
             if final.fate == "arrived" and final.t_ns <= died_t_ns:
                 continue
@@ -339,64 +339,24 @@ class Judge:
                 delays.append(0.0)  # called dead just before it was
         return tuple(delays), deaths
 
-    def _deaths(self) -> dict[int, int]:
-        """Time of the first scan from which on each dead agent is dead."""
-        died: dict[int, int] = {}
-        for t_ns in sorted(self._truths):
-            for thing in self._truths[t_ns].objects:
-                if thing.kind == "agents" and thing.id in self._agents:
-                    if thing.alive:
-                        died.pop(thing.id, None)
-                    else:
-                        died.setdefault(thing.id, t_ns)
-        return died
-
     def _false_deaths(self) -> int:
         count = 0
         for fate in self._fates:
-            alive = {t.id for t in self._truth_at(fate.t_ns) if t.kind == "agents" and t.alive}
+            alive = {t.id for t in self._truths.at(fate.t_ns) if t.kind == "agents" and t.alive}
             count += fate.fate == "dead" and fate.vehicle in alive
         return count
 
-    def _truth_at(self, t_ns: int) -> tuple[TruthObject, ...]:
-        """Return the truth between two scans: positions interpolated, life as at the scan before."""
-        times = sorted(self._truths)
-        if not times:
-            return ()
-        after = bisect.bisect_right(times, t_ns)
-        if after == 0 or after == len(times):
-            return self._truths[times[min(after, len(times) - 1)]].objects
-        part = (t_ns - times[after - 1]) / (times[after] - times[after - 1])
-        later = {(thing.kind, thing.id): thing for thing in self._truths[times[after]].objects}
-        return tuple(
-            _between(thing, later.get((thing.kind, thing.id), thing), part)
-            for thing in self._truths[times[after - 1]].objects
-        )
-
     def _last_truth(self) -> tuple[TruthObject, ...]:
         """Return the truth when the mission ended, or the last one known."""
-        return self._truth_at(self._ended.t_ns if self._ended is not None else max(self._truths))
-
-    def _true_targets(self) -> set[int]:
-        """Targets that ever were there."""
-        everything = (thing for truth in self._truths.values() for thing in truth.objects)
-        return {thing.id for thing in everything if thing.kind == "targets" and thing.alive}
+        return self._truths.at(self._ended.t_ns if self._ended is not None else self._truths.times_ns[-1])
 
     def _start_t_ns(self) -> int:
-        times = [*self._truths, *(t_ns for _, t_ns in self._estimates), *(plan.t_ns for plan in self._plans)]
+        times = [
+            *self._truths.times_ns,
+            *(t_ns for _, t_ns in self._estimates),
+            *(plan.t_ns for plan in self._plans),
+        ]
         return min(times, default=0)
-
-
-def _positions(truth: Truth, kind: Kind) -> FloatArray:
-    """(n, 2) positions of what is alive."""
-    living = [(thing.east_m, thing.north_m) for thing in truth.objects if thing.kind == kind and thing.alive]
-    return read_only(np.reshape(living, (-1, 2)))
-
-
-def _between(before: TruthObject, after: TruthObject, part: float) -> TruthObject:
-    east_m = before.east_m + part * (after.east_m - before.east_m)
-    north_m = before.north_m + part * (after.north_m - before.north_m)
-    return TruthObject(before.kind, before.id, east_m, north_m, before.alive)
 
 
 def _names(vehicles: Sequence[int]) -> str:

@@ -12,7 +12,7 @@ from staging import S
 from gcs.edge.wire import decode, encode
 from gcs.mavlink.codec import decode as decode_frames
 from gcs.model import Effect, Event, MissionEnded, Order, OrderAnswer, Plan, Send
-from sim_vehicles.autopilot import Mode
+from sim_vehicles.personality import Mode
 from sim_vehicles.scenario import load
 from sim_vehicles.virtual import START_T_NS, VirtualRun
 

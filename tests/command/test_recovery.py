@@ -26,7 +26,7 @@ from gcs.model import (
     Resumed,
 )
 from gcs.settings import with_settings
-from sim_vehicles.autopilot import Mode
+from sim_vehicles.personality import Mode
 from sim_vehicles.scenario import Scenario, load, parse_scenario
 from sim_vehicles.virtual import START_T_NS, VirtualRun
 

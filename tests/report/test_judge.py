@@ -277,7 +277,7 @@ def test_the_json_has_exactly_the_promised_keys() -> None:
 @given(st.permutations(range(11)))
 def test_truth_may_arrive_in_any_order(order: list[int]) -> None:
     judge, reference = Judge(RADIUS_M, [1, 2, 3]), a_good_run()
-    truths = list(reference._truths.values())
+    truths = [Truth(t_ns, reference._truths.at(t_ns)) for t_ns in reference._truths.times_ns]
     for index in order:
         judge.truth(truths[index])
     for fate in reference._fates:

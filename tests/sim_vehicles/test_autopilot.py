@@ -8,7 +8,8 @@ import pytest
 
 from gcs.geo import LocalFrame
 from sim_vehicles.airframe import Airframe
-from sim_vehicles.autopilot import Autopilot, ItemReached, StatusText
+from sim_vehicles.autopilot import Autopilot
+from sim_vehicles.autopilot_state import ItemReached, StatusText
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.guidance import Circle
 from sim_vehicles.missions import Item

@@ -1,0 +1,76 @@
+"""The truth of a simulated run over time: what a judge may know and central command may not."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Container
+
+import numpy as np
+
+from gcs.model import FloatArray, Kind, Truth, TruthObject, read_only
+
+
+class Truths:
+    """The truth at each scan, taken in any order; between two scans it is interpolated."""
+
+    def __init__(self) -> None:
+        self._objects: dict[int, tuple[TruthObject, ...]] = {}
+        self._times_ns: list[int] = []
+
+    def add(self, truth: Truth) -> None:
+        """Take the truth at one scan."""
+        if truth.t_ns not in self._objects:
+            bisect.insort(self._times_ns, truth.t_ns)
+        self._objects[truth.t_ns] = truth.objects
+
+    @property
+    def times_ns(self) -> list[int]:
+        """Times of the scans whose truth is known, in order."""
+        return self._times_ns
+
+    def at(self, t_ns: int) -> tuple[TruthObject, ...]:
+        """Return the truth at any time: positions interpolated, life as at the scan before."""
+        times = self._times_ns
+        if not times:
+            return ()
+        after = bisect.bisect_right(times, t_ns)
+        if after == 0 or after == len(times):
+            return self._objects[times[min(after, len(times) - 1)]]
+        part = (t_ns - times[after - 1]) / (times[after] - times[after - 1])
+        later = {(thing.kind, thing.id): thing for thing in self._objects[times[after]]}
+        return tuple(
+            _between(thing, later.get((thing.kind, thing.id), thing), part)
+            for thing in self._objects[times[after - 1]]
+        )
+
+    def positions(self, t_ns: int, kind: Kind) -> FloatArray:
+        """(n, 2) positions of what is alive at the time of a scan."""
+        living = [
+            (thing.east_m, thing.north_m)
+            for thing in self._objects[t_ns]
+            if thing.kind == kind and thing.alive
+        ]
+        return read_only(np.reshape(living, (-1, 2)))
+
+    def deaths(self, agents: Container[int]) -> dict[int, int]:
+        """Time of the first scan from which on each dead agent is dead."""
+        died: dict[int, int] = {}
+        for t_ns in self._times_ns:
+            for thing in self._objects[t_ns]:
+                if thing.kind == "agents" and thing.id in agents:
+                    if thing.alive:
+                        died.pop(thing.id, None)
+                    else:
+                        died.setdefault(thing.id, t_ns)
+        return died
+
+    def targets(self) -> set[int]:
+        """Targets that ever were there."""
+        everything = (thing for objects in self._objects.values() for thing in objects)
+        return {thing.id for thing in everything if thing.kind == "targets" and thing.alive}
+
+
+def _between(before: TruthObject, after: TruthObject, part: float) -> TruthObject:
+    east_m = before.east_m + part * (after.east_m - before.east_m)
+    north_m = before.north_m + part * (after.north_m - before.north_m)
+    return TruthObject(before.kind, before.id, east_m, north_m, before.alive)
