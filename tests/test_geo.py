@@ -31,6 +31,14 @@ def test_the_local_frame_is_pymap3ds(
     assert LocalFrame(lat_deg, lon_deg, 70.0).to_local(*there) == pytest.approx(enu[:2], abs=1e-6)
 
 
+@given(st.floats(-89, 89), st.floats(-180, 180), st.floats(-20e3, 20e3), st.floats(-20e3, 20e3))
+def test_the_way_back_is_pymap3ds(lat_deg: float, lon_deg: float, east_m: float, north_m: float) -> None:
+    there = pymap3d.enu2geodetic(east_m, north_m, 0.0, lat_deg, lon_deg, 70.0)
+    assert LocalFrame(lat_deg, lon_deg, 70.0).to_geodetic(east_m, north_m) == pytest.approx(
+        (float(there[0]), float(there[1])), abs=1e-11, rel=0.0
+    )
+
+
 @given(st.floats(-1e4, 1e4))
 def test_a_wrapped_angle_points_the_same_way(angle: float) -> None:
     wrapped = wrap_pi(angle)

@@ -38,6 +38,7 @@ from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Scan, Sensor, 
 from gcs.tracking.births import UnknownBirths
 from gcs.tracking.calibration import Calibration, Finding
 from gcs.tracking.glmb import Account, Birth, Glmb, GlmbParams
+from gcs.tracking.intensity import intensity_per_m2
 from gcs.tracking.motion import process_noise, transition
 from gcs.tracking.sensors import clutter_per_m2, covers, noise_m2
 
@@ -127,16 +128,15 @@ class KindTracker:
         # The picture does not say who is turning: a turn's offset from straight ahead adds to the spread.
         offset_m = 0.5 * dt_s**2 * self._turn_rate_std_rad_s * np.hypot(means[:, 2], means[:, 3])
         covs[:, [0, 1], [0, 1]] += np.square(offset_m)[:, None]
-        return means[:, :2], covs[:, :2, :2], np.array([track.existence for track in tracks])
+        existence = np.array([track.existence for track in tracks])
+        return np.ascontiguousarray(means[:, :2]), np.ascontiguousarray(covs[:, :2, :2]), existence
 
     def intensity(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> FloatArray:
         """Intensity of detections of this kind's objects at each of `z_m` (m, 2), per m2."""
         means, covs, existence = self.expected(t_ns)
-        S = covs[None, :, :, :] + noise_m2(sensor, z_m)[:, None, :, :]
-        offset = z_m[:, None, :] - means[None, :, :]
-        d2 = np.einsum("mni,mnij,mnj->mn", offset, np.linalg.inv(S), offset)
-        density = np.exp(-0.5 * d2) / (2.0 * np.pi * np.sqrt(np.linalg.det(S)))
-        return np.asarray(density @ existence) * sensor.detection_probability
+        places, noise = np.array(z_m, order="C"), np.array(noise_m2(sensor, z_m), order="C")
+        seen = intensity_per_m2(means, covs, existence, places, noise)
+        return np.asarray(sensor.detection_probability * seen)
 
     def look(self, t_ns: int, sensor: Sensor | None) -> Picture:
         """Return the picture, and follow what it says about beliefs and places.

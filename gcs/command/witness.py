@@ -93,9 +93,13 @@ class Witness:
         places = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
         S = self._spread_m2(scan.sensor, places, [(t_ns - state.t_ns) / NS_PER_S for state in fresh])
         looked_at = _looks_at(scan.sensor, places, S)
-        hits = _within(places, S, scan.z_m)
-        tracks = [*agents.items(), *((None, track) for track in targets)]
-        others = _within(places, S, np.reshape([track.mean[:2] for _, track in tracks], (-1, 2)))
+        is_hit = _within(places, S, scan.z_m).any(axis=1).tolist()
+        area_m2 = math.pi * _GATE_CHI2 * np.sqrt(np.linalg.det(S))
+        clutter = (clutter_per_m2(scan.sensor, places) * area_m2).tolist()
+        tracks = [*agents.values(), *targets]
+        column = {label: k for k, label in enumerate(agents)}
+        near = _within(places, S, np.reshape([track.mean[:2] for track in tracks], (-1, 2)))
+        crowds: list[int] = np.count_nonzero(near, axis=1).tolist()
         for i in np.flatnonzero(looked_at):
             vehicle = fresh[i].system_id
             case = self._cases.setdefault(vehicle, _Case())
@@ -103,12 +107,8 @@ class Witness:
                 continue
             case.t_ns = t_ns
             own = labels.get(vehicle)
-            crowd = sum(
-                bool(near) for near, (label, _) in zip(others[i], tracks, strict=True) if label != own
-            )
-            area_m2 = math.pi * _GATE_CHI2 * math.sqrt(float(np.linalg.det(S[i])))
-            clutter = float(clutter_per_m2(scan.sensor, places[i : i + 1])[0]) * area_m2
-            doubt = _evidence(scan.sensor, bool(hits[i].any()), clutter, crowd)
+            crowd = crowds[i] - (near[i, column[own]] if own in column else 0)
+            doubt = _evidence(scan.sensor, is_hit[i], clutter[i], crowd)
             effects += self._weigh(scan.t_ns, vehicle, case, doubt, own, places[i], agents)
         self._forget(t_ns)
         return effects

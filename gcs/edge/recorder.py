@@ -55,7 +55,7 @@ _LOOKED_EVERY = 256
 """So many records lie between two looks at the size."""
 _PART = re.compile(r"run-(\d+)\.mcap")
 _LIBRARIES = (
-    "swarm-gcs", "numpy", "scipy", "numba", "llvmlite", "pymavlink", "pymap3d", "eclipse-zenoh", "mcap",
+    "swarm-gcs", "numpy", "scipy", "numba", "llvmlite", "pymavlink", "eclipse-zenoh", "mcap",
     "msgspec", "zstandard",
 )  # fmt: skip
 

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gcs.compiling import Call, kernel
 from gcs.model import FloatArray, Track, read_only
 from gcs.planning.grid import Grid, Point
 
@@ -96,29 +97,38 @@ def meetings(lengths_m: FloatArray, view: Outlook, speeds_m_s: FloatArray) -> tu
         A target that stands still is met where it is; so is one that is not met within the horizon at the
         last place that can be reached: the agent then comes too late, but follows. inf where there is no way.
     """
-    flown_s = lengths_m / speeds_m_s[:, None]
-    n, m = len(lengths_m), len(view.first) - 1
+    late_s = np.ascontiguousarray(lengths_m / speeds_m_s[:, None] - view.after_s)
+    arrivals_s, meetings_s = _meetings(late_s, np.array(view.after_s), np.array(view.first))
+    return arrivals_s, meetings_s
+
+
+@kernel
+def _meetings(late_s, after_s, first):  # type: ignore[no-untyped-def]
+    """Arrivals and meetings of all pairs, by how late (n, k) each agent is at each place."""
+    n, m = late_s.shape[0], first.size - 1
     arrivals, met = np.full((n, m), np.inf), np.zeros((n, m))
-    for j in range(m):
-        of = slice(view.first[j], view.first[j + 1])
-        t_s, late = view.after_s[of], flown_s[:, of] - view.after_s[of]
-        for i in range(n):
-            arrivals[i, j], met[i, j] = _meeting(t_s, late[i])
+    for i in range(n):
+        for j in range(m):
+            last, in_time = -1, -1
+            for k in range(first[j], first[j + 1]):
+                if np.isfinite(late_s[i, k]):
+                    last = k
+                    if late_s[i, k] <= 0.0:
+                        in_time = k
+                        break
+            if last < 0:
+                continue
+            if in_time < 0:
+                arrivals[i, j], met[i, j] = after_s[last] + late_s[i, last], after_s[last]
+                continue
+            meeting = after_s[in_time]
+            if in_time > first[j] and np.isfinite(late_s[i, in_time - 1]):
+                before_s, late = after_s[in_time - 1], late_s[i, in_time - 1]
+                meeting = before_s + late / (late - late_s[i, in_time]) * (meeting - before_s)
+            arrivals[i, j], met[i, j] = meeting, meeting
     return arrivals, met
 
 
-def _meeting(t_s: FloatArray, late_s: FloatArray) -> tuple[float, float]:
-    """Arrival and meeting for one pair, by how late the agent is at each place of the target's way."""
-    reachable = np.flatnonzero(np.isfinite(late_s))
-    if not reachable.size:
-        return np.inf, 0.0
-    in_time = reachable[late_s[reachable] <= 0.0]
-    if not in_time.size:
-        last = reachable[-1]
-        return float(t_s[last] + late_s[last]), float(t_s[last])
-    k = int(in_time[0])
-    if k == 0 or not np.isfinite(late_s[k - 1]):
-        return float(t_s[k]), float(t_s[k])
-    share = late_s[k - 1] / (late_s[k - 1] - late_s[k])
-    meeting = float(t_s[k - 1] + share * (t_s[k] - t_s[k - 1]))
-    return meeting, meeting
+def warm_up_calls() -> list[Call]:
+    """One call of the kernel, types as in a plan."""
+    return [(_meetings, np.zeros((1, 1)), np.zeros(1), np.arange(2))]

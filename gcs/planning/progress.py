@@ -8,6 +8,7 @@ got so far off that the way to the next point hits something, it needs another r
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -37,24 +38,28 @@ def next_point(points_m: FloatArray, place_m: tuple[float, float], corridor_m: f
     corridor_m : float
         Greatest distance from a leg that is being flown.
     """
-    first = 0
-    place = np.asarray(place_m)
-    for index, (start, end) in enumerate(pairwise(points_m)):
-        leg = end - start
-        length_m = float(np.hypot(*leg))
-        if length_m == 0.0:
-            continue
-        along_m = float((place - start) @ leg) / length_m
-        across_m = abs(float(leg[0] * (place - start)[1] - leg[1] * (place - start)[0])) / length_m
-        if 0.0 < along_m <= length_m and across_m <= corridor_m:
-            first = index + 1
-    return first
+    return _next_point(points_m.tolist(), *place_m, corridor_m)
 
 
 def to_go_m(points_m: FloatArray, place_m: tuple[float, float], corridor_m: float) -> float:
     """Length of what is left of a route for a vehicle at `place_m`; parameters as of `next_point`."""
-    left = np.vstack((place_m, points_m[next_point(points_m, place_m, corridor_m) :]))
-    return float(np.hypot(*np.diff(left, axis=0).T).sum())
+    points = points_m.tolist()
+    left = [place_m, *points[_next_point(points, *place_m, corridor_m) :]]
+    return sum(math.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(left))
+
+
+def _next_point(points: Sequence[Sequence[float]], east_m: float, north_m: float, corridor_m: float) -> int:
+    """`next_point` on Python's floats: routes have few points, and each vehicle is asked for at each scan."""
+    first = 0
+    for index, ((x, y), (end_x, end_y)) in enumerate(pairwise(points)):
+        leg_x, leg_y, dx, dy = end_x - x, end_y - y, east_m - x, north_m - y
+        length_m = math.hypot(leg_x, leg_y)
+        if length_m == 0.0:
+            continue
+        along_m, across_m = (dx * leg_x + dy * leg_y) / length_m, abs(leg_x * dy - leg_y * dx) / length_m
+        if 0.0 < along_m <= length_m and across_m <= corridor_m:
+            first = index + 1
+    return first
 
 
 def time_to_point_s(

@@ -20,7 +20,7 @@ import numpy as np
 
 from gcs import compiling
 from gcs.model import FloatArray, Label, Route
-from gcs.planning import matrix
+from gcs.planning import intercept, matrix, separation
 from gcs.planning.aiming import Search
 from gcs.planning.assignment import assign
 from gcs.planning.grid import Grid, Point, free_grid
@@ -195,6 +195,8 @@ def warm_up_calls() -> list[compiling.Call]:
         (close_and_seen, blocked, 0.0, xy[0], xy[0]),
         (is_roomy, blocked, 0.0, way, -1, False),
         *matrix.warm_up_calls(),
+        *intercept.warm_up_calls(),
+        *separation.warm_up_calls(),
         (flyable, blocked, 0.0, way, np.zeros(2), 1.0, -1),
         (start_is_clear, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),
         (start_room, blocked, 0.0, 0.0, 0.0),

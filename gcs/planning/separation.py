@@ -11,11 +11,13 @@ At the end of its route a vehicle circles: it is taken to stay there.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from gcs.compiling import Call, kernel
 from gcs.model import FloatArray
 
 _STEP_S = 1.0
@@ -69,21 +71,19 @@ def separate(
     order = sorted(flights, key=lambda flight: (not flight.is_fixed, flight.vehicle))
     if not order:
         return {}, ()
-    places = _places(order)
+    gap_m, after_s = _nearest(_places(order), least_m)
     found: list[int] = []
     conflicts: list[Conflict] = []
     for i, flight in enumerate(order):
-        gaps = np.hypot(*np.moveaxis(places[:i] - places[i], -1, 0))
-        nearest = gaps.min(axis=1, initial=np.inf)
+        nearest = gap_m[i, :i]
         taken = np.array(found, dtype=np.int64)
         room = [float(nearest[taken == lane].min(initial=np.inf)) for lane in range(lanes)]
         lane = flight.lane % lanes
         if not flight.is_fixed and room[lane] < least_m:
             lane = int(np.argmax([min(one, least_m) for one in room]))
         for j in np.flatnonzero((taken == lane) & (nearest < least_m)).tolist():
-            when = int(np.argmax(gaps[j] < least_m))
             pair = sorted((order[j].vehicle, flight.vehicle))
-            conflicts.append(Conflict((pair[0], pair[1]), float(nearest[j]), when * _STEP_S))
+            conflicts.append(Conflict((pair[0], pair[1]), float(nearest[j]), float(after_s[i, j])))
         found.append(lane)
     return {flight.vehicle: lane for flight, lane in zip(order, found, strict=True)}, tuple(conflicts)
 
@@ -98,3 +98,26 @@ def _places(flights: Sequence[Flight]) -> FloatArray:
         for axis in (0, 1):
             places[i, :, axis] = np.interp(flight.speed_m_s * t_s, way, flight.points_m[:, axis])
     return places
+
+
+@kernel
+def _nearest(places, least_m):  # type: ignore[no-untyped-def]
+    """How near each pair comes, and after how long it is nearer than `least_m`, (n, n) below the diagonal."""
+    n = places.shape[0]
+    gap_m, after_s = np.full((n, n), np.inf), np.full((n, n), np.inf)
+    for i in range(n):
+        for j in range(i):
+            nearest2 = np.inf
+            for k in range(places.shape[1]):
+                x, y = places[i, k, 0] - places[j, k, 0], places[i, k, 1] - places[j, k, 1]
+                gap2 = x * x + y * y
+                if nearest2 >= least_m * least_m > gap2:
+                    after_s[i, j] = k * _STEP_S
+                nearest2 = min(nearest2, gap2)
+            gap_m[i, j] = math.sqrt(nearest2)
+    return gap_m, after_s
+
+
+def warm_up_calls() -> list[Call]:
+    """One call of the kernel, types as in a plan."""
+    return [(_nearest, np.zeros((2, 1, 2)), 1.0)]

@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
-from gcs.tracking import kernels, motion, sensors, turning
+from gcs.tracking import intensity, kernels, motion, sensors, turning
 from gcs.tracking.alone import Tracks, alone
 from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
 from gcs.tracking.merging import merge_alike
@@ -470,6 +470,7 @@ def warm_up_calls() -> list[compiling.Call]:
         (kernels.predict, mean, cov, np.eye(4), np.eye(4)),
         (renumber, groups, 1),
         *sensors.warm_up_calls(),
+        *intensity.warm_up_calls(),
         *turning.warm_up_calls(),
         (part, groups, zeros, 1, options.key, limits),
     ]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gcs.model import Track, read_only
 from gcs.planning.grid import free_grid, random_obstacles
-from gcs.planning.intercept import led_velocity
+from gcs.planning.intercept import Outlook, led_velocity, meetings
 from gcs.planning.routes import plan_routes
 from gcs.planning.task import AgentStart, PlanOptions, Terms
 
@@ -145,3 +145,37 @@ def test_spare_agents_hold_or_double_up(spare, busy):
     assert len(result.routes) == busy
     counts = [[route.target for route in result.routes].count(label) for label in targets]
     assert max(counts) - min(counts) <= 1
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 3), st.integers(1, 3))
+def test_the_meeting_is_the_first_place_in_time_or_the_last_that_is_reached(seed, agents, targets):
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(1, 6, targets)
+    after_s = np.concatenate([5.0 * np.arange(count) for count in counts])
+    first = (0, *np.cumsum(counts).tolist())
+    view = Outlook(np.zeros((after_s.size, 2)), read_only(after_s), first)
+    lengths_m = rng.choice([np.inf, 40.0, 120.0, 260.0], (agents, after_s.size))
+    speeds_m_s = rng.uniform(8.0, 15.0, agents)
+    arrivals_s, meetings_s = meetings(lengths_m, view, speeds_m_s)
+    for i in range(agents):
+        for j in range(targets):
+            t_s = after_s[first[j] : first[j + 1]]
+            flown_s = lengths_m[i, first[j] : first[j + 1]] / speeds_m_s[i]
+            in_time = np.flatnonzero(flown_s <= t_s)
+            reached = np.flatnonzero(np.isfinite(flown_s))
+            if not reached.size:
+                assert arrivals_s[i, j] == np.inf
+            elif not in_time.size:
+                assert meetings_s[i, j] == t_s[reached[-1]]
+                assert arrivals_s[i, j] == pytest.approx(flown_s[reached[-1]])
+            else:
+                k = in_time[0]
+                assert arrivals_s[i, j] == meetings_s[i, j]
+                if k == 0 or np.isinf(flown_s[k - 1]):
+                    assert meetings_s[i, j] == t_s[k]
+                else:  # it is there when the agent is, both moving evenly between the two places
+                    share = (meetings_s[i, j] - t_s[k - 1]) / (t_s[k] - t_s[k - 1])
+                    assert flown_s[k - 1] + share * (flown_s[k] - flown_s[k - 1]) == pytest.approx(
+                        meetings_s[i, j]
+                    )
