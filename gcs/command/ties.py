@@ -64,6 +64,7 @@ class Ties:
             for state in states
             if abs(t_ns - state.t_ns) <= self._max_age_ns
         }
+        held: list[tuple[int, Track]] = []
         for vehicle, label in list(self._labels.items()):
             if label not in tracks:
                 # Of a dead track its agent dies, once: after that look, whoever reports is tied anew. Of one
@@ -74,7 +75,8 @@ class Ties:
                 else:
                     self._last_look.add(vehicle)
             elif vehicle in places:
-                self._check(vehicle, t_ns, places[vehicle], tracks[label])
+                held.append((vehicle, tracks[label]))
+        self._check(t_ns, held, places)
         free = [vehicle for vehicle in sorted(places) if vehicle not in self._labels]
         taken = set(self._labels.values())
         candidates = [track for label, track in tracks.items() if label not in taken]
@@ -87,21 +89,30 @@ class Ties:
         self._outside.forget(vehicle)
         self._last_look.discard(vehicle)
 
-    def _check(self, vehicle: int, t_ns: int, place: tuple[float, float], track: Track) -> None:
-        is_outside = not self._distances([place], [track])[0, 0] <= self._gate_chi2
-        if self._outside.take(vehicle, t_ns, holds=is_outside) >= self._break_after:
-            self.forget(vehicle)
+    def _check(
+        self, t_ns: int, held: Sequence[tuple[int, Track]], places: Mapping[int, tuple[float, float]]
+    ) -> None:
+        """Count how long reports are outside the gates of their tracks; untie who was there for too long."""
+        if not held:
+            return
+        means, S = self._seen([track for _, track in held])
+        offset = np.array([places[vehicle] for vehicle, _ in held]) - means
+        is_outside = ~(np.einsum("ni,nij,nj->n", offset, np.linalg.inv(S), offset) <= self._gate_chi2)
+        for (vehicle, _), holds in zip(held, is_outside.tolist(), strict=True):
+            if self._outside.take(vehicle, t_ns, holds=holds) >= self._break_after:
+                self.forget(vehicle)
 
     def _tie(
         self, free: list[int], candidates: list[Track], places: Mapping[int, tuple[float, float]]
     ) -> None:
-        costs = self._distances([places[vehicle] for vehicle in free], candidates)
+        reported = np.array([places[vehicle] for vehicle in free])
+        costs = squared_distances(reported, *self._seen(candidates))
         costs[~(costs <= self._gate_chi2)] = _FORBIDDEN
         for row, column in zip(*linear_sum_assignment(costs), strict=True):
             if costs[row, column] < _FORBIDDEN:
                 self._labels[free[row]] = candidates[column].label
 
-    def _distances(self, places: Sequence[tuple[float, float]], tracks: Sequence[Track]) -> FloatArray:
+    def _seen(self, tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
+        """Where reports of what has these tracks are expected: means (n, 2), covariances (n, 2, 2)."""
         means = np.array([track.mean[:2] for track in tracks])
-        covs = np.array([track.cov[:2, :2] for track in tracks])
-        return squared_distances(np.array(places), means, covs + self._noise)
+        return means, np.array([track.cov[:2, :2] for track in tracks]) + self._noise

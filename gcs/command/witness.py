@@ -93,7 +93,7 @@ class Witness:
         places = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
         S = self._spread_m2(scan.sensor, places, [(t_ns - state.t_ns) / NS_PER_S for state in fresh])
         looked_at = _looks_at(scan.sensor, places, S)
-        is_hit = _within(places, S, scan.z_m).any(axis=1).tolist()
+        is_hit = np.count_nonzero(_within(places, S, scan.z_m), axis=1).astype(np.bool_).tolist()
         area_m2 = math.pi * _GATE_CHI2 * np.sqrt(np.linalg.det(S))
         clutter = (clutter_per_m2(scan.sensor, places) * area_m2).tolist()
         tracks = [*agents.values(), *targets]
@@ -107,7 +107,7 @@ class Witness:
                 continue
             case.t_ns = t_ns
             own = labels.get(vehicle)
-            crowd = crowds[i] - (near[i, column[own]] if own in column else 0)
+            crowd = crowds[i] - (int(near[i, column[own]]) if own in column else 0)
             doubt = _evidence(scan.sensor, is_hit[i], clutter[i], crowd)
             effects += self._weigh(scan.t_ns, vehicle, case, doubt, own, places[i], agents)
         self._forget(t_ns)
