@@ -1,7 +1,7 @@
 """Trackers side by side in one run, on the same detections: OSPA, OSPA(2), CPU milliseconds per scan, ratios.
 
     pip install swarm-gcs[bench]
-    python tests/bench/bench_peers.py --data DIR [--sets 2] [--scans 100]
+    python tests/bench/bench_peers.py --data DIR [--sets 2] [--scans 100] [--only ours] [--lmb PROGRAM]
 
 DIR holds `demo_mc*.npz` and `hard_mc*.npz`; what is tracked are fresh draws of their detections (`draws.py`).
 Every tracker gets the model in the file: motion, noise, p_S, p_D, clutter and the four places of birth.
@@ -10,6 +10,8 @@ Every tracker gets the model in the file: motion, noise, p_S, p_D, clutter and t
   shown is every component above weight 1/2.
 - Stone Soup JPDA: probabilistic hypotheses, gate 4 sigma; tracks begin at the places of birth, are shown from
   their second detection in three scans on, and end after three misses in a row.
+- Rust LMB: `multisensor-lmb-filters-rs` with its own limits, marginals by loopy belief propagation or from
+  1,000 Gibbs samples. Built by `cargo build --release` in `tests/bench/rust_lmb`; `--lmb` names the program.
 - plain: filterpy's Kalman filters, nearest neighbours by the Hungarian algorithm; begin and end as above.
 
 A tracker that is not installed is left out.
@@ -19,9 +21,11 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import subprocess
 import time
 from collections.abc import Callable, Iterator
-from itertools import count
+from functools import partial
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -29,14 +33,16 @@ from draws import sets
 from scipy.optimize import linear_sum_assignment
 
 from gcs.commands.detections import Detections, load
+from gcs.tracking import motion
 from gcs.tracking.glmb import Glmb, warm_up
 from gcs.tracking.metrics import ospa, ospa2
 
 Shown = dict[object, np.ndarray]
 Peer = Callable[[Detections], Iterator[Shown]]
-"""Gives after each scan who is where."""
+"""Gives after each scan who is where; of a process of its own with the CPU milliseconds that it took."""
 
 GATE = 4.0
+RUST_LMB = Path(__file__).parent / "rust_lmb/target/release/rust-lmb"
 START = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 
 
@@ -72,8 +78,6 @@ def near_birth(of: Detections, z: np.ndarray) -> int | None:
 
 def plain(of: Detections) -> Iterator[Shown]:
     from filterpy.kalman import KalmanFilter
-
-    from gcs.tracking import motion
 
     F = motion.transition(1.0)
     Q = motion.process_noise(1.0, of.params.accel_std_m_s2, of.params.acceleration)
@@ -112,8 +116,6 @@ class Soup:
         from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
         from stonesoup.predictor.kalman import KalmanPredictor
         from stonesoup.updater.kalman import KalmanUpdater
-
-        from gcs.tracking import motion
 
         order = np.ix_([0, 2, 1, 3], [0, 2, 1, 3])
         moves = LinearGaussianTimeInvariantTransitionModel(
@@ -225,17 +227,42 @@ def jpda(of: Detections) -> Iterator[Shown]:
         }
 
 
+def rust_lmb(program: Path, way: str, of: Detections) -> Iterator[tuple[Shown, float]]:
+    sensor, births = of.looks[0].sensor, of.births
+    (dt_s,) = {(b.t_ns - a.t_ns) / 1e9 for a, b in zip(of.looks, of.looks[1:], strict=False)}
+    survival = of.params.survival_probability_per_s**dt_s
+    Q = motion.process_noise(dt_s, of.params.accel_std_m_s2, of.params.acceleration)
+    # What counts is the clutter's density: a unit of it over the area in which there is one.
+    numbers = [
+        [motion.transition(dt_s), Q, sensor.noise_cov_m2],
+        [survival, sensor.detection_probability, 1.0, 1.0 / sensor.clutter_density_per_m2],
+        [len(births), births[0].probability, *chain(*((b.mean, b.cov) for b in births))],
+        [len(of.looks), *chain(*((len(look.z_m), look.z_m) for look in of.looks))],
+    ]
+    text = " ".join(repr(float(x)) for part in chain(*numbers) for x in np.ravel(part))
+    try:
+        done = subprocess.run([program, way], input=text, capture_output=True, text=True, check=True)
+    except FileNotFoundError:
+        raise ImportError(f"--lmb {program}") from None
+    for line in done.stdout.splitlines():
+        cpu_ns, *rest = map(float, line.split())
+        yield {(born, place): np.array(xy) for born, place, *xy in np.reshape(rest, (-1, 4))}, cpu_ns / 1e6
+
+
 PEERS: dict[str, Peer] = {"ours": ours, "Stone Soup GM-PHD": gm_phd, "Stone Soup JPDA": jpda, "plain": plain}
 
 
 def measure(peer: Peer, of: Detections, scans: int) -> tuple[float, float, float]:
-    """OSPA, OSPA(2) and median CPU milliseconds per scan of the first scans of a set."""
+    """OSPA, OSPA(2) and mean CPU milliseconds per scan of the first scans of a set."""
     truth, found, spent, near, windows = list(of.truth.values()), [], [], [], []
     run = peer(of)
     for k in range(min(scans, len(of.looks))):
         begin = time.process_time()
-        found.append(next(run))
-        spent.append((time.process_time() - begin) * 1e3)
+        shown = next(run)
+        ms = (time.process_time() - begin) * 1e3
+        shown, ms = shown if isinstance(shown, tuple) else (shown, ms)
+        found.append(shown)
+        spent.append(ms)
         x, y = (np.reshape(list(s.values()), (-1, 2)) for s in (found[k], truth[k]))
         near.append(ospa(x, y).total_m)
         windows.append(ospa2(found[max(0, k - 9) : k + 1], truth[max(0, k - 9) : k + 1]).total_m)
@@ -248,14 +275,22 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--sets", type=int, default=2)
     parser.add_argument("--scans", type=int, default=100)
+    parser.add_argument("--recorded", action="store_true", help="track the recorded sets, not fresh draws")
+    parser.add_argument(
+        "--only", action="append", help="name of a tracker, besides ours; any number of times"
+    )
+    parser.add_argument("--lmb", type=Path, default=RUST_LMB, help="the built rust_lmb")
     arguments = parser.parse_args()
+    peers = PEERS | {f"Rust LMB, {way}": partial(rust_lmb, arguments.lmb, way) for way in ("lbp", "gibbs")}
+    peers = {n: p for n, p in peers.items() if n in ("ours", *(arguments.only or peers))}
     warm_up()
     for difficulty in ("demo", "hard"):
-        with sets(arguments.data, difficulty, arguments.sets) as paths:
-            loaded = [load(path, None, None) for path in paths]
-        print(f"{difficulty}: {len(loaded)} fresh draws of {arguments.scans} scans")
+        with sets(arguments.data, difficulty, 0 if arguments.recorded else arguments.sets) as paths:
+            loaded = [load(path, None, None) for path in paths[: arguments.sets]]
+        what = "recorded sets" if arguments.recorded else "fresh draws"
+        print(f"{difficulty}: {len(loaded)} {what} of {arguments.scans} scans")
         our_ms = 0.0
-        for name, peer in PEERS.items():
+        for name, peer in peers.items():
             try:
                 near, window, ms = np.mean([measure(peer, of, arguments.scans) for of in loaded], axis=0)
             except ImportError as error:
