@@ -141,6 +141,7 @@ class Tasking:
     def suspect(self, route: Route) -> None:
         """Take a vehicle for one that may hold a mix: it is held and cleared when it is heard."""
         self._mixed[route.vehicle] = Flown(route, (), 1)
+        self._fleet.attend(route.vehicle)
 
     def taken(self) -> dict[int, str]:
         """Vehicles that are not ours to task, and why, in words."""
@@ -323,6 +324,7 @@ class Tasking:
         assert result is not None
         if delivery.task.is_mixed:
             self._mixed[vehicle] = delivery.flown
+            self._fleet.attend(vehicle)
         elif result.holds == "equal":
             self._flown[vehicle] = delivery.flown
         elif result.holds != "old":
@@ -337,6 +339,7 @@ class Tasking:
         if handover:
             effects.append(Upload(vehicle, task.mission.mission_id, handover))
         if result is None:
+            self._fleet.attend(vehicle)
             return effects
         self._leave(vehicle)
         repeated = result.retries / len(task.items)

@@ -187,7 +187,8 @@ class Fleet:
     def receive(self, datagram: Datagram) -> list[tuple[int, Message]]:
         """Take one datagram; returns what vehicles of ours said in it, for their mission tasks.
 
-        Positions and other quiet frames (`gcs.mavlink.quiet`) are not among it: they are in the states.
+        Positions and other quiet frames (`gcs.mavlink.quiet`) are not among it: they are in the states. Who
+        waits for a heartbeat that says nothing new must `attend`.
         """
         frames, counters = self._frames, self.counters
         frames.take(datagram.data)
@@ -378,6 +379,10 @@ class Fleet:
         """Return what the operator should know since the last call."""
         notices, self._notices = self._notices, []
         return notices
+
+    def attend(self, system_id: int) -> None:
+        """Have `receive` give the vehicle's next heartbeat, even if it says what the last one said."""
+        self._vehicles[system_id].attend()
 
     def encoder(self, system_id: int) -> Callable[[Message], bytes]:
         """Message to frame for one vehicle, in its own sequence; for its mission task."""

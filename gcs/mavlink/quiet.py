@@ -1,8 +1,9 @@
 """Frames that change numbers only, folded in by a compiled kernel.
 
-Most of what a vehicle sends is quiet: the next position in a row, its battery and fix, and everything that
-nobody here reads and that only counts for loss and liveness. Such frames change a few integers of the
-vehicle's row in `Ledger.table` and cause nothing. All other frames, and these whenever anything about them is
+Most of what a vehicle sends is quiet: the next position in a row, its battery and fix, a heartbeat that says
+what the last one said (unless somebody attends to it), and everything that nobody here reads and that only
+counts for loss and liveness. Such frames change a few integers of the vehicle's row in `Ledger.table` and
+cause nothing. All other frames, and these whenever anything about them is
 out of the ordinary (from another address, after a silence, late, a place that may not be), are left to
 `Fleet` and `Vehicle`, which work on the same rows: theirs is the simple form that says what is right, and
 leaving any frame to them is always correct.
@@ -31,6 +32,7 @@ from gcs.mavlink.row import (
     ADDRESS,
     ALT_MM,
     BATTERY_PERCENT,
+    BEAT,
     BEST_FIX,
     BOOT_MS,
     BOOT_OFFSET_NS,
@@ -58,6 +60,7 @@ from gcs.model import network_of, system_of
 
 _POSITION: Final[int] = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _SYS_STATUS: Final[int] = dialect.MAVLINK_MSG_ID_SYS_STATUS
+_HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _GPS: Final[int] = dialect.MAVLINK_MSG_ID_GPS_RAW_INT
 _FIX_3D: Final[int] = dialect.GPS_FIX_TYPE_3D_FIX
 _AUTOPILOT: Final = AUTOPILOT_COMPONENT_ID
@@ -210,6 +213,10 @@ def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ign
             elif message_id == _SYS_STATUS:
                 percent = _signed(data, begin, 30, size, 1)
                 row[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
+            elif message_id == _HEARTBEAT:
+                beat = _number(data, begin, 0, size, 8)
+                if beat == NONE or beat != row[BEAT]:
+                    break
             else:
                 break
         lost += _count(row, frames[at, SEQUENCE], t_ns)

@@ -37,8 +37,9 @@ Row = npt.NDArray[np.int64]
     PLACES,  # number of positions believed
     WATCHED,  # whether the next position must be held against more than the one before
     DUE_NS,  # before then there is nothing to send to it by the clock
+    BEAT,  # the first eight bytes of its last heartbeat; NONE when the next one matters whatever it says
     WIDTH,
-) = range(23)
+) = range(24)
 
 NONE: Final = -1
 NOBODY: Final = -1
@@ -47,5 +48,5 @@ NOBODY: Final = -1
 def new_row() -> Row:
     """Make the row of a vehicle that was never heard."""
     row = np.zeros(WIDTH, np.int64)
-    row[[ADDRESS, LAST_SEQUENCE, BOOT_MS, FIX_TYPE, BEST_FIX, BATTERY_PERCENT]] = NONE
+    row[[ADDRESS, LAST_SEQUENCE, BOOT_MS, FIX_TYPE, BEST_FIX, BATTERY_PERCENT, BEAT]] = NONE
     return row

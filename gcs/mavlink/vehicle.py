@@ -25,6 +25,7 @@ from gcs.mavlink.profiles import Profile, mode_name, profile_of
 from gcs.mavlink.row import (
     ADDRESS,
     BATTERY_PERCENT,
+    BEAT,
     BEST_FIX,
     BOOT_MS,
     DUE_NS,
@@ -148,6 +149,7 @@ class Vehicle:
         """Begin, or begin again, to hear the vehicle at this address, which the ledger calls `number`."""
         self.address = address
         self.row[ADDRESS], self.row[LAST_SEQUENCE], self.row[DUE_NS] = number, NONE, 0
+        self.row[BEAT] = NONE
         self.wants.begin()
 
     def count(self, sequence: int, t_ns: int) -> None:
@@ -164,6 +166,10 @@ class Vehicle:
             row[LAST_SEQUENCE] = sequence
         elif ahead >= 128:
             row[LOST] = max(0, self.lost - 1)
+
+    def attend(self) -> None:
+        """Have its next heartbeat seen, even if it says what the last one said."""
+        self.row[BEAT] = NONE
 
     def poll(self, t_ns: int) -> list[Message]:
         """Return the questions to it that are due."""
@@ -238,6 +244,7 @@ class Vehicle:
             tell("info", "armed" if armed else "disarmed")
         if (mode, armed) != (self._mode, self._armed):
             self._mode, self._armed, self._state = mode, armed, None
+        self.row[BEAT] = _beat(message)
 
     def _meet(self, heartbeat: Message, tell: Tell) -> None:
         """Note whose firmware it is."""
@@ -319,7 +326,7 @@ class Vehicle:
         """Forget what a boot changes; mode and arming come with the next heartbeat."""
         self.boots += 1
         self._mission_seq, self.home = -1, None
-        self.row[BEST_FIX] = self.row[LAST_SEQUENCE] = NONE
+        self.row[BEST_FIX] = self.row[LAST_SEQUENCE] = self.row[BEAT] = NONE
         self._motion.begin()
         self.wants.begin()
         tell("alarm", "rebooted")
@@ -346,3 +353,10 @@ class Vehicle:
         refused = self.wants.acknowledged(message, t_ns)
         if refused:
             tell("warning", f"does not give {refused}")
+
+
+def _beat(heartbeat: Message) -> int:
+    """Return what a heartbeat says as one number: its first eight bytes, little endian and signed."""
+    told = (heartbeat.type, heartbeat.autopilot, heartbeat.base_mode, heartbeat.system_status)
+    raw = heartbeat.custom_mode.to_bytes(4, "little") + bytes(told)
+    return int.from_bytes(raw, "little", signed=True)

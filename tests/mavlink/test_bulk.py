@@ -153,6 +153,22 @@ class Swarm:
         return Datagram(t_ns, LINKS[network].name, peer, data)
 
 
+class News:
+    """What is not quiet in what a fleet gives out: no numbers, no heartbeat like the one before."""
+
+    def __init__(self):
+        self.beats = {}
+
+    def of(self, accepted):
+        return [(v, m.to_dict()) for v, m in accepted if m.get_type() not in QUIET and self.is_news(v, m)]
+
+    def is_news(self, vehicle, message):
+        if message.get_type() != "HEARTBEAT":
+            return True
+        before, self.beats[vehicle] = self.beats.get(vehicle), message.to_dict()
+        return before != self.beats[vehicle]
+
+
 def told(fleet):
     return (
         fleet.states(),
@@ -168,6 +184,7 @@ def told(fleet):
 def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
     expected = [vehicle_id(network, system) for network in (0, 1) for system in (1, 2, 3)]
     fast, simple = (Fleet(expected, FRAME, links=LINKS, kernel=kernel) for kernel in (True, False))
+    fast_news, simple_news = News(), News()
     swarm = Swarm(seed)
     t_ns = 1_700_000_000 * NS_PER_S
     folded, notices = 0, []
@@ -176,8 +193,7 @@ def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
         datagram = swarm.datagram(t_ns)
         heard, all_of_it = fast.receive(datagram), simple.receive(datagram)
         folded += len(all_of_it) - len(heard)
-        loud = [(v, m.to_dict()) for v, m in all_of_it if m.get_type() not in QUIET]
-        assert [(v, m.to_dict()) for v, m in heard if m.get_type() not in QUIET] == loud
+        assert fast_news.of(heard) == simple_news.of(all_of_it)
         assert (fast._table == simple._table).all()
         if step % 5 == 0:
             assert fast.poll(t_ns) == simple.poll(t_ns)
@@ -190,3 +206,21 @@ def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
     assert {"late", "no fix", "null", "far", "range", "jump"} <= refused
     assert sum(one.boots for one in fast.health()) > 0
     assert fast.counters.conflicts > 0
+
+
+def test_a_heartbeat_that_says_nothing_new_is_given_to_who_attends():
+    fleet = Fleet([1], FRAME)
+    pen = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def beat(mode=10):
+        pen.seq = (pen.seq + 1) % 256
+        message = dialect.MAVLink_heartbeat_message(1, 3, 217, mode, 4, 3)
+        return [m.custom_mode for _, m in fleet.receive(Datagram(NS_PER_S, "udp", "a", message.pack(pen)))]
+
+    assert beat() == [10]
+    assert beat() == []
+    fleet.attend(1)
+    assert beat() == [10]
+    assert beat() == []
+    assert beat(mode=12) == [12]
+    assert fleet.health()[0].frames == 5

@@ -365,6 +365,7 @@ def test_a_fleet_carries_a_mission_task(loss):
 
     def each_step(t_ns):
         nonlocal task
+        air.fleet.attend(1)  # a task waits for modes
         if task is not None:
             return task.poll(t_ns)
         if air.fleet.home(1) is None:
