@@ -117,21 +117,26 @@ class Intake:
         return sum(counters.lost for counters in self.fleet.links.values())
 
 
-async def receive_by_ours(args, together, key=None):
-    """Endpoints, gate, queue and fleet."""
-    frees = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(args.networks)]
+def free_ports(count):
+    frees = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
     for free in frees:
         free.bind(("127.0.0.1", 0))
     ports = [free.getsockname()[1] for free in frees]
     for free in frees:
         free.close()
+    return ports
+
+
+async def receive_by_ours(args, together, key=None):
+    """Endpoints, gate, queue and fleet."""
+    ports = free_ports(args.networks)
     links = [Link(parse_endpoint(f"udpin:127.0.0.1:{port}"), network) for network, port in enumerate(ports)]
     vehicles = [vehicle_id(n, s) for n in range(args.networks) for s in range(1, args.vehicles + 1)]
     intake, signing = Intake(links, vehicles), Signing(links, None)
     if key is not None:
         signing.gate = Gate(Keys(default=key), links)
-    player = await asyncio.to_thread(Player, ports, args.vehicles, args.hz, args.seconds, together, key)
     opened = Links(links, vehicles, FRAME, signing)
+    player = await asyncio.to_thread(Player, ports, args.vehicles, args.hz, args.seconds, together, key)
     opened.start(asyncio.get_running_loop(), intake)
     consumer = asyncio.create_task(intake.consume())
     player.go_on()
