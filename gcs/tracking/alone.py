@@ -17,7 +17,7 @@ import numpy as np
 
 from gcs.compiling import inlined, kernel
 from gcs.tracking.hypotheses import DIED, Groups, Limits, Options
-from gcs.tracking.kernels import Scratch, scratch, updated
+from gcs.tracking.kernels import updated
 from gcs.tracking.merging import distance2_to, factor
 from gcs.tracking.ordering import greatest_first, head
 
@@ -145,7 +145,6 @@ def alone(
     lead_mean, lower, whitened = np.empty((most, 4)), np.empty((most, 4, 4)), np.empty(4)
     lead_weight, factored = np.empty(most), np.empty(most, np.bool_)
     place, by_weight = np.empty(most, np.int64), np.empty(most, np.int64)
-    work: Scratch = scratch()
     out_first, out_start = np.zeros(which.size + 1, np.int64), np.zeros(n_hyps + 1, np.int64)
     out_items, out_logw = np.empty(n_hyps, np.int64), np.empty(n_hyps)
     parent, option = np.empty(n_tracks, np.int64), np.empty(n_tracks, np.int64)
@@ -172,7 +171,7 @@ def alone(
             if meas[o] >= 0:
                 explained[meas[o]] += weight
                 detected[label] += weight
-            updated(mean, cov, p, meas[o], z, view, mean_out, cov_out, at, work)
+            updated(mean, cov, p, meas[o], z, view, mean_out, cov_out, at)
             leader = -1
             for d in range(count):
                 if place[d] == _NOBODY or distance2 <= 0.0:

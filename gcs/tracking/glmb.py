@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
-from gcs.tracking import intensity, kernels, motion, sensors, turning
+from gcs.tracking import gates, intensity, kernels, motion, sensors, summing, turning
 from gcs.tracking.alone import Tracks, alone
 from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
 from gcs.tracking.merging import merge_alike
@@ -126,7 +126,7 @@ class _Born(NamedTuple):
 
 
 class _Look(NamedTuple):
-    """The usable detections of a scan, in the order of `kernels.strips`."""
+    """The usable detections of a scan, in the order of `gates.strips`."""
 
     z: FloatArray
     """(m, 2) as the sensor measured them."""
@@ -274,11 +274,11 @@ class Glmb:
         )
         F = motion.transition(dt_s)
         Q = motion.process_noise(dt_s, self.params.accel_std_m_s2, self.params.acceleration)
-        live = self._predict(dt_s, F, Q, births)
+        live = self._predict(dt_s, Q, births)
         view = sensors.view(sensor, self._mean, self._cov)
         if self.histories is not None:
             self.histories.begin(measured_t_ns, dt_s, F, Q, sensor, births, self._survival(dt_s))
-        start, meas, logw = kernels.options(
+        start, meas, logw = gates.options(
             self._cov,
             np.log(live),
             np.log1p(-live, out=np.full(live.size, -np.inf), where=live < 1.0),
@@ -299,7 +299,7 @@ class Glmb:
             explained[look.rows] = np.minimum(made.explained, 1.0)
             self.account = Account(explained, float(made.detected[sure].sum()), float(sure.sum()))
         if self.histories is not None:
-            tracks = kernels.map_tracks(self._groups)
+            tracks = summing.map_tracks(self._groups)
             labels = self._labels[self._track_label[tracks]].tolist()
             self.histories.end({(k, i): t for (k, i), t in zip(labels, tracks.tolist(), strict=True)})
         self.scans += 1
@@ -322,8 +322,8 @@ class Glmb:
 
     def estimates(self) -> Estimates:
         """Return what `picture` shows as read-only arrays; for large scenes, where records take time."""
-        existence, shown, cardinality = kernels.summary(self._groups, self._track_label, len(self._labels))
-        estimate = kernels.map_tracks(self._groups)
+        existence, shown, cardinality = summing.summary(self._groups, self._track_label, len(self._labels))
+        estimate = summing.map_tracks(self._groups)
         estimated = self._track_label[estimate]
         shown[estimated] = estimate
         is_estimated = np.zeros(existence.size, np.bool_)
@@ -352,7 +352,7 @@ class Glmb:
         z, log_clutter = sensors.measured(sensor, place_m), np.log(clutter)
         rows = np.flatnonzero(np.isfinite(z).all(axis=1) & np.isfinite(log_clutter))
         self.bad_detections += len(place_m) - rows.size
-        rows = rows[kernels.strips(z[rows])]
+        rows = rows[gates.strips(z[rows])]
         return _Look(z[rows], place_m[rows], log_clutter[rows], rows)
 
     def _surely_in_view(self, view: sensors.View) -> npt.NDArray[np.bool_]:
@@ -364,14 +364,14 @@ class Glmb:
     def _survival(self, dt_s: float) -> float:
         return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - _SURE))
 
-    def _predict(self, dt_s: float, F: FloatArray, Q: FloatArray, births: Sequence[Birth]) -> FloatArray:
+    def _predict(self, dt_s: float, Q: FloatArray, births: Sequence[Birth]) -> FloatArray:
         """Move the tracks by `dt_s`, add births as groups of their own; return each track's survival."""
         if dt_s > 0.0 and self._turns is not None:
             self._mean, self._cov, self._turn = turning.predict(
                 self._mean, self._cov, self._turn, Q, dt_s, *self._turns
             )
         elif dt_s > 0.0:
-            self._mean, self._cov = kernels.predict(self._mean, self._cov, F, Q)
+            self._mean, self._cov = kernels.predict(self._mean, self._cov, dt_s, Q)
         live = np.full(self._track_label.size, self._survival(dt_s))
         if math.isfinite(self.params.lost_std_m):
             variance = np.maximum(self._cov[:, 0, 0], self._cov[:, 1, 1])
@@ -437,7 +437,7 @@ class Glmb:
         mean, cov = kernels.update(self._mean, self._cov, parent, meas, look.z, view)
         track_label = self._track_label[parent]
         if self._weigh_detections:
-            probability, seen = kernels.probabilities(groups, meas.size), meas >= 0
+            probability, seen = summing.probabilities(groups, meas.size), meas >= 0
             np.add.at(made.explained, meas[seen], probability[seen])
             np.add.at(made.detected, track_label[seen], probability[seen])
             np.add.at(made.there, track_label, probability)
@@ -462,12 +462,12 @@ def warm_up_calls() -> list[compiling.Call]:
         (meet, groups, options, zeros, 1, limits),
         (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, ones, ones, ones),
         (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
-        (kernels.options, cov, ones, ones, z, view, ones, 9.0),
+        (gates.options, cov, ones, ones, z, view, ones, 9.0),
         (kernels.update, mean, cov, zeros, zeros, z, view),
-        (kernels.summary, groups, zeros, 1),
-        (kernels.map_tracks, groups),
-        (kernels.probabilities, groups, 1),
-        (kernels.predict, mean, cov, np.eye(4), np.eye(4)),
+        (summing.summary, groups, zeros, 1),
+        (summing.map_tracks, groups),
+        (summing.probabilities, groups, 1),
+        (kernels.predict, mean, cov, 1.0, np.eye(4)),
         (renumber, groups, 1),
         *sensors.warm_up_calls(),
         *intensity.warm_up_calls(),

@@ -41,7 +41,7 @@ class Groups(NamedTuple):
 
 
 class Options(NamedTuple):
-    """What each track may do (see `kernels.options`)."""
+    """What each track may do (see `gates.options`)."""
 
     start: Any
     meas: Any

@@ -1,0 +1,128 @@
+"""Compiled summaries of the groups: who is there, how probably, and how many.
+
+Groups are independent, so existence adds up within a group, and the distributions of the groups' numbers of
+objects convolve.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gcs.compiling import inlined, kernel
+from gcs.tracking.hypotheses import Groups
+from gcs.tracking.ordering import head
+
+if TYPE_CHECKING:
+    from gcs.model import FloatArray
+
+_TAIL = 1e-15
+
+
+@inlined
+def _reference(groups: Groups, g: int, track_label: Any, existence: FloatArray) -> Any:
+    """Return the hypothesis of group g that shows its likely labels (existence above 1/2).
+
+    The most probable one of those that hold the most of them. Each label's own best hypothesis would not do:
+    when it is open which of two labels is where, both would be shown at one place.
+    """
+    first, start, items = groups.first, groups.start, groups.items
+    chosen, most = first[g], -1
+    for h in range(first[g], first[g + 1]):
+        likely = 0
+        for i in range(start[h], start[h + 1]):
+            if existence[track_label[items[i]]] > 0.5:
+                likely += 1
+        if likely > most:
+            chosen, most = h, likely
+    return chosen
+
+
+@kernel
+def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray, Any, FloatArray]:
+    """Existence of each label, the track that shows it, and the distribution of the number of objects.
+
+    Shapes (n_labels,), (n_labels,), (n_labels + 1,). A label's track is that of its group's reference
+    hypothesis, or of the best that holds the label. Groups are independent, so their numbers' distributions
+    convolve.
+    """
+    first, start, items = groups.first, groups.start, groups.items
+    existence, shown = np.zeros(n_labels), np.empty(n_labels, np.int64)
+    cardinality, convolved = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
+    shown[:] = -1
+    # `least` to `most` objects are all that is probable so far; the tails left out are below 1e-12.
+    cardinality[0], least, most = 1.0, 0, 0
+    size_weight = np.zeros(n_labels + 1)
+    for g in range(first.size - 1):
+        low, high, widest = first[g], first[g + 1], 0
+        for h in range(low, high):
+            w, size = math.exp(groups.logw[h]), start[h + 1] - start[h]
+            widest = max(widest, size)
+            size_weight[size] += w
+            for i in range(start[h], start[h + 1]):
+                existence[track_label[items[i]]] += w
+        for k in range(least, most + widest + 1):
+            convolved[k] = 0.0
+        for size in range(widest + 1):
+            w, size_weight[size] = size_weight[size], 0.0
+            if w > 0.0:
+                for k in range(least, most + 1):
+                    convolved[k + size] += w * cardinality[k]
+        most += widest
+        while least < most and convolved[least] < _TAIL:
+            convolved[least] = 0.0
+            least += 1
+        while most > least and convolved[most] < _TAIL:
+            convolved[most] = 0.0
+            most -= 1
+        cardinality, convolved = convolved, cardinality
+        reference = _reference(groups, g, track_label, existence)
+        for i in range(start[reference], start[reference + 1]):
+            shown[track_label[items[i]]] = items[i]
+        for i in range(start[low], start[high]):
+            if shown[track_label[items[i]]] < 0:
+                shown[track_label[items[i]]] = items[i]
+    for i in range(n_labels):
+        existence[i] = min(existence[i], 1.0)
+    for k in range(n_labels + 1):
+        if not least <= k <= most:
+            cardinality[k] = 0.0
+    return existence, shown, cardinality
+
+
+@kernel
+def probabilities(groups: Groups, n_tracks: int) -> Any:
+    """Probability of each track: that of the hypotheses that hold it."""
+    probability = np.zeros(n_tracks)
+    for h in range(groups.logw.size):
+        w = math.exp(groups.logw[h])
+        for i in range(groups.start[h], groups.start[h + 1]):
+            probability[groups.items[i]] += w
+    return probability
+
+
+@kernel
+def map_tracks(groups: Groups) -> Any:
+    """Tracks of the best hypothesis of each group's most probable number of objects."""
+    first, start = groups.first, groups.start
+    chosen = np.empty(groups.items.size, np.int64)
+    n = 0
+    for g in range(first.size - 1):
+        widest = 0
+        for h in range(first[g], first[g + 1]):
+            widest = max(widest, start[h + 1] - start[h])
+        weight, size = np.zeros(widest + 1), 0
+        for h in range(first[g], first[g + 1]):
+            weight[start[h + 1] - start[h]] += math.exp(groups.logw[h])
+        for k in range(1, widest + 1):
+            if weight[k] > weight[size]:
+                size = k
+        for h in range(first[g], first[g + 1]):
+            if start[h + 1] - start[h] == size:
+                for i in range(start[h], start[h + 1]):
+                    chosen[n] = groups.items[i]
+                    n += 1
+                break
+    return head(chosen, n)
