@@ -59,7 +59,7 @@ def _left(row: int, k0: float, k1: float, view: View, u: int) -> Any:
 
 
 @inlined
-def _noisy(total: float, k0: float, k1: float, view: View, u: int, l0: float, l1: float) -> float:
+def _noisy(total: float, k0: float, k1: float, view: View, u: int, l0: float, l1: float) -> Any:
     """Add an element of K noise K', from two rows of K."""
     r = view.noise
     return total + k0 * r[u, 0, 0] * l0 + k0 * r[u, 0, 1] * l1 + k1 * r[u, 1, 0] * l0 + k1 * r[u, 1, 1] * l1

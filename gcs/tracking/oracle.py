@@ -18,8 +18,8 @@ import numpy as np
 
 from gcs.model import NS_PER_S, FloatArray, Label, Sensor
 from gcs.tracking import motion
-from gcs.tracking.glmb import Birth, GlmbParams
 from gcs.tracking.gates import LEAST_INSIDE
+from gcs.tracking.glmb import Birth, GlmbParams
 
 Track = tuple[Label, tuple[int, ...]]
 """A label and its detections so far, -1 where it was missed."""
