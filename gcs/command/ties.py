@@ -96,8 +96,8 @@ class Ties:
         if not held:
             return
         means, S = self._seen([track for _, track in held])
-        offset = np.array([places[vehicle] for vehicle, _ in held]) - means
-        is_outside = ~(np.einsum("ni,nij,nj->n", offset, np.linalg.inv(S), offset) <= self._gate_chi2)
+        reported = np.array([places[vehicle] for vehicle, _ in held])
+        is_outside = ~(squared_distances(reported, means, S).diagonal() <= self._gate_chi2)
         for (vehicle, _), holds in zip(held, is_outside.tolist(), strict=True):
             if self._outside.take(vehicle, t_ns, holds=holds) >= self._break_after:
                 self.forget(vehicle)

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.command.trackers import at_time
+from gcs.command.trackers import at_time, squared_distances
 from gcs.config.tables import TelemetryTable
 from gcs.model import NS_PER_S, Effect, FloatArray, Label, Notice, Scan, Sensor, Track, VehicleState
 from gcs.tracking.sensors import MOST_DETECTION, clutter_per_m2, covers, noise_m2
@@ -178,5 +178,4 @@ def _looks_at(sensor: Sensor, places: FloatArray, S: FloatArray) -> FloatArray:
 
 def _within(places: FloatArray, S: FloatArray, points: FloatArray) -> FloatArray:
     """Whether each point (m, 2) is within the gate of each place (n, 2): (n, m)."""
-    offset = points[None, :, :] - places[:, None, :]
-    return np.asarray(np.einsum("nmi,nij,nmj->nm", offset, np.linalg.inv(S), offset) <= _GATE_CHI2)
+    return np.asarray(squared_distances(points, places, S).T <= _GATE_CHI2)

@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import typer
 from rich.console import Console
@@ -26,6 +26,7 @@ from gcs.config import Config, load, parse
 from gcs.edge.reader import About, Record, about, is_recording, read
 from gcs.edge.recorder import versions
 from gcs.errors import RecordingError
+from gcs.model import Effect, Event
 from gcs.report.verification import Verification
 
 
@@ -140,7 +141,8 @@ def _prepared(options: ReplayOptions, console: Console) -> _Plan:
         config = parse(made_with.config_text, f"{path}: its mission file")
     else:
         raise RecordingError(str(path), "its mission file cannot be read; name one with --config")
-    records = read(path)
+    is_held_against = options.verify or options.config is not None
+    records = read(path, only=get_args(Event) + get_args(Effect) if is_held_against else get_args(Event))
     first = list(itertools.islice(records, 1))
     if options.verify and first and first[0].sequence > 0:
         raise RecordingError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -142,3 +143,5 @@ def warm_up(console: Console) -> None:
         warm_up_tracking()
         warm_up_planning()
         warm_up_links()
+    gc.collect()
+    gc.freeze()  # what is loaded by now stays: the collector need not look through it again and again

@@ -15,7 +15,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
@@ -104,10 +104,15 @@ def is_recording(path: Path) -> bool:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
 
 
-def read(path: Path, progress: Callable[[int], None] | None = None) -> Iterator[Record]:
+def read(
+    path: Path,
+    progress: Callable[[int], None] | None = None,
+    only: Collection[type] = frozenset(TOPICS),
+) -> Iterator[Record]:
     """Read a recording: its folder with all its parts, or one MCAP file.
 
-    `progress` is told now and then how many bytes have been read.
+    `progress` is told now and then how many bytes have been read. Records that are not of the types `only`
+    are counted and passed over.
 
     Yields
     ------
@@ -119,7 +124,7 @@ def read(path: Path, progress: Callable[[int], None] | None = None) -> Iterator[
     RecordingError
         When there is no such file or it is no MCAP at all.
     """
-    state, before = _Reading(), 0
+    state, before = _Reading(only), 0
     paths = mcap_paths(path)
     for number, file_path in enumerate(paths):
         with _opened(file_path) as file:
@@ -188,11 +193,13 @@ def about(path: Path) -> About:
 class _Reading:
     """What is known after the parts read so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, only: Collection[type]) -> None:
         self.count = self.sequence = self.t_ns = self.offset = 0
+        self._only = only
         self._before = 0
         """Records of earlier parts."""
         self._types: dict[int, type | None] = {}
+        """What a channel holds that is asked for."""
 
     def begin(self) -> None:
         """Begin a part: numbers go on, all else is its own."""
@@ -215,9 +222,10 @@ class _Reading:
                 raise _BreaksOffError(f"damaged behind byte {self.offset}: a chunk ends within a record")
             if opcode == Opcode.CHANNEL:
                 channel = Channel.read(_stream(data[at : at + length]))
-                self._types[channel.id] = _type_of(channel.topic)
+                held = _type_of(channel.topic)
+                self._types[channel.id] = held if held in self._only else None
             elif opcode == Opcode.MESSAGE:
-                record = self._message(data[at : at + length])
+                record = self._message(data, at, at + length)
                 if record is not None:
                     yield record
             at += length
@@ -228,8 +236,8 @@ class _Reading:
         if count != found:
             raise _BreaksOffError(f"records are missing: {count} were written, {found} could be read")
 
-    def _message(self, content: bytes) -> Record | None:
-        channel_id, sequence, t_ns, _ = _MESSAGE.unpack_from(content)
+    def _message(self, data: bytes, at: int, end: int) -> Record | None:
+        channel_id, sequence, t_ns, _ = _MESSAGE.unpack_from(data, at)
         if self.count and sequence != self.sequence:
             raise _BreaksOffError(
                 f"records are missing behind byte {self.offset}: after number {self.sequence - 1} comes "
@@ -240,8 +248,8 @@ class _Reading:
         self.t_ns = t_ns
         record_type = self._types[channel_id]
         if record_type is None:
-            return None  # of a later version
-        payload = content[_MESSAGE.size :]
+            return None  # of a later version, or not asked for
+        payload = data[at + _MESSAGE.size : end]
         try:
             value: Recordable = decode(f"record {sequence}", payload, record_type)
         except WireError as error:
