@@ -326,7 +326,8 @@ def squared_distances(places: FloatArray, means: FloatArray, S: FloatArray) -> F
     """Squared Mahalanobis distances (m, n) of places (m, 2) from means (n, 2) under S (n, 2, 2)."""
     x, y = places[:, :1] - means[:, 0], places[:, 1:] - means[:, 1]
     s00, s01, s11 = S[:, 0, 0], S[:, 0, 1], S[:, 1, 1]
-    return np.asarray((s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / (s00 * s11 - s01 * s01))
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN for what is nowhere: near to nothing
+        return np.asarray((s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / (s00 * s11 - s01 * s01))
 
 
 def _with_noise(sensor: Sensor) -> Sensor:
