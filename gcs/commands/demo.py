@@ -129,7 +129,7 @@ async def _fly(
     guests = [link for link in config.mavlink_links if link.role != "vehicles"]
     here = [Link(parse_endpoint("udpin:127.0.0.1:0")), *guests]
     vehicles = [agent.vehicle for agent in config.agents]
-    links = Links(here, vehicles, config.local_frame, Signing(here, keys))
+    links = Links(here, vehicles, config.local_frame, Signing(here, keys, kernel=True))
     stop, interrupt = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()

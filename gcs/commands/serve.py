@@ -52,7 +52,7 @@ def serve(options: ServeOptions, console: Console) -> None:
         journal = Journal(
             options.journal or default_path(config.name), config.name, fingerprint(text, options.seed)
         )
-        signing = Signing(config.mavlink_links, config.links.key_file(source))
+        signing = Signing(config.mavlink_links, config.links.key_file(source), kernel=True)
         asyncio.run(_serve(config, options, signing, recorder, journal, console))
         console.print(f"recording: {recorder.folder}", highlight=False)
 

@@ -223,26 +223,26 @@ class _Port:
         send_on: Callable[[Mapping[Address, bytearray]], None],
         signing: Signing,
     ) -> None:
-        self._link, self._taker, self._router, self._send_on = link, taker, router, send_on
-        self._is_guests = link.role != "vehicles"
+        self._taker, self._router, self._send_on = taker, router, send_on
+        self._name, self._is_guests = link.name, link.role != "vehicles"
         self._admit = signing.gate.admit
 
     def heard(self, peer: str, data: bytes) -> None:
-        data = self._admit(self._taker.now_ns(), (self._link.name, peer), data)
+        data = self._admit(self._taker.now_ns(), (self._name, peer), data)
         if not data:
             return
         if not self._is_guests:
-            self._taker.on_datagram(self._link.name, peer, data)
+            self._taker.on_datagram(self._name, peer, data)
         passed = self._route(peer, data)
         if self._is_guests and passed:
-            self._taker.on_datagram(self._link.name, peer, passed)
+            self._taker.on_datagram(self._name, peer, passed)
 
     def _route(self, peer: str, data: bytes) -> bytes:
         """Send frames on to whom they are for; return those that went on."""
         router = self._router
         if router is None:
             return b""
-        t_ns, address = self._taker.now_ns(), (self._link.name, peer)
+        t_ns, address = self._taker.now_ns(), (self._name, peer)
         outgoing: dict[Address, bytearray] = {}
         passed = bytearray()
         found = scan(data)
@@ -257,11 +257,11 @@ class _Port:
 
     def joined(self, peer: str) -> None:
         if self._router is not None:
-            self._router.joined(self._taker.now_ns(), (self._link.name, peer))
+            self._router.joined(self._taker.now_ns(), (self._name, peer))
 
     def gone(self, peer: str) -> None:
         if self._router is not None:
-            self._router.gone((self._link.name, peer))
+            self._router.gone((self._name, peer))
 
     def news(self, level: Level, text: str) -> None:
-        self._taker.on_link_news(self._link.name, level, text)
+        self._taker.on_link_news(self._name, level, text)

@@ -32,6 +32,8 @@ class Signing:
         As the run has them.
     keys : Path, optional
         Of the key file; without it nothing is signed.
+    kernel : bool
+        Whether to check the fast way (`gcs.mavlink.verifying`), for who stays long enough.
 
     Raises
     ------
@@ -39,7 +41,7 @@ class Signing:
         When the key file or the time beside it cannot be used.
     """
 
-    def __init__(self, links: Sequence[Link], keys: Path | None = None) -> None:
+    def __init__(self, links: Sequence[Link], keys: Path | None = None, *, kernel: bool = False) -> None:
         self._time: TimeFile | None = None
         self._saved_t_ns = 0
         self._told: dict[tuple[str, str], tuple[int, int]] = {}
@@ -48,7 +50,7 @@ class Signing:
             return
         table = read_keys(keys).keys
         self._time = TimeFile(keys)
-        self.gate = Gate(table, links, *self._time.read())
+        self.gate = Gate(table, links, *self._time.read(), kernel=kernel)
         unknown = sorted(table.links.keys() - {link.name for link in links})
         if unknown:
             raise ConfigError(str(keys), f"links.{unknown[0]}", "the mission file has no such endpoint")

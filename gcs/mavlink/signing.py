@@ -26,7 +26,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -35,6 +35,9 @@ from gcs.mavlink.codec import Frame, scan
 from gcs.mavlink.targets import target_of
 from gcs.mavlink.vehicle import Address
 from gcs.model import network_of, vehicle_id
+
+if TYPE_CHECKING:
+    from gcs.mavlink.verifying import Verified, Verifier
 
 KEY_BYTES: Final = 32
 EPOCH_S: Final = 1_420_070_400
@@ -52,7 +55,7 @@ _BLOCK: Final = 13
 _SETUP_SIGNING: Final[int] = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 _MAYBE_SETUP: Final = re.compile(b"\xfd.{6}" + re.escape(_SETUP_SIGNING.to_bytes(3, "little")), re.DOTALL)
 _RADIO: Final = (dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RADIO)
-_MAX_STREAMS: Final = 4096
+_MAX_STREAMS: Final = 16_384
 _MAX_ADDRESSES: Final = 1024
 
 
@@ -160,6 +163,8 @@ class Gate:
         Signing time that an earlier run had reached.
     streams : mapping
         Latest signing time of each stream then.
+    kernel : bool
+        Whether datagrams that are in order are checked the fast way (`gcs.mavlink.verifying`).
     """
 
     def __init__(
@@ -168,6 +173,8 @@ class Gate:
         links: Iterable[Link],
         timestamp: int = 0,
         streams: Mapping[Stream, int] | None = None,
+        *,
+        kernel: bool = False,
     ) -> None:
         self.timestamp = timestamp
         self.streams: dict[Stream, int] = dict(streams or {})
@@ -179,6 +186,11 @@ class Gate:
         self._heard: dict[Address, dict[bytes, None]] = {}
         """Keys by which frames from an address were verified."""
         self._behind: dict[Address, None] = {}
+        self._verifier: Verifier | None = None
+        if kernel and any(self._keyed.values()):
+            from gcs.mavlink.verifying import Verifier
+
+            self._verifier = Verifier(keys.of, _stream_of, self.streams)
 
     def is_keyed(self, link: str, system_id: int | None = None) -> bool:
         """Whether somebody's frames on a link must be signed; without a system id: anybody's."""
@@ -190,15 +202,32 @@ class Gate:
 
     def admit(self, t_ns: int, address: Address, data: bytes) -> bytes:
         """Return what may come in of a datagram: all of it as it came, unless a frame is kept out."""
-        link = self.links[address[0]]
         has_setup = _MAYBE_SETUP.search(data) is not None
-        if not (has_setup or self._keyed[link.name]):
+        if not (has_setup or self._keyed[address[0]]):
             return data
+        link = self.links[address[0]]
+        if self._verifier is not None and not has_setup:
+            verified = self._verifier.check(link, address[0], data)
+            if verified is not None:
+                self._note(address, verified)
+                return data
         found = scan(data)
         frames = sorted((*found.frames, *found.unchecked), key=signing_time)
         kept = [frame.data for frame in frames if self._is_admitted(t_ns, address, link, frame)]
         hides = found.bad_bytes and has_setup  # a damaged frame may hold most of a key
         return data if len(kept) == len(frames) and not hides else b"".join(kept)
+
+    def _note(self, address: Address, verified: Verified) -> None:
+        """Take in what a whole datagram of good frames says."""
+        self._count(address[0]).verified += verified.frames
+        for key in verified.keys:
+            self._hear(address, key)
+        self.streams.update(verified.times)
+        self.timestamp = max(self.timestamp, *verified.times.values())
+
+    def _hear(self, address: Address, key: bytes) -> None:
+        if len(self._heard) < _MAX_ADDRESSES or address in self._heard:
+            self._heard.setdefault(address, {})[key] = None
 
     def _is_admitted(self, t_ns: int, address: Address, link: Link, frame: Frame) -> bool:
         key = self._keys.of(link, frame.system_id)
@@ -223,8 +252,7 @@ class Gate:
             return "not signed" if frame.data[0] == _V2 else "MAVLink 1, which cannot be signed"
         if not is_signed_by(frame.data, key):
             return "signed with another key"
-        if len(self._heard) < _MAX_ADDRESSES or address in self._heard:
-            self._heard.setdefault(address, {})[key] = None
+        self._hear(address, key)
         timestamp, now = signing_time(frame), max(self.timestamp, timestamp_of(t_ns))
         stream = _stream(link, frame)
         before = self.streams.get(stream)
@@ -260,9 +288,9 @@ class Gate:
 
         What is for all vehicles at an address where several keys are in use goes out once with each.
         """
-        link = self.links[address[0]]
-        if not self._keyed[link.name]:
+        if not self._keyed[address[0]]:
             return data
+        link = self.links[address[0]]
         found, out = scan(data), bytearray()
         for frame in (*found.frames, *found.unchecked):
             keys = self._keys_to(link, address, frame)
@@ -288,5 +316,9 @@ class Gate:
 
 
 def _stream(link: Link, frame: Frame) -> Stream:
-    who = f"{link.network}/{frame.system_id}/{frame.component_id}/{frame.data[-13]}"
+    return _stream_of(link, frame.system_id, frame.component_id, frame.data[-13])
+
+
+def _stream_of(link: Link, system_id: int, component_id: int, link_id: int) -> Stream:
+    who = f"{link.network}/{system_id}/{component_id}/{link_id}"
     return who if link.role == "vehicles" else f"{link.name} {who}"

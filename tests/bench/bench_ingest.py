@@ -134,7 +134,7 @@ async def receive_by_ours(args, together, key=None):
     vehicles = [vehicle_id(n, s) for n in range(args.networks) for s in range(1, args.vehicles + 1)]
     intake, signing = Intake(links, vehicles), Signing(links, None)
     if key is not None:
-        signing.gate = Gate(Keys(default=key), links)
+        signing.gate = Gate(Keys(default=key), links, kernel=True)
     opened = Links(links, vehicles, FRAME, signing)
     player = await asyncio.to_thread(Player, ports, args.vehicles, args.hz, args.seconds, together, key)
     opened.start(asyncio.get_running_loop(), intake)
@@ -147,8 +147,10 @@ async def receive_by_ours(args, together, key=None):
     before, began = intake.fleet.counters.frames, time.process_time()
     while player.is_playing:
         await asyncio.sleep(0.25)
-    await asyncio.sleep(0.3)
-    cpu_s, frames = time.process_time() - began, intake.fleet.counters.frames - before
+    frames = -1
+    while frames < (frames := intake.fleet.counters.frames - before):
+        await asyncio.sleep(0.3)
+    cpu_s = time.process_time() - began
     consumer.cancel()
     opened.close()
     name = "links, queue, fleet" if key is None else "gate, links, queue, fleet"
