@@ -135,7 +135,10 @@ def info(
 @app.command(rich_help_panel=PANEL)
 def track(
     file: Annotated[
-        Path, typer.Argument(help="Detections (NPZ, or CSV with rows k,x,y), or the folder of a recording.")
+        Path,
+        typer.Argument(
+            help="Detections: NPZ, or CSV with k,x,y or t_s,sensor,range_m,bearing_deg; or a recorded run."
+        ),
     ],
     model: Annotated[
         Path | None, typer.Option(help="The model to track by, TOML or NPZ.  [default: the file's own]")

@@ -5,7 +5,8 @@
   (k, id, px, vx, py, vy).
 - CSV: rows k,x,y; more columns are ignored. Its model is another file: such an NPZ, or TOML (`ModelTable`).
   With the titles t_s,x,y or t_ns,x,y the first column is the time of the scan: in seconds from some
-  beginning, or nanoseconds since the Unix epoch. A row without x and y is a scan without detections.
+  beginning, or nanoseconds since the Unix epoch. A row without x and y is a scan without detections. Titles
+  also name the sensor of each row and what a range/bearing sensor measured (`columns`).
 - A recording of ours: its scans with what their sensors say of themselves, births from its mission file.
 
 Scans are numbered; one without detections is a scan as well. The region of an NPZ is where its clutter is;
@@ -19,12 +20,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from gcs.commands.models import MOST_SCANS, ModelTable, model_of, read_model
-from gcs.commands.tables import read_csv, read_npz
+from gcs.commands.columns import TIMES, columns, which
+from gcs.commands.models import MOST_SCANS, ModelTable, model_of, read_model, sensors_of
+from gcs.commands.tables import Numbers, read_csv, read_npz
 from gcs.config import parse
 from gcs.config.tables import AnywhereTable
 from gcs.edge.reader import Damage, about, read
@@ -35,8 +40,6 @@ from gcs.tracking.glmb import Birth, GlmbParams
 from gcs.tracking.metrics import Tracks
 
 _ROW = "rows of numbers k,x,y: the scan, counted from 0 or 1, and a detection in metres"
-TIMES = {"t_s": 1e9, "t_ns": 1.0}
-"""Titles of a first column that is a time, and what makes nanoseconds of it."""
 _LATEST_NS = 4.2e18
 _TRUTH_ROW = "rows of numbers k,id,px,vx,py,vy or k,id,x,y"
 
@@ -88,82 +91,112 @@ def load(path: Path, model: Path | None, truth: Path | None) -> Detections:
         if "meas" not in arrays:
             raise ConfigError(str(path), "meas", f"is missing; expected {_ROW}")
         table = model_of(path, arrays) if model is None else read_model(model)
-        rows = _rows(path, arrays["meas"], 3, _ROW)
-        known = arrays.get("truth") if truth is None else None
-        true = _truth(truth) if truth is not None else None if known is None else _by_scan(path, known)
+        numbers = Numbers((), arrays["meas"])
+        if truth is None and "truth" in arrays:
+            return _with_model(path, numbers, table, _by_scan(path, arrays["truth"]))
     else:
         numbers = read_csv(path, _ROW)
-        rows = _rows(path, numbers.rows, 3, _ROW)
         if model is None:
             raise ConfigError(
                 str(path), "", "a CSV has no model: expected --model with an NPZ or TOML that says it"
             )
-        table, true = read_model(model), None if truth is None else _truth(truth)
-        timed = numbers.titles[0] if numbers.titles else ""
-        found = (
-            _timed(path, rows, timed, table, true) if timed in TIMES else _numbered(path, rows, table, true)
-        )
-        return replace(found, remarks=numbers.remarks)
-    return _numbered(path, rows, table, true)
+        table = read_model(model)
+    return _with_model(path, numbers, table, None if truth is None else _truth(truth))
+
+
+def _with_model(
+    path: Path, numbers: Numbers, table: ModelTable, truth: dict[int, Tracks[object]] | None
+) -> Detections:
+    """Scans of a table of detections, made by the sensors of a model."""
+    rows = _rows(path, numbers.rows, 3, _ROW)
+    found = columns(path, numbers)
+    sensors = sensors_of(table, path.name)
+    number = which(path, replace(numbers, rows=rows), found, sensors)
+    places = np.empty((len(rows), 2))
+    for i, sensor in enumerate(sensors):
+        places[number == i] = found.places(rows[number == i], sensor)
+    is_plain = found.time == "k" and found.sensor is None and found.polar is None
+    made = np.ones(len(rows), np.bool_) if is_plain else found.measured(rows)
+    seen = _Seen(rows[:, 0], number, places, made)
+    if found.time in TIMES:
+        times, looks = _timed(path, found.time, seen, sensors)
+    else:
+        times, looks = _numbered(path, seen, sensors, table, truth)
+    params, births = _motion(table)
+    true = {} if truth is None else {k: truth.get(k, {}) for k in times.values()}
+    is_absolute = found.time == "t_ns"
+    return Detections(
+        params,
+        births,
+        table.anywhere,
+        None,
+        looks,
+        times,
+        true,
+        absolute=is_absolute,
+        remarks=numbers.remarks,
+    )
+
+
+class _Seen(NamedTuple):
+    """Rows of a table of detections."""
+
+    first: FloatArray
+    """(n,) scan or time."""
+    sensor: npt.NDArray[np.int64]
+    """(n,) which one."""
+    z_m: FloatArray
+    """(n, 2) east/north."""
+    made: npt.NDArray[np.bool_]
+    """(n,) whether it is a detection; if not, it only says that the sensor looked."""
 
 
 def _timed(
-    path: Path, rows: FloatArray, title: str, table: ModelTable, truth: dict[int, Tracks[object]] | None
-) -> Detections:
-    """Scans at the times of a first column, numbered from 1 in their order."""
-    t_ns = rows[:, 0] * TIMES[title]
+    path: Path,
+    title: str,
+    seen: _Seen,
+    sensors: tuple[Sensor, ...],
+) -> tuple[dict[int, int], tuple[Look, ...]]:
+    """Scans at the times of a first column, numbered from 1; a sensor looked when it has a row."""
+    t_ns = seen.first * TIMES[title]
     if not (np.isfinite(t_ns).all() and (abs(t_ns) < _LATEST_NS).all()):
         raise ConfigError(str(path), title, "expected a time in every row, before the year 2100")
-    order = np.argsort(t_ns, kind="stable")
-    times, begins = np.unique(t_ns[order], return_index=True)
-    sensor = _sensor(path, table)
-    places = np.split(rows[order, 1:3], begins[1:]) if times.size else []
+    order = np.lexsort((seen.sensor, t_ns))
+    is_next = np.ones(order.size, np.bool_)
+    is_next[1:] = (np.diff(t_ns[order]) > 0.0) | (np.diff(seen.sensor[order]) > 0)
     looks = tuple(
-        Look(round(at_ns), sensor, read_only(z_m[~np.isnan(z_m).all(axis=1)]))
-        for at_ns, z_m in zip(times, places, strict=True)
+        Look(round(t_ns[rows[0]]), sensors[seen.sensor[rows[0]]], read_only(seen.z_m[rows[seen.made[rows]]]))
+        for rows in np.split(order, np.flatnonzero(is_next)[1:])
+        if rows.size
     )
-    number = {look.t_ns: k for k, look in enumerate(looks, 1)}
-    true = {} if truth is None else {k: truth.get(k, {}) for k in number.values()}
-    params, births = _motion(table)
-    return Detections(params, births, table.anywhere, None, looks, number, true, absolute=title == "t_ns")
+    return {t_ns: k for k, t_ns in enumerate(dict.fromkeys(look.t_ns for look in looks), 1)}, looks
 
 
 def _numbered(
-    path: Path, rows: FloatArray, table: ModelTable, truth: dict[int, Tracks[object]] | None
-) -> Detections:
-    """Scans from 1 (or 0, where one says so) to the last, at regular times."""
-    scan = rows[:, 0]
+    path: Path,
+    seen: _Seen,
+    sensors: tuple[Sensor, ...],
+    table: ModelTable,
+    truth: dict[int, Tracks[object]] | None,
+) -> tuple[dict[int, int], tuple[Look, ...]]:
+    """Scans from 1 (or 0, where one says so) to the last, at regular times, each of every sensor."""
+    scan = seen.first
     if not (np.isfinite(scan).all() and (scan == np.floor(scan)).all() and (scan >= 0).all()):
         raise ConfigError(str(path), "k", "expected whole numbers from 0 on")
     first = 0 if (scan == 0).any() or 0 in (truth or {}) else 1
     last = max(int(scan.max()) if scan.size else 0, table.scans or 0, max(truth or {}, default=0))
     if last > MOST_SCANS:
         raise ConfigError(str(path), "k", f"expected scans up to {MOST_SCANS}, found number {last}")
-    sensor = _sensor(path, table)
-    order = np.argsort(scan, kind="stable")
-    edges = np.searchsorted(scan[order], np.arange(first, last + 2))
-    times = {k: round(k * table.dt_s * NS_PER_S) for k in range(first, last + 1)}
-    looks = tuple(
-        Look(t_ns, sensor, read_only(rows[order[edges[k - first] : edges[k - first + 1]], 1:3]))
-        for k, t_ns in times.items()
-    )
-    params, births = _motion(table)
-    true = {} if truth is None else {k: truth.get(k, {}) for k in times}
-    return Detections(
-        params, births, table.anywhere, None, looks, {t_ns: k for k, t_ns in times.items()}, true
-    )
-
-
-def _sensor(path: Path, table: ModelTable) -> Sensor:
-    west, south, east, north = table.region_m
-    view = table.field_of_view_m or [-math.inf, -math.inf, math.inf, math.inf]
-    return Sensor(
-        path.name,
-        table.detection_probability,
-        table.clutter_per_scan / ((east - west) * (north - south)),
-        read_only(np.eye(2) * table.noise_std_m**2),
-        (view[0], view[1], view[2], view[3]),
-    )
+    n = len(sensors)
+    slot = (scan - first) * n + seen.sensor
+    order = np.argsort(slot, kind="stable")
+    edges = np.searchsorted(slot[order], np.arange((last - first + 1) * n + 1))
+    times = {round(k * table.dt_s * NS_PER_S): k for k in range(first, last + 1)}
+    looks = []
+    for (t_ns, sensor), begin, end in zip(product(times, sensors), edges[:-1], edges[1:], strict=True):
+        rows = order[begin:end]
+        looks.append(Look(t_ns, sensor, read_only(seen.z_m[rows[seen.made[rows]]])))
+    return times, tuple(looks)
 
 
 def _motion(table: ModelTable) -> tuple[GlmbParams, tuple[Birth, ...]]:

@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 from rich.console import Console
 
-from gcs.commands.detections import TIMES
-from gcs.commands.tables import read_csv, read_npz
+from gcs.commands.columns import TIMES, Columns, columns
+from gcs.commands.tables import Numbers, read_csv, read_npz
 from gcs.errors import ConfigError
 from gcs.model import NS_PER_S, FloatArray
 
@@ -30,17 +30,14 @@ def detections_contents(path: Path) -> dict[str, Any]:
         When the file is no table of detections.
     """
     more: list[str] = []
-    remarks: tuple[str, ...] = ()
-    title = "k"
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
         if "meas" not in arrays:
             raise ConfigError(str(path), "meas", f"is missing; expected {_ROWS}")
-        rows, more = arrays["meas"], sorted(set(arrays) - {"meas"})
+        numbers, more = Numbers((), arrays["meas"]), sorted(set(arrays) - {"meas"})
     else:
         numbers = read_csv(path, _ROWS)
-        rows, remarks = numbers.rows, numbers.remarks
-        title = numbers.titles[0] if numbers.titles and numbers.titles[0] in TIMES else "k"
+    rows = numbers.rows
     if rows.ndim != 2 or rows.shape[1] < 3:
         raise ConfigError(str(path), "", f"expected {_ROWS}; found the shape {rows.shape}")
     return {
@@ -48,15 +45,20 @@ def detections_contents(path: Path) -> dict[str, Any]:
         "file": str(path),
         "bytes": path.stat().st_size,
         "more": more,
-        "remarks": list(remarks),
-        **_scans(rows, title),
+        "remarks": list(numbers.remarks),
+        "sensors": list(numbers.words),
+        **_scans(rows, columns(path, numbers)),
     }
 
 
-def _scans(rows: FloatArray, title: str) -> dict[str, Any]:
+def _scans(rows: FloatArray, of: Columns) -> dict[str, Any]:
     """Count scans; times are in seconds where the file has them, in scan numbers where not."""
+    title = of.time
     first = rows[:, 0] * (TIMES[title] / NS_PER_S if title in TIMES else 1.0)
-    seen = np.isfinite(rows[:, 1:3]).all(axis=1)
+    looked, seen = of.measured(rows), np.zeros(len(rows), np.bool_)
+    for pair in (of.place, of.polar):
+        if pair is not None:
+            seen |= np.isfinite(rows[:, pair]).all(axis=1)
     when = np.unique(first[np.isfinite(first)])
     steps = np.diff(when)
     usual = float(np.median(steps)) if steps.size else 0.0
@@ -66,7 +68,7 @@ def _scans(rows: FloatArray, title: str) -> dict[str, Any]:
         "column": title,
         "scans": int(when.size),
         "detections": int(seen.sum()),
-        "not_finite": int((~seen & ~np.isnan(rows[:, 1:3]).all(axis=1)).sum()),
+        "not_finite": int((~seen & looked).sum()),
         "first": float(when[0]) if when.size else None,
         "last": float(when[-1]) if when.size else None,
         "rate_hz": 1.0 / usual if timed and usual > 0.0 else None,
@@ -85,6 +87,8 @@ def print_detections(contents: dict[str, Any], console: Console) -> None:
     size_mb = contents["bytes"] / 1e6
     more = f"; also {', '.join(contents['more'])}" if contents["more"] else ""
     say(f"{contents['file']}: detections, {size_mb:.1f} MB{more}")
+    if contents["sensors"]:
+        say(f"sensors: {', '.join(contents['sensors'])}")
     scans, unit = contents["scans"], "" if contents["column"] == "k" else " s"
     if not scans:
         say("no scans", "yellow")

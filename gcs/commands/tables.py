@@ -17,6 +17,8 @@ from gcs.model import FloatArray
 _MOST_NUMBERS: Final = 40_000_000
 """In one file: 320 MB."""
 _MOST_LINE: Final = 100_000
+SENSOR: Final = "sensor"
+"""Title of a column of words."""
 _SPLIT: Final = "expected less: split it into several files"
 
 
@@ -27,6 +29,8 @@ class Numbers:
     titles: tuple[str, ...]
     """Of its first line, when that is no row; a leading # is passed over."""
     rows: FloatArray
+    words: tuple[str, ...] = ()
+    """What stands in the column titled "sensor"; in `rows` it is their place here, counted from 0."""
     remarks: tuple[str, ...] = ()
     """What the user should know, such as a last line that was cut off."""
 
@@ -55,7 +59,8 @@ def read_npz(path: Path) -> dict[str, FloatArray]:
 def read_csv(path: Path, expected: str) -> Numbers:
     """Return the numbers of a CSV; lines that begin with # and one line of titles are skipped.
 
-    An empty cell is NaN. A last line that breaks off (no line end, fewer cells) is left out, with a remark.
+    An empty cell is NaN; cells of a column titled "sensor" are words. A last line that breaks off (without
+    line end, fewer cells) is left out, with a remark.
 
     Raises
     ------
@@ -74,16 +79,18 @@ def read_csv(path: Path, expected: str) -> Numbers:
 def _numbers(path: Path, file: TextIO, expected: str) -> Numbers:
     values, columns, number = array("d"), 0, 0
     titles: tuple[str, ...] = ()
+    words: dict[str, int] = {}
     remarks: tuple[str, ...] = ()
-    titles_may_come = True
+    word, titles_may_come = -1, True
     while line := file.readline(_MOST_LINE):
         number += 1
         if number == 1:
             titles = _titles(line)
+            word = titles.index(SENSOR) if SENSOR in titles else -1
         cells = line.split("#", 1)[0].replace(";", ",").strip()
         if not cells:
             continue
-        row = _row(cells)
+        row = _row(cells) if word < 0 else _row(cells, word, words)
         if row is not None and (not columns or len(row) == columns):
             columns = len(row)
             values.extend(row)
@@ -95,7 +102,7 @@ def _numbers(path: Path, file: TextIO, expected: str) -> Numbers:
         if len(values) > _MOST_NUMBERS:
             raise ConfigError(str(path), "", f"holds more than {_MOST_NUMBERS} numbers; {_SPLIT}")
     rows = np.frombuffer(values, np.float64).reshape(-1, columns) if columns else np.empty((0, 3))
-    return Numbers(titles, rows, remarks)
+    return Numbers(titles, rows, tuple(words), remarks)
 
 
 def _titles(line: str) -> tuple[str, ...]:
@@ -103,9 +110,19 @@ def _titles(line: str) -> tuple[str, ...]:
     return tuple(cell.strip() for cell in cells) if _row(",".join(cells)) is None else ()
 
 
-def _row(cells: str) -> list[float] | None:
-    """Return the numbers of a line, None where it holds anything else."""
+def _row(cells: str, column: int = -1, words: dict[str, int] | None = None) -> list[float] | None:
+    """Return the numbers of a line, None where it holds anything else.
+
+    What stands in `column` is a word: its number in `words`, to which a new one is added.
+    """
+    parts = cells.split(",")
+    word = None
+    if words is not None and column < len(parts):
+        word, parts[column] = parts[column].strip(), "0"
     try:
-        return [float(cell) if cell.strip() else math.nan for cell in cells.split(",")]
+        row = [float(cell) if cell.strip() else math.nan for cell in parts]
     except ValueError:
         return None
+    if words is not None and word is not None:
+        row[column] = words.setdefault(word, len(words))
+    return row

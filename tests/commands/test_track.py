@@ -326,3 +326,139 @@ def test_paths_of_what_turns_are_recovered_with_its_turns(tmp_path):
     assert recovered <= filtered
     assert smoothed < 0.75 * recovered
     assert smoothed < ospa(straight, "smoothed")
+
+
+RADARS = """
+accel_std_m_s2 = 1.0
+survival_probability = 0.99
+[[sensors]]
+name = "west"
+kind = "range_bearing"
+detection_probability = 0.9
+clutter_per_scan = 5.0
+x_m = -800.0
+y_m = 0.0
+range_std_m = 5.0
+bearing_std_deg = 0.5
+most_range_m = 2000.0
+sector_centre_deg = 90.0
+sector_width_deg = 120.0
+[[sensors]]
+name = "camera"
+kind = "position"
+detection_probability = 0.9
+clutter_per_scan = 5.0
+noise_std_m = 5.0
+region_m = [0.0, -500.0, 500.0, 500.0]
+field_of_view_m = [0.0, -500.0, 500.0, 500.0]
+[[births]]
+x_m = -300.0
+y_m = 0.0
+std_m = 10.0
+speed_std_m_s = 20.0
+probability = 0.03
+"""
+
+
+def seen_by_both(rng, bearing="bearing_deg", time="k"):
+    """CSV of what a radar and a camera see of one object that flies into the camera's view; its truth."""
+    unit = 180.0 / np.pi if bearing == "bearing_deg" else 1.0
+    lines, truth = [f"{time},sensor,range_m,{bearing},x,y"], []
+    for k in range(1, 41):
+        x, y = -315.0 + 15.0 * k, 2.0 * k
+        truth.append((k, 1, x, 15.0, y, 2.0))
+        seen = [(np.hypot(x + 800.0, y), np.arctan2(x + 800.0, y))] if rng.random() < 0.9 else []
+        clutter = zip(rng.uniform(0, 2000, 5), rng.uniform(np.pi / 6, 5 * np.pi / 6, 5), strict=True)
+        polar = [(r + rng.normal(0, 5), b + rng.normal(0, 0.0087)) for r, b in seen] + list(clutter)
+        lines += [f"{k},west,{r:.3f},{b * unit:.5f},," for r, b in polar] or [f"{k},west,,,,"]
+        places = [(x + rng.normal(0, 5), y + rng.normal(0, 5))] if x > 0 and rng.random() < 0.9 else []
+        places += [(rng.uniform(0, 500), rng.uniform(-500, 500)) for _ in range(5)]
+        lines += [f"{k},camera,,,{a:.3f},{b:.3f}" for a, b in places]
+    return "\n".join(lines) + "\n", np.array(truth)
+
+
+@pytest.fixture
+def radars(tmp_path):
+    text, truth = seen_by_both(np.random.default_rng(3))
+    (tmp_path / "set.csv").write_text(text)
+    (tmp_path / "model.toml").write_text(RADARS)
+    np.savez(tmp_path / "truth.npz", truth=truth)
+    return tmp_path
+
+
+def with_radars(folder, *arguments):
+    return scores(
+        folder / "set.csv", "--model", folder / "model.toml", "--truth", folder / "truth.npz", *arguments
+    )
+
+
+def test_a_radar_and_a_camera_are_tracked_together_by_a_model_file(radars):
+    result = with_radars(radars)
+    assert result["scans"] == 40
+    assert result["ospa_mean_m"] < 6.0
+    assert result["cardinality_error_mean"] == 0.0
+
+
+def test_what_a_radar_measured_may_be_in_radians_and_its_scans_at_any_time(radars):
+    before = with_radars(radars)
+    text, _ = seen_by_both(np.random.default_rng(3), "bearing_rad", "t_s")
+    (radars / "set.csv").write_text(text)
+    after = with_radars(radars)
+    assert after["ospa_mean_m"] == pytest.approx(before["ospa_mean_m"], rel=1e-3)
+
+
+@pytest.mark.parametrize(("time", "looked"), [("k", True), ("t_s", False)])
+def test_without_a_row_a_sensor_saw_nothing_at_a_number_and_did_not_look_at_a_time(radars, time, looked):
+    text, _ = seen_by_both(np.random.default_rng(3), time=time)
+    (radars / "set.csv").write_text("\n".join(s for s in text.splitlines() if ",camera," not in s) + "\n")
+    west, camera = RADARS.split('name = "camera"')
+    surely = camera.replace("detection_probability = 0.9", "detection_probability = 0.999")
+    (radars / "model.toml").write_text(west + 'name = "camera"' + surely)
+    assert (with_radars(radars)["cardinality_error_mean"] > 0.1) == looked
+
+
+def test_what_detections_hold_is_told_by_sensor(radars):
+    done = CliRunner().invoke(app, ["info", str(radars / "set.csv"), "--json"])
+    contents = json.loads(done.stdout.splitlines()[-1])
+    assert contents["sensors"] == ["west", "camera"]
+    assert contents["scans"] == 40
+    assert contents["not_finite"] == 0
+
+
+SENSOR_MISTAKES = {
+    "a name that the model has not": (
+        ",camera,",
+        ",camrea,",
+        "",
+        "'camrea' is not in the model, which has: west, camera",
+    ),
+    "no column of names": ("", "", "", "sensor: is missing"),
+    "half of what a radar measures": ("bearing_deg", "bearing", "", "expected a range_m with one of"),
+    "a camera without places": (",x,y", ",px,py", "", "but camera measures positions"),
+    "a key of the other kind": ("", "", ("noise_std_m", "range_std_m"), "sensors[1]"),
+    "a kind that is none": ("", "", ('"position"', '"sonar"'), "sensors[1].kind"),
+    "no spread of bearings": ("", "", ("bearing_std_deg = 0.5", ""), "`bearing_std_deg` is missing"),
+    "two of one name": ("", "", ('"camera"', '"west"'), "sensors[1].name: 'west' is the name of another"),
+    "nowhere to see": (
+        "",
+        "",
+        ("most_range_m = 2000.0", "most_range_m = 1.0\nleast_range_m = 2.0"),
+        "most_range_m",
+    ),
+    "one sensor and several": ("", "", ("accel", "noise_std_m = 3.0\naccel"), "is of one sensor"),
+    "no sensor": ("", "", ("[[sensors]]", "[[sensers]]"), "unknown key `sensers`"),
+}
+
+
+@pytest.mark.parametrize("case", SENSOR_MISTAKES)
+def test_a_mistake_about_sensors_is_named(radars, case):
+    old, new, model, said = SENSOR_MISTAKES[case]
+    csv_file, model_file = radars / "set.csv", radars / "model.toml"
+    text = csv_file.read_text().replace(old, new) if old else csv_file.read_text()
+    if case == "no column of names":
+        text = "k,x,y\n1,2.0,3.0\n"
+    csv_file.write_text(text)
+    model_file.write_text(model_file.read_text().replace(*model) if model else RADARS)
+    done = run(csv_file, "--model", model_file)
+    assert done.exit_code == 2, done.output
+    assert said in " ".join(done.stderr.split())
