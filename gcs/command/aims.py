@@ -44,9 +44,17 @@ class Aims:
         self._ranks = [highest - birth.priority for birth in config.births]
         self._rank = highest
 
-    def start(self, vehicle: int, track: Track) -> AgentStart:
+    def start(self, vehicle: int, place: Point, course_rad: float) -> AgentStart:
         """Where and how an agent begins its route."""
-        return AgentStart(*place_of(track), course_of(track), self._speeds_m_s[vehicle])
+        return AgentStart(*place, course_rad, self._speeds_m_s[vehicle])
+
+    def place(self, target: Track, ahead_s: float) -> Point:
+        """Where a target will be; with `planning.aim = "position"` where it is."""
+        east_m, north_m = place_of(target)
+        if self._planning.aim == "position":
+            return east_m, north_m
+        v_east, v_north = led_velocity(target)
+        return east_m + v_east * ahead_s, north_m + v_north * ahead_s
 
     def terms(self, label: Label, track: Track, arrived: int) -> Terms:
         """What a target still needs, `arrived` agents being there."""
@@ -60,13 +68,9 @@ class Aims:
 
     def off_m(self, vehicle: int, agent: Track, route: Route, target: Track) -> float:
         """How far a route ends from where its target will be then."""
-        east_m, north_m = place_of(target)
-        if self._planning.aim == "intercept":
-            to_go = to_go_m(route.points_m, place_of(agent), CORRIDOR_M)
-            t_s = min(to_go / self._speeds_m_s[vehicle], self._planning.horizon_s)
-            v_east, v_north = led_velocity(target)
-            east_m, north_m = east_m + v_east * t_s, north_m + v_north * t_s
-        return math.hypot(east_m - float(route.points_m[-1, 0]), north_m - float(route.points_m[-1, 1]))
+        to_go = to_go_m(route.points_m, place_of(agent), CORRIDOR_M)
+        place = self.place(target, min(to_go / self._speeds_m_s[vehicle], self._planning.horizon_s))
+        return math.dist(place, route.points_m[-1])
 
     def tolerance_m(self, agent: Track, route: Route) -> float:
         """How far off a route may end.

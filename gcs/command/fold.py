@@ -20,6 +20,7 @@ from gcs.command.area import mission_grid
 from gcs.command.fates import Fates
 from gcs.command.guests import Guests
 from gcs.command.keepouts import KeepOuts
+from gcs.command.motions import Motions
 from gcs.command.orders import Orders
 from gcs.command.recovery import Recovery
 from gcs.command.reordering import Reordering
@@ -89,6 +90,7 @@ class Command:
         self.reordering = Reordering(tracking.reorder_window_s)
         self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
         self.witness = Witness(telemetry)
+        self.motions = Motions(telemetry.max_age_s)
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner = Replanner(config, self.grid)
         self.tasking = Tasking(
@@ -257,6 +259,7 @@ class Command:
         effects: list[Effect] = [*self.trackers.scan(event, states)]
         agents, targets = self.trackers.agents.beliefs, self.trackers.targets.beliefs
         self.ties.update(agents, event.measured_t_ns, states)
+        self.motions.take(states)
         effects += self.witness.take(event, states, self.ties.labels, agents.tracks, targets.tracks.values())
         reporting = {s.system_id for s in states if abs(event.t_ns - s.t_ns) <= self._report_age_ns}
         ties, assigned = self.ties.labels, self.replanner.assigned
@@ -297,11 +300,14 @@ class Command:
 
     def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
-        flying, away = self.fates.flying(), self._away()
+        away = self._away()
+        ours = [v for v in self.fates.flying() if v not in away and labels.get(v) in agents]
+        flying = {vehicle: agents[labels[vehicle]] for vehicle in ours}
         return Situation(
             t_ns=t_ns,
             picture_t_ns=picture_t_ns,
-            agents={v: agents[labels[v]] for v in flying if v not in away and labels.get(v) in agents},
+            agents=flying,
+            motions=self.motions.now(flying, t_ns, picture_t_ns),
             targets=self._open_targets(),
             at_targets=self.fates.at_targets(),
             arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),

@@ -14,18 +14,19 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 
-from gcs.command.aims import Aims, course_of, place_of, plan_options
+from gcs.command.aims import Aims, plan_options
 from gcs.command.apart import Lanes
+from gcs.command.motions import motion_of
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
 from gcs.planning.progress import CORRIDOR_M, is_ahead_clear, next_point
 from gcs.planning.routes import plan_routes
 from gcs.planning.sight import line_of_sight
-from gcs.planning.starts import expected_place
+from gcs.planning.starts import Motion, expected
 from gcs.planning.task import AgentStart
 
 _FIRST_PLAN_WAIT_S = 5.0
@@ -52,6 +53,12 @@ class Situation:
     """How many of them are at each target that needs more."""
     away: Mapping[int, str] = field(default_factory=dict)
     """Vehicles that fly but are not ours to task, and why, in words."""
+    motions: Mapping[int, Motion] = field(default_factory=dict)
+    """How agents move; who is not among them flies as its track does."""
+
+    def motion(self, vehicle: int) -> Motion:
+        """How an agent moves."""
+        return self.motions.get(vehicle) or motion_of(self.agents[vehicle], self.t_ns - self.picture_t_ns)
 
 
 class Replanner:
@@ -64,7 +71,8 @@ class Replanner:
         self.aims = Aims(config)
         self._lanes = Lanes(config)
         self._planning = planning
-        self._ahead_s = _DELIVERY_S + 0.5 * config.airframe.turn_lag_s
+        self._turn_s = 0.5 * config.airframe.turn_lag_s
+        self._ahead_s = _DELIVERY_S + self._turn_s
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)
         self._expected_targets = len(config.births)
@@ -236,8 +244,8 @@ class Replanner:
         """Who is too far off its route, in words."""
         return [
             f"agent {vehicle} cannot get back on to its route"
-            for vehicle, route, agent in self._flown(situation)
-            if self._is_astray(agent, route)
+            for vehicle, route, _ in self._flown(situation)
+            if self._is_astray(vehicle, route, situation)
         ]
 
     def _flown(self, situation: Situation) -> Iterator[tuple[int, Route, Track]]:
@@ -246,25 +254,27 @@ class Replanner:
             if vehicle in situation.agents and route.target in situation.targets:
                 yield vehicle, route, situation.agents[vehicle]
 
-    def _is_astray(self, agent: Track, route: Route) -> bool:
+    def _is_astray(self, vehicle: int, route: Route, situation: Situation) -> bool:
         """Whether an agent got where its turn to the next point of its route hits something."""
-        options = self._options
+        options, motion = self._options, situation.motion(vehicle)
         if options.shape != "flyable":
             return False
-        return not is_ahead_clear(
-            self._grid,
-            route.points_m,
-            place_of(agent),
-            course_of(agent),
-            options.turn_radius_m,
-            CORRIDOR_M,
-        )
+        ahead = self._ahead(route, motion, situation.t_ns)
+        place, course_rad = expected(self._grid, motion, self._turn_s, ahead)
+        return not is_ahead_clear(self._grid, ahead, place, course_rad, options.turn_radius_m)
+
+    def _ahead(self, route: Route, motion: Motion, t_ns: int) -> Point:
+        """The point of its route that a vehicle flies to."""
+        given_s = (t_ns - self._given_t_ns.get(route.vehicle, 0)) / NS_PER_S
+        place, most_m = (motion.east_m, motion.north_m), motion.speed_m_s * given_s
+        first = min(next_point(route.points_m, place, CORRIDOR_M, most_m), len(route.points_m) - 1)
+        return float(route.points_m[first, 0]), float(route.points_m[first, 1])
 
     def _plan(self, situation: Situation, reason: str) -> Plan:
         result = plan_routes(
             self._grid,
-            {v: self._start(v, track) for v, track in situation.agents.items()},
-            {label: place_of(track) for label, track in situation.targets.items()},
+            {vehicle: self._start(vehicle, situation) for vehicle in situation.agents},
+            {label: self._place(track, situation) for label, track in situation.targets.items()},
             {vehicle: route.target for vehicle, route in self._newest.items()},
             self._options,
             terms={
@@ -303,11 +313,16 @@ class Replanner:
             changed=tuple(changed),
         )
 
-    def _start(self, vehicle: int, agent: Track) -> AgentStart:
+    def _start(self, vehicle: int, situation: Situation) -> AgentStart:
         """Where an agent will be when it takes up a route that is planned now."""
-        velocity_m_s = (float(agent.mean[2]), float(agent.mean[3]))
-        east_m, north_m = expected_place(self._grid, place_of(agent), velocity_m_s, self._ahead_s)
-        return replace(self.aims.start(vehicle, agent), east_m=east_m, north_m=north_m)
+        motion, flown = situation.motion(vehicle), self.routes.get(vehicle)
+        toward = None if flown is None else self._ahead(flown, motion, situation.t_ns)
+        place, course_rad = expected(self._grid, motion, self._ahead_s, toward)
+        return self.aims.start(vehicle, place, course_rad)
+
+    def _place(self, target: Track, situation: Situation) -> Point:
+        """Where a target will be when agents take up routes that are planned now."""
+        return self.aims.place(target, (situation.t_ns - situation.picture_t_ns) / NS_PER_S + self._ahead_s)
 
     def _decide(self, kept: list[Route], situation: Situation) -> None:
         """Make the routes of a plan those that are flown, or propose those that differ."""
@@ -320,8 +335,10 @@ class Replanner:
         self.blocked &= set(self.routes)
 
     def _is_still_good(self, flown: Route, new: Route, situation: Situation) -> bool:
-        agent = situation.agents[new.vehicle]
-        if flown.target != new.target or (self._is_astray(agent, flown) and not self._is_astray(agent, new)):
+        vehicle, agent = new.vehicle, situation.agents[new.vehicle]
+        if flown.target != new.target:
+            return False
+        if self._is_astray(vehicle, flown, situation) and not self._is_astray(vehicle, new, situation):
             return False
         if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
             return True

@@ -102,6 +102,8 @@ class Tasking:
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
         self._deliveries: dict[int, _Delivery] = {}
         self._waiting: dict[int, Route] = {}
+        self._asked_t_ns: dict[int, int] = {}
+        """When each vehicle's newest route was made."""
         self._lanes: defaultdict[str, Lane] = defaultdict(lambda: Lane(max_parallel))
         self._busy: defaultdict[str, int] = defaultdict(int)
         self._custody: defaultdict[int, Custody] = defaultdict(Custody)
@@ -165,6 +167,7 @@ class Tasking:
     def task(self, route: Route, t_ns: int) -> list[Effect]:
         """Send a route to its vehicle as a mission; a transfer under way is given up for it."""
         vehicle = route.vehicle
+        self._asked_t_ns[vehicle] = t_ns
         if self._supersede(vehicle, t_ns):
             return self._begin(route, t_ns)
         self._waiting[vehicle] = route
@@ -356,7 +359,9 @@ class Tasking:
         state = self._fleet.state(route.vehicle)
         if state is None:
             return 0
-        return next_point(route.points_m, (state.east_m, state.north_m), CORRIDOR_M)
+        flown_s = (state.t_ns - self._asked_t_ns.get(route.vehicle, 0)) / NS_PER_S
+        place, most_m = (state.east_m, state.north_m), state.ground_speed_m_s * flown_s
+        return next_point(route.points_m, place, CORRIDOR_M, most_m)
 
     def _mission(self, route: Route, mission_id: int) -> Mission:
         places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)

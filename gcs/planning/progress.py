@@ -16,14 +16,16 @@ import numpy as np
 from gcs.model import FloatArray
 from gcs.planning.grid import Grid, Point
 from gcs.planning.sight import to_cells
-from gcs.planning.starts import start_is_clear
+from gcs.planning.starts import TIGHT, start_is_clear
 
 CORRIDOR_M = 40.0
 """A vehicle this near to a leg of its route flies it."""
 _SLOW_M_S = 1.0
 
 
-def next_point(points_m: FloatArray, place_m: tuple[float, float], corridor_m: float) -> int:
+def next_point(
+    points_m: FloatArray, place_m: tuple[float, float], corridor_m: float, most_m: float = math.inf
+) -> int:
     """Index of the first point of a route that a vehicle has not passed.
 
     It has passed a point when it is beside the leg that begins there: beyond the leg's beginning, not
@@ -37,8 +39,11 @@ def next_point(points_m: FloatArray, place_m: tuple[float, float], corridor_m: f
         Where the vehicle is.
     corridor_m : float
         Greatest distance from a leg that is being flown.
+    most_m : float
+        How far behind the first point it may have got by now: a route that begins with a loop comes past its
+        own beginning.
     """
-    return _next_point(points_m.tolist(), *place_m, corridor_m)
+    return _next_point(points_m.tolist(), *place_m, corridor_m, most_m)
 
 
 def to_go_m(points_m: FloatArray, place_m: tuple[float, float], corridor_m: float) -> float:
@@ -48,17 +53,24 @@ def to_go_m(points_m: FloatArray, place_m: tuple[float, float], corridor_m: floa
     return sum(math.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(left))
 
 
-def _next_point(points: Sequence[Sequence[float]], east_m: float, north_m: float, corridor_m: float) -> int:
+def _next_point(
+    points: Sequence[Sequence[float]],
+    east_m: float,
+    north_m: float,
+    corridor_m: float,
+    most_m: float = math.inf,
+) -> int:
     """`next_point` on Python's floats: routes have few points, and each vehicle is asked for at each scan."""
-    first = 0
+    first, before_m = 0, 0.0
     for index, ((x, y), (end_x, end_y)) in enumerate(pairwise(points)):
         leg_x, leg_y, dx, dy = end_x - x, end_y - y, east_m - x, north_m - y
         length_m = math.hypot(leg_x, leg_y)
         if length_m == 0.0:
             continue
         along_m, across_m = (dx * leg_x + dy * leg_y) / length_m, abs(leg_x * dy - leg_y * dx) / length_m
-        if 0.0 < along_m <= length_m and across_m <= corridor_m:
+        if 0.0 < along_m <= length_m and across_m <= corridor_m and before_m + along_m <= most_m:
             first = index + 1
+        before_m += length_m
     return first
 
 
@@ -87,30 +99,25 @@ def time_to_point_s(
     return max(to_go_m, 0.0) / max(speed_m_s, _SLOW_M_S)
 
 
-def is_ahead_clear(
-    grid: Grid,
-    points_m: FloatArray,
-    place_m: Point,
-    course_rad: float,
-    radius_m: float,
-    corridor_m: float,
-) -> bool:
+def is_ahead_clear(grid: Grid, ahead_m: Point, place_m: Point, course_rad: float, radius_m: float) -> bool:
     """Whether a vehicle can turn to the next point of its route from where it is, and on its course.
 
     Coming nearer to obstacles than was planned is no reason for another route: that would begin with a turn
-    as well, and with a wider one.
+    as well, and with a wider one. So the turn need only be clear on the planned radius or on half of it.
 
     Parameters
     ----------
-    points_m, place_m, corridor_m
-        As for `next_point`.
+    ahead_m, place_m
+        The next point, and where the vehicle is.
     course_rad : float
         Clockwise from north.
     radius_m : float
         Of the turn.
     """
-    ahead = points_m[min(next_point(points_m, place_m, corridor_m), len(points_m) - 1)]
     x, y = to_cells(grid, place_m)
-    to_x, to_y = to_cells(grid, (float(ahead[0]), float(ahead[1])))
+    to_x, to_y = to_cells(grid, ahead_m)
     angle, radius = 0.5 * np.pi - course_rad, radius_m / grid.spacing_m
-    return bool(start_is_clear(grid.blocked, 0.0, x, y, angle, to_x, to_y, radius, -1))
+    return any(
+        start_is_clear(grid.blocked, 0.0, x, y, angle, to_x, to_y, share * radius, -1)
+        for share in (1.0, TIGHT)
+    )

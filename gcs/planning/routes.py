@@ -28,7 +28,7 @@ from gcs.planning.matrix import Places, cells
 from gcs.planning.moves import SearchMap, search_map
 from gcs.planning.shaping import close_and_seen, is_roomy, joins, pull
 from gcs.planning.sight import clear_leg
-from gcs.planning.starts import start_is_clear, start_room
+from gcs.planning.starts import start_is_clear, start_is_safe, start_room
 from gcs.planning.task import AgentStart, PlanOptions, Terms
 from gcs.planning.taut import tauten
 from gcs.planning.turning import flyable
@@ -199,6 +199,7 @@ def warm_up_calls() -> list[compiling.Call]:
         *separation.warm_up_calls(),
         (flyable, blocked, 0.0, way, np.zeros(2), 1.0, -1),
         (start_is_clear, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),
+        (start_is_safe, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),
         (start_room, blocked, 0.0, 0.0, 0.0),
     ]
 

@@ -28,7 +28,15 @@ from gcs.model import FloatArray
 from gcs.planning.dubins import TURNS, words
 from gcs.planning.grid import TOUCH
 from gcs.planning.sight import clear_leg, leg_room
-from gcs.planning.starts import ARC_HEIGHT, MOST_ARC, arc_is_clear, start_arc, start_is_clear, start_room
+from gcs.planning.starts import (
+    ARC_HEIGHT,
+    MOST_ARC,
+    arc_is_clear,
+    arc_to,
+    start_arc,
+    start_is_safe,
+    start_room,
+)
 
 FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
 """What keeps a route from being flown: nothing, a corner, the turn on to it; or both (their sum)."""
@@ -277,26 +285,34 @@ def _trace(blocked, room, x, y, angle, turns, pieces, radius, own, tips):  # typ
 
 @called
 def _other_start(blocked, points, room, angle, radius, own):  # type: ignore[no-untyped-def]
-    """The points with a start by the shortest clear Dubins word; the same points if there is none.
+    """The points with a start by the shortest clear arc and tangent, or Dubins word; the same without one.
 
-    Also returns the length of the word, which ends at the first corner.
+    Also returns the length of the start, which ends at the first corner.
     """
     dx, dy = _leg(points, 0)
     toward = math.atan2(dy, dx)
-    pieces = words(points[0, 0], points[0, 1], angle, points[1, 0], points[1, 1], toward, radius)
+    turns, pieces = np.zeros((8, 3), dtype=np.int64), np.zeros((8, 3))
+    for k in range(2):
+        turns[k, 0] = 1 - 2 * k
+        pieces[k, 0], pieces[k, 1] = arc_to(
+            points[0, 0], points[0, 1], angle, points[1, 0], points[1, 1], 1.0 - 2.0 * k, radius
+        )
+        pieces[k, 1] = pieces[k, 1] / radius
+    turns[2:] = TURNS
+    pieces[2:] = words(points[0, 0], points[0, 1], angle, points[1, 0], points[1, 1], toward, radius)
     tips = np.empty((16, 2))
-    lengths = np.empty(6)
-    for word in range(6):
+    lengths = np.empty(8)
+    for word in range(8):
         lengths[word] = pieces[word, 0] + pieces[word, 1] + pieces[word, 2]
-    for _ in range(6):
+    for _ in range(8):
         best = 0
-        for word in range(6):
+        for word in range(8):
             if lengths[word] < lengths[best]:
                 best = word
         if lengths[best] == np.inf:
             break
         count = _trace(
-            blocked, room, points[0, 0], points[0, 1], angle, TURNS[best], pieces[best], radius, own, tips
+            blocked, room, points[0, 0], points[0, 1], angle, turns[best], pieces[best], radius, own, tips
         )
         if count >= 0:
             # A tip beside the first corner is no corner.
@@ -387,7 +403,7 @@ def flyable(blocked, reach, string, heading, radius, own):  # type: ignore[no-un
         for attempt in range(2 * _START_TRIES):
             tried = room * 0.5 ** (attempt % _START_TRIES)
             if attempt < _START_TRIES:
-                if start_is_clear(blocked, tried, x, y, angle, to_x, to_y, radius, own):
+                if start_is_safe(blocked, tried, x, y, angle, to_x, to_y, radius, own):
                     length += start_arc(x, y, angle, to_x, to_y, radius)[2] - straight
                     problem -= SHARP_START
                     break

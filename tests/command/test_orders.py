@@ -79,9 +79,9 @@ def test_a_held_vehicle_loiters_and_is_not_tasked_and_goes_on_when_resumed() -> 
 
 
 def test_a_short_hold_ends_with_the_mission_that_the_vehicle_has_and_no_upload() -> None:
-    flight = fly([order(21.0, "hold", 4), order(23.5, "resume", 4)], 36.0)
-    assert flight.answers("resume-23.5") == [("accepted", None), ("done", 4)]
-    assert not {m.get_type() for m in flight.told(4, 21.0, 36.0)} & MISSION
+    flight = fly([order(23.1, "hold", 4), order(23.7, "resume", 4)], 36.0)
+    assert flight.answers("resume-23.7") == [("accepted", None), ("done", 4)]
+    assert not {m.get_type() for m in flight.told(4, 23.0, 36.0)} & MISSION
     assert flight.mode(4) is Mode.AUTO
 
 

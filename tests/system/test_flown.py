@@ -6,58 +6,17 @@ looked at until its vehicle is within twice the capture radius of the end of its
 
 from __future__ import annotations
 
-import dataclasses
-import math
-
-import msgspec
-import numpy as np
 import pytest
 
-from gcs.model import Effect, Event, Fate, Plan, Tick
+from sim_vehicles.flown import in_wind, nearest
 from sim_vehicles.scenario import WindTable, load
-from sim_vehicles.virtual import VirtualRun
 
 WIND = WindTable(east_m_s=2.0, north_m_s=-2.5, gust_std_m_s=0.8)
 
 
 def least_room_m(name: str, seed: int, wind: WindTable | None = None) -> float:
-    """Fly a whole mission; return how near any vehicle came to any blocked cell on its way."""
     scenario = load(name)
-    if wind is not None:
-        airframe = msgspec.structs.replace(scenario.config.airframe, wind_m_s=4.0)
-        scenario = dataclasses.replace(
-            scenario,
-            config=msgspec.structs.replace(scenario.config, airframe=airframe),
-            simulation=msgspec.structs.replace(scenario.simulation, wind=wind),
-        )
-    near_m = 2.0 * scenario.config.planning.capture_radius_m
-    ends: dict[int, np.ndarray] = {}
-    done: set[int] = set()
-    track: list[tuple[float, float]] = []
-
-    def on_effect(_t_ns: int, effect: Effect) -> None:
-        if isinstance(effect, Plan):
-            ends.update({route.vehicle: route.points_m[-1] for route in effect.routes})
-        elif isinstance(effect, Fate) and effect.fate != "flying":
-            done.add(effect.vehicle)
-
-    def on_event(event: Event) -> None:
-        if isinstance(event, Tick):
-            for vehicle in run.vehicles.values():
-                place, end = (vehicle.east_m, vehicle.north_m), ends.get(vehicle.system_id)
-                if end is None or not vehicle.alive or vehicle.system_id in done:
-                    continue
-                if math.dist(place, end) > near_m:
-                    track.append(place)
-
-    run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
-    run.run()
-    assert run.ended
-    grid = run.command.grid
-    cells = np.argwhere(grid.blocked)[:, ::-1]
-    places = np.array(track)[::4] / grid.spacing_m
-    gaps = np.maximum(np.abs(places[:, np.newaxis] - cells[np.newaxis]) - 0.5, 0.0)
-    return float(np.hypot(gaps[..., 0], gaps[..., 1]).min()) * grid.spacing_m
+    return nearest(scenario if wind is None else in_wind(scenario, wind, 4.0), seed).room_m
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,102 @@
+"""What was flown: how near vehicles of a virtual mission came to obstacles, and when that was.
+
+The last metres to a target are the target's: it may pass beside an obstacle, or over one. So a track is
+looked at until its vehicle is within twice the capture radius of the end of its route, or has arrived.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from gcs.model import NS_PER_S, Effect, Event, Fate, FloatArray, Plan, Tick
+from gcs.planning.grid import Grid
+from sim_vehicles.scenario import Scenario, WindTable
+from sim_vehicles.virtual import START_T_NS, VirtualRun
+
+_EVERY = 4
+"""Ticks between two looks: 0.2 s, 3 m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Nearest:
+    """Where a vehicle came nearest to an obstacle."""
+
+    room_m: float
+    """From the nearest blocked cell; 0 inside one."""
+    vehicle: int
+    t_s: float
+    """From the mission's start."""
+    tasked_s: float
+    """Since the vehicle's route was last changed."""
+    routes: int
+    """How many it had had by then."""
+    east_m: float
+    north_m: float
+
+
+def in_wind(scenario: Scenario, wind: WindTable, planned_m_s: float) -> Scenario:
+    """Return a scenario in a wind, for which its routes allow by `[airframe] wind_m_s`."""
+    airframe = msgspec.structs.replace(scenario.config.airframe, wind_m_s=planned_m_s)
+    return dataclasses.replace(
+        scenario,
+        config=msgspec.structs.replace(scenario.config, airframe=airframe),
+        simulation=msgspec.structs.replace(scenario.simulation, wind=wind),
+    )
+
+
+def nearest(scenario: Scenario, seed: int) -> Nearest:
+    """Fly a whole mission; return where any vehicle came nearest to any blocked cell."""
+    near_m = 2.0 * scenario.config.planning.capture_radius_m
+    ends: dict[int, FloatArray] = {}
+    tasked: dict[int, tuple[int, int]] = {}
+    done: set[int] = set()
+    best = Nearest(math.inf, 0, 0.0, 0.0, 0, 0.0, 0.0)
+    ticks = 0
+
+    def on_effect(t_ns: int, effect: Effect) -> None:
+        if isinstance(effect, Plan):
+            ends.update({route.vehicle: route.points_m[-1] for route in effect.routes})
+            tasked.update({v: (t_ns, tasked.get(v, (0, 0))[1] + 1) for v in effect.changed})
+        elif isinstance(effect, Fate) and effect.fate != "flying":
+            done.add(effect.vehicle)
+
+    def on_event(event: Event) -> None:
+        nonlocal best, ticks
+        if not isinstance(event, Tick):
+            return
+        ticks += 1
+        if ticks % _EVERY:
+            return
+        for vehicle in run.vehicles.values():
+            number, place = vehicle.system_id, (vehicle.east_m, vehicle.north_m)
+            if number not in ends or not vehicle.alive or number in done:
+                continue
+            if math.dist(place, ends[number]) <= near_m:
+                continue
+            room_m = _room_m(run.command.grid, cells, place)
+            if room_m < best.room_m:
+                t_ns, count = tasked[number]
+                best = Nearest(
+                    room_m,
+                    number,
+                    (event.t_ns - START_T_NS) / NS_PER_S,
+                    (event.t_ns - t_ns) / NS_PER_S,
+                    count,
+                    *place,
+                )
+
+    run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
+    cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
+    run.run()
+    return best
+
+
+def _room_m(grid: Grid, cells: FloatArray, place: tuple[float, float]) -> float:
+    at = (np.array(place) - grid.origin_m) / grid.spacing_m
+    gaps = np.maximum(np.abs(at - cells) - 0.5, 0.0)
+    return float(np.hypot(gaps[:, 0], gaps[:, 1]).min(initial=math.inf)) * grid.spacing_m

@@ -1,0 +1,65 @@
+"""How near vehicles come to obstacles as they are flown, over seeds, in calm air and in wind.
+
+``python tests/bench/bench_flown.py [SCENARIO ...] [--seeds 16] [--each]`` prints a table: the least
+distance of any vehicle from any blocked cell in whole missions on virtual time, until near the end
+of its route.
+"""
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+
+from gcs.planning.routes import warm_up as warm_up_planning
+from gcs.tracking.glmb import warm_up as warm_up_tracking
+from sim_vehicles.flown import Nearest, in_wind, nearest
+from sim_vehicles.scenario import WindTable, load
+
+SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")
+GUSTS_M_S = 0.8
+TOWARDS = (0.625, -0.78)
+
+
+def fly(name: str, seed: int, wind_m_s: float, planned_m_s: float) -> Nearest:
+    scenario = load(name)
+    if wind_m_s:
+        east_m_s, north_m_s = (wind_m_s * axis for axis in TOWARDS)
+        wind = WindTable(east_m_s=east_m_s, north_m_s=north_m_s, gust_std_m_s=GUSTS_M_S)
+        scenario = in_wind(scenario, wind, planned_m_s)
+    return nearest(scenario, seed)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", default=SCENARIOS)
+    parser.add_argument("--seeds", type=int, default=16)
+    parser.add_argument("--winds", type=float, nargs="*", default=[0.0, 3.2], help="m/s; default 0 3.2")
+    parser.add_argument("--planned", type=float, default=4.0, help="wind_m_s of windy missions; default 4")
+    parser.add_argument("--each", action="store_true", help="show every seed")
+    options = parser.parse_args()
+    warm_up_planning()
+    warm_up_tracking()
+    print("| scenario | wind, m/s | least, m | tenth of the runs below, m | median, m | runs inside |")
+    print("|---|---|---|---|---|---|")
+    with ProcessPoolExecutor(2) as pool:
+        for name in options.scenarios:
+            for wind in options.winds:
+                n = options.seeds
+                found = list(pool.map(fly, [name] * n, range(1, n + 1), [wind] * n, [options.planned] * n))
+                if options.each:
+                    for seed, one in enumerate(found, 1):
+                        print(
+                            f"  {seed}: {one.room_m:.1f} m, agent {one.vehicle} at {one.t_s:.0f} s, "
+                            f"{one.tasked_s:.1f} s on route {one.routes}, "
+                            f"({one.east_m:.0f}, {one.north_m:.0f})"
+                        )
+                rooms = np.array([one.room_m for one in found])
+                print(
+                    f"| {name} | {wind:g} | {rooms.min():.1f} | {np.quantile(rooms, 0.1):.1f} "
+                    f"| {np.median(rooms):.1f} | {int((rooms <= 0.0).sum())} of {n} |",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
