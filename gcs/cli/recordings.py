@@ -14,6 +14,17 @@ PANEL = "Recordings"
 
 app = typer.Typer()
 
+DetectionsOption = Annotated[
+    Path | None,
+    typer.Option(help="Scans to lay beside a log: NPZ, CSV (k,x,y or t_s,x,y or t_ns,x,y), a recording."),
+]
+ModelOption = Annotated[
+    Path | None, typer.Option(help="What their sensor is, TOML or NPZ.  [default: the file's own]")
+]
+OffsetOption = Annotated[
+    float, typer.Option(metavar="S", help="Seconds to add to their times, which begin with the log's.")
+]
+
 
 @app.command(rich_help_panel=PANEL)
 def replay(
@@ -38,16 +49,9 @@ def replay(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of the random obstacles.  [default: the recorded one]")
     ] = None,
-    detections: Annotated[
-        Path | None,
-        typer.Option(help="Scans to lay beside a log: NPZ, CSV (k,x,y or t_s,x,y or t_ns,x,y), a recording."),
-    ] = None,
-    model: Annotated[
-        Path | None, typer.Option(help="What their sensor is, TOML or NPZ.  [default: the file's own]")
-    ] = None,
-    offset: Annotated[
-        float, typer.Option(metavar="S", help="Seconds to add to their times, which begin with the log's.")
-    ] = 0.0,
+    detections: DetectionsOption = None,
+    model: ModelOption = None,
+    offset: OffsetOption = 0.0,
     headless: Annotated[
         bool, typer.Option("--headless", help="Plain lines instead of the live view.")
     ] = False,
@@ -89,6 +93,9 @@ def report(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of the random obstacles.  [default: the recorded one]")
     ] = None,
+    detections: DetectionsOption = None,
+    model: ModelOption = None,
+    offset: OffsetOption = 0.0,
     timing: Annotated[
         bool,
         typer.Option(help="Work every event once more, to measure how long scans and plans take here."),
@@ -109,7 +116,7 @@ def report(
         if recording is None:
             folder = out if out is not None else Path("paper-report")
             raise typer.Exit(run_paper(folder, Console(stderr=as_json), as_json=as_json))
-        options = ReportOptions(recording, out, config, seed, timing, as_json)
+        options = ReportOptions(recording, out, config, seed, timing, as_json, detections, model, offset)
         code = run_report(options, Console(stderr=as_json))
     raise typer.Exit(code)
 

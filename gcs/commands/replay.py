@@ -17,10 +17,9 @@ import typer
 from rich.console import Console
 
 from gcs.app import wait_for_interrupt
-from gcs.commands.detections import load as load_detections
 from gcs.commands.replaying import Replay, Verifier, Window
 from gcs.commands.sinks import view_for, warm_up
-from gcs.commands.telemetry import Beside, telemetry_records
+from gcs.commands.telemetry import Beside, load_beside, telemetry_records
 from gcs.commands.whatif import Comparison, settings, table
 from gcs.config import Config, load, parse
 from gcs.edge.reader import About, Record, about, is_recording, read
@@ -156,10 +155,10 @@ def _prepared(options: ReplayOptions, console: Console) -> _Plan:
 def _beside(options: ReplayOptions, console: Console) -> Beside | None:
     if options.detections is None:
         return None
-    detections = load_detections(options.detections, options.model, None)
-    for remark in detections.remarks:
+    beside = load_beside(options.detections, options.model, options.offset_s)
+    for remark in beside.detections.remarks:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
-    return Beside(str(options.detections), detections, options.offset_s)
+    return beside
 
 
 def _seed(options: ReplayOptions, made_with: About, config: Config) -> int:

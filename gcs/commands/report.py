@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,10 @@ from gcs.command.area import mission_grid
 from gcs.command.fold import Command
 from gcs.commands.info import reading_progress
 from gcs.commands.sinks import warm_up
-from gcs.commands.telemetry import telemetry_records
+from gcs.commands.telemetry import Beside, load_beside, telemetry_records
 from gcs.config import Config, load, parse
 from gcs.edge.boot_clock import TimedBy, TimeLine
-from gcs.edge.reader import Damage, Record, about, is_recording, read, recording_bytes
+from gcs.edge.reader import Damage, about, is_recording, read, recording_bytes
 from gcs.edge.tlog import NO_FRAMES, Logged, is_stamped, read_log
 from gcs.errors import ConfigError, RecordingError
 from gcs.geo import LocalFrame
@@ -51,6 +51,11 @@ class ReportOptions:
     seed: int | None
     timing: bool
     as_json: bool
+    detections: Path | None = None
+    """To lay beside a log."""
+    model: Path | None = None
+    """Of the detections, where their file has none."""
+    offset_s: float = 0.0
 
 
 def run_report(options: ReportOptions, console: Console) -> int:
@@ -105,6 +110,10 @@ class _Reading:
     def recording(self) -> Material:
         """Read a recording of ours."""
         path = self.options.path
+        if self.options.detections is not None:
+            raise RecordingError(
+                str(path), "is a recording with scans of its own; --detections goes with a log"
+            )
         made_with = about(path)
         self._find_mission(made_with.config_text)
         seed = self.options.seed if self.options.seed is not None else made_with.run and made_with.run.seed
@@ -146,6 +155,7 @@ class _Reading:
         """Read a telemetry log or a raw stream, with trackers when a mission is given."""
         options, path = self.options, self.options.path
         builder, judge, ground = CourseBuilder(), None, None
+        beside = self._beside()
         if options.config is not None:
             self.config, self.seed = load(options.config), options.seed or 0
             judge, ground = self._judge(), self._ground(known=True)
@@ -155,7 +165,7 @@ class _Reading:
         course = builder.course()
         with TracksCsv(self.csv) as csv:
             if self.config is not None:
-                for value, _ in _flown(path, self.config, self._command(can_repeat=True), self):
+                for value in self._flown(self.config, beside):
                     builder.take(value)
                     if isinstance(value, Picture):
                         csv.take(value, builder.start_t_ns)
@@ -242,6 +252,28 @@ class _Reading:
         warm_up(self.console)
         return Command(self.config, self.seed)
 
+    def _beside(self) -> Beside | None:
+        options = self.options
+        if options.detections is None:
+            return None
+        if options.config is None:
+            raise RecordingError(
+                str(options.path),
+                "--detections needs the mission that they were made in: name it with --config",
+            )
+        beside = load_beside(options.detections, options.model, options.offset_s)
+        self.remarks += beside.detections.remarks
+        return beside
+
+    def _flown(self, config: Config, beside: Beside | None) -> Iterator[object]:
+        """Yield the events of a telemetry log, and what central command makes of each."""
+        command = self._command(can_repeat=True) or Command(config, self.seed)
+        system_ids = [agent.system_id for agent in config.agents]
+        for record in telemetry_records(self.options.path, system_ids, beside):
+            assert isinstance(record.value, Event)
+            yield record.value
+            yield from self._timed(command, record.value)
+
     def _timed(self, command: Command, event: Event) -> list[Effect]:
         """Work an event and note how long scans and plans took; a plan's time includes its scan's."""
         started = time.perf_counter()
@@ -303,20 +335,6 @@ class _Reading:
             plan_ms_p99=_p99(self.work_ms["plan"]),
             recording=str(self.options.path),
         )
-
-
-def _flown(
-    path: Path, config: Config, command: Command | None, reading: _Reading
-) -> Iterator[tuple[object, int]]:
-    """Yield what central command makes of a telemetry log, and the events themselves."""
-    command = command if command is not None else Command(config, reading.seed)
-    records: Iterable[Record] = telemetry_records(path, [agent.system_id for agent in config.agents])
-    for record in records:
-        event = record.value
-        assert isinstance(event, Event)
-        yield event, record.t_ns
-        for effect in reading._timed(command, event):
-            yield effect, record.t_ns
 
 
 def _p99(values_ms: list[float]) -> float:

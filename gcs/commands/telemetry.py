@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from gcs.app import TICK_NS
-from gcs.commands.detections import Detections
+from gcs.commands.detections import Detections, load
 from gcs.edge.boot_clock import TimeLine
 from gcs.edge.reader import Record
 from gcs.edge.tlog import NO_FRAMES, Logged, is_stamped, read_log
@@ -51,6 +51,17 @@ class Beside:
         shift_ns = round(self.offset_s * NS_PER_S) + (0 if self.detections.absolute else start_t_ns)
         looks = sorted(self.detections.looks, key=lambda look: look.t_ns)
         return [Scan(look.t_ns + shift_ns, look.t_ns + shift_ns, look.sensor, look.z_m) for look in looks]
+
+
+def load_beside(path: Path, model: Path | None, offset_s: float) -> Beside:
+    """Read detections to lay beside a log; `model` says what their sensor is where their file does not.
+
+    Raises
+    ------
+    GcsError
+        When the file cannot be read or its sensor is not known.
+    """
+    return Beside(str(path), load(path, model, None), offset_s)
 
 
 def telemetry_records(

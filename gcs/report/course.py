@@ -306,10 +306,12 @@ class CourseBuilder:
         self, paths: dict[Kind, dict[int, Path]], estimates: dict[Kind, tuple[Estimate, ...]]
     ) -> tuple[float, float, float, float]:
         corners = [path.points_m for kind in paths.values() for path in kind.values()]
-        if self._detections.seen:
-            corners += [np.reshape(field_m, (2, 2)) for field_m in self._fields_m.values()]
-        else:  # there is no sensor, or one that sees nothing
+        fields_m = [np.reshape(field_m, (2, 2)) for field_m in self._fields_m.values()]
+        if self._detections.seen and np.isfinite(fields_m).all():
+            corners += fields_m
+        else:  # there is no sensor, or one that sees nothing, or one that says not where it looks
             corners += [estimate.points_m for kind in estimates.values() for estimate in kind]
+            corners.append(self._detections.points_m())
         return area_of(corners)
 
 

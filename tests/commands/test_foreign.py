@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -150,6 +151,33 @@ def test_a_replay_with_detections_from_the_command_line(flight: Path, scans: Pat
     code, text, _ = run("replay", *log, "--detections", scans / "radar.csv")
     assert code == 2
     assert "--model" in text
+
+
+def test_a_report_shows_what_both_trackers_made_of_detections_beside_a_log(
+    flight: Path, scans: Path, tmp_path: Path
+) -> None:
+    log = (flight / "link.tlog", "-o", tmp_path / "report")
+    beside = ("--detections", scans / "radar.csv", "--model", scans / "radar.toml")
+    code, _, found = run("report", *log, "--config", flight / "mission.toml", *beside)
+    assert (code, found["kind"]) == (0, "telemetry log")
+    with Path(found["tracks"]).open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["estimated"] == "1"]
+    truth = [record.value for record in read(flight) if isinstance(record.value, Truth)][-1]
+    for kind in ("agents", "targets"):
+        last = max(float(row["t"]) for row in rows if row["kind"] == kind)
+        places = [(float(r["x"]), float(r["y"])) for r in rows if r["kind"] == kind and float(r["t"]) == last]
+        alive = [(o.east_m, o.north_m) for o in truth.objects if o.kind == kind and o.alive]
+        assert len(places) == len(alive)
+        assert max(min(np.hypot(x - e, y - n) for x, y in places) for e, n in alive) < 25.0
+    code, text, _ = run("report", *log, *beside)
+    assert code == 2
+    assert "name it with --config" in text
+    code, text, _ = run("report", *log, "--config", flight / "mission.toml", *beside, "--offset", 1000)
+    assert code == 2
+    assert "shift them with --offset" in text
+    code, text, _ = run("report", flight, *beside)
+    assert code == 2
+    assert "--detections goes with a log" in text
 
 
 def test_a_raw_stream_is_timed_by_the_vehicles_own_clocks(flight: Path, tmp_path: Path) -> None:
