@@ -35,8 +35,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from mcap.writer import CompressionType, Writer
-
+from gcs.edge.mcap_writer import McapWriter
 from gcs.edge.schemas import json_schema
 from gcs.edge.tlog import tlog_entries
 from gcs.edge.wire import TOPICS, Recordable, encode, topic_of
@@ -246,7 +245,7 @@ class _Part:
     def __init__(self, mcap_path: Path, tlog_path: Path) -> None:
         self._files = [path.open("xb", buffering=0) for path in (mcap_path, tlog_path)]
         self._mcap, self.tlog = (io.BufferedWriter(file, _BUFFER_BYTES) for file in self._files)
-        self._writer = Writer(self._mcap, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer = McapWriter(self._mcap, _CHUNK_BYTES)
         self._channels: dict[str, int] = {}
 
     @property
@@ -256,8 +255,8 @@ class _Part:
 
     def begin(self, config_text: str, versions: dict[str, str], run: Run | None) -> None:
         """Say what the run is and announce every topic with its schema, used or not."""
-        self._writer.start(profile=PROFILE)
-        self._writer.add_attachment(0, 0, CONFIG_NAME, "application/toml", config_text.encode())
+        self._writer.start(PROFILE, PROFILE)
+        self._writer.add_attachment(CONFIG_NAME, "application/toml", config_text.encode())
         self._writer.add_metadata(VERSIONS_METADATA, versions)
         if run is not None:
             self._writer.add_metadata(RUN_METADATA, {"scenario": run.scenario, "seed": str(run.seed)})
@@ -272,7 +271,7 @@ class _Part:
     def add(self, record: Recordable, log_time: int, sequence: int) -> None:
         """Write one record."""
         channel = self._channels[topic_of(record)]
-        self._writer.add_message(channel, log_time, encode(record), log_time, sequence)
+        self._writer.add_message(channel, log_time, encode(record), sequence)
 
     def flush(self) -> None:
         """Hand everything to the operating system."""
