@@ -52,15 +52,18 @@ class McapWriter:
         Open for writing, and empty.
     chunk_bytes : int
         A chunk that has grown past this is compressed and written.
+    level : int
+        Of the compression, as Zstandard counts.
     """
 
-    def __init__(self, file: BinaryIO, chunk_bytes: int) -> None:
+    def __init__(self, file: BinaryIO, chunk_bytes: int, level: int) -> None:
         self._file, self._chunk_bytes = file, chunk_bytes
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._chunks: list[ChunkIndex] = []
+        self._compress = zstandard.ZstdCompressor(level).compress
         self._counts: dict[int, int] = {}
         """Messages of each channel."""
         self._chunk = bytearray()
@@ -148,7 +151,7 @@ class McapWriter:
         entries, self._entries = self._entries, {}
         first_ns = min(min(one[::2]) for one in entries.values())
         last_ns = max(max(one[::2]) for one in entries.values())
-        packed = zstandard.compress(data)
+        packed = self._compress(data)
         chunk = _bytes_of(Chunk("zstd", packed, last_ns, first_ns, zlib.crc32(data), len(data)))
         offset, index, offsets = self._file.tell(), b"", {}
         for channel, one in entries.items():

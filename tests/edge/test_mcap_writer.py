@@ -44,7 +44,7 @@ def written_by_the_library(steps: list[Any], chunk_bytes: int) -> bytes:
 
 def written(steps: list[Any], chunk_bytes: int) -> bytes:
     file = io.BytesIO()
-    writer = McapWriter(file, chunk_bytes)
+    writer = McapWriter(file, chunk_bytes, 3)
     writer.start("profile", "library")
     writer.add_attachment("mission.toml", "application/toml", b"text")
     writer.add_metadata("versions", {"numpy": "2", "python": "3"})
