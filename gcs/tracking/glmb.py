@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
-from gcs.tracking import gates, intensity, kernels, motion, sensors, summing, turning
+from gcs.tracking import gates, intensity, kernels, motion, sensors, showing, summing, turning
 from gcs.tracking.alone import Tracks, alone
 from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
 from gcs.tracking.merging import merge_alike
@@ -307,9 +307,10 @@ class Glmb:
     def picture(self, t_ns: int) -> Picture:
         """All labels with an existence of at least `report_existence`, as of the last scan.
 
-        Means and covariances are of single association histories, not averages over them: a mean between two
-        places would be a place where nobody is. Labels that interact are shown as in the most probable joint
-        hypothesis that holds all the likely ones, so that two labels are not shown at one object.
+        Means and covariances are averages over a label's association histories that mean the same place, not
+        over all: a mean between two places would be a place where nobody is (see `showing`). Labels that
+        interact are shown as in the most probable joint hypothesis that holds all the likely ones, so that
+        two labels are not shown at one object.
         """
         found = self.estimates()
         columns = (found.mean, found.cov, found.existence.tolist(), found.estimated.tolist())
@@ -330,13 +331,9 @@ class Glmb:
         is_estimated[estimated] = True
         rows = np.flatnonzero((existence >= self.params.report_existence) | is_estimated)
         rows = rows[np.lexsort(self._labels[rows].T[::-1])]
-        columns = (
-            self._labels[rows],
-            self._mean[shown[rows]],
-            self._cov[shown[rows]],
-            existence[rows],
-            is_estimated[rows],
-        )
+        probability = summing.probabilities(self._groups, self._track_label.size)
+        mean, cov = showing.averaged(probability, self._track_label, shown[rows], self._mean, self._cov)
+        columns = (self._labels[rows], mean, cov, existence[rows], is_estimated[rows])
         for column in (*columns, cardinality):
             column.flags.writeable = False
         return Estimates(*columns, cardinality)
@@ -472,6 +469,7 @@ def warm_up_calls() -> list[compiling.Call]:
         *sensors.warm_up_calls(),
         *intensity.warm_up_calls(),
         *turning.warm_up_calls(),
+        *showing.warm_up_calls(),
         (part, groups, zeros, 1, options.key, limits),
     ]
 
