@@ -122,8 +122,9 @@ def track(
     estimator: Estimator,
     advance: Callable[[], object] = lambda: None,
     lag_scans: int | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Tracked:
-    """Run the filter over all scans; `advance` is called after each.
+    """Run the filter over all scans; `advance` is called after each, `clock` (seconds) before and after.
 
     With `lag_scans`, a smoothed state knows the detections of so many later scans, else of all.
     """
@@ -144,14 +145,14 @@ def track(
     for look in detections.looks:
         k = detections.number[look.t_ns]
         again = bool(number_of_scan) and number_of_scan[-1] == k
-        begin = time.perf_counter()
+        begin = clock()
         # Places keep their numbers: at the same moment they do not give birth again.
         places = [replace(birth, probability=0.0) for birth in births] if again else births
         tracker.update(look.t_ns, look.z_m, look.sensor, [*places, *unknown.births(look.t_ns)])
         if tracker.account is not None:
             unknown.take(look.t_ns, look.z_m, look.sensor, tracker.account.explained)
         picture = tracker.picture(look.t_ns)
-        scan_ms.append((time.perf_counter() - begin) * 1e3)
+        scan_ms.append((clock() - begin) * 1e3)
         advance()
         if tracker.scans == len(number_of_scan):
             continue  # refused as late
