@@ -32,8 +32,6 @@ from gcs.commands.models import MOST_SCANS, ModelTable, model_of, read_model, se
 from gcs.commands.tables import Numbers, read_csv, read_npz
 from gcs.config import parse
 from gcs.config.tables import AnywhereTable
-from gcs.edge.reader import Damage, about, read
-from gcs.edge.recorder import MCAP_NAME
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import NS_PER_S, FloatArray, Scan, Sensor, Truth, read_only
 from gcs.tracking.glmb import Birth, GlmbParams
@@ -84,7 +82,7 @@ def load(path: Path, model: Path | None, truth: Path | None) -> Detections:
     RecordingError
         When a recording cannot be read.
     """
-    if path.is_dir() or path.name == MCAP_NAME or path.suffix == ".mcap":
+    if path.is_dir() or path.suffix == ".mcap":
         return _of_recording(path, model, truth)
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
@@ -219,6 +217,8 @@ def _motion(table: ModelTable) -> tuple[GlmbParams, tuple[Birth, ...]]:
 
 def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detections:
     """Scans of a recorded run; one tracker for agents and targets, which moves as the agents may."""
+    from gcs.edge.reader import Damage, about, read
+
     if model is not None:
         raise ConfigError(str(model), "", "a recording has its own model: expected no --model with it")
     text = about(path).config_text

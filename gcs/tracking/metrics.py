@@ -23,12 +23,13 @@ from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import numpy.typing as npt
 
 from gcs.model import FloatArray
 
 LabelT = TypeVar("LabelT")
 IdT = TypeVar("IdT")
+IntArray: TypeAlias = npt.NDArray[np.int64]
 Tracks: TypeAlias = Mapping[LabelT, FloatArray]
 """Position (2,) by label at one time."""
 
@@ -57,8 +58,17 @@ def _distances(x_m: FloatArray, y_m: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(x[..., 0] - y[..., 0], x[..., 1] - y[..., 1]))
 
 
-def _paired(cost: FloatArray) -> float:
+def _assigned(cost: FloatArray) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the cheapest pairs."""
+    # Half of what a program takes to start that tracks and may have no truth to judge by.
+    from scipy.optimize import linear_sum_assignment
+
     rows, cols = linear_sum_assignment(cost)
+    return rows, cols
+
+
+def _paired(cost: FloatArray) -> float:
+    rows, cols = _assigned(cost)
     return float(cost[rows, cols].sum())
 
 
@@ -103,7 +113,7 @@ def gospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 50.0, p: float = 2.0) -
     """GOSPA (alpha = 2) of an estimate `x_m` against the truth `y_m`."""
     distances = _distances(x_m, y_m)
     cost = np.minimum(distances, c_m) ** p
-    rows, cols = linear_sum_assignment(cost)
+    rows, cols = _assigned(cost)
     near = distances[rows, cols] < c_m
     local, pairs = float(cost[rows, cols][near].sum()), int(near.sum())
     missed, false = distances.shape[1] - pairs, distances.shape[0] - pairs
@@ -136,7 +146,7 @@ def identity_switches(
         gaps = _distances(
             np.reshape([true[id_] for id_ in ids], (-1, 2)), np.reshape([found[n] for n in labels], (-1, 2))
         )
-        for i, j in zip(*linear_sum_assignment(np.minimum(gaps, c_m)), strict=True):
+        for i, j in zip(*_assigned(np.minimum(gaps, c_m)), strict=True):
             if gaps[i, j] < c_m:
                 pairs[ids[i]] = labels[j]
                 switches += last.get(ids[i], labels[j]) != labels[j]
