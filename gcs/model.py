@@ -209,6 +209,29 @@ Aside: TypeAlias = Literal["hold", "return", "found"]
 
 
 @dataclass(frozen=True, slots=True)
+class CustodyMemory:
+    """Who chose the mode that a vehicle was in (`gcs.mavlink.custody`)."""
+
+    mode: str
+    taken: str
+    ordered: str
+    tasked: bool
+
+
+@dataclass(frozen=True, slots=True)
+class GuestMission:
+    """A mission that another ground station writes, or wrote, to a vehicle of ours."""
+
+    system_id: int
+    """The station's."""
+    component_id: int
+    words: str
+    """Who that is, to be shown."""
+    ended: bool
+    """Whether the upload had an end: it was taken, refused, or broke off."""
+
+
+@dataclass(frozen=True, slots=True)
 class VehicleMemory:
     """What the service knew of one vehicle."""
 
@@ -221,7 +244,11 @@ class VehicleMemory:
     first_point: int
     """Number of the item that is the route's first point."""
     unsure: bool
-    """Whether a transfer was under way: it may hold a mix."""
+    """Whether a transfer was under way, or left a mix behind: it may hold one."""
+    custody: CustodyMemory | None = None
+    """None in what was written before this was remembered."""
+    guest: GuestMission | None = None
+    """Whose mission it holds, when not ours."""
 
 
 @dataclass(frozen=True, slots=True)

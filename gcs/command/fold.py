@@ -103,7 +103,7 @@ class Command:
         self.approval = Approval(self.replanner)
         self.orders = Orders(self.fleet, self.tasking, self.replanner)
         self.recovery = Recovery(
-            self.fleet, self.tasking, self.replanner, self.orders, self.fates, self.trackers
+            self.fleet, self.tasking, self.replanner, self.orders, self.fates, self.trackers, self.guests
         )
         self.bad_input = 0
         self._expected_targets = len(config.births)
@@ -187,7 +187,7 @@ class Command:
                 if event.action == "resume":
                     self.guests.release(event.vehicles or self.guests.away())
                 effects = self._settle(self.orders.take(event, self.trackers.targets.beliefs.tracks))
-        return effects + self.approval.refresh(event.t_ns, self._away())
+        return effects + self.approval.refresh(event.t_ns, self.away())
 
     def _close(self, event: Order) -> list[Effect]:
         """Close or open an area, and plan again at once."""
@@ -267,7 +267,7 @@ class Command:
         for fate in self.fates.update(*moment, agents, targets, ties, assigned, reporting):
             effects.append(fate)
             effects += self._follow(fate)
-        effects += self.approval.refresh(event.t_ns, self._away())
+        effects += self.approval.refresh(event.t_ns, self.away())
         effects += self._plan(event.t_ns, event.measured_t_ns)
         effects += self._end(event.t_ns)
         for is_contradiction, text in self.trackers.findings:
@@ -300,7 +300,7 @@ class Command:
 
     def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
-        away = self._away()
+        away = self.away()
         ours = [v for v in self.fates.flying() if v not in away and labels.get(v) in agents]
         flying = {vehicle: agents[labels[vehicle]] for vehicle in ours}
         return Situation(
@@ -323,7 +323,7 @@ class Command:
             if at_targets.get(label, 0) < needed(label) and not self.recovery.is_reached(label)
         }
 
-    def _away(self) -> dict[int, str]:
+    def away(self) -> dict[int, str]:
         """Vehicles that are not ours to task: by an order, or by a mode that somebody else chose."""
         modes = {
             state.system_id: f"is in {state.mode} and left alone"

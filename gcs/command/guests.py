@@ -23,7 +23,7 @@ from gcs.mavlink.access import ASKING_COMMANDS, MISSION_PROTOCOL, MISSION_WRITES
 from gcs.mavlink.asking import ns
 from gcs.mavlink.codec import Frame, Message, scan
 from gcs.mavlink.targets import target_of
-from gcs.model import Datagram, Effect, Level, Notice, vehicle_id
+from gcs.model import Datagram, Effect, GuestMission, Level, Notice, vehicle_id
 
 _SILENT_NS: Final = ns(10.0)
 _TELL_AGAIN_NS: Final = ns(10.0)
@@ -74,6 +74,16 @@ class Guests:
         """Take vehicles back: an operator's order, or a mission of ours that was read back from them."""
         for vehicle in vehicles:
             self._uploads.pop(vehicle, None)
+
+    def memory(self, vehicle: int) -> GuestMission | None:
+        """Return what is to be remembered of somebody else's mission for a vehicle."""
+        upload = self._uploads.get(vehicle)
+        return None if upload is None else GuestMission(*upload.sender, upload.words, upload.ended)
+
+    def remember(self, vehicle: int, mission: GuestMission, t_ns: int) -> None:
+        """Take up from what was remembered: the vehicle stays theirs."""
+        sender = (mission.system_id, mission.component_id)
+        self._uploads[vehicle] = _Upload(sender, mission.words, t_ns, mission.ended)
 
     def receive(self, datagram: Datagram) -> tuple[list[Effect], list[int]]:
         """Take what was sent on; returns notices, and the vehicles taken over just now."""

@@ -4,8 +4,9 @@ Memory alone decides nothing:
 
 * A vehicle flies its remembered route when its mission reads back equal; then nothing is uploaded again. One
   that stores another mission was given it by somebody else: it is set aside and the operator is told. One
-  whose transfer was under way may hold a mix, and one that does not answer may hold anything: both are
-  planned for as if they had none, the first after it was told to hold.
+  whose transfer was under way, or left a mix behind, may hold one, and one that does not answer may hold
+  anything: both are planned for as if they had none, the first after it was told to hold.
+* A vehicle that somebody took, by choosing its mode or by writing a mission to it, stays theirs.
 * Targets are expected where they were believed to be and must be seen there again; their tracks get new
   labels, and the remembered routes follow them. A target that was reached stays reached.
 * Plans that waited for a word are made anew, under higher numbers: the picture has changed.
@@ -25,6 +26,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from scipy.optimize import linear_sum_assignment
 
 from gcs.command.fates import Fates
+from gcs.command.guests import Guests
 from gcs.command.orders import Orders
 from gcs.command.replanning import Replanner
 from gcs.command.tasking import Flown, Tasking
@@ -63,7 +65,7 @@ class Recovery:
 
     Parameters
     ----------
-    fleet, tasking, replanner, orders, fates, trackers
+    fleet, tasking, replanner, orders, fates, trackers, guests
         The parts of the fold that remember, and are reminded.
     """
 
@@ -75,9 +77,10 @@ class Recovery:
         orders: Orders,
         fates: Fates,
         trackers: Trackers,
+        guests: Guests,
     ) -> None:
         self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
-        self._orders, self._fates, self._trackers = orders, fates, trackers
+        self._orders, self._fates, self._trackers, self._guests = orders, fates, trackers, guests
         self._checks: dict[int, _Check] = {}
         self._verified: dict[int, Route] = {}
         self._was: dict[int, Label] = {}
@@ -117,6 +120,8 @@ class Recovery:
             items=() if flown is None or unsure else tuple(_row(item) for item in flown.items),
             first_point=1 if flown is None else flown.first_point,
             unsure=unsure,
+            custody=self._tasking.custody(vehicle),
+            guest=self._guests.memory(vehicle),
         )
 
     # ------------------------------------------------------------ being reminded
@@ -140,13 +145,17 @@ class Recovery:
             self._fates.by_vehicle[vehicle] = replace(one.fate, target=None)
             if one.aside is not None:
                 self._orders.aside[vehicle] = one.aside
-            if one.fate.fate != "flying" or one.route is None:
-                continue
-            if one.unsure:
-                self._tasking.suspect(one.route)
-                text = "was being given a mission when the service ended: it may hold a mix"
+            if one.custody is not None:
+                self._tasking.remember(vehicle, one.custody)
+            if one.guest is not None:
+                self._guests.remember(vehicle, one.guest, t_ns)
+                text = f"has a mission of {one.guest.words} and stays theirs until it is ordered to resume"
                 effects.append(Notice(t_ns, "warning", text, vehicle))
-            elif one.items:
+            if one.unsure:
+                self._tasking.suspect(vehicle)
+                text = "was being given a mission, or left with a part of one: it may hold a mix"
+                effects.append(Notice(t_ns, "warning", text, vehicle))
+            elif one.items and one.fate.fate == "flying":
                 self._checks[vehicle] = _Check(one, t_ns)
         return effects
 

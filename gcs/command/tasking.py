@@ -31,6 +31,7 @@ from gcs.mavlink.task import Timing
 from gcs.mavlink.transfer import MissionTask
 from gcs.model import (
     NS_PER_S,
+    CustodyMemory,
     Effect,
     FloatArray,
     Mission,
@@ -65,9 +66,8 @@ class _Delivery:
     task: MissionTask
     link: str
     began_t_ns: int
-    flown: Flown
-    is_quiet: bool = False
-    """Whether nobody waits for its report."""
+    flown: Flown | None
+    """What the vehicle holds when this went well; None for a clearing, of which nobody waits for a report."""
 
 
 class Tasking:
@@ -108,8 +108,8 @@ class Tasking:
         self._busy: defaultdict[str, int] = defaultdict(int)
         self._custody: defaultdict[int, Custody] = defaultdict(Custody)
         self._flown: dict[int, Flown] = {}
-        self._mixed: dict[int, Flown] = {}
-        """Vehicles that may hold a mix, and what was last sent to them."""
+        self._mixed: set[int] = set()
+        """Vehicles that may hold a mix."""
         self._boots: dict[int, int] = {}
         self._mission_count = 0
 
@@ -140,23 +140,31 @@ class Tasking:
         """Note what a vehicle was found to hold."""
         self._flown[flown.route.vehicle] = flown
 
-    def suspect(self, route: Route) -> None:
+    def suspect(self, vehicle: int) -> None:
         """Take a vehicle for one that may hold a mix: it is held and cleared when it is heard."""
-        self._mixed[route.vehicle] = Flown(route, (), 1)
-        self._fleet.attend(route.vehicle)
+        self._mixed.add(vehicle)
+        self._fleet.attend(vehicle)
+
+    def custody(self, vehicle: int) -> CustodyMemory | None:
+        """Return what is to be remembered of whose a vehicle is; None before it was heard."""
+        return self._custody[vehicle].memory() if vehicle in self._custody else None
+
+    def remember(self, vehicle: int, custody: CustodyMemory) -> None:
+        """Take up whose a vehicle was."""
+        self._custody[vehicle].remember(custody)
 
     def taken(self) -> dict[int, str]:
         """Vehicles that are not ours to task, and why, in words."""
         reasons = {v: f"is in {c.taken} and left alone" for v, c in self._custody.items() if c.taken}
         for vehicle in self._custody:
-            if self._fleet.profile(vehicle) is None:
+            if self._fleet.link(vehicle) and self._fleet.profile(vehicle) is None:
                 reasons[vehicle] = "has a firmware that is not known here"
         return reasons
 
     def overwritten(self, vehicle: int) -> None:
         """Forget what a vehicle holds: somebody else writes a mission to it."""
         self._flown.pop(vehicle, None)
-        self._mixed.pop(vehicle, None)
+        self._mixed.discard(vehicle)
 
     def release(self, vehicle: int) -> None:
         """Take a vehicle back that somebody else took, on an operator's order."""
@@ -268,7 +276,8 @@ class Tasking:
             text = "its firmware is not known here, or it was never heard"
             return [UploadReport(t_ns, vehicle, mission.mission_id, 0, False, text, 0.0, 0)]
         from_ground = is_on_ground(state, fleet.home(vehicle))
-        old = self._flown.get(vehicle)
+        old, mixed = self._flown.get(vehicle), vehicle in self._mixed
+        self._mixed.discard(vehicle)
         task = MissionTask(
             mission,
             fleet.home(vehicle) or self._home,
@@ -276,7 +285,7 @@ class Tasking:
             profile=profile,
             custody=self._custody[vehicle],
             old=None if old is None else old.items,
-            mixed=self._mixed.pop(vehicle, None) is not None,
+            mixed=mixed,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
             time_to_next_s=lambda now_ns: self._time_to_next_s(vehicle, now_ns),
             first_item=lambda: profile.first_flown(
@@ -295,17 +304,19 @@ class Tasking:
 
     def _clean(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Hold and clear a vehicle that may hold a mix."""
-        flown, profile = self._mixed.pop(vehicle), self._fleet.profile(vehicle)
+        profile, home = self._fleet.profile(vehicle), self._home
         assert profile is not None  # its heartbeat was just taken
+        self._mixed.discard(vehicle)
+        nothing = Waypoint(home.lat_deg, home.lon_deg, self._table.altitude_rel_m, _MAX_RADIUS_M)
         task = MissionTask(
-            self._mission(flown.route, 0),
-            self._home,
+            Mission(0, vehicle, (nothing,)),  # a clearing sends no item
+            home,
             self._fleet.encoder(vehicle),
             profile=profile,
             custody=self._custody[vehicle],
             mixed=True,
         )
-        delivery = _Delivery(task, self._fleet.link(vehicle), t_ns, flown, is_quiet=True)
+        delivery = _Delivery(task, self._fleet.link(vehicle), t_ns, None)
         self._deliveries[vehicle] = delivery
         self._busy[delivery.link] += 1
         return self._worked(vehicle, task.clean(t_ns))
@@ -326,9 +337,8 @@ class Tasking:
         result = delivery.task.result
         assert result is not None
         if delivery.task.is_mixed:
-            self._mixed[vehicle] = delivery.flown
-            self._fleet.attend(vehicle)
-        elif result.holds == "equal":
+            self.suspect(vehicle)
+        elif result.holds == "equal" and delivery.flown is not None:
             self._flown[vehicle] = delivery.flown
         elif result.holds != "old":
             self._flown.pop(vehicle, None)
@@ -347,9 +357,10 @@ class Tasking:
         self._leave(vehicle)
         repeated = result.retries / len(task.items)
         self._lanes[delivery.link].ended(delivery.began_t_ns, result.t_ns, task.round_trip_s, repeated)
-        if not delivery.is_quiet:
+        is_clearing = delivery.flown is None
+        if not is_clearing:
             effects.append(task.report())
-        if not result.ok and (result.held or self._custody[vehicle].taken or delivery.is_quiet):
+        if not result.ok and (result.held or self._custody[vehicle].taken or is_clearing):
             said = "was told to hold" if result.held else "is not ours now"
             said = "holds no mission now" if result.holds == "cleared" else said
             effects.append(Notice(result.t_ns, "alarm", f"agent {vehicle} {said}: {result.detail}", vehicle))

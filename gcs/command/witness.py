@@ -21,13 +21,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
 
-from gcs.command.trackers import at_time, squared_distances
+from gcs.command.trackers import at_time
 from gcs.config.tables import TelemetryTable
 from gcs.model import NS_PER_S, Effect, FloatArray, Label, Notice, Scan, Sensor, Track, VehicleState
 from gcs.tracking.sensors import MOST_DETECTION, clutter_per_m2, covers, noise_m2
+
+Indices: TypeAlias = npt.NDArray[np.int64]
 
 DOUBT = 9.0
 """Logarithm of the ratio that raises the alarm: 8000 to 1."""
@@ -39,6 +45,7 @@ _PERIOD_NS = NS_PER_S * 4 // 10
 """Looks at one vehicle that follow each other faster are not independent."""
 _FORGET_NS = 10 * NS_PER_S
 _TINY = 1e-12
+_NOBODY: Label = (-1, -1)
 
 
 @dataclass(slots=True)
@@ -93,13 +100,18 @@ class Witness:
         places = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
         S = self._spread_m2(scan.sensor, places, [(t_ns - state.t_ns) / NS_PER_S for state in fresh])
         looked_at = _looks_at(scan.sensor, places, S)
-        is_hit = np.count_nonzero(_within(places, S, scan.z_m), axis=1).astype(np.bool_).tolist()
+        n = len(places)
+        is_hit = np.bincount(_near(places, S, scan.z_m)[0], minlength=n).astype(np.bool_).tolist()
         area_m2 = math.pi * _GATE_CHI2 * np.sqrt(np.linalg.det(S))
         clutter = (clutter_per_m2(scan.sensor, places) * area_m2).tolist()
         tracks = [*agents.values(), *targets]
         column = {label: k for k, label in enumerate(agents)}
-        near = _within(places, S, np.reshape([track.mean[:2] for track in tracks], (-1, 2)))
-        crowds: list[int] = np.count_nonzero(near, axis=1).tolist()
+        rows, near = _near(places, S, np.reshape([track.mean[:2] for track in tracks], (-1, 2)))
+        others = (
+            near
+            != np.array([column.get(labels.get(s.system_id, _NOBODY), -1) for s in fresh], np.int64)[rows]
+        )
+        crowds: list[int] = np.bincount(rows[others], minlength=n).tolist()
         for i in np.flatnonzero(looked_at):
             vehicle = fresh[i].system_id
             case = self._cases.setdefault(vehicle, _Case())
@@ -107,8 +119,7 @@ class Witness:
                 continue
             case.t_ns = t_ns
             own = labels.get(vehicle)
-            crowd = crowds[i] - (int(near[i, column[own]]) if own in column else 0)
-            doubt = _evidence(scan.sensor, is_hit[i], clutter[i], crowd)
+            doubt = _evidence(scan.sensor, is_hit[i], clutter[i], crowds[i])
             effects += self._weigh(scan.t_ns, vehicle, case, doubt, own, places[i], agents)
         self._forget(t_ns)
         return effects
@@ -176,6 +187,19 @@ def _looks_at(sensor: Sensor, places: FloatArray, S: FloatArray) -> FloatArray:
     return np.asarray(seen)
 
 
-def _within(places: FloatArray, S: FloatArray, points: FloatArray) -> FloatArray:
-    """Whether each point (m, 2) is within the gate of each place (n, 2): (n, m)."""
-    return np.asarray(squared_distances(points, places, S).T <= _GATE_CHI2)
+def _near(places: FloatArray, S: FloatArray, points: FloatArray) -> tuple[Indices, Indices]:
+    """Which points (m, 2) are within the gates of which places (n, 2): (k,) places and (k,) points.
+
+    A tree finds what is within the longest axis of each gate, so that not all pairs are looked at.
+    """
+    somewhere = np.flatnonzero(np.isfinite(points).all(axis=1))
+    if not len(places) or not len(somewhere):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    reach_m = np.sqrt(_GATE_CHI2 * np.linalg.eigvalsh(S)[:, -1]) * (1.0 + 1e-9)
+    found = cKDTree(points[somewhere]).query_ball_point(places, reach_m, return_sorted=True)
+    rows = np.repeat(np.arange(len(places)), [len(row) for row in found])
+    columns = somewhere[np.fromiter(chain.from_iterable(found), np.int64, len(rows))]
+    x, y = (points[columns] - places[rows]).T
+    s00, s01, s11 = S[rows, 0, 0], S[rows, 0, 1], S[rows, 1, 1]
+    d2 = (s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / (s00 * s11 - s01 * s01)
+    return rows[d2 <= _GATE_CHI2], columns[d2 <= _GATE_CHI2]

@@ -80,11 +80,17 @@ class JournalSink:
         self._command, self._journal = service.command, journal
         self._written_t_ns: int | None = None
         self._news = False
+        self._looked_t_ns = 0
+        self._away: dict[int, str] = {}
 
     def event(self, event: Event) -> None:
         """Write when it is time to."""
         if not isinstance(event, Tick):
             return
+        if event.t_ns - self._looked_t_ns >= _NEWS_NS:
+            self._looked_t_ns, before = event.t_ns, self._away
+            self._away = self._command.away()  # somebody else may have taken a vehicle
+            self._news = self._news or self._away != before
         since_ns = event.t_ns - (self._written_t_ns or 0)
         if since_ns >= _EVERY_NS or (self._news and since_ns >= _NEWS_NS):
             self.write(event.t_ns)

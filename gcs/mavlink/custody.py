@@ -18,6 +18,7 @@ A LOITER that an operator chooses while we hold the vehicle in LOITER cannot be 
 from __future__ import annotations
 
 from gcs.mavlink.modes import AUTO, LOITER
+from gcs.model import CustodyMemory
 
 
 class Custody:
@@ -49,6 +50,15 @@ class Custody:
             self.taken = ""
         elif not (first and mode == LOITER):
             self.taken, self._ordered = mode, ""
+
+    def memory(self) -> CustodyMemory:
+        """Return what is to be remembered over a restart of the service."""
+        return CustodyMemory(self.mode, self.taken, self._ordered, self._tasked)
+
+    def remember(self, memory: CustodyMemory) -> None:
+        """Take up from what was remembered: the next mode that is heard is held against that one."""
+        self.mode, self.taken = memory.mode, memory.taken
+        self._ordered, self._tasked = memory.ordered, memory.tasked
 
     def rebooted(self) -> None:
         """Forget the mode: what it is in now, nobody may have chosen."""

@@ -6,13 +6,17 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
+from test_guests import MISSION as GUESTS
 from test_orders import SEED, Flight, order
 
 from gcs.command.fold import Command
-from gcs.config import read_text
+from gcs.config import parse, read_text
 from gcs.edge.wire import decode, encode
+from gcs.mavlink.codec import Encoder
 from gcs.model import (
+    Datagram,
     Effect,
     Event,
     Fate,
@@ -24,6 +28,7 @@ from gcs.model import (
     OrderAnswer,
     Plan,
     Resumed,
+    Tick,
 )
 from gcs.settings import with_settings
 from sim_vehicles.personality import Mode
@@ -174,3 +179,57 @@ def test_without_central_command_each_vehicle_flies_its_mission_to_its_safe_end(
         assert (autopilot.mode, autopilot.seq) == (Mode.AUTO, last[vehicle])  # circles at the last item
     run.run(260.0)
     assert run.ended
+
+
+def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_a_restart() -> None:
+    events: list[Event] = []
+    run = VirtualRun(standing(), SEED, events.append)
+    run.run(30.0)
+    run.vehicles["vehicle:2"].autopilot.set_mode(Mode.LOITER)
+    run.run(33.0)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    run.vehicles["vehicle:3"].autopilot.set_mode(Mode.LOITER)
+    run.restart(3.0, memory)
+    run.run(70.0)
+    flight = Flight(run, events, [])
+    assert set(run.command.away()) == {2, 3}
+    for vehicle in (2, 3):
+        assert flight.mode(vehicle) is Mode.LOITER
+        assert "left alone" in run.command.away()[vehicle]
+
+
+def test_a_mix_that_was_left_behind_is_cleared_after_a_restart_though_nobody_has_a_route_for_it() -> None:
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
+    run.run(30.0)
+    run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # somebody else's: it gets no mission of ours
+    run.run(33.0)
+    run.command.replanner.drop(4)
+    run.command.tasking.suspect(4)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    assert next(one for one in memory.vehicles if one.fate.vehicle == 4).route is None
+    run.restart(3.0, memory)
+    assert len(run.vehicles["vehicle:4"].autopilot.mission) > 1
+    run.run(50.0)
+    assert len(run.vehicles["vehicle:4"].autopilot.mission) <= 1
+    told = [(e.level, e.text) for _, e in effects if isinstance(e, Notice) and e.vehicle == 4]
+    assert any("may hold a mix" in text for _, text in told)
+    assert any(level == "alarm" and "holds no mission now" in text for level, text in told)
+
+
+def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_after_a_restart_until_it_is_resumed() -> None:
+    mission = parse(GUESTS, "x")
+    before, t_ns = Command(mission, 1), 100 * S
+    write = Encoder(254, 190)(dialect.MAVLink_mission_count_message(1, 1, 3, 0))
+    before.step(Datagram(t_ns, "udpin:0.0.0.0:14551", "10.0.0.5:50", write))
+    after = Command(mission, 1)
+    effects = after.step(Resumed(t_ns + S, through_the_journal(before.memory(t_ns))))
+    assert "system 254/190 at 10.0.0.5:50" in after.away()[1]
+    assert any("stays theirs" in e.text for e in effects if isinstance(e, Notice))
+    assert "broke off" not in str(after.step(Tick(t_ns + 10 * S)))
+    assert "broke off" in str(after.step(Tick(t_ns + 12 * S)))
+    again = Command(mission, 1)
+    again.step(Resumed(t_ns + 13 * S, through_the_journal(after.memory(t_ns + 12 * S))))
+    assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "told once"
+    again.step(order(60.0, "resume"))
+    assert again.away() == {}

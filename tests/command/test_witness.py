@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from gcs.command.witness import Witness
+from gcs.command.trackers import squared_distances
+from gcs.command.witness import _GATE_CHI2, Witness, _near
 from gcs.config.tables import TelemetryTable
 from gcs.mavlink.codec import Encoder, decode
 from gcs.model import NS_PER_S, Notice, Scan, Sensor, Track, VehicleState, read_only
@@ -167,3 +168,18 @@ def test_an_honest_flight_raises_no_alarm():
     run, notices = notices_of({})
     assert [n for n in notices if n[2] == "alarm"] == []
     assert run.command.witness.doubted() == frozenset()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_tree_finds_the_pairs_that_all_distances_show(seed):
+    rng = np.random.default_rng(seed)
+    n, m = rng.integers(0, 60, 2)
+    places, points = rng.uniform(0, 300, (n, 2)), rng.uniform(0, 300, (m, 2))
+    points[rng.random(m) < 0.1] = np.nan
+    roots = rng.normal(0.0, 8.0, (n, 2, 2))
+    S = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(2)
+    rows, columns = _near(places, S, points)
+    wanted = np.argwhere(squared_distances(points, places, S).T <= _GATE_CHI2)
+    assert sorted(zip(rows.tolist(), columns.tolist(), strict=True)) == [
+        tuple(pair) for pair in wanted.tolist()
+    ]

@@ -13,28 +13,75 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import read_text
 from gcs.edge.reader import read
 from gcs.edge.zenoh_bus import free_endpoint
 from gcs.model import Fate, Plan, Resumed, UploadReport
+from gcs.settings import with_settings
 
-SPEED = 8.0
+SPEED = 4.0
 GCS = [sys.executable, "-c", "from gcs.cli import main; main()"]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+class GroundStation:
+    """Somebody at the forward endpoint, by pymavlink."""
+
+    def __init__(self, port: int) -> None:
+        self.link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=254)
+
+    def talk(self, vehicle: int, first: Any, kinds: list[str], until: Callable[[Any], bool]) -> None:
+        """Send, and send again each second, until a vehicle's answer is the one that was waited for."""
+        deadline = time.monotonic() + 30.0
+        while time.monotonic() < deadline:
+            self.link.mav.heartbeat_send(6, 8, 0, 0, 4)
+            self.link.mav.send(first)
+            while answer := self.link.recv_match(type=kinds, blocking=True, timeout=1.0):
+                if answer.get_srcSystem() == vehicle and until(answer):
+                    return
+        raise AssertionError(f"vehicle {vehicle} did not answer {first}")
+
+    def write(self, vehicle: int, items: int) -> None:
+        def answer(message: Any) -> bool:
+            if message.get_type() == "MISSION_ACK":
+                return bool(message.type == 0)
+            place = (message.seq, 3, 16, message.seq == 0, 1, 0, 10, 0, 0, 332_010_000, -875_990_000, 120.0)
+            self.link.mav.mission_item_int_send(vehicle, 1, *place)
+            return False
+
+        count = dialect.MAVLink_mission_count_message(vehicle, 1, items)
+        self.talk(vehicle, count, ["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"], answer)
+
+    def count(self, vehicle: int) -> int:
+        counts: list[int] = []
+        ask = dialect.MAVLink_mission_request_list_message(vehicle, 1)
+        self.talk(vehicle, ask, ["MISSION_COUNT"], lambda m: counts.append(m.count) or True)  # type: ignore[func-returns-value]
+        return counts[0]
 
 
 class Run:
     """The simulated side, and central command as often as it is started."""
 
     def __init__(self, folder: Path) -> None:
-        text, _ = read_text("deterministic")
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
+        text, source = read_text("deterministic")
+        text = with_settings(
+            text, ["planning.shape=pulled"], source
+        )  # routes that are not bettered in flight
+        port, self.seat = free_port(), free_port()
         self.zenoh = free_endpoint()
-        text = text.replace("udpin:0.0.0.0:14550", f"udpin:127.0.0.1:{port}", 1)
+        text = text.replace('mavlink = "udpin:0.0.0.0:14550"', f'mavlink = "udpin:127.0.0.1:{port}"', 1)
         text = text.replace('zenoh = "tcp/127.0.0.1:7447"', f'zenoh = "{self.zenoh}"', 1)
-        assert str(port) in text
+        text += f'\n[[links.forward]]\nendpoint = "udpin:127.0.0.1:{self.seat}"\naccess = "full"\n'
+        assert f'mavlink = "udpin:127.0.0.1:{port}"' in text
         assert self.zenoh in text
         self.folder, self.file = folder, folder / "mission.toml"
         self.file.write_text(text)
@@ -111,3 +158,26 @@ def test_killed_and_started_again_it_uploads_nothing_twice_and_all_arrive(run: R
     run.serve("third")
     said = run.until("third", lambda said: "listening on" in said)
     assert "taking up" not in said  # the mission had ended
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_another_ground_station_took_stays_theirs_when_the_service_is_killed(run: Run) -> None:
+    first = run.serve("first")
+    run.until("first", lambda said: said.count("verified by read-back") == 4)
+    GroundStation(run.seat).write(3, 7)
+    run.until("first", lambda said: "took the mission of system 254" in said)
+    journal = run.folder / "journal"
+    deadline = time.monotonic() + 10.0
+    while b'"ended":true,' not in journal.read_bytes() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    run.serve("second")
+    said = run.until("second", lambda said: said.count("flies the mission that it was given") == 3)
+    assert "has a mission of system 254" in said
+    run.until("second", lambda said: "plan: taken up again" in said)
+    assert GroundStation(run.seat).count(3) == 7
+    run.services[-1].send_signal(signal.SIGINT)
+    assert run.services[-1].wait(20.0) == 0
+    assert 3 not in [report.vehicle for report in run.all("second", UploadReport)]
+    assert all(route.vehicle != 3 for plan in run.all("second", Plan) for route in plan.routes)
