@@ -134,6 +134,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(240)
 def test_killed_and_started_again_it_uploads_nothing_twice_and_all_arrive(run: Run) -> None:
     first = run.serve("first")
     run.until("first", lambda said: said.count("verified by read-back") == 4)
