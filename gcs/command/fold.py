@@ -12,7 +12,7 @@ same effects, byte for byte. A recording is the list of events, and replaying it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from gcs.command.answers import Ongoing, named
 from gcs.command.approval import Approval
@@ -28,6 +28,7 @@ from gcs.command.replanning import Replanner, Situation
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers
+from gcs.command.trespass import Trespass
 from gcs.command.witness import Witness
 from gcs.config import Config
 from gcs.mavlink.fleet import Fleet, FleetSettings
@@ -100,6 +101,7 @@ class Command:
             self.fleet,
             config.links.max_parallel_uploads,
         )
+        self.trespass = Trespass(self.tasking)
         self.approval = Approval(self.replanner)
         self.orders = Orders(self.fleet, self.tasking, self.replanner)
         self.recovery = Recovery(
@@ -202,16 +204,19 @@ class Command:
         news = f"keep-out {area.name} {verb}"
         places = {state.system_id: (state.east_m, state.north_m) for state in self.fleet.states()}
         through = self.replanner.change_map(event.t_ns, self.grid, closed, places, news)
-        text = f"{area.name} {verb}"
-        text += f"; {named(through)} must be led around it" if through else ""
-        effects: list[Effect] = [ongoing.answer(event.t_ns, "done", text)]
+        effects: list[Effect] = []
         if self._scan_t_ns is not None:
-            effects += self._plan(event.t_ns, self._measured_t_ns)
-        still = sorted(set(through) - set(self.replanner.routes) | set(self.replanner.blocked))
-        if still:
-            text = f"{named(still)} would fly through keep-out {area.name}: confirm a plan, or hold or return"
-            effects.append(Notice(event.t_ns, "alarm", text))
-        return effects
+            effects += self._plan(event.t_ns, self._measured_t_ns, through)
+        still = set(through) - set(self.replanner.routes) | set(self.replanner.blocked)
+        led = set(through) - still
+        text = f"{area.name} {verb}" + (f"; {named(led)} led around it" if led else "")
+        states = [state for state in self.fleet.states() if state.system_id in still]
+        entries = self.trespass.entries(states, self.keep_outs.closed)
+        remedy = "confirm a plan, or hold or return it" if self._needs_word else "hold or return it"
+        said = {entry.vehicle: f"{entry.text}: {remedy}" for entry in entries}
+        said |= {v: f"{named([v])} has no way around {area.name}: {remedy}" for v in still - said.keys()}
+        effects.append(ongoing.answer(event.t_ns, "done", "; ".join([text, *said.values()])))
+        return [*effects, *(Notice(event.t_ns, "alarm", word, v) for v, word in said.items())]
 
     def _tick(self, event: Tick) -> list[Effect]:
         effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
@@ -269,6 +274,8 @@ class Command:
             effects += self._follow(fate)
         effects += self.approval.refresh(event.t_ns, self.away())
         effects += self._plan(event.t_ns, event.measured_t_ns)
+        if self.keep_outs.closed:
+            effects += self.trespass.look(event.t_ns, states, self.keep_outs.closed)
         effects += self._end(event.t_ns)
         for is_contradiction, text in self.trackers.findings:
             effects.append(Notice(event.t_ns, "warning" if is_contradiction else "info", text))
@@ -283,7 +290,7 @@ class Command:
             return [*self.approval.end(fate.vehicle, fate.t_ns, "the agent is lost")]
         return []
 
-    def _plan(self, t_ns: int, picture_t_ns: int) -> list[Effect]:
+    def _plan(self, t_ns: int, picture_t_ns: int, hurried: Container[int] = ()) -> list[Effect]:
         targets = self.trackers.targets.beliefs.tracks
         if self._ended or self.recovery.is_waiting(t_ns, self.ties.labels, targets):
             return []
@@ -296,7 +303,7 @@ class Command:
         if self._needs_word:
             return [*notes, *self.approval.propose(plan)]
         routes = [route for route in plan.routes if route.vehicle in plan.changed]
-        return [plan, *notes, *self._send(routes, plan.t_ns)]
+        return [plan, *notes, *self._send(routes, plan.t_ns, hurried)]
 
     def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
@@ -307,7 +314,7 @@ class Command:
             t_ns=t_ns,
             picture_t_ns=picture_t_ns,
             agents=flying,
-            motions=self.motions.now(flying, t_ns, picture_t_ns),
+            motions=self.motions.now(flying, t_ns, picture_t_ns, lambda v: self.tasking.ahead(v, t_ns)),
             targets=self._open_targets(),
             at_targets=self.fates.at_targets(),
             arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),
@@ -332,9 +339,13 @@ class Command:
         }
         return modes | self.tasking.taken() | self.guests.away() | self.orders.away()
 
-    def _send(self, routes: Sequence[Route], t_ns: int) -> list[Effect]:
+    def _send(self, routes: Sequence[Route], t_ns: int, hurried: Container[int] = ()) -> list[Effect]:
         """Send routes to their vehicles as missions."""
-        return [e for route in routes for e in self._settle(self.tasking.task(route, t_ns))]
+        effects: list[Effect] = []
+        for route in routes:
+            at_once = route.vehicle in hurried
+            effects += self._settle(self.tasking.task(route, t_ns, at_once=at_once))
+        return effects
 
     def _settle(self, effects: Sequence[Effect]) -> list[Effect]:
         """Answer for transfers that ended; who did not get its mission is planned for again."""

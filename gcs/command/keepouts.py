@@ -25,6 +25,8 @@ class KeepOuts:
 
     def __init__(self, grid: Grid) -> None:
         self.areas: dict[str, KeepOut] = {}
+        self.closed: dict[str, Grid] = {}
+        """What each area blocks."""
         self.grid = grid
         self._open = grid
 
@@ -41,11 +43,14 @@ class KeepOuts:
         """Close or open an area; return the grid of what is newly blocked."""
         before = self.grid
         self.areas.pop(area.name, None)
+        self.closed.pop(area.name, None)
         if area.disc_m is not None or area.polygon_m:
             self.areas[area.name] = area
+            cells = closed_cells(self._open, area)
+            self.closed[area.name] = Grid(before.origin_m, before.spacing_m, cells)
         blocked = self._open.blocked
-        for one in self.areas.values():
-            blocked = blocked | closed_cells(self._open, one)
+        for one in self.closed.values():
+            blocked = blocked | one.blocked
         self.grid = Grid(before.origin_m, before.spacing_m, blocked)
         return Grid(before.origin_m, before.spacing_m, blocked & ~before.blocked)
 

@@ -9,13 +9,13 @@ too; else the track counts, as if it flew straight on.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from gcs.command.aims import place_of
 from gcs.geo import wrap_pi
 from gcs.model import NS_PER_S, Track, VehicleState
+from gcs.planning.prediction import Ahead, Motion
 from gcs.planning.progress import CORRIDOR_M
-from gcs.planning.starts import Motion
 
 _LEAST_NS = NS_PER_S * 3 // 4
 _MOST_NS = 3 * NS_PER_S
@@ -55,15 +55,21 @@ class Motions:
             self._rates[vehicle] = rate if abs(rate) <= _MOST_RAD_S else 0.0
             self._courses[vehicle] = (state.t_ns, state.course_rad)
 
-    def now(self, agents: Mapping[int, Track], t_ns: int, tracked_t_ns: int) -> dict[int, Motion]:
-        """Return how vehicles move, whose tracks are as of `tracked_t_ns`."""
-        return {vehicle: self._now(vehicle, track, t_ns, tracked_t_ns) for vehicle, track in agents.items()}
+    def now(
+        self,
+        agents: Mapping[int, Track],
+        t_ns: int,
+        tracked_t_ns: int,
+        ahead: Callable[[int], Ahead] = lambda _vehicle: Ahead(),
+    ) -> dict[int, Motion]:
+        """Return how vehicles move, whose tracks are as of `tracked_t_ns`, and what is `ahead` of each."""
+        return {v: self._now(v, track, t_ns, tracked_t_ns, ahead) for v, track in agents.items()}
 
-    def _now(self, vehicle: int, track: Track, t_ns: int, tracked_t_ns: int) -> Motion:
-        state, place = self._states.get(vehicle), place_of(track)
-        if state is None or t_ns - state.t_ns > self._max_age_ns:
-            return motion_of(track, t_ns - tracked_t_ns)
-        if math.dist(place, (state.east_m, state.north_m)) > CORRIDOR_M or state.ground_speed_m_s < _SLOW_M_S:
+    def _now(
+        self, vehicle: int, track: Track, t_ns: int, tracked_t_ns: int, ahead: Callable[[int], Ahead]
+    ) -> Motion:
+        state = self._states.get(vehicle)
+        if state is None or not self._is_believed(state, track, t_ns):
             return motion_of(track, t_ns - tracked_t_ns)
         return Motion(
             state.east_m,
@@ -72,7 +78,13 @@ class Motions:
             state.course_rad,
             self._rates[vehicle],
             (t_ns - state.t_ns) / NS_PER_S,
+            ahead(vehicle),
         )
+
+    def _is_believed(self, state: VehicleState, track: Track, t_ns: int) -> bool:
+        is_fresh = t_ns - state.t_ns <= self._max_age_ns
+        off_m = math.dist(place_of(track), (state.east_m, state.north_m))
+        return is_fresh and off_m <= CORRIDOR_M and state.ground_speed_m_s >= _SLOW_M_S
 
 
 def motion_of(track: Track, age_ns: int = 0) -> Motion:

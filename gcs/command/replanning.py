@@ -23,10 +23,10 @@ from gcs.command.motions import motion_of
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
+from gcs.planning.prediction import Motion, expected
 from gcs.planning.progress import CORRIDOR_M, is_ahead_clear, next_point
 from gcs.planning.routes import plan_routes
 from gcs.planning.sight import line_of_sight
-from gcs.planning.starts import Motion, expected
 from gcs.planning.task import AgentStart
 
 _FIRST_PLAN_WAIT_S = 5.0
@@ -71,8 +71,8 @@ class Replanner:
         self.aims = Aims(config)
         self._lanes = Lanes(config)
         self._planning = planning
-        self._turn_s = 0.5 * config.airframe.turn_lag_s
-        self._ahead_s = _DELIVERY_S + self._turn_s
+        self._lag_s = config.airframe.turn_lag_s
+        self._ahead_s = _DELIVERY_S + 0.5 * self._lag_s
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)
         self._expected_targets = len(config.births)
@@ -260,7 +260,7 @@ class Replanner:
         if options.shape != "flyable":
             return False
         ahead = self._ahead(route, motion, situation.t_ns)
-        place, course_rad = expected(self._grid, motion, self._turn_s, ahead)
+        place, course_rad = expected(self._grid, motion, 0.5 * self._lag_s, self._lag_s)
         return not is_ahead_clear(self._grid, ahead, place, course_rad, options.turn_radius_m)
 
     def _ahead(self, route: Route, motion: Motion, t_ns: int) -> Point:
@@ -315,10 +315,9 @@ class Replanner:
 
     def _start(self, vehicle: int, situation: Situation) -> AgentStart:
         """Where an agent will be when it takes up a route that is planned now."""
-        motion, flown = situation.motion(vehicle), self.routes.get(vehicle)
-        toward = None if flown is None else self._ahead(flown, motion, situation.t_ns)
-        place, course_rad = expected(self._grid, motion, self._ahead_s, toward)
-        return self.aims.start(vehicle, place, course_rad)
+        motion = situation.motion(vehicle)
+        ahead_s = self._ahead_s + motion.ahead.wait_s
+        return self.aims.start(vehicle, *expected(self._grid, motion, ahead_s, self._lag_s))
 
     def _place(self, target: Track, situation: Situation) -> Point:
         """Where a target will be when agents take up routes that are planned now."""

@@ -24,7 +24,7 @@ from gcs.mavlink.codec import Message
 from gcs.mavlink.custody import Custody
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Home, Item
-from gcs.mavlink.modes import LOITER
+from gcs.mavlink.modes import AUTO, LOITER
 from gcs.mavlink.profiles import Profile
 from gcs.mavlink.profiles.profile import is_on_ground
 from gcs.mavlink.task import Timing
@@ -42,11 +42,17 @@ from gcs.model import (
     UploadReport,
     Waypoint,
 )
+from gcs.planning.prediction import Ahead
 from gcs.planning.progress import CORRIDOR_M, next_point, time_to_point_s
 from gcs.planning.turning import acceptance_m
 
 _MAX_RADIUS_M = 255.0
 """What a mission item can hold."""
+_TRANSFER_S = 1.0
+"""What a transfer takes on a good link."""
+_PAST_S = 0.3
+"""Until a vehicle that should have turned to its next item says so."""
+_MOST_WAIT_NS = 5 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +63,15 @@ class Flown:
     items: tuple[Item, ...]
     first_point: int
     """Number of the item that is the route's first point."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A route that waits for its transfer."""
+
+    route: Route
+    until_ns: int
+    """From then on it waits for room on its link alone."""
 
 
 @dataclass(slots=True)
@@ -101,7 +116,7 @@ class Tasking:
         self._fleet = fleet
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
         self._deliveries: dict[int, _Delivery] = {}
-        self._waiting: dict[int, Route] = {}
+        self._waiting: dict[int, _Waiting] = {}
         self._asked_t_ns: dict[int, int] = {}
         """When each vehicle's newest route was made."""
         self._lanes: defaultdict[str, Lane] = defaultdict(lambda: Lane(max_parallel))
@@ -131,6 +146,24 @@ class Tasking:
     def flown(self, vehicle: int) -> Flown | None:
         """What a vehicle holds, by the last read-back."""
         return self._flown.get(vehicle)
+
+    def ahead(self, vehicle: int, t_ns: int) -> Ahead:
+        """What a vehicle flies to by itself until it gets another mission, and when that may begin."""
+        points = self.points_ahead(vehicle)
+        if not points:
+            return Ahead()
+        items = self._flown[vehicle].items
+        last = self._flown[vehicle].first_point + len(self._flown[vehicle].route.points_m)
+        radii = tuple(item.param2 for item in items[last - len(points) : last])
+        return Ahead(points, radii, 0.0 if vehicle in self._deliveries else self._wait_s(vehicle, t_ns))
+
+    def points_ahead(self, vehicle: int) -> tuple[tuple[float, float], ...]:
+        """Points that a vehicle in AUTO flies to by what it holds, the next one first."""
+        flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
+        if flown is None or state is None or state.mode != AUTO or state.mission_seq < flown.first_point:
+            return ()
+        left = flown.route.points_m[state.mission_seq - flown.first_point :]
+        return tuple((east_m, north_m) for east_m, north_m in left.tolist())
 
     def may_be_mixed(self, vehicle: int) -> bool:
         """Whether a transfer is under way to a vehicle, or left a mix behind."""
@@ -172,13 +205,19 @@ class Tasking:
 
     # ------------------------------------------------------------ in
 
-    def task(self, route: Route, t_ns: int) -> list[Effect]:
-        """Send a route to its vehicle as a mission; a transfer under way is given up for it."""
+    def task(self, route: Route, t_ns: int, *, at_once: bool = False) -> list[Effect]:
+        """Send a route to its vehicle as a mission; a transfer under way is given up for it.
+
+        Without `at_once` it waits until the vehicle has passed an item that it is about to reach.
+        """
         vehicle = route.vehicle
         self._asked_t_ns[vehicle] = t_ns
         if self._supersede(vehicle, t_ns):
             return self._begin(route, t_ns)
-        self._waiting[vehicle] = route
+        before = self._waiting.get(vehicle)
+        patience_ns = 0 if at_once else _MOST_WAIT_NS
+        until_ns = t_ns + patience_ns if before is None else min(before.until_ns, t_ns + patience_ns)
+        self._waiting[vehicle] = _Waiting(route, until_ns)
         return self._admit(t_ns)
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
@@ -261,11 +300,25 @@ class Tasking:
     def _admit(self, t_ns: int) -> list[Effect]:
         """Begin the transfers for which there is room."""
         effects: list[Effect] = []
-        for vehicle in list(self._waiting):
+        for vehicle, one in list(self._waiting.items()):
             link = self._fleet.link(vehicle)
-            if self._busy[link] < self._lanes[link].window:
-                effects += self._begin(self._waiting.pop(vehicle), t_ns)
+            has_room = self._busy[link] < self._lanes[link].window
+            if has_room and (t_ns >= one.until_ns or not self._wait_s(vehicle, t_ns)):
+                del self._waiting[vehicle]
+                effects += self._begin(one.route, t_ns)
         return effects
+
+    def _wait_s(self, vehicle: int, t_ns: int) -> float:
+        """How long to wait with a transfer, so that the vehicle need not be told to hold for it.
+
+        Over a mixed store nobody may take the next item; whoever is about to would have to hold, which is a
+        turn that nobody planned, from where it happens to be. It is past its item within seconds.
+        """
+        profile = self._fleet.profile(vehicle)
+        if profile is None or profile.atomic or not self.points_ahead(vehicle):
+            return 0.0
+        to_go_s = self._time_to_next_s(vehicle, t_ns)
+        return to_go_s + _PAST_S if to_go_s < Timing().guard_s + _TRANSFER_S else 0.0
 
     def _begin(self, route: Route, t_ns: int) -> list[Effect]:
         vehicle, fleet = route.vehicle, self._fleet

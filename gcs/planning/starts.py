@@ -7,14 +7,12 @@ counter-clockwise from east.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from gcs.compiling import called, kernel
-from gcs.geo import bearing_rad, wrap_pi
-from gcs.planning.grid import TOUCH, Grid, Point
-from gcs.planning.sight import clear_leg, line_of_sight, room_at
+from gcs.planning.grid import TOUCH
+from gcs.planning.sight import clear_leg, room_at
 
 MOST_ARC = 1.8 * math.pi
 """No turn is longer: what is nearly a full circle is a detour or a rounding error."""
@@ -23,7 +21,6 @@ _START_SHARE = 0.5
 TIGHT = 0.5
 """Radius of the tightest turns to be expected, of the planned one."""
 _EITHER_SIDE = math.radians(120.0)
-_TINY_S = 1e-9
 _CHORD = math.radians(7.5)
 ARC_HEIGHT = 1.0 - math.cos(0.5 * _CHORD)
 """Of an arc above its chords, in radii: arcs are looked at to this much (9 cm at 40 m)."""
@@ -122,54 +119,3 @@ def start_is_safe(blocked, reach, x, y, angle, to_x, to_y, radius, own):  # type
 def start_room(blocked, reach, x, y):  # type: ignore[no-untyped-def]
     """Clearance to ask of a start: a share of the wanted one, and no more than the vehicle has now."""
     return min(_START_SHARE * reach, max(room_at(blocked, x, y, reach) - TOUCH, 0.0))
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """Where a vehicle was, how it flew over ground, and how long ago that was."""
-
-    east_m: float
-    north_m: float
-    speed_m_s: float
-    course_rad: float
-    """Clockwise from north."""
-    turn_rate_rad_s: float = 0.0
-    """To the right."""
-    age_s: float = 0.0
-
-
-def expected(
-    grid: Grid, motion: Motion, ahead_s: float, toward_m: Point | None = None
-) -> tuple[Point, float]:
-    """Where a vehicle will be when it takes up a new route, and on which course.
-
-    A mission that is sent now is flown some time later, and the turn that it asks for later still: a route
-    that began where the vehicle is would begin behind it. Until then it turns on as it does now, but not
-    beyond the bearing of `toward_m`, the point that it flies to, if there is one; and it is taken no farther
-    than nothing stands in its way.
-    """
-    rate, speed_m_s = motion.turn_rate_rad_s, motion.speed_m_s
-    now, course_rad = _flown(
-        (motion.east_m, motion.north_m), motion.course_rad, speed_m_s, rate, motion.age_s
-    )
-    turn_rad = rate * ahead_s
-    if toward_m is not None:
-        left_rad = wrap_pi(bearing_rad(*now, *toward_m) - course_rad)
-        turn_rad = min(max(turn_rad, min(left_rad, 0.0)), max(left_rad, 0.0))
-    for share in (1.0, 0.5):
-        t_s = share * ahead_s
-        there, then_rad = _flown(now, course_rad, speed_m_s, turn_rad / max(ahead_s, _TINY_S), t_s)
-        if line_of_sight(grid, now, there):
-            return there, then_rad
-    return now, course_rad
-
-
-def _flown(
-    place_m: Point, course_rad: float, speed_m_s: float, rate_rad_s: float, t_s: float
-) -> tuple[Point, float]:
-    """Place and course after a steady turn: along its chord."""
-    half_rad = 0.5 * rate_rad_s * t_s
-    chord_m = speed_m_s * t_s * (math.sin(half_rad) / half_rad if half_rad else 1.0)
-    east_m = place_m[0] + chord_m * math.sin(course_rad + half_rad)
-    north_m = place_m[1] + chord_m * math.cos(course_rad + half_rad)
-    return (east_m, north_m), course_rad + 2.0 * half_rad

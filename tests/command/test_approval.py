@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -244,11 +245,31 @@ def test_a_keep_out_is_opened_by_its_name_and_an_unknown_one_is_refused() -> Non
     assert (answer.state, answer.detail) == ("refused", "it lies outside the map")
 
 
-def test_a_keep_out_without_a_way_around_is_an_alarm() -> None:
+def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_mission_is_touched() -> None:
     wall = KeepOut("wall", None, ((800.0, -50.0), (860.0, -50.0), (860.0, 2050.0), (800.0, 2050.0)))
-    flight = Flight(closing(20.0, wall), "auto").fly(24.0)
-    alarms = [n.text for n in flight.all(Notice) if n.level == "alarm"]
-    assert any("would fly through keep-out wall" in text for text in alarms)
+    flight = Flight(closing(20.0, wall), "auto").fly(60.0)
+    alarms = [n for n in flight.all(Notice) if n.level == "alarm"]
+    first = [n for n in alarms if n.t_ns <= START_T_NS + 21 * S]
+    (answer,) = [a for a in flight.all(OrderAnswer) if a.action == "keep-out"]
+    for notice in first:
+        assert re.fullmatch(
+            r"agent \d would fly through keep-out wall: in \d+ s, on its way to item \d+ "
+            r"of the mission that it holds: hold or return it",
+            notice.text,
+        )
+        assert notice.text in answer.detail
+    vehicles = {n.vehicle for n in first}
+    assert vehicles
+    soon = {n.vehicle: n for n in alarms if n not in first and "would fly through" in n.text}
+    inside = {n.vehicle: n for n in alarms if "is inside keep-out wall" in n.text}
+    assert inside
+    for vehicle, notice in inside.items():
+        told = soon.get(vehicle) or next(n for n in first if n.vehicle == vehicle)
+        (seconds,) = re.findall(r"in (\d+) s", told.text)
+        assert (notice.t_ns - told.t_ns) / S == pytest.approx(int(seconds), abs=4.0)
+        assert sum(n.vehicle == vehicle for n in alarms if "is inside" in n.text) == 1
+        later = [plan for plan in flight.all(Plan) if told.t_ns <= plan.t_ns <= notice.t_ns]
+        assert not any(vehicle in plan.changed for plan in later)
 
 
 @pytest.mark.parametrize("loss_of", [2])

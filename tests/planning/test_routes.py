@@ -14,7 +14,6 @@ from gcs.planning.grid import Grid, free_grid, random_obstacles
 from gcs.planning.routes import plan_routes
 from gcs.planning.search import distances_m
 from gcs.planning.sight import line_of_sight
-from gcs.planning.starts import Motion, expected
 from gcs.planning.task import AgentStart, PlanOptions
 
 PLAIN = PlanOptions()
@@ -297,21 +296,3 @@ def test_a_loop_on_to_the_route_never_leads_through_the_obstacle_that_its_agent_
     points = [tuple(p) for p in result.routes[0].points_m.tolist()]
     assert all(line_of_sight(grid, a, b) for a, b in itertools.pairwise(points))
     assert any("no clear turn on to its route" in note for note in result.notes)
-
-
-def test_a_route_starts_where_its_vehicle_will_take_it_up_but_never_beyond_an_obstacle():
-    grid = free_grid((11, 11), 40.0).with_obstacles(cells=[(5, 5)])
-    east = math.pi / 2.0
-    assert expected(grid, Motion(20.0, 40.0, 15.0, east), 2.0)[0] == pytest.approx((50.0, 40.0))
-    assert expected(grid, Motion(150.0, 200.0, 15.0, east), 3.0)[0] == pytest.approx((172.5, 200.0))
-    assert expected(grid, Motion(175.0, 200.0, 15.0, east), 3.0)[0] == pytest.approx((175.0, 200.0))
-
-
-def test_who_circles_turns_on_and_who_flies_to_a_point_turns_no_further_than_that():
-    grid = free_grid((51, 51), 40.0)
-    circling = Motion(1000.0, 1000.0, 15.0, 0.0, turn_rate_rad_s=0.25)
-    place, course_rad = expected(grid, circling, 4.0)
-    assert course_rad == pytest.approx(1.0)
-    assert place == pytest.approx((1000.0 + 60.0 * (1.0 - math.cos(1.0)), 1000.0 + 60.0 * math.sin(1.0)))
-    assert expected(grid, circling, 4.0, (1100.0, 2000.0))[1] == pytest.approx(0.1, abs=0.001)
-    assert expected(grid, circling, 4.0, (900.0, 2000.0))[1] == pytest.approx(0.0)
