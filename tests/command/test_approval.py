@@ -268,7 +268,7 @@ def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_miss
         (seconds,) = re.findall(r"in (\d+) s", told.text)
         assert (notice.t_ns - told.t_ns) / S == pytest.approx(int(seconds), abs=4.0)
         assert sum(n.vehicle == vehicle for n in alarms if "is inside" in n.text) == 1
-        later = [plan for plan in flight.all(Plan) if told.t_ns <= plan.t_ns <= notice.t_ns]
+        later = [plan for plan in flight.all(Plan) if told.t_ns < plan.t_ns < notice.t_ns]
         assert not any(vehicle in plan.changed for plan in later)
 
 
