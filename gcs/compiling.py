@@ -57,11 +57,27 @@ def warm_up(*rooms: str) -> None:
     calls = _calls(rooms)
     probe = calls[0][0]
     before = _misses(probe)
-    _make(calls[:1])
+    with _without_blas():
+        _make(calls[:1])
     with contextlib.ExitStack() as stack:
         if _misses(probe) > before:
             stack.enter_context(_helper(rooms))
         _make(calls[1:])
+
+
+@contextlib.contextmanager
+def _without_blas() -> Iterator[None]:
+    """Let numba set itself up without scipy's linear algebra: a seventh of a start, and no kernel uses it."""
+    name = "scipy.linalg.cython_blas"
+    if name in sys.modules:
+        yield
+        return
+    # What an import takes for a module that is not there.
+    sys.modules[name] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        del sys.modules[name]
 
 
 @contextlib.contextmanager

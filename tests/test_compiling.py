@@ -52,6 +52,17 @@ def test_a_cold_start_leaves_everything_in_the_cache_whatever_becomes_of_its_hel
     assert said.count("cache_misses=Counter()") == 2
 
 
+def test_a_start_does_not_wait_for_linear_algebra_that_no_kernel_uses_and_others_still_get_it(tmp_path):
+    (tmp_path / "room.py").write_text(ROOM)
+    said = run(
+        "import sys; from gcs import compiling; compiling.warm_up('room');"
+        "print('scipy.linalg' in sys.modules);"
+        "import scipy.linalg.cython_blas, scipy.optimize; print(float(scipy.linalg.inv([[2.0]])[0, 0]))",
+        tmp_path,
+    )
+    assert said.split() == ["False", "0.5"]
+
+
 def test_no_plan_compiles_anything_after_the_warm_up():
     routes.warm_up()
     agents = {1: AgentStart(3.0, 4.0, 0.5), 2: AgentStart(390.0, 15.0), 3: AgentStart(200.0, 200.0)}
