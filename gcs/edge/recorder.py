@@ -132,8 +132,8 @@ class Recorder:
         self._about = config_text, dict(versions), run
         self._rotate_bytes = rotate_bytes
         self._sequence = 0
-        self._waiting: list[tuple[Recordable, int, int]] = []
-        """Record, log time and sequence of what is to be written: many at once cost a third of one by one."""
+        self._waiting: list[tuple[Recordable, int]] = []
+        """Records with their times, to be written: many at once cost a third of one by one."""
         self._parts = 0
         self._full = self._closed = False
         try:
@@ -211,8 +211,7 @@ class Recorder:
     def _add(self, record: Recordable, t_ns: int) -> None:
         if self._closed:
             raise RecordingError(str(self.folder), "is closed")
-        self._waiting.append((record, min(max(t_ns, 0), _MAX_T_NS), self._sequence))
-        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+        self._waiting.append((record, t_ns))
         if len(self._waiting) >= _WAITING:
             try:
                 self._write_out()
@@ -222,7 +221,8 @@ class Recorder:
     def _write_out(self) -> None:
         """Write what waits, and look at the size."""
         waiting, self._waiting = self._waiting, []
-        self._part.add(waiting)
+        self._part.add(waiting, self._sequence)
+        self._sequence += len(waiting)
         self._full = self._part.size > self._rotate_bytes
 
     def _failed(self, error: OSError) -> RecordingError:
@@ -272,11 +272,12 @@ class _Part:
             for kind in ("/agents", "/targets") if record_type is Picture else ("",):
                 self._channels[topic + kind] = self._writer.register_channel(topic + kind, "json", schema)
 
-    def add(self, records: Iterable[tuple[Recordable, int, int]]) -> None:
-        """Write records with their log times and sequences."""
+    def add(self, records: Iterable[tuple[Recordable, int]], sequence: int) -> None:
+        """Write records with their times, numbered from `sequence` on, which wraps."""
         add_message, channels, tlog = self._writer.add_message, self._channels, self._tlog
-        for record, t_ns, sequence in records:
-            add_message(channels[topic_of(record)], t_ns, encode(record), sequence)
+        for number, (record, t_ns) in enumerate(records, sequence):
+            log_time = min(max(t_ns, 0), _MAX_T_NS)
+            add_message(channels[topic_of(record)], log_time, encode(record), number & 0xFFFFFFFF)
             if isinstance(record, _TRAFFIC):
                 tlog.write(tlog_entries(t_ns, record.data))
 
