@@ -2,7 +2,7 @@
 
 In a large scene most labels want no detection that another wants. Such a label's hypotheses hold one of its
 tracks, or none (it is not there); their children are all options of all tracks, and nothing needs to be
-searched. So what `hypotheses.children`, `kernels.update`, `merging.merge_alike` and `partition.part` do for
+searched. So what `search.children`, `kernels.update`, `merging.merge_alike` and `parting.part` do for
 groups of many labels, one after the other over arrays of everything, is done here label by label while its
 few numbers are at hand: weigh the children, drop the hopeless, update, join those that became alike, forget
 the label if it is improbable.
@@ -15,18 +15,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel
+from gcs.compiling import inlined, kernel, leaf
 from gcs.tracking.hypotheses import DIED, Groups, Limits, Options
 from gcs.tracking.kernels import updated
-from gcs.tracking.merging import distance2_to, factor
-from gcs.tracking.ordering import greatest_first, head
+from gcs.tracking.merging import factor, far, near
+from gcs.tracking.ordering import Order, greatest_first, head, room_to_order
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
     from gcs.tracking.sensors import View
 
 _NOBODY = -1
-_FEW = 12
 
 
 class Tracks(NamedTuple):
@@ -36,17 +35,24 @@ class Tracks(NamedTuple):
     parent: Any
     option: Any
     mean: Any
+    """A row for each, and room for more behind them."""
     cov: Any
 
-    def and_of(self, other: Tracks) -> Tracks:
-        """Return these and the other tracks, which come behind them."""
-        groups = Groups(
-            np.concatenate([self.groups.first, self.groups.first[-1] + other.groups.first[1:]]),
-            np.concatenate([self.groups.start, self.groups.start[-1] + other.groups.start[1:]]),
-            np.concatenate([self.groups.items, self.parent.size + other.groups.items]),
-            np.concatenate([self.groups.logw, other.groups.logw]),
+    def and_of(
+        self, groups: Groups, parent: Any, option: Any, mean: FloatArray, cov: FloatArray, used: Any
+    ) -> Tracks:
+        """Return these and, behind them, those of other groups, whose Gaussians are the rows `used`."""
+        n = self.parent.size
+        both = Groups(
+            np.concatenate([self.groups.first, self.groups.first[-1] + groups.first[1:]]),
+            np.concatenate([self.groups.start, self.groups.start[-1] + groups.start[1:]]),
+            np.concatenate([self.groups.items, n + groups.items]),
+            np.concatenate([self.groups.logw, groups.logw]),
         )
-        return Tracks(groups, *(np.concatenate(pair) for pair in zip(self[1:], other[1:], strict=True)))
+        np.take(mean, used, axis=0, out=self.mean[n : n + used.size], mode="clip")
+        np.take(cov, used, axis=0, out=self.cov[n : n + used.size], mode="clip")
+        parent, option = np.concatenate([self.parent, parent]), np.concatenate([self.option, option])
+        return Tracks(both, parent, option, self.mean, self.cov)
 
 
 class _Children(NamedTuple):
@@ -55,46 +61,57 @@ class _Children(NamedTuple):
     option: Any
     parent: Any
     logw: Any
-    order: Any
+    order: Order
     """The ones kept, best first."""
+    weight: Any
+    """Of the ones kept, in that order; they add up to 1."""
 
 
 @inlined
 def _weigh(groups: Groups, g: int, options: Options, limits: Limits, to: Any) -> int:
     """Fill `to` with the children of group g; return how many are kept."""
     start, items = groups.start, groups.items
-    nobody, n, best = 0.0, 1, -np.inf
+    n, best, absent, ways = 1, -np.inf, -np.inf, 0
     for h in range(groups.first[g], groups.first[g + 1]):
         if start[h] == start[h + 1]:
-            nobody += math.exp(groups.logw[h])
+            absent, ways = max(absent, groups.logw[h]), ways + 1
             continue
         t = items[start[h]]
         for o in range(options.start[t], options.start[t + 1]):
+            logw = groups.logw[h] + options.logw[o]
             if options.meas[o] == DIED:
-                nobody += math.exp(groups.logw[h] + options.logw[o])
+                absent, ways = max(absent, logw), ways + 1
                 continue
-            to.option[n], to.parent[n], to.logw[n] = o, t, groups.logw[h] + options.logw[o]
-            best = max(best, to.logw[n])
+            to.option[n], to.parent[n], to.logw[n] = o, t, logw
+            best = max(best, logw)
             n += 1
-    to.option[0], to.parent[0] = _NOBODY, _NOBODY
-    to.logw[0] = math.log(nobody) if nobody > 0.0 else -np.inf
+    # Nobody is there in several ways; they are added up only where that can be worth keeping.
+    to.option[0], to.parent[0], to.logw[0] = _NOBODY, _NOBODY, -np.inf
+    if ways > 0 and absent + ways > best + limits.log_prune:
+        nobody = 0.0
+        for h in range(groups.first[g], groups.first[g + 1]):
+            if start[h] == start[h + 1]:
+                nobody += math.exp(groups.logw[h])
+                continue
+            t = items[start[h]]
+            for o in range(options.start[t], options.start[t + 1]):
+                if options.meas[o] == DIED:
+                    nobody += math.exp(groups.logw[h] + options.logw[o])
+        to.logw[0] = math.log(nobody) if nobody > 0.0 else -np.inf
     floor, kept = max(best, to.logw[0]) + limits.log_prune, 0
     for i in range(n):
         if to.logw[i] >= floor:
             to.option[kept], to.parent[kept], to.logw[kept] = to.option[i], to.parent[i], to.logw[i]
             kept += 1
-    if kept <= _FEW:
-        for i in range(kept):
-            j = i
-            while j > 0 and to.logw[to.order[j - 1]] < to.logw[i]:
-                to.order[j] = to.order[j - 1]
-                j -= 1
-            to.order[j] = i
-    else:
-        best_first = greatest_first(to.logw, 0, kept)
-        for i in range(kept):
-            to.order[i] = best_first[i]
-    return min(kept, limits.hypotheses)
+    greatest_first(to.logw, 0, kept, to.order)
+    kept = min(kept, limits.hypotheses)
+    total, best = 0.0, to.logw[to.order.index[0]]
+    for k in range(kept):
+        to.weight[k] = 1.0 if k == 0 else math.exp(to.logw[to.order.index[k]] - best)
+        total += to.weight[k]
+    for k in range(kept):
+        to.weight[k] /= total
+    return kept
 
 
 @inlined
@@ -106,6 +123,139 @@ def _join(mean: FloatArray, cov: FloatArray, a: int, b: int, share: float) -> No
             cov[a, i, j] += share * (cov[b, i, j] - cov[a, i, j] + (1.0 - share) * spread)
     for i in range(4):
         mean[a, i] += share * (mean[b, i] - mean[a, i])
+
+
+class _Leaders(NamedTuple):
+    """Scratch: tracks of a label that stand for those that are like them."""
+
+    mean: Any
+    """What it was before it took others on."""
+    lower: Any
+    factored: Any
+    weight: Any
+    place: Any
+    order: Order
+
+
+@leaf
+def _sizes(groups: Groups, which: Any, options: Options, most: int) -> Any:
+    """Bounds: of tracks and hypotheses in all, and of the children of one group."""
+    n_tracks, n_hyps, broadest = 0, 0, 1
+    for i in range(which.size):
+        children = 1
+        for k in range(groups.start[groups.first[which[i]]], groups.start[groups.first[which[i] + 1]]):
+            children += options.start[groups.items[k] + 1] - options.start[groups.items[k]]
+        n_tracks += min(children, most) + 1
+        n_hyps += min(children, most)
+        broadest = max(broadest, children)
+    return n_tracks, n_hyps, broadest
+
+
+@leaf
+def _lead(
+    n: int,
+    kept: int,
+    to: Any,
+    lead: Any,
+    mean: FloatArray,
+    cov: FloatArray,
+    z: FloatArray,
+    meas: Any,
+    view: View,
+    distance2: float,
+    out: Any,
+) -> Any:
+    """Update the children of a label and join those that are alike.
+
+    Leaders are the tracks n, n + 1 ... and nobody, who is like no one. Returns how many they are, and tracks.
+    """
+    count, at = 0, n
+    for k in range(kept):
+        c, weight = to.order.index[k], to.weight[k]
+        if to.option[c] == _NOBODY:
+            lead.weight[count], lead.place[count] = weight, _NOBODY
+            count += 1
+            continue
+        o, p = to.option[c], to.parent[c]
+        updated(mean, cov, p, meas[o], z, view, out.mean, out.cov, at)
+        leader = -1
+        for d in range(count):
+            if lead.place[d] == _NOBODY or distance2 <= 0.0:
+                continue
+            if not lead.factored[d]:
+                if far(out.mean, at, lead.mean, d, out.cov, lead.place[d], distance2):
+                    continue
+                factor(out.cov, lead.place[d], lead.lower, d)
+                lead.factored[d] = True
+            if near(out.mean, at, lead.mean, d, lead.lower, d, distance2):
+                leader = d
+                break
+        if leader >= 0:
+            lead.weight[leader] += weight
+            _join(out.mean, out.cov, lead.place[leader], at, weight / lead.weight[leader])
+            continue
+        for j in range(4):
+            lead.mean[count, j] = out.mean[at, j]
+        out.parent[at], out.option[at] = p, o
+        lead.weight[count], lead.place[count], lead.factored[count] = weight, at, False
+        count += 1
+        at += 1
+    return count, at
+
+
+@leaf
+def _alone(
+    groups: Groups,
+    which: Any,
+    options: Options,
+    mean: FloatArray,
+    cov: FloatArray,
+    track_label: Any,
+    z: FloatArray,
+    view: View,
+    limits: Limits,
+    distance2: float,
+    explained: FloatArray,
+    detected: FloatArray,
+    there: FloatArray,
+    to: Any,
+    lead: Any,
+    out: Tracks,
+) -> Any:
+    """Work them all; returns how many groups, hypotheses and tracks go on."""
+    meas, first, start, items, logw = (
+        options.meas,
+        out.groups.first,
+        out.groups.start,
+        out.groups.items,
+        out.groups.logw,
+    )
+    first[0] = start[0] = n_groups = n = h = 0
+    for i in range(which.size):
+        kept, existence = _weigh(groups, which[i], options, limits, to), 0.0
+        for k in range(kept):
+            c = to.order.index[k]
+            if to.option[c] != _NOBODY:
+                weight, j, label = to.weight[k], meas[to.option[c]], track_label[to.parent[c]]
+                existence += weight
+                there[label] += weight
+                if j >= 0:
+                    explained[j] += weight
+                    detected[label] += weight
+        if existence == 0.0 or existence < limits.existence:
+            continue
+        count, n = _lead(n, kept, to, lead, mean, cov, z, meas, view, distance2, out)
+        greatest_first(lead.weight, 0, count, lead.order)
+        for k in range(count):
+            d = lead.order.index[k]
+            logw[h], start[h + 1] = math.log(lead.weight[d]), start[h]
+            if lead.place[d] != _NOBODY:
+                items[start[h]] = lead.place[d]
+                start[h + 1] += 1
+            h += 1
+        n_groups += 1
+        first[n_groups] = h
+    return n_groups, h, n
 
 
 @kernel
@@ -120,6 +270,7 @@ def alone(
     view: View,
     limits: Limits,
     distance2: float,
+    spare: int,
     explained: FloatArray,
     detected: FloatArray,
     there: FloatArray,
@@ -127,98 +278,58 @@ def alone(
     """Predict and update the groups `which`, each of one label that competes with nobody.
 
     To `explained` (detections,), `detected` and `there` (labels,) are added the probabilities that a track
-    made each detection, that each label was detected, and that it is there.
+    made each detection, that each label was detected, and that it is there. The means and covariances have
+    room for `spare` rows more.
     """
-    first, start, meas = groups.first, groups.start, options.meas
-    n_tracks, n_hyps, most = 0, 0, 1
-    for i in range(which.size):
-        children = 1
-        for k in range(start[first[which[i]]], start[first[which[i] + 1]]):
-            children += options.start[groups.items[k] + 1] - options.start[groups.items[k]]
-        n_tracks += min(children, limits.hypotheses) + 1
-        n_hyps += min(children, limits.hypotheses)
-        most = max(most, children)
+    n_tracks, n_hyps, most = _sizes(groups, which, options, limits.hypotheses)
     to = _Children(
-        np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most), np.empty(most, np.int64)
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most),
+        room_to_order(most),
+        np.empty(most),
     )
-    # A leader is a track that stands for those that are like it: its mean before it took these on.
-    lead_mean, lower, whitened = np.empty((most, 4)), np.empty((most, 4, 4)), np.empty(4)
-    lead_weight, factored = np.empty(most), np.empty(most, np.bool_)
-    place, by_weight = np.empty(most, np.int64), np.empty(most, np.int64)
-    out_first, out_start = np.zeros(which.size + 1, np.int64), np.zeros(n_hyps + 1, np.int64)
-    out_items, out_logw = np.empty(n_hyps, np.int64), np.empty(n_hyps)
+    lead = _Leaders(
+        np.empty((most, 4)),
+        np.empty((most, 4, 4)),
+        np.empty(most, np.bool_),
+        np.empty(most),
+        np.empty(most, np.int64),
+        room_to_order(most),
+    )
+    out_first, out_start = np.empty(which.size + 1, np.int64), np.empty(n_hyps + 1, np.int64)
+    out_groups = Groups(out_first, out_start, np.empty(n_hyps, np.int64), np.empty(n_hyps))
     parent, option = np.empty(n_tracks, np.int64), np.empty(n_tracks, np.int64)
-    mean_out, cov_out = np.empty((n_tracks, 4)), np.empty((n_tracks, 4, 4))
-    n_groups, n, h = 0, 0, 0
-    for i in range(which.size):
-        kept = _weigh(groups, which[i], options, limits, to)
-        total, best = 0.0, to.logw[to.order[0]]
-        for k in range(kept):
-            total += math.exp(to.logw[to.order[k]] - best)
-        # Leaders are numbered as they come: the tracks n, n + 1 ..., and nobody, who is like no one.
-        count, at, existence = 0, n, 0.0
-        for k in range(kept):
-            c = to.order[k]
-            weight = math.exp(to.logw[c] - best) / total
-            if to.option[c] == _NOBODY:
-                lead_weight[count], place[count] = weight, _NOBODY
-                count += 1
-                continue
-            o, p = to.option[c], to.parent[c]
-            label = track_label[p]
-            existence += weight
-            there[label] += weight
-            if meas[o] >= 0:
-                explained[meas[o]] += weight
-                detected[label] += weight
-            updated(mean, cov, p, meas[o], z, view, mean_out, cov_out, at)
-            leader = -1
-            for d in range(count):
-                if place[d] == _NOBODY or distance2 <= 0.0:
-                    continue
-                if not factored[d]:
-                    factor(cov_out, place[d], lower, d)
-                    factored[d] = True
-                if distance2_to(mean_out, at, lead_mean, lower, d, whitened) < distance2:
-                    leader = d
-                    break
-            if leader >= 0:
-                lead_weight[leader] += weight
-                _join(mean_out, cov_out, place[leader], at, weight / lead_weight[leader])
-                continue
-            for j in range(4):
-                lead_mean[count, j] = mean_out[at, j]
-            parent[at], option[at] = p, o
-            lead_weight[count], place[count], factored[count] = weight, at, False
-            count += 1
-            at += 1
-        if existence < limits.existence or at == n:
-            continue
-        n = at
-        for k in range(count):
-            j = k
-            while j > 0 and lead_weight[by_weight[j - 1]] < lead_weight[k]:
-                by_weight[j] = by_weight[j - 1]
-                j -= 1
-            by_weight[j] = k
-        for k in range(count):
-            d = by_weight[k]
-            out_logw[h], out_start[h + 1] = math.log(lead_weight[d]), out_start[h]
-            if place[d] != _NOBODY:
-                out_items[out_start[h]] = place[d]
-                out_start[h + 1] += 1
-            h += 1
-        n_groups += 1
-        out_first[n_groups] = h
+    rows = n_tracks + spare
+    out = Tracks(out_groups, parent, option, np.empty((rows, 4)), np.empty((rows, 4, 4)))
+    n_groups, h, n = _alone(
+        groups,
+        which,
+        options,
+        mean,
+        cov,
+        track_label,
+        z,
+        view,
+        limits,
+        distance2,
+        explained,
+        detected,
+        there,
+        to,
+        lead,
+        out,
+    )
+    n_items = out_start[h]
     return Tracks(
         Groups(
             head(out_first, n_groups + 1),
             head(out_start, h + 1),
-            head(out_items, out_start[h]),
-            head(out_logw, h),
+            head(out_groups.items, n_items),
+            head(out_groups.logw, h),
         ),
         head(parent, n),
         head(option, n),
-        mean_out[:n],
-        cov_out[:n],
+        out.mean,
+        out.cov,
     )

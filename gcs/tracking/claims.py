@@ -4,7 +4,7 @@ Two labels whose gates share a detection need not be associated jointly. Let a a
 probabilities q_a(j) and q_b(j), each by itself. Their joint posterior is the product of the two, given that
 they do not take the same detection; the two distributions differ, in total variation, by the probability of
 such a conflict, which is at most the sum of q_a(j) q_b(j). So labels go on apart where that product is below
-the bound that also lets labels part (`partition.part`). At the edge of a gate, where most of the sharing
+the bound that also lets labels part (`parting.part`). At the edge of a gate, where most of the sharing
 happens, it is below by orders of magnitude.
 
 q is taken on the safe side. A label that loses a contested detection turns to its next best one, so what it
@@ -15,11 +15,11 @@ conflict. What is contested grows until nothing changes.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined
+from gcs.compiling import inlined, leaf
 from gcs.tracking.hypotheses import Groups, Options
 
 _NOBODY, _MANY = -1, -2
@@ -96,50 +96,94 @@ def _claim(
             share[meas[o]] = 0.0
 
 
+class Claims(NamedTuple):
+    """Room to see who wants what."""
+
+    owner: Any
+    """(detections,) the one label that gates it, or nobody, or many."""
+    contested: Any
+    share: Any
+    most: Any
+    strongest: Any
+    span: Any
+    """(tracks, 2) first track of each label with rivals, and the one after its last."""
+    absent: Any
+    group: Any
+    """(tracks,) which group each is in."""
+    known: Any
+    weight: Any
+    """(options,) of the option times its track's probability."""
+    claim: Any
+    """(options,) q."""
+
+
 @inlined
+def room_for_claims(n_tracks: int, n_options: int, n_detections: int) -> Claims:
+    """Return room for so many."""
+    return Claims(
+        np.empty(n_detections, np.int64),
+        np.zeros(n_detections, np.bool_),
+        np.zeros(n_detections),
+        np.zeros(n_detections),
+        np.empty(n_detections, np.int64),
+        np.empty((n_tracks, 2), np.int64),
+        np.empty(n_tracks),
+        np.empty(n_tracks, np.int64),
+        np.empty(n_tracks, np.int64),
+        np.empty(n_options),
+        np.empty(n_options),
+    )
+
+
+@inlined
+def _weigh(groups: Groups, options: Options, n_rivals: int, to: Claims) -> None:
+    """Fill `to.weight`, `to.absent` and `to.group` for the labels with rivals."""
+    start_o = options.start
+    for r in range(n_rivals):
+        for t in range(to.span[r, 0], to.span[r, 1]):
+            to.weight[start_o[t]] = 0.0
+    for g in range(groups.first.size - 1):
+        for h in range(groups.first[g], groups.first[g + 1]):
+            w = math.exp(groups.logw[h])
+            for i in range(groups.start[h], groups.start[h + 1]):
+                to.weight[start_o[groups.items[i]]] += w
+                to.group[groups.items[i]] = g
+    for r in range(n_rivals):
+        absent = 1.0
+        for t in range(to.span[r, 0], to.span[r, 1]):
+            prior = to.weight[start_o[t]]
+            absent -= prior
+            for o in range(start_o[t], start_o[t + 1]):
+                to.weight[o] = prior * math.exp(options.logw[o])
+        to.absent[r], to.known[r] = max(absent, 0.0), -1
+
+
+@leaf
 def unite(
-    groups: Groups, options: Options, track_label: Any, n_detections: int, bound: float, parent: Any
+    groups: Groups, options: Options, track_label: Any, bound: float, work: Claims, parent: Any
 ) -> None:
     """Fill `parent` (groups,) with sets of groups that are in conflict over detections, as trees."""
-    first, start, items = groups.first, groups.start, groups.items
     start_o, meas = options.start, options.meas
+    owner, span, contested, claim, most = work.owner, work.span, work.contested, work.claim, work.most
+    strongest, group = work.strongest, work.group
     for g in range(parent.size):
         parent[g] = g
-    owner, span = np.empty(n_detections, np.int64), np.empty((track_label.size, 2), np.int64)
     owner[:] = _NOBODY
     n_rivals = _rivals(options, track_label, owner, span)
     if n_rivals == 0:
         return
-    absent, group = np.ones(track_label.size), np.empty(track_label.size, np.int64)
-    weight = np.zeros(meas.size)
-    for g in range(parent.size):
-        for h in range(first[g], first[g + 1]):
-            w = math.exp(groups.logw[h])
-            for i in range(start[h], start[h + 1]):
-                weight[start_o[items[i]]] += w
-                group[items[i]] = g
-    for r in range(n_rivals):
-        for t in range(span[r, 0], span[r, 1]):
-            prior = weight[start_o[t]]
-            absent[r] -= prior
-            for o in range(start_o[t], start_o[t + 1]):
-                weight[o] = prior * math.exp(options.logw[o])
-        absent[r] = max(absent[r], 0.0)
-    contested, share = np.zeros(n_detections, np.bool_), np.zeros(n_detections)
-    claim, most = np.empty(meas.size), np.zeros(n_detections)
-    strongest, known = np.empty(n_detections, np.int64), np.empty(n_rivals, np.int64)
-    known[:] = -1
+    _weigh(groups, options, n_rivals, work)
     for _ in range(_ROUNDS):
         changed = False
         for r in range(n_rivals):
             low, high, count = start_o[span[r, 0]], start_o[span[r, 1]], 0
             for o in range(low, high):
                 count += meas[o] >= 0 and contested[meas[o]]
-            if count == known[r]:
+            if count == work.known[r]:
                 continue
             # The more is contested, the greater the claims, so those of before need no second look.
-            known[r] = count
-            _claim(meas, low, high, weight, absent[r], owner, contested, share, claim)
+            work.known[r] = count
+            _claim(meas, low, high, work.weight, work.absent[r], owner, contested, work.share, claim)
             for o in range(low, high):
                 j = meas[o]
                 if j >= 0 and owner[j] == _MANY and claim[o] > most[j]:

@@ -19,11 +19,11 @@ as a grid where detections are spread evenly, and never slow, however they lie.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel
+from gcs.compiling import inlined, kernel, leaf
 from gcs.tracking.sensors import View, wrapped
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def _entry(value: float, least: float, per_unit: float, n: int) -> int:
     return 0 if not at > 0.0 else (n - 1 if at >= n else int(at))
 
 
-@called
+@inlined
 def _guide(value: Any, low: int, high: int, guide: Any, at: int, n: int) -> float:
     """Fill `guide[at]` to `guide[at + n]`: where each entry of the ascending values `low` ... begins.
 
@@ -128,8 +128,37 @@ def innovation(cov: FloatArray, t: int, view: View, u: int) -> Any:
     )
 
 
-@kernel
-def options(
+class _Strips(NamedTuple):
+    """Where detections lie: strips of `width`, and guides to them."""
+
+    width: int
+    edge: Any
+    """(strips,) the least first coordinate of each."""
+    second: Any
+    """(m,) the second coordinate of each detection."""
+    entry: Any
+    """(strips + 1,) guide to `edge`."""
+    inner: Any
+    """(strips * (width + 1),) guides to `second` within each strip."""
+    per_unit: Any
+    """(strips,) their entries per unit of the second coordinate."""
+
+
+@leaf
+def _lay_out(z: FloatArray, to: _Strips) -> float:
+    """Fill the strips; return the entries of `entry` per unit of the first coordinate."""
+    m, width, count = z.shape[0], to.width, to.edge.size
+    for s in range(count):
+        low, high = s * width, min((s + 1) * width, m)
+        to.edge[s] = np.inf
+        for j in range(low, high):
+            to.edge[s], to.second[j] = min(to.edge[s], z[j, 0]), z[j, 1]
+        to.per_unit[s] = _guide(to.second, low, high, to.inner, s * (width + 1), width)
+    return _guide(to.edge, 0, count, to.entry, 0, count) if count > 0 else 0.0
+
+
+@leaf
+def _options(
     cov: FloatArray,
     log_live: FloatArray,
     log_die: FloatArray,
@@ -137,34 +166,18 @@ def options(
     view: View,
     log_clutter: FloatArray,
     gate_chi2: float,
-) -> Any:
-    """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
-
-    `z` (m, 2) is what the sensor measured, in the order of `strips`; `log_clutter` (m,) is the log of the
-    clutter intensity at each, in the same units. A track that is surely outside the field of view cannot be
-    detected; one that may be outside is the less missed.
-    """
-    n, m = cov.shape[0], z.shape[0]
-    start = np.zeros(n + 1, np.int64)
-    room = n * (min(m, MAX_GATED) + 2) + m
-    meas, logw = np.empty(room, np.int64), np.empty(room)
-    best = np.empty(MAX_GATED)
-    width = max(1, int(math.sqrt(m)))
-    n_strips = (m + width - 1) // width
-    edge, second = np.empty(n_strips), np.empty(m)
-    guide, per_unit = np.empty(n_strips * (width + 1), np.int32), np.empty(n_strips)
-    for s in range(n_strips):
-        low, high = s * width, min((s + 1) * width, m)
-        edge[s] = np.inf
-        for j in range(low, high):
-            edge[s], second[j] = min(edge[s], z[j, 0]), z[j, 1]
-        per_unit[s] = _guide(second, low, high, guide, s * (width + 1), width)
-    strip_guide, strips_per_unit = np.empty(n_strips + 1, np.int32), 0.0
-    if n_strips > 0:
-        strips_per_unit = _guide(edge, 0, n_strips, strip_guide, 0, n_strips)
+    strip: _Strips,
+    strips_per_unit: float,
+    best: FloatArray,
+    start: Any,
+    meas: Any,
+    logw: FloatArray,
+) -> None:
+    n, m, width, n_strips = cov.shape[0], z.shape[0], strip.width, strip.edge.size
     step = 0 if view.A.shape[0] == 1 else 1
     p_d = view.p_d
     log_made, log_missed = math.log(p_d) - math.log(2.0 * math.pi), math.log1p(-p_d)
+    start[0] = 0
     for t in range(n):
         first = count = start[t]
         seen = p_d > 0.0 and view.inside[t] > LEAST_INSIDE
@@ -174,13 +187,13 @@ def options(
             det = a * c - b * b
             scale = log_made - 0.5 * math.log(det) + log_live[t]
             reach, reach_1 = math.sqrt(gate_chi2 * a), math.sqrt(gate_chi2 * c)
-            e = _entry(x - reach, edge[0], strips_per_unit, n_strips)
-            s = max(0, _first_beyond(edge, strip_guide[e], strip_guide[e + 1], x - reach) - 1)
-            while s < n_strips and edge[s] <= x + reach:
+            e = _entry(x - reach, strip.edge[0], strips_per_unit, n_strips)
+            s = max(0, _first_beyond(strip.edge, strip.entry[e], strip.entry[e + 1], x - reach) - 1)
+            while s < n_strips and strip.edge[s] <= x + reach:
                 j, high = s * width, min((s + 1) * width, m)
                 if not view.wraps:
-                    e = s * (width + 1) + _entry(y - reach_1, second[j], per_unit[s], width)
-                    j = _first_beyond(second, guide[e], guide[e + 1], y - reach_1)
+                    e = s * (width + 1) + _entry(y - reach_1, strip.second[j], strip.per_unit[s], width)
+                    j = _first_beyond(strip.second, strip.inner[e], strip.inner[e + 1], y - reach_1)
                 while j < high:
                     dx, dy = z[j, 0] - x, z[j, 1] - y
                     if view.wraps:
@@ -209,4 +222,40 @@ def options(
             count += 1
         _sort_options(meas, logw, first, count)
         start[t + 1] = count
+
+
+@kernel
+def options(
+    cov: FloatArray,
+    log_live: FloatArray,
+    log_die: FloatArray,
+    z: FloatArray,
+    view: View,
+    log_clutter: FloatArray,
+    gate_chi2: float,
+) -> Any:
+    """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
+
+    `z` (m, 2) is what the sensor measured, in the order of `strips`; `log_clutter` (m,) is the log of the
+    clutter intensity at each, in the same units. A track that is surely outside the field of view cannot be
+    detected; one that may be outside is the less missed.
+    """
+    n, m = cov.shape[0], z.shape[0]
+    width = max(1, int(math.sqrt(m)))
+    count = (m + width - 1) // width
+    strip = _Strips(
+        width,
+        np.empty(count),
+        np.empty(m),
+        np.empty(count + 1, np.int32),
+        np.empty(count * (width + 1), np.int32),
+        np.empty(count),
+    )
+    per_unit = _lay_out(z, strip)
+    room = n * (min(m, MAX_GATED) + 2) + m
+    start, meas, logw = np.empty(n + 1, np.int64), np.empty(room, np.int64), np.empty(room)
+    best = np.empty(MAX_GATED)
+    _options(
+        cov, log_live, log_die, z, view, log_clutter, gate_chi2, strip, per_unit, best, start, meas, logw
+    )
     return start, meas[: start[n]], logw[: start[n]]

@@ -3,8 +3,9 @@
 The delta-generalised labelled multi-Bernoulli filter with joint prediction and update (B.-N. Vo, B.-T. Vo &
 H. Hoang, "An efficient implementation of the generalized labeled multi-Bernoulli filter", IEEE TSP 65, 2017),
 one Gaussian per track, kept as a product over groups of interacting labels (Beard, Vo & Vo, IEEE TSP 68,
-2020). This module holds the state and the order of the steps; the numerics are compiled, in `kernels` (one
-object), `hypotheses` (joint association) and `partition` (which labels interact).
+2020). This module holds the state and the order of the steps; the numerics are compiled: `kernels` and
+`gates` (one object), `meeting`, `claims` and `parting` (which labels interact), `alone` and `search`
+(association), `merging` and `summing`.
 
 Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D
 while it is inside the field of view, at most once, with Gaussian noise (see `sensors`); all else in a
@@ -20,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -30,65 +30,19 @@ from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
 from gcs.tracking import gates, intensity, kernels, motion, sensors, showing, summing, turning
 from gcs.tracking.alone import Tracks, alone
-from gcs.tracking.hypotheses import Groups, Limits, Options, children, option_keys
+from gcs.tracking.hypotheses import Groups, Limits, Options, option_keys
+from gcs.tracking.looks import Look, look_at
+from gcs.tracking.meeting import meet
 from gcs.tracking.merging import merge_alike
-from gcs.tracking.partition import meet, part, renumber
+from gcs.tracking.params import SURE, Birth, Born, GlmbParams
+from gcs.tracking.parting import part, renumber
 from gcs.tracking.recovery import Histories
+from gcs.tracking.search import children
 
-_SURE = 1.0 - 1e-9
-"""Probabilities are held below it: a model that is certain cannot be corrected."""
-_LEAST_CLUTTER_PER_M2 = 1e-15
+__all__ = ["Account", "Birth", "Estimates", "Glmb", "GlmbParams", "warm_up", "warm_up_calls"]
+
 _SURELY_THERE, _SURELY_IN_VIEW = 0.95, 0.999
 """Objects that tell how probably a sensor detects what it looks at."""
-
-
-@dataclass(frozen=True, slots=True)
-class Birth:
-    """Where an object may appear at a scan: a Gaussian at the time of the scan, and how probable it is."""
-
-    mean: FloatArray
-    """(4,) east_m, north_m, v_east_m_s, v_north_m_s."""
-    cov: FloatArray
-    """(4, 4)."""
-    probability: float
-
-
-@dataclass(frozen=True, slots=True)
-class GlmbParams:
-    """Model and limits of a tracker. The limits' defaults bound the error; they are not there to be tuned."""
-
-    accel_std_m_s2: float
-    """Velocity gained in a second, standard deviation (see `motion`)."""
-    acceleration: motion.Acceleration = "white"
-    """Which of the two models of `motion`."""
-    turn_rate_std_rad_s: float = 0.0
-    """Standard deviation of the rate at which objects turn (see `turning`); 0: they fly straight."""
-    turn_time_s: float = 5.0
-    """How long a turn lasts."""
-    survival_probability_per_s: float = 0.99
-    lost_std_m: float = math.inf
-    """A track whose position is known worse than this, along its worst axis, is given up."""
-    max_hypotheses: int = 300
-    """Of one group of interacting labels."""
-    gate_chi2: float = 32.2
-    """Squared Mahalanobis distance of the gate: 2 degrees of freedom, 1e-7 of the detections outside."""
-    prune_weight: float = 1e-4
-    """Hypotheses below this share of their group's best are dropped."""
-    forget_existence: float = 1e-5
-    """Labels below it are forgotten."""
-    report_existence: float = 1e-3
-    """Labels below it are not in the picture."""
-    conflict: float = 1e-3
-    """Labels that would take the same detection less probably than this are associated apart."""
-    dependence: float = 0.01
-    """Labels closer to independence than this total variation are tracked apart."""
-    merge_chi2: float = 1.0
-    """Tracks of one label closer than this squared Mahalanobis distance become one; 0: never."""
-    enumerable: int = 100_000
-    """Most joint options of a hypothesis, of those that are not hopeless, whose children are enumerated;
-    beyond, they are sampled."""
-    gibbs_sweeps: int = 1000
-    """Per group and scan, shared by its sampled hypotheses."""
 
 
 class Account(NamedTuple):
@@ -100,42 +54,6 @@ class Account(NamedTuple):
     """How many of the objects that were there beyond doubt, and surely in view, made a detection."""
     in_view: float
     """How many those were."""
-
-
-class _Born(NamedTuple):
-    """Births as arrays, made once of known places: one tuple, the same at each scan."""
-
-    births: tuple[Birth, ...]
-    mean: FloatArray
-    """(n, 4)."""
-    cov: FloatArray
-    """(n, 4, 4)."""
-    probability: FloatArray
-    """(n,) within (0, 1)."""
-
-    @classmethod
-    def of(cls, births: Sequence[Birth]) -> _Born:
-        """Convert; what is not a tuple might change, and is kept as a tuple of its own."""
-        probability = np.array([birth.probability for birth in births])
-        return cls(
-            tuple(births),
-            np.array([birth.mean for birth in births], dtype=np.float64).reshape(-1, 4),
-            np.array([birth.cov for birth in births], dtype=np.float64).reshape(-1, 4, 4),
-            np.clip(probability, 1.0 - _SURE, _SURE),
-        )
-
-
-class _Look(NamedTuple):
-    """The usable detections of a scan, in the order of `gates.strips`."""
-
-    z: FloatArray
-    """(m, 2) as the sensor measured them."""
-    place_m: FloatArray
-    """(m, 2) east/north."""
-    log_clutter: FloatArray
-    """(m,) of the clutter intensity there, per unit of `z`."""
-    rows: npt.NDArray[np.int64]
-    """(m,) which detection of the scan each is."""
 
 
 class _Made(NamedTuple):
@@ -210,15 +128,7 @@ class Glmb:
         self.account: Account | None = None
         self.scans = self.late_scans = self.bad_detections = 0
         self._weigh_detections = weigh_detections
-        self._limits = Limits(
-            int(params.max_hypotheses),
-            math.log(params.prune_weight),
-            float(params.forget_existence),
-            float(params.conflict),
-            float(params.dependence),
-            int(params.enumerable),
-            int(params.gibbs_sweeps),
-        )
+        self._limits = params.limits()
         self._rng = np.array([seed % 2**64], dtype=np.uint64)
         self._keys = option_keys(256)
         self._t_ns: int | None = None
@@ -231,7 +141,7 @@ class Glmb:
         self._mean, self._cov = np.empty((0, 4)), np.empty((0, 4, 4))
         self._turn = None if self._turns is None else np.empty((0, 6))
         """Turn rates (see `turning`)."""
-        self._born = _Born.of(())
+        self._born = Born.of(())
         self._groups = Groups(
             np.zeros(1, np.int64), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0)
         )
@@ -268,20 +178,18 @@ class Glmb:
             return
         dt_s = 0.0 if self._t_ns is None else (measured_t_ns - self._t_ns) / NS_PER_S
         self._t_ns = measured_t_ns
-        clutter = sensors.clutter_per_m2(sensor, np.reshape(z_m, (-1, 2)))
-        look = self._usable(
-            z_m, clutter if clutter_density_per_m2 is None else clutter_density_per_m2, sensor
-        )
+        look = look_at(sensor, z_m, clutter_density_per_m2)
+        self.bad_detections += look.taken - look.rows.size
         F = motion.transition(dt_s)
         Q = motion.process_noise(dt_s, self.params.accel_std_m_s2, self.params.acceleration)
-        live = self._predict(dt_s, Q, births)
+        log_live, log_die = self._predict(dt_s, Q, births)
         view = sensors.view(sensor, self._mean, self._cov)
         if self.histories is not None:
             self.histories.begin(measured_t_ns, dt_s, F, Q, sensor, births, self._survival(dt_s))
         start, meas, logw = gates.options(
             self._cov,
-            np.log(live),
-            np.log1p(-live, out=np.full(live.size, -np.inf), where=live < 1.0),
+            log_live,
+            log_die,
             look.z,
             view,
             look.log_clutter,
@@ -292,10 +200,10 @@ class Glmb:
         options = Options(start, meas, logw, self._keys)
         sure = self._surely_in_view(view) if self._weigh_detections else None
         made = _Made(np.zeros(look.rows.size), np.zeros(len(self._labels)), np.zeros(len(self._labels)))
-        if live.size:
+        if log_live.size:
             self._associate(options, look, view, made)
         if sure is not None:
-            explained = np.ones(len(clutter))
+            explained = np.ones(look.taken)
             explained[look.rows] = np.minimum(made.explained, 1.0)
             self.account = Account(explained, float(made.detected[sure].sum()), float(sure.sum()))
         if self.histories is not None:
@@ -323,17 +231,17 @@ class Glmb:
 
     def estimates(self) -> Estimates:
         """Return what `picture` shows as read-only arrays; for large scenes, where records take time."""
-        existence, shown, cardinality = summing.summary(self._groups, self._track_label, len(self._labels))
-        estimate = summing.map_tracks(self._groups)
-        estimated = self._track_label[estimate]
-        shown[estimated] = estimate
-        is_estimated = np.zeros(existence.size, np.bool_)
-        is_estimated[estimated] = True
-        rows = np.flatnonzero((existence >= self.params.report_existence) | is_estimated)
-        rows = rows[np.lexsort(self._labels[rows].T[::-1])]
+        existence, shown, estimate, cardinality = summing.summary(
+            self._groups, self._track_label, len(self._labels)
+        )
+        shown[self._track_label[estimate]] = estimate
+        estimated = np.zeros(existence.size, np.bool_)
+        estimated[self._track_label[estimate]] = True
+        rows = np.flatnonzero((existence >= self.params.report_existence) | estimated)
+        rows = rows[np.argsort(self._labels[rows] @ np.array([2**32, 1]))]
         probability = summing.probabilities(self._groups, self._track_label.size)
         mean, cov = showing.averaged(probability, self._track_label, shown[rows], self._mean, self._cov)
-        columns = (self._labels[rows], mean, cov, existence[rows], is_estimated[rows])
+        columns = (self._labels[rows], mean, cov, existence[rows], estimated[rows])
         for column in (*columns, cardinality):
             column.flags.writeable = False
         return Estimates(*columns, cardinality)
@@ -342,16 +250,6 @@ class Glmb:
         """Return who is there: the tracks of `picture` that are in the MAP-cardinality estimate."""
         return tuple(track for track in self.picture(0).tracks if track.estimated)
 
-    def _usable(self, z_m: FloatArray, clutter_per_m2: FloatArray, sensor: Sensor) -> _Look:
-        """Take the detections that are finite, in the order that the gates need."""
-        place_m = np.array(z_m, dtype=np.float64).reshape(-1, 2)
-        clutter = np.maximum(clutter_per_m2, _LEAST_CLUTTER_PER_M2) * sensors.cell_m2(sensor, place_m)
-        z, log_clutter = sensors.measured(sensor, place_m), np.log(clutter)
-        rows = np.flatnonzero(np.isfinite(z).all(axis=1) & np.isfinite(log_clutter))
-        self.bad_detections += len(place_m) - rows.size
-        rows = rows[gates.strips(z[rows])]
-        return _Look(z[rows], place_m[rows], log_clutter[rows], rows)
-
     def _surely_in_view(self, view: sensors.View) -> npt.NDArray[np.bool_]:
         """Return which labels existed beyond doubt and are in view whichever of their tracks is right."""
         in_view = np.ones(len(self._labels))
@@ -359,44 +257,53 @@ class Glmb:
         return np.asarray(self._sure & (in_view > _SURELY_IN_VIEW))
 
     def _survival(self, dt_s: float) -> float:
-        return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - _SURE))
+        return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - SURE))
 
-    def _predict(self, dt_s: float, Q: FloatArray, births: Sequence[Birth]) -> FloatArray:
-        """Move the tracks by `dt_s`, add births as groups of their own; return each track's survival."""
-        if dt_s > 0.0 and self._turns is not None:
-            self._mean, self._cov, self._turn = turning.predict(
-                self._mean, self._cov, self._turn, Q, dt_s, *self._turns
-            )
-        elif dt_s > 0.0:
-            self._mean, self._cov = kernels.predict(self._mean, self._cov, dt_s, Q)
-        live = np.full(self._track_label.size, self._survival(dt_s))
-        if math.isfinite(self.params.lost_std_m):
-            variance = np.maximum(self._cov[:, 0, 0], self._cov[:, 1, 1])
-            live[variance > self.params.lost_std_m**2] = 1.0 - _SURE
-        if not births:
-            return live
-        n, new = live.size, np.arange(len(births))
-        groups = self._groups
-        self._groups = Groups(
-            np.concatenate([groups.first, groups.first[-1] + 1 + new]),
-            np.concatenate([groups.start, groups.start[-1] + 1 + new]),
-            np.concatenate([groups.items, n + new]),
-            np.concatenate([groups.logw, np.zeros(len(births))]),
-        )
-        born = self._born = self._born if births is self._born.births else _Born.of(births)
-        self._mean = np.concatenate([self._mean, born.mean])
-        self._cov = np.concatenate([self._cov, born.cov])
-        if self._turns is not None:
+    def _predict(self, dt_s: float, Q: FloatArray, births: Sequence[Birth]) -> tuple[FloatArray, FloatArray]:
+        """Move the tracks by `dt_s`, add births as groups of their own.
+
+        Returns the logs of each track's probability to live, or to appear, and not to.
+        """
+        born = self._born = self._born if births is self._born.births else Born.of(births)
+        n, new = self._track_label.size, np.arange(len(births))
+        if self._turns is None:
+            self._mean, self._cov = kernels.predict(self._mean, self._cov, dt_s, Q, born.mean, born.cov)
+        else:
+            if dt_s > 0.0:
+                self._mean, self._cov, self._turn = turning.predict(
+                    self._mean, self._cov, self._turn, Q, dt_s, *self._turns
+                )
+            self._mean = np.concatenate([self._mean, born.mean])
+            self._cov = np.concatenate([self._cov, born.cov])
             newborn = turning.newborn(len(births), self._turns.rate_std_rad_s)
             self._turn = np.concatenate([self._turn, newborn])
-        self._track_label = np.concatenate([self._track_label, len(self._labels) + new])
-        self._labels = np.concatenate([self._labels, np.column_stack([np.full(new.size, self.scans), new])])
-        self._sure = np.concatenate([self._sure, np.zeros(new.size, np.bool_)])
-        return np.concatenate([live, born.probability])
+        live = np.array([self._survival(dt_s), 1.0 - SURE])
+        lost = np.zeros(n, np.int64)
+        if math.isfinite(self.params.lost_std_m):
+            variance = np.maximum(self._cov[:n, 0, 0], self._cov[:n, 1, 1])
+            lost[variance > self.params.lost_std_m**2] = 1
+        log_live = np.concatenate([np.log(live)[lost], born.log_live])
+        log_die = np.log1p(-live, out=np.full(2, -np.inf), where=live < 1.0)
+        log_die = np.concatenate([log_die[lost], born.log_die])
+        if births:
+            groups = self._groups
+            self._groups = Groups(
+                np.concatenate([groups.first, groups.first[-1] + 1 + new]),
+                np.concatenate([groups.start, groups.start[-1] + 1 + new]),
+                np.concatenate([groups.items, n + new]),
+                np.concatenate([groups.logw, np.zeros(new.size)]),
+            )
+            self._track_label = np.concatenate([self._track_label, len(self._labels) + new])
+            label = np.column_stack([np.full(new.size, self.scans), new])
+            self._labels = np.concatenate([self._labels, label])
+            self._sure = np.concatenate([self._sure, np.zeros(new.size, np.bool_)])
+        return log_live, log_die
 
-    def _associate(self, options: Options, look: _Look, view: sensors.View, made: _Made) -> None:
+    def _associate(self, options: Options, look: Look, view: sensors.View, made: _Made) -> None:
         """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
         lone, groups = meet(self._groups, options, self._track_label, look.rows.size, self._limits)
+        groups = children(groups, options, look.rows.size, self._limits, self._rng)
+        groups, option = renumber(groups, options.meas.size)
         tracks = alone(
             self._groups,
             lone,
@@ -408,16 +315,21 @@ class Glmb:
             view,
             self._limits,
             float(self.params.merge_chi2),
+            option.size,
             *made,
         )
-        if groups.logw.size:
-            tracks = tracks.and_of(self._jointly(groups, options, look, view, made))
-        parent, meas = tracks.parent, options.meas[tracks.option]
+        if option.size:
+            tracks = self._jointly(groups, option, options, look, view, made, tracks)
+        parent = tracks.parent
         if self._turn is not None:
-            self._turn = turning.update(self._cov, self._turn, parent, meas, look.z, view)
+            self._turn = turning.update(
+                self._cov, self._turn, parent, options.meas[tracks.option], look.z, view
+            )
         if self.histories is not None:
-            self.histories.extend(parent, meas, options.logw[tracks.option], look.place_m)
-        self._groups, self._mean, self._cov = tracks.groups, tracks.mean, tracks.cov
+            meas, logw = options.meas[tracks.option], options.logw[tracks.option]
+            self.histories.extend(parent, meas, logw, look.place_m)
+        self._groups = tracks.groups
+        self._mean, self._cov = tracks.mean[: parent.size], tracks.cov[: parent.size]
         track_label = self._track_label[parent]
         is_next = np.diff(track_label, prepend=-1) != 0
         self._track_label = np.cumsum(is_next) - 1
@@ -425,11 +337,16 @@ class Glmb:
         self._labels, self._sure = self._labels[kept], made.there[kept] > _SURELY_THERE
 
     def _jointly(
-        self, groups: Groups, options: Options, look: _Look, view: sensors.View, made: _Made
+        self,
+        groups: Groups,
+        option: npt.NDArray[np.int64],
+        options: Options,
+        look: Look,
+        view: sensors.View,
+        made: _Made,
+        others: Tracks,
     ) -> Tracks:
-        """Update groups of labels that compete."""
-        groups = children(groups, options, look.rows.size, self._limits, self._rng)
-        groups, option = renumber(groups, options.meas.size)
+        """Update groups of labels that compete; their tracks come behind those of the others."""
         parent, meas = np.searchsorted(options.start, option, side="right") - 1, options.meas[option]
         mean, cov = kernels.update(self._mean, self._cov, parent, meas, look.z, view)
         track_label = self._track_label[parent]
@@ -441,7 +358,7 @@ class Glmb:
         groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
         groups = part(groups, track_label, len(self._labels), self._keys, self._limits)
         groups, used = renumber(groups, parent.size)
-        return Tracks(groups, parent[used], option[used], mean[used], cov[used])
+        return others.and_of(groups, parent[used], option[used], mean, cov, used)
 
 
 def warm_up_calls() -> list[compiling.Call]:
@@ -457,14 +374,14 @@ def warm_up_calls() -> list[compiling.Call]:
         (option_keys, 1),
         (children, groups, options, 1, limits, np.zeros(1, np.uint64)),
         (meet, groups, options, zeros, 1, limits),
-        (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, ones, ones, ones),
+        (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, 1, ones, ones, ones),
         (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
         (gates.options, cov, ones, ones, z, view, ones, 9.0),
         (kernels.update, mean, cov, zeros, zeros, z, view),
         (summing.summary, groups, zeros, 1),
         (summing.map_tracks, groups),
         (summing.probabilities, groups, 1),
-        (kernels.predict, mean, cov, 1.0, np.eye(4)),
+        (kernels.predict, mean, cov, 1.0, np.eye(4), mean, cov),
         (renumber, groups, 1),
         *sensors.warm_up_calls(),
         *intensity.warm_up_calls(),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel
+from gcs.compiling import inlined, kernel, leaf
 from gcs.tracking.gates import innovation
 from gcs.tracking.sensors import View, wrapped
 
@@ -21,10 +21,20 @@ if TYPE_CHECKING:
 
 
 @kernel
-def predict(mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray) -> Any:
-    """Kalman prediction of every track: means (n, 4) and covariances (n, 4, 4), F and `Q` of `motion`."""
-    n = mean.shape[0]
-    mean_out, cov_out = np.empty((n, 4)), np.empty((n, 4, 4))
+def predict(
+    mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, born: FloatArray, born_cov: FloatArray
+) -> Any:
+    """Kalman prediction of every track, F and `Q` of `motion`, and behind them those just born.
+
+    Returns means (n, 4) and covariances (n, 4, 4).
+    """
+    n, more = mean.shape[0], born.shape[0]
+    mean_out, cov_out = np.empty((n + more, 4)), np.empty((n + more, 4, 4))
+    for t in range(more):
+        for i in range(4):
+            mean_out[n + t, i] = born[t, i]
+            for j in range(4):
+                cov_out[n + t, i, j] = born_cov[t, i, j]
     for t in range(n):
         for i in range(2):
             mean_out[t, i] = mean[t, i] + dt_s * mean[t, i + 2]
@@ -65,7 +75,7 @@ def _noisy(total: float, k0: float, k1: float, view: View, u: int, l0: float, l1
     return total + k0 * r[u, 0, 0] * l0 + k0 * r[u, 0, 1] * l1 + k1 * r[u, 1, 0] * l0 + k1 * r[u, 1, 1] * l1
 
 
-@inlined
+@leaf
 def updated(
     mean: FloatArray,
     cov: FloatArray,
@@ -129,13 +139,26 @@ def updated(
     q[i, 3, 3] = _noisy(b30 * a30 + b31 * a31 + b33, k30, k31, view, u, k30, k31)
 
 
+@leaf
+def _update(
+    mean: FloatArray,
+    cov: FloatArray,
+    parent: Any,
+    meas: Any,
+    z: FloatArray,
+    view: View,
+    mean_out: FloatArray,
+    cov_out: FloatArray,
+) -> None:
+    for i in range(parent.size):
+        updated(mean, cov, parent[i], meas[i], z, view, mean_out, cov_out, i)
+
+
 @kernel
 def update(
     mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, view: View
 ) -> tuple[FloatArray, FloatArray]:
     """Kalman update of each track `parent[i]` with detection `meas[i]` (or MISSED)."""
-    n = parent.size
-    mean_out, cov_out = np.empty((n, 4)), np.empty((n, 4, 4))
-    for i in range(n):
-        updated(mean, cov, parent[i], meas[i], z, view, mean_out, cov_out, i)
+    mean_out, cov_out = np.empty((parent.size, 4)), np.empty((parent.size, 4, 4))
+    _update(mean, cov, parent, meas, z, view, mean_out, cov_out)
     return mean_out, cov_out

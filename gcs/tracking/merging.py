@@ -14,9 +14,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel
+from gcs.compiling import inlined, kernel, leaf
 from gcs.tracking.hypotheses import Groups
-from gcs.tracking.ordering import distinct, greatest_first, head
+from gcs.tracking.ordering import (
+    Distinct,
+    Order,
+    distinct,
+    greatest_first,
+    head,
+    room_for_distinct,
+    room_to_order,
+)
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
@@ -24,53 +32,81 @@ if TYPE_CHECKING:
 
 @inlined
 def factor(cov: FloatArray, t: int, lower: FloatArray, at: int) -> None:
-    """Put the Cholesky factor of covariance t at place `at`; `cov` and `lower` (n, 4, 4)."""
-    for i in range(4):
-        for j in range(i + 1):
-            total = cov[t, i, j]
-            for k in range(j):
-                total -= lower[at, i, k] * lower[at, j, k]
-            lower[at, i, j] = math.sqrt(max(total, 1e-300)) if i == j else total / lower[at, j, j]
+    """Put the Cholesky factor of covariance t at place `at`; `cov` and `lower` (n, 4, 4).
 
-
-@inlined
-def distance2_to(
-    mean: FloatArray, a: int, centre: FloatArray, lower: FloatArray, b: int, whitened: FloatArray
-) -> float:
-    """Squared Mahalanobis distance of the mean a from the centre b under the covariance that `lower` factors.
-
-    `whitened` (4,) is scratch.
+    Element by element: loops over so small a matrix take several times as long.
     """
-    total = 0.0
-    for i in range(4):
-        value = mean[a, i] - centre[b, i]
-        for k in range(i):
-            value -= lower[b, i, k] * whitened[k]
-        whitened[i] = value / lower[b, i, i]
-        total += whitened[i] * whitened[i]
-    return total
+    l00 = math.sqrt(max(cov[t, 0, 0], 1e-300))
+    l10, l20, l30 = cov[t, 1, 0] / l00, cov[t, 2, 0] / l00, cov[t, 3, 0] / l00
+    l11 = math.sqrt(max(cov[t, 1, 1] - l10 * l10, 1e-300))
+    l21, l31 = (cov[t, 2, 1] - l20 * l10) / l11, (cov[t, 3, 1] - l30 * l10) / l11
+    l22 = math.sqrt(max(cov[t, 2, 2] - l20 * l20 - l21 * l21, 1e-300))
+    l32 = (cov[t, 3, 2] - l30 * l20 - l31 * l21) / l22
+    l33 = math.sqrt(max(cov[t, 3, 3] - l30 * l30 - l31 * l31 - l32 * l32, 1e-300))
+    lower[at, 0, 0] = l00
+    lower[at, 1, 0], lower[at, 1, 1] = l10, l11
+    lower[at, 2, 0], lower[at, 2, 1], lower[at, 2, 2] = l20, l21, l22
+    lower[at, 3, 0], lower[at, 3, 1], lower[at, 3, 2], lower[at, 3, 3] = l30, l31, l32, l33
 
 
 @inlined
-def _weights(groups: Groups, n_tracks: int) -> FloatArray:
-    start, items = groups.start, groups.items
-    weight = np.zeros(n_tracks)
+def near(
+    mean: FloatArray, a: int, centre: FloatArray, b: int, lower: FloatArray, f: int, distance2: float
+) -> bool:
+    """Whether mean a is nearer to the centre b than `distance2` (Mahalanobis, squared; see `factor`)."""
+    w0 = (mean[a, 0] - centre[b, 0]) / lower[f, 0, 0]
+    total = w0 * w0
+    if total >= distance2:
+        return False
+    w1 = (mean[a, 1] - centre[b, 1] - lower[f, 1, 0] * w0) / lower[f, 1, 1]
+    total += w1 * w1
+    if total >= distance2:
+        return False
+    w2 = (mean[a, 2] - centre[b, 2] - lower[f, 2, 0] * w0 - lower[f, 2, 1] * w1) / lower[f, 2, 2]
+    total += w2 * w2
+    w3 = mean[a, 3] - centre[b, 3] - lower[f, 3, 0] * w0 - lower[f, 3, 1] * w1 - lower[f, 3, 2] * w2
+    w3 /= lower[f, 3, 3]
+    return bool(total + w3 * w3 < distance2)
+
+
+@inlined
+def far(
+    mean: FloatArray, a: int, centre: FloatArray, b: int, cov: FloatArray, t: int, distance2: float
+) -> bool:
+    """Whether mean a is beyond `distance2` of the centre b along one of the axes, under covariance t.
+
+    Then it is not `near`, and nothing need be factored to know it.
+    """
+    for i in range(4):
+        off = mean[a, i] - centre[b, i]
+        if off * off > 1.001 * distance2 * cov[t, i, i]:
+            return True
+    return False
+
+
+@leaf
+def _leaders(
+    groups: Groups,
+    mean: FloatArray,
+    cov: FloatArray,
+    track_label: Any,
+    distance2: float,
+    weight: FloatArray,
+    lower: FloatArray,
+    factored: Any,
+    order: Order,
+    leader: Any,
+    leading: Any,
+) -> None:
+    """Fill `leader`: what stands for each track, itself or a more probable one of its label nearby.
+
+    And `weight` (tracks,), 0 before, with their probabilities; the others are scratch.
+    """
     for h in range(groups.logw.size):
         w = math.exp(groups.logw[h])
-        for i in range(start[h], start[h + 1]):
-            weight[items[i]] += w
-    return weight
-
-
-@inlined
-def _leaders(
-    mean: FloatArray, cov: FloatArray, weight: FloatArray, track_label: Any, distance2: float
-) -> Any:
-    """For each track the one that stands for it: itself, or a more probable one of its label nearby."""
-    n = track_label.size
-    leader, leading = np.empty(n, np.int64), np.empty(n, np.int64)
-    lower, whitened = np.empty((n, 4, 4)), np.empty(4)
-    first = 0
+        for i in range(groups.start[h], groups.start[h + 1]):
+            weight[groups.items[i]] += w
+    n, first = track_label.size, 0
     while first < n:
         end = first
         while end < n and track_label[end] == track_label[first]:
@@ -79,32 +115,54 @@ def _leaders(
         if end == first + 1:
             leader[first], first = first, end
             continue
-        for t in greatest_first(weight, first, end):
-            leader[t] = t
+        greatest_first(weight, first, end, order)
+        for k in range(end - first):
+            t = order.index[k]
+            leader[t], factored[t] = t, False
             for i in range(count):
-                if distance2_to(mean, t, mean, lower, leading[i], whitened) < distance2:
-                    leader[t] = leading[i]
+                d = leading[i]
+                if not factored[d]:
+                    if far(mean, t, mean, d, cov, d, distance2):
+                        continue
+                    factor(cov, d, lower, d)
+                    factored[d] = True
+                if near(mean, t, mean, d, lower, d, distance2):
+                    leader[t] = d
                     break
             if leader[t] == t:
                 leading[count] = t
                 count += 1
-                factor(cov, t, lower, t)
         first = end
-    return leader
 
 
-@inlined
-def _join_moments(mean: FloatArray, cov: FloatArray, weight: FloatArray, leader: Any) -> None:
-    """Give each leader the mean and covariance of the mixture that it stands for, in place."""
-    n = leader.size
-    # Which of the mixtures each leader stands for, -1 for those that stand for themselves alone.
-    mixture, count = np.empty(n, np.int64), 0
+@leaf
+def _mixtures(leader: Any, mixture: Any) -> int:
+    """Number the leaders of others in `mixture` (tracks,), -1 for those that stand for themselves alone."""
+    count = 0
     mixture[:] = -1
-    for t in range(n):
+    for t in range(leader.size):
         if leader[t] != t and mixture[leader[t]] < 0:
             mixture[leader[t]] = count
             count += 1
-    total, centre, spread = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4, 4))
+    return count
+
+
+@leaf
+def _join_moments(
+    mean: FloatArray,
+    cov: FloatArray,
+    weight: FloatArray,
+    leader: Any,
+    mixture: Any,
+    total: FloatArray,
+    centre: FloatArray,
+    spread: FloatArray,
+) -> None:
+    """Give each leader the mean and covariance of the mixture that it stands for, in place.
+
+    `total`, `centre` and `spread` are 0: sums for each mixture.
+    """
+    n = leader.size
     for t in range(n):
         at = mixture[leader[t]]
         if at < 0:
@@ -131,6 +189,44 @@ def _join_moments(mean: FloatArray, cov: FloatArray, weight: FloatArray, leader:
                     cov[t, i, j] = spread[at, i, j]
 
 
+@leaf
+def _broadest(groups: Groups) -> int:
+    """Most hypotheses of a group."""
+    most = 0
+    for g in range(groups.first.size - 1):
+        most = max(most, groups.first[g + 1] - groups.first[g])
+    return most
+
+
+@leaf
+def _renamed(groups: Groups, leader: Any, keys: Any, same: Distinct, out: Groups) -> None:
+    """Let leaders take the places of those for whom they stand; hypotheses that are then equal become one."""
+    first, start, items = groups.first, groups.start, groups.items
+    n = 0
+    out.first[0] = out.start[0] = 0
+    for g in range(first.size - 1):
+        changed = False
+        for i in range(start[first[g]], start[first[g + 1]]):
+            changed |= leader[items[i]] != items[i]
+        count = first[g + 1] - first[g]
+        if changed:
+            for h in range(first[g], first[g + 1]):
+                key = np.uint64(0)
+                for i in range(start[h], start[h + 1]):
+                    key += keys[leader[items[i]]]
+                same.key[h - first[g]] = key
+            count = distinct(count, groups.logw, first[g], same)
+        for k in range(count):
+            h = same.which[k] if changed else first[g] + k
+            out.logw[n], size = same.logw[k] if changed else groups.logw[h], out.start[n]
+            for i in range(start[h], start[h + 1]):
+                out.items[size] = leader[items[i]]
+                size += 1
+            n += 1
+            out.start[n] = size
+        out.first[g + 1] = n
+
+
 @kernel
 def merge_alike(
     groups: Groups, mean: FloatArray, cov: FloatArray, track_label: Any, keys: Any, distance2: float
@@ -139,40 +235,21 @@ def merge_alike(
 
     Tracks of a label stand together. Those that were merged into others are in no hypothesis of the result.
     """
-    first, start, items = groups.first, groups.start, groups.items
-    weight = _weights(groups, track_label.size)
-    leader = _leaders(mean, cov, weight, track_label, distance2)
-    _join_moments(mean, cov, weight, leader)
-    out_first, out_start = np.zeros(first.size, np.int64), np.zeros(start.size, np.int64)
-    out_items, out_logw = np.empty(items.size, np.int64), np.empty(groups.logw.size)
-    n = 0
-    for g in range(first.size - 1):
-        changed = False
-        for i in range(start[first[g]], start[first[g + 1]]):
-            changed |= leader[items[i]] != items[i]
-        if not changed:
-            for h in range(first[g], first[g + 1]):
-                out_logw[n], size = groups.logw[h], out_start[n]
-                for i in range(start[h], start[h + 1]):
-                    out_items[size] = items[i]
-                    size += 1
-                n += 1
-                out_start[n] = size
-            out_first[g + 1] = n
-            continue
-        key = np.empty(first[g + 1] - first[g], np.uint64)
-        for h in range(first[g], first[g + 1]):
-            key[h - first[g]] = 0
-            for i in range(start[h], start[h + 1]):
-                key[h - first[g]] += keys[leader[items[i]]]
-        which, total = distinct(key, groups.logw, first[g])
-        for k in range(which.size):
-            out_logw[n] = total[k]
-            size = out_start[n]
-            for i in range(start[which[k]], start[which[k] + 1]):
-                out_items[size] = leader[items[i]]
-                size += 1
-            n += 1
-            out_start[n] = size
-        out_first[g + 1] = n
-    return Groups(out_first, head(out_start, n + 1), head(out_items, out_start[n]), head(out_logw, n))
+    n = track_label.size
+    weight, leader, mixture = np.zeros(n), np.empty(n, np.int64), np.empty(n, np.int64)
+    lower, factored = np.empty((n, 4, 4)), np.empty(n, np.bool_)
+    _leaders(
+        groups, mean, cov, track_label, distance2, weight, lower, factored, room_to_order(n), leader, mixture
+    )
+    count = _mixtures(leader, mixture)
+    total, centre, spread = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4, 4))
+    _join_moments(mean, cov, weight, leader, mixture, total, centre, spread)
+    out = Groups(
+        np.empty(groups.first.size, np.int64),
+        np.empty(groups.start.size, np.int64),
+        np.empty(groups.items.size, np.int64),
+        np.empty(groups.logw.size),
+    )
+    _renamed(groups, leader, keys, room_for_distinct(_broadest(groups)), out)
+    n = out.first[out.first.size - 1]
+    return Groups(out.first, head(out.start, n + 1), head(out.items, out.start[n]), head(out.logw, n))

@@ -7,11 +7,11 @@ Its functions are compiled into the kernels of other files, so their caches must
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import called, inlined
+from gcs.compiling import called, inlined, leaf
 
 _FEW = 12
 
@@ -22,11 +22,28 @@ def head(array: Any, n: int) -> Any:
     return array[:n].copy()
 
 
-@called
-def _sorted(value: Any, first: int, end: int) -> Any:
-    """Insertion sort of a few, merge sort of more; see `greatest_first`."""
-    n = end - first
-    order = np.empty(n, np.int64)
+class Order(NamedTuple):
+    """Room to order things in."""
+
+    index: Any
+    """(n,) what comes first, second and so on."""
+    other: Any
+    """(n,) scratch."""
+
+
+@inlined
+def room_to_order(n: int) -> Order:
+    """Return room for n things."""
+    return Order(np.empty(n, np.int64), np.empty(n, np.int64))
+
+
+@leaf
+def greatest_first(value: Any, first: int, end: int, to: Order) -> None:
+    """Put the indices `first` to `end` - 1 of the values in order: greatest first, equal ones as they come.
+
+    Insertion sort of a few, merge sort of more.
+    """
+    n, order, merged = end - first, to.index, to.other
     if n <= _FEW:
         for i in range(n):
             j = i
@@ -34,8 +51,7 @@ def _sorted(value: Any, first: int, end: int) -> Any:
                 order[j] = order[j - 1]
                 j -= 1
             order[j] = first + i
-        return order
-    merged = np.empty(n, np.int64)
+        return
     for i in range(n):
         order[i] = first + i
     run = 1
@@ -50,38 +66,57 @@ def _sorted(value: Any, first: int, end: int) -> Any:
                 else:
                     merged[k] = order[j]
                     j += 1
-        order, merged = merged, order
+        for k in range(n):
+            order[k] = merged[k]
         run *= 2
-    return order
+
+
+class Distinct(NamedTuple):
+    """Room to find hypotheses that are the same, and those found, greatest first."""
+
+    key: Any
+    """(n,) what each is known by."""
+    order: Order
+    weight: Any
+    example: Any
+    which: Any
+    """(n,) one hypothesis for each key."""
+    logw: Any
+    """(n,) the log of the sum of the weights of those that share it."""
 
 
 @inlined
-def greatest_first(value: Any, first: int, end: int) -> Any:
-    """Indices `first` to `end` - 1 of the values, the greatest first, equal ones in their order."""
-    return _sorted(value, np.int64(first), np.int64(end))
+def room_for_distinct(n: int) -> Distinct:
+    """Return room for n hypotheses."""
+    return Distinct(
+        np.empty(n, np.uint64),
+        room_to_order(n),
+        np.empty(n),
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+        np.empty(n),
+    )
 
 
-@called
-def distinct(key: Any, logw: Any, first: int) -> Any:
-    """Hypotheses `first`, `first` + 1 ... that have keys `key` (n,), those with equal keys as one.
+@leaf
+def distinct(n: int, logw: Any, first: int, to: Distinct) -> int:
+    """Find hypotheses with equal keys among n, `first`, `first` + 1 ...; return how many are different.
 
-    Among equal weights the least key comes first; `key` is used up.
-    Returns one hypothesis for each key and the log of the weights' sum, the greatest first.
+    Among equal weights the least key comes first; `to.key` is used up.
     """
-    n = key.size
+    key, order = to.key, to.order.index
     for h in range(n):
         key[h] = ~key[h]
-    by_key = greatest_first(key, 0, n)
-    weight, example = np.empty(n), np.empty(n, np.int64)
-    count = 0
+    greatest_first(key, 0, n, to.order)
+    count, before = 0, np.uint64(0)
     for k in range(n):
-        h = by_key[k]
-        if k == 0 or key[h] != key[by_key[k - 1]]:
-            weight[count], example[count] = 0.0, first + h
+        h = order[k]
+        if k == 0 or key[h] != before:
+            to.weight[count], to.example[count] = 0.0, first + h
+            before = key[h]
             count += 1
-        weight[count - 1] += math.exp(logw[first + h])
-    order = greatest_first(weight, 0, count)
-    which, total = np.empty(count, np.int64), np.empty(count)
+        to.weight[count - 1] += math.exp(logw[first + h])
+    greatest_first(to.weight, 0, count, to.order)
     for k in range(count):
-        which[k], total[k] = example[order[k]], math.log(weight[order[k]])
-    return which, total
+        to.which[k], to.logw[k] = to.example[order[k]], math.log(to.weight[order[k]])
+    return count

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from gcs.compiling import kernel
-from gcs.tracking.merging import distance2_to, factor
+from gcs.compiling import kernel, leaf
+from gcs.tracking.merging import factor, near
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
@@ -25,19 +25,21 @@ _LEAST_SHARE: Final = 1e-3
 """Histories less probable than this, against the one that is shown, are passed over: they move nothing."""
 
 
-@kernel
-def averaged(
-    probability: FloatArray, track_label: Any, shown: Any, mean: FloatArray, cov: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Means (n, 4) and covariances (n, 4, 4) of labels by the tracks `shown` (n,) that stand for them.
-
-    `probability` of each track (see `summing.probabilities`); a label's tracks stand together.
-    """
-    n = shown.size
-    out_mean, out_cov = np.empty((n, 4)), np.empty((n, 4, 4))
-    centre, total_cov, lower = np.empty((1, 4)), np.empty((1, 4, 4)), np.empty((1, 4, 4))
-    whitened, shift = np.empty(4), np.empty(4)
-    for row in range(n):
+@leaf
+def _averaged(
+    probability: FloatArray,
+    track_label: Any,
+    shown: Any,
+    mean: FloatArray,
+    cov: FloatArray,
+    centre: FloatArray,
+    total_cov: FloatArray,
+    lower: FloatArray,
+    shift: FloatArray,
+    out_mean: FloatArray,
+    out_cov: FloatArray,
+) -> None:
+    for row in range(shown.size):
         t = shown[row]
         for i in range(4):
             centre[0, i], shift[i] = mean[t, i], 0.0
@@ -59,7 +61,7 @@ def averaged(
                 for j in range(4):
                     total_cov[0, i, j] = cov[t, i, j] + cov[u, i, j]
             factor(total_cov, 0, lower, 0)
-            if distance2_to(mean, u, centre, lower, 0, whitened) > SAME_CHI2:
+            if not near(mean, u, centre, 0, lower, 0, SAME_CHI2):
                 continue
             weight += share
             for i in range(4):
@@ -71,6 +73,21 @@ def averaged(
             out_mean[row, i] = centre[0, i] + shift[i] / weight
             for j in range(4):
                 out_cov[row, i, j] = out_cov[row, i, j] / weight - shift[i] * shift[j] / weight**2
+
+
+@kernel
+def averaged(
+    probability: FloatArray, track_label: Any, shown: Any, mean: FloatArray, cov: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Means (n, 4) and covariances (n, 4, 4) of labels by the tracks `shown` (n,) that stand for them.
+
+    `probability` of each track (see `summing.probabilities`); a label's tracks stand together.
+    """
+    out_mean, out_cov = np.empty((shown.size, 4)), np.empty((shown.size, 4, 4))
+    centre, total_cov, lower = np.empty((1, 4)), np.empty((1, 4, 4)), np.empty((1, 4, 4))
+    _averaged(
+        probability, track_label, shown, mean, cov, centre, total_cov, lower, np.empty(4), out_mean, out_cov
+    )
     return out_mean, out_cov
 
 

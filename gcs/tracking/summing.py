@@ -40,36 +40,77 @@ def _reference(groups: Groups, g: int, track_label: Any, existence: FloatArray) 
     return chosen
 
 
-@kernel
-def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray, Any, FloatArray]:
-    """Existence of each label, the track that shows it, and the distribution of the number of objects.
+@inlined
+def _weigh_sizes(groups: Groups, g: int, weight: FloatArray) -> int:
+    """Fill `weight` with the probability of each number of objects of group g; return the greatest number.
 
-    Shapes (n_labels,), (n_labels,), (n_labels + 1,). A label's track is that of its group's reference
-    hypothesis, or of the best that holds the label. Groups are independent, so their numbers' distributions
-    convolve.
+    `weight` must be 0 up to there.
+    """
+    widest = 0
+    for h in range(groups.first[g], groups.first[g + 1]):
+        size = groups.start[h + 1] - groups.start[h]
+        widest = max(widest, size)
+        weight[size] += math.exp(groups.logw[h])
+    return widest
+
+
+@inlined
+def _likeliest(groups: Groups, g: int, weight: FloatArray, widest: int) -> Any:
+    """Return the best hypothesis of the most probable number of objects of group g."""
+    size = 0
+    for k in range(1, widest + 1):
+        if weight[k] > weight[size]:
+            size = k
+    h = groups.first[g]
+    while groups.start[h + 1] - groups.start[h] != size:
+        h += 1
+    return h
+
+
+@inlined
+def _convolve(
+    old: FloatArray, new: FloatArray, least: int, most: int, weight: FloatArray, widest: int
+) -> None:
+    """Put the convolution of `old`, which is `least` to `most`, with `weight`, 0 to `widest`, into `new`."""
+    if widest == 1:
+        w0, w1, n = weight[0], weight[1], most - least
+        new[least], new[most + 1] = w0 * old[least], w1 * old[most]
+        lower, upper, to = old[least:most], old[least + 1 : most + 1], new[least + 1 : most + 1]
+        for k in range(n):
+            to[k] = w0 * upper[k] + w1 * lower[k]
+        return
+    for k in range(least, most + widest + 1):
+        new[k] = 0.0
+    for size in range(widest + 1):
+        if weight[size] > 0.0:
+            for k in range(least, most + 1):
+                new[k + size] += weight[size] * old[k]
+
+
+@kernel
+def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray, Any, Any, FloatArray]:
+    """Existence of each label, the track that shows it, `map_tracks`, and the number's distribution.
+
+    Shapes (n_labels,), (n_labels,), (estimated,), (n_labels + 1,). A label's track is that of its group's
+    reference hypothesis, or of the best that holds the label.
     """
     first, start, items = groups.first, groups.start, groups.items
     existence, shown = np.zeros(n_labels), np.empty(n_labels, np.int64)
+    chosen, n = np.empty(n_labels, np.int64), 0
     cardinality, convolved = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
     shown[:] = -1
     # `least` to `most` objects are all that is probable so far; the tails left out are below 1e-12.
     cardinality[0], least, most = 1.0, 0, 0
     size_weight = np.zeros(n_labels + 1)
     for g in range(first.size - 1):
-        low, high, widest = first[g], first[g + 1], 0
+        low, high = first[g], first[g + 1]
+        widest = _weigh_sizes(groups, g, size_weight)
         for h in range(low, high):
-            w, size = math.exp(groups.logw[h]), start[h + 1] - start[h]
-            widest = max(widest, size)
-            size_weight[size] += w
-            for i in range(start[h], start[h + 1]):
-                existence[track_label[items[i]]] += w
-        for k in range(least, most + widest + 1):
-            convolved[k] = 0.0
-        for size in range(widest + 1):
-            w, size_weight[size] = size_weight[size], 0.0
-            if w > 0.0:
-                for k in range(least, most + 1):
-                    convolved[k + size] += w * cardinality[k]
+            if start[h] < start[h + 1]:
+                w = math.exp(groups.logw[h])
+                for i in range(start[h], start[h + 1]):
+                    existence[track_label[items[i]]] += w
+        _convolve(cardinality, convolved, least, most, size_weight, widest)
         most += widest
         while least < most and convolved[least] < _TAIL:
             convolved[least] = 0.0
@@ -78,18 +119,24 @@ def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray
             convolved[most] = 0.0
             most -= 1
         cardinality, convolved = convolved, cardinality
-        reference = _reference(groups, g, track_label, existence)
+        reference = low if high == low + 1 else _reference(groups, g, track_label, existence)
         for i in range(start[reference], start[reference + 1]):
             shown[track_label[items[i]]] = items[i]
         for i in range(start[low], start[high]):
             if shown[track_label[items[i]]] < 0:
                 shown[track_label[items[i]]] = items[i]
+        best = _likeliest(groups, g, size_weight, widest)
+        for i in range(start[best], start[best + 1]):
+            chosen[n] = items[i]
+            n += 1
+        for size in range(widest + 1):
+            size_weight[size] = 0.0
     for i in range(n_labels):
         existence[i] = min(existence[i], 1.0)
     for k in range(n_labels + 1):
         if not least <= k <= most:
             cardinality[k] = 0.0
-    return existence, shown, cardinality
+    return existence, shown, head(chosen, n), cardinality
 
 
 @kernel
@@ -106,23 +153,14 @@ def probabilities(groups: Groups, n_tracks: int) -> Any:
 @kernel
 def map_tracks(groups: Groups) -> Any:
     """Tracks of the best hypothesis of each group's most probable number of objects."""
-    first, start = groups.first, groups.start
-    chosen = np.empty(groups.items.size, np.int64)
-    n = 0
-    for g in range(first.size - 1):
-        widest = 0
-        for h in range(first[g], first[g + 1]):
-            widest = max(widest, start[h + 1] - start[h])
-        weight, size = np.zeros(widest + 1), 0
-        for h in range(first[g], first[g + 1]):
-            weight[start[h + 1] - start[h]] += math.exp(groups.logw[h])
-        for k in range(1, widest + 1):
-            if weight[k] > weight[size]:
-                size = k
-        for h in range(first[g], first[g + 1]):
-            if start[h + 1] - start[h] == size:
-                for i in range(start[h], start[h + 1]):
-                    chosen[n] = groups.items[i]
-                    n += 1
-                break
+    chosen, n = np.empty(groups.items.size, np.int64), 0
+    weight = np.zeros(groups.items.size + 1)
+    for g in range(groups.first.size - 1):
+        widest = _weigh_sizes(groups, g, weight)
+        best = _likeliest(groups, g, weight, widest)
+        for i in range(groups.start[best], groups.start[best + 1]):
+            chosen[n] = groups.items[i]
+            n += 1
+        for size in range(widest + 1):
+            weight[size] = 0.0
     return head(chosen, n)

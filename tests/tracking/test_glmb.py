@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking import gates, hypotheses, kernels, merging, partition, summing
+from gcs.tracking import gates, hypotheses, kernels, meeting, merging, parting, search, summing
 from gcs.tracking.glmb import Birth, Glmb, GlmbParams, warm_up
 from gcs.tracking.metrics import ospa
 
@@ -174,11 +174,11 @@ def test_two_labels_are_never_shown_at_one_object():
     groups = hypotheses.Groups(
         np.array([0, 3]), np.array([0, 2, 4, 6]), np.array([2, 4, 0, 3, 1, 2]), np.log([0.45, 0.30, 0.25])
     )
-    existence, shown, cardinality = summing.summary(groups, np.array([0, 0, 1, 1, 2]), 3)
+    existence, shown, estimate, cardinality = summing.summary(groups, np.array([0, 0, 1, 1, 2]), 3)
     np.testing.assert_allclose(existence, [0.55, 1.0, 0.45])
     np.testing.assert_allclose(cardinality, [0, 0, 1, 0], atol=1e-12)
     assert (shown[0], shown[1]) == (0, 3)
-    assert list(summing.map_tracks(groups)) == [2, 4]
+    assert list(estimate) == list(summing.map_tracks(groups)) == [2, 4]
 
 
 def test_two_objects_from_one_place_are_counted_while_it_is_open_who_is_who():
@@ -278,7 +278,7 @@ def test_nothing_is_compiled_in_flight_after_the_warm_up():
     warm_up()
     compiled = [
         kernels.predict, gates.options, kernels.update, summing.summary, summing.map_tracks,
-        hypotheses.children, hypotheses.option_keys, partition.meet, partition.part, partition.renumber,
+        search.children, hypotheses.option_keys, meeting.meet, parting.part, parting.renumber,
         merging.merge_alike,
     ]  # fmt: skip
     busy_run(1, scans=30)

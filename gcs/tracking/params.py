@@ -1,0 +1,104 @@
+"""What a tracker is told: its model and limits, and where objects may appear."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gcs.model import FloatArray
+from gcs.tracking import motion
+from gcs.tracking.hypotheses import Limits
+
+SURE = 1.0 - 1e-9
+"""Probabilities are held below it: a model that is certain cannot be corrected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Birth:
+    """Where an object may appear at a scan: a Gaussian at the time of the scan, and how probable it is."""
+
+    mean: FloatArray
+    """(4,) east_m, north_m, v_east_m_s, v_north_m_s."""
+    cov: FloatArray
+    """(4, 4)."""
+    probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class GlmbParams:
+    """Model and limits of a tracker. The limits' defaults bound the error; they are not there to be tuned."""
+
+    accel_std_m_s2: float
+    """Velocity gained in a second, standard deviation (see `motion`)."""
+    acceleration: motion.Acceleration = "white"
+    """Which of the two models of `motion`."""
+    turn_rate_std_rad_s: float = 0.0
+    """Standard deviation of the rate at which objects turn (see `turning`); 0: they fly straight."""
+    turn_time_s: float = 5.0
+    """How long a turn lasts."""
+    survival_probability_per_s: float = 0.99
+    lost_std_m: float = math.inf
+    """A track whose position is known worse than this, along its worst axis, is given up."""
+    max_hypotheses: int = 300
+    """Of one group of interacting labels."""
+    gate_chi2: float = 32.2
+    """Squared Mahalanobis distance of the gate: 2 degrees of freedom, 1e-7 of the detections outside."""
+    prune_weight: float = 1e-4
+    """Hypotheses below this share of their group's best are dropped."""
+    forget_existence: float = 1e-5
+    """Labels below it are forgotten."""
+    report_existence: float = 1e-3
+    """Labels below it are not in the picture."""
+    conflict: float = 1e-3
+    """Labels that would take the same detection less probably than this are associated apart."""
+    dependence: float = 0.01
+    """Labels closer to independence than this total variation are tracked apart."""
+    merge_chi2: float = 1.0
+    """Tracks of one label closer than this squared Mahalanobis distance become one; 0: never."""
+    enumerable: int = 100_000
+    """Most joint options of a hypothesis, of those that are not hopeless, whose children are enumerated;
+    beyond, they are sampled."""
+    gibbs_sweeps: int = 1000
+    """Per group and scan, shared by its sampled hypotheses."""
+
+    def limits(self) -> Limits:
+        """Return the limits as the kernels take them."""
+        return Limits(
+            int(self.max_hypotheses),
+            math.log(self.prune_weight),
+            float(self.forget_existence),
+            float(self.conflict),
+            float(self.dependence),
+            int(self.enumerable),
+            int(self.gibbs_sweeps),
+        )
+
+
+class Born(NamedTuple):
+    """Births as arrays, made once of known places: one tuple, the same at each scan."""
+
+    births: tuple[Birth, ...]
+    mean: FloatArray
+    """(n, 4)."""
+    cov: FloatArray
+    """(n, 4, 4)."""
+    log_live: FloatArray
+    """(n,) of the probability to appear."""
+    log_die: FloatArray
+    """(n,) of the probability not to."""
+
+    @classmethod
+    def of(cls, births: Sequence[Birth]) -> Born:
+        """Convert; what is not a tuple might change, and is kept as a tuple of its own."""
+        probability = np.clip([birth.probability for birth in births], 1.0 - SURE, SURE)
+        return cls(
+            tuple(births),
+            np.array([birth.mean for birth in births], dtype=np.float64).reshape(-1, 4),
+            np.array([birth.cov for birth in births], dtype=np.float64).reshape(-1, 4, 4),
+            np.log(probability),
+            np.log1p(-probability),
+        )
