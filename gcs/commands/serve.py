@@ -20,7 +20,7 @@ from gcs.edge.linkview import link_rows, link_table
 from gcs.edge.recorder import Recorder, Run
 from gcs.edge.signing import Signing
 from gcs.edge.whereabouts import announced
-from gcs.edge.zenoh_bus import Bus
+from gcs.edge.zenoh_bus import service_bus
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +69,8 @@ async def _serve(
     links = Links(config.mavlink_links, vehicles, config.local_frame, signing)
     stop = asyncio.Event()
     undo = wait_for_interrupt(stop)
-    role = {config.links.zenoh_role: config.links.zenoh}
-    with Bus(**role) as bus, announced(config.name, config.links.zenoh):
+    table = config.links
+    with service_bus(table.zenoh_role, table.zenoh) as (bus, door), announced(config.name, door):
         service = Service(config, options.seed, links, bus)
         take_up(service, journal, options.resume, options.clock.now_ns(), console)
         keeper = JournalSink(service, journal)

@@ -12,11 +12,12 @@ connected but no longer reads holds up `publish`, once, for 5 s when the buffers
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 import zenoh
 
@@ -31,7 +32,7 @@ class Bus:
     Parameters
     ----------
     listen, connect : str
-        Exactly one of them: an endpoint such as ``tcp/127.0.0.1:7447``.
+        One of them, or both: endpoints such as ``tcp/127.0.0.1:7447``.
 
     Raises
     ------
@@ -40,9 +41,9 @@ class Bus:
     """
 
     def __init__(self, *, listen: str | None = None, connect: str | None = None) -> None:
-        if (listen is None) == (connect is None):
-            raise ValueError("a bus either listens or connects")
-        self.endpoint = listen or connect or ""
+        self.endpoint = connect or listen or ""
+        if not self.endpoint:
+            raise ValueError("a bus listens or connects")
         try:
             self._session = zenoh.open(_config(listen, connect))
         except zenoh.ZError as error:
@@ -105,6 +106,23 @@ class Bus:
         self.close()
 
 
+@contextlib.contextmanager
+def service_bus(role: Literal["listen", "connect"], endpoint: str) -> Iterator[tuple[Bus, str]]:
+    """Open a service's bus; gives it, and the endpoint at which it hears orders.
+
+    One that connects to a sensor's endpoint is not heard by others who connect there, so it listens at an
+    endpoint of its own on this machine besides.
+
+    Raises
+    ------
+    LinkError
+        As `Bus`.
+    """
+    door = endpoint if role == "listen" else free_endpoint()
+    with Bus(listen=door, connect=None if role == "listen" else endpoint) as bus:
+        yield bus, door
+
+
 def free_endpoint() -> str:
     """Return a TCP endpoint on this machine that nobody listens on now.
 
@@ -120,6 +138,7 @@ def _config(listen: str | None, connect: str | None) -> zenoh.Config:
     settings: dict[str, object] = {
         "mode": "peer",
         "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,  # nobody is told of endpoints that are not named to him
         "listen/endpoints": [listen] if listen else [],
         "listen/exit_on_failure": True,
         "connect/endpoints": [connect] if connect else [],

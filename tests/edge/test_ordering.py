@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import threading
@@ -18,7 +19,7 @@ from gcs.config import load
 from gcs.edge.clock import RunClock
 from gcs.edge.links import Links
 from gcs.edge.whereabouts import Whereabouts, announced, services, the_service
-from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.edge.zenoh_bus import Bus, free_endpoint, service_bus
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError
 from gcs.model import Order
@@ -49,9 +50,9 @@ def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def taken(runtime: Path) -> Iterator[list[Order]]:
-    """A service that runs, and the orders that it took."""
+@pytest.fixture(params=["listen", "connect"])
+def taken(runtime: Path, request: pytest.FixtureRequest) -> Iterator[list[Order]]:
+    """A service that runs and listens, or connects to a sensor that does, and the orders that it took."""
     events, endpoint = Events(), free_endpoint()
     ready = threading.Event()
     ending: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
@@ -63,7 +64,11 @@ def taken(runtime: Path) -> Iterator[list[Order]]:
         asyncio.get_running_loop().call_soon(ready.set)
         await service.run(RunClock(), stop)
 
-    with Bus(listen=endpoint) as bus, announced("prescribed", endpoint):
+    with contextlib.ExitStack() as stack:
+        if request.param == "connect":
+            stack.enter_context(Bus(listen=endpoint))
+        bus, door = stack.enter_context(service_bus(request.param, endpoint))
+        stack.enter_context(announced("prescribed", door))
         thread = threading.Thread(target=lambda: asyncio.run(serve(bus)))
         thread.start()
         assert ready.wait(10.0)

@@ -12,7 +12,7 @@ import pytest
 from gcs.config import load
 from gcs.edge.scans import decode_scan
 from gcs.edge.wire import sensor_scan_keys
-from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.edge.zenoh_bus import Bus, free_endpoint, service_bus
 from gcs.errors import LinkError
 
 PATIENCE_S = 20.0
@@ -36,6 +36,18 @@ def publish_until_heard(bus: Bus, key: str, messages: Inbox) -> tuple[str, bytes
         except queue.Empty:
             continue
     raise AssertionError("nothing was heard")
+
+
+def test_a_service_that_connects_hears_the_sensor_there_and_is_reached_by_a_door_of_its_own() -> None:
+    endpoint = free_endpoint()
+    with Bus(listen=endpoint) as sensor, service_bus("connect", endpoint) as (service, door):
+        assert door != endpoint
+        scans, answers = inbox(service, "swarm/m/sensor/*/scan"), inbox(sensor, "swarm/m/plan")
+        assert publish_until_heard(sensor, "swarm/m/sensor/a/scan", scans)
+        assert publish_until_heard(service, "swarm/m/plan", answers)
+        with Bus(connect=door) as operator:
+            orders = inbox(service, "swarm/m/order")
+            assert publish_until_heard(operator, "swarm/m/order", orders)
 
 
 def test_a_message_arrives_with_its_key_both_ways() -> None:
@@ -101,7 +113,7 @@ def test_a_malformed_key_and_a_closed_bus_are_link_errors() -> None:
 
 
 def test_a_bus_must_know_its_side() -> None:
-    with pytest.raises(ValueError, match="either"):
+    with pytest.raises(ValueError, match="listens or connects"):
         Bus()
 
 
