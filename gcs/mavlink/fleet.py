@@ -192,7 +192,9 @@ class Fleet:
         """
         frames, counters = self._frames, self.counters
         frames.take(datagram.data)
-        link = self.links.setdefault(datagram.link, LinkCounters())
+        link = self.links.get(datagram.link)
+        if link is None:
+            link = self.links[datagram.link] = LinkCounters()
         for counted in (counters, link):
             counted.datagrams += 1
             counted.frames += frames.checked
