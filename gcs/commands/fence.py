@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from gcs.commands.naming import names, vehicle_named
 from gcs.errors import GcsError
 
 if TYPE_CHECKING:
@@ -32,7 +33,13 @@ app = typer.Typer(
 ConfigArgument = Annotated[str, typer.Argument(help="A mission file.", metavar="CONFIG")]
 VehicleOption = Annotated[
     list[int] | None,
-    typer.Option("--vehicle", "-v", min=1, help="Only this vehicle; repeat it for more.  [default: all]"),
+    typer.Option(
+        "--vehicle",
+        "-v",
+        parser=vehicle_named,
+        metavar="ID",
+        help="Only this vehicle, with its network as 2:17 when that is not 0; repeat it.  [default: all]",
+    ),
 ]
 WaitOption = Annotated[float, typer.Option("--wait", min=1.0, help="Seconds to wait until all is done.")]
 LinkOption = Annotated[
@@ -114,12 +121,13 @@ def _chosen(config: Config, vehicles: list[int] | None) -> list[int]:
     known = [agent.vehicle for agent in config.agents]
     for vehicle in vehicles or ():
         if vehicle not in known:
-            raise typer.BadParameter(f"{vehicle} is none of the mission's vehicles", param_hint="--vehicle")
+            problem = f"{names([vehicle])} is none of the mission's"
+            raise typer.BadParameter(problem, param_hint="--vehicle")
     return vehicles or known
 
 
 def _ask(action: str, vehicles: list[int]) -> None:
-    whom = f"vehicle{'s' if len(vehicles) > 1 else ''} {', '.join(map(str, vehicles))}"
+    whom = names(vehicles)
     if not sys.stdin.isatty():
         raise typer.BadParameter(f"to {action} the fence of {whom} without somebody to ask, say --yes")
     typer.confirm(f"{action} fence and rally points of {whom}?", abort=True, err=True)

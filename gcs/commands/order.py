@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.console import Console
 
+from gcs.commands.naming import names, vehicle_named
 from gcs.errors import GcsError, LinkError
 
 if TYPE_CHECKING:
@@ -32,19 +33,12 @@ app = typer.Typer(
 )
 
 
-def _vehicle(text: str) -> int:
-    """Read a vehicle's name; the model is loaded only when it is needed."""
-    from gcs.model import vehicle_of
-
-    return vehicle_of(text)
-
-
 VehicleOption = Annotated[
     list[int] | None,
     typer.Option(
         "--vehicle",
         "-v",
-        parser=_vehicle,
+        parser=vehicle_named,
         metavar="ID",
         help="System id of a vehicle, with its network as 2:17 when that is not 0; repeat it for more.",
     ),
@@ -221,9 +215,7 @@ def _to_vehicles(
     if (vehicle is None) == (not everybody):
         raise typer.BadParameter("say for whom: --vehicle N (repeated for more), or --all")
     if ask:
-        from gcs.model import vehicle_name
-
-        whom = "all vehicles" if everybody else f"vehicle {', '.join(map(vehicle_name, vehicle or ()))}"
+        whom = "all vehicles" if everybody else names(vehicle or ())
         if not sys.stdin.isatty():
             raise typer.BadParameter(f"to {action} {whom} without somebody to ask, say --yes")
         typer.confirm(f"{action} {whom}?", abort=True, err=True)

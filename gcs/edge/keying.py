@@ -12,7 +12,7 @@ from gcs.edge.keyfile import TimeFile
 from gcs.edge.links import TRANSPORTS
 from gcs.endpoints import Endpoint
 from gcs.mavlink.codec import Encoder, scan
-from gcs.mavlink.fleet import heartbeat
+from gcs.mavlink.heartbeats import heartbeat
 from gcs.mavlink.keying import Installation
 from gcs.mavlink.signing import timestamp_of
 from gcs.model import NS_PER_S, Level, system_of

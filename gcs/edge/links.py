@@ -24,7 +24,7 @@ from gcs.errors import LinkError
 from gcs.geo import LocalFrame
 from gcs.mavlink.adsb import COMPONENT_ID, adsb_messages
 from gcs.mavlink.codec import Encoder, scan
-from gcs.mavlink.fleet import heartbeat
+from gcs.mavlink.heartbeats import heartbeat
 from gcs.mavlink.routing import PortCounters, Router
 from gcs.mavlink.vehicle import Address
 from gcs.model import NS_PER_S, Level, Picture, network_of, system_of, vehicle_id

@@ -1,28 +1,11 @@
-"""What is counted of the links: totals, by link, and who else is there."""
+"""What is counted of the links, and who else is there."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import astuple, dataclass
 
 from gcs.mavlink.vehicle import Address
-
-
-@dataclass(slots=True)
-class Counters:
-    """Totals over all links."""
-
-    datagrams: int = 0
-    frames: int = 0
-    bad_bytes: int = 0
-    crc_errors: int = 0
-    unknown_ids: int = 0
-    strangers: int = 0
-    """Frames of system ids that are not expected."""
-    conflicts: int = 0
-    """Frames that claimed a vehicle's id from another address."""
-    ignored: int = 0
-    """Frames of a vehicle before its contact, or of its other components."""
-    notices_dropped: int = 0
 
 
 @dataclass(slots=True)
@@ -43,6 +26,13 @@ class LinkCounters:
     """Frames of system ids that are not expected there."""
     conflicts: int = 0
     """Frames that claimed a vehicle's id from another address."""
+    ignored: int = 0
+    """Frames of a vehicle before its contact, or of its other components."""
+
+
+def total(counters: Iterable[LinkCounters]) -> LinkCounters:
+    """Sum over links."""
+    return LinkCounters(*map(sum, zip(*map(astuple, counters), strict=True)))
 
 
 @dataclass(slots=True)
@@ -54,3 +44,27 @@ class Stranger:
     address: Address
     frames: int
     heard_t_ns: int
+
+
+class Strangers:
+    """Those who are told apart, `most` at the most."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._known: dict[tuple[int, int, Address], Stranger] = {}
+
+    def count(self, system_id: int, component_id: int, address: Address, t_ns: int) -> bool:
+        """Count a frame; whether it is the first of somebody who is told apart from now on."""
+        key = (system_id, component_id, address)
+        known = self._known.get(key)
+        if known is not None:
+            known.frames += 1
+            known.heard_t_ns = t_ns
+        elif len(self._known) < self._most:
+            self._known[key] = Stranger(*key, 1, t_ns)
+            return True
+        return False
+
+    def known(self) -> tuple[Stranger, ...]:
+        """Return them in the order of appearance."""
+        return tuple(self._known.values())

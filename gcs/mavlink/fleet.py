@@ -36,10 +36,12 @@ from gcs.mavlink.codec import (
     Message,
     SimpleFrames,
 )
-from gcs.mavlink.counters import Counters, LinkCounters, Stranger
+from gcs.mavlink.counters import LinkCounters, Stranger, Strangers, total
+from gcs.mavlink.heartbeats import heartbeat, is_heartbeat, is_vehicles
 from gcs.mavlink.items import Home
 from gcs.mavlink.profiles import Profile
 from gcs.mavlink.row import ADDRESS, DUE_NS, HEARD_NS, NOBODY, SIGNS, new_row
+from gcs.mavlink.telling import Telling
 from gcs.mavlink.vehicle import Address, Health, Tell, Vehicle
 from gcs.mavlink.wants import Wants
 from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, vehicle_id
@@ -67,16 +69,7 @@ _NEEDED: Final = frozenset(
         dialect.MAVLINK_MSG_ID_MISSION_ACK,
     }
 )
-_HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
-_NO_AUTOPILOT: Final[int] = dialect.MAV_AUTOPILOT_INVALID
-_NOT_A_VEHICLE: Final[tuple[int, ...]] = (
-    dialect.MAV_TYPE_GCS,
-    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
-    dialect.MAV_TYPE_GIMBAL,
-)
 _REPEAT_NOTICE_NS: Final = ns(10.0)
-_MAX_NOTICES: Final = 500
-_TEXTS_PER_S: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +123,6 @@ class Fleet:
     ) -> None:
         loud = frozenset(also)
         self._needed = _NEEDED | loud
-        self.counters = Counters()
         self.links: dict[str, LinkCounters] = {}
         """By link, in the order in which they were first heard."""
         self._networks = {link.name: link.network for link in links}
@@ -174,13 +166,11 @@ class Fleet:
             for vehicle, row in zip(called, self._table, strict=True)
         }
         self._in_order = tuple(self._vehicles.values())
-        self._strangers: dict[tuple[int, int, Address], Stranger] = {}
+        self._strangers = Strangers(self._settings.max_strangers)
         self._beats_t_ns: dict[Address, int] = {}
-        self._notices: list[Notice] = []
-        self._told_t_ns: dict[tuple[str, int], int] = {}
+        self._telling = Telling()
         self._claimed_t_ns: dict[int, int] = {}
         """When somebody at another address last claimed a vehicle's id."""
-        self._texts: dict[int, tuple[int, int]] = {}
 
     # ------------------------------------------------------------ in
 
@@ -190,23 +180,20 @@ class Fleet:
         Positions and other quiet frames (`gcs.mavlink.quiet`) are not among it: they are in the states. Who
         waits for a heartbeat that says nothing new must `attend`.
         """
-        frames, counters = self._frames, self.counters
+        frames = self._frames
         frames.take(datagram.data)
         link = self.links.get(datagram.link)
         if link is None:
             link = self.links[datagram.link] = LinkCounters()
-        for counted in (counters, link):
-            counted.datagrams += 1
-            counted.frames += frames.checked
-            counted.unknown_ids += frames.unknown
+        link.datagrams += 1
+        link.frames += frames.checked
+        link.unknown_ids += frames.unknown
         link.bytes += len(datagram.data)
         if frames.bad_bytes or frames.crc_errors:
             link.bad_bytes += frames.bad_bytes
             link.crc_errors += frames.crc_errors
-            counters.bad_bytes += frames.bad_bytes
-            counters.crc_errors += frames.crc_errors
-            text = f"unreadable bytes from {datagram.peer} on {datagram.link}, {counters.bad_bytes} in all"
-            self._tell_now_and_then("bad bytes", 0, datagram.t_ns, "warning", text)
+            text = f"unreadable bytes from {datagram.peer} on {datagram.link}, {link.bad_bytes} there in all"
+            self._telling.now_and_then("bad bytes", 0, datagram.t_ns, "warning", text)
         return self._take(datagram, link)
 
     def _take(self, datagram: Datagram, link: LinkCounters) -> list[tuple[int, Message]]:
@@ -237,9 +224,9 @@ class Fleet:
     def _accept(self, vehicle: Vehicle, frame: Frame, address: Address, t_ns: int) -> Message | None:
         """Check whose frame it is, and fold it in; None when it is of no use."""
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
-            self.counters.ignored += 1
+            self.links[address[0]].ignored += 1
             return None
-        message = frame.message() if _is_heartbeat(frame) else None
+        message = frame.message() if is_heartbeat(frame) else None
         if not self._is_its_own(vehicle, frame, message, address, t_ns):
             return None
         if message is None and frame.message_id in self._needed:
@@ -249,7 +236,9 @@ class Fleet:
             if vehicle.liveness == "lost":
                 self._contact(vehicle, address)
             vehicle.row[ADDRESS] = self._numbers[address]
-            self._tell("info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id)
+            self._telling.tell(
+                "info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id
+            )
         vehicle.liveness = "alive"
         lost = vehicle.lost
         vehicle.count(frame.sequence, t_ns)
@@ -259,7 +248,7 @@ class Fleet:
         if message is None:
             return None
         if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT:
-            self._tell_text(message, vehicle.system_id, t_ns)
+            self._telling.text(message, vehicle.system_id, t_ns)
         vehicle.take(message, t_ns, self._teller(t_ns, vehicle.system_id))
         return message
 
@@ -267,28 +256,27 @@ class Fleet:
         vehicle.row[SIGNS] = signed
         level: Level = "info" if signed else "warning"
         text = "signs its frames" if signed else "no longer signs its frames"
-        self._tell_now_and_then(text, vehicle.system_id, t_ns, level, text)
+        self._telling.now_and_then(text, vehicle.system_id, t_ns, level, text)
 
     def _is_its_own(
         self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
     ) -> bool:
         """Whether the frame comes from the vehicle; an autopilot's heartbeat may show where it now is."""
         if vehicle.address == address:
-            return not _is_heartbeat(frame) or _is_vehicle(message)
+            return not is_heartbeat(frame) or is_vehicles(message)
         if vehicle.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns:
             vehicle.conflicts += 1
             self._claimed_t_ns[vehicle.system_id] = t_ns
-            self.counters.conflicts += 1
             self.links[address[0]].conflicts += 1
             text = f"{address[1]} on {address[0]} claims its id, which is heard from {vehicle.address[1]}"
-            self._tell_now_and_then("conflict", vehicle.system_id, t_ns, "alarm", text)
+            self._telling.now_and_then("conflict", vehicle.system_id, t_ns, "alarm", text)
             return False
-        if not _is_heartbeat(frame) or not _is_vehicle(message):
-            self.counters.ignored += 1
+        if not is_heartbeat(frame) or not is_vehicles(message):
+            self.links[address[0]].ignored += 1
             return False
         moved = "in contact" if vehicle.address is None else "moved"
         self._contact(vehicle, address)
-        self._tell("info", f"{moved}: {address[1]} on {address[0]}", t_ns, vehicle.system_id)
+        self._telling.tell("info", f"{moved}: {address[1]} on {address[0]}", t_ns, vehicle.system_id)
         return True
 
     def _contact(self, vehicle: Vehicle, address: Address) -> None:
@@ -303,16 +291,9 @@ class Fleet:
         vehicle.contact(address, number)
 
     def _count_stranger(self, frame: Frame, address: Address, t_ns: int) -> None:
-        self.counters.strangers += 1
-        key = (frame.system_id, frame.component_id, address)
-        known = self._strangers.get(key)
-        if known is not None:
-            known.frames += 1
-            known.heard_t_ns = t_ns
-        elif len(self._strangers) < self._settings.max_strangers:
-            self._strangers[key] = Stranger(frame.system_id, frame.component_id, address, 1, t_ns)
+        if self._strangers.count(frame.system_id, frame.component_id, address, t_ns):
             text = f"stranger: system {frame.system_id}, component {frame.component_id}, from {address[1]}"
-            self._tell("info", text, t_ns)
+            self._telling.tell("info", text, t_ns)
 
     # ------------------------------------------------------------ out
 
@@ -364,7 +345,7 @@ class Fleet:
             tell("info", "nobody else claims its id any more")
 
     def _teller(self, t_ns: int, system_id: int) -> Tell:
-        return lambda level, text: self._tell(level, text, t_ns, system_id)
+        return lambda level, text: self._telling.tell(level, text, t_ns, system_id)
 
     def _beat_due(self, address: Address, t_ns: int) -> bool:
         """Whether an address is due its heartbeat: one a second, whoever shares it."""
@@ -379,8 +360,7 @@ class Fleet:
 
     def notices(self) -> list[Notice]:
         """Return what the operator should know since the last call."""
-        notices, self._notices = self._notices, []
-        return notices
+        return self._telling.taken()
 
     def attend(self, system_id: int) -> None:
         """Have `receive` give the vehicle's next heartbeat, even if it says what the last one said."""
@@ -396,6 +376,11 @@ class Fleet:
         return [] if address is None else [Send(*address, frame) for frame in frames]
 
     # ------------------------------------------------------------ what is known
+
+    @property
+    def counters(self) -> LinkCounters:
+        """Totals over all links."""
+        return total(self.links.values())
 
     def state(self, system_id: int) -> VehicleState | None:
         """Return what a vehicle last said of itself; None before its first position that can be believed."""
@@ -432,50 +417,4 @@ class Fleet:
 
     def strangers(self) -> tuple[Stranger, ...]:
         """Return who else is on the links, in the order of appearance."""
-        return tuple(self._strangers.values())
-
-    # ------------------------------------------------------------ notices
-
-    def _tell(self, level: Level, text: str, t_ns: int, system_id: int | None = None) -> None:
-        if len(self._notices) < _MAX_NOTICES:
-            self._notices.append(Notice(t_ns, level, text, system_id))
-        else:
-            self.counters.notices_dropped += 1
-
-    def _tell_now_and_then(self, kind: str, system_id: int, t_ns: int, level: Level, text: str) -> None:
-        told_t_ns = self._told_t_ns.get((kind, system_id))
-        if told_t_ns is None or t_ns - told_t_ns >= _REPEAT_NOTICE_NS:
-            self._told_t_ns[kind, system_id] = t_ns
-            self._tell(level, text, t_ns, system_id or None)
-
-    def _tell_text(self, message: Message, system_id: int, t_ns: int) -> None:
-        """Pass on a STATUSTEXT, a few a second per vehicle."""
-        second = t_ns // NS_PER_S
-        last, told = self._texts.get(system_id, (second, 0))
-        told = told + 1 if last == second else 1
-        self._texts[system_id] = (second, told)
-        if told > _TEXTS_PER_S:
-            self.counters.notices_dropped += 1
-            return
-        severity = message.severity
-        level: Level = "alarm" if severity <= 2 else "warning" if severity <= 4 else "info"
-        self._tell(level, str(message.text), t_ns, system_id)
-
-
-def _is_heartbeat(frame: Frame) -> bool:
-    return frame.message_id == _HEARTBEAT
-
-
-def _is_vehicle(heartbeat: Message | None) -> bool:
-    """Whether a HEARTBEAT is an autopilot's own, not a ground station's or a payload's."""
-    if heartbeat is None:
-        return False
-    autopilot: int = heartbeat.autopilot
-    return autopilot != _NO_AUTOPILOT and heartbeat.type not in _NOT_A_VEHICLE
-
-
-def heartbeat() -> Message:
-    """Return ours, of a ground station."""
-    return dialect.MAVLink_heartbeat_message(
-        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
-    )
+        return self._strangers.known()

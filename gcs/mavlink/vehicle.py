@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.geo import LocalFrame
 from gcs.mavlink.asking import ns
 from gcs.mavlink.codec import Encoder, Message
+from gcs.mavlink.heartbeats import as_number
 from gcs.mavlink.items import Home
 from gcs.mavlink.plausibility import Motion, Report, Voices
 from gcs.mavlink.position import BootClock, unplaceable
@@ -244,7 +245,7 @@ class Vehicle:
             tell("info", "armed" if armed else "disarmed")
         if (mode, armed) != (self._mode, self._armed):
             self._mode, self._armed, self._state = mode, armed, None
-        self.row[BEAT] = _beat(message)
+        self.row[BEAT] = as_number(message)
 
     def _meet(self, heartbeat: Message, tell: Tell) -> None:
         """Note whose firmware it is."""
@@ -353,10 +354,3 @@ class Vehicle:
         refused = self.wants.acknowledged(message, t_ns)
         if refused:
             tell("warning", f"does not give {refused}")
-
-
-def _beat(heartbeat: Message) -> int:
-    """Return what a heartbeat says as one number: its first eight bytes, little endian and signed."""
-    told = (heartbeat.type, heartbeat.autopilot, heartbeat.base_mode, heartbeat.system_status)
-    raw = heartbeat.custom_mode.to_bytes(4, "little") + bytes(told)
-    return int.from_bytes(raw, "little", signed=True)

@@ -1,0 +1,19 @@
+"""How vehicles are named on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def vehicle_named(text: str) -> int:
+    """Read a vehicle's name; the model is loaded only when it is needed."""
+    from gcs.model import vehicle_of
+
+    return vehicle_of(text)
+
+
+def names(vehicles: Sequence[int]) -> str:
+    """Name vehicles as an operator does: "vehicle 3", "vehicles 3, 2:17"."""
+    from gcs.model import vehicle_name
+
+    return f"vehicle{'s' if len(vehicles) > 1 else ''} {', '.join(map(vehicle_name, vehicles))}"

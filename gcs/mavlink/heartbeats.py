@@ -1,0 +1,44 @@
+"""HEARTBEAT (https://mavlink.io/en/services/heartbeat.html): whose one is, what it says, and ours."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.codec import Frame, Message
+
+_HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_NO_AUTOPILOT: Final[int] = dialect.MAV_AUTOPILOT_INVALID
+_NOT_A_VEHICLE: Final[tuple[int, ...]] = (
+    dialect.MAV_TYPE_GCS,
+    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+    dialect.MAV_TYPE_GIMBAL,
+)
+
+
+def is_heartbeat(frame: Frame) -> bool:
+    """Whether a frame is one."""
+    return frame.message_id == _HEARTBEAT
+
+
+def is_vehicles(heartbeat: Message | None) -> bool:
+    """Whether a HEARTBEAT is an autopilot's own, not a ground station's or a payload's."""
+    if heartbeat is None:
+        return False
+    autopilot: int = heartbeat.autopilot
+    return autopilot != _NO_AUTOPILOT and heartbeat.type not in _NOT_A_VEHICLE
+
+
+def as_number(heartbeat: Message) -> int:
+    """Return what one says as one number: its first eight bytes, little endian and signed."""
+    told = (heartbeat.type, heartbeat.autopilot, heartbeat.base_mode, heartbeat.system_status)
+    raw = heartbeat.custom_mode.to_bytes(4, "little") + bytes(told)
+    return int.from_bytes(raw, "little", signed=True)
+
+
+def heartbeat() -> Message:
+    """Return ours, of a ground station."""
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+    )
