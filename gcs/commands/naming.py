@@ -4,12 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import typer
+
 
 def vehicle_named(text: str) -> int:
-    """Read a vehicle's name; the model is loaded only when it is needed."""
+    """Read a vehicle's name; the model is loaded only when it is needed.
+
+    Raises
+    ------
+    typer.BadParameter
+        It is none.
+    """
     from gcs.model import vehicle_of
 
-    return vehicle_of(text)
+    try:
+        return vehicle_of(text)
+    except ValueError:
+        raise typer.BadParameter(
+            f"expected a system id such as 3, or 2:17 on network 2, got {text!r}"
+        ) from None
 
 
 def names(vehicles: Sequence[int]) -> str:
