@@ -14,15 +14,24 @@ from gcs.planning.progress import CORRIDOR_M, next_point
 from gcs.planning.separation import Conflict, Flight, separate
 
 
+def lane_count(config: Config) -> int:
+    """How many lanes a mission has."""
+    return config.mission.lanes if config.mission.lane_step_m > 0.0 else 1
+
+
+def own_lanes(config: Config) -> dict[int, int]:
+    """The lane that each vehicle gets first, if it can: one after the other, in the order of the file."""
+    return {agent.vehicle: number % lane_count(config) for number, agent in enumerate(config.agents)}
+
+
 class Lanes:
     """Who flies how high: each vehicle its own lane while there are enough, and the same one if it can be."""
 
     def __init__(self, config: Config) -> None:
-        mission = config.mission
-        self._count = mission.lanes if mission.lane_step_m > 0.0 else 1
+        self._count = lane_count(config)
         self._least_m = config.planning.separation_m
         self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
-        self._lane = {agent.vehicle: number % self._count for number, agent in enumerate(config.agents)}
+        self._lane = own_lanes(config)
         self._newest: dict[int, Route] = {}
 
     def give(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.command.aims import plan_options
+from gcs.command.apart import lane_count, own_lanes
 from gcs.command.area import mission_grid
 from gcs.command.checks import Check, Level
 from gcs.config import Config
@@ -41,7 +42,7 @@ def rehearse(config: Config, seed: int, places_m: Mapping[int, tuple[float, floa
     if not targets:  # they may appear anywhere: to the middle, then
         area = config.map
         targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
-    agents = {vehicle: AgentStart(*place) for vehicle, place in starts.items()}
+    agents = {v: AgentStart(*place, None, config.speed_m_s(v)) for v, place in starts.items()}
     plan = plan_routes(mission_grid(config, seed), agents, targets, {}, plan_options(config))
     ways = {
         route.vehicle: (np.concatenate(([starts[route.vehicle]], route.points_m)),) for route in plan.routes
@@ -72,15 +73,16 @@ def _routes(plan: PlanResult) -> Check:
 
 
 def _separation(config: Config, rehearsal: Rehearsal) -> Check:
-    """Say who would come near whom at one altitude."""
-    mission, speeds = config.mission, {agent.vehicle: agent.speed_m_s for agent in config.agents}
-    count = mission.lanes if mission.lane_step_m > 0.0 else 1
+    """Say which lanes the first plan would use, and who would come near whom at one altitude."""
+    mission, own = config.mission, own_lanes(config)
     flights = [
-        Flight(vehicle, way, speeds[vehicle] or config.airframe.speed_m_s, number % count, False)
-        for number, (vehicle, (way,)) in enumerate(sorted(rehearsal.ways_m.items()))
+        Flight(vehicle, way, config.speed_m_s(vehicle), own[vehicle])
+        for vehicle, (way,) in sorted(rehearsal.ways_m.items())
     ]
-    value = f"{count} lanes, {mission.altitude_rel_m:g} to {mission.highest_rel_m:g} m"
-    conflicts = separate(flights, count, config.planning.separation_m)[1] if flights else ()
+    count = lane_count(config)
+    lanes, conflicts = separate(flights, count, config.planning.separation_m)
+    heights_m = [mission.altitude_rel_m + lane * mission.lane_step_m for lane in sorted(set(lanes.values()))]
+    value = f"{len(heights_m)} of {count} lanes, at {', '.join(f'{height_m:g}' for height_m in heights_m)} m"
     if not conflicts:
         return Check(None, "separation", "ok", value)
     near = ", ".join(" and ".join(map(vehicle_name, conflict.vehicles)) for conflict in conflicts)

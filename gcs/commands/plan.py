@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.command.aims import plan_options
+from gcs.command.apart import lane_count
 from gcs.command.area import mission_grid
 from gcs.config import load
 from gcs.errors import ConfigError, RecordingError
@@ -60,7 +61,6 @@ class Task:
     options: PlanOptions
     y_down: bool
     """As maps of the Moving AI format are drawn."""
-    speed_m_s: float = 15.0
     lanes: int = 1
     separation_m: float = 0.0
 
@@ -98,23 +98,27 @@ def _task(arguments: PlanArguments) -> Task:
     targets: list[Point] = []
     options, name, y_down = PlanOptions(shape="pulled"), "", False
     apart: dict[str, Any] = {}
+    speed_m_s = 15.0
     if arguments.scenario is not None:
         config = load(arguments.scenario)
         options, name, grid = plan_options(config), config.name, mission_grid(config, arguments.seed)
+        speed_m_s = config.airframe.speed_m_s
         apart = {
-            "speed_m_s": config.airframe.speed_m_s,
-            "lanes": config.mission.lanes if config.mission.lane_step_m > 0.0 else 1,
+            "lanes": lane_count(config),
             "separation_m": config.planning.separation_m,
         }
         agents = {
-            a.system_id: AgentStart(a.east_m, a.north_m, math.radians(a.course_deg)) for a in config.agents
+            a.system_id: AgentStart(
+                a.east_m, a.north_m, math.radians(a.course_deg), config.speed_m_s(a.vehicle)
+            )
+            for a in config.agents
         }
         targets = [(birth.east_m, birth.north_m) for birth in config.births]
     if arguments.map_file is not None:
         name, grid, agents, targets, y_down = arguments.map_file.name, _read(arguments.map_file), {}, [], True
     if arguments.agents is not None:
         starts = _places(arguments.agents, "--agents", grid)
-        agents = {number: AgentStart(*place) for number, place in enumerate(starts, start=1)}
+        agents = {n: AgentStart(*place, None, speed_m_s) for n, place in enumerate(starts, start=1)}
     if arguments.targets is not None:
         targets = _places(arguments.targets, "--targets", grid)
     numbered = {(0, number): place for number, place in enumerate(targets, start=1)}
@@ -159,11 +163,15 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
 
     result = plan_routes(task.grid, task.agents, task.targets, {}, task.options, done)
     notes = [re.sub(r"target \(0, (\d+)\)", r"target \1", note) for note in result.notes]
+    own = {vehicle: number for number, vehicle in enumerate(task.agents)}
     flights = [
         Flight(
-            route.vehicle, np.vstack((_start(task, route.vehicle), route.points_m)), task.speed_m_s, number
+            route.vehicle,
+            np.vstack((_start(task, route.vehicle), route.points_m)),
+            task.agents[route.vehicle].speed_m_s,
+            own[route.vehicle],
         )
-        for number, route in enumerate(result.routes)
+        for route in result.routes
     ]
     lanes, conflicts = separate(flights, task.lanes, task.separation_m)
     notes += [

@@ -1,12 +1,15 @@
 """A user would take off with a vehicle, or a mission, that should have stayed on the ground."""
 
+import re
 from collections import deque
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from staging import track
 
+from gcs.command.apart import Lanes
 from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.command.vehicle_checks import VehicleJudge, envelope_of
 from gcs.config import parse, read_text
@@ -145,6 +148,21 @@ def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_told():
     crowded = separation("mission.lanes=1")
     assert crowded.level == "warning"
     assert "1 and 2" in crowded.value
+
+
+@pytest.mark.parametrize("setting", ["mission.lanes=5", "mission.lanes=3", "mission.lane_step_m=0"])
+def test_the_lanes_told_before_the_flight_are_those_that_are_flown(setting):
+    config = mission(setting, "planning.shape=pulled")
+    rehearsal = rehearse(config, 1, {})
+    starts = {agent.vehicle: (agent.east_m, agent.north_m) for agent in config.agents}
+    tracks = {vehicle: track((0, vehicle), place) for vehicle, place in starts.items()}
+    routes, _ = Lanes(config).give(rehearsal.plan.routes, starts, tracks, ())
+    altitudes = {config.mission.altitude_rel_m + r.lane * config.mission.lane_step_m for r in routes}
+    row = {row.name: row for row in mission_checks(config, rehearsal)}["separation"]
+    told = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])
+    assert [float(altitude) for altitude in told] == sorted(altitudes)
+        altitudes
+    )
 
 
 def test_nobody_gets_through_a_closed_map():
