@@ -161,8 +161,6 @@ def test_the_lanes_told_before_the_flight_are_those_that_are_flown(setting):
     row = {row.name: row for row in mission_checks(config, rehearsal)}["separation"]
     told = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])
     assert [float(altitude) for altitude in told] == sorted(altitudes)
-        altitudes
-    )
 
 
 def test_nobody_gets_through_a_closed_map():
