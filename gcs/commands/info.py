@@ -14,7 +14,6 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gcs.commands.contents import print_contents
-from gcs.commands.scans_info import SUFFIXES, detections_contents, print_detections
 from gcs.edge.boot_clock import TimeLine
 from gcs.edge.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
 from gcs.edge.tlog import NO_FRAMES, Logged, Unreadable, is_stamped, read_log
@@ -24,6 +23,8 @@ from gcs.mavlink.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, MissionEnded, Scan, Send
 from gcs.report.traffic import Traffic, rate_hz
 
+_DETECTIONS: Final = (".npz", ".csv")
+"""Endings of their files; other kinds are told by content."""
 _MAX_LISTED: Final = 100
 _BAR_ABOVE_BYTES: Final = 4_000_000
 _EVERY: Final = 4096
@@ -37,7 +38,10 @@ def run_info(path: Path, console: Console, *, as_json: bool) -> int:
     RecordingError
         When it cannot be read or is nothing that we know.
     """
-    if path.suffix.lower() in SUFFIXES and not path.is_dir():
+    if path.suffix.lower() in _DETECTIONS and not path.is_dir():
+        # Here, since it knows sensors, whose kernels take a second and 60 MB to load.
+        from gcs.commands.scans_info import detections_contents, print_detections
+
         contents = detections_contents(path)
         print_detections(contents, console)
     else:

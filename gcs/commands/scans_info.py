@@ -13,7 +13,6 @@ from gcs.commands.tables import Numbers, read_csv, read_npz
 from gcs.errors import ConfigError
 from gcs.model import NS_PER_S, FloatArray
 
-SUFFIXES: Final = (".npz", ".csv")
 _GAP: Final = 5.0
 """Times the usual time between scans: longer is a gap."""
 _MAX_LISTED: Final = 100
