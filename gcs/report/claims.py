@@ -279,8 +279,8 @@ def _not_misled(runs: Runs) -> Claim:
     return Claim(
         "Figures 4 to 9",
         "Measurement clutter was not allowed to affect the mission.",
-        f"{lost} of {routes} new routes ended farther than {NEAR_M:.0f} m from every living target; "
-        f"{false_deaths} living agents were called dead.",
+        f"{lost} of {routes} new routes ended farther than {NEAR_M:.0f} m from where every living target "
+        f"was or was heading; {false_deaths} living agents were called dead.",
         "none of both",
         "holds" if lost == false_deaths == 0 else "holds in part",
     )

@@ -15,6 +15,10 @@ from gcs.report.judge import Summary
 
 NEAR_M = 100.0
 """Within this an estimate belongs to an object, or a route's end to a target: OSPA's cut-off."""
+_AHEAD_S = 120.0
+"""How far ahead a planner looks for a meeting, at most."""
+_HEADING_S = 2.0
+"""Over so long a target's velocity is measured."""
 _STEP_M = 2.0
 _RE_ROUTED_WITHIN_S = 15.0
 
@@ -145,15 +149,28 @@ def wrong_kind(flown: Flown) -> tuple[int, int]:
 
 
 def astray(flown: Flown) -> tuple[int, int]:
-    """Count (new routes, of these the ones that end farther than `NEAR_M` from every living target)."""
+    """Count (new routes, those of them that end farther than `NEAR_M` from the way of every living target).
+
+    A route ends where its agent is to meet a target, so what counts is where the target was in truth and
+    where it was heading then, for as long as a planner looks ahead.
+    """
     routes = lost = 0
     for decision in flown.course.decisions:
-        living = _living_m(flown.course, "targets", decision.t_s)
+        paths = flown.course.paths["targets"].values()
+        living = [path for path in paths if _lives(path, decision.t_s)]
         for end in decision.ends_m.values():
             routes += 1
-            gaps = [float(np.hypot(*(one - np.array(end)))) for one in living]
-            lost += not gaps or min(gaps) > NEAR_M
+            lost += all(_off_way_m(path, decision.t_s, np.array(end)) > NEAR_M for path in living)
     return routes, lost
+
+
+def _off_way_m(path: Path, t_s: float, point_m: FloatArray) -> float:
+    """How far a point is from the way of who goes on as it is going at a time."""
+    place = _at(path, t_s)
+    way = (place - _at(path, t_s - _HEADING_S)) * (_AHEAD_S / _HEADING_S)
+    length2 = float(way @ way)
+    share = min(max(float((point_m - place) @ way) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+    return float(np.hypot(*(point_m - place - share * way)))
 
 
 def speeds(flown: Flown) -> tuple[float, float]:

@@ -65,14 +65,20 @@ def a_run(
     handed_over: bool = True,
     blocked: bool = False,
     last_end_m: tuple[float, float] | None = None,
+    drift_m_s: float = 0.0,
 ) -> Flown:
-    """Two agents fly east at 10 m/s to a target each; the second dies at 30 s; the first takes its target."""
+    """Two agents fly east at 10 m/s to a target each; the second dies at 30 s; the first takes its target.
+
+    The targets drift north.
+    """
     judge = Judge(60.0, (1, 2))
     builder = CourseBuilder(judge)
     for second in range(91):
         east, alive = 10.0 * second, second <= 30
         things = [TruthObject("agents", 1, east, 100.0, True), TruthObject("agents", 2, east, 300.0, alive)]
-        things += [TruthObject("targets", n, *place, True) for n, place in TARGETS.items()]
+        things += [
+            TruthObject("targets", n, x, y + drift_m_s * second, True) for n, (x, y) in TARGETS.items()
+        ]
         agents = [(east, 100.0), *([(east, 300.0)] if alive or second == 31 else [])]
         agents += [(300.0, 320.0)] if second in revived_s else []
         builder.take(Tick(at(second)))
@@ -139,6 +145,12 @@ def test_estimates_are_sorted_by_what_they_are_of() -> None:
 def test_a_route_to_nothing_is_counted() -> None:
     assert astray(a_run()) == (4, 0)
     assert astray(a_run(last_end_m=(500.0, 700.0))) == (4, 1)
+
+
+def test_a_route_to_where_a_target_is_heading_is_none_to_nothing() -> None:
+    assert astray(a_run(last_end_m=(900.0, 640.0), drift_m_s=0.0)) == (4, 1)
+    assert astray(a_run(last_end_m=(900.0, 640.0), drift_m_s=4.0))[1] == 0
+    assert astray(a_run(last_end_m=(900.0, 100.0), drift_m_s=4.0))[1] == 1
 
 
 def test_a_straight_flight_is_not_wavy() -> None:
