@@ -16,9 +16,10 @@ import numpy as np
 from gcs.model import FloatArray, read_only
 from gcs.planning.grid import Grid, Point
 from gcs.planning.intercept import meetings, outlook
-from gcs.planning.matrix import Places, Way, cells, metric_ways, paper_ways
-from gcs.planning.moves import IntArray, SearchMap, search_map
+from gcs.planning.matrix import Places, Way, metric_ways, paper_ways
+from gcs.planning.moves import IntArray, SearchMap, cells, places, search_map
 from gcs.planning.shaping import Shaped, joins, shape_way
+from gcs.planning.sight import clear_leg
 from gcs.planning.task import AgentStart, PlanOptions, Terms
 from gcs.planning.turning import SHARP_CORNER, SHARP_START
 
@@ -62,7 +63,7 @@ class Search:
         options: PlanOptions,
     ) -> None:
         self._grid, self._agents, self._options = grid, agents, options
-        self.smap: SearchMap = search_map(grid, options.clearance_m)
+        self.smap: SearchMap = search_map(grid, options.clearance_m, may_lean=options.shape != "grid")
         self._find = paper_ways if options.search_cost == "paper" else metric_ways
         self._velocities = [one.velocity_m_s if options.horizon_s > 0.0 else (0.0, 0.0) for one in terms]
         self._view = outlook(grid, targets, self._velocities, options.horizon_s)
@@ -134,7 +135,8 @@ class Search:
         """Return a route as it is flown, in cells."""
         grid, options, course = self._grid, self._options, self._agents[i].course_rad
         ends_at_target = not goals.inside[j]
-        parts = [self.starts.xy[i : i + 1], cells(self.smap, nodes)] + [goals.xy[j : j + 1]] * ends_at_target
+        start_xy, goal_xy = self.starts.xy[i], goals.xy[j]
+        parts = [start_xy[None], self._passed(nodes, start_xy, goal_xy)] + [goal_xy[None]] * ends_at_target
         heading = np.zeros(2)
         if course is not None and math.isfinite(course):
             heading = np.array([math.sin(course), math.cos(course)])
@@ -148,6 +150,16 @@ class Search:
             options.shape,
             options.turn_radius_m / grid.spacing_m,
         )
+
+    def _passed(self, nodes: IntArray, start_xy: FloatArray, goal_xy: FloatArray) -> FloatArray:
+        """Return where a way passes by its nodes, in cells; where it joins a place, it is in sight of it."""
+        way = places(self.smap, nodes)
+        for end, (x, y) in ((0, start_xy), (-1, goal_xy)):
+            if len(way) and not clear_leg(self._grid.blocked, x, y, *way[end].tolist(), 0.0, -1):
+                way[end] = cells(self.smap, nodes[[end]])
+        is_new = np.append(True, (np.diff(way, axis=0) != 0.0).any(axis=1))[: len(way)]
+        passed: FloatArray = way[is_new]
+        return passed
 
     def _aimed(self, shaped: Shaped, place_m: FloatArray, is_inside: bool, grid_length_m: float) -> Aimed:
         """Return a shaped route in metres, with what an operator should know of it."""

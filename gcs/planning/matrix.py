@@ -24,6 +24,7 @@ from gcs.planning.moves import (
     NO_MOVE,
     IntArray,
     SearchMap,
+    cells,
     flat_index,
     kernel_arrays,
     move_cost,
@@ -94,7 +95,7 @@ def pairwise_pays(smap: SearchMap, starts_xy: FloatArray, goals_xy: FloatArray) 
     at a disc that reaches the farthest.
     """
     free = np.count_nonzero(smap.part) / smap.part.size
-    hindered = 1.0 - free + (np.count_nonzero(smap.tight) / smap.tight.size if smap.any_tight else 0.0)
+    hindered = 1.0 - free + (np.count_nonzero(smap.tight) / smap.tight.size if smap.any_near else 0.0)
     apart2 = ((starts_xy[:, np.newaxis, :] - goals_xy[np.newaxis, :, :]) ** 2).sum(axis=2)
     pairs_us = apart2.size * _CALL_US + _PAIR_NODE_US * _PAIR_PART * hindered * apart2.sum()
     farthest2 = apart2.max(axis=int(len(starts_xy) <= len(goals_xy)))
@@ -120,7 +121,7 @@ def _one_to_all(
         costs_at(field, far.nodes, costs[i])
     lengths, via = _ends_of_ways(
         *(grid.blocked, reach, near.xy, near.inside, far.xy, far.off, far.inside, costs),
-        *(smap.any_tight, smap.offsets, came, near.nodes, near.off, far.nodes),
+        *(smap.any_near, smap.offsets, came, near.nodes, near.off, far.nodes),
     )
     path = np.empty(size, dtype=np.int64)
 
@@ -139,7 +140,7 @@ def _one_by_one(
     ways: dict[tuple[int, int], IntArray] = {}
     reach = clearance_m / grid.spacing_m
     parts = [[set(smap.part[row[row >= 0]].tolist()) for row in side.nodes] for side in (starts, goals)]
-    with seeker(grid, clearance_m) as search:
+    with seeker(grid, clearance_m, smap.may_lean) as search:
         for i, j in np.ndindex(lengths.shape):
             a, b = starts.xy[i], goals.xy[j]
             if not (starts.inside[i] or goals.inside[j]) and close_and_seen(grid.blocked, reach, a, b):
@@ -152,13 +153,13 @@ def _one_by_one(
             if nodes.size:
                 # Tight moves counted many times over while searching; what is flown is compared later.
                 off = ends[1][ends[0] == nodes[0]][0] + ends[3][ends[2] == nodes[-1]][0]
-                ways[i, j], lengths[i, j] = nodes, flown + off if smap.any_tight else cost
+                ways[i, j], lengths[i, j] = nodes, flown + off if smap.any_near else cost
     return lengths, lambda i, j: ways[i, j]
 
 
 @kernel
 def _ends_of_ways(  # type: ignore[no-untyped-def]
-    blocked, reach, near, near_inside, far, far_off, far_inside, costs, any_tight, offsets, came,
+    blocked, reach, near, near_inside, far, far_off, far_inside, costs, any_near, offsets, came,
     near_nodes, near_off, far_nodes,
 ):  # fmt: skip
     """Length in cells of the way between all pairs, (n, m), and the join by which it ends."""
@@ -175,7 +176,7 @@ def _ends_of_ways(  # type: ignore[no-untyped-def]
                 if costs[i, j, k] + far_off[j, k] < lengths[i, j]:
                     lengths[i, j] = costs[i, j, k] + far_off[j, k]
                     via[i, j] = k
-            if any_tight and via[i, j] >= 0:
+            if any_near and via[i, j] >= 0:
                 # Tight moves counted many times over while searching; what is flown is compared later.
                 node, flown = far_nodes[j, via[i, j]], far_off[j, via[i, j]]
                 while came[i, node] != NO_MOVE:
@@ -207,7 +208,7 @@ def paper_ways(
                 continue
             count = 0
             if starts.inside[i] or goals.inside[j] or not close_and_seen(grid.blocked, reach, a, b):
-                count, _ = seek_paper(smap.moves, smap.tight, smap.offsets, smap.stride, first, last, path)
+                count, _ = seek_paper(smap.moves, smap.near, smap.offsets, smap.stride, first, last, path)
                 if count == 0:
                     continue
             ways[i, j] = path[:count][::-1].copy()
@@ -220,12 +221,6 @@ def _nearest_joins(places: Places) -> list[int]:
     """Return the nearest node by which each place joins the map, -1 for none."""
     best = np.argmin(np.where(places.nodes >= 0, places.off, np.inf), axis=1)
     return [int(node) for node in places.nodes[np.arange(len(best)), best]]
-
-
-def cells(smap: SearchMap, flat: IntArray) -> FloatArray:
-    """Return flat nodes as (k, 2) places in cells."""
-    rows, cols = np.divmod(flat, smap.stride)
-    return np.column_stack((cols - 1, rows - 1)).astype(np.float64)
 
 
 def warm_up_calls() -> list[Call]:
@@ -242,10 +237,10 @@ def warm_up_calls() -> list[Call]:
         (seek, *searched, smap.stride, nodes[0], off[0], nodes[0], off[0], *empty),
         (
             *(_ends_of_ways, grid.blocked, 0.0, xy, inside, xy, off, inside, np.zeros((1, 1, 4))),
-            *(smap.any_tight, smap.offsets, came, nodes, off, nodes),
+            *(smap.any_near, smap.offsets, came, nodes, off, nodes),
         ),
         (costs_at, field, nodes, off),
         (trace_back, smap.offsets, came[0], node, path),
         (spread, *searched, nodes[0], off[0], nodes[0], field, came[0]),
-        (seek_paper, smap.moves, smap.tight, smap.offsets, smap.stride, node, node, path),
+        (seek_paper, smap.moves, smap.near, smap.offsets, smap.stride, node, node, path),
     ]

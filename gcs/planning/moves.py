@@ -24,13 +24,13 @@ is left out only where it is longer than another way, never where it is as long.
 optimally by a straight move is; and a last diagonal move is left out for being equal only where a straight
 one is equal.
 
-*Clearance*: nodes nearer to an obstacle than wanted are tight, and a move from or to a tight node counts
-`TIGHT` times. So clearance is given up where there is no other way, or none but a long detour; and a place
-that lies in the tight zone leaves it at once. Counting tight moves a thousandfold, as good as forbidding
+*Clearance*: nodes nearer to an obstacle than wanted are tight, and a move from or to a tight node is near and
+counts `TIGHT` times. So clearance is given up where there is no other way, or none but a long detour; and a
+place that lies in the tight zone leaves it at once. Counting near moves a thousandfold, as good as forbidding
 them, was tried on random maps with 25 m of clearance: where a fifth of the nodes is blocked, no route can
-keep it, and routes nearly doubled in length to save single tight moves; eightfold they grow by a third. Up to
-a tenth blocked, both keep the clearance on all but 0 to 4 % of the routes that they plan. The argument above
-holds where a node and its neighbours are all tight or all not; where they are mixed, nothing is left out.
+keep it, and routes nearly doubled in length to save single near moves; eightfold they grow by a third. The
+argument above holds where all moves from a node and its neighbours are near or none is; where they are mixed,
+nothing is left out. For routes of any angle, nodes may lean away from obstacles (`gcs.planning.leaning`).
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from gcs.compiling import inlined
+from gcs.model import FloatArray
 from gcs.planning.grid import BoolArray, Grid, Node
+from gcs.planning.leaning import lean, near_moves
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
@@ -59,6 +61,8 @@ ROW_STEP = (0, 1, 0, -1, 1, 1, -1, -1)
 COL_STEP = (1, 0, -1, 0, 1, -1, -1, 1)
 NO_MOVE = 8
 """Where a search begins: no move led there."""
+_LEAN_ROWS, _LEAN_COLS = (0.5 * np.array([0, *steps]) for steps in (ROW_STEP, COL_STEP))
+"""Where a node may lean: nowhere, or half a move."""
 
 
 def _remaining() -> ByteArray:
@@ -90,10 +94,14 @@ class SearchMap(NamedTuple):
 
     moves: ByteArray
     """Bit d is set if move d is legal from this node."""
-    tight: BoolArray
-    """Nearer to an obstacle than the clearance."""
+    near: ByteArray
+    """Bit d is set if move d comes nearer to an obstacle than the clearance."""
     mixed: BoolArray
-    """Some of the free nodes around (or this one) are tight, some not."""
+    """Some moves from the free nodes around (or from this one) are near, some not."""
+    tight: BoolArray
+    """Nodes (or all places to lean to) that are nearer to an obstacle than the clearance."""
+    leaning: ByteArray
+    """Where a node leans: see `places`."""
     part: npt.NDArray[np.int32]
     """Number of the connected part of the map that a node is of; 0: blocked."""
     mainland: BoolArray
@@ -101,20 +109,34 @@ class SearchMap(NamedTuple):
     offsets: IntArray
     """(8,) flat index steps of the moves."""
     stride: int
-    any_tight: bool
+    any_near: bool
+    may_lean: bool
 
 
 @lru_cache(maxsize=16)
-def search_map(grid: Grid, clearance_m: float = 0.0) -> SearchMap:
-    """Prepare a grid for searching; kept for the grids last used, since a grid is planned on many times."""
+def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> SearchMap:
+    """Prepare a grid for searching; kept for the grids last used, since a grid is planned on many times.
+
+    With `may_lean` nodes need not be passed themselves, but only near by, at their `places`.
+    """
     rows, cols = grid.shape
     stride = cols + 2
     blocked = np.ones((rows + 2, stride), dtype=np.bool_)
     blocked[1:-1, 1:-1] = grid.blocked
-    tight = np.zeros_like(blocked)
-    tight[1:-1, 1:-1] = grid.inflate(clearance_m).blocked & ~grid.blocked
-    any_tight = bool(tight.any())
-    mixed = _around(tight) & _around(~(tight | blocked)) if any_tight else tight
+    moves = _legal_moves(blocked)
+    tight, near, leaning = np.zeros_like(blocked), np.zeros_like(moves), np.zeros_like(moves)
+    reach, inner = clearance_m / grid.spacing_m, (slice(1, -1), slice(1, -1))
+    if may_lean and reach > 0.5:
+        leaning[inner], tight[inner] = lean(grid.blocked, reach, _LEAN_ROWS, _LEAN_COLS)
+        near[inner] = near_moves(
+            *(grid.blocked, reach, moves[inner].copy(), tight[inner].copy(), leaning[inner].copy()),
+            *(_LEAN_ROWS, _LEAN_COLS),
+        )
+    else:
+        tight[inner] = grid.inflate(clearance_m).blocked & ~grid.blocked
+        near[inner] = _moves_of(tight, moves)
+    any_near = bool(near.any())
+    mixed = _around(near > 0) & _around(~blocked & (near != moves)) if any_near else tight
     # Diagonals need two free straight neighbours, so what is connected at all is connected by straight moves.
     part, count = ndimage.label(~blocked)
     mainland = (
@@ -122,20 +144,35 @@ def search_map(grid: Grid, clearance_m: float = 0.0) -> SearchMap:
     )
     offsets = np.array([r * stride + c for r, c in zip(ROW_STEP, COL_STEP, strict=True)], dtype=np.int64)
     return SearchMap(
-        _legal_moves(blocked).ravel(),
-        tight.ravel(),
+        moves.ravel(),
+        near.ravel(),
         mixed.ravel(),
+        tight.ravel(),
+        leaning.ravel(),
         part.ravel(),
         mainland.ravel(),
         offsets,
         stride,
-        any_tight,
+        any_near,
+        may_lean,
     )
 
 
-def kernel_arrays(smap: SearchMap) -> tuple[ByteArray, BoolArray, BoolArray, bool, IntArray]:
+def kernel_arrays(smap: SearchMap) -> tuple[ByteArray, ByteArray, BoolArray, bool, IntArray]:
     """Return what the search kernels begin their arguments with."""
-    return smap.moves, smap.tight, smap.mixed, smap.any_tight, smap.offsets
+    return smap.moves, smap.near, smap.mixed, smap.any_near, smap.offsets
+
+
+def cells(smap: SearchMap, flat: IntArray) -> FloatArray:
+    """Return flat nodes as (k, 2) places in cells."""
+    rows, cols = np.divmod(flat, smap.stride)
+    return np.column_stack((cols - 1, rows - 1)).astype(np.float64)
+
+
+def places(smap: SearchMap, flat: IntArray) -> FloatArray:
+    """Return where to pass by flat nodes, (k, 2) in cells: there, or where they lean to."""
+    leaning = smap.leaning[flat]
+    return cells(smap, flat) + np.column_stack((_LEAN_COLS[leaning], _LEAN_ROWS[leaning]))
 
 
 def flat_index(smap: SearchMap, node: Node) -> int:
@@ -146,6 +183,16 @@ def flat_index(smap: SearchMap, node: Node) -> int:
 def _around(nodes: BoolArray) -> BoolArray:
     found: BoolArray = ndimage.binary_dilation(nodes, structure=np.ones((3, 3), dtype=np.bool_))
     return found
+
+
+def _moves_of(nodes: BoolArray, moves: ByteArray) -> ByteArray:
+    """Return which legal moves lead from or to some nodes, without the border."""
+    rows, stride = nodes.shape
+    found = np.where(nodes[1:-1, 1:-1], np.uint8(255), np.uint8(0))
+    for move, (r, c) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
+        there = nodes[1 + r : rows - 1 + r, 1 + c : stride - 1 + c]
+        found |= there.view(np.uint8) << np.uint8(move)
+    return found & moves[1:-1, 1:-1]
 
 
 def _legal_moves(blocked: BoolArray) -> ByteArray:

@@ -52,7 +52,7 @@ _ROW_STEPS, _COL_STEPS = np.array(ROW_STEP), np.array(COL_STEP)
 
 @kernel
 def seek(  # type: ignore[no-untyped-def]
-    moves, tight, mixed, any_tight, offsets, stride, nodes, costs, goals, beyond, reached, came, entries, path
+    moves, near, mixed, any_near, offsets, stride, nodes, costs, goals, beyond, reached, came, entries, path
 ):
     """Search the shortest path from a place to another and write it to `path`, last node first.
 
@@ -78,7 +78,7 @@ def seek(  # type: ignore[no-untyped-def]
             row = int((goals[k] + 0.5) * per_row)
             ahead = octile(abs(row - aim_row), abs(goals[k] - row * stride - aim_col))
             slack = max(slack, ahead - beyond[k])
-    ring = 63 if any_tight else 15
+    ring = 63 if any_near else 15
     head = np.full(ring + 1, -1)
     # Entries are node and next entry of the bucket. They are not used again: they tell what to clean up.
     used, live, base = 0, 0, np.inf
@@ -120,12 +120,12 @@ def seek(  # type: ignore[no-untyped-def]
                 for k in range(goals.size):
                     if goals[k] == node and here - 1.0 + beyond[k] < best:
                         best, last = here - 1.0 + beyond[k], node
-            left = REMAINING[NO_MOVE if any_tight and mixed[node] else led, moves[node]]
+            left = REMAINING[NO_MOVE if any_near and mixed[node] else led, moves[node]]
             while left:
                 move = FIRST[left]
                 left &= left - 1
                 there = node + offsets[move]
-                cost = here + move_cost(move, any_tight and (tight[node] or tight[there]))
+                cost = here + move_cost(move, any_near and (near[node] >> move) & 1)
                 known = reached[there]
                 if known != 0.0 and cost >= known - _TIE:
                     continue
@@ -155,19 +155,19 @@ def seek(  # type: ignore[no-untyped-def]
 
 
 @lru_cache(maxsize=4)
-def _spare(_grid: Grid, _clearance_m: float) -> list[Seeker]:
+def _spare(_grid: Grid, _clearance_m: float, _may_lean: bool) -> list[Seeker]:
     """Seekers of a map that nobody is using."""
     return []
 
 
 @contextmanager
-def seeker(grid: Grid, clearance_m: float = 0.0) -> Iterator[Seeker]:
+def seeker(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> Iterator[Seeker]:
     """Lend a seeker for a map: one that was given back, if there is any; safe among threads."""
-    spare = _spare(grid, clearance_m)
+    spare = _spare(grid, clearance_m, may_lean)
     try:
         lent = spare.pop()
     except IndexError:
-        lent = Seeker(search_map(grid, clearance_m))
+        lent = Seeker(search_map(grid, clearance_m, may_lean))
     yield lent
     spare.append(lent)
 
@@ -248,7 +248,7 @@ def _drop_first(heap, size):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def seek_paper(moves, tight, offsets, stride, start, goal, path):  # type: ignore[no-untyped-def]
+def seek_paper(moves, near, offsets, stride, start, goal, path):  # type: ignore[no-untyped-def]
     """Search one path by the paper's cost, from node to node, and write it to `path`, goal first.
 
     Returns how many nodes were written, 0 if there is no way, and how many were expanded.
@@ -275,7 +275,7 @@ def seek_paper(moves, tight, offsets, stride, start, goal, path):  # type: ignor
             if not (moves[node] >> move) & 1:
                 continue
             there = node + offsets[move]
-            step = TIGHT if tight[node] or tight[there] else 1.0
+            step = TIGHT if (near[node] >> move) & 1 else 1.0
             if here + step >= cost[there] - 1e-12:
                 continue
             cost[there] = here + step

@@ -59,7 +59,7 @@ def find_path(
         return None
     if cost == "paper":
         path = np.empty(smap.moves.size, dtype=np.int64)
-        count, expanded = seek_paper(smap.moves, smap.tight, smap.offsets, smap.stride, first, last, path)
+        count, expanded = seek_paper(smap.moves, smap.near, smap.offsets, smap.stride, first, last, path)
         path = path[:count][::-1]
         diagonal = np.isin(np.diff(path), smap.offsets[4:]).sum()
         length = count - 1 + (DIAGONAL - 1.0) * float(diagonal)

@@ -19,7 +19,7 @@ from gcs.planning.moves import FIRST, NO_MOVE, REMAINING, move_cost
 
 
 @kernel
-def spread(moves, tight, mixed, any_tight, offsets, nodes, costs, goals, field, came):  # type: ignore[no-untyped-def]
+def spread(moves, near, mixed, any_near, offsets, nodes, costs, goals, field, came):  # type: ignore[no-untyped-def]
     """Fill `field` (flat nodes,) with the cost in cells from a place, `came` with the moves that lead there.
 
     `nodes`, `costs` (j,): the nodes by which the place joins the map (-1: none) and how far off it they lie;
@@ -28,7 +28,7 @@ def spread(moves, tight, mixed, any_tight, offsets, nodes, costs, goals, field, 
     has the cost inf.
     """
     # The ring of buckets is longer than the dearest move and the spread of the joins together.
-    ring = 15 if any_tight else 3
+    ring = 15 if any_near else 3
     stack, height = np.empty((ring + 1, moves.size), np.int32), np.zeros(ring + 1, np.int64)
     field[:] = np.inf
     live, bucket, final = 0, 1 << 60, 0
@@ -48,13 +48,13 @@ def spread(moves, tight, mixed, any_tight, offsets, nodes, costs, goals, field, 
             here = field[node]
             if here < bucket:
                 continue
-            led = NO_MOVE if any_tight and mixed[node] else came[node]
+            led = NO_MOVE if any_near and mixed[node] else came[node]
             left = REMAINING[led, moves[node]]
             while left:
                 move = FIRST[left]
                 left &= left - 1
                 there = node + offsets[move]
-                cost = here + move_cost(move, any_tight and (tight[node] or tight[there]))
+                cost = here + move_cost(move, any_near and (near[node] >> move) & 1)
                 known = field[there]
                 if cost >= known:
                     continue

@@ -88,8 +88,10 @@ def _start_cost(blocked, reach, found, i, heading, radius, own):  # type: ignore
 
 @inlined
 def _add(blocked, reach, found, count, x, y, along, e1x, e1y, e2x, e2y):  # type: ignore[no-untyped-def]
-    """Write one candidate if it has the clearance itself; returns the new count."""
-    if count < found.shape[0] and clear_leg(blocked, x, y, x, y, reach, _NO_CELL):
+    """Write one candidate if it is on the map and has the clearance itself; returns the new count."""
+    rows, cols = blocked.shape
+    on_map = abs(x - 0.5 * (cols - 1)) <= 0.5 * cols and abs(y - 0.5 * (rows - 1)) <= 0.5 * rows
+    if on_map and count < found.shape[0] and clear_leg(blocked, x, y, x, y, reach, _NO_CELL):
         found[count, _X], found[count, _Y], found[count, _ALONG] = x, y, along
         found[count, _E1X], found[count, _E1Y], found[count, _E2X], found[count, _E2Y] = e1x, e1y, e2x, e2y
         found[count, _KNOWN] = -1.0
@@ -110,7 +112,7 @@ def _wrap(blocked, reach, found, count, row, col, ax, ay, ux, uy, start_along): 
             continue
         x, y = col + 0.5 * sx, row + 0.5 * sy
         along = start_along + (x - ax) * ux + (y - ay) * uy
-        far = _AWAY if reach <= 0.0 else reach + 2e-9
+        far = _AWAY if reach <= 0.0 else reach
         count = _add(blocked, reach, found, count, x + far * sx, y + far * sy, along, -sx, 0.0, 0.0, -sy)
         if reach > 0.0:
             c, s = far * _COS, far * _SIN

@@ -7,9 +7,9 @@ A vehicle at speed V and bank phi turns on a circle of R = V^2 / (g tan phi), no
   out by as much, as far as its legs stay clear. A corner that takes more of a leg than there is joins its
   neighbour, or goes, if that is clear.
 - *The start* follows the vehicle's course: an arc and its tangent to the first corner, to the nearer side, as
-  an autopilot flies it by itself. If that hits something, every Dubins word (`gcs.planning.dubins`) to the
-  first corner is tried, the shortest first: the other way round, a loop. Its arcs become waypoints.
-- A corner sharper than `_SPLIT` becomes two: an autopilot cuts sharp corners, or swings out of them.
+  an autopilot flies it by itself. If that hits something, the shortest way that is clear leads on to the
+  first leg (`gcs.planning.entry`). Its arcs become waypoints.
+- A corner sharper than `SPLIT` becomes two: an autopilot cuts sharp corners, or swings out of them.
 
 Every leg and every arc is checked for what clearance the string had there. What cannot be had stays as it was
 and is reported: a straight plan is better than none.
@@ -25,14 +25,12 @@ import numpy as np
 
 from gcs.compiling import called, inlined, kernel
 from gcs.model import FloatArray
-from gcs.planning.dubins import TURNS, words
+from gcs.planning.entry import SPLIT, entry
 from gcs.planning.grid import TOUCH
 from gcs.planning.sight import clear_leg, leg_room
 from gcs.planning.starts import (
     ARC_HEIGHT,
-    MOST_ARC,
     arc_is_clear,
-    arc_to,
     start_arc,
     start_is_safe,
     start_room,
@@ -41,7 +39,6 @@ from gcs.planning.starts import (
 FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
 """What keeps a route from being flown: nothing, a corner, the turn on to it; or both (their sum)."""
 
-_SPLIT = math.radians(107.0)
 _PUSHES = 4
 _START_TRIES = 3
 _NO_CELL = np.int64(-1)
@@ -75,7 +72,7 @@ def acceptance_m(points_m: FloatArray, radius_m: float, lag_m: float, least_m: f
         turn = math.atan2(
             legs[i, 0] * legs[i + 1, 1] - legs[i, 1] * legs[i + 1, 0], float(legs[i] @ legs[i + 1])
         )
-        wanted = math.hypot(radius_m * math.tan(min(abs(turn), _SPLIT) / 2.0), lag_m)
+        wanted = math.hypot(radius_m * math.tan(min(abs(turn), SPLIT) / 2.0), lag_m)
         result[i] = max(least_m, min(wanted, 0.5 * lengths[i]))
     return result
 
@@ -115,7 +112,7 @@ def _pushed(blocked, string, rooms, radius, own):  # type: ignore[no-untyped-def
         ox, oy = ux / u - vx / v, uy / u - vy / v
         out = math.hypot(ox, oy)
         if out > 1e-9:
-            half = 0.5 * min(abs(_angle(string, i)), _SPLIT)
+            half = 0.5 * min(abs(_angle(string, i)), SPLIT)
             by = min(radius * (1.0 / math.cos(half) - 1.0 + ARC_HEIGHT) + TOUCH, 0.5 * min(u, v))
             push[i, 0], push[i, 1] = by * ox / out, by * oy / out
     result = string + push
@@ -253,90 +250,6 @@ def _corners_are_clear(blocked, points, rooms, radius, own):  # type: ignore[no-
 
 
 @called
-def _trace(blocked, room, x, y, angle, turns, pieces, radius, own, tips):  # type: ignore[no-untyped-def]
-    """Follow one Dubins word: the corners of its arcs to `tips`; how many, -1 if it is not clear."""
-    count, last_x, last_y = 0, x, y
-    for piece in range(3):
-        side, long = turns[piece], pieces[piece]
-        if side == 0:
-            to_x, to_y = x + long * radius * math.cos(angle), y + long * radius * math.sin(angle)
-            if not clear_leg(blocked, x, y, to_x, to_y, room, own):
-                return -1
-            x, y = to_x, to_y
-            continue
-        if long > MOST_ARC or not arc_is_clear(blocked, room, x, y, angle, side, long, radius, own):
-            return -1
-        parts = max(1, math.ceil(long / _SPLIT))
-        tip = radius * math.tan(0.5 * long / parts)
-        for _ in range(parts):
-            if long > 1e-6:
-                tip_x, tip_y = x + tip * math.cos(angle), y + tip * math.sin(angle)
-                if not clear_leg(blocked, last_x, last_y, tip_x, tip_y, room, own):
-                    return -1
-                tips[count, 0], tips[count, 1] = tip_x, tip_y
-                last_x, last_y = tip_x, tip_y
-                count += 1
-            turned = angle + side * long / parts
-            x += side * radius * (math.sin(turned) - math.sin(angle))
-            y -= side * radius * (math.cos(turned) - math.cos(angle))
-            angle = turned
-    return count if clear_leg(blocked, last_x, last_y, x, y, room, own) else -1
-
-
-@called
-def _other_start(blocked, points, room, angle, radius, own):  # type: ignore[no-untyped-def]
-    """The points with a start by the shortest clear arc and tangent, or Dubins word; the same without one.
-
-    Also returns the length of the start, which ends at the first corner.
-    """
-    dx, dy = _leg(points, 0)
-    toward = math.atan2(dy, dx)
-    turns, pieces = np.zeros((8, 3), dtype=np.int64), np.zeros((8, 3))
-    for k in range(2):
-        turns[k, 0] = 1 - 2 * k
-        pieces[k, 0], pieces[k, 1] = arc_to(
-            points[0, 0], points[0, 1], angle, points[1, 0], points[1, 1], 1.0 - 2.0 * k, radius
-        )
-        pieces[k, 1] = pieces[k, 1] / radius
-    turns[2:] = TURNS
-    pieces[2:] = words(points[0, 0], points[0, 1], angle, points[1, 0], points[1, 1], toward, radius)
-    tips = np.empty((16, 2))
-    lengths = np.empty(8)
-    for word in range(8):
-        lengths[word] = pieces[word, 0] + pieces[word, 1] + pieces[word, 2]
-    for _ in range(8):
-        best = 0
-        for word in range(8):
-            if lengths[word] < lengths[best]:
-                best = word
-        if lengths[best] == np.inf:
-            break
-        count = _trace(
-            blocked, room, points[0, 0], points[0, 1], angle, turns[best], pieces[best], radius, own, tips
-        )
-        if count >= 0:
-            # A tip beside the first corner is no corner.
-            while count > 0:
-                last, before = tips[count - 1], tips[count - 2] if count > 1 else points[0]
-                x, y = points[1, 0], points[1, 1]
-                if math.hypot(last[0] - x, last[1] - y) >= 0.5 * radius:
-                    break
-                if not clear_leg(blocked, before[0], before[1], x, y, room, own):
-                    break
-                count -= 1
-            size = points.shape[0]
-            result = np.empty((size + count, 2))
-            result[0, 0], result[0, 1] = points[0, 0], points[0, 1]
-            for k in range(count):
-                result[1 + k, 0], result[1 + k, 1] = tips[k, 0], tips[k, 1]
-            for k in range(1, size):
-                result[count + k, 0], result[count + k, 1] = points[k, 0], points[k, 1]
-            return result, radius * lengths[best]
-        lengths[best] = np.inf
-    return points, np.inf
-
-
-@called
 def _split(blocked, points, rooms, radius):  # type: ignore[no-untyped-def]
     """Sharp corners as two, around the same arc, where that is clear."""
     size = points.shape[0]
@@ -345,7 +258,7 @@ def _split(blocked, points, rooms, radius):  # type: ignore[no-untyped-def]
         result[count, 0], result[count, 1] = points[i, 0], points[i, 1]
         count += 1
         turn = abs(_angle(points, i)) if 0 < i < size - 1 else 0.0
-        if turn <= _SPLIT or not (_legs_fit(points, i - 1, radius) and _legs_fit(points, i, radius)):
+        if turn <= SPLIT or not (_legs_fit(points, i - 1, radius) and _legs_fit(points, i, radius)):
             continue
         ux, uy = _leg(points, i - 1)
         vx, vy = _leg(points, i)
@@ -408,7 +321,7 @@ def flyable(blocked, reach, string, heading, radius, own):  # type: ignore[no-un
                     problem -= SHARP_START
                     break
                 continue
-            other, word_length = _other_start(blocked, points, tried, angle, radius, own)
+            other, word_length = entry(blocked, points, tried, angle, radius, own)
             if other.shape[0] > points.shape[0]:
                 points = other
                 length += word_length - straight
