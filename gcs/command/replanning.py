@@ -33,7 +33,7 @@ _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
 _FAR_OFF = 3.0
 """A target so many times farther from where its route ends than it may be cannot wait for the next look."""
-_DELIVERY_S = 1.0
+DELIVERY_S = 1.0
 """How long a mission takes from the plan until it is flown, on a good link: 0.5 to 1.8 s."""
 
 
@@ -72,7 +72,7 @@ class Replanner:
         self._lanes = Lanes(config)
         self._planning = planning
         self._lag_s = config.airframe.turn_lag_s
-        self._ahead_s = _DELIVERY_S + 0.5 * self._lag_s
+        self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)
         self._expected_targets = len(config.births)

@@ -1,6 +1,7 @@
 """A user would lose time and radio: plans too late or without end, missions to vehicles that need none."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from staging import at, mission, track
 
 from gcs.command.area import mission_grid
-from gcs.command.replanning import Replanner, Situation
+from gcs.command.replanning import DELIVERY_S, Replanner, Situation
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 
@@ -366,3 +367,23 @@ def test_obstacles_placed_by_hand_are_on_the_map_where_the_file_says():
     assert grid.blocked[grid.node_of((1000.0, 400.0))]
     assert grid.blocked[grid.node_of((40.0, 1950.0))]
     assert not grid.blocked[grid.node_of((400.0, 1000.0))]
+
+
+def test_agent_and_target_are_both_taken_to_the_moment_at_which_the_route_is_taken_up():
+    """The agent flies towards the target, which flies across: what is flown meets it, not where it was."""
+    config = mission(
+        agents=[(100.0, 200.0)],
+        births=[(1500.0, 200.0)],
+        tables='[planning]\naim = "intercept"\nshape = "pulled"\n',
+    )
+    speed_m_s, velocity_m_s, delay_s = 15.0, np.array([0.0, 6.0]), 0.4
+    sure = {"cov": np.diag([9.0, 9.0, 0.01, 0.01])}
+    agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
+    target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
+    situation = Situation(at(delay_s), at(0.0), {1: agent}, {A: target}, frozenset())
+    (route,) = Replanner(config, mission_grid(config, 0)).check(situation).routes
+    taken_up_s = delay_s + DELIVERY_S + 0.5 * config.airframe.turn_lag_s
+    start_m = np.array([100.0 + speed_m_s * taken_up_s, 200.0])
+    assert route.length_m == pytest.approx(np.hypot(*(route.points_m[-1] - start_m)))
+    met_m = np.array([1500.0, 200.0]) + velocity_m_s * (taken_up_s + route.length_m / speed_m_s)
+    assert np.hypot(*(met_m - route.points_m[-1])) < 5.0

@@ -7,7 +7,10 @@ from gcs.command.tasking import Tasking
 from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet import Fleet
-from gcs.model import Datagram, Notice, Route, Send, UploadReport, read_only
+from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
+from sim_vehicles.personality import Mode
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import VirtualRun
 
 FRAME = LocalFrame(-35.3632621, 149.165237, 584.09)
 ROUTE = read_only([[0.0, 500.0], [500.0, 500.0], [900.0, 0.0]])
@@ -125,3 +128,27 @@ def test_a_reboot_in_mid_transfer_starts_the_transfer_again():
     assert len(plane.store) == 5
     assert plane.mode == MANUAL
     assert "MANUAL was chosen" in swarm.reports()[0].detail
+
+
+def test_a_vehicle_about_to_take_its_next_item_is_not_made_to_hold_for_a_new_mission(monkeypatch):
+    """It would turn where nobody planned it; seconds later, past the item, it need not."""
+    assert holds_in_flight() <= 1
+    monkeypatch.setattr("gcs.command.tasking._MOST_WAIT_NS", 0)
+    assert holds_in_flight() >= 4
+
+
+def holds_in_flight():
+    """How often vehicles hold in a minute of re-tasks."""
+    modes, holds = {}, []
+
+    def on_event(event):
+        if isinstance(event, Tick):
+            for name, vehicle in run.vehicles.items():
+                mode = vehicle.autopilot.mode
+                if (modes.get(name), mode) == (Mode.AUTO, Mode.LOITER):
+                    holds.append(name)
+                modes[name] = mode
+
+    run = VirtualRun(load("random-targets"), 3, on_event)
+    run.run(60.0)
+    return len(holds)
