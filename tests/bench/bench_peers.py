@@ -274,6 +274,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--sets", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=1000, help="of the first fresh draw")
     parser.add_argument("--scans", type=int, default=100)
     parser.add_argument("--recorded", action="store_true", help="track the recorded sets, not fresh draws")
     parser.add_argument(
@@ -284,8 +285,9 @@ def main() -> None:
     peers = PEERS | {f"Rust LMB, {way}": partial(rust_lmb, arguments.lmb, way) for way in ("lbp", "gibbs")}
     peers = {n: p for n, p in peers.items() if n in ("ours", *(arguments.only or peers))}
     warm_up()
+    n_fresh = 0 if arguments.recorded else arguments.sets
     for difficulty in ("demo", "hard"):
-        with sets(arguments.data, difficulty, 0 if arguments.recorded else arguments.sets) as paths:
+        with sets(arguments.data, difficulty, n_fresh, arguments.seed) as paths:
             loaded = [load(path, None, None) for path in paths[: arguments.sets]]
         what = "recorded sets" if arguments.recorded else "fresh draws"
         print(f"{difficulty}: {len(loaded)} {what} of {arguments.scans} scans")
