@@ -63,39 +63,6 @@ def _rivals(options: Options, track_label: Any, owner: Any, span: Any) -> int:
     return count
 
 
-@inlined
-def _claim(
-    meas: Any,
-    low: int,
-    high: int,
-    weight: Any,
-    absent: float,
-    owner: Any,
-    contested: Any,
-    share: Any,
-    claim: Any,
-) -> None:
-    """Fill `claim` (options,) with q of the label that has the options `low` to `high` - 1, if it has rivals.
-
-    `weight` (options,) is that of the option times its track's probability; `absent` is the probability that
-    the label was not there before; `share` (detections,) is scratch, and zero again at the end.
-    """
-    fallback = absent
-    for o in range(low, high):
-        j = meas[o]
-        if j < 0 or not contested[j]:
-            fallback += weight[o]
-        if j >= 0:
-            share[j] += weight[o]
-    for o in range(low, high):
-        j = meas[o]
-        if j >= 0 and owner[j] == _MANY:
-            claim[o] = share[j] / max(fallback + (share[j] if contested[j] else 0.0), 1e-300)
-    for o in range(low, high):
-        if meas[o] >= 0:
-            share[meas[o]] = 0.0
-
-
 class Claims(NamedTuple):
     """Room to see who wants what."""
 
@@ -107,7 +74,8 @@ class Claims(NamedTuple):
     strongest: Any
     span: Any
     """(tracks, 2) first track of each label with rivals, and the one after its last."""
-    absent: Any
+    free: Any
+    """(rivals,) weight of what nobody contests: absence, death, a miss, detections that nobody else gates."""
     group: Any
     """(tracks,) which group each is in."""
     known: Any
@@ -115,6 +83,10 @@ class Claims(NamedTuple):
     """(options,) of the option times its track's probability."""
     claim: Any
     """(options,) q."""
+    shared: Any
+    """(options,) those for detections that several labels gate, rival by rival."""
+    begin: Any
+    """(rivals + 1,) where each rival's begin."""
 
 
 @inlined
@@ -132,30 +104,57 @@ def room_for_claims(n_tracks: int, n_options: int, n_detections: int) -> Claims:
         np.empty(n_tracks, np.int64),
         np.empty(n_options),
         np.empty(n_options),
+        np.empty(n_options, np.int64),
+        np.empty(n_tracks + 1, np.int64),
     )
 
 
 @inlined
 def _weigh(groups: Groups, options: Options, n_rivals: int, to: Claims) -> None:
-    """Fill `to.weight`, `to.absent` and `to.group` for the labels with rivals."""
-    start_o = options.start
+    """Fill `to` for the labels with rivals: weights, what is free, options for shared detections."""
+    start_o, meas = options.start, options.meas
     for r in range(n_rivals):
         for t in range(to.span[r, 0], to.span[r, 1]):
             to.weight[start_o[t]] = 0.0
     for g in range(groups.first.size - 1):
         for h in range(groups.first[g], groups.first[g + 1]):
-            w = math.exp(groups.logw[h])
+            w = 1.0 if groups.logw[h] == 0.0 else math.exp(groups.logw[h])
             for i in range(groups.start[h], groups.start[h + 1]):
                 to.weight[start_o[groups.items[i]]] += w
                 to.group[groups.items[i]] = g
+    n = 0
     for r in range(n_rivals):
-        absent = 1.0
+        absent, free = 1.0, 0.0
+        to.begin[r], to.known[r] = n, -1
         for t in range(to.span[r, 0], to.span[r, 1]):
             prior = to.weight[start_o[t]]
             absent -= prior
             for o in range(start_o[t], start_o[t + 1]):
                 to.weight[o] = prior * math.exp(options.logw[o])
-        to.absent[r], to.known[r] = max(absent, 0.0), -1
+                if meas[o] >= 0 and to.owner[meas[o]] == _MANY:
+                    to.shared[n] = o
+                    n += 1
+                else:
+                    free += to.weight[o]
+        to.free[r] = max(absent, 0.0) + free
+    to.begin[n_rivals] = n
+
+
+@inlined
+def _claim(r: int, meas: Any, to: Claims) -> None:
+    """Fill `to.claim` for the shared detections of rival r; `to.share` is zero before and after."""
+    fallback = to.free[r]
+    for i in range(to.begin[r], to.begin[r + 1]):
+        o = to.shared[i]
+        to.share[meas[o]] += to.weight[o]
+        if not to.contested[meas[o]]:
+            fallback += to.weight[o]
+    for i in range(to.begin[r], to.begin[r + 1]):
+        o = to.shared[i]
+        share = to.share[meas[o]]
+        to.claim[o] = share / max(fallback + (share if to.contested[meas[o]] else 0.0), 1e-300)
+    for i in range(to.begin[r], to.begin[r + 1]):
+        to.share[meas[to.shared[i]]] = 0.0
 
 
 @leaf
@@ -163,35 +162,36 @@ def unite(
     groups: Groups, options: Options, track_label: Any, bound: float, work: Claims, parent: Any
 ) -> None:
     """Fill `parent` (groups,) with sets of groups that are in conflict over detections, as trees."""
-    start_o, meas = options.start, options.meas
-    owner, span, contested, claim, most = work.owner, work.span, work.contested, work.claim, work.most
-    strongest, group = work.strongest, work.group
+    meas, span, group = options.meas, work.span, work.group
+    shared, begin, contested, claim = work.shared, work.begin, work.contested, work.claim
+    most, strongest = work.most, work.strongest
     for g in range(parent.size):
         parent[g] = g
-    owner[:] = _NOBODY
-    n_rivals = _rivals(options, track_label, owner, span)
+    work.owner[:] = _NOBODY
+    n_rivals = _rivals(options, track_label, work.owner, span)
     if n_rivals == 0:
         return
     _weigh(groups, options, n_rivals, work)
     for _ in range(_ROUNDS):
         changed = False
         for r in range(n_rivals):
-            low, high, count = start_o[span[r, 0]], start_o[span[r, 1]], 0
-            for o in range(low, high):
-                count += meas[o] >= 0 and contested[meas[o]]
+            count = 0
+            for i in range(begin[r], begin[r + 1]):
+                count += contested[meas[shared[i]]]
             if count == work.known[r]:
                 continue
             # The more is contested, the greater the claims, so those of before need no second look.
             work.known[r] = count
-            _claim(meas, low, high, work.weight, work.absent[r], owner, contested, work.share, claim)
-            for o in range(low, high):
-                j = meas[o]
-                if j >= 0 and owner[j] == _MANY and claim[o] > most[j]:
-                    most[j], strongest[j] = claim[o], r
+            _claim(r, meas, work)
+            for i in range(begin[r], begin[r + 1]):
+                o = shared[i]
+                if claim[o] > most[meas[o]]:
+                    most[meas[o]], strongest[meas[o]] = claim[o], r
         for r in range(n_rivals):
-            for o in range(start_o[span[r, 0]], start_o[span[r, 1]]):
+            for i in range(begin[r], begin[r + 1]):
+                o = shared[i]
                 j = meas[o]
-                if j < 0 or owner[j] != _MANY or strongest[j] == r or claim[o] * most[j] <= bound:
+                if strongest[j] == r or claim[o] * most[j] <= bound:
                     continue
                 changed |= not contested[j]
                 contested[j] = True

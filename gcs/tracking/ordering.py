@@ -58,6 +58,11 @@ def greatest_first(value: Any, first: int, end: int, to: Order) -> None:
     while run < n:
         for low in range(0, n, 2 * run):
             mid, high = min(low + run, n), min(low + 2 * run, n)
+            if mid == high or not value[order[mid - 1]] < value[order[mid]]:
+                # In order as they are, as most of what comes from lists in order is.
+                for k in range(low, high):
+                    merged[k] = order[k]
+                continue
             i, j = low, mid
             for k in range(low, high):
                 if j == high or (i < mid and not value[order[i]] < value[order[j]]):

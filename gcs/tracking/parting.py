@@ -48,17 +48,21 @@ def _dependent(
 ) -> bool:
     """Whether labels p and q are further than `bound` (total variation) from being independent.
 
-    `joint` is scratch, as great as any two labels need.
+    `joint` is scratch, as great as any two labels need. It is two tables, taken in turns: most hypotheses add
+    to the same few places, and would wait for each other.
     """
     for a in range(used[p] + 1):
         for b in range(used[q] + 1):
-            joint[a, b] = 0.0
-    for h in range(n_hyps):
-        joint[choice[h, p], choice[h, q]] += weight[low + h]
+            joint[0, a, b] = joint[1, a, b] = 0.0
+    for h in range(0, n_hyps - 1, 2):
+        joint[0, choice[h, p], choice[h, q]] += weight[low + h]
+        joint[1, choice[h + 1, p], choice[h + 1, q]] += weight[low + h + 1]
+    if n_hyps % 2 == 1:
+        joint[0, choice[n_hyps - 1, p], choice[n_hyps - 1, q]] += weight[low + n_hyps - 1]
     distance = 0.0
     for a in range(used[p] + 1):
         for b in range(used[q] + 1):
-            distance += abs(joint[a, b] - marginal[p, a] * marginal[q, b])
+            distance += abs(joint[0, a, b] + joint[1, a, b] - marginal[p, a] * marginal[q, b])
     return 0.5 * distance > bound
 
 
@@ -79,7 +83,7 @@ class _Parting(NamedTuple):
     marginal: Any
     """(labels, tracks) probability of that."""
     joint: Any
-    """(tracks, tracks)."""
+    """(2, tracks, tracks)."""
     open: Any
     """(labels,) whether it may depend on others."""
     set_of: Any
@@ -228,7 +232,7 @@ def part(groups: Groups, track_label: Any, n_labels: int, keys: Any, limits: Lim
         np.empty(labels, np.int64),
         np.empty((hyps, labels), np.int64),
         np.empty((labels, tracks + 1)),
-        np.empty((tracks + 1, tracks + 1)),
+        np.empty((2, tracks + 1, tracks + 1)),
         np.empty(labels, np.bool_),
         np.empty(labels, np.int64),
         item_label,
