@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from gcs.compiling import Call, kernel
-from gcs.planning.grid import TOUCH
+from gcs.planning.grid import TOUCH, free_grid
 from gcs.planning.sight import clear_leg, room_at
 
 _NO_CELL = np.int64(-1)
@@ -77,8 +77,9 @@ def near_moves(blocked, reach, moves, tight, place, lean_rows, lean_cols):  # ty
 
 def warm_up_calls() -> list[Call]:
     """One call of every kernel, types as in a plan."""
-    blocked, bits, places = np.zeros((2, 2), np.bool_), np.zeros((2, 2), np.uint8), np.zeros(9)
+    blocked, tight = free_grid((2, 2), 10.0).blocked, np.zeros((2, 2), np.bool_)
+    bits, places = np.zeros((2, 2), np.uint8), np.zeros(9)
     return [
         (lean, blocked, 1.0, places, places),
-        (near_moves, blocked, 1.0, bits, blocked, bits, places, places),
+        (near_moves, blocked, 1.0, bits, tight, bits, places, places),
     ]

@@ -26,7 +26,7 @@ from gcs.planning.assignment import assign
 from gcs.planning.grid import Grid, Point, free_grid
 from gcs.planning.matrix import Places
 from gcs.planning.moves import SearchMap, cells, search_map
-from gcs.planning.shaping import close_and_seen, is_roomy, joins, pull
+from gcs.planning.shaping import close_and_seen, is_roomy, joins, legs_are_clear, pull
 from gcs.planning.sight import clear_leg
 from gcs.planning.starts import start_is_clear, start_is_safe, start_room
 from gcs.planning.task import AgentStart, PlanOptions, Terms
@@ -194,6 +194,7 @@ def warm_up_calls() -> list[compiling.Call]:
         (joins, blocked, smap.mainland, smap.tight, smap.stride, xy),
         (close_and_seen, blocked, 0.0, xy[0], xy[0]),
         (is_roomy, blocked, 0.0, way, -1, False),
+        (legs_are_clear, blocked, way, -1),
         *leaning.warm_up_calls(),
         *matrix.warm_up_calls(),
         *intercept.warm_up_calls(),

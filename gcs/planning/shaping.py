@@ -221,6 +221,15 @@ def is_roomy(blocked, reach, points, own, ends_at_place):  # type: ignore[no-unt
     return True
 
 
+@kernel
+def legs_are_clear(blocked, points, own):  # type: ignore[no-untyped-def]
+    """Whether no leg touches an obstacle."""
+    for i in range(points.shape[0] - 1):  # noqa: SIM110  numba compiles no generators
+        if not _sees(blocked, 0.0, points, i, i + 1, own):
+            return False
+    return True
+
+
 class Shaped(NamedTuple):
     """A way that can be flown, in cells."""
 
@@ -259,18 +268,11 @@ def shape_way(
         turned, flown, problem = flyable(blocked, reach, way, heading, radius, own)
         # Whatever the turns need, no leg may lead through an obstacle: rather no loop on to the route, or the
         # string as it was.
-        if not _legs_are_clear(blocked, turned, own):
+        if not legs_are_clear(blocked, turned, own):
             turned, flown, problem = flyable(blocked, reach, way, np.zeros(2), radius, own)
             problem += SHARP_START
-        if _legs_are_clear(blocked, turned, own):
+        if legs_are_clear(blocked, turned, own):
             way, length = turned, float(flown)
         else:
             problem = SHARP_START + SHARP_CORNER
     return Shaped(way, length, bool(is_roomy(blocked, reach, way, own, ends_at_place)), problem)
-
-
-def _legs_are_clear(blocked: BoolArray, points: FloatArray, own: int) -> bool:
-    return all(
-        clear_leg(blocked, *points[i].tolist(), *points[i + 1].tolist(), 0.0, own if i == 0 else -1)
-        for i in range(len(points) - 1)
-    )
