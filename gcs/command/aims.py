@@ -44,9 +44,9 @@ class Aims:
         self._ranks = [highest - birth.priority for birth in config.births]
         self._rank = highest
 
-    def start(self, vehicle: int, place: Point, course_rad: float) -> AgentStart:
-        """Where and how an agent begins its route."""
-        return AgentStart(*place, course_rad, self._speeds_m_s[vehicle])
+    def start(self, vehicle: int, place: Point, course_rad: float, late_s: float) -> AgentStart:
+        """Where, how and when an agent begins its route."""
+        return AgentStart(*place, course_rad, self._speeds_m_s[vehicle], late_s)
 
     def place(self, target: Track, ahead_s: float) -> Point:
         """Where a target will be; with `planning.aim = "position"` where it is."""
@@ -66,10 +66,11 @@ class Aims:
         """How many agents a target needs."""
         return self._births[label[1]].agents if label[1] < len(self._births) else 1
 
-    def off_m(self, vehicle: int, agent: Track, route: Route, target: Track) -> float:
-        """How far a route ends from where its target will be then."""
+    def off_m(self, vehicle: int, agent: Track, route: Route, target: Track, begins_s: float) -> float:
+        """How far a route, which is flown from in `begins_s` on, ends from where its target will be then."""
         to_go = to_go_m(route.points_m, place_of(agent), CORRIDOR_M)
-        place = self.place(target, min(to_go / self._speeds_m_s[vehicle], self._planning.horizon_s))
+        arrives_s = begins_s + to_go / self._speeds_m_s[vehicle]
+        place = self.place(target, min(arrives_s, self._planning.horizon_s))
         return math.dist(place, route.points_m[-1])
 
     def tolerance_m(self, agent: Track, route: Route) -> float:

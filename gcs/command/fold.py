@@ -12,11 +12,12 @@ same effects, byte for byte. A recording is the list of events, and replaying it
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 from gcs.command.answers import Ongoing, named
 from gcs.command.approval import Approval
 from gcs.command.area import mission_grid
+from gcs.command.delays import Delays
 from gcs.command.fates import Fates
 from gcs.command.guests import Guests
 from gcs.command.keepouts import KeepOuts
@@ -92,6 +93,7 @@ class Command:
         self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
         self.witness = Witness(telemetry)
         self.motions = Motions(telemetry.max_age_s)
+        self.delays = Delays()
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner = Replanner(config, self.grid)
         self.tasking = Tasking(
@@ -315,11 +317,18 @@ class Command:
             picture_t_ns=picture_t_ns,
             agents=flying,
             motions=self.motions.now(flying, t_ns, picture_t_ns, lambda v: self.tasking.ahead(v, t_ns)),
+            late_s={vehicle: self.delays.late_s(vehicle) for vehicle in flying},
+            left_s=self._left_s(flying, t_ns),
             targets=self._open_targets(),
             at_targets=self.fates.at_targets(),
             arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),
             away=away,
         )
+
+    def _left_s(self, vehicles: Iterable[int], t_ns: int) -> dict[int, float]:
+        """Until vehicles fly the missions that are under way to them."""
+        under_way = {vehicle: self.tasking.under_way_s(vehicle, t_ns) for vehicle in vehicles}
+        return {v: self.delays.left_s(v, for_s) for v, for_s in under_way.items() if for_s is not None}
 
     def _open_targets(self) -> dict[Label, Track]:
         """Believed targets that need somebody."""
@@ -344,6 +353,9 @@ class Command:
         effects: list[Effect] = []
         for route in routes:
             at_once = route.vehicle in hurried
+            for_s = self.tasking.under_way_s(route.vehicle, t_ns)
+            if for_s is not None:
+                self.delays.given_up(route.vehicle, for_s)
             effects += self._settle(self.tasking.task(route, t_ns, at_once=at_once))
         return effects
 
@@ -356,7 +368,9 @@ class Command:
                 settled += self.approval.uploaded(effect)
                 if effect.ok:
                     self.guests.release([effect.vehicle])
-                if not effect.ok:
+                    self.delays.arrived(effect.vehicle, effect.duration_s)
+                else:
+                    self.delays.given_up(effect.vehicle, effect.duration_s)
                     self.replanner.undelivered(effect.vehicle)
         return settled
 

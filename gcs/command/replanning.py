@@ -19,6 +19,7 @@ from itertools import pairwise
 
 from gcs.command.aims import Aims, plan_options
 from gcs.command.apart import Lanes
+from gcs.command.delays import DELIVERY_S
 from gcs.command.motions import motion_of
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
@@ -33,8 +34,8 @@ _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
 _FAR_OFF = 3.0
 """A target so many times farther from where its route ends than it may be cannot wait for the next look."""
-DELIVERY_S = 1.0
-"""How long a mission takes from the plan until it is flown, on a good link: 0.5 to 1.8 s."""
+_HOLD_S = 3.0
+"""A vehicle that gets a mission is told to hold so long before it would take its next item, at the latest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,10 @@ class Situation:
     """Vehicles that fly but are not ours to task, and why, in words."""
     motions: Mapping[int, Motion] = field(default_factory=dict)
     """How agents move; who is not among them flies as its track does."""
+    late_s: Mapping[int, float] = field(default_factory=dict)
+    """How much longer than on a good link a mission takes to a vehicle (`gcs.command.delays`)."""
+    left_s: Mapping[int, float] = field(default_factory=dict)
+    """Until vehicles fly the mission that is under way to them."""
 
     def motion(self, vehicle: int) -> Motion:
         """How an agent moves."""
@@ -227,18 +232,24 @@ class Replanner:
         return [
             f"target {_name(route.target)} moved {moved_m:.0f} m"
             for vehicle, route, agent in self._flown(situation)
-            if self._is_settled(vehicle, situation.t_ns)
-            and (moved_m := self.aims.off_m(vehicle, agent, route, situation.targets[route.target]))
+            if self._is_settled(vehicle, situation)
+            and (moved_m := self._off_m(vehicle, route, situation))
             > times * self.aims.tolerance_m(agent, route)
         ]
 
-    def _is_settled(self, vehicle: int, t_ns: int) -> bool:
-        """Whether a vehicle had its route for a period.
+    def _off_m(self, vehicle: int, route: Route, situation: Situation) -> float:
+        """How far a route ends from where its target will be then."""
+        agent, target = situation.agents[vehicle], situation.targets[route.target]
+        return self.aims.off_m(vehicle, agent, route, target, situation.left_s.get(vehicle, 0.0))
+
+    def _is_settled(self, vehicle: int, situation: Situation) -> bool:
+        """Whether a vehicle had its route for a period, and long enough for the route to get there.
 
         Estimates jitter: a route that is corrected again before it was taken up is flown worse than one that
         is a little off.
         """
-        return t_ns - self._given_t_ns.get(vehicle, 0) >= self._period_ns
+        had_ns = situation.t_ns - self._given_t_ns.get(vehicle, 0)
+        return had_ns >= max(self._period_ns, situation.late_s.get(vehicle, 0.0) * NS_PER_S)
 
     def _astray(self, situation: Situation) -> list[str]:
         """Who is too far off its route, in words."""
@@ -315,9 +326,9 @@ class Replanner:
 
     def _start(self, vehicle: int, situation: Situation) -> AgentStart:
         """Where an agent will be when it takes up a route that is planned now."""
-        motion = situation.motion(vehicle)
-        ahead_s = self._ahead_s + motion.ahead.wait_s
-        return self.aims.start(vehicle, *expected(self._grid, motion, ahead_s, self._lag_s))
+        motion, late_s = situation.motion(vehicle), situation.late_s.get(vehicle, 0.0)
+        ahead_s = self._ahead_s + motion.ahead.wait_s + min(late_s, _until_hold_s(motion))
+        return self.aims.start(vehicle, *expected(self._grid, motion, ahead_s, self._lag_s), late_s)
 
     def _place(self, target: Track, situation: Situation) -> Point:
         """Where a target will be when agents take up routes that are planned now."""
@@ -341,10 +352,17 @@ class Replanner:
             return False
         if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
             return True
-        if not self._is_settled(new.vehicle, situation.t_ns):
+        if not self._is_settled(vehicle, situation):
             return True
-        target = situation.targets[new.target]
-        return self.aims.off_m(new.vehicle, agent, flown, target) <= self.aims.tolerance_m(agent, flown)
+        return self._off_m(vehicle, flown, situation) <= self.aims.tolerance_m(agent, flown)
+
+
+def _until_hold_s(motion: Motion) -> float:
+    """How long a vehicle flies on by what it holds while it gets another mission."""
+    if not motion.ahead.points_m:
+        return 0.0
+    to_go_m = math.dist((motion.east_m, motion.north_m), motion.ahead.points_m[0])
+    return max(0.0, to_go_m / max(motion.speed_m_s, 1.0) - motion.age_s - _HOLD_S)
 
 
 def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:

@@ -125,6 +125,8 @@ class Tasking:
         self._flown: dict[int, Flown] = {}
         self._mixed: set[int] = set()
         """Vehicles that may hold a mix."""
+        self._unselected: set[int] = set()
+        """Vehicles that may fly on by the numbers of a mission that they no longer hold."""
         self._boots: dict[int, int] = {}
         self._mission_count = 0
 
@@ -133,6 +135,11 @@ class Tasking:
         """Stage of each transfer under way, by vehicle; "waiting" for room on its link."""
         stages = {vehicle: delivery.task.stage for vehicle, delivery in self._deliveries.items()}
         return dict.fromkeys(self._waiting, "waiting") | stages
+
+    def under_way_s(self, vehicle: int, t_ns: int) -> float | None:
+        """How long a transfer has been under way; None when there is none."""
+        delivery = self._deliveries.get(vehicle)
+        return None if delivery is None else (t_ns - delivery.began_t_ns) / NS_PER_S
 
     @property
     def missions(self) -> int:
@@ -160,7 +167,9 @@ class Tasking:
     def points_ahead(self, vehicle: int) -> tuple[tuple[float, float], ...]:
         """Points that a vehicle in AUTO flies to by what it holds, the next one first."""
         flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
-        if flown is None or state is None or state.mode != AUTO or state.mission_seq < flown.first_point:
+        if flown is None or state is None or state.mode != AUTO or vehicle in self._unselected:
+            return ()
+        if state.mission_seq < flown.first_point:
             return ()
         left = flown.route.points_m[state.mission_seq - flown.first_point :]
         return tuple((east_m, north_m) for east_m, north_m in left.tolist())
@@ -273,6 +282,7 @@ class Tasking:
         self._boots[vehicle] = self._fleet.boots(vehicle)
         self._custody[vehicle].rebooted()
         self._flown.pop(vehicle, None)
+        self._unselected.discard(vehicle)
         delivery = self._deliveries.get(vehicle)
         return [] if delivery is None else self._worked(vehicle, delivery.task.restart(t_ns))
 
@@ -285,7 +295,9 @@ class Tasking:
     def _time_to_next_s(self, vehicle: int, t_ns: int) -> float:
         """Seconds until it can take its next item from the store; 0 when that is not known."""
         flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
-        if flown is None or state is None or state.mission_seq < flown.first_point:
+        if flown is None or state is None or vehicle in self._unselected:
+            return 0.0
+        if state.mission_seq < flown.first_point:
             return 0.0
         place, index = (state.east_m, state.north_m), state.mission_seq - flown.first_point
         if index >= len(flown.route.points_m):
@@ -389,6 +401,8 @@ class Tasking:
         self._busy[delivery.link] -= 1
         result = delivery.task.result
         assert result is not None
+        if delivery.task.uploads:
+            (self._unselected.discard if result.selected else self._unselected.add)(vehicle)
         if delivery.task.is_mixed:
             self.suspect(vehicle)
         elif result.holds == "equal" and delivery.flown is not None:

@@ -115,6 +115,7 @@ class Steps:
         self._by_message = profile.select_by == "message"
         self._first = self._mark = profile.home_items
         self._hold_t_ns: int | None = None
+        self._selected = True
 
     @property
     def is_mixed(self) -> bool:
@@ -163,6 +164,7 @@ class Steps:
 
     def _note_upload(self) -> None:
         """From now on the vehicle may have begun to change what it stores."""
+        self._selected = self._profile.atomic
         if self._holds != "unknown":
             self._holds = "unknown"
             self._current_before = self._current
@@ -185,6 +187,7 @@ class Steps:
         return command(self.mission.vehicle, SET_CURRENT, self._first)
 
     def _start_mode(self, t_ns: int) -> None:
+        self._selected = True
         if self._custody.taken:
             self._leave(t_ns)
         else:
@@ -236,7 +239,9 @@ class Steps:
             detail += f" after {self.uploads} uploads"
         duration_s = (t_ns - self._began_t_ns) / NS_PER_S
         held = self._hold_t_ns is not None and (ok or self._custody.mode != AUTO)
-        self.result = TaskResult(t_ns, ok, self._holds, detail, duration_s, self.retries, held)
+        self.result = TaskResult(
+            t_ns, ok, self._holds, detail, duration_s, self.retries, held, self._selected
+        )
         self._enter("done", t_ns)
 
     def _for_us(self, message: Message, *, broadcast: bool = False) -> bool:

@@ -77,3 +77,6 @@ class TaskResult:
     retries: int
     held: bool
     """Whether it was told to LOITER, and so does not fly its mission unless `ok`."""
+    selected: bool
+    """Whether what it stores is what it flies, if it flies: until the first item of another mission was
+    selected, it flies an item of the mission before, and counts on from that one's number."""

@@ -16,7 +16,8 @@ Why it is shaped like this:
 * While the store is mixed the vehicle may go on in AUTO as long as it flies the waypoint that it has cached.
   It must not take the next one from the mix: when the next item is nearer than `Timing.guard_s`, it is told
   to LOITER, before the upload begins ("park") or in the midst of it, and to go on when the mission is
-  verified.
+  verified. Nor may it take the next one by its old number from a new mission of which nothing has been
+  selected yet: that number may be beyond its end, and the vehicle would return to launch.
 * When repairs are used up: LOITER, then MISSION_CLEAR_ALL (refused while in AUTO), checked. The report says
   what the vehicle holds; a mix is never left to be flown.
 * Somebody else may choose another mode meanwhile (`gcs.mavlink.custody`). Then the store is brought to a good
@@ -200,7 +201,8 @@ class MissionTask(Steps):
     def _unanswered(self, t_ns: int) -> None:
         match self.stage:
             case "park":
-                self._reason = "LOITER was not confirmed, so nothing was changed"
+                unchanged = ", so nothing was changed" if self._holds == "old" else ""
+                self._reason = f"LOITER was not confirmed{unchanged}"
                 self._finish(ok=False, t_ns=t_ns)
             case "upload":
                 self._reason = "no answer to MISSION_COUNT"
@@ -221,11 +223,16 @@ class MissionTask(Steps):
                 self._finish(ok=False, t_ns=t_ns)
 
     def _guard(self, t_ns: int) -> None:
-        """Tell the vehicle to LOITER before it takes its next item from a mixed store."""
+        """Tell the vehicle to LOITER before it takes its next item from a mixed store, or from another."""
         mixed = self.is_mixed and self.stage in ("upload", "verify", "clear")
-        if not mixed or self._custody.mode != AUTO:
+        unselected = self.stage == "select" and not self._selected
+        if not (mixed or unselected) or self._custody.mode != AUTO:
             return
         near = self._time_to_next_s(t_ns) < self._timing.guard_s
+        if unselected:
+            if near:
+                self._park(t_ns)
+            return
         moved_on = self._current is not None and self._current != self._current_before
         again = self._hold_t_ns is None or t_ns - self._hold_t_ns >= ns(self._timing.hold_again_s)
         if (near or moved_on or self._hold_t_ns is not None) and again:

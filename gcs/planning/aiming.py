@@ -71,7 +71,8 @@ class Search:
         self._goals = self._places(self._view.places_m)
         self._lengths_m, self._way = self._ways(self.starts, self._goals)
         speeds = np.array([agent.speed_m_s for agent in agents])
-        arrivals_s, self._met_s = meetings(self._lengths_m, self._view, speeds)
+        waited_m = speeds * [agent.late_s for agent in agents]
+        arrivals_s, self._met_s = meetings(self._lengths_m + waited_m[:, None], self._view, speeds)
         by_length = options.cost == "length"
         self.costs: FloatArray = arrivals_s * (speeds[:, None] if by_length else speeds.mean())
 
@@ -89,7 +90,7 @@ class Search:
         """
         first, last = self._view.first[j], self._view.first[j + 1] - 1
         place_m, velocity_m_s = self._view.places_m[first], np.array(self._velocities[j])
-        speed_m_s, latest_s = self._agents[i].speed_m_s, float(self._view.after_s[last])
+        agent, latest_s = self._agents[i], float(self._view.after_s[last])
         meeting_s = float(self._met_s[i, j])
         best: Aimed | None = None
         for _ in range(_CORRECTIONS):
@@ -100,13 +101,13 @@ class Search:
                 break
             shaped, is_inside = self._shaped(i, goals, 0, way(0, 0)), bool(goals.inside[0])
             best = self._aimed(shaped, end_m, is_inside, float(lengths_m[0, 0]))
-            late_s = best.length_m / speed_m_s - meeting_s
+            late_s = agent.late_s + best.length_m / agent.speed_m_s - meeting_s
             off_m = float(np.hypot(*velocity_m_s)) * abs(late_s)
             leg = np.diff(shaped.points[-2:], axis=0).sum(axis=0)
             leg_length = float(np.hypot(*leg))
             if off_m <= _CORRECT_M or leg_length == 0.0 or (late_s > 0.0 and meeting_s >= latest_s):
                 break
-            receding = float(leg @ velocity_m_s) / (leg_length * speed_m_s)
+            receding = float(leg @ velocity_m_s) / (leg_length * agent.speed_m_s)
             meeting_s += late_s / max(1.0 - receding, _LEAST_CLOSING)
             meeting_s = min(max(meeting_s, 0.0), latest_s)
         if best is not None:

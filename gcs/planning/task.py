@@ -13,12 +13,14 @@ from gcs.planning.shaping import Shape
 
 @dataclass(frozen=True, slots=True)
 class AgentStart:
-    """Where an agent's route begins, its course over ground if that is known, and how fast it flies."""
+    """Where an agent's route begins, its course over ground if that is known, how fast it flies, and when."""
 
     east_m: float
     north_m: float
     course_rad: float | None = None
     speed_m_s: float = 15.0
+    late_s: float = 0.0
+    """It begins so long after targets are where they are said to be."""
 
 
 @dataclass(frozen=True, slots=True)

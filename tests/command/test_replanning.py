@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from staging import at, mission, track
 
 from gcs.command.area import mission_grid
-from gcs.command.replanning import DELIVERY_S, Replanner, Situation
+from gcs.command.delays import DELIVERY_S
+from gcs.command.replanning import Replanner, Situation
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 
@@ -387,3 +388,24 @@ def test_agent_and_target_are_both_taken_to_the_moment_at_which_the_route_is_tak
     assert route.length_m == pytest.approx(np.hypot(*(route.points_m[-1] - start_m)))
     met_m = np.array([1500.0, 200.0]) + velocity_m_s * (taken_up_s + route.length_m / speed_m_s)
     assert np.hypot(*(met_m - route.points_m[-1])) < 5.0
+
+
+def test_a_mission_that_takes_long_to_its_vehicle_is_planned_to_meet_the_target_later() -> None:
+    config = mission(
+        agents=[(100.0, 200.0)],
+        births=[(1500.0, 200.0)],
+        tables='[planning]\naim = "intercept"\nshape = "pulled"\n',
+    )
+    speed_m_s, velocity_m_s, late_s = 15.0, np.array([0.0, 4.0]), 20.0
+    sure = {"cov": np.diag([9.0, 9.0, 0.01, 0.01])}
+    agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
+    target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
+    bad = Situation(at(0.0), at(0.0), {1: agent}, {A: target}, frozenset(), late_s={1: late_s})
+    replanner = Replanner(config, mission_grid(config, 0))
+    (route,) = replanner.check(bad).routes
+    meeting_s = DELIVERY_S + 0.5 * config.airframe.turn_lag_s + late_s + route.length_m / speed_m_s
+    assert math.dist([1500.0, 200.0] + velocity_m_s * meeting_s, route.points_m[-1]) < 5.0
+    # Its target walks on meanwhile, and that is no news.
+    walked = replace(target, mean=np.array([*(target.mean[:2] + 15.0 * velocity_m_s), *velocity_m_s]))
+    then = replace(bad, t_ns=at(15.0), picture_t_ns=at(15.0), left_s={1: 5.0}, targets={A: walked})
+    assert replanner.check(then) is None

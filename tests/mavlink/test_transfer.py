@@ -379,6 +379,36 @@ def test_a_vehicle_near_its_next_waypoint_waits_before_anything_is_changed():
     assert not any(stored_while_in_auto)
 
 
+def test_a_vehicle_never_counts_on_into_a_mission_of_which_nothing_was_selected():
+    """It would be past the end of a shorter one, and return to launch."""
+    plane, old = flying(points=12, leg_s=8.0)
+    plane._fly_to(9)
+    link = joined(plane, 3, old=old)
+    obey = plane._on_command_long
+    plane._on_command_long = lambda m, sender, t_ns: (
+        [] if m.command == 224 and link.t_ns < 20 * S else obey(m, sender, t_ns)
+    )
+    modes = set()
+    link.each_step = lambda now: modes.add(plane.mode)
+    result = link.run()
+    assert (result.ok, result.held, result.selected) == (True, True, True)
+    assert modes == {AUTO, LOITER}
+    assert (plane.mode, plane.current) == (AUTO, 1)
+
+
+def test_a_task_that_is_superseded_before_it_could_select_says_so():
+    plane, old = flying(points=12)
+    plane._fly_to(9)
+    obey = plane._on_command_long
+    plane._on_command_long = lambda m, *rest: [] if m.command == 224 else obey(m, *rest)
+    link = joined(plane, 3, old=old)
+    link.up.put(link.task.start(0), 0)
+    while link.task.stage != "select":
+        link.step()
+    link.task.supersede(link.t_ns)
+    assert (link.task.result.holds, link.task.result.selected) == ("equal", False)
+
+
 def test_a_vehicle_that_cannot_be_told_to_wait_keeps_its_mission():
     plane, old = flying(leg_s=2.0)
     plane.ignores.add("COMMAND_LONG")
