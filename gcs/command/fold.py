@@ -224,6 +224,7 @@ class Command:
         effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
         effects += self._watch_sensors(event.t_ns)
         effects += self._due_scans(event.t_ns)
+        effects += self._withdraw(event.t_ns)
         effects += self._settle(self.tasking.poll(event.t_ns))
         effects += self.guests.poll(event.t_ns)
         return effects + self.orders.poll(event.t_ns) + self.recovery.poll(event.t_ns)
@@ -350,7 +351,7 @@ class Command:
 
     def _send(self, routes: Sequence[Route], t_ns: int, hurried: Container[int] = ()) -> list[Effect]:
         """Send routes to their vehicles as missions."""
-        effects: list[Effect] = []
+        effects: list[Effect] = self._withdraw(t_ns)
         for route in routes:
             at_once = route.vehicle in hurried
             for_s = self.tasking.under_way_s(route.vehicle, t_ns)
@@ -359,19 +360,28 @@ class Command:
             effects += self._settle(self.tasking.task(route, t_ns, at_once=at_once))
         return effects
 
+    def _withdraw(self, t_ns: int) -> list[Effect]:
+        """Let no route wait for a vehicle that is not to fly it any more."""
+        unwanted = self.tasking.withdraw_but(self.replanner.routes)
+        return [answer for v in unwanted for answer in self.approval.end(v, t_ns, "not wanted any more")]
+
     def _settle(self, effects: Sequence[Effect]) -> list[Effect]:
         """Answer for transfers that ended; who did not get its mission is planned for again."""
         settled: list[Effect] = []
         for effect in effects:
             settled.append(effect)
-            if isinstance(effect, UploadReport):
-                settled += self.approval.uploaded(effect)
-                if effect.ok:
-                    self.guests.release([effect.vehicle])
-                    self.delays.arrived(effect.vehicle, effect.duration_s)
-                else:
-                    self.delays.given_up(effect.vehicle, effect.duration_s)
-                    self.replanner.undelivered(effect.vehicle)
+            if not isinstance(effect, UploadReport):
+                continue
+            if effect.ok:
+                self.guests.release([effect.vehicle])
+                self.delays.arrived(effect.vehicle, effect.duration_s)
+            else:
+                self.delays.given_up(effect.vehicle, effect.duration_s)
+            if self.tasking.is_tasked(effect.vehicle):
+                continue  # a newer mission is on its way: what counts is what becomes of that
+            settled += self.approval.uploaded(effect)
+            if not effect.ok:
+                self.replanner.undelivered(effect.vehicle)
         return settled
 
     def _end(self, t_ns: int) -> list[Effect]:

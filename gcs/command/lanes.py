@@ -4,7 +4,8 @@ A radio is slow, and shared: too many transfers at once wait for each other unti
 before its answer can come. So each link has a window, found as TCP finds its own (Jacobson, *Congestion
 Avoidance and Control*, 1988): it opens by one with each transfer that went well, and is halved when round
 trips become long against the shortest seen, or when many messages had to be repeated; at most once for the
-transfers that were under way together.
+transfers that were under way together. A link that loses much though its round trips stay short is a bad one
+rather than a crowded one: it keeps a few places, so that vehicles do not wait for each other's repeats.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ _FIRST_WINDOW: Final = 8
 _LONG: Final = 3.0
 _SLACK_S: Final = 0.1
 _REPEATED: Final = 0.25
+_LOSSY_WINDOW: Final = 4
 
 
 class Lane:
@@ -49,5 +51,6 @@ class Lane:
         if not is_long and repeated <= _REPEATED:
             self.window = min(self._most, self.window + 1)
         elif began_t_ns > self._narrowed_t_ns:
-            self.window = max(1, self.window // 2)
+            is_lossy = round_trip_s is not None and not is_long
+            self.window = max(1, min(_LOSSY_WINDOW, self.window) if is_lossy else 0, self.window // 2)
             self._narrowed_t_ns = t_ns

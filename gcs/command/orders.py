@@ -65,6 +65,11 @@ class Orders:
         """Vehicles that are set aside, and why, in words."""
         return {vehicle: _WORDS[why] for vehicle, why in self.aside.items()}
 
+    @property
+    def commanded(self) -> Container[int]:
+        """Vehicles that are being told what to do, and have not shown it."""
+        return self._errands
+
     def take(self, order: Order, targets: Container[Label]) -> list[Effect]:
         """Begin to carry out an order to vehicles.
 
@@ -187,6 +192,8 @@ class Orders:
         if errand.outcome is not None:
             del self._errands[vehicle]
             done, detail = errand.outcome
+            if ongoing.order.action == "resume" and not done and vehicle not in self._tasking.under_way:
+                self._replanner.undelivered(vehicle)  # it does not fly its route: the next plan has another
             effects.append(ongoing.answer(t_ns, "done" if done else "failed", detail, vehicle))
         return effects
 

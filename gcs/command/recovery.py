@@ -27,15 +27,17 @@ from scipy.optimize import linear_sum_assignment
 
 from gcs.command.fates import Fates
 from gcs.command.guests import Guests
+from gcs.command.holding import Flown
 from gcs.command.orders import Orders
 from gcs.command.replanning import Replanner
-from gcs.command.tasking import Flown, Tasking
+from gcs.command.tasking import Tasking
 from gcs.command.trackers import Trackers
 from gcs.mavlink.asking import Asking, Patience
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.mavlink.conversations import ReadBack
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Item
+from gcs.mavlink.modes import AUTO
 from gcs.model import NS_PER_S, Effect, Label, Notice, Resumed, Route, Track, VehicleMemory
 
 _PATIENCE: Final = Patience(wait_s=0.7, wait_max_s=2.0, tries=12)
@@ -262,7 +264,14 @@ class Recovery:
                 self._tasking.found(replace(flown, route=route))
         for vehicle in [vehicle for vehicle in routes if vehicle in self._orders.aside]:
             self._orders.suspended[vehicle] = routes.pop(vehicle)
+        for vehicle in [vehicle for vehicle in routes if not self._is_flown(vehicle)]:
+            del routes[vehicle]  # it holds its mission and does not fly it: the next plan has another for it
         self._replanner.resume(t_ns, routes, targets)
+
+    def _is_flown(self, vehicle: int) -> bool:
+        """Whether a vehicle flies what it holds: an order may have let it go on from where it was held."""
+        state = self._fleet.state(vehicle)
+        return state is not None and state.mode == AUTO and vehicle not in self._orders.commanded
 
 
 def _row(item: Item) -> tuple[float | None, ...]:

@@ -233,3 +233,13 @@ def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_after_a_restart_until_i
     assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "told once"
     again.step(order(60.0, "resume"))
     assert again.away() == {}
+
+
+def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_flies_on() -> None:
+    orders = (order(20.0, "hold", 2), order(36.0, "resume", 2))
+    flight = flight_with_a_restart(30.0, 4.0, 400.0, orders=orders, scenario=standing())
+    again = next(plan for plan in flight.all(Plan) if "taken up again" in plan.reason)
+    assert again.t_ns > START_T_NS + 36.0 * S
+    assert flight.answers("resume-36.0") == [("accepted", None), ("done", 2)]
+    (ended,) = flight.all(MissionEnded)
+    assert ended.arrived == (1, 2, 3, 4)

@@ -133,7 +133,7 @@ def test_a_reboot_in_mid_transfer_starts_the_transfer_again():
 def test_a_vehicle_about_to_take_its_next_item_is_not_made_to_hold_for_a_new_mission(monkeypatch):
     """It would turn where nobody planned it; seconds later, past the item, it need not."""
     assert holds_in_flight() <= 1
-    monkeypatch.setattr("gcs.command.tasking._MOST_WAIT_NS", 0)
+    monkeypatch.setattr("gcs.command.waiting._MOST_WAIT_NS", 0)
     assert holds_in_flight() >= 4
 
 
@@ -152,3 +152,79 @@ def holds_in_flight():
     run = VirtualRun(load("random-targets"), 3, on_event)
     run.run(60.0)
     return len(holds)
+
+
+def test_on_a_lossy_link_a_transfer_is_let_end_though_ever_newer_routes_come(monkeypatch):
+    """A vehicle would circle for minutes over transfers that all give way to the next one."""
+    assert sum(report.ok for report in re_tasked_on_a_bad_link().reports()) >= 4
+    monkeypatch.setattr("gcs.command.waiting._REPLACED_NS", 10**12)
+    assert re_tasked_on_a_bad_link().reports() == []
+
+
+def re_tasked_on_a_bad_link():
+    swarm, rng = Swarm(1), np.random.default_rng(1)
+    plane = swarm.planes[1]
+    hear = plane.receive
+    plane.receive = lambda data, t_ns: hear(data, t_ns) if rng.random() > 0.6 else []
+    for n in range(30):
+        swarm.task(1, ROUTE + float(n))
+        swarm.run(5.0)
+    return swarm
+
+
+def test_a_route_that_waits_is_not_sent_to_a_vehicle_that_somebody_took_meanwhile():
+    swarm = Swarm(2, most=1)
+    swarm.planes[1].ignores.add("MISSION_REQUEST_LIST")  # so that it lasts
+    swarm.task(1)
+    swarm.task(2)
+    assert swarm.tasking.under_way[2] == "waiting"
+    swarm.planes[2].mode = MANUAL
+    swarm.run(2.0)
+    swarm.planes[1].ignores.clear()
+    swarm.run(15.0)
+    assert swarm.planes[2].store == []
+    (detail,) = [report.detail for report in swarm.reports() if report.vehicle == 2]
+    assert detail == "not begun: MANUAL was chosen meanwhile"
+
+
+def test_a_route_that_is_not_wanted_any_more_waits_no_longer():
+    swarm = Swarm(2, most=1)
+    swarm.planes[1].ignores.add("MISSION_REQUEST_LIST")  # so that it lasts
+    swarm.task(1)
+    swarm.task(2)
+    assert swarm.tasking.withdraw_but({1}) == [2]
+    swarm.planes[1].ignores.clear()
+    swarm.run(15.0)
+    assert swarm.planes[2].store == []
+    assert [report.vehicle for report in swarm.reports()] == [1]
+
+
+def test_a_route_takes_the_place_of_a_clearing_and_the_link_is_free_afterwards():
+    swarm = Swarm(2, most=1)
+    swarm.planes[1].ignores.add("MISSION_REQUEST_LIST")
+    swarm.task(1)
+    swarm.task(2)
+    swarm.tasking.suspect(2)
+    swarm.run(2.0)
+    swarm.planes[1].ignores.clear()
+    swarm.run(30.0)
+    assert sorted(report.vehicle for report in swarm.reports() if report.ok) == [1, 2]
+    swarm.task(1, ROUTE + 5.0)  # a place that was lost would keep everybody waiting for ever
+    swarm.run(15.0)
+    assert [report.vehicle for report in swarm.reports() if report.ok][-1] == 1
+
+
+def test_after_failures_a_vehicle_is_tasked_again_ever_more_slowly_and_the_operator_is_told():
+    swarm = Swarm(1)
+    swarm.planes[1].ignores |= {"MISSION_COUNT", "MISSION_CLEAR_ALL"}
+    for _ in range(160):
+        if not swarm.tasking.is_tasked(1):
+            swarm.task(1)
+        swarm.run(2.0)
+    failed_s = [report.t_ns / S for report in swarm.reports()]
+    assert len(failed_s) >= 4
+    alarms = [e for e in swarm.effects if isinstance(e, Notice) and "got none of its last" in e.text]
+    assert [alarm.text.split()[-2] for alarm in alarms[:3]] == ["5", "10", "20"]
+    swarm.planes[1].ignores.clear()
+    swarm.run(60.0)
+    assert swarm.reports()[-1].ok

@@ -1,0 +1,71 @@
+"""A route as a mission: the places, altitudes and acceptance radii that a vehicle is to fly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gcs.config.tables import AirframeTable, MissionTable
+from gcs.geo import LocalFrame
+from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
+from gcs.planning.progress import CORRIDOR_M, next_point
+from gcs.planning.turning import acceptance_m
+
+MAX_RADIUS_M = 255.0
+"""What a mission item can hold."""
+
+
+class Missions:
+    """Makes missions of routes.
+
+    Parameters
+    ----------
+    table : MissionTable
+        Altitude and least acceptance radius of every waypoint.
+    airframe : AirframeTable
+        How the vehicles turn: they are told to turn as long before each waypoint.
+    frame : LocalFrame
+        Where routes lie.
+    """
+
+    def __init__(self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame) -> None:
+        self._table, self._airframe, self._frame = table, airframe, frame
+
+    def of(self, route: Route, mission_id: int, state: VehicleState | None) -> Mission:
+        """Return the mission of a route for a vehicle in this state."""
+        places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
+        table = self._table
+        altitude_rel_m = table.altitude_rel_m + route.lane * table.lane_step_m
+        waypoints = tuple(
+            Waypoint(*place, altitude_rel_m, float(radius_m))
+            for place, radius_m in zip(places, self._acceptance_m(route, state), strict=True)
+        )
+        return Mission(mission_id, route.vehicle, waypoints, table.loiter_radius_m, table.end)
+
+    def nothing(self, vehicle: int) -> Mission:
+        """Return a mission that is never sent: for a task that only clears."""
+        frame = self._frame
+        place = Waypoint(frame.lat_deg, frame.lon_deg, self._table.altitude_rel_m, MAX_RADIUS_M)
+        return Mission(0, vehicle, (place,))
+
+    def _acceptance_m(self, route: Route, state: VehicleState | None) -> FloatArray:
+        """How near to each waypoint it counts as reached: soon enough to turn to the next one."""
+        start = route.points_m[:1] if state is None else [(state.east_m, state.north_m)]
+        airframe = self._airframe
+        wanted = acceptance_m(
+            np.concatenate((start, route.points_m)),
+            airframe.turn_radius_m,
+            airframe.turn_lag_m,
+            self._table.accept_radius_m,
+        )
+        return np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
+
+
+def points_passed(route: Route, made_t_ns: int, state: VehicleState | None) -> int:
+    """How many points of a route, made at that time, its vehicle has passed."""
+    if state is None:
+        return 0
+    place, most_m = (
+        (state.east_m, state.north_m),
+        state.ground_speed_m_s * (state.t_ns - made_t_ns) / NS_PER_S,
+    )
+    return next_point(route.points_m, place, CORRIDOR_M, most_m)
