@@ -83,7 +83,7 @@ def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive(
 
 @pytest.mark.parametrize(("at_s", "loss"), [(30.0, 0.0), (70.0, 0.3), (125.0, 0.0)])
 def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: float, loss: float) -> None:
-    flight = flight_with_a_restart(at_s, 4.0, 400.0, loss=loss)
+    flight = flight_with_a_restart(at_s, 4.0, 600.0, loss=loss)  # a bad radio takes its time
     (ended,) = flight.all(MissionEnded)
     assert (ended.arrived, ended.dead) == ((1, 3, 4), (2,))
     reached = [fate.target for fate in flight.all(Fate) if fate.fate == "arrived"]
