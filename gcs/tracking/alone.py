@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf
 from gcs.tracking.hypotheses import DIED, Groups, Limits, Options
 from gcs.tracking.kernels import updated
 from gcs.tracking.merging import factor, far, near
@@ -98,12 +98,12 @@ def _weigh(groups: Groups, g: int, options: Options, limits: Limits, to: Any) ->
                 if options.meas[o] == DIED:
                     nobody += math.exp(groups.logw[h] + options.logw[o])
         to.logw[0] = math.log(nobody) if nobody > 0.0 else -np.inf
-    floor, kept = max(best, to.logw[0]) + limits.log_prune, 0
+    floor, kept = max(best, to.logw[0]) + limits.log_prune, ZERO
     for i in range(n):
         if to.logw[i] >= floor:
             to.option[kept], to.parent[kept], to.logw[kept] = to.option[i], to.parent[i], to.logw[i]
             kept += 1
-    greatest_first(to.logw, 0, kept, to.order)
+    greatest_first(to.logw, ZERO, kept, to.order)
     kept = min(kept, limits.hypotheses)
     total, best = 0.0, to.logw[to.order.index[0]]
     for k in range(kept):
@@ -169,7 +169,7 @@ def _lead(
 
     Leaders are the tracks n, n + 1 ... and nobody, who is like no one. Returns how many they are, and tracks.
     """
-    count, at = 0, n
+    count, at = ZERO, n
     for k in range(kept):
         c, weight = to.order.index[k], to.weight[k]
         if to.option[c] == _NOBODY:
@@ -230,7 +230,7 @@ def _alone(
         out.groups.items,
         out.groups.logw,
     )
-    first[0] = start[0] = n_groups = n = h = 0
+    first[0] = start[0] = n_groups = n = h = ZERO
     for i in range(which.size):
         kept, existence = _weigh(groups, which[i], options, limits, to), 0.0
         for k in range(kept):
@@ -245,7 +245,7 @@ def _alone(
         if existence == 0.0 or existence < limits.existence:
             continue
         count, n = _lead(n, kept, to, lead, mean, cov, z, meas, view, distance2, out)
-        greatest_first(lead.weight, 0, count, lead.order)
+        greatest_first(lead.weight, ZERO, count, lead.order)
         for k in range(count):
             d = lead.order.index[k]
             logw[h], start[h + 1] = math.log(lead.weight[d]), start[h]

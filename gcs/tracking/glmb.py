@@ -362,7 +362,11 @@ class Glmb:
 
 
 def warm_up_calls() -> list[compiling.Call]:
-    """One call of every kernel, types as in a tracker; the longest to compile stand at the ends."""
+    """One call of every kernel, types as in a tracker.
+
+    The longest to compile stand at the ends, beside those that share leaves with them: where two processes meet,
+    both compile the same one, so that had better be short.
+    """
     ones, zeros = np.ones(1), np.zeros(1, np.int64)
     mean, cov, z = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.zeros((1, 2))
     matrix = np.eye(2).reshape(1, 2, 2)
@@ -375,18 +379,18 @@ def warm_up_calls() -> list[compiling.Call]:
         (children, groups, options, 1, limits, np.zeros(1, np.uint64)),
         (meet, groups, options, zeros, 1, limits),
         (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, 1, ones, ones, ones),
-        (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
-        (gates.options, cov, ones, ones, z, view, ones, 9.0),
         (kernels.update, mean, cov, zeros, zeros, z, view),
-        (summing.summary, groups, zeros, 1),
-        (summing.map_tracks, groups),
         (summing.probabilities, groups, 1),
         (kernels.predict, mean, cov, 1.0, np.eye(4), mean, cov),
         (renumber, groups, 1),
         *sensors.warm_up_calls(),
         *intensity.warm_up_calls(),
+        (summing.map_tracks, groups),
+        (summing.summary, groups, zeros, 1),
         *turning.warm_up_calls(),
         *showing.warm_up_calls(),
+        (gates.options, cov, ones, ones, z, view, ones, 9.0),
+        (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
         (part, groups, zeros, 1, options.key, limits),
     ]
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf
 from gcs.tracking.claims import room_for_claims, root_of, unite
 from gcs.tracking.hypotheses import Groups, Limits, Options, filled, room_for_groups
 from gcs.tracking.ordering import Order, greatest_first, head, room_to_order
@@ -63,7 +63,7 @@ def _product(
     """
     most, rows = limits.hypotheses, min(high - low, limits.hypotheses)
     g_low, columns = groups.first[g], groups.first[g + 1] - groups.first[g]
-    count, floor = 0, logw[low] + groups.logw[g_low] + limits.log_prune
+    count, floor = ZERO, logw[low] + groups.logw[g_low] + limits.log_prune
     for i in range(rows):
         for j in range(min(columns, most // (i + 1))):
             w = logw[low + i] + groups.logw[g_low + j]
@@ -71,7 +71,7 @@ def _product(
                 break
             work.logw[count], work.left[count], work.right[count] = w, low + i, g_low + j
             count += 1
-    greatest_first(work.logw, 0, count, work.order)
+    greatest_first(work.logw, ZERO, count, work.order)
     n, total, size = min(count, most), 0.0, 0
     to.start[0] = 0
     for h in range(n):

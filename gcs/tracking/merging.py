@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf
 from gcs.tracking.hypotheses import Groups
 from gcs.tracking.ordering import (
     Distinct,
@@ -106,7 +106,7 @@ def _leaders(
         w = math.exp(groups.logw[h])
         for i in range(groups.start[h], groups.start[h + 1]):
             weight[groups.items[i]] += w
-    n, first = track_label.size, 0
+    n, first = track_label.size, ZERO
     while first < n:
         end = first
         while end < n and track_label[end] == track_label[first]:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import called, inlined, leaf
+from gcs.compiling import ZERO, called, inlined, leaf
 
 _FEW = 12
 
@@ -112,8 +112,8 @@ def distinct(n: int, logw: Any, first: int, to: Distinct) -> int:
     key, order = to.key, to.order.index
     for h in range(n):
         key[h] = ~key[h]
-    greatest_first(key, 0, n, to.order)
-    count, before = 0, np.uint64(0)
+    greatest_first(key, ZERO, n, to.order)
+    count, before = ZERO, np.uint64(0)
     for k in range(n):
         h = order[k]
         if k == 0 or key[h] != before:
@@ -121,7 +121,7 @@ def distinct(n: int, logw: Any, first: int, to: Distinct) -> int:
             before = key[h]
             count += 1
         to.weight[count - 1] += math.exp(logw[first + h])
-    greatest_first(to.weight, 0, count, to.order)
+    greatest_first(to.weight, ZERO, count, to.order)
     for k in range(count):
         to.which[k], to.logw[k] = to.example[order[k]], math.log(to.weight[order[k]])
     return count

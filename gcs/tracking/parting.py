@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf
 from gcs.tracking.hypotheses import Groups, Limits, filled, room_for_groups
 from gcs.tracking.ordering import Distinct, distinct, head, room_for_distinct
 
@@ -200,7 +200,7 @@ def _parted(groups: Groups, keys: Any, limits: Limits, work: _Parting, out: Grou
     for h in range(groups.logw.size):
         work.weight[h] = math.exp(groups.logw[h])
     for g in range(first.size - 1):
-        n = 0
+        n = ZERO
         for i in range(start[first[g]], start[first[g + 1]]):
             n = max(n, work.item_label[i] + 1)
         _split(groups, g, n, limits, work)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, leaf
+from gcs.compiling import ZERO, inlined, leaf
 from gcs.tracking.hypotheses import DIED, Limits, Options
 from gcs.tracking.ordering import Order, greatest_first, room_to_order
 
@@ -65,7 +65,7 @@ def _find(slot: Any, slots: int, known: Any, key: Any) -> Any:
 @leaf
 def _keep_best(pool: Pool, count: int, slots: int, most: int) -> Any:
     """Drop all but the `most` best; return how many those are and the log-weight of the worst of them."""
-    greatest_first(pool.logw, 0, count, pool.order)
+    greatest_first(pool.logw, ZERO, count, pool.order)
     order, stays = pool.order.index, pool.stays
     kept = min(most, count)
     worst = pool.logw[order[kept - 1]]

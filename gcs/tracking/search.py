@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf
 from gcs.tracking.hypotheses import Groups, Limits, Options, filled, mix, room_for_groups
 from gcs.tracking.ordering import Order, greatest_first, room_to_order
 from gcs.tracking.pool import Pool, offer, power_of_two, room_for_children
@@ -269,7 +269,7 @@ def _search(
     room, slots = bound.room[g], power_of_two(2 * bound.room[g])
     for i in range(slots):
         pool.slot[i] = -1
-    count, floor = np.int64(0), -np.inf
+    count, floor = ZERO, -np.inf
     greatest_first(bound.best, groups.first[g], groups.first[g + 1], work.order)
     for k in range(groups.first[g + 1] - groups.first[g]):
         h = work.order.index[k]
@@ -313,7 +313,7 @@ def _children(
     out.first[0] = out.start[0] = 0
     for g in range(groups.first.size - 1):
         count = _search(groups, g, options, limits, bound, pool, work, rng)
-        greatest_first(pool.logw, 0, count, pool.order)
+        greatest_first(pool.logw, ZERO, count, pool.order)
         best, low, total = pool.logw[pool.order.index[0]], n, 0.0
         for k in range(count):
             i = pool.order.index[k]

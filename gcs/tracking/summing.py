@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel
+from gcs.compiling import ZERO, inlined, kernel
 from gcs.tracking.hypotheses import Groups
 from gcs.tracking.ordering import head
 
@@ -96,7 +96,7 @@ def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray
     """
     first, start, items = groups.first, groups.start, groups.items
     existence, shown = np.zeros(n_labels), np.empty(n_labels, np.int64)
-    chosen, n = np.empty(n_labels, np.int64), 0
+    chosen, n = np.empty(n_labels, np.int64), ZERO
     cardinality, convolved = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
     shown[:] = -1
     # `least` to `most` objects are all that is probable so far; the tails left out are below 1e-12.
@@ -153,7 +153,7 @@ def probabilities(groups: Groups, n_tracks: int) -> Any:
 @kernel
 def map_tracks(groups: Groups) -> Any:
     """Tracks of the best hypothesis of each group's most probable number of objects."""
-    chosen, n = np.empty(groups.items.size, np.int64), 0
+    chosen, n = np.empty(groups.items.size, np.int64), ZERO
     weight = np.zeros(groups.items.size + 1)
     for g in range(groups.first.size - 1):
         widest = _weigh_sizes(groups, g, weight)
