@@ -35,7 +35,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numba
 import numpy as np
@@ -43,9 +43,9 @@ import numpy as np
 Call: TypeAlias = tuple[Any, ...]
 """A kernel and its arguments."""
 
-ZERO = np.int64(0)
-"""Where a count begins that is handed on: a literal 0 has a type of its own, for which all that takes it, and all
-that this calls, would be compiled once more."""
+ZERO = cast(int, np.int64(0))
+"""Where a count begins that is handed on: a literal 0 has a type of its own, for which all that takes it, and
+all that this calls, would be compiled once more."""
 
 _COLLECT_AFTER = 100_000
 """Objects allocated between garbage collections while compiling: with the usual 700 these cost an eighth."""

@@ -364,8 +364,8 @@ class Glmb:
 def warm_up_calls() -> list[compiling.Call]:
     """One call of every kernel, types as in a tracker.
 
-    The longest to compile stand at the ends, beside those that share leaves with them: where two processes meet,
-    both compile the same one, so that had better be short.
+    The longest to compile stand at the ends, beside those that share leaves with them: where two processes
+    meet, both compile the same one, so that had better be short.
     """
     ones, zeros = np.ones(1), np.zeros(1, np.int64)
     mean, cov, z = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.zeros((1, 2))
