@@ -11,14 +11,13 @@ agent's death does not change what is seen of the others.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from gcs.config.tables import MapTable
 from gcs.model import FloatArray, Polar, Scan, Sensor, TruthObject, read_only
-from gcs.tracking.sensors import covers, expected_clutter, measured, on_map, polar_sensor
+from gcs.tracking.sensors import covers, expected_clutter, measured, on_map, polar_sensor, sector
 from sim_vehicles.scenario import Scenario, SensorTable, generator
 
 
@@ -29,16 +28,12 @@ def make_sensors(scenario: Scenario) -> list[Sensor]:
 
 def _make_sensor(table: SensorTable, area: MapTable) -> Sensor:
     if table.kind == "range_bearing":
-        half_rad = math.radians(table.sector_width_deg) / 2.0
-        span_m = table.most_range_m - table.least_range_m
-        polar = Polar(
-            table.east_m,
-            table.north_m,
-            table.range_std_m,
-            math.radians(table.bearing_std_deg),
+        polar = sector(
+            (table.east_m, table.north_m),
+            (table.range_std_m, table.bearing_std_deg),
             (table.least_range_m, table.most_range_m),
-            (math.radians(table.sector_centre_deg), half_rad),
-            table.clutter_per_scan / (span_m * 2.0 * half_rad),
+            (table.sector_centre_deg, table.sector_width_deg),
+            table.clutter_per_scan,
         )
         return polar_sensor(table.name, table.detection_probability, polar)
     margin = table.field_margin_m

@@ -14,6 +14,9 @@ PANEL = "Recordings"
 
 app = typer.Typer()
 
+RecordedSeedOption = Annotated[
+    int | None, typer.Option(min=0, help="Of the random obstacles.  [default: the recorded one]")
+]
 DetectionsOption = Annotated[
     Path | None,
     typer.Option(help="Scans to lay beside a log: NPZ, CSV (k,x,y or t_s,x,y or t_ns,x,y), a recording."),
@@ -46,9 +49,7 @@ def replay(
     config: Annotated[
         str | None, typer.Option(help="Another mission file: what would have been different?")
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Of the random obstacles.  [default: the recorded one]")
-    ] = None,
+    seed: RecordedSeedOption = None,
     detections: DetectionsOption = None,
     model: ModelOption = None,
     offset: OffsetOption = 0.0,
@@ -90,9 +91,7 @@ def report(
     config: Annotated[
         str | None, typer.Option(help="The mission, for a log, or for a recording that lost its own.")
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Of the random obstacles.  [default: the recorded one]")
-    ] = None,
+    seed: RecordedSeedOption = None,
     detections: DetectionsOption = None,
     model: ModelOption = None,
     offset: OffsetOption = 0.0,

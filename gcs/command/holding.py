@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from gcs.command.delays import DELIVERY_S
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Item
 from gcs.mavlink.modes import AUTO, LOITER
@@ -20,8 +21,6 @@ from gcs.model import NS_PER_S, Route
 from gcs.planning.prediction import Ahead
 from gcs.planning.progress import time_to_point_s
 
-_TRANSFER_S: Final = 1.0
-"""What a transfer takes on a good link."""
 _PAST_S: Final = 0.3
 """Until a vehicle that should have turned to its next item says so."""
 
@@ -116,4 +115,4 @@ class Holding:
         if profile is None or profile.atomic or not self.points_ahead(vehicle):
             return 0.0
         to_go_s = self.time_to_next_s(vehicle, t_ns)
-        return to_go_s + _PAST_S if to_go_s < Timing().guard_s + _TRANSFER_S else 0.0
+        return to_go_s + _PAST_S if to_go_s < Timing().guard_s + DELIVERY_S else 0.0

@@ -64,8 +64,5 @@ def points_passed(route: Route, made_t_ns: int, state: VehicleState | None) -> i
     """How many points of a route, made at that time, its vehicle has passed."""
     if state is None:
         return 0
-    place, most_m = (
-        (state.east_m, state.north_m),
-        state.ground_speed_m_s * (state.t_ns - made_t_ns) / NS_PER_S,
-    )
-    return next_point(route.points_m, place, CORRIDOR_M, most_m)
+    most_m = state.ground_speed_m_s * (state.t_ns - made_t_ns) / NS_PER_S
+    return next_point(route.points_m, (state.east_m, state.north_m), CORRIDOR_M, most_m)

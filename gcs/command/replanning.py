@@ -22,6 +22,7 @@ from gcs.command.apart import Lanes
 from gcs.command.delays import DELIVERY_S
 from gcs.command.motions import motion_of
 from gcs.config import Config
+from gcs.mavlink.task import Timing
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
 from gcs.planning.prediction import Motion, expected
@@ -34,8 +35,6 @@ _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
 _FAR_OFF = 3.0
 """A target so many times farther from where its route ends than it may be cannot wait for the next look."""
-_HOLD_S = 3.0
-"""A vehicle that gets a mission is told to hold so long before it would take its next item, at the latest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -362,7 +361,7 @@ def _until_hold_s(motion: Motion) -> float:
     if not motion.ahead.points_m:
         return 0.0
     to_go_m = math.dist((motion.east_m, motion.north_m), motion.ahead.points_m[0])
-    return max(0.0, to_go_m / max(motion.speed_m_s, 1.0) - motion.age_s - _HOLD_S)
+    return max(0.0, to_go_m / max(motion.speed_m_s, 1.0) - motion.age_s - Timing().guard_s)
 
 
 def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:

@@ -19,9 +19,9 @@ from gcs.commands.tables import read_npz
 from gcs.config import Table, convert
 from gcs.config.tables import AnywhereTable, Box, InnerProbability, NotNegative, Positive, Probability
 from gcs.errors import ConfigError
-from gcs.model import FloatArray, Polar, Sensor, read_only
+from gcs.model import FloatArray, Sensor, read_only
 from gcs.tracking.motion import Acceleration
-from gcs.tracking.sensors import polar_sensor
+from gcs.tracking.sensors import polar_sensor, sector
 
 MOST_SCANS: Final = 1_000_000
 _MODEL_KEYS = "F, sigma_v, sigma_z, pS, pD, lambda_c, region, birth_mean, birth_std, r_birth"
@@ -105,16 +105,12 @@ def sensors_of(table: ModelTable, source: str) -> tuple[Sensor, ...]:
 
 def _sensor(table: PositionSensor | RangeBearingSensor) -> Sensor:
     if isinstance(table, RangeBearingSensor):
-        half_rad = math.radians(table.sector_width_deg) / 2.0
-        span_m = table.most_range_m - table.least_range_m
-        polar = Polar(
-            table.x_m,
-            table.y_m,
-            table.range_std_m,
-            math.radians(table.bearing_std_deg),
+        polar = sector(
+            (table.x_m, table.y_m),
+            (table.range_std_m, table.bearing_std_deg),
             (table.least_range_m, table.most_range_m),
-            (math.radians(table.sector_centre_deg), half_rad),
-            table.clutter_per_scan / (span_m * 2.0 * half_rad),
+            (table.sector_centre_deg, table.sector_width_deg),
+            table.clutter_per_scan,
         )
         return polar_sensor(table.name, table.detection_probability, polar)
     west, south, east, north = table.region_m

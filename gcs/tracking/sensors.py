@@ -163,6 +163,39 @@ def on_map(polar: Polar, z: FloatArray) -> FloatArray:
     )
 
 
+def sector(
+    place_m: tuple[float, float],
+    stds: tuple[float, float],
+    range_m: tuple[float, float],
+    sector_deg: tuple[float, float],
+    clutter_per_scan: float,
+) -> Polar:
+    """Return the geometry of a range/bearing sensor as its maker states it.
+
+    Parameters
+    ----------
+    place_m
+        East and north of the sensor.
+    stds
+        Of the range in metres, of the bearing in degrees.
+    range_m
+        Least and greatest range.
+    sector_deg
+        Its centre, clockwise from north, and its width.
+    clutter_per_scan
+        Uniform over range and bearing.
+    """
+    half_rad = math.radians(sector_deg[1]) / 2.0
+    return Polar(
+        *place_m,
+        stds[0],
+        math.radians(stds[1]),
+        range_m,
+        (math.radians(sector_deg[0]), half_rad),
+        clutter_per_scan / ((range_m[1] - range_m[0]) * 2.0 * half_rad),
+    )
+
+
 def polar_sensor(name: str, detection_probability: float, polar: Polar) -> Sensor:
     """Return a range/bearing sensor, with what those need to know who only draw."""
     middle_m = max(0.5 * (polar.range_m[0] + polar.range_m[1]), _LEAST_RANGE_M)
