@@ -48,7 +48,7 @@ def test_a_scenario_explains_every_key() -> None:
     ("change", "key", "words"),
     [
         (("lat_deg = 33.0", "lat_deg = 133.0"), "frame.lat_deg", "<= 85"),
-        (("lat_deg = 33.0", 'lat_deg = "north"'), "frame.lat_deg", "float"),
+        (("lat_deg = 33.0", 'lat_deg = "north"'), "frame.lat_deg", "expected a number, got text"),
         (("system_id = 1", "system_id = 251"), "agents[0].system_id", "250"),
         (("east_m = 100.0", "east_m = 9000.0"), "agents[0]", "outside the map"),
         (("east_m = 100.0", "easting_m = 100.0"), "agents[0]", "easting_m"),

@@ -11,6 +11,15 @@ from gcs.errors import ConfigError
 
 T = TypeVar("T")
 
+_WORDS = {
+    "object": "a table",
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+}
+"""What msgspec calls types, and what somebody does who edits TOML."""
 _WHERE = re.compile(r"^(?P<problem>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)
 
 
@@ -44,4 +53,6 @@ def _plain(problem: str) -> str:
         r"unknown key `\1`: misspelt, or in the wrong table?",
         problem,
     )
-    return problem.replace("`object`", "a table").replace("Expected", "expected")
+    for word, plain in _WORDS.items():
+        problem = problem.replace(f"`{word}`", plain)
+    return problem.replace("Expected", "expected")
