@@ -96,7 +96,7 @@ def draw_cardinality(axes: Axes, course: Course) -> None:
     tidy(axes)
     heading(axes, "number of objects")
     if any(course.estimates.values()):
-        legend(axes, ncol=4, loc="lower right")
+        legend(axes, ncol=2, loc="lower right")
     else:
         say(axes, "no tracker ran: a telemetry log without a mission (see --config)")
 
@@ -162,7 +162,7 @@ def draw_lanes(axes: Axes, course: Course, agents: Sequence[int]) -> None:
     axes.set_yticks([lane_of[v] for v in shown], [f"agent {v}" for v in shown])
     tidy(axes)
     axes.grid(visible=False, axis="y")
-    heading(axes, "agents:  ▾ new route   ▬ upload (red: failed)   ★ arrived   ✖ died   ○ called dead")
+    heading(axes, "agents: ▾ new route  ▬ upload (red: failed)  ★ arrived  ✖ died  ○ called dead")
 
 
 def times_figure(course: Course, work_ms: Mapping[str, Sequence[float]]) -> Figure:
