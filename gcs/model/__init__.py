@@ -1,0 +1,70 @@
+"""What flows between the rooms: frozen records with units in their names.
+
+Frame: local east/north metres (see `gcs.geo`). Time: integer nanoseconds of the run's clock, since the Unix
+epoch, and always an argument. Arrays are float64 and read-only; tuples of tracks are ordered by label.
+State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
+
+Events go into `gcs.command`, effects come out; both are plain data, so a recording is a list of them.
+"""
+
+from gcs.model.basics import NS_PER_S, FloatArray, Kind, Label, Level, read_only
+from gcs.model.effects import Effect, Fate, MissionEnded, Notice, Send, Upload, UploadReport
+from gcs.model.events import BadInput, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
+from gcs.model.memory import Aside, CustodyMemory, GuestMission, Memory, VehicleMemory
+from gcs.model.names import network_of, system_of, vehicle_id, vehicle_name, vehicle_of
+from gcs.model.orders import Action, AnswerState, KeepOut, Order, OrderAnswer, Proposal
+from gcs.model.picture import Picture, Track, VehicleState
+from gcs.model.plans import Mission, Plan, Route, Waypoint
+from gcs.model.scans import Polar, Scan, Sensor
+from gcs.model.truth import Truth, TruthObject
+
+__all__ = [
+    "NS_PER_S",
+    "Action",
+    "AnswerState",
+    "Aside",
+    "BadInput",
+    "CustodyMemory",
+    "Datagram",
+    "Effect",
+    "Event",
+    "Fate",
+    "FloatArray",
+    "GuestMission",
+    "KeepOut",
+    "Kind",
+    "Label",
+    "Level",
+    "LinkNews",
+    "Memory",
+    "Mission",
+    "MissionEnded",
+    "Notice",
+    "Order",
+    "OrderAnswer",
+    "Picture",
+    "Plan",
+    "Polar",
+    "Proposal",
+    "Resumed",
+    "Route",
+    "Scan",
+    "Send",
+    "Sensor",
+    "Tick",
+    "Track",
+    "Truth",
+    "TruthObject",
+    "Upload",
+    "UploadAnswer",
+    "UploadReport",
+    "VehicleMemory",
+    "VehicleState",
+    "Waypoint",
+    "network_of",
+    "read_only",
+    "system_of",
+    "vehicle_id",
+    "vehicle_name",
+    "vehicle_of",
+]

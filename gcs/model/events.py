@@ -1,0 +1,71 @@
+"""What goes into the fold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from gcs.model.basics import Level
+from gcs.model.memory import Memory
+from gcs.model.orders import Order
+from gcs.model.scans import Scan
+
+
+@dataclass(frozen=True, slots=True)
+class Datagram:
+    """Bytes that arrived on a link. `peer` is the sender as the link writes it ("127.0.0.1:50000")."""
+
+    t_ns: int
+    link: str
+    peer: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Time passed. Every timer of the fold is driven by it."""
+
+    t_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class BadInput:
+    """Something arrived at the edge that could not be read; it is counted and shown, never raised."""
+
+    t_ns: int
+    source: str
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinkNews:
+    """What the edge has to say of a MAVLink link: lost, there again, somebody kept out."""
+
+    t_ns: int
+    link: str
+    level: Level
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class UploadAnswer:
+    """What the program that uploads in our place says of one `Upload`."""
+
+    t_ns: int
+    vehicle: int
+    mission_id: int
+    ok: bool
+    begun: bool
+    """Whether the vehicle may have begun to change what it stores."""
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """The service was started anew and takes up where an earlier one was."""
+
+    t_ns: int
+    memory: Memory
+
+
+Event: TypeAlias = Datagram | Scan | Tick | BadInput | LinkNews | Order | UploadAnswer | Resumed

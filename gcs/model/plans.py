@@ -1,0 +1,60 @@
+"""Who flies where, and the missions that this becomes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from gcs.model.basics import FloatArray, Label
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    """One place to fly to."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_rel_m: float
+    accept_radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """Waypoints for one vehicle, home excluded."""
+
+    mission_id: int
+    vehicle: int
+    waypoints: tuple[Waypoint, ...]
+    loiter_radius_m: float = 0.0
+    """Of the circle at the last waypoint; 0 leaves it to the autopilot."""
+    end: Literal["loiter", "land"] = "loiter"
+    """Circle at the last waypoint, or go home from there and land."""
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A way for one vehicle to one target."""
+
+    vehicle: int
+    target: Label
+    points_m: FloatArray
+    """(k, 2) east/north, the vehicle's position excluded, the target's included."""
+    length_m: float
+    """From the vehicle's position along the points."""
+    lane: int = 0
+    """Altitude lane, from 0, the lowest (see `gcs.planning.separation`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Who flies where, and why this was decided."""
+
+    t_ns: int
+    picture_t_ns: int
+    routes: tuple[Route, ...]
+    """Ordered by vehicle."""
+    unassigned_vehicles: tuple[int, ...]
+    unassigned_targets: tuple[Label, ...]
+    reason: str
+    changed: tuple[int, ...] = ()
+    """Vehicles whose route differs from what they fly now: only these get a new mission."""
