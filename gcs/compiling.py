@@ -34,7 +34,7 @@ import importlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeAlias, cast
 
 import numba
@@ -65,16 +65,21 @@ inlined = numba.njit(inline="always", **_OPTIONS)
 """Becomes part of the function that calls it, at every call."""
 
 
-def warm_up(*rooms: str) -> None:
-    """Load the kernels of rooms (names of modules) from the cache or, with a helper process, compile them."""
-    calls = _calls(rooms)
+def warm_up(room: str, on_cold: Callable[[], None] | None = None) -> None:
+    """Load the kernels of a room (name of a module) from the cache or, with a helper process, compile them.
+
+    `on_cold` is called when they are not in the cache: after the first, which is a short one, was compiled.
+    """
+    calls = _calls(room)
     probe = calls[0][0]
     before = _misses(probe)
     with _without_blas():
         _make(calls[:1])
     with contextlib.ExitStack() as stack:
         if _misses(probe) > before:
-            stack.enter_context(_helper(rooms))
+            stack.enter_context(_helper(room))
+            if on_cold is not None:
+                on_cold()
         _make(calls[1:])
 
 
@@ -94,12 +99,12 @@ def _without_blas() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _helper(rooms: Sequence[str]) -> Iterator[None]:
+def _helper(room: str) -> Iterator[None]:
     """Compile from the other end in a process of its own, with the same packages, until the block ends."""
     helper = None
     with contextlib.suppress(OSError):
         helper = subprocess.Popen(  # noqa: S603  ourselves
-            [sys.executable, "-P", "-m", "gcs.compiling", *rooms],
+            [sys.executable, "-P", "-m", "gcs.compiling", room],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -113,8 +118,8 @@ def _helper(rooms: Sequence[str]) -> Iterator[None]:
             helper.wait()
 
 
-def _calls(rooms: Sequence[str]) -> list[Call]:
-    return [call for room in rooms for call in importlib.import_module(room).warm_up_calls()]
+def _calls(room: str) -> Sequence[Call]:
+    return cast(Sequence[Call], importlib.import_module(room).warm_up_calls())
 
 
 def _misses(probe: Any) -> int:
@@ -132,4 +137,4 @@ def _make(calls: Sequence[Call]) -> None:
 
 
 if __name__ == "__main__":
-    _make(_calls(sys.argv[1:])[::-1])
+    _make(_calls(sys.argv[1])[::-1])

@@ -12,13 +12,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from gcs.edge.kernels import load_kernels
 from gcs.edge.recorder import Recorder, Run, versions
-from gcs.mavlink.quiet import warm_up as warm_up_links
 from gcs.model import Effect, Event, Truth
-from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.report.judge import Summary, judge_of, summary_json
 from gcs.report.summary import print_summary
-from gcs.tracking.glmb import warm_up as warm_up_tracking
 from sim_vehicles.scenario import Scenario
 from sim_vehicles.virtual import VirtualRun
 
@@ -34,12 +32,7 @@ def simulate(
 ) -> bool:
     """Fly `runs` missions with seeds from `seed` upwards; return whether every one was complete."""
     console = Console(stderr=as_json)
-    with console.status(
-        "loading the compiled kernels (the first run after an installation compiles them, once)"
-    ):
-        warm_up_tracking()
-        warm_up_planning()
-        warm_up_links()
+    load_kernels(console)
     started = time.perf_counter()
     summaries = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

@@ -52,6 +52,16 @@ def test_a_cold_start_leaves_everything_in_the_cache_whatever_becomes_of_its_hel
     assert said.count("cache_misses=Counter()") == 2
 
 
+def test_a_cold_start_is_told_before_it_takes_its_time_and_a_warm_one_is_not(tmp_path):
+    (tmp_path / "room.py").write_text(ROOM)
+    start = "from rich.console import Console; from gcs.edge.kernels import load_kernels;"
+    start += "load_kernels(Console(), 'room')"
+    first, *rest = run(start, tmp_path).splitlines()
+    assert first.startswith("compiling the kernels, once")
+    assert [line.split()[:2] for line in rest] == [["compiled", "in"]]
+    assert run(start, tmp_path) == ""
+
+
 def test_a_start_does_not_wait_for_linear_algebra_that_no_kernel_uses_and_others_still_get_it(tmp_path):
     (tmp_path / "room.py").write_text(ROOM)
     said = run(

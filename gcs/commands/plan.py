@@ -24,10 +24,11 @@ from gcs.command.aims import plan_options
 from gcs.command.apart import lane_count
 from gcs.command.area import mission_grid
 from gcs.config import load
+from gcs.edge.kernels import PLANNING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.planning.grid import Grid, Point
 from gcs.planning.movingai import read_map
-from gcs.planning.routes import PlanResult, Stage, plan_routes, warm_up
+from gcs.planning.routes import PlanResult, Stage, plan_routes
 from gcs.planning.separation import Flight, separate
 from gcs.planning.task import AgentStart, PlanOptions
 from gcs.report.plan import Drawing, draw_plan
@@ -76,10 +77,7 @@ def run_plan(arguments: PlanArguments, console: Console) -> int:
     if arguments.plot is not None and arguments.plot.suffix.lower() not in _PICTURES:
         raise ConfigError(str(arguments.plot), "", f"expected a name that ends in {', '.join(_PICTURES)}")
     task = _task(arguments)
-    with console.status(
-        "loading the compiled kernels (the first run after an installation compiles them, once)"
-    ):
-        warm_up()
+    load_kernels(console, PLANNING)
     result, timings_ms = _plan(task)
     if arguments.plot is not None:
         _draw(arguments.plot, task, result)

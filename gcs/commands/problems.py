@@ -18,10 +18,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from gcs.edge.kernels import PLANNING, load_kernels
 from gcs.errors import ConfigError
 from gcs.planning.grid import Grid, Node
 from gcs.planning.movingai import Problem, read_map, read_problems
-from gcs.planning.routes import warm_up
 from gcs.planning.search import find_path
 
 _DIGITS = 5e-6
@@ -83,7 +83,7 @@ def run_problems(
             )
     if limit is not None and limit < len(problems):
         problems = tuple(problems[k] for k in np.linspace(0, len(problems) - 1, limit).round().astype(int))
-    warm_up()
+    load_kernels(console, PLANNING)
     solve(grid, problems[0])
     shown = track(problems, "searching", console=console, transient=True, disable=len(problems) < _BAR_ABOVE)
     outcomes = [solve(grid, problem) for problem in shown]

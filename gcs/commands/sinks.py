@@ -18,6 +18,7 @@ from gcs.app import Sink
 from gcs.command.area import mission_grid
 from gcs.command.fold import Command
 from gcs.config import Config
+from gcs.edge.kernels import load_kernels
 from gcs.edge.links import Links
 from gcs.edge.reader import read
 from gcs.edge.recorder import Recorder, Run, versions
@@ -132,16 +133,7 @@ def draw_recording(folder: Path, config: Config, seed: int) -> Path:
 
 
 def warm_up(console: Console) -> None:
-    """Load the compiled kernels, or compile them on the first run after an installation, and say so."""
-    from gcs.mavlink.quiet import warm_up as warm_up_links
-    from gcs.planning.routes import warm_up as warm_up_planning
-    from gcs.tracking.glmb import warm_up as warm_up_tracking
-
-    with console.status(
-        "loading the compiled kernels (the first run after an installation compiles them, once)"
-    ):
-        warm_up_tracking()
-        warm_up_planning()
-        warm_up_links()
+    """Have all kernels ready, and memory in order, before a run begins."""
+    load_kernels(console)
     gc.collect()
     gc.freeze()  # what is loaded by now stays: the collector need not look through it again and again

@@ -20,11 +20,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.commands.detections import Detections, load
+from gcs.edge.kernels import TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import FloatArray, Label
 from gcs.report.tracking import Drawing, draw_tracking
 from gcs.tracking.births import UnknownBirths
-from gcs.tracking.glmb import Glmb, warm_up
+from gcs.tracking.glmb import Glmb
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
 
 Estimator: TypeAlias = Literal["filtered", "recovered", "smoothed"]
@@ -96,10 +97,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
     if not detections.births and detections.anywhere.per_s <= 0.0:
         where = str(options.model or options.path)
         raise ConfigError(where, "births", "expected places where objects appear, or anywhere.per_s > 0")
-    with console.status(
-        "loading the compiled kernels (the first run after an installation compiles them, once)"
-    ):
-        warm_up()
+    load_kernels(console, TRACKING)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("tracking", total=len(detections.looks))

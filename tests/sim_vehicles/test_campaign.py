@@ -9,7 +9,7 @@ import pytest
 from gcs.errors import ConfigError, RecordingError
 from sim_vehicles.campaign import Campaign, Store, fly, fly_all, fly_on_dask
 
-GCS = [sys.executable, "-c", "from gcs.cli import main; main()"]
+GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 QUICK = ("mission.max_duration_s=20",)
 """A mission that is cut short flies as well as a whole one, and takes a tenth of the time."""
 

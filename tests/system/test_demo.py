@@ -17,7 +17,7 @@ import pytest
 from gcs.edge.reader import read
 from gcs.model import Fate, MissionEnded, Plan, Truth
 
-GCS = [sys.executable, "-c", "from gcs.cli import main; main()"]
+GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 SPEED = "8"
 
 

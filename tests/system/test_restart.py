@@ -23,7 +23,7 @@ from gcs.model import Fate, Plan, Resumed, UploadReport
 from gcs.settings import with_settings
 
 SPEED = 4.0
-GCS = [sys.executable, "-c", "from gcs.cli import main; main()"]
+GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 
 
 def free_port() -> int:
