@@ -1,8 +1,8 @@
 """Composition: sources fill one queue, one consumer feeds the fold, sinks take what comes out.
 
 Sources are the MAVLink links, zenoh scans and orders, and a ticker; each stamps its events with the run's
-clock and puts them into one bounded queue. The consumer hands every event to the sinks (the recorder among
-them) *before* it works it, so that a recording holds exactly what the fold saw, in its order. When the queue
+clock and puts them into one bounded queue. The consumer hands every event to the recorder and the sinks
+*before* it works it, so that a recording holds exactly what the fold saw, in its order. When the queue
 is full, new input is dropped and counted; ticks never pile up.
 """
 
@@ -23,6 +23,7 @@ from gcs.edge.clock import RunClock
 from gcs.edge.links import Links
 from gcs.edge.mavsdk_uploader import MavsdkUploader
 from gcs.edge.order_wire import decode_order, order_key
+from gcs.edge.recorder import Recorder
 from gcs.edge.scans import decode_scan
 from gcs.edge.wire import effect_key, encode_effect, sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
@@ -100,8 +101,9 @@ class Service:
         self.clock = RunClock()
         self.links = links
         self._bus = bus
+        self.recorder: Recorder | None = None
         self.sinks: list[Sink] = []
-        """Recorder, view, judge: what is here when an event is taken sees it."""
+        """View, judge, journal: what is here when an event is taken sees it."""
         self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
         self._orders_taken: dict[str, None] = {}
         self._memory: Memory | None = None
@@ -227,6 +229,8 @@ class Service:
                 return
 
     def _work(self, event: Event) -> bool:
+        if self.recorder is not None:
+            self.recorder.event(event)
         for sink in self.sinks:
             sink.event(event)
         started = time.perf_counter()
@@ -241,6 +245,7 @@ class Service:
         return any(isinstance(effect, MissionEnded) for effect in effects)
 
     def _carry_out(self, t_ns: int, effect: Effect) -> None:
+        payload = b""
         if isinstance(effect, Send):
             self.links.send(effect.link, effect.peer, effect.data)
         elif isinstance(effect, Upload):
@@ -249,7 +254,10 @@ class Service:
         else:
             if isinstance(effect, Picture):
                 self.links.picture(effect)
-            self._bus.publish(effect_key(self.config.name, effect), encode_effect(effect))
+            payload = encode_effect(effect)
+            self._bus.publish(effect_key(self.config.name, effect), payload)
+        if self.recorder is not None:
+            self.recorder.effect(t_ns, effect, payload)
         for sink in self.sinks:
             sink.effect(t_ns, effect)
 

@@ -89,7 +89,7 @@ def fly(
         def on_effect(t_ns: int, effect: Effect) -> None:
             judge.effect(effect)
             if recorder is not None:
-                recorder.effect(effect, t_ns)
+                recorder.effect(t_ns, effect)
 
         def on_truth(truth: Truth) -> None:
             judge.truth(truth)

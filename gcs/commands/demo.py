@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 
 from gcs.app import Health, Service, on_loop, wait_for_interrupt
-from gcs.commands.sinks import JudgeSink, RecorderSink, draw_recording, open_recorder, view_for, warm_up
+from gcs.commands.sinks import JudgeSink, draw_recording, open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
 from gcs.edge.links import Links
@@ -141,7 +141,8 @@ async def _fly(
 
     with Bus(listen=endpoint) as bus, announced(config.name, endpoint):
         service = Service(config, options.seed, links, bus)
-        service.sinks += [RecorderSink(recorder), JudgeSink(judge)]
+        service.recorder = recorder
+        service.sinks.append(JudgeSink(judge))
         bus.subscribe(
             truth_key(config.name),
             lambda key, payload: on_loop(loop, take_truth, key, payload),

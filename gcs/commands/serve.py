@@ -11,7 +11,7 @@ from rich.console import Console
 
 from gcs.app import Service, wait_for_interrupt
 from gcs.commands.resuming import JournalSink, default_path, take_up
-from gcs.commands.sinks import RecorderSink, open_recorder, view_for, warm_up
+from gcs.commands.sinks import open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
 from gcs.edge.journal import Journal, fingerprint
@@ -74,7 +74,8 @@ async def _serve(
         service = Service(config, options.seed, links, bus)
         take_up(service, journal, options.resume, options.clock.now_ns(), console)
         keeper = JournalSink(service, journal)
-        service.sinks += [RecorderSink(recorder), keeper]
+        service.recorder = recorder
+        service.sinks.append(keeper)
         console.print(
             f"MAVLink on {', '.join(link.name for link in links.links)}; zenoh on {config.links.zenoh}; "
             "Ctrl-C ends it",

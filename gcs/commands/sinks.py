@@ -1,11 +1,10 @@
-"""Sinks that several commands share: recorder, view, judge."""
+"""What several commands share: recorder, view, judge."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import gc
-import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -27,25 +26,6 @@ from gcs.model import Effect, Event
 from gcs.report.judge import Judge
 
 _REFRESH_S = 0.25
-
-
-class RecorderSink:
-    """Writes everything to the recording; flushes once a second of wall time."""
-
-    def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
-        self._flushed = time.monotonic()
-
-    def event(self, event: Event) -> None:
-        """Record an event."""
-        self._recorder.event(event)
-        if time.monotonic() - self._flushed > 1.0:
-            self._recorder.flush()
-            self._flushed = time.monotonic()
-
-    def effect(self, t_ns: int, effect: Effect) -> None:
-        """Record an effect."""
-        self._recorder.effect(effect, t_ns)
 
 
 class JudgeSink:

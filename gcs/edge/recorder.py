@@ -28,12 +28,16 @@ import json
 import platform
 import re
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from time import monotonic
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
 
 from gcs.edge.mcap_writer import McapWriter
 from gcs.edge.schemas import json_schema
@@ -52,8 +56,11 @@ _LEVEL = 1
 """Of Zstandard: for a second of records it is twice as fast as the usual 3, and the file is smaller."""
 _BUFFER_BYTES = 256 * 1024
 _MAX_T_NS = 2**64 - 1
-_WAITING = 256
+_WAITING = 512
 """Records that are written at once, unless a flush comes before; then there is a look at the size."""
+_FLUSH_PERIOD_S = 1.0
+Waiting: TypeAlias = tuple[Recordable, int, bytes]
+"""A record, its time, and its JSON where somebody has made it already."""
 _TRAFFIC = (Datagram, Send)
 _PART = re.compile(r"run-(\d+)\.mcap")
 _LIBRARIES = (
@@ -111,7 +118,7 @@ class Recorder:
         What else is needed to fly, or replay, the same again.
     rotate_bytes : int
         A part whose MCAP or tlog has grown past this is finished, and the next one begins. It may be larger
-        by what comes within one look at the size: 256 records or a flush.
+        by what comes within one look at the size: 512 records or a flush.
 
     Raises
     ------
@@ -132,10 +139,11 @@ class Recorder:
         self._about = config_text, dict(versions), run
         self._rotate_bytes = rotate_bytes
         self._sequence = 0
-        self._waiting: list[tuple[Recordable, int]] = []
-        """Records with their times, to be written: many at once cost a third of one by one."""
+        self._waiting: list[Waiting] = []
+        """To be written: many at once cost a third of one by one."""
         self._parts = 0
         self._full = self._closed = False
+        self._flush_at_s = monotonic() + _FLUSH_PERIOD_S
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if len(part_paths(folder)) > 1:
@@ -165,18 +173,20 @@ class Recorder:
         """Record what goes into the fold; call it before the fold works it."""
         if self._full:
             self._rotate()
+        elif monotonic() >= self._flush_at_s:
+            self.flush()
         self._add(event, event.t_ns)
 
-    def effect(self, effect: Effect, t_ns: int) -> None:
-        """Record what came out of the fold at `t_ns`."""
-        self._add(effect, t_ns)
+    def effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
+        """Record what came out of the fold at `t_ns`; `payload` is its JSON where there is one already."""
+        self._add(effect, t_ns, payload)
 
     def truth(self, truth: Truth) -> None:
         """Record the truth of a simulated world."""
         self._add(truth, truth.t_ns)
 
     def flush(self) -> None:
-        """Hand everything recorded so far to the operating system."""
+        """Hand everything recorded so far to the operating system; `event` does it once a second."""
         if self._closed:
             return
         try:
@@ -185,6 +195,7 @@ class Recorder:
             self._full = self._part.size > self._rotate_bytes
         except OSError as error:
             raise self._failed(error) from None
+        self._flush_at_s = monotonic() + _FLUSH_PERIOD_S
 
     def close(self) -> None:
         """Finish the files; closing again, or after a failure, does nothing."""
@@ -208,10 +219,10 @@ class Recorder:
             raise self._failed(error) from None
         self._full = False
 
-    def _add(self, record: Recordable, t_ns: int) -> None:
+    def _add(self, record: Recordable, t_ns: int, payload: bytes = b"") -> None:
         if self._closed:
             raise RecordingError(str(self.folder), "is closed")
-        self._waiting.append((record, t_ns))
+        self._waiting.append((record, t_ns, payload))
         if len(self._waiting) >= _WAITING:
             try:
                 self._write_out()
@@ -250,7 +261,8 @@ class _Part:
         self._files = [path.open("xb", buffering=0) for path in (mcap_path, tlog_path)]
         self._mcap, self._tlog = (io.BufferedWriter(file, _BUFFER_BYTES) for file in self._files)
         self._writer = McapWriter(self._mcap, _CHUNK_BYTES, _LEVEL)
-        self._channels: dict[str, int] = {}
+        self._channels: dict[type | str, int] = {}
+        """Of each type; of pictures, which have several, of each topic."""
 
     @property
     def size(self) -> int:
@@ -269,17 +281,25 @@ class _Part:
             schema = self._writer.register_schema(
                 f"gcs.{record_type.__name__}", "jsonschema", json_schema(record_type)
             )
-            for kind in ("/agents", "/targets") if record_type is Picture else ("",):
-                self._channels[topic + kind] = self._writer.register_channel(topic + kind, "json", schema)
+            if record_type is Picture:
+                for name in (f"{topic}/agents", f"{topic}/targets"):
+                    self._channels[name] = self._writer.register_channel(name, "json", schema)
+            else:
+                self._channels[record_type] = self._writer.register_channel(topic, "json", schema)
 
-    def add(self, records: Iterable[tuple[Recordable, int]], sequence: int) -> None:
-        """Write records with their times, numbered from `sequence` on, which wraps."""
-        add_message, channels, tlog = self._writer.add_message, self._channels, self._tlog
-        for number, (record, t_ns) in enumerate(records, sequence):
-            log_time = min(max(t_ns, 0), _MAX_T_NS)
-            add_message(channels[topic_of(record)], log_time, encode(record), number & 0xFFFFFFFF)
-            if isinstance(record, _TRAFFIC):
-                tlog.write(tlog_entries(t_ns, record.data))
+    def add(self, records: Sequence[Waiting], sequence: int) -> None:
+        """Write records, numbered from `sequence` on, which wraps."""
+        of = self._channels
+        channels = [of.get(type(record)) or of[topic_of(record)] for record, _, _ in records]
+        times_ns = _within_format([t_ns for _, t_ns, _ in records])
+        payloads = [payload or encode(record) for record, _, payload in records]
+        self._writer.add_messages(channels, times_ns, payloads, sequence)
+        traffic = [
+            (at, record.data) for at, (record, _, _) in enumerate(records) if isinstance(record, _TRAFFIC)
+        ]
+        if traffic:
+            places, datagrams = zip(*traffic, strict=True)
+            self._tlog.write(tlog_entries(times_ns[list(places)], datagrams))
 
     def flush(self) -> None:
         """Hand everything to the operating system."""
@@ -296,3 +316,11 @@ class _Part:
         """Close without writing any more."""
         for file in self._files:
             file.close()
+
+
+def _within_format(times_ns: list[int]) -> npt.NDArray[np.uint64]:
+    """Return times as the format holds them; the records themselves keep theirs."""
+    try:
+        return np.array(times_ns, np.uint64)
+    except OverflowError:
+        return np.array([min(max(t_ns, 0), _MAX_T_NS) for t_ns in times_ns], np.uint64)

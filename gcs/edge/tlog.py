@@ -16,16 +16,17 @@ from __future__ import annotations
 import io
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from typing import BinaryIO, Literal, NamedTuple, TypeAlias
 
+import numpy as np
+import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.codec import Frame, checked_frame, scan
 
 _STAMP = struct.Struct(">Q")
-_MAX_US = 2**64 - 1
 _LATEST_US = 4_102_444_800_000_000
 """The year 2100: a later stamp is none."""
 _BLOCK_BYTES = 1024 * 1024
@@ -85,12 +86,16 @@ class Unreadable(NamedTuple):
     length: int
 
 
-def tlog_entries(t_ns: int, datagram: bytes) -> bytes:
-    """Return the entries of one datagram, ready to be appended to a tlog."""
-    stamp = _STAMP.pack(min(max(t_ns // 1000, 0), _MAX_US))
-    if datagram and _length(datagram, 0, len(datagram)) == len(datagram):  # as most are
-        return stamp + datagram
-    return b"".join(stamp + frame for frame in split_frames(datagram))
+def tlog_entries(times_ns: npt.ArrayLike, datagrams: Sequence[bytes]) -> bytes:
+    """Return the entries of datagrams with their times, ready to be appended to a tlog."""
+    stamps = (np.asarray(times_ns, np.uint64) // np.uint64(1000)).astype(">u8").tobytes()
+    parts = [b""] * (2 * len(datagrams))
+    parts[::2] = [stamps[at : at + 8] for at in range(0, len(stamps), 8)]
+    parts[1::2] = datagrams
+    for number in _not_one_frame(datagrams):
+        stamp, frames = parts[2 * number], split_frames(datagrams[number])
+        parts[2 * number : 2 * number + 2] = [b"", b"".join(stamp + frame for frame in frames)]
+    return b"".join(parts)
 
 
 def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[Logged | Unreadable]:
@@ -160,6 +165,15 @@ def _unchecked(data: bytes) -> Frame:
         message_id = int.from_bytes(data[7:10], "little")
         return Frame(data[5], data[6], data[4], message_id, bool(data[2] & 1), data)
     return Frame(data[3], data[4], data[2], data[5], False, data)
+
+
+def _not_one_frame(datagrams: Sequence[bytes]) -> list[int]:
+    """Return which are anything but a MAVLink 2 frame without signature; few are."""
+    lengths = np.fromiter(map(len, datagrams), np.int64, len(datagrams))
+    heads = np.frombuffer(b"".join([*datagrams, bytes(3)]), np.uint8)
+    at = np.cumsum(lengths) - lengths
+    whole = (heads[at] == 0xFD) & (12 + heads[at + 1].astype(np.int64) == lengths) & (heads[at + 2] & 1 == 0)
+    return np.flatnonzero(~whole).tolist()
 
 
 def split_frames(datagram: bytes) -> list[bytes]:

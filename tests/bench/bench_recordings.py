@@ -43,7 +43,7 @@ def fly(scenario: str, duration_s: float, folder: Path) -> None:
     name = run.scenario.config.name
     with Recorder(folder, run.scenario.text, versions(), Run(name, 1)) as recorder:
         run.on_event = recorder.event
-        run.on_effect = lambda t_ns, effect: recorder.effect(effect, t_ns)
+        run.on_effect = recorder.effect
         run.on_truth = recorder.truth
         run.run(duration_s)
 
@@ -79,7 +79,7 @@ def write(folder: Path, copy: Path) -> float:
                     recorder.flush()
                     flushed_ns = record.t_ns
             elif isinstance(record.value, Effect):
-                recorder.effect(record.value, record.t_ns)
+                recorder.effect(record.t_ns, record.value)
     return time.process_time() - began
 
 

@@ -119,7 +119,7 @@ class Soak:
         return self.run.command
 
     def _effect(self, t_ns: int, effect: object) -> None:
-        self.recorder.effect(effect, t_ns)
+        self.recorder.effect(t_ns, effect)
         if isinstance(effect, Plan):
             self.counts["plans"] += 1
         elif isinstance(effect, UploadReport):

@@ -54,7 +54,7 @@ def written(folder: Path, records: Iterable[tuple[int, Recordable]], run: Run | 
             elif isinstance(value, Truth):
                 recorder.truth(value)
             else:
-                recorder.effect(value, t_ns)
+                recorder.effect(t_ns, value)
     return folder
 
 
@@ -180,7 +180,7 @@ def test_an_event_whose_effects_were_never_written_is_no_difference(flight: Path
         if isinstance(value, EVENTS):
             recorder.event(value)
         elif not isinstance(value, Truth):
-            recorder.effect(value, t_ns)
+            recorder.effect(t_ns, value)
         if scans == 10:
             break
     recorder.flush()  # and the process is killed

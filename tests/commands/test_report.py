@@ -140,7 +140,7 @@ def test_a_real_flight_without_truth_that_breaks_off_is_shown_as_far_as_it_goes(
             if isinstance(record.value, Event):
                 recorder.event(record.value)
             elif not isinstance(record.value, Truth | Damage):
-                recorder.effect(record.value, record.t_ns)
+                recorder.effect(record.t_ns, record.value)
             if record.sequence % 200 == 0:
                 recorder.flush()
     mcap = tmp_path / "run" / "run.mcap"
@@ -171,8 +171,8 @@ def a_log(path: Path, set_back_s: float = 0.0) -> Path:
                 half_second * 500, *place, 500_000, 80_000, 1500, 0, 0, 0
             )
             beat = mavlink.MAVLink_heartbeat_message(1, 3, 128 if half_second > 20 else 0, 10, 4, 3)
-            data += tlog_entries(t_ns, position.pack(packer))
-            data += tlog_entries(t_ns, beat.pack(packer)) if half_second % 2 else b""
+            data += tlog_entries([t_ns], [position.pack(packer)])
+            data += tlog_entries([t_ns], [beat.pack(packer)]) if half_second % 2 else b""
     path.write_bytes(data[:5000] + b"damage" * 30 + data[5000:])
     return path
 
@@ -251,7 +251,7 @@ def test_a_run_in_parts_is_one_run_to_every_command(flight: Path, tmp_path: Path
             elif isinstance(record.value, Truth):
                 recorder.truth(record.value)
             elif not isinstance(record.value, Damage):
-                recorder.effect(record.value, record.t_ns)
+                recorder.effect(record.t_ns, record.value)
             if record.sequence % 50 == 0:
                 recorder.flush()
     assert (tmp_path / "run" / "run-002.mcap").is_file()

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+from itertools import groupby
 from typing import Any
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -51,14 +53,19 @@ def written(steps: list[Any], chunk_bytes: int) -> bytes:
     schema = writer.register_schema("gcs.Plan", "jsonschema", b"{}")
     for topic in ("/a", "/b", "/c"):
         writer.register_channel(topic, "json", schema)
-    for number, step in enumerate(steps):
-        if step == "flush":
-            writer.flush()
-        elif step == "attach":
-            writer.add_attachment("more", "text/plain", b"more")
+    number = 0
+    for is_message, some in groupby(steps, lambda step: isinstance(step, tuple)):
+        group = list(some)
+        if is_message:
+            channels, times_ns, payloads = zip(*group, strict=True)
+            writer.add_messages(channels, np.array(times_ns, np.uint64), payloads, number)
         else:
-            channel, t_ns, data = step
-            writer.add_message(channel, t_ns, data, number)
+            for step in group:
+                if step == "flush":
+                    writer.flush()
+                else:
+                    writer.add_attachment("more", "text/plain", b"more")
+        number += len(group)
     writer.finish()
     return file.getvalue()
 

@@ -113,7 +113,7 @@ def fly(golden: Golden, folder: Path) -> Path:
     config = run.scenario.config
     with Recorder(folder / golden.name, run.scenario.text, versions(), Run(config.name, 1)) as recorder:
         run.on_event = recorder.event
-        run.on_effect = lambda t_ns, effect: recorder.effect(effect, t_ns)
+        run.on_effect = recorder.effect
         run.on_truth = recorder.truth
         run.run(golden.duration_s)
     return folder / golden.name / "run.mcap"

@@ -56,7 +56,7 @@ def changed(source: Path, folder: Path) -> Path:
             elif isinstance(value, Truth):
                 recorder.truth(value)
             elif not (isinstance(value, Fate) and value.fate == "dead"):
-                recorder.effect(value, record.t_ns)
+                recorder.effect(record.t_ns, value)
     return folder / "run.mcap"
 
 
