@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.model import FloatArray, read_only
+from gcs.planning.canonical import IntArray
 from gcs.planning.grid import Grid, Point
 from gcs.planning.intercept import meetings, outlook
 from gcs.planning.matrix import Places, Way, metric_ways, paper_ways
-from gcs.planning.moves import IntArray, SearchMap, cells, places, search_map
+from gcs.planning.moves import SearchMap, cells, places, search_map
 from gcs.planning.shaping import Shaped, joins, shape_way
 from gcs.planning.sight import clear_leg
 from gcs.planning.task import AgentStart, PlanOptions, Terms

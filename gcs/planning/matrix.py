@@ -19,17 +19,9 @@ import numpy as np
 
 from gcs.compiling import Call, kernel
 from gcs.model import FloatArray
+from gcs.planning.canonical import NO_MOVE, IntArray, move_cost
 from gcs.planning.grid import BoolArray, Grid, free_grid
-from gcs.planning.moves import (
-    NO_MOVE,
-    IntArray,
-    SearchMap,
-    cells,
-    flat_index,
-    kernel_arrays,
-    move_cost,
-    search_map,
-)
+from gcs.planning.moves import SearchMap, cells, flat_index, kernel_arrays, search_map
 from gcs.planning.pairs import seek, seek_paper, seeker
 from gcs.planning.shaping import close_and_seen
 from gcs.planning.spreading import costs_at, spread, trace_back

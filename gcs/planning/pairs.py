@@ -4,7 +4,7 @@
 ring of buckets by estimated cost (after R. B. Dial, CACM 12, 1969), each a stack, so that the search runs
 ahead towards the goal among equals. A bucket holds more than one estimate; so a node may be found by a longer
 way first, and is then looked at again. Only the moves that the canonical order leaves are looked at
-(`gcs.planning.moves`).
+(`gcs.planning.canonical`).
 
 *The paper's* (`seek_paper`): Hill, Thomas & Larson's nodes traversed plus Euclidean distance to the goal.
 Diagonals count 1, the heuristic may overestimate, and the path may be longer than need be. The open set is a
@@ -22,21 +22,18 @@ import numpy as np
 
 from gcs.compiling import inlined, kernel
 from gcs.model import FloatArray
-from gcs.planning.grid import Grid
-from gcs.planning.moves import (
+from gcs.planning.canonical import (
     COL_STEP,
     FIRST,
     NO_MOVE,
-    REMAINING,
     ROW_STEP,
     TIGHT,
     IntArray,
-    SearchMap,
-    kernel_arrays,
     move_cost,
     octile,
-    search_map,
 )
+from gcs.planning.grid import Grid
+from gcs.planning.moves import SearchMap, kernel_arrays, search_map
 
 _PER_CELL = 2
 """Buckets to a cell of estimated cost. On random maps half as many or twice as many change little."""
@@ -52,7 +49,20 @@ _ROW_STEPS, _COL_STEPS = np.array(ROW_STEP), np.array(COL_STEP)
 
 @kernel
 def seek(  # type: ignore[no-untyped-def]
-    moves, near, mixed, any_near, offsets, stride, nodes, costs, goals, beyond, reached, came, entries, path
+    order,
+    remaining,
+    near,
+    any_near,
+    offsets,
+    stride,
+    nodes,
+    costs,
+    goals,
+    beyond,
+    reached,
+    came,
+    entries,
+    path,
 ):
     """Search the shortest path from a place to another and write it to `path`, last node first.
 
@@ -120,7 +130,7 @@ def seek(  # type: ignore[no-untyped-def]
                 for k in range(goals.size):
                     if goals[k] == node and here - 1.0 + beyond[k] < best:
                         best, last = here - 1.0 + beyond[k], node
-            left = REMAINING[NO_MOVE if any_near and mixed[node] else led, moves[node]]
+            left = remaining[order[node], led]
             while left:
                 move = FIRST[left]
                 left &= left - 1

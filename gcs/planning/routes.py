@@ -20,7 +20,7 @@ import numpy as np
 
 from gcs import compiling
 from gcs.model import FloatArray, Label, Route
-from gcs.planning import intercept, leaning, matrix, separation
+from gcs.planning import canonical, intercept, leaning, matrix, separation
 from gcs.planning.aiming import Search
 from gcs.planning.assignment import assign
 from gcs.planning.grid import Grid, Point, free_grid
@@ -195,6 +195,7 @@ def warm_up_calls() -> list[compiling.Call]:
         (close_and_seen, blocked, 0.0, xy[0], xy[0]),
         (is_roomy, blocked, 0.0, way, -1, False),
         (legs_are_clear, blocked, way, -1),
+        *canonical.warm_up_calls(),
         *leaning.warm_up_calls(),
         *matrix.warm_up_calls(),
         *intercept.warm_up_calls(),

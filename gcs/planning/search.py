@@ -13,8 +13,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from gcs.model import FloatArray
+from gcs.planning.canonical import DIAGONAL, IntArray
 from gcs.planning.grid import Grid, Node
-from gcs.planning.moves import DIAGONAL, IntArray, flat_index, kernel_arrays, search_map
+from gcs.planning.moves import flat_index, kernel_arrays, search_map
 from gcs.planning.pairs import seek_paper, seeker
 from gcs.planning.spreading import spread
 

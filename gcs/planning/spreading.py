@@ -4,7 +4,7 @@ Dijkstra's algorithm with Dial's buckets (R. B. Dial, CACM 12, 1969): no move co
 of width 1 every node of the lowest bucket is final, in any order, and no heap is needed. A node enters a
 bucket at most once, so a bucket is a plain stack; and a node is left out when its cost is below that of the
 bucket it is found in: then it was there before. From each node only the moves that its canonical order leaves
-are looked at (`gcs.planning.moves`): fewer than two on average, not eight.
+are looked at (`gcs.planning.canonical`): fewer than two on average, not eight.
 
 One search serves every target of an agent; a cost matrix takes one search a row, not one a pair. It ends when
 the nodes asked for have their final costs.
@@ -15,11 +15,11 @@ from __future__ import annotations
 import numpy as np
 
 from gcs.compiling import kernel
-from gcs.planning.moves import FIRST, NO_MOVE, REMAINING, move_cost
+from gcs.planning.canonical import FIRST, NO_MOVE, move_cost
 
 
 @kernel
-def spread(moves, near, mixed, any_near, offsets, nodes, costs, goals, field, came):  # type: ignore[no-untyped-def]
+def spread(order, remaining, near, any_near, offsets, nodes, costs, goals, field, came):  # type: ignore[no-untyped-def]
     """Fill `field` (flat nodes,) with the cost in cells from a place, `came` with the moves that lead there.
 
     `nodes`, `costs` (j,): the nodes by which the place joins the map (-1: none) and how far off it they lie;
@@ -29,7 +29,7 @@ def spread(moves, near, mixed, any_near, offsets, nodes, costs, goals, field, ca
     """
     # The ring of buckets is longer than the dearest move and the spread of the joins together.
     ring = 15 if any_near else 3
-    stack, height = np.empty((ring + 1, moves.size), np.int32), np.zeros(ring + 1, np.int64)
+    stack, height = np.empty((ring + 1, order.size), np.int32), np.zeros(ring + 1, np.int64)
     field[:] = np.inf
     live, bucket, final = 0, 1 << 60, 0
     for i in range(nodes.size):
@@ -48,8 +48,7 @@ def spread(moves, near, mixed, any_near, offsets, nodes, costs, goals, field, ca
             here = field[node]
             if here < bucket:
                 continue
-            led = NO_MOVE if any_near and mixed[node] else came[node]
-            left = REMAINING[led, moves[node]]
+            left = remaining[order[node], came[node]]
             while left:
                 move = FIRST[left]
                 left &= left - 1

@@ -12,8 +12,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning import matrix
+from gcs.planning.canonical import TIGHT
 from gcs.planning.grid import Grid
-from gcs.planning.moves import TIGHT, kernel_arrays, search_map
+from gcs.planning.moves import kernel_arrays, search_map
 from gcs.planning.search import distances_m
 from gcs.planning.shaping import joins
 from gcs.planning.spreading import spread
