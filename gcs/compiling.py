@@ -17,6 +17,9 @@ every assignment of an array or of a record of arrays, also where a function is 
 atomic operation: in a loop over small things these took three quarters of the time. So a kernel makes its
 arrays, room to work in among them, and leaves its loops to a `leaf`, which counts nothing.
 
+A later start reads kernels from the cache. numba would first prepare to compile all the same, a tenth of a
+second; `_Cache` leaves that to the kernel that is not there.
+
 numba's cache does not see other files change. Whoever edits a kernel that kernels of another file call must
 remove the `__pycache__` of that file.
 
@@ -39,6 +42,8 @@ from typing import Any, TypeAlias, cast
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.runtime import rtsys
 
 Call: TypeAlias = tuple[Any, ...]
 """A kernel and its arguments."""
@@ -52,13 +57,36 @@ _COLLECT_AFTER = 100_000
 
 _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
-kernel = numba.njit(cache=True, **_OPTIONS)
-"""Called from Python; kept in the cache with all that it calls."""
+_FROM_KERNELS = {"no_cpython_wrapper": True, **_OPTIONS}
+"""What Python never calls need not take Python's arguments apart: an eighth of compiling."""
 
-called = numba.njit(**_OPTIONS)
+
+class _Cache(FunctionCache):  # type: ignore[misc]  numba has no types
+    """numba's cache, without preparing to compile before it is known that there is something to compile."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return what is kept for a signature, or None: then it is compiled."""
+        rtsys.initialize(target_context)  # what compiled code calls; all the rest is for the compiler
+        try:
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
+        except (AttributeError, ImportError):
+            # Another version of this package left it, in which something that it names was elsewhere.
+            self.flush()
+            return None
+
+
+def kernel(function: Any) -> Any:
+    """Compile what is called from Python; it is kept in the cache with all that it calls."""
+    compiled = numba.njit(**_OPTIONS)(function)
+    compiled._cache = _Cache(function)
+    return compiled
+
+
+called = numba.njit(**_FROM_KERNELS)
 """Called from kernels alone, in more than one place."""
 
-leaf = numba.njit(_nrt=False, **_OPTIONS)
+leaf = numba.njit(_nrt=False, **_FROM_KERNELS)
 """Called from kernels alone, and makes no arrays: nothing in it counts references."""
 
 inlined = numba.njit(inline="always", **_OPTIONS)
@@ -73,29 +101,13 @@ def warm_up(room: str, on_cold: Callable[[], None] | None = None) -> None:
     calls = _calls(room)
     probe = calls[0][0]
     before = _misses(probe)
-    with _without_blas():
-        _make(calls[:1])
+    _make(calls[:1])
     with contextlib.ExitStack() as stack:
         if _misses(probe) > before:
             stack.enter_context(_helper(room))
             if on_cold is not None:
                 on_cold()
         _make(calls[1:])
-
-
-@contextlib.contextmanager
-def _without_blas() -> Iterator[None]:
-    """Let numba set itself up without scipy's linear algebra: a seventh of a start, and no kernel uses it."""
-    name = "scipy.linalg.cython_blas"
-    if name in sys.modules:
-        yield
-        return
-    # What an import takes for a module that is not there.
-    sys.modules[name] = None  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        del sys.modules[name]
 
 
 @contextlib.contextmanager

@@ -23,7 +23,7 @@ from gcs.tracking.ordering import Order, greatest_first, head, room_to_order
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
-    from gcs.tracking.sensors import View
+    from gcs.tracking.views import View
 
 _NOBODY = -1
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.compiling import inlined, kernel, leaf
-from gcs.tracking.sensors import View, wrapped
+from gcs.tracking.views import View, wrapped
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray

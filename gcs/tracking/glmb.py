@@ -8,7 +8,7 @@ one Gaussian per track, kept as a product over groups of interacting labels (Bea
 (association), `merging` and `summing`.
 
 Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D
-while it is inside the field of view, at most once, with Gaussian noise (see `sensors`); all else in a
+while it is inside the field of view, at most once, with Gaussian noise (see `views`); all else in a
 scan is Poisson clutter; new objects appear where the caller says that they may (a labelled multi-Bernoulli
 birth for each scan).
 
@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
-from gcs.tracking import gates, intensity, kernels, motion, sensors, showing, summing, turning
+from gcs.tracking import gates, intensity, kernels, motion, showing, summing, turning, views
 from gcs.tracking.alone import Tracks, alone
 from gcs.tracking.hypotheses import Groups, Limits, Options, option_keys
 from gcs.tracking.looks import Look, look_at
@@ -183,7 +183,7 @@ class Glmb:
         F = motion.transition(dt_s)
         Q = motion.process_noise(dt_s, self.params.accel_std_m_s2, self.params.acceleration)
         log_live, log_die = self._predict(dt_s, Q, births)
-        view = sensors.view(sensor, self._mean, self._cov)
+        view = views.view(sensor, self._mean, self._cov)
         if self.histories is not None:
             self.histories.begin(measured_t_ns, dt_s, F, Q, sensor, births, self._survival(dt_s))
         start, meas, logw = gates.options(
@@ -250,7 +250,7 @@ class Glmb:
         """Return who is there: the tracks of `picture` that are in the MAP-cardinality estimate."""
         return tuple(track for track in self.picture(0).tracks if track.estimated)
 
-    def _surely_in_view(self, view: sensors.View) -> npt.NDArray[np.bool_]:
+    def _surely_in_view(self, view: views.View) -> npt.NDArray[np.bool_]:
         """Return which labels existed beyond doubt and are in view whichever of their tracks is right."""
         in_view = np.ones(len(self._labels))
         np.minimum.at(in_view, self._track_label, view.inside)
@@ -299,7 +299,7 @@ class Glmb:
             self._sure = np.concatenate([self._sure, np.zeros(new.size, np.bool_)])
         return log_live, log_die
 
-    def _associate(self, options: Options, look: Look, view: sensors.View, made: _Made) -> None:
+    def _associate(self, options: Options, look: Look, view: views.View, made: _Made) -> None:
         """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
         lone, groups = meet(self._groups, options, self._track_label, look.rows.size, self._limits)
         groups = children(groups, options, look.rows.size, self._limits, self._rng)
@@ -342,7 +342,7 @@ class Glmb:
         option: npt.NDArray[np.int64],
         options: Options,
         look: Look,
-        view: sensors.View,
+        view: views.View,
         made: _Made,
         others: Tracks,
     ) -> Tracks:
@@ -370,7 +370,7 @@ def warm_up_calls() -> list[compiling.Call]:
     ones, zeros = np.ones(1), np.zeros(1, np.int64)
     mean, cov, z = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.zeros((1, 2))
     matrix = np.eye(2).reshape(1, 2, 2)
-    view = sensors.View(z, matrix, matrix, ones, 0.9, wraps=False)
+    view = views.View(z, matrix, matrix, ones, 0.9, wraps=False)
     limits = Limits(1, -1.0, 0.1, 0.1, 0.1, 1, 1)
     groups = Groups(np.arange(2), np.arange(2), zeros, np.zeros(1))
     options = Options(np.arange(2), zeros, ones, np.zeros(1, np.uint64))
@@ -383,7 +383,7 @@ def warm_up_calls() -> list[compiling.Call]:
         (summing.probabilities, groups, 1),
         (kernels.predict, mean, cov, 1.0, np.eye(4), mean, cov),
         (renumber, groups, 1),
-        *sensors.warm_up_calls(),
+        *views.warm_up_calls(),
         *intensity.warm_up_calls(),
         (summing.map_tracks, groups),
         (summing.summary, groups, zeros, 1),

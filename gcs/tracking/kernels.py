@@ -14,7 +14,7 @@ import numpy as np
 
 from gcs.compiling import inlined, kernel, leaf
 from gcs.tracking.gates import innovation
-from gcs.tracking.sensors import View, wrapped
+from gcs.tracking.views import View, wrapped
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray

@@ -8,7 +8,7 @@ Joseph form. Smoother (Rauch, Tung & Striebel 1965), with the gain G_k = P_k|k F
 With a fixed lag L the state k is that of n = min(k + L, last): what one knows L scans later.
 State order [east, north, v_east, v_north], and the turn rate as a fifth where objects turn: then the filter
 is that of `turning`, and the smoother takes the turn to be linear around the filtered states (an extended
-one). H and R are those of `sensors.view`, which is linear around each track.
+one). H and R are those of `views.view`, which is linear around each track.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ import numpy as np
 
 from gcs.model import FloatArray, Sensor
 from gcs.tracking import turning
-from gcs.tracking.sensors import measured, view, wrapped
+from gcs.tracking.sensors import measured
 from gcs.tracking.turning import Turns
+from gcs.tracking.views import view, wrapped
 
 
 class Step(NamedTuple):
@@ -113,11 +114,11 @@ def _predicted(
 
 
 def _updated(x: FloatArray, P: FloatArray, sensor: Sensor, z_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    seen = view(sensor, x[None, :4], P[None, :4, :4])
+    seen = view(sensor, x[None, :4].copy(), P[None, :4, :4].copy())  # a birth's are read-only: another type
     H, R = np.pad(seen.A[0], ((0, 0), (0, x.size - 2))), seen.noise[0]
     innovation = measured(sensor, z_m[None])[0] - seen.z_hat[0]
     if seen.wraps:
-        innovation[1] = wrapped(innovation[1])
+        innovation[1] = wrapped.py_func(innovation[1])
     K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
     A = np.eye(x.size) - K @ H
     return x + K @ innovation, A @ P @ A.T + K @ R @ K.T

@@ -25,7 +25,7 @@ import numpy as np
 
 from gcs.compiling import inlined, kernel
 from gcs.model import FloatArray
-from gcs.tracking.sensors import View, wrapped
+from gcs.tracking.views import View, wrapped
 
 _SMALL_ANGLE = 1e-4
 _MOST_CORRELATION = 0.98

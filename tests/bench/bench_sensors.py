@@ -16,7 +16,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from gcs.model import NS_PER_S, Polar, Sensor
-from gcs.tracking import kernels, sensors
+from gcs.tracking import kernels, sensors, views
 from gcs.tracking.births import UnknownBirths
 from gcs.tracking.glmb import Birth, Glmb, GlmbParams, warm_up
 
@@ -114,7 +114,7 @@ def update_run(prior_std_m: float, bearing_std_rad: float, runs: int) -> list[tu
         mean, cov = np.array([0.0, 1000.0, 0.0, 0.0]), np.diag([prior_std_m**2, prior_std_m**2, 25.0, 25.0])
         x = rng.multivariate_normal(mean, cov)
         z = sensors.measured(radar, x[None, :2]) + rng.normal(0, (5.0, bearing_std_rad))
-        view = sensors.view(radar, mean[None], cov[None])
+        view = views.view(radar, mean[None], cov[None])
         ours, ours_cov = kernels.update(mean[None], cov[None], first, first, z, view)
         peer = ExtendedKalmanFilter(4, 2)
         peer.x, peer.P, peer.R = mean, cov, np.diag([25.0, bearing_std_rad**2])

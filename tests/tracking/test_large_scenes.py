@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking import gates, sensors
+from gcs.tracking import gates, views
 from gcs.tracking.glmb import Birth, Glmb, GlmbParams
 
 SIDE_M = 300.0
@@ -69,7 +69,7 @@ def test_a_gate_misses_no_detection_wherever_it_stands_in_the_scan(m):
     n, gate_chi2 = 30, 9.0
     mean = np.hstack([rng.uniform(-20.0, 220.0, (n, 2)), np.zeros((n, 2))])
     cov = np.array([np.diag([*rng.uniform(1.0, 900.0, 2), 1.0, 1.0]) for _ in range(n)])
-    view = sensors.view(SENSOR, mean, cov)
+    view = views.view(SENSOR, mean, cov)
     flat = np.full(n, -0.1)
     start, meas, _ = gates.options(cov, flat, flat, z, view, np.full(m, -60.0), gate_chi2)
     for t in range(n):

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, Polar, Sensor
-from gcs.tracking import kernels, sensors
+from gcs.tracking import kernels, sensors, views
 from gcs.tracking.glmb import Birth, Glmb, GlmbParams
 
 FIELD = (-1000.0, -1000.0, 1000.0, 1000.0)
@@ -46,7 +46,7 @@ def residual(a, b):
 
 
 def updated(sensor, mean, cov, place_m):
-    view = sensors.view(sensor, mean[None], cov[None])
+    view = views.view(sensor, mean[None], cov[None])
     z = sensors.measured(sensor, np.reshape(place_m, (1, 2)))
     first = np.zeros(1, np.int64)
     new, new_cov = kernels.update(mean[None], cov[None], first, first, z, view)
@@ -109,7 +109,7 @@ def test_any_track_seen_from_anywhere_keeps_a_sound_covariance(seed, reach, std,
     mean = np.array([*(reach * rng.normal(0.0, 1.0, 2)), *rng.normal(0.0, 10.0, 2)])
     cov = spd(rng, 4, np.array([std, std, 5.0, 5.0]))
     sensor = radar(std=noise)
-    view = sensors.view(sensor, mean[None], cov[None])
+    view = views.view(sensor, mean[None], cov[None])
     assert 0.0 <= view.inside[0] <= 1.0
     assert abs(view.z_hat[0, 1]) <= math.pi
     found, found_cov = updated(sensor, mean, cov, mean[:2] + std * rng.normal(0.0, 1.0, 2))
@@ -121,7 +121,7 @@ def test_any_track_seen_from_anywhere_keeps_a_sound_covariance(seed, reach, std,
 
 @given(angle=st.floats(-1e3, 1e3))
 def test_angles_wrap(angle):
-    wrapped = sensors.wrapped.py_func(angle)
+    wrapped = views.wrapped.py_func(angle)
     assert abs(wrapped) <= math.pi + 1e-9
     assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
     assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
@@ -144,7 +144,7 @@ def test_a_track_is_inside_as_much_as_its_gaussian_is(sensor):
     for centre in [(0.0, -300.0), (30.0, -880.0), (200.0, -500.0), (990.0, 980.0), (-1020.0, 0.0)]:
         mean, cov = np.array([*centre, 0.0, 0.0]), np.diag([20.0**2, 25.0**2, 1.0, 1.0])
         draws = rng.multivariate_normal(mean[:2], cov[:2, :2], 20_000)
-        found = sensors.view(sensor, mean[None], cov[None]).inside[0]
+        found = views.view(sensor, mean[None], cov[None]).inside[0]
         assert found == pytest.approx(sensors.covers(sensor, draws).mean(), abs=0.05)
 
 

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking import kernels, motion, sensors, summing, turning
+from gcs.tracking import kernels, motion, summing, turning, views
 from gcs.tracking.glmb import Birth, Glmb, GlmbParams
 
 SENSOR = Sensor("s", 0.98, 4e-6, np.diag([10.0, 10.0]), (-5000.0, -5000.0, 5000.0, 5000.0))
@@ -75,7 +75,7 @@ def test_the_update_is_the_kalman_update_of_five_states():
     x, P = random_track(rng)
     mean, cov, turn = split(x, P)
     place = mean[:, :2] + 4.0
-    view, first = sensors.view(SENSOR, mean, cov), np.zeros(1, np.int64)
+    view, first = views.view(SENSOR, mean, cov), np.zeros(1, np.int64)
     new_mean, new_cov = kernels.update(mean, cov, first, first, place, view)
     new_turn = turning.update(cov, turn, first, first, place, view)
     H = np.eye(2, 5)
@@ -106,7 +106,7 @@ def test_the_joint_covariance_stays_positive_definite_at_any_pace(seed, steps):
     first = np.zeros(1, np.int64)
     for dt, seen in steps:
         mean, cov, turn = turning.predict(mean, cov, turn, motion.process_noise(dt, 1.0), dt, 0.3, 10.0)
-        view = sensors.view(SENSOR, mean, cov)
+        view = views.view(SENSOR, mean, cov)
         z = mean[:, :2] + rng.normal(0, 5, (1, 2))
         meas = first if seen else first - 1
         mean_after, cov_after = kernels.update(mean, cov, first, meas, z, view)
