@@ -61,7 +61,7 @@ _FROM_KERNELS = {"no_cpython_wrapper": True, **_OPTIONS}
 """What Python never calls need not take Python's arguments apart: an eighth of compiling."""
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]  numba has no types
+class _Cache(FunctionCache):  # type: ignore[misc]
     """numba's cache, without preparing to compile before it is known that there is something to compile."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
