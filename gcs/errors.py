@@ -61,7 +61,7 @@ class JournalError(GcsError):
 
 
 class InterruptedRunError(GcsError):
-    """The user ended it before it had begun."""
+    """The user ended it before it was done; the text says what that leaves."""
 
 
 class SimulationError(GcsError):

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from gcs.edge.complaints import complain
 from gcs.errors import GcsError
 from sim_vehicles.scenario import load
 from sim_vehicles.supervisor import Plan, Supervisor
@@ -94,8 +95,7 @@ def run(
         finally:
             supervisor.stop()
     except GcsError as error:
-        console.print(f"[bold red]error:[/] {error}", highlight=False)
-        raise typer.Exit(2) from None
+        raise typer.Exit(complain(error, console)) from None
 
 
 def _interrupt(*_: object) -> None:
@@ -152,8 +152,7 @@ def simulate(
     try:
         complete = simulate_runs(load(scenario), seed, runs, as_json, out, loss, duration)
     except GcsError as error:
-        Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False)
-        raise typer.Exit(2) from None
+        raise typer.Exit(complain(error)) from None
     raise typer.Exit(0 if complete else 1)
 
 
@@ -162,14 +161,12 @@ def montecarlo(options: str) -> None:
     """Fly a campaign; `options` is the JSON of `MontecarloOptions`. People say `gcs montecarlo`."""
     import msgspec
 
-    from gcs.errors import InterruptedRunError
     from sim_vehicles.montecarlo import MontecarloOptions, run_montecarlo
 
     try:
         complete = run_montecarlo(msgspec.json.decode(options, type=MontecarloOptions))
     except GcsError as error:
-        Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
-        raise typer.Exit(130 if isinstance(error, InterruptedRunError) else 2) from None
+        raise typer.Exit(complain(error)) from None
     raise typer.Exit(0 if complete else 1)
 
 

@@ -70,7 +70,7 @@ def run_montecarlo(options: MontecarloOptions) -> bool:
         console.print(_shown(table))
     if any(row.outcome != "complete" for row in rows):
         console.print(_shown(failures(rows, key)))
-    console.print(f"report: {page}", highlight=False, soft_wrap=True)
+    console.print(f"report: {page}", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
         print(json.dumps(msgspec.to_builtins(found)), flush=True)  # noqa: T201  the promised last line
     return all(row.outcome == "complete" for row in rows)

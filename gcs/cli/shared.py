@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from gcs.errors import GcsError, InterruptedRunError
+from gcs.edge.complaints import complain
+from gcs.errors import GcsError
 
 
 def complete_scenario(incomplete: str) -> list[str]:
@@ -39,14 +39,13 @@ JsonOption = Annotated[bool, typer.Option("--json", help="End with one JSON obje
 
 
 class errors_shown:  # noqa: N801  reads as a statement
-    """Turn an error of ours into one readable line and exit code 2."""
+    """Turn an error of ours into one readable line and an exit code."""
 
     def __enter__(self) -> None:
         return None
 
     def __exit__(self, _type: object, error: BaseException | None, _trace: object) -> None:
         if isinstance(error, GcsError):
-            Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
-            raise typer.Exit(130 if isinstance(error, InterruptedRunError) else 2) from None
+            raise typer.Exit(complain(error)) from None
         if isinstance(error, KeyboardInterrupt):
             raise typer.Exit(130) from None

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 from rich.console import Console
+from rich.filesize import decimal
 from rich.table import Table
 
 from gcs.model import NS_PER_S
@@ -32,7 +33,7 @@ def print_contents(contents: dict[str, Any], console: Console) -> None:
 
 
 def _heading(contents: dict[str, Any]) -> str:
-    text = f"{contents['file']}: {contents['kind']}, {contents['bytes'] / 1e6:.1f} MB"
+    text = f"{contents['file']}: {contents['kind']}, {decimal(contents['bytes'])}"
     if contents.get("parts", 1) > 1:
         text += f" in {contents['parts']} parts"
     if contents["seconds"] is None:

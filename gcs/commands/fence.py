@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.commands.naming import names, vehicle_named
+from gcs.edge.complaints import complain
 from gcs.errors import GcsError
 
 if TYPE_CHECKING:
@@ -107,8 +108,7 @@ def _run(
             _ask(action, chosen)
         talks = fence_vehicles(config, source, action, chosen, wait_s, link)
     except GcsError as error:
-        Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
-        raise typer.Exit(2) from None
+        raise typer.Exit(complain(error)) from None
     console.print(_table(talks))
     ok = all(talk.ok for talk in talks)
     if as_json:

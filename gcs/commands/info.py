@@ -14,17 +14,16 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gcs.commands.contents import print_contents
+from gcs.commands.tables import ENDINGS
 from gcs.edge.boot_clock import TimeLine
 from gcs.edge.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
-from gcs.edge.tlog import NO_FRAMES, Logged, Unreadable, is_stamped, read_log
+from gcs.edge.tlog import Logged, Unreadable, is_stamped, read_log
 from gcs.edge.wire import topic_of
 from gcs.errors import RecordingError
 from gcs.mavlink.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, MissionEnded, Scan, Send
 from gcs.report.traffic import Traffic, rate_hz
 
-_DETECTIONS: Final = (".npz", ".csv")
-"""Endings of their files; other kinds are told by content."""
 _MAX_LISTED: Final = 100
 _BAR_ABOVE_BYTES: Final = 4_000_000
 _EVERY: Final = 4096
@@ -38,7 +37,7 @@ def run_info(path: Path, console: Console, *, as_json: bool) -> int:
     RecordingError
         When it cannot be read or is nothing that we know.
     """
-    if path.suffix.lower() in _DETECTIONS and not path.is_dir():
+    if path.suffix.lower() in ENDINGS and not path.is_dir():
         # Here, since it knows sensors, whose kernels take a second and 60 MB to load.
         from gcs.commands.scans_info import detections_contents, print_detections
 
@@ -127,10 +126,7 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     damage: list[Unreadable] = []
     stretches = bad_bytes = 0
     with path.open("rb") as file, reading_progress(console, path, size) as advance:
-        stamped = is_stamped(file)
-        if stamped is None:
-            raise RecordingError(str(path), "is empty" if size == 0 else NO_FRAMES)
-        file.seek(0)
+        stamped = is_stamped(file, str(path))
         line = TimeLine(stamped=stamped)
         for number, part in enumerate(read_log(file, stamped=stamped)):
             if number % _EVERY == 0:

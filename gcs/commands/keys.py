@@ -15,6 +15,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from gcs.edge.complaints import complain
 from gcs.errors import ConfigError, GcsError
 
 if TYPE_CHECKING:
@@ -324,5 +325,4 @@ def _print(keys: KeyFile, *, secret: bool) -> None:
 
 
 def _fail(console: Console, error: GcsError) -> NoReturn:
-    console.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
-    raise typer.Exit(2) from None
+    raise typer.Exit(complain(error, console)) from None

@@ -17,6 +17,7 @@ import typer
 from rich.console import Console
 
 from gcs.commands.naming import names, vehicle_named
+from gcs.edge.complaints import complain
 from gcs.errors import GcsError, LinkError
 
 if TYPE_CHECKING:
@@ -250,7 +251,7 @@ def _give(
         _collect(order, mission, zenoh, timeout_s, console, answers)
     except GcsError as error:
         problem = str(error)
-        Console(stderr=True).print(f"[bold red]error:[/] {problem}", highlight=False, soft_wrap=True)
+        complain(error)
     ok = not problem and all(answer.state in ("accepted", "done") for answer in answers)
     if as_json:
         rows = [{"vehicle": a.vehicle, "state": a.state, "detail": a.detail} for a in answers]

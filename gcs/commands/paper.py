@@ -69,7 +69,7 @@ def run_paper(out: Path, console: Console, *, as_json: bool) -> int:
     )
     save_page(page, out / "index.html")
     (out / "claims.md").write_text(markdown(found), encoding="utf-8")
-    console.print(f"{out / 'index.html'}", highlight=False, soft_wrap=True)
+    console.print(str(out / "index.html"), highlight=False, markup=False, soft_wrap=True)
     for claim in found:
         console.print(f"  {claim.verdict:17} {claim.where}: {claim.says}", highlight=False, soft_wrap=True)
     if as_json:

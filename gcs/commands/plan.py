@@ -264,4 +264,4 @@ def _show(
     stages = ", ".join(f"{stage} {ms:.2f} ms" for stage, ms in timings_ms.items())
     console.print(f"{stages}", highlight=False, style="dim")
     if plot is not None:
-        console.print(f"picture: {plot}", highlight=False)
+        console.print(f"picture: {plot}", highlight=False, markup=False, soft_wrap=True)

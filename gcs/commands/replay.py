@@ -19,11 +19,12 @@ from rich.console import Console
 from gcs.app import wait_for_interrupt
 from gcs.commands.replaying import Replay, Verifier, Window
 from gcs.commands.sinks import view_for, warm_up
-from gcs.commands.telemetry import Beside, load_beside, telemetry_records
+from gcs.commands.telemetry import Beside, load_beside, refuse_detections, telemetry_records
 from gcs.commands.whatif import Comparison, settings, table
 from gcs.config import Config, load, parse
 from gcs.edge.reader import About, Record, about, is_recording, read
 from gcs.edge.recorder import versions
+from gcs.edge.tlog import is_stamped
 from gcs.errors import RecordingError
 from gcs.model import Effect, Event
 from gcs.report.verification import Verification
@@ -119,10 +120,12 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
 def _prepared(options: ReplayOptions, console: Console) -> _Plan:
     path = options.path
     if not is_recording(path):
+        refuse_detections(path)
         if options.config is None:
+            with path.open("rb") as file:
+                is_stamped(file, str(path))
             raise RecordingError(
-                str(path),
-                "is no recording of ours; to replay a telemetry log, name its mission with --config",
+                str(path), "is a telemetry log: name the mission of its vehicles with --config"
             )
         if options.verify:
             raise RecordingError(str(path), "is no recording of ours: there is nothing to verify it against")

@@ -20,11 +20,11 @@ from gcs.command.area import mission_grid
 from gcs.command.fold import Command
 from gcs.commands.info import reading_progress
 from gcs.commands.sinks import warm_up
-from gcs.commands.telemetry import Beside, load_beside, telemetry_records
+from gcs.commands.telemetry import Beside, load_beside, refuse_detections, telemetry_records
 from gcs.config import Config, load, parse
 from gcs.edge.boot_clock import TimedBy, TimeLine
 from gcs.edge.reader import Damage, about, is_recording, read, recording_bytes
-from gcs.edge.tlog import NO_FRAMES, Logged, is_stamped, read_log
+from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import ConfigError, RecordingError
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import scan
@@ -76,7 +76,7 @@ def run_report(options: ReportOptions, console: Console) -> int:
     material = material_of(options, folder / CSV_NAME, console)
     with console.status("drawing the figures"):
         page = run_page(material, folder)
-    console.print(f"{page}", highlight=False, soft_wrap=True)
+    console.print(str(page), highlight=False, markup=False, soft_wrap=True)
     for remark in material.remarks:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
@@ -93,6 +93,7 @@ def material_of(options: ReportOptions, csv: Path | None, console: Console) -> M
     """Read a file once, to its end or to its damage, and return everything that is shown of it."""
     if is_recording(options.path):
         return _Reading(options, csv, console).recording()
+    refuse_detections(options.path)
     return _Reading(options, csv, console).log()
 
 
@@ -189,10 +190,7 @@ class _Reading:
         size = path.stat().st_size
         times, bad_bytes, stretches = [0, 0], 0, 0
         with path.open("rb") as file, reading_progress(self.console, path, size) as advance:
-            stamped = is_stamped(file)
-            if stamped is None:
-                raise RecordingError(str(path), "is empty" if size == 0 else NO_FRAMES)
-            file.seek(0)
+            stamped = is_stamped(file, str(path))
             line = TimeLine(stamped=stamped)
             for number, part in enumerate(read_log(file, stamped=stamped)):
                 if number % _EVERY == 0:

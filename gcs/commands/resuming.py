@@ -53,7 +53,9 @@ def take_up(service: Service, journal: Journal, resume: bool | None, now_ns: int
     except JournalError as error:
         if resume:
             raise
-        console.print(f"[yellow]journal {error}; starting clean[/]", highlight=False, soft_wrap=True)
+        console.print(
+            f"journal {error}; starting clean", style="yellow", highlight=False, markup=False, soft_wrap=True
+        )
         return
     if memory is None or memory.ended:
         if resume:
@@ -70,7 +72,11 @@ def take_up(service: Service, journal: Journal, resume: bool | None, now_ns: int
         )
         return
     service.resume(memory)
-    console.print(f"taking up from {journal.path}, written {age_s:.0f} s ago (--no-resume: begin clean)")
+    console.print(
+        f"taking up from {journal.path}, written {age_s:.0f} s ago (--no-resume: begin clean)",
+        markup=False,
+        soft_wrap=True,
+    )
 
 
 class JournalSink:

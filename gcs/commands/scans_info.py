@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
+from rich.filesize import decimal
 
 from gcs.commands.columns import TIMES, Columns, columns
 from gcs.commands.tables import Numbers, read_csv, read_npz
@@ -29,6 +30,8 @@ def detections_contents(path: Path) -> dict[str, Any]:
         When the file is no table of detections.
     """
     more: list[str] = []
+    if path.is_file() and path.stat().st_size == 0:
+        raise ConfigError(str(path), "", "is empty")
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
         if "meas" not in arrays:
@@ -83,9 +86,8 @@ def print_detections(contents: dict[str, Any], console: Console) -> None:
     def say(text: str, style: str = "") -> None:
         console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
 
-    size_mb = contents["bytes"] / 1e6
     more = f"; also {', '.join(contents['more'])}" if contents["more"] else ""
-    say(f"{contents['file']}: detections, {size_mb:.1f} MB{more}")
+    say(f"{contents['file']}: detections, {decimal(contents['bytes'])}{more}")
     if contents["sensors"]:
         say(f"sensors: {', '.join(contents['sensors'])}")
     scans, unit = contents["scans"], "" if contents["column"] == "k" else " s"
@@ -103,7 +105,9 @@ def print_detections(contents: dict[str, Any], console: Console) -> None:
         left = contents["gap_count"] - min(_SHOWN, contents["gap_count"])
         say(f"gaps: {places}" + (f" and {left} more" if left else ""), "yellow")
     if contents["out_of_order"]:
-        say(f"{contents['out_of_order']} rows are earlier than the row before them", "yellow")
+        count = contents["out_of_order"]
+        rows = "row is earlier than the one before" if count == 1 else "rows are earlier than those before"
+        say(f"{count} {rows}", "yellow")
     if contents["not_finite"]:
         say(f"{contents['not_finite']} detections are no finite numbers", "yellow")
     for remark in contents["remarks"]:

@@ -54,7 +54,7 @@ def serve(options: ServeOptions, console: Console) -> None:
         )
         signing = Signing(config.mavlink_links, config.links.key_file(source), kernel=True)
         asyncio.run(_serve(config, options, signing, recorder, journal, console))
-        console.print(f"recording: {recorder.folder}", highlight=False)
+        console.print(f"recording: {recorder.folder}", highlight=False, markup=False, soft_wrap=True)
 
 
 async def _serve(

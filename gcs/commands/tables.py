@@ -17,6 +17,8 @@ from gcs.model import FloatArray
 _MOST_NUMBERS: Final = 40_000_000
 """In one file: 320 MB."""
 _MOST_LINE: Final = 100_000
+ENDINGS: Final = (".npz", ".csv")
+"""Of the names of such files; other kinds of files are told by content."""
 SENSOR: Final = "sensor"
 """Title of a column of words."""
 _SPLIT: Final = "expected less: split it into several files"

@@ -21,9 +21,10 @@ import numpy as np
 
 from gcs.app import TICK_NS
 from gcs.commands.detections import Detections, load
+from gcs.commands.tables import ENDINGS
 from gcs.edge.boot_clock import TimeLine
 from gcs.edge.reader import Record
-from gcs.edge.tlog import NO_FRAMES, Logged, is_stamped, read_log
+from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import RecordingError
 from gcs.mavlink.codec import Frame
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick, read_only
@@ -62,6 +63,22 @@ def load_beside(path: Path, model: Path | None, offset_s: float) -> Beside:
         When the file cannot be read or its sensor is not known.
     """
     return Beside(str(path), load(path, model, None), offset_s)
+
+
+def refuse_detections(path: Path) -> None:
+    """Say what to do with detections where a recording or a log was expected.
+
+    Raises
+    ------
+    RecordingError
+        When the name is one of detections.
+    """
+    if path.suffix.lower() in ENDINGS and path.is_file():
+        raise RecordingError(
+            str(path),
+            "holds detections alone: `gcs track` tracks them; `gcs replay LOG --config MISSION --detections "
+            "FILE` lays them beside a telemetry log",
+        )
 
 
 def telemetry_records(
@@ -140,10 +157,7 @@ def _frames(path: Path) -> Iterator[tuple[int, Frame]]:
     """Frames of a log with their times."""
     try:
         with path.open("rb") as file:
-            stamped = is_stamped(file)
-            if stamped is None:
-                raise RecordingError(str(path), NO_FRAMES)
-            file.seek(0)
+            stamped = is_stamped(file, str(path))
             line = TimeLine(stamped=stamped)
             for part in read_log(file, stamped=stamped):
                 if isinstance(part, Logged):

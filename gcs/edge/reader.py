@@ -27,7 +27,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 
-from gcs.edge.recorder import CONFIG_NAME, RUN_METADATA, VERSIONS_METADATA, Run, part_paths
+from gcs.edge.recorder import CONFIG_NAME, MCAP_NAME, RUN_METADATA, VERSIONS_METADATA, Run, part_paths
 from gcs.edge.wire import TOPICS, Recordable, decode
 from gcs.errors import RecordingError, WireError
 from gcs.model import Picture
@@ -285,11 +285,20 @@ def _check_end(file: BinaryIO) -> None:
 
 
 def mcap_paths(path: Path) -> list[Path]:
-    """Return the MCAP files, in order, of a recording that is named by one of them or by its folder."""
+    """Return the MCAP files, in order, of a recording that is named by one of them or by its folder.
+
+    Raises
+    ------
+    RecordingError
+        When there is none.
+    """
     try:
-        return part_paths(path) if path.is_dir() else [path]
+        paths = part_paths(path) if path.is_dir() else [path]
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
+    if path.is_dir() and len(paths) == 1 and not paths[0].exists():
+        raise RecordingError(str(path), f"holds no recording: there is no {MCAP_NAME} in it")
+    return paths
 
 
 def recording_bytes(path: Path) -> int:

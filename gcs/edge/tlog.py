@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.errors import RecordingError
 from gcs.mavlink.codec import Frame, checked_frame, scan
 
 _STAMP = struct.Struct(">Q")
@@ -35,7 +36,6 @@ _MAX_ENTRY_BYTES = 2 * (8 + 280)
 _MARKER = re.compile(b"[\xfd\xfe]")
 _SNIFFED = 200
 _SNIFFED_BYTES = 16 * 1024 * 1024
-NO_FRAMES = "is no recording, and no MAVLink frame is in its first 16 MB"
 
 
 class LogClock:
@@ -128,10 +128,15 @@ def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[Logged | Unrea
         yield Unreadable(bad_from, base + at - bad_from)
 
 
-def is_stamped(file: BinaryIO) -> bool | None:
-    """Tell a tlog from a raw stream by what lies between the first frames; None when there are no frames.
+def is_stamped(file: BinaryIO, name: str) -> bool:
+    """Tell a tlog from a raw stream by what lies between the first frames; goes back to the beginning.
 
     The beginning of the file decides, so that gigabytes of something else are refused at once.
+
+    Raises
+    ------
+    RecordingError
+        When no frame is there; it calls the file `name`.
     """
     between, frames = 0, 0
     head = io.BytesIO(file.read(_SNIFFED_BYTES))
@@ -140,7 +145,13 @@ def is_stamped(file: BinaryIO) -> bool | None:
             between += part.length == _STAMP.size
         else:
             frames += 1
-    return None if frames == 0 else 2 * between >= frames
+    if frames == 0:
+        empty = file.seek(0, io.SEEK_END) == 0
+        raise RecordingError(
+            name, "is empty" if empty else "is no recording, and no MAVLink frame is in its first 16 MB"
+        )
+    file.seek(0)
+    return 2 * between >= frames
 
 
 def _entry(data: bytes, at: int, lead: int, *, in_step: bool) -> tuple[Frame, Standing] | None:

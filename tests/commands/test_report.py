@@ -197,6 +197,8 @@ def test_a_telemetry_log_of_others_is_shown_without_a_mission(tmp_path: Path) ->
         ("letter.txt", b"dear reader\n" * 200, "no MAVLink frame"),
         ("zeros.bin", bytes(300_000), "no MAVLink frame"),
         ("foreign.mcap", b"\x89MCAP0\r\n\x01" + bytes([8, *[0] * 15]), "none of our records"),
+        ("[red]odd.tlog", b"", "is empty"),
+        ("radar.csv", b"t_s,x,y\n1,2,3\n", "--detections"),
     ],
 )  # fmt: skip
 def test_what_is_no_recording_is_refused_in_one_line(
@@ -211,6 +213,9 @@ def test_what_is_no_recording_is_refused_in_one_line(
     assert not (tmp_path / "out" / "index.html").exists()
     code, text, _ = run("replay", path, "--config", "prescribed")
     assert (code, name in text) == (2, True)
+    if not name.endswith(".mcap"):
+        code, text, _ = run("replay", path)
+        assert (code, words in text) == (2, True)
 
 
 def test_a_folder_without_a_recording_and_a_missing_file_are_refused(tmp_path: Path) -> None:
@@ -218,7 +223,7 @@ def test_a_folder_without_a_recording_and_a_missing_file_are_refused(tmp_path: P
         for command in (("report", path, "-o", tmp_path / "out"), ("info", path), ("replay", path)):
             code, text, _ = run(*command)
             assert code == 2
-            assert "cannot be read" in text
+            assert ("holds no recording" if path.is_dir() else "cannot be read") in text
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data are not here")

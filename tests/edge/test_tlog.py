@@ -11,6 +11,7 @@ from pymavlink.dialects.v10 import ardupilotmega as mavlink1
 from pymavlink.dialects.v20 import ardupilotmega as mavlink2
 
 from gcs.edge.tlog import Logged, Unreadable, is_stamped, read_log
+from gcs.errors import RecordingError
 
 T0_US = 1_436_056_003_000_000
 NO_MARKERS = bytes.maketrans(b"\xfd\xfe", b"ab")
@@ -122,11 +123,12 @@ def test_a_stamp_that_cannot_be_is_not_believed() -> None:
 
 def test_a_tlog_is_told_from_a_raw_stream() -> None:
     some = [frame(number) for number in range(5)]
-    assert is_stamped(io.BytesIO(b"".join(map(entry, some)))) is True
-    assert is_stamped(io.BytesIO(b"junk" * 100 + b"".join(map(entry, some)))) is True
-    assert is_stamped(io.BytesIO(b"junk" * 100 + b"".join(some))) is False
-    assert is_stamped(io.BytesIO(b"no frames here" * 100)) is None
-    assert is_stamped(io.BytesIO(b"")) is None
+    assert is_stamped(io.BytesIO(b"".join(map(entry, some))), "x") is True
+    assert is_stamped(io.BytesIO(b"junk" * 100 + b"".join(map(entry, some))), "x") is True
+    assert is_stamped(io.BytesIO(b"junk" * 100 + b"".join(some)), "x") is False
+    for content, problem in ((b"no frames here" * 100, "no MAVLink frame"), (b"", "x: is empty")):
+        with pytest.raises(RecordingError, match=problem):
+            is_stamped(io.BytesIO(content), "x")
 
 
 def test_memory_does_not_grow_with_the_file() -> None:
