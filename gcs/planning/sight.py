@@ -12,8 +12,13 @@ from __future__ import annotations
 
 import math
 
-from gcs.compiling import called, inlined, kernel
+import numpy as np
+
+from gcs.compiling import inlined, kernel, leaf
 from gcs.planning.grid import TOUCH, Grid, Point
+
+_HALF_SQUARE = 0.7072
+"""No part of a square is farther along a leg than its centre by more than this."""
 
 
 @inlined
@@ -46,7 +51,7 @@ def _leg_square(x0, y0, x1, y1, col, row):  # type: ignore[no-untyped-def]
     return best
 
 
-@called
+@leaf
 def leg_room(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
     """Distance in cells of a leg from the nearest blocked cell but `own`, at most `reach`.
 
@@ -71,39 +76,75 @@ def leg_room(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-de
     return best
 
 
-@kernel
-def clear_leg(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
-    """Whether a leg keeps `reach` cells from every blocked cell but `own` (flat index; -1: none)."""
+@leaf
+def blocker(blocked, x0, y0, x1, y1, reach, own, guess):  # type: ignore[no-untyped-def]
+    """A blocked cell other than `own` that a leg comes nearer to than `reach`: flat index; -1: none.
+
+    `guess` is looked at first: what was in the way of a leg is in the way of most legs like it. -1: none.
+    """
     rows, cols = blocked.shape
     limit = max(reach - TOUCH, TOUCH)
     wide = reach + 0.5 + 2.0 * TOUCH
     dx, dy = x1 - x0, y1 - y0
-    # A square is no nearer than the line through the leg: most cells are done with by that.
-    length = math.hypot(dx, dy)
-    beside = limit * length + 0.5 * (abs(dx) + abs(dy)) + TOUCH * length
+    norm2 = dx * dx + dy * dy
+    length = math.sqrt(norm2)
+    # A square is no nearer than the line through the leg: most cells are done with by that. And it is no
+    # farther, if it is beside the leg as a whole.
+    beside = limit * length + 0.5 * (abs(dx) + abs(dy))
+    maybe, end = beside + TOUCH * length, _HALF_SQUARE * length
+    per_row = 0.0 if abs(dy) < 1e-12 else 1.0 / dy
     first = max(0, math.ceil(min(y0, y1) - wide))
     last = min(rows - 1, math.floor(max(y0, y1) + wide))
-    for row in range(first, last + 1):
-        if abs(dy) < 1e-12:
-            low, high = min(x0, x1), max(x0, x1)
+    row = first if guess < 0 or guess == own else np.int64(-1)
+    while row <= last:
+        if row < 0:
+            at = guess // cols
+            left = right = guess - at * cols
         else:
-            ta = min(max((row - wide - y0) / dy, 0.0), 1.0)
-            tb = min(max((row + wide - y0) / dy, 0.0), 1.0)
-            low, high = x0 + min(ta * dx, tb * dx), x0 + max(ta * dx, tb * dx)
-        left = max(0, math.ceil(low - wide))
-        right = min(cols - 1, math.floor(high + wide))
+            at = row
+            if per_row == 0.0:
+                low, high = min(x0, x1), max(x0, x1)
+            else:
+                ta = min(max((row - wide - y0) * per_row, 0.0), 1.0)
+                tb = min(max((row + wide - y0) * per_row, 0.0), 1.0)
+                low, high = x0 + min(ta * dx, tb * dx), x0 + max(ta * dx, tb * dx)
+            left = max(0, math.ceil(low - wide))
+            right = min(cols - 1, math.floor(high + wide))
         for col in range(left, right + 1):
-            if (
-                blocked[row, col]
-                and row * cols + col != own
-                and abs((col - x0) * dy - (row - y0) * dx) <= beside
-                and _leg_square(x0, y0, x1, y1, col, row) < limit
-            ):
+            if not blocked[at, col] or at * cols + col == own:
+                continue
+            across = abs((col - x0) * dy - (at - y0) * dx)
+            if across > maybe:
+                continue
+            along = (col - x0) * dx + (at - y0) * dy
+            if end < along < norm2 - end:
+                if across < beside:
+                    return at * cols + col
+            elif _leg_square(x0, y0, x1, y1, col, at) < limit:
+                return at * cols + col
+        row = first if row < 0 else row + 1
+    return np.int64(-1)
+
+
+@kernel
+def clear_leg(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
+    """Whether a leg keeps `reach` cells from every blocked cell but `own` (flat index; -1: none)."""
+    return blocker(blocked, x0, y0, x1, y1, reach, own, np.int64(-1)) < 0
+
+
+@leaf
+def is_clear_at(blocked, x, y, reach):  # type: ignore[no-untyped-def]
+    """Whether a point keeps `reach` cells from every blocked cell; as `clear_leg` from it to itself."""
+    rows, cols = blocked.shape
+    limit, wide = max(reach - TOUCH, TOUCH), reach + 0.5 + 2.0 * TOUCH
+    for row in range(max(0, math.ceil(y - wide)), min(rows - 1, math.floor(y + wide)) + 1):
+        for col in range(max(0, math.ceil(x - wide)), min(cols - 1, math.floor(x + wide)) + 1):
+            if blocked[row, col] and _point_square(x, y, col, row) < limit:
                 return False
     return True
 
 
-@called
+@leaf
 def room_at(blocked, x, y, reach):  # type: ignore[no-untyped-def]
     """Distance in cells from a point to the nearest blocked cell, at most `reach`."""
     rows, cols = blocked.shape

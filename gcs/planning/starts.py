@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from gcs.compiling import called, kernel
+from gcs.compiling import kernel, leaf
 from gcs.planning.grid import TOUCH
 from gcs.planning.sight import clear_leg, room_at
 
@@ -26,7 +26,7 @@ ARC_HEIGHT = 1.0 - math.cos(0.5 * _CHORD)
 """Of an arc above its chords, in radii: arcs are looked at to this much (9 cm at 40 m)."""
 
 
-@called
+@leaf
 def arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):  # type: ignore[no-untyped-def]
     """Whether an arc from a place on a course keeps `reach`, looked at by its chords."""
     count = max(1, math.ceil(sweep / _CHORD))
@@ -43,7 +43,7 @@ def arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):  # type
     return True
 
 
-@called
+@leaf
 def arc_to(x, y, angle, to_x, to_y, side, radius):  # type: ignore[no-untyped-def]
     """Sweep of the turn to a side until a place lies straight ahead, and the length of the tangent to it.
 
@@ -61,7 +61,7 @@ def arc_to(x, y, angle, to_x, to_y, side, radius):  # type: ignore[no-untyped-de
     return sweep, math.sqrt(gap * gap - radius * radius)
 
 
-@called
+@leaf
 def start_arc(x, y, angle, to_x, to_y, radius):  # type: ignore[no-untyped-def]
     """Side (+1 left, -1 right), sweep and length of the turn to a place and the tangent that follows.
 
@@ -73,7 +73,7 @@ def start_arc(x, y, angle, to_x, to_y, radius):  # type: ignore[no-untyped-def]
     return side, sweep, radius * sweep + tangent
 
 
-@called
+@leaf
 def _turn_is_clear(blocked, reach, x, y, angle, side, sweep, to_x, to_y, radius, own):  # type: ignore[no-untyped-def]
     """Whether an arc and the straight leg from its end to a place keep `reach`."""
     if not arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):

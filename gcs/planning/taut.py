@@ -26,12 +26,12 @@ import math
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel
+from gcs.compiling import called, inlined, kernel, leaf
+from gcs.planning.bends import E1X, E1Y, E2X, E2Y, X, Y, candidates
 from gcs.planning.grid import TOUCH
-from gcs.planning.sight import clear_leg, leg_room
+from gcs.planning.sight import blocker, clear_leg, leg_room
 from gcs.planning.starts import start_arc, start_is_clear, start_room
 
-_WIDTH = 2.5
 _WINDOW = 48
 _UNFIT = 3.0
 _FORCED = 3.0
@@ -41,22 +41,9 @@ _CORNER = 0.25
 _APART = 3.0
 _SWEEPS = 4
 _HALVINGS = 7
-_AWAY = 1e-6
-"""In cells: how far off an obstacle's corner a string bends that needs no clearance."""
-_TIP = math.sqrt(2.0)
-_OCTAGON = 1.0 / math.cos(math.pi / 8.0)
-_COS, _SIN = _OCTAGON * math.cos(math.pi / 8.0), _OCTAGON * math.sin(math.pi / 8.0)
 _NO_CELL = np.int64(-1)
-
-# Columns of the candidates' array.
-_X, _Y, _ALONG, _E1X, _E1Y, _E2X, _E2Y, _KNOWN, _COLUMNS = 0, 1, 2, 3, 4, 5, 6, 7, 8
-
-
-@inlined
-def _is_free(blocked, row, col):  # type: ignore[no-untyped-def]
-    """Whether a cell is free; beyond the map everything is."""
-    rows, cols = blocked.shape
-    return not (0 <= row < rows and 0 <= col < cols and blocked[row, col])
+_SURELY = 1.0 - 1e-12
+"""A root times this is no longer than a leg, however either was rounded."""
 
 
 @inlined
@@ -64,193 +51,97 @@ def _gap(points, i, j):  # type: ignore[no-untyped-def]
     return math.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
 
 
-@called
-def _turn(ux, uy, vx, vy):  # type: ignore[no-untyped-def]
-    """Tangent of half the angle between two directions; a large number for about-turns."""
-    cos = (ux * vx + uy * vy) / max(math.hypot(ux, uy) * math.hypot(vx, vy), 1e-12)
+@inlined
+def _turn(ux, uy, u, vx, vy, v):  # type: ignore[no-untyped-def]
+    """Tangent of half the angle between two legs of lengths u and v; a large number for about-turns."""
+    cos = (ux * vx + uy * vy) / max(u * v, 1e-12)
     return math.sqrt(max(1.0 - cos, 0.0) / max(1.0 + cos, 1e-4))
 
 
-@called
-def _start_cost(blocked, reach, found, i, heading, radius, own):  # type: ignore[no-untyped-def]
-    """By how much a start on the vehicle's course makes the way to candidate i dearer than the straight line.
+@leaf
+def _start_cost(blocked, reach, x, y, to_x, to_y, heading, radius, own):  # type: ignore[no-untyped-def]
+    """By how much a start on the vehicle's course makes the way to a place dearer than the straight line.
 
     It counts what the turn adds, and a full circle for one that hits something or cannot reach it.
     """
     if heading[0] == 0.0 and heading[1] == 0.0:
         return 0.0
-    x, y, to_x, to_y = found[0, _X], found[0, _Y], found[i, _X], found[i, _Y]
     angle = math.atan2(heading[1], heading[0])
     if not start_is_clear(blocked, reach, x, y, angle, to_x, to_y, radius, own):
         return 2.0 * math.pi * radius
     return start_arc(x, y, angle, to_x, to_y, radius)[2] - math.hypot(to_x - x, to_y - y)
 
 
-@inlined
-def _add(blocked, reach, found, count, x, y, along, e1x, e1y, e2x, e2y):  # type: ignore[no-untyped-def]
-    """Write one candidate if it is on the map and has the clearance itself; returns the new count."""
-    rows, cols = blocked.shape
-    on_map = abs(x - 0.5 * (cols - 1)) <= 0.5 * cols and abs(y - 0.5 * (rows - 1)) <= 0.5 * rows
-    if on_map and count < found.shape[0] and clear_leg(blocked, x, y, x, y, reach, _NO_CELL):
-        found[count, _X], found[count, _Y], found[count, _ALONG] = x, y, along
-        found[count, _E1X], found[count, _E1Y], found[count, _E2X], found[count, _E2Y] = e1x, e1y, e2x, e2y
-        found[count, _KNOWN] = -1.0
-        count += 1
-    return count
+@leaf
+def _at_least(x, y, e1x, e1y, e2x, e2y, cost, first, beyond, j, least):  # type: ignore[no-untyped-def]
+    """What the way to candidate j costs at least by those from `first` on; inf if a leg is not tangent.
+
+    Plain arithmetic without a branch, so that several are done at a time. A known point has no edges.
+    """
+    for i in range(first, beyond):
+        dx, dy = x[j] - x[i], y[j] - y[i]
+        leaves = (dx * e1y[i] - dy * e1x[i]) * (dx * e2y[i] - dy * e2x[i]) >= -1e-9
+        joins = (dx * e1y[j] - dy * e1x[j]) * (dx * e2y[j] - dy * e2x[j]) >= -1e-9
+        beeline = cost[i] + _SURELY * math.sqrt(dx * dx + dy * dy) + _CORNER
+        least[i] = beeline if leaves & joins else np.inf
 
 
-@called
-def _wrap(blocked, reach, found, count, row, col, ax, ay, ux, uy, start_along):  # type: ignore[no-untyped-def]
-    """Add the points that wrap the convex corners of one cell; returns the new count."""
-    for corner in range(4):
-        sx, sy = 2 * (corner >> 1) - 1, 2 * (corner & 1) - 1
-        if not (
-            _is_free(blocked, row + sy, col)
-            and _is_free(blocked, row, col + sx)
-            and _is_free(blocked, row + sy, col + sx)
-        ):
-            continue
-        x, y = col + 0.5 * sx, row + 0.5 * sy
-        along = start_along + (x - ax) * ux + (y - ay) * uy
-        far = _AWAY if reach <= 0.0 else reach
-        count = _add(blocked, reach, found, count, x + far * sx, y + far * sy, along, -sx, 0.0, 0.0, -sy)
-        if reach > 0.0:
-            c, s = far * _COS, far * _SIN
-            count = _add(blocked, reach, found, count, x + c * sx, y + s * sy, along, 0.0, -sy, -sx, sy)
-            count = _add(blocked, reach, found, count, x + s * sx, y + c * sy, along, -sx, 0.0, sx, -sy)
-    return count
-
-
-@called
-def _candidates(blocked, reach, way):  # type: ignore[no-untyped-def]
-    """The points that a string near a way may bend at, the way's own among them, ordered along it."""
-    rows, cols = blocked.shape
-    size, wide = way.shape[0], reach + _WIDTH
-    length = 0.0
-    for i in range(size - 1):
-        length += math.hypot(way[i + 1, 0] - way[i, 0], way[i + 1, 1] - way[i, 1])
-    found = np.empty((size + int(8.0 * (wide + 1.0) * (length + 4.0 * wide)), _COLUMNS))
-    seen = np.zeros((rows, cols), np.bool_)
-    count, along = 0, 0.0
-    for i in range(size):
-        for k in range(_COLUMNS):
-            found[count, k] = 0.0
-        found[count, _X], found[count, _Y], found[count, _ALONG], found[count, _KNOWN] = (
-            way[i, 0],
-            way[i, 1],
-            along,
-            i,
-        )
-        count += 1
-        if i == size - 1:
-            break
-        ax, ay = way[i, 0], way[i, 1]
-        dx, dy = way[i + 1, 0] - ax, way[i + 1, 1] - ay
-        leg = math.hypot(dx, dy)
-        ux, uy = (dx / leg, dy / leg) if leg > 0.0 else (0.0, 0.0)
-        for row in range(
-            max(0, math.ceil(min(ay, ay + dy) - wide)),
-            min(rows - 1, math.floor(max(ay, ay + dy) + wide)) + 1,
-        ):
-            if abs(dy) < 1e-12:
-                low, high = min(ax, ax + dx), max(ax, ax + dx)
-            else:
-                ta = min(max((row - wide - ay) / dy, 0.0), 1.0)
-                tb = min(max((row + wide - ay) / dy, 0.0), 1.0)
-                low, high = ax + min(ta * dx, tb * dx), ax + max(ta * dx, tb * dx)
-            for col in range(max(0, math.ceil(low - wide)), min(cols - 1, math.floor(high + wide)) + 1):
-                if blocked[row, col] and not seen[row, col] and abs((col - ax) * uy - (row - ay) * ux) < wide:
-                    seen[row, col] = True
-                    count = _wrap(blocked, reach, found, count, row, col, ax, ay, ux, uy, along)
-        along += leg
-    return _ordered(found, count, length)
-
-
-@called
-def _ordered(found, count, length):  # type: ignore[no-untyped-def]
-    """Candidates between the ends, by place along the way; insertion, since they nearly are in order."""
-    result, size = np.empty((count, _COLUMNS)), 0
-    for i in range(count):
-        inner = found[i, _KNOWN] < 0.0
-        if inner and not (0.0 < found[i, _ALONG] < length):
-            continue
-        k = size
-        while k > 0 and result[k - 1, _ALONG] > found[i, _ALONG]:
-            for column in range(_COLUMNS):
-                result[k, column] = result[k - 1, column]
-            k -= 1
-        for column in range(_COLUMNS):
-            result[k, column] = found[i, column]
-        size += 1
-    # Corners as far along as an end may have come to stand beyond it.
-    return result[:size]
-
-
-@inlined
-def _is_tangent(found, i, dx, dy):  # type: ignore[no-untyped-def]
-    """Whether a leg leaves the obstacle of candidate i on one side; known points have none."""
-    first = dx * found[i, _E1Y] - dy * found[i, _E1X]
-    second = dx * found[i, _E2Y] - dy * found[i, _E2X]
-    return first * second >= -1e-9
-
-
-@inlined
-def _unfit(found, came_from, spent, i, dx, dy, leg, radius):  # type: ignore[no-untyped-def]
-    """Cells that the turn at candidate i, on to a leg (dx, dy), lacks; and what it takes of the new leg."""
-    p = came_from[i]
-    ux, uy = found[i, _X] - found[p, _X], found[i, _Y] - found[p, _Y]
-    need = radius * _turn(ux, uy, dx, dy)
-    return max(need + spent[i] - math.hypot(ux, uy), 0.0) + max(need - leg, 0.0), need
-
-
-@called
-def _string(blocked, reach, found, heading, radius, own):  # type: ignore[no-untyped-def]
-    """Cheapest string through ordered candidates, from the first to the last: their indices, backwards."""
-    size = found.shape[0]
-    cost, came_from, spent = np.empty(size), np.empty(size, np.int64), np.zeros(size)
+@leaf
+def _fill(  # type: ignore[no-untyped-def]
+    blocked, reach, x, y, e1x, e1y, e2x, e2y, known, heading, radius, own, cost, came_from, led, spent, least
+):
+    """Find the cheapest string to each candidate and which one comes before it; arguments as `_string`'s."""
     last_known = 0
-    room = start_room(blocked, reach, found[0, _X], found[0, _Y])
+    room = start_room(blocked, reach, x[0], y[0])
     cost[0], came_from[0] = 0.0, -1
-    for j in range(1, size):
+    for j in range(1, x.size):
         cost[j], came_from[j] = np.inf, -1
-        known = found[j, _KNOWN] >= 0.0
-        first = max(0, j - _WINDOW)
-        for k in range(first - 1, j):
+        first, hit = max(0, j - _WINDOW), _NO_CELL
+        _at_least(x, y, e1x, e1y, e2x, e2y, cost, first, j, j, least)
+        if last_known < first:
+            _at_least(x, y, e1x, e1y, e2x, e2y, cost, last_known, last_known + 1, j, least)
+        for k in range(first - 1 if last_known < first else first, j):
             i = k if k >= first else last_known
-            if k < first and last_known >= first:
+            forced = known[j] and i == last_known
+            if not forced and least[i] >= cost[j]:
                 continue
-            if cost[i] == np.inf:
-                continue
-            dx, dy = found[j, _X] - found[i, _X], found[j, _Y] - found[i, _Y]
+            dx, dy = x[j] - x[i], y[j] - y[i]
             leg = math.hypot(dx, dy)
-            forced = known and i == last_known
-            if not forced and (
-                leg < 1e-9
-                or cost[i] + leg + _CORNER >= cost[j]
-                or not _is_tangent(found, i, dx, dy)
-                or not _is_tangent(found, j, dx, dy)
-            ):
-                continue
             here, need = cost[i] + leg + _CORNER, 0.0
+            if not forced and (leg < 1e-9 or here >= cost[j]):
+                continue
             if radius > 0.0:
                 here += _UNFIT * max(radius - leg, 0.0)
                 if i == 0:
-                    here += _start_cost(blocked, room, found, j, heading, radius, own)
+                    here += _start_cost(blocked, room, x[0], y[0], x[j], y[j], heading, radius, own)
                 elif leg > 0.0:
-                    lacking, need = _unfit(found, came_from, spent, i, dx, dy, leg, radius)
-                    here += _UNFIT * lacking
+                    p = came_from[i]
+                    need = radius * _turn(x[i] - x[p], y[i] - y[p], led[i], dx, dy, leg)
+                    here += _UNFIT * (max(need + spent[i] - led[i], 0.0) + max(need - leg, 0.0))
             if here >= cost[j]:
                 continue
             hindrance = own if i == 0 else _NO_CELL
-            if not clear_leg(
-                blocked, found[i, _X], found[i, _Y], found[j, _X], found[j, _Y], reach, hindrance
-            ):
+            seen = blocker(blocked, x[i], y[i], x[j], y[j], reach, hindrance, hit)
+            if seen >= 0:
+                hit = seen
                 if not forced or here + (_FORCED - 1.0) * leg >= cost[j]:
                     continue
                 here += (_FORCED - 1.0) * leg
-            cost[j], came_from[j], spent[j] = here, i, need
-        if known:
+            cost[j], came_from[j], led[j], spent[j] = here, i, leg, need
+        if known[j]:
             last_known = j
+
+
+@called
+def _string(blocked, reach, found, known, heading, radius, own):  # type: ignore[no-untyped-def]
+    """Cheapest string through ordered candidates, from the first to the last: their indices, backwards."""
+    size = known.size
+    cost, came_from, least = np.empty(size), np.empty(size, np.int64), np.empty(size)
+    led, spent = np.zeros(size), np.zeros(size)
+    _fill(
+        *(blocked, reach, found[X], found[Y], found[E1X], found[E1Y], found[E2X], found[E2Y], known),
+        *(heading, radius, own, cost, came_from, led, spent, least),
+    )
     path, count, node = np.empty(size, np.int64), 0, size - 1
     while node >= 0:
         path[count] = node
@@ -265,15 +156,17 @@ def _slid(blocked, reach, way, i, aim_x, aim_y, least, own):  # type: ignore[no-
     ax, ay, bx, by = way[i - 1, 0], way[i - 1, 1], way[i + 1, 0], way[i + 1, 1]
     x, y = way[i, 0], way[i, 1]
     hindrance = own if i == 1 else _NO_CELL
-    good, bad, step = 0.0, 1.0, 1.0
+    good, bad, step, hit, beyond = 0.0, 1.0, 1.0, _NO_CELL, _NO_CELL
     for _ in range(_HALVINGS):
         px, py = x + step * (aim_x - x), y + step * (aim_y - y)
-        if (
-            math.hypot(px - ax, py - ay) >= least
-            and math.hypot(px - bx, py - by) >= least
-            and clear_leg(blocked, ax, ay, px, py, reach, hindrance)
-            and clear_leg(blocked, px, py, bx, by, reach, _NO_CELL)
-        ):
+        clear = math.hypot(px - ax, py - ay) >= least and math.hypot(px - bx, py - by) >= least
+        if clear:
+            seen = blocker(blocked, ax, ay, px, py, reach, hindrance, hit)
+            clear, hit = seen < 0, seen if seen >= 0 else hit
+        if clear:
+            seen = blocker(blocked, px, py, bx, by, reach, _NO_CELL, beyond)
+            clear, beyond = seen < 0, seen if seen >= 0 else beyond
+        if clear:
             good = step
             if step == 1.0:
                 break
@@ -284,7 +177,7 @@ def _slid(blocked, reach, way, i, aim_x, aim_y, least, own):  # type: ignore[no-
     return good * math.hypot(aim_x - x, aim_y - y)
 
 
-@called
+@leaf
 def _slide(blocked, reach, way, count, least, own):  # type: ignore[no-untyped-def]
     """Slide the corners of a string, and drop those whose neighbours see each other; returns the count."""
     for _ in range(_SWEEPS):
@@ -312,12 +205,12 @@ def _slide(blocked, reach, way, count, least, own):  # type: ignore[no-untyped-d
 @called
 def _tautened(blocked, reach, way, heading, radius, least, own):  # type: ignore[no-untyped-def]
     """Shorten a way whose legs keep `reach`, or have no other choice; see `tauten`."""
-    found = _candidates(blocked, reach, way)
-    path = _string(blocked, reach, found, heading, radius, own)
+    found, known = candidates(blocked, reach, way)
+    path = _string(blocked, reach, found, known, heading, radius, own)
     count = path.size
     string = np.empty((count, 2))
     for i in range(count):
-        string[i, 0], string[i, 1] = found[path[count - 1 - i], _X], found[path[count - 1 - i], _Y]
+        string[i, 0], string[i, 1] = found[X, path[count - 1 - i]], found[Y, path[count - 1 - i]]
     return string[: _slide(blocked, reach, string, count, least, own)].copy()
 
 

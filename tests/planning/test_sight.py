@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.planning.grid import Grid, free_grid
-from gcs.planning.sight import line_of_sight
+from gcs.planning.grid import TOUCH, Grid, free_grid
+from gcs.planning.sight import blocker, clear_leg, is_clear_at, leg_room, line_of_sight
 
 COORD = st.one_of(st.floats(-1.5, 9.5), st.integers(-3, 19).map(lambda k: k / 2))
 POINT = st.tuples(COORD, COORD)
@@ -79,3 +79,25 @@ def test_beyond_the_maps_edge_the_view_is_free():
     grid = free_grid((3, 3), 1.0).with_obstacles(cells=[(0, 0)])
     assert line_of_sight(grid, (-5.0, -2.0), (9.0, -2.0), 1.0)
     assert not line_of_sight(grid, (-5.0, -2.0), (9.0, -2.0), 1.6)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 0.625, 1.4]), st.booleans())
+def test_sight_is_that_of_every_cell_measured_whatever_is_guessed_to_be_in_the_way(seed, reach, is_point):
+    rng = np.random.default_rng(seed)
+    blocked = rng.random((12, 15)) < 0.2
+    x0, y0, x1, y1 = (
+        np.round(rng.uniform(-2.0, 16.0, 4) * 4.0) / 4.0 if seed % 2 else rng.uniform(-2.0, 16.0, 4)
+    )
+    if is_point:
+        x1, y1 = x0, y0
+    cells = np.flatnonzero(blocked)
+    own = int(rng.choice(cells)) if cells.size and seed % 3 == 0 else -1
+    clear = leg_room(blocked, x0, y0, x1, y1, reach + 1.0, own) >= max(reach - TOUCH, TOUCH)
+    assert clear_leg(blocked, x0, y0, x1, y1, reach, own) == clear
+    for guess in [-1, *cells[:: max(1, cells.size // 8)].tolist()]:
+        found = blocker(blocked, x0, y0, x1, y1, reach, own, np.int64(guess))
+        assert (found < 0) == clear
+        assert found < 0 or (blocked.ravel()[found] and found != own)
+    if is_point and own < 0:
+        assert is_clear_at(blocked, x0, y0, reach) == clear
