@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 _CAUSES: Final = (
     ("first plan", re.compile(r"\bfirst plan\b"), "#7a5cc0"),
-    ("agent lost or taken over", re.compile(r"\bagent \d+ (?!joined|has no route)"), RED),
+    ("agent lost or taken over", re.compile(r"\bagent \d+ (?!joined|has no route|cannot get back)"), RED),
+    ("agent off its route", re.compile(r"\bagent \d+ cannot get back"), "#e69f00"),
     ("agent joined or idle", re.compile(r"\bagent \d+ (joined|has no route)"), "#009e73"),
     ("target appeared", re.compile(r"\btarget \S+ appeared"), "#0072b2"),
     ("target lost", re.compile(r"\btarget \S+ lost"), "#d55e00"),
@@ -230,21 +231,24 @@ def flight_figure(flights: Mapping[int, Flight], duration_s: float) -> Figure:
     for axes, title in ((height, "height above home, m"), (speed, "ground speed, m/s")):
         tidy(axes)
         heading(axes, title)
-        if 1 < len(flights) <= LABELLED:
-            legend(axes, ncol=6, loc="upper right")
-    _modes(modes, flights, duration_s)
+        axes.ticklabel_format(axis="y", useOffset=False)
+    fastest_m_s = max((float(f.ground_speed_m_s.max()) for f in flights.values() if len(f.t_s)), default=0.0)
+    speed.set_ylim(0.0, max(1.0, 1.1 * fastest_m_s))
+    if 1 < len(flights) <= LABELLED:
+        legend(height, ncol=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
+    _modes(modes, flights)
     modes.set_xlim(0.0, max(duration_s, 1.0))
     modes.set_xlabel("time, s")
     return figure
 
 
-def _modes(axes: Axes, flights: Mapping[int, Flight], duration_s: float) -> None:
+def _modes(axes: Axes, flights: Mapping[int, Flight]) -> None:
     from matplotlib.patches import Patch
 
     names = list(dict.fromkeys(mode for f in flights.values() for _, mode, _ in f.modes))
     colour = {name: _MODE_COLOURS[n % len(_MODE_COLOURS)] for n, name in enumerate(names)}
     for row, flight in enumerate(flights.values()):
-        ends = [*(t_s for t_s, _, _ in flight.modes[1:]), duration_s]
+        ends = [*(t_s for t_s, _, _ in flight.modes[1:]), flight.heard_s]
         for (since_s, mode, armed), end_s in zip(flight.modes, ends, strict=False):
             axes.barh(
                 row, end_s - since_s, left=since_s, height=0.72 if armed else 0.3, color=colour[mode], lw=0
@@ -254,7 +258,7 @@ def _modes(axes: Axes, flights: Mapping[int, Flight], duration_s: float) -> None
     axes.set_yticks(range(0, len(flights), step), [f"vehicle {v}" for v in list(flights)[::step]])
     tidy(axes)
     axes.grid(visible=False, axis="y")
-    heading(axes, "mode (thick: armed)")
+    heading(axes, "mode, while the vehicle was heard (thick: armed)")
     handles = [Patch(color=colour[name], label=name) for name in names[:12]]
     if handles:
         figure = axes.get_figure()

@@ -47,6 +47,8 @@ class Flight:
     """(n,)."""
     modes: tuple[tuple[float, str, bool], ...]
     """(since when, mode, whether armed)."""
+    heard_s: float
+    """When it was heard for the last time."""
 
     @property
     def length_m(self) -> float:
@@ -61,6 +63,7 @@ class _Vehicle:
     """East, north, height, speed of each report."""
     modes: list[tuple[int, str, bool]] = field(default_factory=list)
     least_ns: int = _LEAST_NS
+    heard_ns: int = 0
 
 
 class Flights:
@@ -81,6 +84,8 @@ class Flights:
         if frame.message_id not in _READ:
             return
         vehicle = self._vehicles.get(frame.system_id)
+        if vehicle is not None:
+            vehicle.heard_ns = max(vehicle.heard_ns, t_ns)
         is_position = frame.message_id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
         if is_position and vehicle and vehicle.t_ns and 0 <= t_ns - vehicle.t_ns[-1] < vehicle.least_ns:
             return
@@ -94,7 +99,7 @@ class Flights:
         if vehicle is None:
             if len(self._vehicles) >= _MAX_VEHICLES:
                 return
-            vehicle = self._vehicles[frame.system_id] = _Vehicle()
+            vehicle = self._vehicles[frame.system_id] = _Vehicle(heard_ns=t_ns)
         if is_position:
             self._position(vehicle, t_ns, message)
         else:
@@ -126,7 +131,7 @@ class Flights:
             )
             found[system_id] = Flight(
                 system_id, read_only(t_s[order]), read_only(values[:, :2]), read_only(values[:, 2]),
-                read_only(values[:, 3]), modes,
+                read_only(values[:, 3]), modes, (vehicle.heard_ns - start_t_ns) / NS_PER_S,
             )  # fmt: skip
         return found
 
