@@ -36,7 +36,7 @@ _RELATIVE_FRAMES = frozenset({3, 6, 10, 11})
 
 _MISSION_MESSAGES = (
     "MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST", "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_REQUEST_LIST",
-    "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_CLEAR_ALL",
+    "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_CLEAR_ALL", "MISSION_ACK",
 )  # fmt: skip
 
 
@@ -186,7 +186,7 @@ class VehicleLink:
 
     def _set_current(self, message: Any, t_ns: int) -> None:
         # No ACK, and no word of a failure: as ArduPlane.
-        if self._autopilot.set_current(message.seq):
+        if not self._missions.is_busy and self._autopilot.set_current(message.seq):
             self.outbox.send(self._telemetry.mission_current(t_ns))
 
     def _list_parameters(self, _message: Any, t_ns: int) -> None:

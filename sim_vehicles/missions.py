@@ -5,8 +5,10 @@ As ArduPlane does it, which is not as the guide (https://mavlink.io/en/services/
 - Item 0 of a mission is home. What an upload says there is acknowledged and forgotten.
 - An upload is in place: ``MISSION_COUNT`` truncates at once, each item replaces what stood there, and an
   upload that is abandoned or refused half-way leaves a mixture.
-- Items are asked for with ``MISSION_REQUEST``, again after 1 s, and given up after 8 s with ACK 15. An item
-  that was not asked for gets ACK 13 and the transfer goes on. Another ground station is denied meanwhile.
+- Items are asked for with ``MISSION_REQUEST``, again after 1 s, and given up after 8 s with ACK 15. The item
+  whose turn it is, is taken though its request was lost; any other gets ACK 13 and the transfer goes on.
+- Meanwhile another ground station is denied its upload, everybody a read-back, and nothing is cleared.
+- A read-back has no state: whatever item is asked for is sent.
 - What is read back is normalised: frame 6 becomes 3, a NaN parameter 0, autocontinue 1, radii are capped at
   255 m, altitudes are whole centimetres, and ``NAV_WAYPOINT`` has lost its hold time.
 
@@ -231,6 +233,11 @@ class MissionServer:
         self._upload: _Upload | None = None
 
     @property
+    def is_busy(self) -> bool:
+        """Whether a conversation keeps the vehicle from selecting an item: never, on ArduPlane."""
+        return False
+
+    @property
     def due_ns(self) -> int:
         """When `handle_timer` is next wanted."""
         if self._upload is None:
@@ -243,8 +250,7 @@ class MissionServer:
         if upload is None or t_ns < self.due_ns:
             return
         if t_ns >= upload.heard_ns + self.GIVE_UP_NS:
-            self._upload = None
-            self._ack(upload.peer, mavlink.MAV_MISSION_OPERATION_CANCELLED, upload.mission_type)
+            self._give_up(upload)
         else:
             self._ask(upload, t_ns)
 
@@ -252,7 +258,9 @@ class MissionServer:
         """Take one message of the mission protocol that is addressed to this vehicle."""
         peer = (message.get_srcSystem(), message.get_srcComponent())
         kind = message.get_type()
-        if message.mission_type not in self._stores:
+        if kind == "MISSION_ACK":
+            self._end(peer, message)
+        elif message.mission_type not in self._stores:
             self._ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, message.mission_type)
         elif kind == "MISSION_COUNT":
             self._begin(peer, message, t_ns)
@@ -261,12 +269,15 @@ class MissionServer:
         elif kind in ("MISSION_ITEM_INT", "MISSION_ITEM"):
             self._take(peer, message, t_ns)
         elif kind == "MISSION_REQUEST_LIST":
-            if self._upload is None:
-                self._send_count(peer, message.mission_type)
+            self._list(peer, message, t_ns)
         elif kind in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
-            self._give(peer, message)
+            self._give(peer, message, t_ns)
         elif kind == "MISSION_CLEAR_ALL":
             self._clear(peer, message.mission_type)
+
+    def _give_up(self, upload: _Upload) -> None:
+        self._upload = None
+        self._ack(upload.peer, mavlink.MAV_MISSION_OPERATION_CANCELLED, upload.mission_type)
 
     def _begin(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
         store = self._stores[message.mission_type]
@@ -289,6 +300,9 @@ class MissionServer:
             return False
         store.truncate(count)
         return True
+
+    def _end(self, peer: tuple[int, int], message: Any) -> None:
+        """Take a ground station's MISSION_ACK: nothing ends here, since a read-back has no state."""
 
     def _begin_partial(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
         if self._upload is not None and self._upload.peer != peer:
@@ -334,12 +348,23 @@ class MissionServer:
         """Return the request for an item."""
         return mavlink.MAVLink_mission_request_message(*peer, seq, mission_type)
 
-    def _give(self, peer: tuple[int, int], message: Any) -> None:
-        store = self._stores[message.mission_type]
-        if message.seq >= len(store):
+    def _list(self, peer: tuple[int, int], message: Any, _t_ns: int) -> None:
+        if self._upload is None:
+            self._send_count(peer, message.mission_type)
+        else:
+            self._ack(peer, mavlink.MAV_MISSION_DENIED, message.mission_type)
+
+    def _give(self, peer: tuple[int, int], message: Any, _t_ns: int) -> None:
+        if self._upload is not None and message.get_type() == "MISSION_REQUEST_INT":
+            self._ack(peer, mavlink.MAV_MISSION_DENIED, message.mission_type)
+        elif message.seq >= len(self._stores[message.mission_type]):
             self._send_count(peer, message.mission_type)
             self._ack(peer, mavlink.MAV_MISSION_ERROR, message.mission_type)
-            return
+        else:
+            self._send_item(peer, message)
+
+    def _send_item(self, peer: tuple[int, int], message: Any) -> None:
+        store = self._stores[message.mission_type]
         is_current = message.mission_type == MISSION and message.seq == self._current()
         as_int = message.get_type() == "MISSION_REQUEST_INT"
         self._send(
@@ -347,7 +372,7 @@ class MissionServer:
         )
 
     def _clear(self, peer: tuple[int, int], mission_type: int) -> None:
-        if mission_type == MISSION and not self._may_clear():
+        if self._upload is not None or (mission_type == MISSION and not self._may_clear()):
             self._ack(peer, mavlink.MAV_MISSION_ERROR, mission_type)
             return
         self._stores[mission_type].truncate(0)

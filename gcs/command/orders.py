@@ -5,7 +5,8 @@ mission transfer under way is given up first, safely: the vehicle keeps a whole 
 cleared. "Done" is said when the vehicle's own heartbeat shows it (`gcs.mavlink.errand`).
 
 A vehicle that is resumed goes back to its mission when that is whole and nobody else has its target by now;
-otherwise it waits in LOITER for the next plan.
+otherwise it waits in LOITER for the next plan. No mission is sent to it before it does: one that started it
+would be undone by the LOITER that is still on its way.
 
 Arming happens here and nowhere else, and only for an order that says so. Disarming is refused unless the
 vehicle reports that it stands on the ground, and it is never forced: the autopilot may refuse it as well.
@@ -62,8 +63,14 @@ class Orders:
         self._errands: dict[int, tuple[Errand, Ongoing]] = {}
 
     def away(self) -> dict[int, str]:
-        """Vehicles that are set aside, and why, in words."""
-        return {vehicle: _WORDS[why] for vehicle, why in self.aside.items()}
+        """Vehicles that are not to be tasked now, and why, in words."""
+        routes = self._replanner.routes
+        waiting = {
+            vehicle: "is told to wait for a mission"
+            for vehicle, (_, ongoing) in self._errands.items()
+            if ongoing.order.action == "resume" and vehicle not in routes
+        }
+        return waiting | {vehicle: _WORDS[why] for vehicle, why in self.aside.items()}
 
     @property
     def commanded(self) -> Container[int]:

@@ -32,15 +32,14 @@ from gcs.command.orders import Orders
 from gcs.command.replanning import Replanner
 from gcs.command.tasking import Tasking
 from gcs.command.trackers import Trackers
-from gcs.mavlink.asking import Asking, Patience
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.mavlink.conversations import ReadBack
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Item
 from gcs.mavlink.modes import AUTO
-from gcs.model import NS_PER_S, Effect, Label, Notice, Resumed, Route, Track, VehicleMemory
+from gcs.mavlink.pace import Pace
+from gcs.model import NS_PER_S, Effect, Label, Notice, Resumed, Route, Track, VehicleMemory, system_of
 
-_PATIENCE: Final = Patience(wait_s=0.7, wait_max_s=2.0, tries=12)
 _LONGEST_S: Final = 25.0
 """After this a plan is made with what is known."""
 _PATIENT_S: Final = 8.0
@@ -58,8 +57,7 @@ class _Check:
         assert memory.route is not None
         items = tuple(_item(row) for row in memory.items)
         self.flown = Flown(memory.route, items, memory.first_point)
-        self.reading = ReadBack((memory.fate.vehicle, AUTOPILOT_COMPONENT_ID))
-        self.asking = Asking(self.reading.question(), _PATIENCE, t_ns)
+        self.reading = ReadBack((system_of(memory.fate.vehicle), AUTOPILOT_COMPONENT_ID), Pace(), t_ns)
 
 
 class Recovery:
@@ -167,15 +165,13 @@ class Recovery:
         if check is None or getattr(message, "mission_type", None) != _MISSION:
             return []
         name = message.get_type()
-        news = (name == "MISSION_COUNT" and check.reading.take_count(message)) or (
-            name == "MISSION_ITEM_INT" and check.reading.take_item(message)
-        )
-        if not news:
-            return []
+        if name == "MISSION_COUNT":
+            check.reading.take_count(message, t_ns)
+        elif name == "MISSION_ITEM_INT":
+            check.reading.take_item(message, t_ns)
         if check.reading.is_complete:
             frames = [self._fleet.encoder(vehicle)(check.reading.thanks())]
             return [*self._fleet.sends(vehicle, frames), *self._judge(vehicle, check, t_ns)]
-        check.asking = Asking(check.reading.question(), _PATIENCE, t_ns)
         return self._ask(vehicle, check, t_ns)
 
     def poll(self, t_ns: int) -> list[Effect]:
@@ -183,7 +179,7 @@ class Recovery:
         effects: list[Effect] = []
         for vehicle, check in list(self._checks.items()):
             overdue = self._until_t_ns is None or t_ns >= self._until_t_ns
-            if overdue or check.asking.unanswered(t_ns):
+            if overdue or check.reading.unanswered(t_ns):
                 del self._checks[vehicle]
                 text = "does not tell which mission it holds: it will be given one"
                 effects.append(Notice(t_ns, "warning", text, vehicle))
@@ -192,9 +188,8 @@ class Recovery:
         return effects
 
     def _ask(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
-        if not check.asking.due(t_ns):
-            return []
-        return [*self._fleet.sends(vehicle, [self._fleet.encoder(vehicle)(check.asking.question)])]
+        encode = self._fleet.encoder(vehicle)
+        return [*self._fleet.sends(vehicle, map(encode, check.reading.due(t_ns)))]
 
     def _judge(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
         profile = self._fleet.profile(vehicle)

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Container
 from dataclasses import dataclass
+from typing import Final
 
 from gcs.command.holding import Flown, Holding
 from gcs.command.lanes import Lane
@@ -26,6 +27,7 @@ from gcs.mavlink.codec import Message
 from gcs.mavlink.custody import Custody
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Home
+from gcs.mavlink.pace import Pace
 from gcs.mavlink.profiles.profile import is_on_ground
 from gcs.mavlink.task import Timing
 from gcs.mavlink.transfer import MissionTask
@@ -40,6 +42,9 @@ from gcs.model import (
     UploadReport,
 )
 from gcs.planning.prediction import Ahead
+
+_ITEMS_ON_THEIR_WAY: Final = 12
+"""Over one link at a time; each of its transfers has one of them at least."""
 
 
 @dataclass(slots=True)
@@ -183,8 +188,7 @@ class Tasking:
         is_ours = delivery is not None and delivery.flown is not None  # a clearing gives way in `_admit`
         if is_ours and (at_once or self._waiting.is_replaceable(vehicle, t_ns)):
             self._waiting.take(vehicle)
-            self._supersede(vehicle, t_ns)
-            return self._begin(route, t_ns, t_ns)
+            return self._supersede(vehicle, t_ns) + self._begin(route, t_ns, t_ns)
         self._waiting.put(route, t_ns, at_once=at_once)
         return self._admit(t_ns)
 
@@ -274,8 +278,7 @@ class Tasking:
                 made_t_ns = self._waiting.made_t_ns(vehicle)
                 route = self._waiting.take(vehicle)
                 assert route is not None  # it waits
-                self._supersede(vehicle, t_ns)
-                effects += self._begin(route, made_t_ns, t_ns)
+                effects += self._supersede(vehicle, t_ns) + self._begin(route, made_t_ns, t_ns)
         return effects
 
     def _begin(self, route: Route, made_t_ns: int, t_ns: int) -> list[Effect]:
@@ -292,6 +295,8 @@ class Tasking:
         from_ground = is_on_ground(state, fleet.home(vehicle))
         old, mixed = self._holding.of(vehicle), vehicle in self._mixed
         self._mixed.discard(vehicle)
+        link = fleet.link(vehicle)
+        round_trip_s = self._lanes[link].round_trip_s
         task = MissionTask(
             mission,
             fleet.home(vehicle) or self._home,
@@ -309,11 +314,13 @@ class Tasking:
             ),
             from_ground=from_ground,
             delegated=self._table.uploader != "own",
-            timing=Timing().over(self._lanes[fleet.link(vehicle)].round_trip_s),
+            timing=Timing().over(round_trip_s),
+            pace=Pace(round_trip_s),
+            room=lambda: max(1, _ITEMS_ON_THEIR_WAY // self._busy[link]),
         )
         flown = Flown(route, task.items, profile.home_items + int(from_ground))
-        self._deliveries[vehicle] = _Delivery(task, fleet.link(vehicle), t_ns, flown)
-        self._busy[fleet.link(vehicle)] += 1
+        self._deliveries[vehicle] = _Delivery(task, link, t_ns, flown)
+        self._busy[link] += 1
         self._waiting.began(vehicle, t_ns)
         return self._worked(vehicle, task.start(t_ns))
 
@@ -351,12 +358,14 @@ class Tasking:
         self._busy[delivery.link] += 1
         return self._worked(vehicle, task.clean(t_ns))
 
-    def _supersede(self, vehicle: int, t_ns: int) -> None:
+    def _supersede(self, vehicle: int, t_ns: int) -> list[Effect]:
         """End a transfer under way, silently."""
         delivery = self._deliveries.get(vehicle)
-        if delivery is not None:
-            delivery.task.supersede(t_ns)
-            self._leave(vehicle)
+        if delivery is None:
+            return []
+        frames = delivery.task.supersede(t_ns)
+        self._leave(vehicle)
+        return [*self._fleet.sends(vehicle, frames)]
 
     def _leave(self, vehicle: int) -> _Delivery:
         """Take an ended transfer off, and keep what it says of the vehicle."""

@@ -37,6 +37,7 @@ class Asking:
         self._patience = patience
         self._wait_s = patience.wait_s
         self._next_t_ns = first_t_ns
+        self._sent_t_ns = first_t_ns
 
     @property
     def next_t_ns(self) -> int:
@@ -48,6 +49,7 @@ class Asking:
         if t_ns < self._next_t_ns or self.unanswered(t_ns):
             return False
         self.sent += 1
+        self._sent_t_ns = t_ns
         self._next_t_ns = t_ns + ns(self._wait_s)
         self._wait_s = min(self._wait_s * self._patience.growth, self._patience.wait_max_s)
         return True
@@ -55,3 +57,7 @@ class Asking:
     def unanswered(self, t_ns: int) -> bool:
         """Whether the last try has been waited out."""
         return 0 < self._patience.tries <= self.sent and t_ns >= self._next_t_ns
+
+    def took_s(self, t_ns: int) -> float | None:
+        """How long an answer took that comes now; None when it cannot be told which try it answers."""
+        return (t_ns - self._sent_t_ns) / NS_PER_S if self.sent == 1 else None

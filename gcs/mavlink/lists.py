@@ -8,22 +8,22 @@ a whole, at its end; what becomes of rally points half-way is told, and the whol
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.asking import Asking, Patience, ns
+from gcs.mavlink.asking import Asking, ns
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.conversations import ReadBack, Sending
 from gcs.mavlink.fencing import LIST_NAMES, list_difference
 from gcs.mavlink.items import Item
+from gcs.mavlink.pace import Pace
 from gcs.model import system_of
 
 Stage: TypeAlias = Literal["clear", "upload", "read", "done"]
 
 _ACCEPTED: Final = dialect.MAV_MISSION_ACCEPTED
-_ITEM: Final = Patience(wait_s=0.4, wait_max_s=1.5, tries=20)
 _UNSUPPORTED: Final = (dialect.MAV_MISSION_UNSUPPORTED, dialect.MAV_MISSION_UNSUPPORTED_FRAME)
 
 
@@ -31,7 +31,7 @@ _UNSUPPORTED: Final = (dialect.MAV_MISSION_UNSUPPORTED, dialect.MAV_MISSION_UNSU
 class ListTiming:
     """Bounds of each step, as `gcs.mavlink.task.Timing`."""
 
-    answer: Patience = field(default_factory=lambda: Patience(wait_s=1.0, wait_max_s=3.0, tries=6))
+    tries: int = 6
     silence_s: float = 8.5
     last_ack_s: float = 2.5
     settle_s: float = 1.2
@@ -77,9 +77,10 @@ class ListTask:
         self._items, self._encode, self._own = items, encode, own
         self._timing = timing or ListTiming()
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
-        self._sending = Sending(items or (), self._to, mission_type)
-        self._reading = ReadBack(self._to, mission_type)
-        self._uploads = self._retries = 0
+        self._pace = Pace()
+        self._sending = Sending(items or (), self._to, self._pace, mission_type=mission_type)
+        self._reading: ReadBack | None = None
+        self._uploads = 0
         self._held: tuple[Item, ...] | None = None
         self._verdict: tuple[int, str] | None = None
         self._deadline_t_ns: int | None = None
@@ -103,11 +104,13 @@ class ListTask:
                 self._read(t_ns)
             else:
                 self._again(f"it stopped asking at item {self._sending.next}", t_ns)
-        elif self._asking is not None and self._asking.unanswered(t_ns):
+        elif any(one is not None and one.unanswered(t_ns) for one in (self._asking, self._reading)):
             if self.stage == "read" and self._items is not None:
                 self._again("no answer to the read-back", t_ns)
             else:
                 self._end(False, f"no answer: does it take a {LIST_NAMES[self.mission_type]}?")
+        elif self.stage == "upload":
+            self._out += self._sending.due(t_ns)
         return self._sent(t_ns)
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:
@@ -123,36 +126,37 @@ class ListTask:
 
     def _begin(self, t_ns: int) -> None:
         self._uploads += 1
-        self._verdict = self._deadline_t_ns = None
+        self._verdict = self._deadline_t_ns = self._reading = None
         self._sending.begin()
         if self._items:
             self.stage: Stage = "upload"
-            self._ask(self._sending.count(), self._timing.answer, t_ns)
+            self._ask(self._sending.count(), t_ns)
         else:
             self.stage = "clear"
             clear = dialect.MAVLink_mission_clear_all_message(*self._to, self.mission_type)
-            self._ask(clear, self._timing.answer, t_ns)
+            self._ask(clear, t_ns)
 
     def _read(self, t_ns: int) -> None:
         self.stage = "read"
-        self._verdict = self._deadline_t_ns = None
-        self._reading = ReadBack(self._to, self.mission_type)
-        self._ask(self._reading.question(), self._timing.answer, t_ns)
+        self._verdict = self._deadline_t_ns = self._asking = None
+        self._reading = ReadBack(self._to, self._pace, t_ns, mission_type=self.mission_type)
 
-    def _ask(self, question: Message, patience: Patience, t_ns: int) -> None:
-        self._asking = Asking(question, patience, t_ns)
+    def _ask(self, question: Message, t_ns: int) -> None:
+        self._asking = Asking(question, self._pace.patience(self._timing.tries), t_ns)
 
     def _again(self, reason: str, t_ns: int) -> None:
         if self._uploads >= self._timing.uploads:
             self._end(False, f"{reason}, {self._uploads} uploads tried; what it holds now is not known")
         else:
-            self._retries += 1
+            self._pace.repeats += 1
+            cancelled = dialect.MAV_MISSION_OPERATION_CANCELLED  # PX4 takes no COUNT while it receives a list
+            self._out.append(dialect.MAVLink_mission_ack_message(*self._to, cancelled, self.mission_type))
             self._begin(t_ns)
 
     def _end(self, ok: bool, detail: str) -> None:
-        self.stage, self._asking = "done", None
-        self._verdict = self._deadline_t_ns = None
-        self.result = ListResult(ok, detail, self._held, self._retries)
+        self.stage = "done"
+        self._verdict = self._deadline_t_ns = self._asking = self._reading = None
+        self.result = ListResult(ok, detail, self._held, self._pace.repeats)
 
     # ------------------------------------------------------------ what the vehicle says
 
@@ -162,25 +166,29 @@ class ListTask:
         return mine and message.mission_type == self.mission_type
 
     def _on_request(self, message: Message, t_ns: int) -> None:
-        if self.stage == "read" and self._items and not self._sending.acked and self._reading.count is None:
-            self.stage, self._asking = "upload", None  # it never had the last item: the upload goes on
+        reading = self._reading
+        if reading is not None and self._items and not self._sending.acked and reading.count is None:
+            self.stage, self._reading = "upload", None  # it never had the last item: the upload goes on
         if self.stage != "upload" or (self._asking is not None and not self._asking.sent):
             return
-        before = self._sending.next
-        item = self._sending.answer(message.seq, t_ns)
-        if item is None:
+        items = self._sending.answer(message.seq, t_ns)
+        if not items:
             return
-        self._retries += self._sending.next == before
+        if self._asking is not None:
+            self._pace.took(self._asking.took_s(t_ns))
         self._asking = self._verdict = None
         wait_s = self._timing.last_ack_s if self._sending.is_whole else self._timing.silence_s
         self._deadline_t_ns = t_ns + ns(wait_s)
-        self._out.append(item)
+        self._out += items
 
     def _on_ack(self, message: Message, t_ns: int) -> None:
         if self.stage not in ("upload", "clear"):
             return
-        if message.type == _ACCEPTED:
-            if self.stage == "clear" or self._sending.is_whole:
+        is_whole = self.stage == "upload" and self._sending.is_whole
+        if is_whole and message.type == dialect.MAV_MISSION_ERROR:
+            self._read(t_ns)  # it receives no more, as when the last item came twice
+        elif message.type == _ACCEPTED:
+            if self.stage == "clear" or is_whole:
                 self._sending.acked = True
                 self._read(t_ns)
         elif message.type != dialect.MAV_MISSION_INVALID_SEQUENCE and self._verdict is None:
@@ -192,17 +200,18 @@ class ListTask:
                 self._verdict = (t_ns + ns(self._timing.settle_s), f"the vehicle answered {said}")
 
     def _on_count(self, message: Message, t_ns: int) -> None:
-        if self.stage == "read" and self._reading.take_count(message):
-            self._read_on(t_ns)
+        if self._reading is not None:
+            self._reading.take_count(message, t_ns)
+            self._judge(t_ns)
 
     def _on_item(self, message: Message, t_ns: int) -> None:
-        if self.stage == "read" and self._reading.take_item(message):
-            self._read_on(t_ns)
+        if self._reading is not None:
+            self._reading.take_item(message, t_ns)
+            self._judge(t_ns)
 
-    def _read_on(self, t_ns: int) -> None:
+    def _judge(self, t_ns: int) -> None:
         reading = self._reading
-        if not reading.is_complete:
-            self._ask(reading.question(), _ITEM, t_ns)
+        if reading is None or not reading.is_complete:
             return
         self._out.append(reading.thanks())
         self._held = tuple(reading.items)
@@ -217,8 +226,10 @@ class ListTask:
 
     def _sent(self, t_ns: int) -> list[bytes]:
         if self._asking is not None and self._asking.due(t_ns):
-            self._retries += self._asking.sent > 1
+            self._pace.repeats += self._asking.sent > 1
             self._out.append(self._asking.question)
+        if self._reading is not None:
+            self._out += self._reading.due(t_ns)
         out, self._out = self._out, []
         return [self._encode(message) for message in out]
 

@@ -17,12 +17,15 @@ from gcs.mavlink.conversations import ReadBack, Sending
 from gcs.mavlink.custody import Custody
 from gcs.mavlink.items import Home, Item
 from gcs.mavlink.modes import AUTO, LOITER
+from gcs.mavlink.pace import Pace
 from gcs.mavlink.profiles import ARDUPLANE, Profile
 from gcs.mavlink.task import Holds, Stage, TaskResult, Timing
 from gcs.model import NS_PER_S, Mission, system_of
 
 _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
 _MAX_PAUSE_S: Final = 4.0
+_CURRENT: Final = Patience(wait_s=1.5, wait_max_s=3.0)
+"""MISSION_SET_CURRENT is answered by MISSION_CURRENT alone, which comes once a second."""
 
 
 class Steps:
@@ -57,6 +60,10 @@ class Steps:
         Whether the mission begins with a take-off.
     delegated : bool
         Whether another program uploads: see `handover` and `delivered`.
+    pace : Pace, optional
+        Of its link, as far as it is known.
+    room : callable, optional
+        Items of a mission that the link has room for at a time now.
     own : (int, int)
         Our system and component id.
     """
@@ -77,12 +84,13 @@ class Steps:
         from_ground: bool = False,
         delegated: bool = False,
         timing: Timing | None = None,
+        pace: Pace | None = None,
+        room: Callable[[], int] = lambda: 1 << 16,
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
         self.mission = mission
         self.items = profile.items(mission, home, from_ground=from_ground)
         self.stage: Stage = "new"
-        self.retries = 0
         self.uploads = 0
         self.result: TaskResult | None = None
         self._encode = encode
@@ -101,8 +109,10 @@ class Steps:
         self._asking: Asking | None = None
         self._deadline_t_ns: int | None = None
         self._verdict: tuple[int, str] | None = None
-        self._sending = Sending(self.items, self._to)
-        self._reading = ReadBack(self._to)
+        self._pace = pace or Pace()
+        self._window = lambda: min(profile.window, room())
+        self._sending = Sending(self.items, self._to, self._pace, self._window)
+        self._reading: ReadBack | None = None
         self._cleared = False
         self._was_mixed = mixed
         self._holds: Holds = "unknown" if mixed else "old"
@@ -116,6 +126,11 @@ class Steps:
         self._first = self._mark = profile.home_items
         self._hold_t_ns: int | None = None
         self._selected = True
+
+    @property
+    def retries(self) -> int:
+        """Messages sent again, and uploads begun again."""
+        return self._pace.repeats
 
     @property
     def is_mixed(self) -> bool:
@@ -135,12 +150,12 @@ class Steps:
     ) -> None:
         self.stage = stage
         self._stage_t_ns = t_ns
-        self._deadline_t_ns = self._verdict = None
+        self._deadline_t_ns = self._verdict = self._reading = None
         self._refusals = 0
         self._ask(question, t_ns + ns(pause_s), patience)
 
     def _ask(self, question: Message | None, t_ns: int, patience: Patience | None = None) -> None:
-        patience = patience or self._timing.answer
+        patience = patience or self._pace.patience(self._timing.tries)
         self._asking = Asking(question, patience, t_ns) if question is not None else None
 
     def _park(self, t_ns: int) -> None:
@@ -170,8 +185,13 @@ class Steps:
             self._current_before = self._current
 
     def _verify(self, t_ns: int) -> None:
-        self._reading = ReadBack(self._to)
-        self._enter("verify", t_ns, self._reading.question())
+        self._enter("verify", t_ns)
+        self._read(t_ns)
+
+    def _read(self, t_ns: int) -> None:
+        self._asking = None
+        window = self._window if self._profile.window > 1 else None
+        self._reading = ReadBack(self._to, self._pace, t_ns, window)
 
     def _begin_at(self) -> int:
         return min(max(self._profile.home_items, self._first_item()), len(self.items) - 1)
@@ -179,7 +199,10 @@ class Steps:
     def _select(self, t_ns: int) -> None:
         self._current_before = self._current
         self._first = self._begin_at()
-        self._enter("select", t_ns, self._select_question())
+        self._enter("select", t_ns, self._select_question(), patience=self._select_patience())
+
+    def _select_patience(self) -> Patience | None:
+        return _CURRENT if self._by_message else None
 
     def _select_question(self) -> Message:
         if self._by_message:
@@ -210,6 +233,7 @@ class Steps:
         """Leave no mix: stop the vehicle where it circles, then clear what it stores."""
         if not self.is_mixed:
             self._holds = "old" if self._holds == "old" else "whole"
+            self._out += self._cancelling()
             self._give_back(t_ns)
         elif self._custody.mode not in ("", AUTO):
             self._clear(t_ns)
@@ -225,13 +249,23 @@ class Steps:
         """Repair: upload again after a pause; when the bound is reached read back a last time, then clear."""
         self._reason = self._reason if self._abandoned else reason
         if self.uploads < self._timing.uploads:
-            self.retries += 1
+            self._pace.repeats += 1
+            self._out += self._cancelling()
             self._upload(t_ns, min(_MAX_PAUSE_S, 0.25 * 2.0**self.uploads))
         elif self._abandoned or self.stage != "upload":
             self._hold(t_ns)
         else:
             self._abandoned = True
             self._verify(t_ns)
+
+    def _cancelling(self) -> list[Message]:
+        """Return what ends a conversation before its time, where a MISSION_COUNT would not."""
+        if not self._profile.atomic or self.stage not in ("upload", "verify"):
+            return []
+        return [self._ack(dialect.MAV_MISSION_OPERATION_CANCELLED)]
+
+    def _ack(self, result: int) -> Message:
+        return dialect.MAVLink_mission_ack_message(*self._to, result, _MISSION)
 
     def _finish(self, *, ok: bool, t_ns: int) -> None:
         detail = "verified by read-back" if ok else self._reason
@@ -258,12 +292,16 @@ class Steps:
     def _sent(self, t_ns: int) -> list[bytes]:
         """Frames that are due now."""
         if self._asking is not None and self._asking.due(t_ns):
-            again = self._asking.sent > 1
-            self.retries += again
+            self._pace.repeats += self._asking.sent > 1
             if self.stage == "upload":
                 self._note_upload()
-                self._sending.counted(t_ns, again=again)
+            if self.stage == "select" and self._by_message and self._profile.atomic:
+                self._out.append(
+                    self._ack(dialect.MAV_MISSION_ACCEPTED)
+                )  # without it PX4 would not hear the question for 5 s
             self._out.append(self._asking.question)
+        if self._reading is not None:
+            self._out += self._reading.due(t_ns)
         out, self._out = self._out, []
         if any(message.get_type() == "COMMAND_LONG" and message.command == SET_MODE for message in out):
             heartbeat = (

@@ -1,7 +1,7 @@
 """The terms of a mission task: what it waits for, and what it reports.
 
-Defaults follow https://mavlink.io/en/services/mission.html (1.5 s for an answer) and what ArduPlane does;
-radios that are slow get other numbers, not other code.
+How long an answer is waited for is learnt from the link (`gcs.mavlink.pace`); the bounds here follow what
+ArduPlane does. Radios that are slow get other numbers, not other code.
 """
 
 from __future__ import annotations
@@ -21,10 +21,8 @@ _SHORT_ROUND_TRIP_S = 0.2
 class Timing:
     """Time-outs and bounds, per step: the only bound on the whole is `give_up_s`."""
 
-    answer: Patience = field(default_factory=lambda: Patience(wait_s=1.5, wait_max_s=3.0))
-    """MISSION_COUNT, MISSION_REQUEST_LIST, MISSION_CLEAR_ALL and commands."""
-    item: Patience = field(default_factory=lambda: Patience(wait_s=0.4, wait_max_s=1.5, tries=20))
-    """One item of a read-back."""
+    tries: int = 24
+    """Times that MISSION_COUNT, MISSION_CLEAR_ALL or a command is sent."""
     hold: Patience = field(default_factory=lambda: Patience(wait_s=0.25, wait_max_s=1.0, tries=40))
     """LOITER, on which a vehicle's safety may hang."""
     silence_s: float = 8.5
@@ -47,17 +45,12 @@ class Timing:
     """Upload and read-back together: generous, against a stall that no step sees."""
 
     def over(self, round_trip_s: float) -> Timing:
-        """Return the same for a link of this round trip: nothing is repeated while its answer may be due."""
+        """Return the same for a link of this round trip: nothing is judged while its answer may be due."""
         if round_trip_s <= _SHORT_ROUND_TRIP_S:
             return self
-        longer = 2.0 * round_trip_s
         return replace(
             self,
-            answer=replace(
-                self.answer, wait_s=max(self.answer.wait_s, longer), wait_max_s=max(3.0, 2 * longer)
-            ),
-            item=replace(self.item, wait_s=max(self.item.wait_s, longer), wait_max_s=max(1.5, 2 * longer)),
-            last_ack_s=max(self.last_ack_s, longer),
+            last_ack_s=max(self.last_ack_s, 2.0 * round_trip_s),
             settle_s=max(self.settle_s, 1.0 + round_trip_s),
         )
 

@@ -41,12 +41,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.asking import ns
 from gcs.mavlink.codec import Message
 from gcs.mavlink.commands import SET_CURRENT, SET_MODE
-from gcs.mavlink.conversations import ReadBack
 from gcs.mavlink.modes import AUTO, LOITER
 from gcs.mavlink.steps import Steps
 from gcs.model import UploadReport
 
 _ACCEPTED: Final = dialect.MAV_MISSION_ACCEPTED
+_ERROR: Final = dialect.MAV_MISSION_ERROR
 _INVALID_SEQUENCE: Final = dialect.MAV_MISSION_INVALID_SEQUENCE
 
 
@@ -60,8 +60,8 @@ class MissionTask(Steps):
 
     @property
     def round_trip_s(self) -> float | None:
-        """From an item to the request for the next one, None before it has been measured."""
-        return self._sending.round_trip_s
+        """From a question to its answer, None before it has been measured."""
+        return self._pace.round_trip_s
 
     def start(self, t_ns: int) -> list[bytes]:
         """Begin; returns the frames to send."""
@@ -103,8 +103,10 @@ class MissionTask(Steps):
             self._again(self._verdict[1], t_ns)
         elif self._deadline_t_ns is not None and t_ns >= self._deadline_t_ns:
             self._silent(t_ns)
-        elif self._asking is not None and self._asking.unanswered(t_ns):
+        elif any(one is not None and one.unanswered(t_ns) for one in (self._asking, self._reading)):
             self._unanswered(t_ns)
+        elif self.stage == "upload":
+            self._out += self._sending.due(t_ns, self._mark)
         return self._sent(t_ns)
 
     def restart(self, t_ns: int) -> list[bytes]:
@@ -135,11 +137,13 @@ class MissionTask(Steps):
             self._finish(ok=False, t_ns=t_ns)
         return self._sent(t_ns)
 
-    def supersede(self, t_ns: int) -> None:
-        """End at once and silently: another task takes over, and its COUNT ends our session."""
+    def supersede(self, t_ns: int) -> list[bytes]:
+        """End at once: another task takes over; returns the frames to send first."""
         if self.stage != "done":
+            self._out += self._cancelling()
             self._reason = "superseded"
             self._finish(ok=False, t_ns=t_ns)
+        return self._sent(t_ns)
 
     def report(self) -> UploadReport:
         """Return the result as the record that flows on.
@@ -246,7 +250,7 @@ class MissionTask(Steps):
             return
         sending, seq = self._sending, message.seq
         if self.stage == "verify" and not sending.acked and seq < sending.next:
-            self.stage, self._asking = "upload", None  # it never had the last item: the upload goes on
+            self.stage, self._reading = "upload", None  # it never had the last item: the upload goes on
         if self.stage != "upload":
             asks_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
             if asks_late and self.stage in ("verify", "select", "mode"):
@@ -254,31 +258,33 @@ class MissionTask(Steps):
             return
         if self._pausing():
             return
-        before = sending.next
-        item = sending.answer(seq, t_ns, self._mark)
-        if item is None:
+        items = sending.answer(seq, t_ns, self._mark)
+        if not items:
             return
-        self.retries += sending.next == before
+        if self._asking is not None:
+            self._pace.took(self._asking.took_s(t_ns))
         self._asking = self._verdict = None
         wait_s = self._timing.last_ack_s if sending.is_whole else self._timing.silence_s
         self._deadline_t_ns = t_ns + ns(wait_s)
-        self._out.append(item)
+        self._out += items
 
     def _on_ack(self, message: Message, t_ns: int) -> None:
         if not self._for_us(message, broadcast=True):
             return
         accepted, sending = message.type == _ACCEPTED, self._sending
         if self.stage == "upload" and not self._delegated:
-            if accepted and sending.is_whole:
-                sending.acked = True
+            if sending.is_whole and message.type in (_ACCEPTED, _ERROR):
+                sending.acked = accepted  # an error: it receives no more, as when the last item came twice
                 self._verify(t_ns)
             elif not accepted and message.type != _INVALID_SEQUENCE and not self._pausing():
                 said = _name("MAV_MISSION_RESULT", message.type)
                 reason = f"the vehicle answered {said}, {sending.next} of {len(self.items)} items sent"
                 self._verdict = self._verdict or (t_ns + ns(self._timing.settle_s), reason)
+        elif self.stage == "verify" and message.type == _ERROR and self._reading is not None:
+            self._reading.broken_off(t_ns)
         elif self.stage == "clear" and accepted and not self._cleared:
             self._cleared = True
-            self._ask(ReadBack(self._to).question(), t_ns)
+            self._read(t_ns)
 
     def _on_count(self, message: Message, t_ns: int) -> None:
         if not self._for_us(message):
@@ -289,18 +295,19 @@ class MissionTask(Steps):
                 self._finish(ok=False, t_ns=t_ns)
             else:
                 self._clear(t_ns)
-        elif self.stage == "verify" and self._reading.take_count(message):
-            self._read_on(t_ns)
+        elif self.stage == "verify" and self._reading is not None:
+            self._reading.take_count(message, t_ns)
+            self._judge(t_ns)
 
     def _on_item(self, message: Message, t_ns: int) -> None:
-        if self.stage == "verify" and self._for_us(message) and self._reading.take_item(message):
-            self._read_on(t_ns)
+        if self.stage == "verify" and self._reading is not None and self._for_us(message):
+            self._reading.take_item(message, t_ns)
+            self._judge(t_ns)
 
-    def _read_on(self, t_ns: int) -> None:
-        """Ask for the next item of the read-back, or judge it."""
+    def _judge(self, t_ns: int) -> None:
+        """Compare what was read back with what was sent, once all of it has come."""
         reading, profile = self._reading, self._profile
-        if not reading.is_complete:
-            self._ask(reading.question(), t_ns, self._timing.item)
+        if reading is None or not reading.is_complete:
             return
         self._out.append(reading.thanks())
         difference = profile.difference(self.items, reading.items)
@@ -340,7 +347,7 @@ class MissionTask(Steps):
         if self.stage == "select" and not self._by_message:
             self._by_message = True
             self._stage_t_ns = t_ns
-            self._ask(self._select_question(), t_ns)
+            self._ask(self._select_question(), t_ns, self._select_patience())
         elif self._refusals >= self._timing.refusals:
             self._finish(ok=False, t_ns=t_ns)
 

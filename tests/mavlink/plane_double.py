@@ -2,8 +2,8 @@
 
 It does what ArduPlane 4.7 was seen to do with missions: item 0 is home, uploads are in place, it asks with
 MISSION_REQUEST each second and gives up after 8 s with ACK 15, a duplicate gets ACK 13 and the transfer
-goes on, what it sends back is normalised, it refuses to clear while armed in AUTO, flies on to the waypoint
-that it has cached, and goes to RTL at the mission's end.
+goes on, what it sends back is normalised, it refuses to clear while armed in AUTO, denies a read-back and a
+clearing while it receives, flies on to the waypoint that it has cached, and goes to RTL at the mission's end.
 """
 
 from __future__ import annotations
@@ -173,10 +173,12 @@ class Plane:
         return [self._request(t_ns)]
 
     def _on_mission_item_int(self, message, sender, t_ns):
-        if self.uploader != sender:
+        if self.uploader is None:
             return [self._ack(1, sender)]
         if message.seq != self._want:
             return [self._ack(13, sender)]
+        if self.uploader != sender:
+            return [self._ack(14, sender)]
         result = self.accepts(message)
         if result:
             self.uploader = None
@@ -200,8 +202,13 @@ class Plane:
 
     def _on_mission_request_int(self, message, sender, t_ns):
         seq = message.seq
+        if self.uploader is not None:
+            return [self._ack(14, sender)]
         if seq >= len(self.store):
-            return [self._ack(13, sender)]
+            return [
+                dialect.MAVLink_mission_count_message(*sender, len(self.store), 0),
+                self._ack(1, sender),
+            ]
         if seq == 0:
             lat, lon, alt = self.home
             fields = (0, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, lat, lon, alt)
@@ -212,7 +219,7 @@ class Plane:
         return [dialect.MAVLink_mission_item_int_message(*sender, seq, *fields, 0)]
 
     def _on_mission_clear_all(self, message, sender, t_ns):
-        if self.armed and self.mode == AUTO:
+        if self.uploader is not None or (self.armed and self.mode == AUTO):
             return [self._ack(1, sender)]
         self.store = []
         return [self._ack(0, sender)]

@@ -94,6 +94,29 @@ def test_a_duplicate_item_gets_ack_13_and_the_transfer_goes_on(ground, item):
     assert last_ack(g.send(item(2, 200, 0))) == mavlink.MAV_MISSION_ACCEPTED
 
 
+def test_the_item_whose_turn_it_is_is_taken_though_its_request_was_lost(ground, item):
+    g = ground()
+    g.send(count(3))
+    assert kinds(g.send(item(0, 0, 0))) == ["MISSION_REQUEST"]
+    assert last_ack(g.send(item(2, 200, 0))) == mavlink.MAV_MISSION_INVALID_SEQUENCE
+    assert g.send(item(1, 100, 0))[-1].seq == 2
+    assert last_ack(g.send(item(2, 200, 0))) == mavlink.MAV_MISSION_ACCEPTED
+    assert last_ack(g.send(item(2, 200, 0))) == mavlink.MAV_MISSION_ERROR
+
+
+def test_nothing_is_read_or_cleared_during_an_upload(ground, item):
+    g = ground()
+    g.upload(item(0, 0, 0), item(1, 100, 0))
+    g.send(count(2))
+    for question, result in (
+        (mavlink.MAVLink_mission_request_list_message(7, 1, 0), mavlink.MAV_MISSION_DENIED),
+        (mavlink.MAVLink_mission_request_int_message(7, 1, 1, 0), mavlink.MAV_MISSION_DENIED),
+        (mavlink.MAVLink_mission_clear_all_message(7, 1, 0), mavlink.MAV_MISSION_ERROR),
+    ):
+        assert last_ack(g.send(question)) == result
+    assert len(g.vehicle.autopilot.mission) == 2
+
+
 def test_another_ground_station_is_denied_during_an_upload(ground, item):
     g = ground()
     g.send(count(2))

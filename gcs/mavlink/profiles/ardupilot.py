@@ -5,7 +5,8 @@ Sources: ArduPilot's `AP_Mission` (which fields of an item it stores, and in wha
 
 * Item 0 is always home; left out, the first item would be lost without a word.
 * An upload is in place: MISSION_COUNT truncates at once, each item replaces what stood there.
-* Items are asked for with MISSION_REQUEST and answered with MISSION_ITEM_INT.
+* Items are asked for with MISSION_REQUEST and answered with MISSION_ITEM_INT. One whose turn it is, is taken
+  unasked; any other gets ACK 13. A read-back may ask for items in any order, and is denied during an upload.
 * Latitude and longitude survive exactly; height is kept in centimetres; frame 6 comes back as 3, NaN as 0.
   NAV_WAYPOINT keeps its acceptance radius as whole metres up to 255 and loses hold time and yaw;
   NAV_LOITER_UNLIM keeps its radius alone, NAV_TAKEOFF its pitch in whole degrees, NAV_LAND its abort height.
@@ -155,6 +156,7 @@ ARDUPLANE: Final = Profile(
     autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
     home_items=1,
     atomic=False,
+    window=6,
     select_by="command",
     marks_current=False,
     ends_in=RTL,

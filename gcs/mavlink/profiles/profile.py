@@ -99,6 +99,9 @@ class Profile:
     """Items before the first that is flown."""
     atomic: bool
     """Whether an upload replaces the old mission as a whole, at its end; otherwise item by item, in place."""
+    window: int
+    """Items of a mission that may be on their way at a time: sent without a request after a silence, or asked
+    for in a read-back; 1 where the order matters."""
     select_by: Literal["command", "message"]
     """DO_SET_MISSION_CURRENT, which is acknowledged, or MISSION_SET_CURRENT, which is not."""
     marks_current: bool

@@ -8,6 +8,8 @@ https://docs.px4.io/main/en/advanced_config/parameter_reference, and what PX4 1.
 * An upload is atomic: it goes to a second store, which replaces the first when the last item is in.
   ``current`` on an item makes the new mission begin there. The same items again change nothing.
 * Items are asked for with MISSION_REQUEST_INT, again after 250 ms, given up after 5 s.
+* One conversation at a time: a MISSION_COUNT in the midst of one gets ACK 1. MISSION_ACK 15 ends it. A
+  read-back goes in order.
 * ACK 0 says that it is stored, not that it can be flown: the navigator's verdict shows when AUTO is refused.
 * There is no DO_SET_MISSION_CURRENT; MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
 * Parameters without a meaning are NaN: yaw 0 would be a course to keep. All are kept as floats.
@@ -90,6 +92,7 @@ PX4: Final = Profile(
     autopilot=dialect.MAV_AUTOPILOT_PX4,
     home_items=0,
     atomic=True,
+    window=1,
     select_by="message",
     marks_current=True,
     ends_in=LOITER,
