@@ -12,6 +12,7 @@ from gcs import compiling
 TRACKING: Final = "gcs.tracking.glmb"
 PLANNING: Final = "gcs.planning.routes"
 LINKS: Final = "gcs.mavlink.quiet"
+RECORDING: Final = "gcs.edge.packing"
 
 
 def load_kernels(console: Console, *rooms: str) -> None:
@@ -30,7 +31,7 @@ def load_kernels(console: Console, *rooms: str) -> None:
         is_cold = True
 
     with console.status("loading the compiled kernels"):
-        for room in rooms or (TRACKING, PLANNING, LINKS):
+        for room in rooms or (TRACKING, PLANNING, LINKS, RECORDING):
             compiling.warm_up(room, on_cold)
     if is_cold:
         taken_s = time.perf_counter() - began_s

@@ -1,16 +1,16 @@
 """Writes an MCAP (https://mcap.dev/spec), for a fraction of the library's time for each message.
 
 The library packs a message field by field, through eight Python calls; a flight has hundreds of messages a
-second, and that was two thirds of what recording cost. Here they come many at once: their heads are one
-array, and so is the index of a chunk. Everything that is written once is left to the library's records, and
-the file is the library's writer's, byte for byte: that is how this one is tested.
+second, and that was two thirds of what recording cost. Here messages come packed, many at once
+(`gcs.edge.packing`), and the index of a chunk is made of arrays. Everything that is written once is left to
+the library's records, and the file is the library's writer's, byte for byte: that is how this one is tested.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
@@ -37,20 +37,8 @@ Channels: TypeAlias = npt.NDArray[np.uint16]
 Times: TypeAlias = npt.NDArray[np.uint64]
 
 _MAGIC = b"\x89MCAP0\r\n"
-_MESSAGE = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_ns", "<u8"),
-        ("publish_ns", "<u8"),
-    ]
-)
-"""What comes before a message's data; `length` counts from the channel on, data and all."""
-_LEAD = 9
-"""Bytes of opcode and length."""
-_MESSAGE_FIELDS = _MESSAGE.itemsize - _LEAD
+_HEAD_BYTES = 9
+"""Opcode and length of a record; the length counts from behind them."""
 _COMPRESSION = b"zstd"
 _CHUNK = struct.Struct("<BQQQQII4sQ")
 """Opcode, length, first and last log time, bytes, their checksum, length and name of the compression, bytes
@@ -121,40 +109,16 @@ class McapWriter:
         self._append(_bytes_of(self._channels[-1]))
         return number
 
-    def add_messages(
-        self, channels: Sequence[int], times_ns: Times, payloads: Sequence[bytes], sequence: int
-    ) -> None:
-        """Write messages, logged and published at `times_ns`, numbered from `sequence` on, which wraps.
+    def add_messages(self, messages: bytes, channels: Channels, places: Times) -> None:
+        """Write messages that are packed already, whole: a chunk ends behind those that fill it.
 
-        A chunk ends behind the message that fills it, as if each were written by itself.
+        `channels` (n,) has each one's channel, `places` (n, 2) its log time and where in `messages` it
+        begins.
         """
-        heads = np.empty(len(payloads), _MESSAGE)
-        heads["opcode"] = Opcode.MESSAGE
-        heads["length"] = np.fromiter(map(len, payloads), np.int64, len(payloads)) + _MESSAGE_FIELDS
-        heads["channel"] = channels
-        heads["sequence"] = np.arange(sequence, sequence + len(payloads))
-        heads["log_ns"] = heads["publish_ns"] = times_ns
-        first = 0
-        while first < len(payloads):
-            first += self._fill(heads[first:], payloads[first:])
-
-    def _fill(self, heads: npt.NDArray[np.void], payloads: Sequence[bytes]) -> int:
-        """Append messages until they are at an end or the chunk is full; return how many."""
-        lengths = heads["length"].astype(np.int64) + _LEAD
-        ends = self._size + np.cumsum(lengths)
-        count = min(int(np.searchsorted(ends, self._chunk_bytes, "right")) + 1, len(payloads))
-        packed, size = heads[:count].tobytes(), heads.itemsize
-        parts = [b""] * (2 * count)
-        parts[::2] = [packed[at : at + size] for at in range(0, count * size, size)]
-        parts[1::2] = payloads[:count]
-        self._chunk += parts
-        self._size = int(ends[count - 1])
-        places = np.empty((count, 2), "<u8")
-        places[:, 0], places[:, 1] = heads["log_ns"][:count], (ends - lengths)[:count]
-        self._entries.append((heads["channel"][:count], places))
+        self._entries.append((channels, places + np.array([0, self._size], np.uint64)))
+        self._append(messages)
         if self._size > self._chunk_bytes:
             self._end_chunk()
-        return count
 
     def _append(self, record: bytes) -> None:
         self._chunk.append(record)
@@ -199,7 +163,7 @@ class McapWriter:
         first_ns, last_ns = int(places[:, 0].min()), int(places[:, 0].max())
         packed = self._compress(data)
         fields = first_ns, last_ns, len(data), zlib.crc32(data), len(_COMPRESSION), _COMPRESSION, len(packed)
-        head = _CHUNK.pack(Opcode.CHUNK, _CHUNK.size - _LEAD + len(packed), *fields)
+        head = _CHUNK.pack(Opcode.CHUNK, _CHUNK.size - _HEAD_BYTES + len(packed), *fields)
         chunk_bytes = len(head) + len(packed)
         offset, index, offsets = self._file.tell(), b"", {}
         for channel, one in _by_channel(channels, places):

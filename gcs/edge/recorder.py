@@ -34,17 +34,16 @@ from importlib import metadata
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
-from typing import Self, TypeAlias
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Self
 
 from gcs.edge.mcap_writer import McapWriter
 from gcs.edge.schemas import json_schema
-from gcs.edge.tlog import tlog_entries
-from gcs.edge.wire import TOPICS, Recordable, encode, topic_of
+from gcs.edge.wire import TOPICS, Recordable
 from gcs.errors import RecordingError
-from gcs.model import Datagram, Effect, Event, Picture, Send, Truth
+from gcs.model import Effect, Event, Picture, Truth
+
+if TYPE_CHECKING:
+    from gcs.edge.packing import Waiting
 
 MCAP_NAME, TLOG_NAME, CONFIG_NAME, VERSIONS_NAME = "run.mcap", "link.tlog", "mission.toml", "versions.json"
 PROFILE = "swarm-gcs"
@@ -55,13 +54,9 @@ _CHUNK_BYTES = 1024 * 1024
 _LEVEL = 1
 """Of Zstandard: for a second of records it is twice as fast as the usual 3, and the file is smaller."""
 _BUFFER_BYTES = 256 * 1024
-_MAX_T_NS = 2**64 - 1
 _WAITING = 512
 """Records that are written at once, unless a flush comes before; then there is a look at the size."""
 _FLUSH_PERIOD_S = 1.0
-Waiting: TypeAlias = tuple[Recordable, int, bytes]
-"""A record, its time, and its JSON where somebody has made it already."""
-_TRAFFIC = (Datagram, Send)
 _PART = re.compile(r"run-(\d+)\.mcap")
 _LIBRARIES = (
     "swarm-gcs", "numpy", "scipy", "numba", "llvmlite", "pymavlink", "eclipse-zenoh", "mcap",
@@ -261,8 +256,6 @@ class _Part:
         self._files = [path.open("xb", buffering=0) for path in (mcap_path, tlog_path)]
         self._mcap, self._tlog = (io.BufferedWriter(file, _BUFFER_BYTES) for file in self._files)
         self._writer = McapWriter(self._mcap, _CHUNK_BYTES, _LEVEL)
-        self._channels: dict[type | str, int] = {}
-        """Of each type; of pictures, which have several, of each topic."""
 
     @property
     def size(self) -> int:
@@ -271,35 +264,31 @@ class _Part:
 
     def begin(self, config_text: str, versions: dict[str, str], run: Run | None) -> None:
         """Say what the run is and announce every topic with its schema, used or not."""
+        from gcs.edge.packing import Packer  # loads numba, which whoever only reads can do without
+
         self._writer.start(PROFILE, PROFILE)
         self._writer.add_attachment(CONFIG_NAME, "application/toml", config_text.encode())
         self._writer.add_metadata(VERSIONS_METADATA, versions)
         if run is not None:
             self._writer.add_metadata(RUN_METADATA, {"scenario": run.scenario, "seed": str(run.seed)})
         self._mcap.flush()
+        channels: dict[type | str, int] = {}
         for record_type, topic in TOPICS.items():
             schema = self._writer.register_schema(
                 f"gcs.{record_type.__name__}", "jsonschema", json_schema(record_type)
             )
             if record_type is Picture:
                 for name in (f"{topic}/agents", f"{topic}/targets"):
-                    self._channels[name] = self._writer.register_channel(name, "json", schema)
+                    channels[name] = self._writer.register_channel(name, "json", schema)
             else:
-                self._channels[record_type] = self._writer.register_channel(topic, "json", schema)
+                channels[record_type] = self._writer.register_channel(topic, "json", schema)
+        self._packer = Packer(channels)
 
     def add(self, records: Sequence[Waiting], sequence: int) -> None:
         """Write records, numbered from `sequence` on, which wraps."""
-        of = self._channels
-        channels = [of.get(type(record)) or of[topic_of(record)] for record, _, _ in records]
-        times_ns = _within_format([t_ns for _, t_ns, _ in records])
-        payloads = [payload or encode(record) for record, _, payload in records]
-        self._writer.add_messages(channels, times_ns, payloads, sequence)
-        traffic = [
-            (at, record.data) for at, (record, _, _) in enumerate(records) if isinstance(record, _TRAFFIC)
-        ]
-        if traffic:
-            places, datagrams = zip(*traffic, strict=True)
-            self._tlog.write(tlog_entries(times_ns[list(places)], datagrams))
+        for piece in self._packer.pack(records, sequence):
+            self._writer.add_messages(piece.messages, piece.channels, piece.places)
+            self._tlog.write(piece.log)
 
     def flush(self) -> None:
         """Hand everything to the operating system."""
@@ -316,11 +305,3 @@ class _Part:
         """Close without writing any more."""
         for file in self._files:
             file.close()
-
-
-def _within_format(times_ns: list[int]) -> npt.NDArray[np.uint64]:
-    """Return times as the format holds them; the records themselves keep theirs."""
-    try:
-        return np.array(times_ns, np.uint64)
-    except OverflowError:
-        return np.array([min(max(t_ns, 0), _MAX_T_NS) for t_ns in times_ns], np.uint64)

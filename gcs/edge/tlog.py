@@ -16,12 +16,10 @@ from __future__ import annotations
 import io
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import islice
 from typing import BinaryIO, Literal, NamedTuple, TypeAlias
 
-import numpy as np
-import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.errors import RecordingError
@@ -86,16 +84,10 @@ class Unreadable(NamedTuple):
     length: int
 
 
-def tlog_entries(times_ns: npt.ArrayLike, datagrams: Sequence[bytes]) -> bytes:
-    """Return the entries of datagrams with their times, ready to be appended to a tlog."""
-    stamps = (np.asarray(times_ns, np.uint64) // np.uint64(1000)).astype(">u8").tobytes()
-    parts = [b""] * (2 * len(datagrams))
-    parts[::2] = [stamps[at : at + 8] for at in range(0, len(stamps), 8)]
-    parts[1::2] = datagrams
-    for number in _not_one_frame(datagrams):
-        stamp, frames = parts[2 * number], split_frames(datagrams[number])
-        parts[2 * number : 2 * number + 2] = [b"", b"".join(stamp + frame for frame in frames)]
-    return b"".join(parts)
+def tlog_entries(t_ns: int, datagram: bytes) -> bytes:
+    """Return the entries of one datagram, ready to be appended to a tlog."""
+    stamp = _STAMP.pack(t_ns // 1000)
+    return b"".join(stamp + frame for frame in split_frames(datagram))
 
 
 def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[Logged | Unreadable]:
@@ -176,15 +168,6 @@ def _unchecked(data: bytes) -> Frame:
         message_id = int.from_bytes(data[7:10], "little")
         return Frame(data[5], data[6], data[4], message_id, bool(data[2] & 1), data)
     return Frame(data[3], data[4], data[2], data[5], False, data)
-
-
-def _not_one_frame(datagrams: Sequence[bytes]) -> list[int]:
-    """Return which are anything but a MAVLink 2 frame without signature; few are."""
-    lengths = np.fromiter(map(len, datagrams), np.int64, len(datagrams))
-    heads = np.frombuffer(b"".join([*datagrams, bytes(3)]), np.uint8)
-    at = np.cumsum(lengths) - lengths
-    whole = (heads[at] == 0xFD) & (12 + heads[at + 1].astype(np.int64) == lengths) & (heads[at + 2] & 1 == 0)
-    return np.flatnonzero(~whole).tolist()
 
 
 def split_frames(datagram: bytes) -> list[bytes]:

@@ -171,8 +171,8 @@ def a_log(path: Path, set_back_s: float = 0.0) -> Path:
                 half_second * 500, *place, 500_000, 80_000, 1500, 0, 0, 0
             )
             beat = mavlink.MAVLink_heartbeat_message(1, 3, 128 if half_second > 20 else 0, 10, 4, 3)
-            data += tlog_entries([t_ns], [position.pack(packer)])
-            data += tlog_entries([t_ns], [beat.pack(packer)]) if half_second % 2 else b""
+            data += tlog_entries(t_ns, position.pack(packer))
+            data += tlog_entries(t_ns, beat.pack(packer)) if half_second % 2 else b""
     path.write_bytes(data[:5000] + b"damage" * 30 + data[5000:])
     return path
 
