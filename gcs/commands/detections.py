@@ -18,7 +18,7 @@ detection truly came from are never read, and `truth` only to judge the result.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from gcs.commands.columns import TIMES, columns, which
 from gcs.commands.models import MOST_SCANS, ModelTable, model_of, read_model, sensors_of
-from gcs.commands.tables import Numbers, read_csv, read_npz
+from gcs.commands.tables import MOST_NUMBERS, Numbers, read_csv, read_npz
 from gcs.config import parse
 from gcs.config.tables import AnywhereTable
 from gcs.errors import ConfigError, RecordingError
@@ -72,8 +72,12 @@ class Detections:
     """What the user should know, such as where a damaged file ends."""
 
 
-def load(path: Path, model: Path | None, truth: Path | None) -> Detections:
+def load(
+    path: Path, model: Path | None, truth: Path | None, progress: Callable[[int], None] | None = None
+) -> Detections:
     """Read detections with their model and their truth.
+
+    `progress` is told now and then how many bytes of a recording have been read.
 
     Raises
     ------
@@ -83,7 +87,7 @@ def load(path: Path, model: Path | None, truth: Path | None) -> Detections:
         When a recording cannot be read.
     """
     if path.is_dir() or path.suffix == ".mcap":
-        return _of_recording(path, model, truth)
+        return _of_recording(path, model, truth, progress)
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
         if "meas" not in arrays:
@@ -215,7 +219,9 @@ def _motion(table: ModelTable) -> tuple[GlmbParams, tuple[Birth, ...]]:
     return params, births
 
 
-def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detections:
+def _of_recording(
+    path: Path, model: Path | None, truth: Path | None, progress: Callable[[int], None] | None
+) -> Detections:
     """Scans of a recorded run; one tracker for agents and targets, which moves as the agents may."""
     from gcs.edge.reader import Damage, about, read
 
@@ -225,17 +231,26 @@ def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detecti
     if not text:
         raise RecordingError(str(path), "holds no mission file, so it is not known where objects appear")
     config = parse(text, f"{path}: mission file")
-    scans: list[Scan] = []
+    looks: list[Look] = []
     truths: list[Truth] = []
+    sensors: dict[tuple[object, ...], Sensor] = {}
     remarks: tuple[str, ...] = ()
-    for record in read(path):
-        if isinstance(record.value, Damage):
-            remarks = (f"The recording breaks off: {record.value.problem}.",)
-        elif isinstance(record.value, Scan):
-            scans.append(record.value)
-        elif isinstance(record.value, Truth):
-            truths.append(record.value)
-    if not scans:
+    numbers = 0
+    for record in read(path, progress, only=(Scan, Truth)):
+        value = record.value
+        if isinstance(value, Damage):
+            remarks = (f"The recording breaks off: {value.problem}.",)
+        elif isinstance(value, Scan):
+            said = value.sensor  # again with every scan; one is kept
+            what = (said.detection_probability, said.clutter_density_per_m2, said.field_of_view_m, said.polar)
+            sensor = sensors.setdefault((said.name, said.noise_cov_m2.tobytes(), *what), said)
+            looks.append(Look(value.measured_t_ns, sensor, value.z_m))
+            numbers += value.z_m.size
+        elif isinstance(value, Truth):
+            truths.append(value)
+        if numbers > MOST_NUMBERS:
+            raise RecordingError(str(path), f"holds more than {MOST_NUMBERS} numbers of detections")
+    if not looks:
         raise RecordingError(str(path), "holds no scan" + "".join(f": {text}" for text in remarks))
     tracking = config.tracking
     turning = max(tracking.agents, tracking.targets, key=lambda table: table.turn_rate_std_deg_s)
@@ -269,11 +284,10 @@ def _of_recording(path: Path, model: Path | None, truth: Path | None) -> Detecti
     kinds = (tracking.agents.anywhere, tracking.targets.anywhere)
     anywhere = max(kinds, key=lambda table: table.per_s)
     again = max(tracking.agents.birth_again_probability, tracking.targets.birth_again_probability)
-    looks = tuple(Look(scan.measured_t_ns, scan.sensor, scan.z_m) for scan in scans)
     number = {t_ns: k for k, t_ns in enumerate(sorted({look.t_ns for look in looks}), 1)}
     true = _true_tracks(truths, number) if truth is None else _truth(truth)
     return Detections(
-        params, tuple(births), anywhere, again, looks, number, true, absolute=True, remarks=remarks
+        params, tuple(births), anywhere, again, tuple(looks), number, true, absolute=True, remarks=remarks
     )
 
 

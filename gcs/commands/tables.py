@@ -14,7 +14,7 @@ import numpy as np
 from gcs.errors import ConfigError
 from gcs.model import FloatArray
 
-_MOST_NUMBERS: Final = 40_000_000
+MOST_NUMBERS: Final = 40_000_000
 """In one file: 320 MB."""
 _MOST_LINE: Final = 100_000
 ENDINGS: Final = (".npz", ".csv")
@@ -48,7 +48,7 @@ def read_npz(path: Path) -> dict[str, FloatArray]:
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
-        if size > 8 * _MOST_NUMBERS:
+        if size > 8 * MOST_NUMBERS:
             raise ConfigError(str(path), "", f"unpacks to {size / 1e6:.0f} MB; {_SPLIT}")
         with np.load(path, allow_pickle=False) as file:
             return {key: np.asarray(file[key], dtype=np.float64) for key in file.files}
@@ -101,8 +101,8 @@ def _numbers(path: Path, file: TextIO, expected: str) -> Numbers:
         elif not titles_may_come:
             raise ConfigError(f"{path}, line {number}", "", f"expected {expected}")
         titles_may_come = False
-        if len(values) > _MOST_NUMBERS:
-            raise ConfigError(str(path), "", f"holds more than {_MOST_NUMBERS} numbers; {_SPLIT}")
+        if len(values) > MOST_NUMBERS:
+            raise ConfigError(str(path), "", f"holds more than {MOST_NUMBERS} numbers; {_SPLIT}")
     rows = np.frombuffer(values, np.float64).reshape(-1, columns) if columns else np.empty((0, 3))
     return Numbers(titles, rows, tuple(words), remarks)
 

@@ -20,7 +20,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.commands.detections import Detections, load
+from gcs.commands.info import reading_progress
 from gcs.edge.kernels import TRACKING, load_kernels
+from gcs.edge.reader import recording_bytes
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import FloatArray, Label
 from gcs.report.tracking import Drawing, draw_tracking
@@ -93,7 +95,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
         raise ConfigError(
             "--lag-scans", "", "a lag is of smoothed paths: expected --estimator smoothed with it"
         )
-    detections = load(options.path, options.model, options.truth)
+    detections = _loaded(options, console)
     if not detections.births and detections.anywhere.per_s <= 0.0:
         where = str(options.model or options.path)
         raise ConfigError(where, "births", "expected places where objects appear, or anywhere.per_s > 0")
@@ -113,6 +115,13 @@ def run_track(options: TrackOptions, console: Console) -> None:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
         print(json.dumps(asdict(scores) | {"remarks": list(detections.remarks)}), flush=True)  # noqa: T201  the promised last line
+
+
+def _loaded(options: TrackOptions, console: Console) -> Detections:
+    if not options.path.is_dir() and options.path.suffix != ".mcap":
+        return load(options.path, options.model, options.truth)
+    with reading_progress(console, options.path, recording_bytes(options.path)) as advance:
+        return load(options.path, options.model, options.truth, advance)
 
 
 def track(

@@ -267,7 +267,7 @@ def test_detections_that_break_off_are_tracked_up_to_there(flight: Path, scans: 
 def test_files_that_would_not_fit_into_memory_are_refused_before_they_are_read(
     scans: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tables, "_MOST_NUMBERS", 100)
+    monkeypatch.setattr(tables, "MOST_NUMBERS", 100)
     code, text, _ = run("track", scans / "radar.csv", "--model", scans / "radar.toml")
     assert code == 2
     assert "holds more than 100 numbers" in text
