@@ -26,6 +26,7 @@ from gcs.command.orders import Orders
 from gcs.command.recovery import Recovery
 from gcs.command.reordering import Reordering
 from gcs.command.replanning import Replanner, Situation
+from gcs.command.rereading import Rereading
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers
@@ -106,8 +107,16 @@ class Command:
         self.trespass = Trespass(self.tasking)
         self.approval = Approval(self.replanner)
         self.orders = Orders(self.fleet, self.tasking, self.replanner)
+        self.rereading = Rereading(self.fleet, self.tasking, self.replanner, self.orders)
         self.recovery = Recovery(
-            self.fleet, self.tasking, self.replanner, self.orders, self.fates, self.trackers, self.guests
+            self.fleet,
+            self.tasking,
+            self.replanner,
+            self.orders,
+            self.fates,
+            self.trackers,
+            self.guests,
+            self.rereading,
         )
         self.bad_input = 0
         self._expected_targets = len(config.births)
@@ -167,7 +176,7 @@ class Command:
         for vehicle, message in self.fleet.receive(event):
             effects += self._settle(self.tasking.receive(vehicle, message, event.t_ns))
             effects += self.orders.receive(vehicle, message, event.t_ns)
-            effects += self.recovery.receive(vehicle, message, event.t_ns)
+            effects += self.rereading.receive(vehicle, message, event.t_ns)
             effects += self.guests.answered(vehicle, message, event.t_ns)
         return effects
 
@@ -190,6 +199,7 @@ class Command:
             case _:
                 if event.action == "resume":
                     self.guests.release(event.vehicles or self.guests.away())
+                    self.rereading.release(event.vehicles or self.rereading.away())
                 effects = self._settle(self.orders.take(event, self.trackers.targets.beliefs.tracks))
         return effects + self.approval.refresh(event.t_ns, self.away())
 
@@ -227,7 +237,7 @@ class Command:
         effects += self._withdraw(event.t_ns)
         effects += self._settle(self.tasking.poll(event.t_ns))
         effects += self.guests.poll(event.t_ns)
-        return effects + self.orders.poll(event.t_ns) + self.recovery.poll(event.t_ns)
+        return effects + self.orders.poll(event.t_ns) + self.rereading.poll(event.t_ns)
 
     def _watch_sensors(self, t_ns: int) -> list[Effect]:
         """Say when no scan has come for long: without scans nobody is seen to die."""
@@ -347,7 +357,8 @@ class Command:
             for state in self.fleet.states()
             if state.mode not in _TASKABLE_MODES
         }
-        return modes | self.tasking.taken() | self.guests.away() | self.orders.away()
+        others = self.guests.away() | self.rereading.away()
+        return modes | self.tasking.taken() | others | self.orders.away()
 
     def _send(self, routes: Sequence[Route], t_ns: int, hurried: Container[int] = ()) -> list[Effect]:
         """Send routes to their vehicles as missions."""

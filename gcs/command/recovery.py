@@ -4,8 +4,8 @@ Memory alone decides nothing:
 
 * A vehicle flies its remembered route when its mission reads back equal; then nothing is uploaded again. One
   that stores another mission was given it by somebody else: it is set aside and the operator is told. One
-  whose transfer was under way, or left a mix behind, may hold one, and one that does not answer may hold
-  anything: both are planned for as if they had none, the first after it was told to hold.
+  that does not answer may hold anything, and is not tasked before it does (`gcs.command.rereading`). One
+  whose transfer was under way, or left a mix behind, may hold one: it is told to hold, and planned for anew.
 * A vehicle that somebody took, by choosing its mode or by writing a mission to it, stays theirs.
 * Targets are expected where they were believed to be and must be seen there again; their tracks get new
   labels, and the remembered routes follow them. A target that was reached stays reached.
@@ -22,7 +22,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from pymavlink.dialects.v20 import ardupilotmega as dialect
 from scipy.optimize import linear_sum_assignment
 
 from gcs.command.fates import Fates
@@ -30,15 +29,13 @@ from gcs.command.guests import Guests
 from gcs.command.holding import Flown
 from gcs.command.orders import Orders
 from gcs.command.replanning import Replanner
+from gcs.command.rereading import Rereading
 from gcs.command.tasking import Tasking
 from gcs.command.trackers import Trackers
-from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
-from gcs.mavlink.conversations import ReadBack
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Item
 from gcs.mavlink.modes import AUTO
-from gcs.mavlink.pace import Pace
-from gcs.model import NS_PER_S, Effect, Label, Notice, Resumed, Route, Track, VehicleMemory, system_of
+from gcs.model import NS_PER_S, Effect, Label, Notice, Resumed, Route, Track, VehicleMemory
 
 _LONGEST_S: Final = 25.0
 """After this a plan is made with what is known."""
@@ -47,17 +44,6 @@ _PATIENT_S: Final = 8.0
 _GATE_CHI2: Final = 13.8
 """On the squared normalised distance of a target from where it should be: 99.9 % of two dimensions."""
 _FAR_M: Final = 1e9
-_MISSION: Final[int] = dialect.MAV_MISSION_TYPE_MISSION
-
-
-class _Check:
-    """A vehicle's mission read back and compared with the remembered one."""
-
-    def __init__(self, memory: VehicleMemory, t_ns: int) -> None:
-        assert memory.route is not None
-        items = tuple(_item(row) for row in memory.items)
-        self.flown = Flown(memory.route, items, memory.first_point)
-        self.reading = ReadBack((system_of(memory.fate.vehicle), AUTOPILOT_COMPONENT_ID), Pace(), t_ns)
 
 
 class Recovery:
@@ -65,7 +51,7 @@ class Recovery:
 
     Parameters
     ----------
-    fleet, tasking, replanner, orders, fates, trackers, guests
+    fleet, tasking, replanner, orders, fates, trackers, guests, rereading
         The parts of the fold that remember, and are reminded.
     """
 
@@ -78,11 +64,14 @@ class Recovery:
         fates: Fates,
         trackers: Trackers,
         guests: Guests,
+        rereading: Rereading,
     ) -> None:
         self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
         self._orders, self._fates, self._trackers, self._guests = orders, fates, trackers, guests
-        self._checks: dict[int, _Check] = {}
+        self._rereading = rereading
         self._verified: dict[int, Route] = {}
+        self._asked: set[int] = set()
+        """Vehicles whose routes are taken up when they still hold them."""
         self._was: dict[int, Label] = {}
         self._known: dict[Label, Label] = {}
         self._reached: dict[int, Label] = {}
@@ -103,13 +92,14 @@ class Recovery:
         return self._trackers.moved_on(expected, (t_ns - then_t_ns) / NS_PER_S)
 
     def _memory(self, vehicle: int) -> VehicleMemory:
-        check = self._checks.get(vehicle)  # not known yet: still what was remembered
-        flown = check.flown if check is not None else self._tasking.flown(vehicle)
+        asked = self._rereading.flown(vehicle)  # not known yet: still what was remembered
+        flown = asked or self._tasking.flown(vehicle)
         wanted = (self._replanner.routes, self._orders.suspended, self._verified)
         route = next((routes[vehicle] for routes in wanted if vehicle in routes), None)
-        if check is not None:
-            route = check.flown.route
         unsure = self._tasking.may_be_mixed(vehicle)
+        spare = route is None and vehicle not in self._asked
+        if flown is not None and (asked is not None or (spare and not unsure)):
+            route = flown.route
         if flown is None or flown.route is not route:
             flown = None
         fate = self._fates.by_vehicle[vehicle]
@@ -122,6 +112,7 @@ class Recovery:
             unsure=unsure,
             custody=self._tasking.custody(vehicle),
             guest=self._guests.memory(vehicle),
+            spare=spare,
         )
 
     # ------------------------------------------------------------ being reminded
@@ -155,57 +146,19 @@ class Recovery:
                 self._tasking.suspect(vehicle)
                 text = "was being given a mission, or left with a part of one: it may hold a mix"
                 effects.append(Notice(t_ns, "warning", text, vehicle))
-            elif one.items and one.fate.fate == "flying":
-                self._checks[vehicle] = _Check(one, t_ns)
+            elif one.items and one.route is not None and one.fate.fate == "flying":
+                flown = Flown(one.route, tuple(_item(row) for row in one.items), one.first_point)
+                if not one.spare:
+                    self._asked.add(vehicle)
+                self._rereading.begin(flown, t_ns, self._take_up)
         return effects
 
-    def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
-        """Take a vehicle's message: part of its read-back, perhaps."""
-        check = self._checks.get(vehicle)
-        if check is None or getattr(message, "mission_type", None) != _MISSION:
-            return []
-        name = message.get_type()
-        if name == "MISSION_COUNT":
-            check.reading.take_count(message, t_ns)
-        elif name == "MISSION_ITEM_INT":
-            check.reading.take_item(message, t_ns)
-        if check.reading.is_complete:
-            frames = [self._fleet.encoder(vehicle)(check.reading.thanks())]
-            return [*self._fleet.sends(vehicle, frames), *self._judge(vehicle, check, t_ns)]
-        return self._ask(vehicle, check, t_ns)
-
-    def poll(self, t_ns: int) -> list[Effect]:
-        """Let timers run."""
-        effects: list[Effect] = []
-        for vehicle, check in list(self._checks.items()):
-            overdue = self._until_t_ns is None or t_ns >= self._until_t_ns
-            if overdue or check.reading.unanswered(t_ns):
-                del self._checks[vehicle]
-                text = "does not tell which mission it holds: it will be given one"
-                effects.append(Notice(t_ns, "warning", text, vehicle))
-            elif self._fleet.profile(vehicle) is not None:
-                effects += self._ask(vehicle, check, t_ns)
-        return effects
-
-    def _ask(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
-        encode = self._fleet.encoder(vehicle)
-        return [*self._fleet.sends(vehicle, map(encode, check.reading.due(t_ns)))]
-
-    def _judge(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
-        profile = self._fleet.profile(vehicle)
-        assert profile is not None  # nothing is asked before it is known
-        difference = profile.difference(check.flown.items, check.reading.items)
-        del self._checks[vehicle]
-        if difference:
-            self._orders.aside[vehicle] = "found"
-            text = (
-                f"holds another mission than the one it was given ({difference}): "
-                f"left alone until `gcs order resume --vehicle {vehicle}`"
-            )
-            return [Notice(t_ns, "alarm", text, vehicle)]
-        self._verified[vehicle] = check.flown.route
-        self._tasking.found(check.flown)
-        return [Notice(t_ns, "info", "flies the mission that it was given", vehicle)]
+    def _take_up(self, flown: Flown) -> None:
+        """Take up the route of a vehicle that flies it."""
+        vehicle = flown.route.vehicle
+        if vehicle in self._asked and self._until_t_ns is not None:
+            self._verified[vehicle] = flown.route
+        self._asked.discard(vehicle)
 
     # ------------------------------------------------------------ the end of it
 
@@ -217,7 +170,9 @@ class Recovery:
         flown = all(r.target in seen and v in agents for v, r in self._verified.items())
         rest = all(v in agents for v in self._fates.flying()) and seen >= set(self._was.values())
         left_s = (self._until_t_ns - t_ns) / NS_PER_S
-        if left_s > 0.0 and (self._checks or not flown or (not rest and left_s > _LONGEST_S - _PATIENT_S)):
+        if left_s > 0.0 and (
+            self._rereading.hurries or not flown or (not rest and left_s > _LONGEST_S - _PATIENT_S)
+        ):
             return True
         self._finish(t_ns, targets)
         return False

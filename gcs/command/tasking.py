@@ -93,6 +93,8 @@ class Tasking:
         self._lanes: defaultdict[str, Lane] = defaultdict(lambda: Lane(max_parallel))
         self._busy: defaultdict[str, int] = defaultdict(int)
         self._custody: defaultdict[int, Custody] = defaultdict(Custody)
+        self._held_back: set[int] = set()
+        """Vehicles that tell first what they hold."""
         self._mixed: set[int] = set()
         """Vehicles that may hold a mix."""
         self._boots: dict[int, int] = {}
@@ -144,6 +146,15 @@ class Tasking:
     def found(self, flown: Flown) -> None:
         """Note what a vehicle was found to hold."""
         self._holding.note(flown)
+
+    def hold_back(self, vehicle: int) -> None:
+        """Begin no transfer to a vehicle until it is let go."""
+        self._held_back.add(vehicle)
+        self._fleet.attend(vehicle)
+
+    def let_go(self, vehicle: int) -> None:
+        """Let transfers to a vehicle begin again."""
+        self._held_back.discard(vehicle)
 
     def suspect(self, vehicle: int) -> None:
         """Take a vehicle for one that may hold a mix: it is held and cleared when it is heard."""
@@ -274,7 +285,7 @@ class Tasking:
             is_free = (
                 self._busy[link] < self._lanes[link].window if delivery is None else delivery.flown is None
             )
-            if is_free and self._waiting.is_due(vehicle, t_ns):
+            if is_free and vehicle not in self._held_back and self._waiting.is_due(vehicle, t_ns):
                 made_t_ns = self._waiting.made_t_ns(vehicle)
                 route = self._waiting.take(vehicle)
                 assert route is not None  # it waits

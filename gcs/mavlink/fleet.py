@@ -234,6 +234,8 @@ class Fleet:
         silent_ns = t_ns - vehicle.heard_t_ns
         if vehicle.liveness in ("stale", "lost"):
             if vehicle.liveness == "lost":
+                vehicle.returns += 1
+                vehicle.attend()
                 self._contact(vehicle, address)
             vehicle.row[ADDRESS] = self._numbers[address]
             self._telling.tell(
@@ -393,6 +395,10 @@ class Fleet:
     def profile(self, system_id: int) -> Profile | None:
         """Profile of the vehicle's firmware; None when it has not been heard or is not known here."""
         return self._vehicles[system_id].profile
+
+    def returns(self, system_id: int) -> int:
+        """Times that the vehicle was heard again after it had been lost."""
+        return self._vehicles[system_id].returns
 
     def boots(self, system_id: int) -> int:
         """Reboots of the vehicle seen so far."""

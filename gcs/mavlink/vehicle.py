@@ -103,7 +103,7 @@ class Vehicle:
         """What quiet frames change, here or in the kernel."""
         self.address: Address | None = None
         self.liveness: Liveness = "waiting"
-        self.conflicts = self.boots = 0
+        self.conflicts = self.boots = self.returns = 0
         self.autopilot = dialect.MAV_AUTOPILOT_INVALID
         self.profile: Profile | None = None
         """Of its firmware; None before its first heartbeat, or when it is not known here."""

@@ -55,6 +55,8 @@ class VehicleMemory:
     """None in what was written before this was remembered."""
     guest: GuestMission | None = None
     """Whose mission it holds, when not ours."""
+    spare: bool = False
+    """Whether the route is only what it stores: it was not to be flown any more."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,14 +76,14 @@ def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive(
     flight = flight_with_a_restart(40.0, 6.0, 400.0, scenario=standing())
     for vehicle in (1, 2, 3, 4):
         assert not {m.get_type() for m in flight.told(vehicle, 46.0, 400.0)} & MISSION
-    assert sum("flies the mission that it was given" in n.text for n in flight.all(Notice)) == 4
+    assert sum("holds the mission that it was given" in n.text for n in flight.all(Notice)) == 4
     (ended,) = flight.all(MissionEnded)
     assert (ended.arrived, ended.dead) == ((1, 2, 3, 4), ())
 
 
 @pytest.mark.parametrize(("at_s", "loss"), [(30.0, 0.0), (70.0, 0.3), (125.0, 0.0)])
 def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: float, loss: float) -> None:
-    flight = flight_with_a_restart(at_s, 4.0, 600.0, loss=loss)  # a bad radio takes its time
+    flight = flight_with_a_restart(at_s, 4.0, 300.0, loss=loss)
     (ended,) = flight.all(MissionEnded)
     assert (ended.arrived, ended.dead) == ((1, 3, 4), (2,))
     reached = [fate.target for fate in flight.all(Fate) if fate.fate == "arrived"]
@@ -243,3 +243,79 @@ def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_fli
     assert flight.answers("resume-36.0") == [("accepted", None), ("done", 2)]
     (ended,) = flight.all(MissionEnded)
     assert ended.arrived == (1, 2, 3, 4)
+
+
+# ---------------------------------------------------------------- somebody else's missions
+
+
+def give_another(run: VirtualRun, vehicle: int) -> None:
+    """What a ground station with a radio of its own does: one point is somewhere else."""
+    store = run.vehicles[f"vehicle:{vehicle}"].autopilot.mission
+    items = [store[i] for i in range(len(store))]
+    items[-1] = replace(items[-1], x=items[-1].x + 9000)
+    store.replace(items)
+
+
+def alarms(effects: list[tuple[int, Effect]], vehicle: int) -> list[str]:
+    found = [effect for _, effect in effects if isinstance(effect, Notice) and effect.vehicle == vehicle]
+    return [notice.text for notice in found if notice.level == "alarm"]
+
+
+def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked_after_a_restart() -> None:
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
+    run.run(30.0)
+    run.command.replanner.drop(3)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    give_another(run, 3)
+    run.restart(3.0, memory)
+    stored = list(run.vehicles["vehicle:3"].autopilot.mission)
+    run.run(60.0)
+    assert any("holds another mission than the one it was given" in text for text in alarms(effects, 3))
+    assert list(run.vehicles["vehicle:3"].autopilot.mission) == stored
+    assert run.command.orders.aside == {3: "found"}
+
+
+@pytest.mark.parametrize("changed", [True, False])
+def test_a_vehicle_that_was_not_heard_for_a_while_is_asked_what_it_holds(changed: bool) -> None:
+    effects: list[tuple[int, Effect]] = []
+    silent = {"until_s": 0.0}
+
+    def away(t_ns: int, peer: str, data: bytes) -> list[tuple[str, bytes]]:
+        gone = peer == "vehicle:2" and 30.0 <= (t_ns - START_T_NS) / S < silent["until_s"]
+        return [] if gone else [(peer, data)]
+
+    run = VirtualRun(
+        standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)), tamper=away
+    )  # fmt: skip
+    silent["until_s"] = 42.0
+    run.run(35.0)
+    if changed:
+        give_another(run, 2)
+    stored = list(run.vehicles["vehicle:2"].autopilot.mission)
+    run.run(60.0)
+    assert list(run.vehicles["vehicle:2"].autopilot.mission) == stored
+    told = any("holds another mission than the one it was given" in text for text in alarms(effects, 2))
+    assert told is changed
+    assert run.command.orders.aside == ({2: "found"} if changed else {})
+    assert (2 in run.command.replanner.routes) is not changed
+
+
+def test_a_vehicle_that_does_not_tell_what_it_holds_is_left_alone_until_it_does_or_an_order_says_so() -> None:
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
+    run.run(30.0)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    dumb = [run.vehicles[f"vehicle:{n}"] for n in (1, 4)]
+    given = [vehicle._link._missions._list for vehicle in dumb]
+    for vehicle in dumb:
+        vehicle._link._missions._list = lambda *_: None
+    run.restart(3.0, memory)
+    run.run(65.0)
+    for number in (1, 4):
+        assert "does not tell which mission it holds" in run.command.away()[number]
+        assert any("does not tell" in text for text in alarms(effects, number))
+    run.order(order(65.5, "resume", 4))
+    dumb[0]._link._missions._list = given[0]
+    run.run(75.0)
+    assert not {1, 4} & set(run.command.away())
