@@ -77,7 +77,7 @@ class Holding:
         left = flown.route.points_m[state.mission_seq - flown.first_point :]
         return tuple((east_m, north_m) for east_m, north_m in left.tolist())
 
-    def ahead(self, vehicle: int, wait_s: float) -> Ahead:
+    def ahead(self, vehicle: int, wait_s: float, t_ns: int) -> Ahead:
         """What a vehicle flies to by itself, when it gets no other mission before `wait_s`."""
         points = self.points_ahead(vehicle)
         if not points:
@@ -85,7 +85,7 @@ class Holding:
         flown = self._flown[vehicle]
         last = flown.first_point + len(flown.route.points_m)
         radii = tuple(item.param2 for item in flown.items[last - len(points) : last])
-        return Ahead(points, radii, wait_s)
+        return Ahead(points, radii, wait_s, max(0.0, self.time_to_next_s(vehicle, t_ns)))
 
     def is_at_end(self, vehicle: int, profile: Profile) -> bool:
         """Whether a LOITER of a vehicle is its mission's end."""

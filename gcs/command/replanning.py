@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from gcs.command.aims import Aims, plan_options
@@ -25,10 +25,11 @@ from gcs.config import Config
 from gcs.mavlink.task import Timing
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
-from gcs.planning.prediction import Motion, expected
-from gcs.planning.progress import CORRIDOR_M, is_ahead_clear, next_point
-from gcs.planning.routes import plan_routes
+from gcs.planning.prediction import Motion, expected, fly
+from gcs.planning.progress import CORRIDOR_M, next_point
+from gcs.planning.routes import PlanResult, plan_routes
 from gcs.planning.sight import line_of_sight
+from gcs.planning.takeup import by_itself_m, is_spelt_out, turn_s
 from gcs.planning.task import AgentStart
 
 _FIRST_PLAN_WAIT_S = 5.0
@@ -251,11 +252,11 @@ class Replanner:
         return had_ns >= max(self._period_ns, situation.late_s.get(vehicle, 0.0) * NS_PER_S)
 
     def _astray(self, situation: Situation) -> list[str]:
-        """Who is too far off its route, in words."""
+        """Who would fly into something, in words."""
         return [
-            f"agent {vehicle} cannot get back on to its route"
-            for vehicle, route, _ in self._flown(situation)
-            if self._is_astray(vehicle, route, situation)
+            f"agent {vehicle} would hit an obstacle"
+            for vehicle, _, _ in self._flown(situation)
+            if self._is_astray(vehicle, situation)
         ]
 
     def _flown(self, situation: Situation) -> Iterator[tuple[int, Route, Track]]:
@@ -264,34 +265,18 @@ class Replanner:
             if vehicle in situation.agents and route.target in situation.targets:
                 yield vehicle, route, situation.agents[vehicle]
 
-    def _is_astray(self, vehicle: int, route: Route, situation: Situation) -> bool:
-        """Whether an agent got where its turn to the next point of its route hits something."""
+    def _is_astray(self, vehicle: int, situation: Situation) -> bool:
+        """Whether an agent hits something by what it holds."""
         options, motion = self._options, situation.motion(vehicle)
-        if options.shape != "flyable":
+        if options.shape != "flyable" or not motion.ahead.points_m:
             return False
-        ahead = self._ahead(route, motion, situation.t_ns)
-        place, course_rad = expected(self._grid, motion, 0.5 * self._lag_s, self._lag_s)
-        return not is_ahead_clear(self._grid, ahead, place, course_rad, options.turn_radius_m)
-
-    def _ahead(self, route: Route, motion: Motion, t_ns: int) -> Point:
-        """The point of its route that a vehicle flies to."""
-        given_s = (t_ns - self._given_t_ns.get(route.vehicle, 0)) / NS_PER_S
-        place, most_m = (motion.east_m, motion.north_m), motion.speed_m_s * given_s
-        first = min(next_point(route.points_m, place, CORRIDOR_M, most_m), len(route.points_m) - 1)
-        return float(route.points_m[first, 0]), float(route.points_m[first, 1])
+        look_s = turn_s(motion, options.turn_radius_m, self._lag_s)
+        return not fly(self._grid, motion, look_s, self._lag_s).is_clear
 
     def _plan(self, situation: Situation, reason: str) -> Plan:
-        result = plan_routes(
-            self._grid,
-            {vehicle: self._start(vehicle, situation) for vehicle in situation.agents},
-            {label: self._place(track, situation) for label, track in situation.targets.items()},
-            {vehicle: route.target for vehicle, route in self._newest.items()},
-            self._options,
-            terms={
-                label: self.aims.terms(label, track, situation.at_targets.get(label, 0))
-                for label, track in situation.targets.items()
-            },
-        )
+        starts = {vehicle: self._start(vehicle, situation) for vehicle in situation.agents}
+        pursued = {vehicle: route.target for vehicle, route in self._newest.items()}
+        result = self._routed(starts, situation.targets, pursued, situation)
         self._planned_agents = frozenset(situation.agents)
         self._planned_targets = frozenset(situation.targets)
         kept: list[Route] = []
@@ -305,7 +290,7 @@ class Replanner:
             elif shown is not None and self._is_still_good(shown, route, situation):
                 kept.append(shown)
             else:
-                kept.append(route)
+                kept.append(self._taken_up(route, situation))
                 changed.append(route.vehicle)
                 self._given_t_ns[route.vehicle] = situation.t_ns
         kept, near = self._lanes.give(kept, changed, situation.agents, situation.arrived)
@@ -323,11 +308,55 @@ class Replanner:
             changed=tuple(changed),
         )
 
+    def _routed(
+        self,
+        starts: Mapping[int, AgentStart],
+        labels: Iterable[Label],
+        flown: Mapping[int, Label],
+        situation: Situation,
+    ) -> PlanResult:
+        """Plan for some agents and some targets."""
+        targets = {label: situation.targets[label] for label in labels}
+        return plan_routes(
+            self._grid,
+            starts,
+            {label: self._place(track, situation) for label, track in targets.items()},
+            flown,
+            self._options,
+            terms={
+                label: self.aims.terms(label, track, situation.at_targets.get(label, 0))
+                for label, track in targets.items()
+            },
+        )
+
+    def _taken_up(self, route: Route, situation: Situation) -> Route:
+        """Return a route without the turn on to it, where its vehicle turns soon enough by itself."""
+        vehicle, options = route.vehicle, self._options
+        start = self._start(vehicle, situation)
+        if options.shape != "flyable" or not is_spelt_out(start, route.points_m):
+            return route
+        plain = self._routed({vehicle: replace(start, course_rad=None)}, [route.target], {}, situation)
+        motion = self._expected(vehicle, situation, 0.0)
+        for one in plain.routes:
+            length_m = by_itself_m(
+                self._grid, motion, one.points_m, options.turn_radius_m, self._lag_s, options.clearance_m
+            )
+            if length_m < route.length_m:
+                return replace(one, length_m=length_m)
+        return route
+
     def _start(self, vehicle: int, situation: Situation) -> AgentStart:
-        """Where an agent will be when it takes up a route that is planned now."""
+        """Where an agent's turn on to a route that is planned now begins."""
+        motion = self._expected(vehicle, situation, 0.5 * self._lag_s)
+        late_s = situation.late_s.get(vehicle, 0.0)
+        return self.aims.start(vehicle, motion.place_m, motion.course_rad, late_s)
+
+    def _expected(self, vehicle: int, situation: Situation, more_s: float) -> Motion:
+        """How an agent will move a while after it got a route that is planned now."""
         motion, late_s = situation.motion(vehicle), situation.late_s.get(vehicle, 0.0)
-        ahead_s = self._ahead_s + motion.ahead.wait_s + min(late_s, _until_hold_s(motion))
-        return self.aims.start(vehicle, *expected(self._grid, motion, ahead_s, self._lag_s), late_s)
+        until_hold_s = max(0.0, motion.ahead.next_s - Timing().guard_s)
+        ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
+        return expected(self._grid, motion, ahead_s, self._lag_s)
 
     def _place(self, target: Track, situation: Situation) -> Point:
         """Where a target will be when agents take up routes that are planned now."""
@@ -347,21 +376,13 @@ class Replanner:
         vehicle, agent = new.vehicle, situation.agents[new.vehicle]
         if flown.target != new.target:
             return False
-        if self._is_astray(vehicle, flown, situation) and not self._is_astray(vehicle, new, situation):
+        if self._is_astray(vehicle, situation):
             return False
         if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
             return True
         if not self._is_settled(vehicle, situation):
             return True
         return self._off_m(vehicle, flown, situation) <= self.aims.tolerance_m(agent, flown)
-
-
-def _until_hold_s(motion: Motion) -> float:
-    """How long a vehicle flies on by what it holds while it gets another mission."""
-    if not motion.ahead.points_m:
-        return 0.0
-    to_go_m = math.dist((motion.east_m, motion.north_m), motion.ahead.points_m[0])
-    return max(0.0, to_go_m / max(motion.speed_m_s, 1.0) - motion.age_s - Timing().guard_s)
 
 
 def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:

@@ -131,9 +131,8 @@ class Tasking:
 
     def ahead(self, vehicle: int, t_ns: int) -> Ahead:
         """What a vehicle flies to by itself until it gets another mission, and when that may begin."""
-        return self._holding.ahead(
-            vehicle, 0.0 if vehicle in self._deliveries else self._wait_s(vehicle, t_ns)
-        )
+        wait_s = 0.0 if vehicle in self._deliveries else self._wait_s(vehicle, t_ns)
+        return self._holding.ahead(vehicle, wait_s, t_ns)
 
     def points_ahead(self, vehicle: int) -> tuple[tuple[float, float], ...]:
         """Points that a vehicle in AUTO flies to by what it holds, the next one first."""

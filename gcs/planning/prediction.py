@@ -11,7 +11,7 @@ airframe's among them. One that circles turns on as it does.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gcs.geo import bearing_rad, wrap_pi
 from gcs.planning.grid import Grid, Point
@@ -32,6 +32,8 @@ class Ahead:
     """How near to each it turns to the next."""
     wait_s: float = 0.0
     """How long no new mission should be sent to it (`gcs.command.tasking`)."""
+    next_s: float = 0.0
+    """Until it has the first of the points behind it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,40 +50,60 @@ class Motion:
     age_s: float = 0.0
     ahead: Ahead = Ahead()
 
+    @property
+    def place_m(self) -> Point:
+        """East and north."""
+        return self.east_m, self.north_m
 
-def expected(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0) -> tuple[Point, float]:
-    """Where a vehicle will be in a while, and on which course.
 
-    Where something stands in its way, the answer is half of the way until there: it will not have been flown
-    into.
-    """
-    place, course_rad, rate = (motion.east_m, motion.north_m), motion.course_rad, motion.turn_rate_rad_s
-    points, radii = list(motion.ahead.points_m), list(motion.ahead.radii_m)
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """What was flown in thought, a moment after the other."""
+
+    moments: tuple[Motion, ...]
+    """From the last report on, each with what is ahead then; up to what stands in the way."""
+    is_clear: bool
+    """Whether nothing does."""
+
+
+def fly(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0, clearance_m: float = 0.0) -> Flight:
+    """Fly a vehicle ahead for a while, until it comes nearer than the clearance to an obstacle."""
+    place, course_rad, rate = motion.place_m, motion.course_rad, motion.turn_rate_rad_s
+    points, radii, speed_m_s = motion.ahead.points_m, motion.ahead.radii_m, motion.speed_m_s
     leg_from = place
     lag_s = max(lag_s, _LEAST_LAG_S)
     left_s = motion.age_s + ahead_s
-    trail = [(place, course_rad)]
+    moments = [replace(motion, age_s=0.0)]
     while left_s > 0.0:
         step_s = min(_STEP_S, left_s)
         left_s -= step_s
         if points and _is_reached(place, leg_from, points[0], radii[0]):
-            leg_from = points.pop(0)
-            radii.pop(0)
+            leg_from, points, radii = points[0], points[1:], radii[1:]
         if points:
             off_rad = wrap_pi(bearing_rad(*place, *points[0]) - course_rad)
             wanted = min(max(off_rad, -_MOST_OFF_RAD), _MOST_OFF_RAD) / lag_s
             rate += (wanted - rate) * (1.0 - math.exp(-3.0 * step_s / lag_s))
         half_rad = 0.5 * rate * step_s
-        chord_m = motion.speed_m_s * step_s
+        chord_m = speed_m_s * step_s
         there = (
             place[0] + chord_m * math.sin(course_rad + half_rad),
             place[1] + chord_m * math.cos(course_rad + half_rad),
         )
-        if not line_of_sight(grid, place, there):
-            return trail[len(trail) // 2]
+        if not line_of_sight(grid, place, there, clearance_m):
+            return Flight(tuple(moments), False)
         place, course_rad = there, course_rad + 2.0 * half_rad
-        trail.append((place, course_rad))
-    return trail[-1]
+        moments.append(Motion(*place, speed_m_s, course_rad, rate, 0.0, Ahead(points, radii)))
+    return Flight(tuple(moments), True)
+
+
+def expected(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0) -> Motion:
+    """How a vehicle will move in a while.
+
+    Where something stands in its way, the answer is half of the way until there: it will not have been flown
+    into.
+    """
+    flight = fly(grid, motion, ahead_s, lag_s)
+    return flight.moments[-1 if flight.is_clear else len(flight.moments) // 2]
 
 
 def _is_reached(place: Point, leg_from: Point, point: Point, radius_m: float) -> bool:

@@ -1,8 +1,7 @@
 """How far along a route a vehicle is.
 
 A vehicle that gets a new route flies on while the mission is on its way to it, for many seconds on a bad
-link. It should enter the route where it is by then, not turn back to the route's beginning. And when it has
-got so far off that the way to the next point hits something, it needs another route.
+link. It should enter the route where it is by then, not turn back to the route's beginning.
 """
 
 from __future__ import annotations
@@ -14,9 +13,6 @@ from itertools import pairwise
 import numpy as np
 
 from gcs.model import FloatArray
-from gcs.planning.grid import Grid, Point
-from gcs.planning.sight import to_cells
-from gcs.planning.starts import TIGHT, start_is_clear
 
 CORRIDOR_M = 40.0
 """A vehicle this near to a leg of its route flies it."""
@@ -97,27 +93,3 @@ def time_to_point_s(
         if length_m > 0.0:
             to_go_m = min(to_go_m, float((end - place) @ leg) / length_m)
     return max(to_go_m, 0.0) / max(speed_m_s, _SLOW_M_S)
-
-
-def is_ahead_clear(grid: Grid, ahead_m: Point, place_m: Point, course_rad: float, radius_m: float) -> bool:
-    """Whether a vehicle can turn to the next point of its route from where it is, and on its course.
-
-    Coming nearer to obstacles than was planned is no reason for another route: that would begin with a turn
-    as well, and with a wider one. So the turn need only be clear on the planned radius or on half of it.
-
-    Parameters
-    ----------
-    ahead_m, place_m
-        The next point, and where the vehicle is.
-    course_rad : float
-        Clockwise from north.
-    radius_m : float
-        Of the turn.
-    """
-    x, y = to_cells(grid, place_m)
-    to_x, to_y = to_cells(grid, ahead_m)
-    angle, radius = 0.5 * np.pi - course_rad, radius_m / grid.spacing_m
-    return any(
-        start_is_clear(grid.blocked, 0.0, x, y, angle, to_x, to_y, share * radius, -1)
-        for share in (1.0, TIGHT)
-    )

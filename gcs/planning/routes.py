@@ -28,7 +28,7 @@ from gcs.planning.matrix import Places
 from gcs.planning.moves import SearchMap, cells, search_map
 from gcs.planning.shaping import close_and_seen, is_roomy, joins, legs_are_clear, pull
 from gcs.planning.sight import clear_leg
-from gcs.planning.starts import start_is_clear, start_is_safe, start_room
+from gcs.planning.starts import start_is_safe, start_room
 from gcs.planning.task import AgentStart, PlanOptions, Terms
 from gcs.planning.taut import tauten
 from gcs.planning.turning import flyable
@@ -201,7 +201,6 @@ def warm_up_calls() -> list[compiling.Call]:
         *intercept.warm_up_calls(),
         *separation.warm_up_calls(),
         (flyable, blocked, 0.0, way, np.zeros(2), 1.0, -1),
-        (start_is_clear, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),
         (start_is_safe, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),
         (start_room, blocked, 0.0, 0.0, 0.0),
     ]

@@ -18,23 +18,23 @@ EAST = math.pi / 2.0
 
 def test_a_route_starts_where_its_vehicle_will_take_it_up_but_never_beyond_an_obstacle():
     grid = free_grid((11, 11), 40.0).with_obstacles(cells=[(5, 5)])
-    assert expected(grid, Motion(20.0, 40.0, 15.0, EAST), 2.0)[0] == pytest.approx((50.0, 40.0))
-    (east_m, north_m), _ = expected(grid, Motion(150.0, 200.0, 15.0, EAST), 3.0)
+    assert expected(grid, Motion(20.0, 40.0, 15.0, EAST), 2.0).place_m == pytest.approx((50.0, 40.0))
+    east_m, north_m = expected(grid, Motion(150.0, 200.0, 15.0, EAST), 3.0).place_m
     assert 160.0 < east_m < 170.0
     assert north_m == pytest.approx(200.0)
-    assert expected(grid, Motion(178.0, 200.0, 15.0, EAST), 3.0)[0] == (178.0, 200.0)
+    assert expected(grid, Motion(178.0, 200.0, 15.0, EAST), 3.0).place_m == (178.0, 200.0)
 
 
 def test_who_circles_turns_on():
-    place, course_rad = expected(OPEN, Motion(1000.0, 1000.0, 15.0, 0.0, 0.25), 4.0)
-    assert course_rad == pytest.approx(1.0)
-    there = (1060.0 - 60.0 * math.cos(1.0), 1000.0 + 60.0 * math.sin(1.0))
-    assert place == pytest.approx(there, abs=0.1)
+    there = expected(OPEN, Motion(1000.0, 1000.0, 15.0, 0.0, 0.25), 4.0)
+    assert there.course_rad == pytest.approx(1.0)
+    on_circle = (1060.0 - 60.0 * math.cos(1.0), 1000.0 + 60.0 * math.sin(1.0))
+    assert there.place_m == pytest.approx(on_circle, abs=0.1)
 
 
 def test_a_report_that_is_old_is_brought_up_to_now():
     old = Motion(1000.0, 1000.0, 15.0, EAST, age_s=2.0)
-    assert expected(OPEN, old, 1.0)[0] == pytest.approx((1045.0, 1000.0))
+    assert expected(OPEN, old, 1.0).place_m == pytest.approx((1045.0, 1000.0))
 
 
 @given(st.floats(-2.5, 2.5), st.floats(80.0, 400.0), st.floats(-2.0, 2.0), st.floats(1.0, 5.0))
@@ -47,14 +47,14 @@ def test_the_simulated_airframe_is_where_it_was_expected(bearing_rad, distance_m
         first[1] + 300.0 * math.cos(bearing_rad + next_rad),
     )
     ahead = Ahead((first, second), (45.0, 10.0))
-    place, course_rad = expected(OPEN, Motion(1000.0, 1000.0, 15.0, 0.0, ahead=ahead), ahead_s, TURN_TIME_S)
+    there = expected(OPEN, Motion(1000.0, 1000.0, 15.0, 0.0, ahead=ahead), ahead_s, TURN_TIME_S)
     goal = ToPoint(*first, first[0] - 1000.0, first[1] - 1000.0, 45.0)
     for _ in range(round(ahead_s * 100)):
         if goal.is_reached(airframe):
             goal = ToPoint(*second, second[0] - first[0], second[1] - first[1], 10.0)
         airframe.step(goal.heading_error_rad(airframe), 100.0, 15.0)
-    assert math.dist(place, (airframe.east_m, airframe.north_m)) < 8.0
-    assert abs(wrap_pi(course_rad - airframe.heading_rad)) < math.radians(15.0)
+    assert math.dist(there.place_m, (airframe.east_m, airframe.north_m)) < 8.0
+    assert abs(wrap_pi(there.course_rad - airframe.heading_rad)) < math.radians(15.0)
 
 
 def test_a_circling_airframe_is_where_it_was_expected():
@@ -63,8 +63,8 @@ def test_a_circling_airframe_is_where_it_was_expected():
     for _ in range(1000):
         airframe.step(goal.heading_error_rad(airframe), 100.0, 15.0)
     motion = Motion(airframe.east_m, airframe.north_m, 15.0, airframe.heading_rad, 15.0 / 60.0)
-    place, course_rad = expected(OPEN, motion, 3.0)
+    there = expected(OPEN, motion, 3.0)
     for _ in range(300):
         airframe.step(goal.heading_error_rad(airframe), 100.0, 15.0)
-    assert math.dist(place, (airframe.east_m, airframe.north_m)) < 3.0
-    assert abs(wrap_pi(course_rad - airframe.heading_rad)) < math.radians(5.0)
+    assert math.dist(there.place_m, (airframe.east_m, airframe.north_m)) < 3.0
+    assert abs(wrap_pi(there.course_rad - airframe.heading_rad)) < math.radians(5.0)
