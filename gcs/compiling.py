@@ -42,8 +42,10 @@ from typing import Any, TypeAlias, cast
 
 import numba
 import numpy as np
+from numba.core import types
 from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
+from numba.extending import intrinsic
 
 Call: TypeAlias = tuple[Any, ...]
 """A kernel and its arguments."""
@@ -91,6 +93,27 @@ leaf = numba.njit(_nrt=False, **_FROM_KERNELS)
 
 inlined = numba.njit(inline="always", **_OPTIONS)
 """Becomes part of the function that calls it, at every call."""
+
+
+@intrinsic
+def fetch_early(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  numba's signature
+    """Have the processor load a row of a matrix that is needed some hundred instructions from now."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        from llvmlite import ir
+        from numba.core.cgutils import unpack_tuple
+        from numba.np.arrayobj import make_array
+
+        matrix = make_array(signature.args[0])(context, builder, args[0])
+        stride = unpack_tuple(builder, matrix.strides)[0]
+        byte, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
+        at = builder.gep(builder.bitcast(matrix.data, byte), [builder.mul(stride, args[1])])
+        kind = ir.FunctionType(ir.VoidType(), [byte, flag, flag, flag])
+        fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+        builder.call(fetch, [at, flag(0), flag(3), flag(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, row), code
 
 
 def warm_up(room: str, on_cold: Callable[[], None] | None = None) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.compiling import ZERO, fetch_early, inlined, kernel, leaf
 from gcs.tracking.hypotheses import DIED, Groups, Limits, Options
 from gcs.tracking.kernels import updated
 from gcs.tracking.merging import factor, far, near
@@ -26,6 +26,19 @@ if TYPE_CHECKING:
     from gcs.tracking.views import View
 
 _NOBODY = -1
+_AHEAD = 2
+"""How many labels before its turn a label's detection is fetched: those of neighbours are far apart."""
+
+
+class Made(NamedTuple):
+    """Probabilities that add up over the groups of a scan; empty where nobody asks for them."""
+
+    explained: Any
+    """(detections,) that some track made each."""
+    detected: Any
+    """(labels,) that each label, before the scan, was detected."""
+    there: Any
+    """(labels,) that it is there."""
 
 
 class Tracks(NamedTuple):
@@ -37,22 +50,6 @@ class Tracks(NamedTuple):
     mean: Any
     """A row for each, and room for more behind them."""
     cov: Any
-
-    def and_of(
-        self, groups: Groups, parent: Any, option: Any, mean: FloatArray, cov: FloatArray, used: Any
-    ) -> Tracks:
-        """Return these and, behind them, those of other groups, whose Gaussians are the rows `used`."""
-        n = self.parent.size
-        both = Groups(
-            np.concatenate([self.groups.first, self.groups.first[-1] + groups.first[1:]]),
-            np.concatenate([self.groups.start, self.groups.start[-1] + groups.start[1:]]),
-            np.concatenate([self.groups.items, n + groups.items]),
-            np.concatenate([self.groups.logw, groups.logw]),
-        )
-        np.take(mean, used, axis=0, out=self.mean[n : n + used.size], mode="clip")
-        np.take(cov, used, axis=0, out=self.cov[n : n + used.size], mode="clip")
-        parent, option = np.concatenate([self.parent, parent]), np.concatenate([self.option, option])
-        return Tracks(both, parent, option, self.mean, self.cov)
 
 
 class _Children(NamedTuple):
@@ -203,6 +200,19 @@ def _lead(
     return count, at
 
 
+@inlined
+def _account(kept: int, to: Any, meas: Any, track_label: Any, made: Made) -> None:
+    """Add to `made` what the kept children of a label tell."""
+    for k in range(kept):
+        c = to.order.index[k]
+        if to.option[c] != _NOBODY:
+            weight, j, label = to.weight[k], meas[to.option[c]], track_label[to.parent[c]]
+            made.there[label] += weight
+            if j >= 0:
+                made.explained[j] += weight
+                made.detected[label] += weight
+
+
 @leaf
 def _alone(
     groups: Groups,
@@ -215,9 +225,7 @@ def _alone(
     view: View,
     limits: Limits,
     distance2: float,
-    explained: FloatArray,
-    detected: FloatArray,
-    there: FloatArray,
+    made: Made,
     to: Any,
     lead: Any,
     out: Tracks,
@@ -232,16 +240,16 @@ def _alone(
     )
     first[0] = start[0] = n_groups = n = h = ZERO
     for i in range(which.size):
+        if i + _AHEAD < which.size:
+            likely = meas[options.start[groups.items[groups.start[groups.first[which[i + _AHEAD]]]]]]
+            if likely >= 0:
+                fetch_early(z, likely)
         kept, existence = _weigh(groups, which[i], options, limits, to), 0.0
         for k in range(kept):
-            c = to.order.index[k]
-            if to.option[c] != _NOBODY:
-                weight, j, label = to.weight[k], meas[to.option[c]], track_label[to.parent[c]]
-                existence += weight
-                there[label] += weight
-                if j >= 0:
-                    explained[j] += weight
-                    detected[label] += weight
+            if to.option[to.order.index[k]] != _NOBODY:
+                existence += to.weight[k]
+        if made.there.size > 0:
+            _account(kept, to, meas, track_label, made)
         if existence == 0.0 or existence < limits.existence:
             continue
         count, n = _lead(n, kept, to, lead, mean, cov, z, meas, view, distance2, out)
@@ -271,15 +279,12 @@ def alone(
     limits: Limits,
     distance2: float,
     spare: int,
-    explained: FloatArray,
-    detected: FloatArray,
-    there: FloatArray,
+    made: Made,
 ) -> Tracks:
     """Predict and update the groups `which`, each of one label that competes with nobody.
 
-    To `explained` (detections,), `detected` and `there` (labels,) are added the probabilities that a track
-    made each detection, that each label was detected, and that it is there. The means and covariances have
-    room for `spare` rows more.
+    Probabilities are added to `made`, where it has room. The means and covariances have room for `spare` rows
+    more.
     """
     n_tracks, n_hyps, most = _sizes(groups, which, options, limits.hypotheses)
     to = _Children(
@@ -313,9 +318,7 @@ def alone(
         view,
         limits,
         distance2,
-        explained,
-        detected,
-        there,
+        made,
         to,
         lead,
         out,

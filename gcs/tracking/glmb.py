@@ -5,7 +5,7 @@ H. Hoang, "An efficient implementation of the generalized labeled multi-Bernoull
 one Gaussian per track, kept as a product over groups of interacting labels (Beard, Vo & Vo, IEEE TSP 68,
 2020). This module holds the state and the order of the steps; the numerics are compiled: `kernels` and
 `gates` (one object), `meeting`, `claims` and `parting` (which labels interact), `alone` and `search`
-(association), `merging` and `summing`.
+(association), `merging`, `carrying` and `summing`.
 
 Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D
 while it is inside the field of view, at most once, with Gaussian noise (see `views`); all else in a
@@ -29,7 +29,8 @@ import numpy.typing as npt
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
 from gcs.tracking import gates, intensity, kernels, motion, showing, summing, turning, views
-from gcs.tracking.alone import Tracks, alone
+from gcs.tracking.alone import Made, Tracks, alone
+from gcs.tracking.carrying import Joint, carry
 from gcs.tracking.hypotheses import Groups, Limits, Options, option_keys
 from gcs.tracking.looks import Look, look_at
 from gcs.tracking.meeting import meet
@@ -43,6 +44,11 @@ __all__ = ["Account", "Birth", "Estimates", "Glmb", "GlmbParams", "warm_up", "wa
 
 _SURELY_THERE, _SURELY_IN_VIEW = 0.95, 0.999
 """Objects that tell how probably a sensor detects what it looks at."""
+_NO_GROUPS = Groups(np.zeros(1, np.int64), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0))
+_NO_JOINT = Joint(
+    _NO_GROUPS, *(np.empty(0, np.int64),) * 2, np.empty((0, 4)), np.empty((0, 4, 4)), np.empty(0, np.int64)
+)
+_NOTHING_MADE = Made(np.empty(0), np.empty(0), np.empty(0))
 
 
 class Account(NamedTuple):
@@ -54,17 +60,6 @@ class Account(NamedTuple):
     """How many of the objects that were there beyond doubt, and surely in view, made a detection."""
     in_view: float
     """How many those were."""
-
-
-class _Made(NamedTuple):
-    """Probabilities that add up over the groups of a scan."""
-
-    explained: FloatArray
-    """(m,) that some track made each usable detection."""
-    detected: FloatArray
-    """(labels,) that each label, before the scan, was detected."""
-    there: FloatArray
-    """(labels,) that it is there."""
 
 
 class Estimates(NamedTuple):
@@ -135,16 +130,14 @@ class Glmb:
         self._labels = np.empty((0, 2), np.int64)
         """Scan of birth and index there."""
         self._sure = np.empty(0, np.bool_)
-        """Whether each label existed beyond doubt after the last scan."""
+        """Whether each label existed beyond doubt after the last scan, where detections are weighed."""
         self._track_label = np.empty(0, np.int64)
         """Index into `_labels` for each track; a label's tracks stand together."""
         self._mean, self._cov = np.empty((0, 4)), np.empty((0, 4, 4))
         self._turn = None if self._turns is None else np.empty((0, 6))
         """Turn rates (see `turning`)."""
         self._born = Born.of(())
-        self._groups = Groups(
-            np.zeros(1, np.int64), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0)
-        )
+        self._groups = _NO_GROUPS
 
     def update(
         self,
@@ -199,7 +192,10 @@ class Glmb:
             self._keys = option_keys(2 * meas.size)
         options = Options(start, meas, logw, self._keys)
         sure = self._surely_in_view(view) if self._weigh_detections else None
-        made = _Made(np.zeros(look.rows.size), np.zeros(len(self._labels)), np.zeros(len(self._labels)))
+        n_labels = len(self._labels)
+        made = _NOTHING_MADE
+        if self._weigh_detections:
+            made = Made(np.zeros(look.rows.size), np.zeros(n_labels), np.zeros(n_labels))
         if log_live.size:
             self._associate(options, look, view, made)
         if sure is not None:
@@ -231,7 +227,7 @@ class Glmb:
 
     def estimates(self) -> Estimates:
         """Return what `picture` shows as read-only arrays; for large scenes, where records take time."""
-        existence, shown, estimate, cardinality = summing.summary(
+        existence, shown, estimate, cardinality, probability = summing.summary(
             self._groups, self._track_label, len(self._labels)
         )
         shown[self._track_label[estimate]] = estimate
@@ -239,7 +235,6 @@ class Glmb:
         estimated[self._track_label[estimate]] = True
         rows = np.flatnonzero((existence >= self.params.report_existence) | estimated)
         rows = rows[np.argsort(self._labels[rows] @ np.array([2**32, 1]))]
-        probability = summing.probabilities(self._groups, self._track_label.size)
         mean, cov = showing.averaged(probability, self._track_label, shown[rows], self._mean, self._cov)
         columns = (self._labels[rows], mean, cov, existence[rows], estimated[rows])
         for column in (*columns, cardinality):
@@ -296,15 +291,16 @@ class Glmb:
             self._track_label = np.concatenate([self._track_label, len(self._labels) + new])
             label = np.column_stack([np.full(new.size, self.scans), new])
             self._labels = np.concatenate([self._labels, label])
-            self._sure = np.concatenate([self._sure, np.zeros(new.size, np.bool_)])
+            if self._weigh_detections:
+                self._sure = np.concatenate([self._sure, np.zeros(new.size, np.bool_)])
         return log_live, log_die
 
-    def _associate(self, options: Options, look: Look, view: views.View, made: _Made) -> None:
+    def _associate(self, options: Options, look: Look, view: views.View, made: Made) -> None:
         """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
         lone, groups = meet(self._groups, options, self._track_label, look.rows.size, self._limits)
         groups = children(groups, options, look.rows.size, self._limits, self._rng)
         groups, option = renumber(groups, options.meas.size)
-        tracks = alone(
+        lone_tracks = alone(
             self._groups,
             lone,
             options,
@@ -316,10 +312,12 @@ class Glmb:
             self._limits,
             float(self.params.merge_chi2),
             option.size,
-            *made,
+            made,
         )
+        joint = _NO_JOINT
         if option.size:
-            tracks = self._jointly(groups, option, options, look, view, made, tracks)
+            joint = self._jointly(groups, option, options, look, view, made)
+        tracks = carry(lone_tracks, joint, self._track_label)
         parent = tracks.parent
         if self._turn is not None:
             self._turn = turning.update(
@@ -329,12 +327,10 @@ class Glmb:
             meas, logw = options.meas[tracks.option], options.logw[tracks.option]
             self.histories.extend(parent, meas, logw, look.place_m)
         self._groups = tracks.groups
-        self._mean, self._cov = tracks.mean[: parent.size], tracks.cov[: parent.size]
-        track_label = self._track_label[parent]
-        is_next = np.diff(track_label, prepend=-1) != 0
-        self._track_label = np.cumsum(is_next) - 1
-        kept = track_label[is_next]
-        self._labels, self._sure = self._labels[kept], made.there[kept] > _SURELY_THERE
+        self._mean, self._cov = lone_tracks.mean[: parent.size], lone_tracks.cov[: parent.size]
+        self._track_label, self._labels = tracks.label, self._labels[tracks.kept]
+        if self._weigh_detections:
+            self._sure = made.there[tracks.kept] > _SURELY_THERE
 
     def _jointly(
         self,
@@ -343,10 +339,9 @@ class Glmb:
         options: Options,
         look: Look,
         view: views.View,
-        made: _Made,
-        others: Tracks,
-    ) -> Tracks:
-        """Update groups of labels that compete; their tracks come behind those of the others."""
+        made: Made,
+    ) -> Joint:
+        """Update groups of labels that compete."""
         parent, meas = np.searchsorted(options.start, option, side="right") - 1, options.meas[option]
         mean, cov = kernels.update(self._mean, self._cov, parent, meas, look.z, view)
         track_label = self._track_label[parent]
@@ -358,7 +353,7 @@ class Glmb:
         groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
         groups = part(groups, track_label, len(self._labels), self._keys, self._limits)
         groups, used = renumber(groups, parent.size)
-        return others.and_of(groups, parent[used], option[used], mean, cov, used)
+        return Joint(groups, parent, option, mean, cov, used)
 
 
 def warm_up_calls() -> list[compiling.Call]:
@@ -378,7 +373,8 @@ def warm_up_calls() -> list[compiling.Call]:
         (option_keys, 1),
         (children, groups, options, 1, limits, np.zeros(1, np.uint64)),
         (meet, groups, options, zeros, 1, limits),
-        (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, 1, ones, ones, ones),
+        (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, 1, Made(ones, ones, ones)),
+        (carry, Tracks(groups, zeros, zeros, mean, cov), _NO_JOINT, zeros),
         (kernels.update, mean, cov, zeros, zeros, z, view),
         (summing.probabilities, groups, 1),
         (kernels.predict, mean, cov, 1.0, np.eye(4), mean, cov),

@@ -7,11 +7,11 @@ objects convolve.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel
+from gcs.compiling import ZERO, inlined, kernel, leaf
 from gcs.tracking.hypotheses import Groups
 from gcs.tracking.ordering import head
 
@@ -87,56 +87,81 @@ def _convolve(
                 new[k + size] += weight[size] * old[k]
 
 
-@kernel
-def summary(groups: Groups, track_label: Any, n_labels: int) -> tuple[FloatArray, Any, Any, FloatArray]:
-    """Existence of each label, the track that shows it, `map_tracks`, and the number's distribution.
+class Summary(NamedTuple):
+    """What the groups say of labels and tracks."""
 
-    Shapes (n_labels,), (n_labels,), (estimated,), (n_labels + 1,). A label's track is that of its group's
-    reference hypothesis, or of the best that holds the label.
+    existence: Any
+    """(labels,)."""
+    shown: Any
+    """(labels,) the track of each that its group's reference hypothesis holds, or else the best that does."""
+    estimated: Any
+    """The tracks that are in the MAP-cardinality estimate, as `map_tracks` finds them."""
+    cardinality: Any
+    """(labels + 1,) probability of each number of objects."""
+    probability: Any
+    """(tracks,)."""
+
+
+@leaf
+def _sum_up(groups: Groups, track_label: Any, weight: FloatArray, other: FloatArray, out: Summary) -> Any:
+    """Fill `out`; `weight` (labels + 1,) is 0, `other` as well and takes turns with `out.cardinality`.
+
+    Returns how many tracks are estimated.
     """
     first, start, items = groups.first, groups.start, groups.items
-    existence, shown = np.zeros(n_labels), np.empty(n_labels, np.int64)
-    chosen, n = np.empty(n_labels, np.int64), ZERO
-    cardinality, convolved = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
-    shown[:] = -1
     # `least` to `most` objects are all that is probable so far; the tails left out are below 1e-12.
-    cardinality[0], least, most = 1.0, 0, 0
-    size_weight = np.zeros(n_labels + 1)
+    n = least = most = ZERO
+    before, after = out.cardinality, other
+    before[0] = 1.0
     for g in range(first.size - 1):
-        low, high = first[g], first[g + 1]
-        widest = _weigh_sizes(groups, g, size_weight)
+        low, high, widest = first[g], first[g + 1], ZERO
         for h in range(low, high):
-            if start[h] < start[h + 1]:
-                w = math.exp(groups.logw[h])
-                for i in range(start[h], start[h + 1]):
-                    existence[track_label[items[i]]] += w
-        _convolve(cardinality, convolved, least, most, size_weight, widest)
+            w = 1.0 if groups.logw[h] == 0.0 else math.exp(groups.logw[h])
+            widest = max(widest, start[h + 1] - start[h])
+            weight[start[h + 1] - start[h]] += w
+            for i in range(start[h], start[h + 1]):
+                out.probability[items[i]] += w
+                out.existence[track_label[items[i]]] += w
+        _convolve(before, after, least, most, weight, widest)
         most += widest
-        while least < most and convolved[least] < _TAIL:
-            convolved[least] = 0.0
+        while least < most and after[least] < _TAIL:
+            after[least] = 0.0
             least += 1
-        while most > least and convolved[most] < _TAIL:
-            convolved[most] = 0.0
+        while most > least and after[most] < _TAIL:
+            after[most] = 0.0
             most -= 1
-        cardinality, convolved = convolved, cardinality
-        reference = low if high == low + 1 else _reference(groups, g, track_label, existence)
+        before, after = after, before
+        reference = low if high == low + 1 else _reference(groups, g, track_label, out.existence)
         for i in range(start[reference], start[reference + 1]):
-            shown[track_label[items[i]]] = items[i]
+            out.shown[track_label[items[i]]] = items[i]
         for i in range(start[low], start[high]):
-            if shown[track_label[items[i]]] < 0:
-                shown[track_label[items[i]]] = items[i]
-        best = _likeliest(groups, g, size_weight, widest)
+            if out.shown[track_label[items[i]]] < 0:
+                out.shown[track_label[items[i]]] = items[i]
+        best = _likeliest(groups, g, weight, widest)
         for i in range(start[best], start[best + 1]):
-            chosen[n] = items[i]
+            out.estimated[n] = items[i]
             n += 1
         for size in range(widest + 1):
-            size_weight[size] = 0.0
-    for i in range(n_labels):
-        existence[i] = min(existence[i], 1.0)
-    for k in range(n_labels + 1):
+            weight[size] = 0.0
+    for i in range(out.existence.size):
+        out.existence[i] = min(out.existence[i], 1.0)
+    for k in range(before.size):
         if not least <= k <= most:
-            cardinality[k] = 0.0
-    return existence, shown, head(chosen, n), cardinality
+            before[k] = 0.0
+    return n
+
+
+@kernel
+def summary(groups: Groups, track_label: Any, n_labels: int) -> Summary:
+    """Sum up what the groups believe."""
+    existence, probability = np.zeros(n_labels), np.zeros(track_label.size)
+    shown, estimated = np.empty(n_labels, np.int64), np.empty(n_labels, np.int64)
+    even, odd = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
+    shown[:] = -1
+    out = Summary(existence, shown, estimated, even, probability)
+    n = _sum_up(groups, track_label, np.zeros(n_labels + 1), odd, out)
+    cardinality = even if groups.first.size % 2 == 1 else odd
+    return Summary(existence, shown, head(estimated, n), cardinality, probability)
 
 
 @kernel
