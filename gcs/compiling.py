@@ -23,10 +23,11 @@ second; `_Cache` leaves that to the kernel that is not there.
 numba's cache does not see other files change. Whoever edits a kernel that kernels of another file call must
 remove the `__pycache__` of that file.
 
-A room that has kernels lists one call of each in `warm_up_calls`, with types as in flight. Where the cache is
-cold, a second process makes the calls in reverse order: each of the two finds in the cache on disk what the
-other has put there, and they meet somewhere in the middle. numba replaces the cache's files atomically, so
-what both compile at once is written twice, no more; and if the helper fails, it is only missed.
+A room that has kernels lists one call of each in `warm_up_calls`, with types as in flight; and those that
+only other kernels call, the parts of these, in `warm_up_parts`. Where the cache is cold, parts are compiled
+first, and a second process makes the calls in reverse order: each of the two finds in the cache on disk what
+the other has put there, and they meet somewhere in the middle. numba replaces the cache's files atomically,
+so what both compile at once is written twice, no more; and if the helper fails, it is only missed.
 """
 
 from __future__ import annotations
@@ -130,6 +131,7 @@ def warm_up(room: str, on_cold: Callable[[], None] | None = None) -> None:
             stack.enter_context(_helper(room))
             if on_cold is not None:
                 on_cold()
+            _make(_parts(room))
         _make(calls[1:])
 
 
@@ -157,6 +159,10 @@ def _calls(room: str) -> Sequence[Call]:
     return cast(Sequence[Call], importlib.import_module(room).warm_up_calls())
 
 
+def _parts(room: str) -> Sequence[Call]:
+    return cast(Sequence[Call], getattr(importlib.import_module(room), "warm_up_parts", list)())
+
+
 def _misses(probe: Any) -> int:
     return sum(probe.stats.cache_misses.values())
 
@@ -172,4 +178,5 @@ def _make(calls: Sequence[Call]) -> None:
 
 
 if __name__ == "__main__":
+    _make(_parts(sys.argv[1])[::-1])
     _make(_calls(sys.argv[1])[::-1])

@@ -5,7 +5,7 @@ H. Hoang, "An efficient implementation of the generalized labeled multi-Bernoull
 one Gaussian per track, kept as a product over groups of interacting labels (Beard, Vo & Vo, IEEE TSP 68,
 2020). This module holds the state and the order of the steps; the numerics are compiled: `kernels` and
 `gates` (one object), `meeting`, `claims` and `parting` (which labels interact), `alone` and `search`
-(association), `merging`, `carrying` and `summing`.
+(association), `association` (all of that for a scan), `merging` and `summing`.
 
 Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D
 while it is inside the field of view, at most once, with Gaussian noise (see `views`); all else in a
@@ -19,7 +19,6 @@ give the same bytes. No input makes it raise once constructed: what it cannot us
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -29,13 +28,13 @@ import numpy.typing as npt
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
 from gcs.tracking import gates, intensity, kernels, motion, showing, summing, turning, views
-from gcs.tracking.alone import Made, Tracks, alone
-from gcs.tracking.carrying import Joint, carry
+from gcs.tracking.alone import Made, alone
+from gcs.tracking.association import associate
 from gcs.tracking.hypotheses import Groups, Limits, Options, option_keys
 from gcs.tracking.looks import Look, look_at
 from gcs.tracking.meeting import meet
 from gcs.tracking.merging import merge_alike
-from gcs.tracking.params import SURE, Birth, Born, GlmbParams
+from gcs.tracking.params import SURE, Birth, GlmbParams, Newborn
 from gcs.tracking.parting import part, renumber
 from gcs.tracking.recovery import Histories
 from gcs.tracking.search import children
@@ -45,9 +44,6 @@ __all__ = ["Account", "Birth", "Estimates", "Glmb", "GlmbParams", "warm_up", "wa
 _SURELY_THERE, _SURELY_IN_VIEW = 0.95, 0.999
 """Objects that tell how probably a sensor detects what it looks at."""
 _NO_GROUPS = Groups(np.zeros(1, np.int64), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0))
-_NO_JOINT = Joint(
-    _NO_GROUPS, *(np.empty(0, np.int64),) * 2, np.empty((0, 4)), np.empty((0, 4, 4)), np.empty(0, np.int64)
-)
 _NOTHING_MADE = Made(np.empty(0), np.empty(0), np.empty(0))
 
 
@@ -136,7 +132,8 @@ class Glmb:
         self._mean, self._cov = np.empty((0, 4)), np.empty((0, 4, 4))
         self._turn = None if self._turns is None else np.empty((0, 6))
         """Turn rates (see `turning`)."""
-        self._born = Born.of(())
+        self._births: tuple[Birth, ...] = ()
+        self._newborn = Newborn.of(())
         self._groups = _NO_GROUPS
 
     def update(
@@ -175,7 +172,7 @@ class Glmb:
         self.bad_detections += look.taken - look.rows.size
         F = motion.transition(dt_s)
         Q = motion.process_noise(dt_s, self.params.accel_std_m_s2, self.params.acceleration)
-        log_live, log_die = self._predict(dt_s, Q, births)
+        log_live, log_die = self._foresee(dt_s, Q, births)
         view = views.view(sensor, self._mean, self._cov)
         if self.histories is not None:
             self.histories.begin(measured_t_ns, dt_s, F, Q, sensor, births, self._survival(dt_s))
@@ -254,70 +251,65 @@ class Glmb:
     def _survival(self, dt_s: float) -> float:
         return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - SURE))
 
-    def _predict(self, dt_s: float, Q: FloatArray, births: Sequence[Birth]) -> tuple[FloatArray, FloatArray]:
+    def _foresee(self, dt_s: float, Q: FloatArray, births: Sequence[Birth]) -> tuple[FloatArray, FloatArray]:
         """Move the tracks by `dt_s`, add births as groups of their own.
 
         Returns the logs of each track's probability to live, or to appear, and not to.
         """
-        born = self._born = self._born if births is self._born.births else Born.of(births)
-        n, new = self._track_label.size, np.arange(len(births))
-        if self._turns is None:
-            self._mean, self._cov = kernels.predict(self._mean, self._cov, dt_s, Q, born.mean, born.cov)
-        else:
+        if births is not self._births:
+            # Known places are one tuple, the same at each scan; what is not a tuple might change.
+            self._births, self._newborn = tuple(births), Newborn.of(births)
+        chances = self._chances(dt_s)
+        if self._turns is not None:
             if dt_s > 0.0:
                 self._mean, self._cov, self._turn = turning.predict(
                     self._mean, self._cov, self._turn, Q, dt_s, *self._turns
                 )
-            self._mean = np.concatenate([self._mean, born.mean])
-            self._cov = np.concatenate([self._cov, born.cov])
             newborn = turning.newborn(len(births), self._turns.rate_std_rad_s)
             self._turn = np.concatenate([self._turn, newborn])
-        live = np.array([self._survival(dt_s), 1.0 - SURE])
-        lost = np.zeros(n, np.int64)
-        if math.isfinite(self.params.lost_std_m):
-            variance = np.maximum(self._cov[:n, 0, 0], self._cov[:n, 1, 1])
-            lost[variance > self.params.lost_std_m**2] = 1
-        log_live = np.concatenate([np.log(live)[lost], born.log_live])
-        log_die = np.log1p(-live, out=np.full(2, -np.inf), where=live < 1.0)
-        log_die = np.concatenate([log_die[lost], born.log_die])
-        if births:
-            groups = self._groups
-            self._groups = Groups(
-                np.concatenate([groups.first, groups.first[-1] + 1 + new]),
-                np.concatenate([groups.start, groups.start[-1] + 1 + new]),
-                np.concatenate([groups.items, n + new]),
-                np.concatenate([groups.logw, np.zeros(new.size)]),
-            )
-            self._track_label = np.concatenate([self._track_label, len(self._labels) + new])
-            label = np.column_stack([np.full(new.size, self.scans), new])
-            self._labels = np.concatenate([self._labels, label])
-            if self._weigh_detections:
-                self._sure = np.concatenate([self._sure, np.zeros(new.size, np.bool_)])
+            dt_s, Q = 0.0, np.zeros((4, 4))
+        foreseen = kernels.foresee(
+            self._groups,
+            self._track_label,
+            self._labels,
+            self._mean,
+            self._cov,
+            dt_s,
+            Q,
+            chances,
+            self.scans,
+            self._newborn,
+        )
+        self._groups, self._track_label, self._labels, self._mean, self._cov, log_live, log_die = foreseen
+        if self._weigh_detections:
+            self._sure = np.concatenate([self._sure, np.zeros(len(births), np.bool_)])
         return log_live, log_die
+
+    def _chances(self, dt_s: float) -> kernels.Chances:
+        """Return what happens to tracks in `dt_s`; those that are given up all but die."""
+        live = np.array([self._survival(dt_s), 1.0 - SURE])
+        log_live = np.log(live)
+        log_die = np.log1p(-live, out=np.full(2, -np.inf), where=live < 1.0)
+        return kernels.Chances(
+            log_live[0], log_die[0], log_live[1], log_die[1], self.params.lost_std_m * self.params.lost_std_m
+        )
 
     def _associate(self, options: Options, look: Look, view: views.View, made: Made) -> None:
         """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
-        lone, groups = meet(self._groups, options, self._track_label, look.rows.size, self._limits)
-        groups = children(groups, options, look.rows.size, self._limits, self._rng)
-        groups, option = renumber(groups, options.meas.size)
-        lone_tracks = alone(
+        tracks = associate(
             self._groups,
-            lone,
             options,
+            self._track_label,
+            len(self._labels),
             self._mean,
             self._cov,
-            self._track_label,
             look.z,
             view,
             self._limits,
             float(self.params.merge_chi2),
-            option.size,
+            self._rng,
             made,
         )
-        joint = _NO_JOINT
-        if option.size:
-            joint = self._jointly(groups, option, options, look, view, made)
-        tracks = carry(lone_tracks, joint, self._track_label)
         parent = tracks.parent
         if self._turn is not None:
             self._turn = turning.update(
@@ -327,68 +319,62 @@ class Glmb:
             meas, logw = options.meas[tracks.option], options.logw[tracks.option]
             self.histories.extend(parent, meas, logw, look.place_m)
         self._groups = tracks.groups
-        self._mean, self._cov = lone_tracks.mean[: parent.size], lone_tracks.cov[: parent.size]
+        self._mean, self._cov = tracks.mean[: parent.size], tracks.cov[: parent.size]
         self._track_label, self._labels = tracks.label, self._labels[tracks.kept]
         if self._weigh_detections:
             self._sure = made.there[tracks.kept] > _SURELY_THERE
 
-    def _jointly(
-        self,
-        groups: Groups,
-        option: npt.NDArray[np.int64],
-        options: Options,
-        look: Look,
-        view: views.View,
-        made: Made,
-    ) -> Joint:
-        """Update groups of labels that compete."""
-        parent, meas = np.searchsorted(options.start, option, side="right") - 1, options.meas[option]
-        mean, cov = kernels.update(self._mean, self._cov, parent, meas, look.z, view)
-        track_label = self._track_label[parent]
-        if self._weigh_detections:
-            probability, seen = summing.probabilities(groups, meas.size), meas >= 0
-            np.add.at(made.explained, meas[seen], probability[seen])
-            np.add.at(made.detected, track_label[seen], probability[seen])
-            np.add.at(made.there, track_label, probability)
-        groups = merge_alike(groups, mean, cov, track_label, self._keys, self.params.merge_chi2)
-        groups = part(groups, track_label, len(self._labels), self._keys, self._limits)
-        groups, used = renumber(groups, parent.size)
-        return Joint(groups, parent, option, mean, cov, used)
-
 
 def warm_up_calls() -> list[compiling.Call]:
-    """One call of every kernel, types as in a tracker.
+    """One call of every kernel that a tracker calls, types as there."""
+    groups, options, mean, cov, view, limits = _small()
+    ones, zeros = np.ones(1), np.zeros(1, np.int64)
+    made, rng, z = Made(ones, ones, ones), np.zeros(1, np.uint64), np.zeros((1, 2))
+    chances, ids, born = kernels.Chances(0.0, 0.0, 0.0, 0.0, 1.0), np.zeros((1, 2), np.int64), Newborn.of(())
+    return [
+        (option_keys, 1),
+        (kernels.foresee, groups, zeros, ids, mean, cov, 1.0, np.eye(4), chances, 1, born),
+        (gates.options, cov, ones, ones, z, view, ones, 9.0),
+        (associate, groups, options, zeros, 1, mean, cov, z, view, limits, 0.1, rng, made),
+        (summing.summary, groups, zeros, 1),
+        *showing.warm_up_calls(),
+        *views.warm_up_calls(),
+        *intensity.warm_up_calls(),
+        (summing.map_tracks, groups),
+        *turning.warm_up_calls(),
+    ]
+
+
+def warm_up_parts() -> list[compiling.Call]:
+    """One call of every kernel that is a part of `associate`, types as there.
 
     The longest to compile stand at the ends, beside those that share leaves with them: where two processes
     meet, both compile the same one, so that had better be short.
     """
+    groups, options, mean, cov, view, limits = _small()
+    ones, zeros, z = np.ones(1), np.zeros(1, np.int64), np.zeros((1, 2))
+    made = Made(ones, ones, ones)
+    return [
+        (children, groups, options, 1, limits, np.zeros(1, np.uint64)),
+        (meet, groups, options, zeros, 1, limits),
+        (renumber, groups, 1),
+        (summing.probabilities, groups, 1),
+        (kernels.update, mean, cov, zeros, zeros, z, view),
+        (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, 1, made),
+        (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
+        (part, groups, zeros, 1, options.key, limits),
+    ]
+
+
+def _small() -> tuple[Groups, Options, FloatArray, FloatArray, views.View, Limits]:
+    """Return the least that kernels can be called with."""
     ones, zeros = np.ones(1), np.zeros(1, np.int64)
     mean, cov, z = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.zeros((1, 2))
     matrix = np.eye(2).reshape(1, 2, 2)
     view = views.View(z, matrix, matrix, ones, 0.9, wraps=False)
-    limits = Limits(1, -1.0, 0.1, 0.1, 0.1, 1, 1)
     groups = Groups(np.arange(2), np.arange(2), zeros, np.zeros(1))
     options = Options(np.arange(2), zeros, ones, np.zeros(1, np.uint64))
-    return [
-        (option_keys, 1),
-        (children, groups, options, 1, limits, np.zeros(1, np.uint64)),
-        (meet, groups, options, zeros, 1, limits),
-        (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, 1, Made(ones, ones, ones)),
-        (carry, Tracks(groups, zeros, zeros, mean, cov), _NO_JOINT, zeros),
-        (kernels.update, mean, cov, zeros, zeros, z, view),
-        (summing.probabilities, groups, 1),
-        (kernels.predict, mean, cov, 1.0, np.eye(4), mean, cov),
-        (renumber, groups, 1),
-        *views.warm_up_calls(),
-        *intensity.warm_up_calls(),
-        (summing.map_tracks, groups),
-        (summing.summary, groups, zeros, 1),
-        *turning.warm_up_calls(),
-        *showing.warm_up_calls(),
-        (gates.options, cov, ones, ones, z, view, ones, 9.0),
-        (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
-        (part, groups, zeros, 1, options.key, limits),
-    ]
+    return groups, options, mean, cov, view, Limits(1, -1.0, 0.1, 0.1, 0.1, 1, 1)
 
 
 def warm_up() -> None:

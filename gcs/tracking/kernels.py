@@ -8,34 +8,55 @@ predictions and updates, and changes no bit.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from gcs.compiling import inlined, kernel, leaf
 from gcs.tracking.gates import innovation
+from gcs.tracking.hypotheses import Groups, room_for_groups
 from gcs.tracking.views import View, wrapped
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
+    from gcs.tracking.params import Newborn
 
 
-@kernel
-def predict(
-    mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, born: FloatArray, born_cov: FloatArray
-) -> Any:
-    """Kalman prediction of every track, F and `Q` of `motion`, and behind them those just born.
+class Foreseen(NamedTuple):
+    """Tracks as they are expected at a scan, those just born behind the others, and what they make up."""
 
-    Returns means (n, 4) and covariances (n, 4, 4).
-    """
-    n, more = mean.shape[0], born.shape[0]
-    mean_out, cov_out = np.empty((n + more, 4)), np.empty((n + more, 4, 4))
-    for t in range(more):
-        for i in range(4):
-            mean_out[n + t, i] = born[t, i]
-            for j in range(4):
-                cov_out[n + t, i, j] = born_cov[t, i, j]
-    for t in range(n):
+    groups: Groups
+    track_label: Any
+    """(n,) which label each is of."""
+    labels: Any
+    """(labels, 2) scan of birth and index there."""
+    mean: Any
+    cov: Any
+    log_live: Any
+    """(n,) log of the probability to live, or to appear."""
+    log_die: Any
+    """(n,) and not to."""
+
+
+class Chances(NamedTuple):
+    """Logs of what happens to tracks between scans."""
+
+    live: float
+    die: float
+    lost_live: float
+    """Of tracks given up."""
+    lost_die: float
+    lost_m2: float
+    """Variance along the worse axis beyond which a track is given up."""
+
+
+@leaf
+def _predict(
+    mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, chances: Chances, to: Any
+) -> None:
+    """Kalman prediction of every track, F and `Q` of `motion`."""
+    mean_out, cov_out = to.mean, to.cov
+    for t in range(mean.shape[0]):
         for i in range(2):
             mean_out[t, i] = mean[t, i] + dt_s * mean[t, i + 2]
             mean_out[t, i + 2] = mean[t, i + 2]
@@ -48,7 +69,66 @@ def predict(
                 cov_out[t, i + 2, j] = cov_out[t, j, i + 2] = moved
             for j in range(2, i + 3):
                 cov_out[t, i + 2, j] = cov_out[t, j, i + 2] = Q[i + 2, j] + cov[t, i + 2, j]
-    return mean_out, cov_out
+        to.log_live[t], to.log_die[t] = chances.live, chances.die
+        if max(cov_out[t, 0, 0], cov_out[t, 1, 1]) > chances.lost_m2:
+            to.log_live[t], to.log_die[t] = chances.lost_live, chances.lost_die
+
+
+@leaf
+def _append(groups: Groups, track_label: Any, labels: Any, scan: int, born: Any, to: Foreseen) -> None:
+    """Put those just born behind the others, each a group of its own."""
+    n_groups, n_hyps, n_items = groups.first.size - 1, groups.logw.size, groups.items.size
+    n, n_labels = track_label.size, labels.shape[0]
+    to.groups.first[0] = to.groups.start[0] = 0
+    for i in range(n_groups):
+        to.groups.first[i + 1] = groups.first[i + 1]
+    for i in range(n_hyps):
+        to.groups.start[i + 1], to.groups.logw[i] = groups.start[i + 1], groups.logw[i]
+    for i in range(n_items):
+        to.groups.items[i] = groups.items[i]
+    for i in range(n):
+        to.track_label[i] = track_label[i]
+    for i in range(n_labels):
+        to.labels[i, 0], to.labels[i, 1] = labels[i, 0], labels[i, 1]
+    for b in range(born.mean.shape[0]):
+        to.groups.first[n_groups + b + 1], to.groups.start[n_hyps + b + 1] = n_hyps + b + 1, n_items + b + 1
+        to.groups.logw[n_hyps + b], to.groups.items[n_items + b] = 0.0, n + b
+        to.track_label[n + b] = n_labels + b
+        to.labels[n_labels + b, 0], to.labels[n_labels + b, 1] = scan, b
+        to.log_live[n + b], to.log_die[n + b] = born.log_live[b], born.log_die[b]
+        for i in range(4):
+            to.mean[n + b, i] = born.mean[b, i]
+            for j in range(4):
+                to.cov[n + b, i, j] = born.cov[b, i, j]
+
+
+@kernel
+def foresee(
+    groups: Groups,
+    track_label: Any,
+    labels: Any,
+    mean: FloatArray,
+    cov: FloatArray,
+    dt_s: float,
+    Q: FloatArray,
+    chances: Chances,
+    scan: int,
+    born: Newborn,
+) -> Foreseen:
+    """Predict all tracks by `dt_s`, and add those that may have been born by this scan."""
+    n, more, n_labels = track_label.size, born.mean.shape[0], labels.shape[0]
+    out = Foreseen(
+        room_for_groups(groups.first.size - 1 + more, groups.logw.size + more, groups.items.size + more),
+        np.empty(n + more, np.int64),
+        np.empty((n_labels + more, 2), np.int64),
+        np.empty((n + more, 4)),
+        np.empty((n + more, 4, 4)),
+        np.empty(n + more),
+        np.empty(n + more),
+    )
+    _predict(mean, cov, dt_s, Q, chances, out)
+    _append(groups, track_label, labels, scan, born, out)
+    return out
 
 
 @inlined

@@ -34,12 +34,22 @@ class Look(NamedTuple):
 def look_at(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Look:
     """Take detections (m, 2) that are finite, among clutter of such an intensity (m,) or of the sensor's."""
     place_m = np.array(z_m, dtype=np.float64).reshape(-1, 2)
-    if clutter_per_m2 is None:
-        clutter_per_m2 = sensors.clutter_per_m2(sensor, place_m)
-    clutter = np.maximum(clutter_per_m2, _LEAST_CLUTTER_PER_M2) * sensors.cell_m2(sensor, place_m)
-    z, log_clutter = sensors.measured(sensor, place_m), np.log(clutter)
-    usable = np.isfinite(z[:, 0]) & np.isfinite(z[:, 1]) & np.isfinite(log_clutter)
-    rows = np.arange(usable.size) if usable.all() else np.flatnonzero(usable)
-    rows = rows[gates.strips(z if rows.size == usable.size else z[rows])]
-    ordered = z[rows]
-    return Look(ordered, ordered if z is place_m else place_m[rows], log_clutter[rows], rows, usable.size)
+    z, n = sensors.measured(sensor, place_m), place_m.shape[0]
+    usable = np.isfinite(z).all(axis=1)
+    if clutter_per_m2 is None and sensor.polar is None:
+        log_clutter = np.full(n, np.log(max(sensor.clutter_density_per_m2, _LEAST_CLUTTER_PER_M2)))
+    else:
+        if clutter_per_m2 is None:
+            clutter_per_m2 = sensors.clutter_per_m2(sensor, place_m)
+        log_clutter = np.log(
+            np.maximum(clutter_per_m2, _LEAST_CLUTTER_PER_M2) * sensors.cell_m2(sensor, place_m)
+        )
+        usable &= np.isfinite(log_clutter)
+    if usable.all():
+        rows = gates.strips(z)
+    else:
+        rows = np.flatnonzero(usable)
+        rows = rows[gates.strips(z[rows])]
+    ordered = z.take(rows, axis=0)
+    places = ordered if z is place_m else place_m.take(rows, axis=0)
+    return Look(ordered, places, log_clutter.take(rows), rows, n)

@@ -78,10 +78,9 @@ class GlmbParams:
         )
 
 
-class Born(NamedTuple):
-    """Births as arrays, made once of known places: one tuple, the same at each scan."""
+class Newborn(NamedTuple):
+    """Births as arrays."""
 
-    births: tuple[Birth, ...]
     mean: FloatArray
     """(n, 4)."""
     cov: FloatArray
@@ -92,11 +91,10 @@ class Born(NamedTuple):
     """(n,) of the probability not to."""
 
     @classmethod
-    def of(cls, births: Sequence[Birth]) -> Born:
-        """Convert; what is not a tuple might change, and is kept as a tuple of its own."""
+    def of(cls, births: Sequence[Birth]) -> Newborn:
+        """Convert."""
         probability = np.clip([birth.probability for birth in births], 1.0 - SURE, SURE)
         return cls(
-            tuple(births),
             np.array([birth.mean for birth in births], dtype=np.float64).reshape(-1, 4),
             np.array([birth.cov for birth in births], dtype=np.float64).reshape(-1, 4, 4),
             np.log(probability),

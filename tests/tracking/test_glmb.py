@@ -174,7 +174,7 @@ def test_two_labels_are_never_shown_at_one_object():
     groups = hypotheses.Groups(
         np.array([0, 3]), np.array([0, 2, 4, 6]), np.array([2, 4, 0, 3, 1, 2]), np.log([0.45, 0.30, 0.25])
     )
-    existence, shown, estimate, cardinality = summing.summary(groups, np.array([0, 0, 1, 1, 2]), 3)
+    existence, shown, estimate, cardinality, _ = summing.summary(groups, np.array([0, 0, 1, 1, 2]), 3)
     np.testing.assert_allclose(existence, [0.55, 1.0, 0.45])
     np.testing.assert_allclose(cardinality, [0, 0, 1, 0], atol=1e-12)
     assert (shown[0], shown[1]) == (0, 3)
