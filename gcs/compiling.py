@@ -96,7 +96,7 @@ inlined = numba.njit(inline="always", **_OPTIONS)
 """Becomes part of the function that calls it, at every call."""
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]
 def fetch_early(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  numba's signature
     """Have the processor load a row of a matrix that is needed some hundred instructions from now."""
 

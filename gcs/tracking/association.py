@@ -146,8 +146,8 @@ def associate(
     distance2: float,
     rng: Any,
     made: Made,
-) -> Carried:
-    """Update predicted tracks by a scan's detections, and keep those that some hypothesis still holds.
+) -> Any:
+    """Update predicted tracks by a scan's detections; return (`Carried`) those that some hypothesis holds.
 
     `rng` (1,) uint64 advances; `made` is added to, where it has room.
     """
