@@ -135,7 +135,8 @@ def _damage(contents: dict[str, Any], console: Console) -> None:
     if contents.get("clock_jumps"):
         stamped = contents["timed_by"] == "stamps"
         what = "its clock was set" if stamped else "a vehicle was booted anew"
-        _say(console, f"{what} {contents['clock_jumps']} times while it was written", "yellow")
+        jumps = contents["clock_jumps"]
+        _say(console, f"{what} {'once' if jumps == 1 else f'{jumps} times'} while it was written", "yellow")
     damage = contents["damage"]
     if not damage:
         _say(console, "no damage", "green")

@@ -248,8 +248,10 @@ def _of_recording(
             numbers += value.z_m.size
         elif isinstance(value, Truth):
             truths.append(value)
-        if numbers > MOST_NUMBERS:
-            raise RecordingError(str(path), f"holds more than {MOST_NUMBERS} numbers of detections")
+        if numbers > MOST_NUMBERS or len(looks) > MOST_SCANS:
+            raise RecordingError(
+                str(path), f"holds more than {MOST_SCANS} scans or {MOST_NUMBERS // 2} detections"
+            )
     if not looks:
         raise RecordingError(str(path), "holds no scan" + "".join(f": {text}" for text in remarks))
     tracking = config.tracking

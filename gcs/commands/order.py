@@ -11,7 +11,7 @@ import os
 import secrets
 import socket
 import sys
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeAlias
 
 import typer
 from rich.console import Console
@@ -59,71 +59,50 @@ YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 PlanArgument = Annotated[int, typer.Argument(min=1, help="Number of the plan that is shown.", metavar="PLAN")]
 
 
-@app.command()
-def hold(
-    vehicle: VehicleOption = None,
-    everybody: AllOption = False,
-    mission: MissionOption = None,
-    zenoh: ZenohOption = None,
-    timeout: TimeoutOption = 60.0,
-    as_json: JsonOption = False,
-) -> None:
-    """Loiter where it is, and get no task until it is resumed."""
-    _to_vehicles("hold", vehicle, everybody, mission, zenoh, timeout, as_json)
+VehicleAction: TypeAlias = Literal["hold", "resume", "return", "arm", "disarm"]
+
+_AT_ONCE: Final[dict[VehicleAction, str]] = {
+    "hold": "Loiter where it is, and get no task until it is resumed.",
+    "resume": "Go on with its mission where that still makes sense, and be there for tasks again.",
+    "return": "Return to launch (RTL), and get no task until it is resumed.",
+}
+_ASKED: Final[dict[VehicleAction, str]] = {
+    "arm": "Arm. Propellers may turn: it asks first. Nothing else in this project arms a vehicle.",
+    "disarm": "Disarm; refused for a vehicle that may be in the air.",
+}
 
 
-@app.command()
-def resume(
-    vehicle: VehicleOption = None,
-    everybody: AllOption = False,
-    mission: MissionOption = None,
-    zenoh: ZenohOption = None,
-    timeout: TimeoutOption = 60.0,
-    as_json: JsonOption = False,
-) -> None:
-    """Go on with its mission where that still makes sense, and be there for tasks again."""
-    _to_vehicles("resume", vehicle, everybody, mission, zenoh, timeout, as_json)
+def _add_at_once(action: VehicleAction, what: str) -> None:
+    @app.command(action, help=what)
+    def order(
+        vehicle: VehicleOption = None,
+        everybody: AllOption = False,
+        mission: MissionOption = None,
+        zenoh: ZenohOption = None,
+        timeout: TimeoutOption = 60.0,
+        as_json: JsonOption = False,
+    ) -> None:
+        _to_vehicles(action, vehicle, everybody, mission, zenoh, timeout, as_json)
 
 
-@app.command(name="return")
-def return_(
-    vehicle: VehicleOption = None,
-    everybody: AllOption = False,
-    mission: MissionOption = None,
-    zenoh: ZenohOption = None,
-    timeout: TimeoutOption = 60.0,
-    as_json: JsonOption = False,
-) -> None:
-    """Return to launch (RTL), and get no task until it is resumed."""
-    _to_vehicles("return", vehicle, everybody, mission, zenoh, timeout, as_json)
+def _add_asked(action: VehicleAction, what: str) -> None:
+    @app.command(action, help=what)
+    def order(
+        vehicle: VehicleOption = None,
+        everybody: AllOption = False,
+        yes: YesOption = False,
+        mission: MissionOption = None,
+        zenoh: ZenohOption = None,
+        timeout: TimeoutOption = 60.0,
+        as_json: JsonOption = False,
+    ) -> None:
+        _to_vehicles(action, vehicle, everybody, mission, zenoh, timeout, as_json, ask=not yes)
 
 
-@app.command()
-def arm(
-    vehicle: VehicleOption = None,
-    everybody: AllOption = False,
-    yes: YesOption = False,
-    mission: MissionOption = None,
-    zenoh: ZenohOption = None,
-    timeout: TimeoutOption = 60.0,
-    as_json: JsonOption = False,
-) -> None:
-    """Arm. Propellers may turn: it asks first. Nothing else in this project arms a vehicle."""
-    _to_vehicles("arm", vehicle, everybody, mission, zenoh, timeout, as_json, ask=not yes)
-
-
-@app.command()
-def disarm(
-    vehicle: VehicleOption = None,
-    everybody: AllOption = False,
-    yes: YesOption = False,
-    mission: MissionOption = None,
-    zenoh: ZenohOption = None,
-    timeout: TimeoutOption = 60.0,
-    as_json: JsonOption = False,
-) -> None:
-    """Disarm; refused for a vehicle that may be in the air."""
-    _to_vehicles("disarm", vehicle, everybody, mission, zenoh, timeout, as_json, ask=not yes)
+for _action, _what in _AT_ONCE.items():
+    _add_at_once(_action, _what)
+for _action, _what in _ASKED.items():
+    _add_asked(_action, _what)
 
 
 @app.command()
@@ -203,7 +182,7 @@ def _numbers(text: str, count: int, option: str) -> list[float]:
 
 
 def _to_vehicles(
-    action: Literal["hold", "resume", "return", "arm", "disarm"],
+    action: VehicleAction,
     vehicle: list[int] | None,
     everybody: bool,
     mission: str | None,
@@ -224,7 +203,7 @@ def _to_vehicles(
 
 
 def _give(
-    action: Literal["hold", "resume", "return", "arm", "disarm", "confirm", "reject", "keep-out"],
+    action: VehicleAction | Literal["confirm", "reject", "keep-out"],
     vehicles: list[int] | Literal["all"],
     mission: str | None,
     zenoh: str | None,
