@@ -161,7 +161,7 @@ def associate(
     joint_mean, joint_cov = update(mean, cov, parent, meas, z, view)
     if made.there.size > 0:
         _account(probabilities(several, meas.size), meas, label, made)
-    several = merge_alike(several, joint_mean, joint_cov, label, options.key, distance2)
-    several, used = renumber(part(several, label, n_labels, options.key, limits), option.size)
+    several = merge_alike(several, joint_mean, joint_cov, label, distance2)
+    several, used = renumber(part(several, label, n_labels, limits), option.size)
     joint = Joint(several, parent, option, joint_mean, joint_cov, used)
     return carry(tracks, joint, track_label)

@@ -23,7 +23,7 @@ import numpy as np
 
 from gcs.model import NS_PER_S, FloatArray, Sensor, read_only
 from gcs.tracking import motion, sensors
-from gcs.tracking.glmb import Birth
+from gcs.tracking.params import Birth
 
 _FIRST_S = 1.0
 """What is taken to have passed before a sensor's first scan."""

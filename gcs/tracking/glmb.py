@@ -30,7 +30,7 @@ from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
 from gcs.tracking import gates, intensity, kernels, motion, showing, summing, turning, views
 from gcs.tracking.alone import Made, alone
 from gcs.tracking.association import associate
-from gcs.tracking.hypotheses import Groups, Limits, Options, option_keys
+from gcs.tracking.hypotheses import Groups, Limits, Options
 from gcs.tracking.looks import Look, look_at
 from gcs.tracking.meeting import meet
 from gcs.tracking.merging import merge_alike
@@ -121,7 +121,6 @@ class Glmb:
         self._weigh_detections = weigh_detections
         self._limits = params.limits()
         self._rng = np.array([seed % 2**64], dtype=np.uint64)
-        self._keys = option_keys(256)
         self._t_ns: int | None = None
         self._labels = np.empty((0, 2), np.int64)
         """Scan of birth and index there."""
@@ -185,9 +184,7 @@ class Glmb:
             look.log_clutter,
             float(self.params.gate_chi2),
         )
-        if meas.size > self._keys.size:
-            self._keys = option_keys(2 * meas.size)
-        options = Options(start, meas, logw, self._keys)
+        options = Options(start, meas, logw)
         sure = self._surely_in_view(view) if self._weigh_detections else None
         n_labels = len(self._labels)
         made = _NOTHING_MADE
@@ -332,7 +329,7 @@ def warm_up_calls() -> list[compiling.Call]:
     made, rng, z = Made(ones, ones, ones), np.zeros(1, np.uint64), np.zeros((1, 2))
     chances, ids, born = kernels.Chances(0.0, 0.0, 0.0, 0.0, 1.0), np.zeros((1, 2), np.int64), Newborn.of(())
     return [
-        (option_keys, 1),
+        (summing.map_tracks, groups),
         (kernels.foresee, groups, zeros, ids, mean, cov, 1.0, np.eye(4), chances, 1, born),
         (gates.options, cov, ones, ones, z, view, ones, 9.0),
         (associate, groups, options, zeros, 1, mean, cov, z, view, limits, 0.1, rng, made),
@@ -340,7 +337,6 @@ def warm_up_calls() -> list[compiling.Call]:
         *showing.warm_up_calls(),
         *views.warm_up_calls(),
         *intensity.warm_up_calls(),
-        (summing.map_tracks, groups),
         *turning.warm_up_calls(),
     ]
 
@@ -361,8 +357,8 @@ def warm_up_parts() -> list[compiling.Call]:
         (summing.probabilities, groups, 1),
         (kernels.update, mean, cov, zeros, zeros, z, view),
         (alone, groups, zeros, options, mean, cov, zeros, z, view, limits, 0.1, 1, made),
-        (merge_alike, groups, mean, cov, zeros, options.key, 0.1),
-        (part, groups, zeros, 1, options.key, limits),
+        (merge_alike, groups, mean, cov, zeros, 0.1),
+        (part, groups, zeros, 1, limits),
     ]
 
 
@@ -373,7 +369,7 @@ def _small() -> tuple[Groups, Options, FloatArray, FloatArray, views.View, Limit
     matrix = np.eye(2).reshape(1, 2, 2)
     view = views.View(z, matrix, matrix, ones, 0.9, wraps=False)
     groups = Groups(np.arange(2), np.arange(2), zeros, np.zeros(1))
-    options = Options(np.arange(2), zeros, ones, np.zeros(1, np.uint64))
+    options = Options(np.arange(2), zeros, ones)
     return groups, options, mean, cov, view, Limits(1, -1.0, 0.1, 0.1, 0.1, 1, 1)
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel
+from gcs.compiling import inlined
 from gcs.tracking.ordering import head
 
 DIED = -2
@@ -36,8 +36,6 @@ class Options(NamedTuple):
     start: Any
     meas: Any
     logw: Any
-    key: Any
-    """Random-looking 64 bits for each option, the same at every scan."""
 
 
 class Limits(NamedTuple):
@@ -68,13 +66,13 @@ def mix(x: Any) -> Any:
     return x ^ (x >> np.uint64(31))
 
 
-@kernel
-def option_keys(n: int) -> Any:
-    """Keys of the options 0 to n - 1."""
-    key = np.empty(n, np.uint64)
-    for i in range(n):
-        key[i] = mix(np.uint64(i + 1) * np.uint64(0x9E3779B97F4A7C15))
-    return key
+@inlined
+def key_of(item: Any) -> Any:
+    """Random-looking 64 bits for an item; a set of them is known by their sum.
+
+    Worked out at every use: a table of all is soon slower, since it is read here and there.
+    """
+    return mix(np.uint64(item + 1) * np.uint64(0x9E3779B97F4A7C15))
 
 
 @inlined

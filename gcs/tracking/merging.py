@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.compiling import ZERO, inlined, kernel, leaf
-from gcs.tracking.hypotheses import Groups
+from gcs.tracking.hypotheses import Groups, key_of
 from gcs.tracking.ordering import (
     Distinct,
     Order,
@@ -199,7 +199,7 @@ def _broadest(groups: Groups) -> int:
 
 
 @leaf
-def _renamed(groups: Groups, leader: Any, keys: Any, same: Distinct, out: Groups) -> None:
+def _renamed(groups: Groups, leader: Any, same: Distinct, out: Groups) -> None:
     """Let leaders take the places of those for whom they stand; hypotheses that are then equal become one."""
     first, start, items = groups.first, groups.start, groups.items
     n = 0
@@ -213,7 +213,7 @@ def _renamed(groups: Groups, leader: Any, keys: Any, same: Distinct, out: Groups
             for h in range(first[g], first[g + 1]):
                 key = np.uint64(0)
                 for i in range(start[h], start[h + 1]):
-                    key += keys[leader[items[i]]]
+                    key += key_of(leader[items[i]])
                 same.key[h - first[g]] = key
             count = distinct(count, groups.logw, first[g], same)
         for k in range(count):
@@ -229,7 +229,7 @@ def _renamed(groups: Groups, leader: Any, keys: Any, same: Distinct, out: Groups
 
 @kernel
 def merge_alike(
-    groups: Groups, mean: FloatArray, cov: FloatArray, track_label: Any, keys: Any, distance2: float
+    groups: Groups, mean: FloatArray, cov: FloatArray, track_label: Any, distance2: float
 ) -> Groups:
     """Merge tracks of one label within squared Mahalanobis `distance2`; `mean` and `cov` change in place.
 
@@ -250,6 +250,6 @@ def merge_alike(
         np.empty(groups.items.size, np.int64),
         np.empty(groups.logw.size),
     )
-    _renamed(groups, leader, keys, room_for_distinct(_broadest(groups)), out)
+    _renamed(groups, leader, room_for_distinct(_broadest(groups)), out)
     n = out.first[out.first.size - 1]
     return Groups(out.first, head(out.start, n + 1), head(out.items, out.start[n]), head(out.logw, n))

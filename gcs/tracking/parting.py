@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.compiling import ZERO, inlined, kernel, leaf
-from gcs.tracking.hypotheses import Groups, Limits, filled, room_for_groups
+from gcs.tracking.hypotheses import Groups, Limits, filled, key_of, room_for_groups
 from gcs.tracking.ordering import Distinct, distinct, head, room_for_distinct
 
 
@@ -142,7 +142,7 @@ def _split(groups: Groups, g: int, n: int, limits: Limits, work: _Parting) -> No
 
 
 @inlined
-def _marginal(groups: Groups, g: int, p: int, n: int, keys: Any, work: _Parting) -> Any:
+def _marginal(groups: Groups, g: int, p: int, n: int, work: _Parting) -> Any:
     """Find the hypotheses of group g over the labels of set p alone, those that become equal as one.
 
     They are in `work.same` then; returns how many.
@@ -159,7 +159,7 @@ def _marginal(groups: Groups, g: int, p: int, n: int, keys: Any, work: _Parting)
         key = np.uint64(0)
         for i in range(groups.start[h], groups.start[h + 1]):
             if work.set_of[work.item_label[i]] == p:
-                key += keys[groups.items[i]]
+                key += key_of(groups.items[i])
         same.key[h - low] = key
     return distinct(high - low, groups.logw, low, same)
 
@@ -192,7 +192,7 @@ def _survey(groups: Groups, track_label: Any, work: Any) -> Any:
 
 
 @leaf
-def _parted(groups: Groups, keys: Any, limits: Limits, work: _Parting, out: Groups) -> Any:
+def _parted(groups: Groups, limits: Limits, work: _Parting, out: Groups) -> Any:
     """Fill `out` with the groups that go on; return how many, and how many hypotheses."""
     first, start, items = groups.first, groups.start, groups.items
     count, n_hyps, size = 0, 0, 0
@@ -207,7 +207,7 @@ def _parted(groups: Groups, keys: Any, limits: Limits, work: _Parting, out: Grou
         for p in range(n):
             if work.set_of[p] != p:
                 continue
-            for k in range(_marginal(groups, g, p, n, keys, work)):
+            for k in range(_marginal(groups, g, p, n, work)):
                 h = work.same.which[k]
                 for i in range(start[h], start[h + 1]):
                     if work.set_of[work.item_label[i]] == p:
@@ -222,7 +222,7 @@ def _parted(groups: Groups, keys: Any, limits: Limits, work: _Parting, out: Grou
 
 
 @kernel
-def part(groups: Groups, track_label: Any, n_labels: int, keys: Any, limits: Limits) -> Any:
+def part(groups: Groups, track_label: Any, n_labels: int, limits: Limits) -> Any:
     """Split every group into groups of dependent labels, without the labels not worth keeping."""
     item_label, local = np.empty(groups.items.size, np.int64), np.empty(n_labels, np.int64)
     number, weight = np.zeros(track_label.size, np.int64), np.empty(groups.logw.size)
@@ -243,7 +243,7 @@ def part(groups: Groups, track_label: Any, n_labels: int, keys: Any, limits: Lim
     )
     # A label is in one group, and at most a group of its own then.
     out = room_for_groups(n_labels, hyps * n_labels, groups.items.size)
-    count, n = _parted(groups, keys, limits, work, out)
+    count, n = _parted(groups, limits, work, out)
     return filled(out, count, n)
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.compiling import ZERO, inlined, leaf
-from gcs.tracking.hypotheses import DIED, Limits, Options
+from gcs.tracking.hypotheses import DIED, Limits, Options, key_of
 from gcs.tracking.ordering import Order, greatest_first, room_to_order
 
 
@@ -107,7 +107,7 @@ def offer(
     key = np.uint64(0)
     for i in range(n):
         if options.meas[pick[i]] != DIED:
-            key += options.key[pick[i]]
+            key += key_of(pick[i])
     at = _find(pool.slot, slots, pool.key, key)
     same = pool.slot[at]
     if same >= 0:

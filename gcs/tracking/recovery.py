@@ -39,7 +39,7 @@ from gcs.tracking.smoothing import Step, filtered, smoothed
 from gcs.tracking.turning import Turns
 
 if TYPE_CHECKING:
-    from gcs.tracking.glmb import Birth
+    from gcs.tracking.params import Birth
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]

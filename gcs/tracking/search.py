@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.compiling import ZERO, inlined, kernel, leaf
-from gcs.tracking.hypotheses import Groups, Limits, Options, filled, mix, room_for_groups
+from gcs.tracking.hypotheses import Groups, Limits, Options, filled, key_of, mix, room_for_groups
 from gcs.tracking.ordering import Order, greatest_first, room_to_order
 from gcs.tracking.pool import Pool, offer, power_of_two, room_for_children
 
@@ -181,7 +181,7 @@ def _sample(
         logw, key = base, np.uint64(1)
         for i in range(n):
             logw += options.logw[pick[i]]
-            key += options.key[pick[i]]
+            key += key_of(pick[i])
         at = key & mask
         while seen[at] != 0 and seen[at] != key:
             at = (at + np.uint64(1)) & mask
