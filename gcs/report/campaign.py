@@ -140,8 +140,8 @@ def proportion(successes: int, n: int) -> Estimate:
     return Estimate(successes / n, float(interval.low), float(interval.high))
 
 
-def mean(values: Iterable[float | None]) -> Estimate:
-    """Mean, with Student's interval; of one value alone the interval is not known."""
+def mean(values: Iterable[float | None], least: float = 0.0) -> Estimate:
+    """Mean of values that are never below `least`, with Student's interval; not known of one value alone."""
     known = np.array([value for value in values if value is not None and math.isfinite(value)])
     if known.size == 0:
         return NOTHING
@@ -149,7 +149,7 @@ def mean(values: Iterable[float | None]) -> Estimate:
     if known.size == 1:
         return Estimate(middle, math.nan, math.nan)
     half = stats.t.ppf(0.5 + CONFIDENCE / 2, known.size - 1) * known.std(ddof=1) / math.sqrt(known.size)
-    return Estimate(middle, middle - float(half), middle + float(half))
+    return Estimate(middle, max(middle - float(half), least), middle + float(half))
 
 
 def rate(count: int, exposure: float) -> Estimate:
@@ -190,7 +190,7 @@ def _group(rows: Sequence[Row], with_truth: dict[int, Row]) -> Group:
         missions=len(rows),
         success=proportion(sum(row.outcome == "complete" for row in rows), len(rows)),
         duration_s=mean(row.duration_s for row in rows),
-        extra_time=mean(own / best - 1.0 for own, best in pairs),
+        extra_time=mean((own / best - 1.0 for own, best in pairs), least=-1.0),
         ospa_agents_m=mean(row.ospa_agents_m for row in rows),
         ospa_targets_m=mean(row.ospa_targets_m for row in rows),
         agent_hours=hours,

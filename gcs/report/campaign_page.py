@@ -15,7 +15,7 @@ import numpy as np
 
 from gcs.report.campaign import Estimate, Group, Row
 from gcs.report.page import Fact, Page, Picture, Section, save_figure, save_page
-from gcs.report.style import AGENTS, heading, legend, new_figure, tidy
+from gcs.report.style import AGENTS, heading, legend, new_figure, say, tidy
 from gcs.report.tables import NONE, Table, number
 
 if TYPE_CHECKING:
@@ -191,6 +191,8 @@ def _curves(groups: Sequence[Group], key: str, folder: Path) -> Picture:
             axes.set_xticks(range(len(values)), values)
             axes.set_xlabel(key)
         tidy(axes)
+        if not axes.containers:
+            say(axes, "none in these missions")
     if len({group.scenario for group in own}) > 1:
         legend(panels[0])
     caption = f"Every figure over {key}, with its 95 % confidence interval."
@@ -242,6 +244,8 @@ def _times(rows: Sequence[Row], folder: Path) -> Picture:
             axes.scatter(pairs[:, 0], pairs[:, 1], s=12, color=AGENTS[0], alpha=0.6, lw=0)
             axes.set_xlabel("given the truth, s")
             axes.set_ylabel("on the trackers' picture, s")
+        elif not own:
+            say(axes, "no mission was complete")
         else:
             axes.hist([row.duration_s for row in own], bins=20, color=AGENTS[0])
             axes.set_xlabel("mission, s")

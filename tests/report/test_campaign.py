@@ -33,7 +33,8 @@ def test_intervals_are_those_of_the_textbooks():
     assert none.high == pytest.approx(3.689 / 2.0, abs=1e-3)
     few = rate(3, 1.0)
     assert (few.low, few.high) == pytest.approx((0.6187, 8.7673), abs=1e-3)
-    student = mean([1.0, 2.0, 3.0, None, math.nan])
+    student = mean([1.0, 2.0, 3.0, None, math.nan], least=-math.inf)
+    assert mean([1.0, 2.0, 3.0]).low == 0.0  # nothing that is counted is below nothing
     assert (student.low, student.high) == pytest.approx((2.0 - 2.4841, 2.0 + 2.4841), abs=1e-3)
 
 
