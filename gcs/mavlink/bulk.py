@@ -60,20 +60,20 @@ def _extras() -> npt.NDArray[np.int16]:
 EXTRAS: Final = _extras()
 
 
-@compiling.called
+@compiling.leaf
 def _two(data, at):  # type: ignore[no-untyped-def]
     """Two bytes as a number: signed, since numba makes a float of an unsigned number and a signed one."""
     return np.int64(data[at]) | np.int64(data[at + 1]) << 8
 
 
-@compiling.called
+@compiling.leaf
 def _message_id(data, at):  # type: ignore[no-untyped-def]
     if data[at] == 0xFE:
         return np.int64(data[at + 5])
     return _two(data, at + 7) | np.int64(data[at + 9]) << 16
 
 
-@compiling.called
+@compiling.leaf
 def _crc(data, begin, end, extra):  # type: ignore[no-untyped-def]
     """Checksum of `data[begin:end]` and the extra byte."""
     crc = np.int64(0xFFFF)
@@ -88,7 +88,7 @@ def _crc(data, begin, end, extra):  # type: ignore[no-untyped-def]
     return crc >> 8 ^ _STEPS[0, (crc ^ extra) & 0xFF]
 
 
-@compiling.called
+@compiling.leaf
 def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def]
     """Put the frame that may start at `at` into `frames[row]`.
 
@@ -130,8 +130,8 @@ def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def
     return length
 
 
-@compiling.kernel
-def _find(data, extras, frames):  # type: ignore[no-untyped-def]
+@compiling.leaf
+def _all(data, extras, frames):  # type: ignore[no-untyped-def]
     """Fill `frames` from its second row on, and the counters into its first."""
     count = bad_bytes = crc_errors = unknown = false_starts = 0
     at, end = 0, len(data)
@@ -160,6 +160,11 @@ def _find(data, extras, frames):  # type: ignore[no-untyped-def]
         crc_errors,
         unknown,
     )
+
+
+@compiling.kernel
+def _find(data, extras, frames):  # type: ignore[no-untyped-def]
+    _all(data, extras, frames)
 
 
 class Frames:

@@ -21,7 +21,7 @@ _SEATS: Final = 1024
 _ALONE: Final = -1
 
 
-@compiling.called
+@compiling.leaf
 def _is_clean(data, end, extras, scratch):  # type: ignore[no-untyped-def]
     at = 0
     while at < end:
@@ -32,14 +32,8 @@ def _is_clean(data, end, extras, scratch):  # type: ignore[no-untyped-def]
     return True
 
 
-@compiling.kernel
-def _gather(slots, count, lengths, senders, extras, out, groups, ends):  # type: ignore[no-untyped-def]
-    """Copy datagrams, grouped, into `out`; put a datagram of each group, and its end, where they belong."""
-    scratch = np.empty((1, WIDTH), np.int32)
-    group_of = np.empty(count, np.int64)
-    sizes = np.zeros(count, np.int64)
-    seats = np.empty(_SEATS, np.int64)
-    seats[:] = _ALONE
+@compiling.leaf
+def _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, seats, out, groups, ends):  # type: ignore[no-untyped-def]
     number = 0
     for i in range(count):
         seat = (senders[i] >> 16 ^ senders[i] >> 40) & _SEATS - 1
@@ -62,6 +56,17 @@ def _gather(slots, count, lengths, senders, extras, out, groups, ends):  # type:
             out[begin + k] = slots[i, k]
         ends[group_of[i]] = begin + lengths[i]
     return number
+
+
+@compiling.kernel
+def _gather(slots, count, lengths, senders, extras, out, groups, ends):  # type: ignore[no-untyped-def]
+    """Copy datagrams, grouped, into `out`; put a datagram of each group, and its end, where they belong."""
+    scratch = np.empty((1, WIDTH), np.int32)
+    group_of = np.empty(count, np.int64)
+    sizes = np.zeros(count, np.int64)
+    seats = np.empty(_SEATS, np.int64)
+    seats[:] = _ALONE
+    return _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, seats, out, groups, ends)
 
 
 class Gatherer:

@@ -71,6 +71,8 @@ _IDS: Final = 512
 _LOUD: Final = 2
 _V1: Final = 0xFE
 _EARTH_M: Final = EARTH_RADIUS_M
+_M_PER_1E7: Final = math.radians(1e-7) * EARTH_RADIUS_M
+_STANDING2: Final = round((100.0 * STANDING_M_S) ** 2)
 _NULL_1E7: Final = round(NULL_DEG * 1e7)
 _LOW_MM: Final = round(MIN_ALT_M * 1e3)
 _HIGH_MM: Final = round(MAX_ALT_M * 1e3)
@@ -80,12 +82,12 @@ _MARGIN: Final = 0.98
 bit of its sine and the shape of the Earth say."""
 
 
-@compiling.called
+@compiling.leaf
 def _byte(data, begin, offset, size):  # type: ignore[no-untyped-def]
     return np.int64(data[begin + offset]) if offset < size else np.int64(0)
 
 
-@compiling.called
+@compiling.leaf
 def _number(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
     """Little-endian and unsigned."""
     value = np.int64(0)
@@ -94,14 +96,14 @@ def _number(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
     return value
 
 
-@compiling.called
+@compiling.leaf
 def _signed(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
     value = _number(data, begin, offset, size, width)
     half = np.int64(1) << 8 * width - 1
     return (value ^ half) - half
 
 
-@compiling.called
+@compiling.leaf
 def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
     """Whether a place (1e-7 degrees) is well within reach, as `gcs.mavlink.position.distance_m` measures.
 
@@ -116,24 +118,31 @@ def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
     return 2.0 * _EARTH_M * math.asin(min(1.0, math.sqrt(chord))) < _MARGIN * origin[2]
 
 
-@compiling.called
-def _goes_on(row, boot_ms, t_ns, lat, lon, speed_m_s, max_speed_m_s):  # type: ignore[no-untyped-def]
-    """Whether a position surely goes on from the one before, as `gcs.mavlink.plausibility` judges."""
-    if row[WATCHED] or speed_m_s > max_speed_m_s:
+@compiling.leaf
+def _goes_on(row, boot_ms, t_ns, lat, lon, speed2, max_speed_m_s):  # type: ignore[no-untyped-def]
+    """Whether a position surely goes on from the one before, as `gcs.mavlink.plausibility` judges.
+
+    `speed2` is the square of the speed, in cm/s. A way to the east is never longer than on the equator: that
+    mostly suffices, and spares the cosine.
+    """
+    if row[WATCHED] or speed2 > max_speed_m_s * max_speed_m_s * 1e4:
         return False
     if row[PLACES] == 0:
         return True
-    if lat == row[LAT_1E7DEG] and lon == row[LON_1E7DEG] and speed_m_s >= STANDING_M_S:
+    if lat == row[LAT_1E7DEG] and lon == row[LON_1E7DEG] and speed2 >= _STANDING2:
         return False
     if abs(t_ns - boot_ms * _NS_PER_MS - row[BOOT_OFFSET_NS]) >= _BOOTS_APART_NS:
         return False
-    north_m = math.radians((lat - row[LAT_1E7DEG]) * 1e-7) * _EARTH_M
-    east_m = math.radians((lon - row[LON_1E7DEG]) * 1e-7) * _EARTH_M * math.cos(math.radians(lat * 1e-7))
-    reach_m = max_speed_m_s * (boot_ms - row[BOOT_MS] & _BOOT_WRAP_MS - 1) * 1e-3 + SLACK_M
-    return math.hypot(east_m, north_m) < _MARGIN * reach_m
+    north_m = (lat - row[LAT_1E7DEG]) * _M_PER_1E7
+    east_m = (lon - row[LON_1E7DEG]) * _M_PER_1E7
+    reach_m = _MARGIN * (max_speed_m_s * (boot_ms - row[BOOT_MS] & _BOOT_WRAP_MS - 1) * 1e-3 + SLACK_M)
+    if north_m * north_m + east_m * east_m < reach_m * reach_m:
+        return True
+    east_m *= math.cos(math.radians(lat * 1e-7))
+    return north_m * north_m + east_m * east_m < reach_m * reach_m
 
 
-@compiling.called
+@compiling.leaf
 def _take_position(data, begin, size, t_ns, row, origin):  # type: ignore[no-untyped-def]
     """Take a position that is newer and can be believed; return whether it was taken."""
     boot_ms = _number(data, begin, 0, size, 4)
@@ -150,7 +159,7 @@ def _take_position(data, begin, size, t_ns, row, origin):  # type: ignore[no-unt
     if (abs(lat) <= _NULL_1E7 and abs(lon) <= _NULL_1E7) or not _is_near(lat, lon, origin):
         return False
     v_north, v_east = _signed(data, begin, 20, size, 2), _signed(data, begin, 22, size, 2)
-    if not _goes_on(row, boot_ms, t_ns, lat, lon, math.hypot(v_east, v_north) * 0.01, origin[3]):
+    if not _goes_on(row, boot_ms, t_ns, lat, lon, v_east * v_east + v_north * v_north, origin[3]):
         return False
     row[BOOT_MS], row[BOOT_OFFSET_NS], row[BOOT_RUN] = boot_ms, t_ns - boot_ms * _NS_PER_MS, 0
     row[PLACE_NS], row[LAT_1E7DEG], row[LON_1E7DEG], row[ALT_MM] = t_ns, lat, lon, alt
@@ -160,7 +169,7 @@ def _take_position(data, begin, size, t_ns, row, origin):  # type: ignore[no-unt
     return True
 
 
-@compiling.called
+@compiling.leaf
 def _count(row, sequence, t_ns):  # type: ignore[no-untyped-def]
     """Count a frame and the gap before it; return by how much `LOST` changed."""
     row[FRAMES] += 1
@@ -178,8 +187,8 @@ def _count(row, sequence, t_ns):  # type: ignore[no-untyped-def]
     return row[LOST] - before
 
 
-@compiling.kernel
-def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ignore[no-untyped-def]
+@compiling.leaf
+def _fold_on(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ignore[no-untyped-def]
     """Fold frames in from row `at` on; stop before the first that is not quiet.
 
     `rows_of` holds the row of each system id (`NONE` for strangers), then for each message id 0 when nobody
@@ -222,6 +231,11 @@ def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ign
         lost += _count(row, frames[at, SEQUENCE], t_ns)
         at += 1
     return at, lost
+
+
+@compiling.kernel
+def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ignore[no-untyped-def]
+    return _fold_on(data, frames, at, address, t_ns, rows_of, table, origin)
 
 
 class Ledger:

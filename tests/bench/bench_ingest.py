@@ -4,10 +4,12 @@
 
 First the decoding alone, by pymavlink, by the simple form and by the kernels. Then over real sockets: a
 process of its own plays the vehicles of all networks (`telemetry.py`; one UDP port a network), and receivers
-are held against each other on the same traffic: `recvfrom` and pymavlink's decoder, and the service's own way
-in (its endpoints, its queue and its fleet; its gate, where frames are signed), with the frames of a tick put
-together as autopilots and routers do it, and with one frame a datagram. First contact is made before. Rates
-that the machine does not reach are reported as reached; CPU is of the receiver's process.
+are held against each other on the same traffic: `recvfrom`, pymavlink's decoder and the least that a user of
+it keeps of each vehicle (where it is, how it moves, its mode, when it was heard, how many frames were lost),
+with and without that last part; and the service's own way in (its endpoints, its queue and its fleet; its
+gate, where frames are signed), which keeps that and checks it besides. The frames of a tick are put together
+as autopilots and routers do it, or go one in a datagram. First contact is made before. Rates that the machine
+does not reach are reported as reached; CPU is of the receiver's process.
 """
 
 import argparse
@@ -55,38 +57,62 @@ class Taken(NamedTuple):
 # ------------------------------------------------------------------------------------ the receivers
 
 
-def receive_by_pymavlink(args, together):
-    """`recvfrom` and pymavlink's decoder, one of its own a socket."""
+class PymavlinkUser:
+    """The least that a user of pymavlink keeps to know of each vehicle what the fleet's states tell."""
+
+    def __init__(self):
+        self.places, self.beats, self.heard_s, self.sequence, self.lost = {}, {}, {}, {}, 0
+
+    def take(self, network, message):
+        vehicle = (network, message.get_srcSystem())
+        self.heard_s[vehicle] = time.time()
+        sequence = message.get_seq()
+        self.lost += (sequence - self.sequence.get(vehicle, sequence - 1) - 1) % 256
+        self.sequence[vehicle] = sequence
+        match message.get_type():
+            case "GLOBAL_POSITION_INT":
+                place = (message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
+                moves = (message.vx * 1e-2, message.vy * 1e-2, message.hdg * 1e-2)
+                self.places[vehicle] = (message.time_boot_ms, place, moves)
+            case "HEARTBEAT":
+                self.beats[vehicle] = (message.autopilot, message.base_mode, message.custom_mode)
+
+
+def receive_by_pymavlink(args, together, keeps=True):
+    """`recvfrom`, pymavlink's decoder, one of its own a socket, and what a user keeps."""
     selector, ports = selectors.DefaultSelector(), []
-    for _ in range(args.networks):
+    for network in range(args.networks):
         fresh = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         fresh.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 * 1024 * 1024)
         fresh.setblocking(False)
         fresh.bind(("127.0.0.1", 0))
-        selector.register(fresh, selectors.EVENT_READ, dialect.MAVLink(None))
+        selector.register(fresh, selectors.EVENT_READ, (network, dialect.MAVLink(None)))
         ports.append(fresh.getsockname()[1])
     player, count = Player(ports, args.vehicles, args.hz, args.seconds, together), 0
+    user = PymavlinkUser()
     for _ in ("first words", "all others"):
         player.go_on()
         count, began, last = 0, time.process_time(), time.monotonic()
         while time.monotonic() - last < 1.0:
             for key, _ in selector.select(0.2):
-                source, decoder = key.fileobj, key.data
+                source, (network, decoder) = key.fileobj, key.data
                 for _ in range(256):
                     try:
                         data = source.recvfrom(2048)[0]
                     except BlockingIOError:
                         break
-                    if together:
-                        count += len(decoder.parse_buffer(data))
-                    else:
-                        decoder.decode(bytearray(data))
-                        count += 1
+                    messages = decoder.parse_buffer(data) if together else [decoder.decode(bytearray(data))]
+                    count += len(messages)
+                    if keeps:
+                        for message in messages:
+                            user.take(network, message)
                     last = time.monotonic()
     cpu_s = time.process_time() - began
     for key in list(selector.get_map().values()):
         key.fileobj.close()
-    return Taken("recvfrom + pymavlink", player.account(), count, cpu_s)
+    assert not keeps or len(user.places) == args.networks * args.vehicles
+    name = "recvfrom + pymavlink + a user's table" if keeps else "recvfrom + pymavlink"
+    return Taken(name, player.account(), count, cpu_s, user.lost)
 
 
 class Intake:
@@ -254,7 +280,8 @@ def loopback(args, console):
     table = Table(*heads, "ratio", "sender's CPU", "late, ms", title="over sockets", title_justify="left")
     for together in (TOGETHER_BYTES, 0):
         peer = receive_by_pymavlink(args, together)
-        rows = [peer, asyncio.run(receive_by_ours(args, together))]
+        rows = [peer, receive_by_pymavlink(args, together, keeps=False)]
+        rows.append(asyncio.run(receive_by_ours(args, together)))
         rows.append(asyncio.run(receive_by_ours(args, together, KEY)))
         for row in rows:
             account, took_s = row.account, row.account["took_s"]
