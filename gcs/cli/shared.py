@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from gcs.edge.complaints import complain
-from gcs.errors import GcsError
+from gcs.errors import GcsError, InterruptedRunError
 
 
 def complete_scenario(incomplete: str) -> list[str]:
@@ -48,4 +48,4 @@ class errors_shown:  # noqa: N801  reads as a statement
         if isinstance(error, GcsError):
             raise typer.Exit(complain(error)) from None
         if isinstance(error, KeyboardInterrupt):
-            raise typer.Exit(130) from None
+            raise typer.Exit(complain(InterruptedRunError("it was not done yet"))) from None
