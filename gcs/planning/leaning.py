@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from gcs.compiling import Call, kernel
-from gcs.planning.grid import TOUCH, free_grid
-from gcs.planning.sight import clear_leg, room_at
+from gcs.planning.grid import free_grid
+from gcs.planning.sight import clear_leg, is_clear_at, room_at
 
 _NO_CELL = np.int64(-1)
 _ENDS_TELL = 1.4
@@ -29,17 +29,18 @@ def lean(blocked, reach, lean_rows, lean_cols):  # type: ignore[no-untyped-def]
     """
     rows, cols = blocked.shape
     place, tight = np.zeros((rows, cols), np.uint8), np.zeros((rows, cols), np.bool_)
-    enough, most = reach - TOUCH, reach + 0.5
     for row in range(rows):
         for col in range(cols):
-            if blocked[row, col] or room_at(blocked, float(col), float(row), reach) >= enough:
+            if blocked[row, col] or is_clear_at(blocked, float(col), float(row), reach):
                 continue
             best = 0.0
             for k in range(1, 9):
                 x, y = col + lean_cols[k], row + lean_rows[k]
-                room = room_at(blocked, x, y, most)
                 on_map = 0.0 <= x <= cols - 1.0 and 0.0 <= y <= rows - 1.0
-                if on_map and room >= enough and room > best:
+                if not on_map or not is_clear_at(blocked, x, y, reach):
+                    continue
+                room = room_at(blocked, x, y, reach + 0.5)
+                if room > best:
                     best, place[row, col] = room, k
             tight[row, col] = best == 0.0
     return place, tight

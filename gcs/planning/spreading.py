@@ -48,12 +48,12 @@ def spread(order, remaining, near, any_near, offsets, nodes, costs, goals, field
             here = field[node]
             if here < bucket:
                 continue
-            left = remaining[order[node], came[node]]
+            left, dear = remaining[order[node], came[node]], near[node]
             while left:
                 move = FIRST[left]
                 left &= left - 1
                 there = node + offsets[move]
-                cost = here + move_cost(move, any_near and (near[node] >> move) & 1)
+                cost = here + move_cost(move, any_near and (dear >> move) & 1)
                 known = field[there]
                 if cost >= known:
                     continue
