@@ -103,9 +103,10 @@ def _one_to_all(
     came = np.empty((n, size), dtype=np.uint8)
     field, costs, reach = np.empty(size), np.empty((n, *far.nodes.shape)), clearance_m / grid.spacing_m
     asked = far.nodes[far.nodes >= 0]
+    parts = smap.part[asked]
     for i in range(n):
         nodes = near.nodes[i]
-        within_reach = asked[np.isin(smap.part[asked], smap.part[nodes[nodes >= 0]])]
+        within_reach = asked[np.isin(parts, smap.part[nodes[nodes >= 0]])]
         if within_reach.size:
             spread(*kernel_arrays(smap), nodes, near.off[i], within_reach, field, came[i])
         else:

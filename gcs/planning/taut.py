@@ -178,24 +178,34 @@ def _slid(blocked, reach, way, i, aim_x, aim_y, least, own):  # type: ignore[no-
 
 
 @leaf
-def _slide(blocked, reach, way, count, least, own):  # type: ignore[no-untyped-def]
-    """Slide the corners of a string, and drop those whose neighbours see each other; returns the count."""
+def _slide(blocked, reach, way, count, least, own, settled):  # type: ignore[no-untyped-def]
+    """Slide the corners of a string, and drop those whose neighbours see each other; returns the count.
+
+    `settled` (count,), all false: corners that did not move, nor did their neighbours since.
+    """
     for _ in range(_SWEEPS):
         moved, i = 0.0, 1
         while i < count - 1:
+            if settled[i]:
+                i += 1
+                continue
             ax, ay, bx, by = way[i - 1, 0], way[i - 1, 1], way[i + 1, 0], way[i + 1, 1]
             if clear_leg(blocked, ax, ay, bx, by, reach, own if i == 1 else _NO_CELL):
                 count -= 1
                 for k in range(i, count):
-                    way[k, 0], way[k, 1] = way[k + 1, 0], way[k + 1, 1]
-                moved = 1.0
+                    way[k, 0], way[k, 1], settled[k] = way[k + 1, 0], way[k + 1, 1], settled[k + 1]
+                moved, settled[i - 1], settled[i] = 1.0, False, False
                 continue
             a, b = math.hypot(way[i, 0] - ax, way[i, 1] - ay), math.hypot(way[i, 0] - bx, way[i, 1] - by)
             floor = min(least, a, b)
             share = a / max(a + b, 1e-12)
-            moved += _slid(blocked, reach, way, i, ax + share * (bx - ax), ay + share * (by - ay), floor, own)
-            moved += _slid(blocked, reach, way, i, ax, ay, floor, own)
-            moved += _slid(blocked, reach, way, i, bx, by, floor, own)
+            by_all = _slid(blocked, reach, way, i, ax + share * (bx - ax), ay + share * (by - ay), floor, own)
+            by_all += _slid(blocked, reach, way, i, ax, ay, floor, own)
+            by_all += _slid(blocked, reach, way, i, bx, by, floor, own)
+            settled[i] = by_all == 0.0
+            if by_all > 0.0:
+                settled[i - 1] = settled[i + 1] = False
+            moved += by_all
             i += 1
         if moved < 1e-3:
             break
@@ -211,7 +221,7 @@ def _tautened(blocked, reach, way, heading, radius, least, own):  # type: ignore
     string = np.empty((count, 2))
     for i in range(count):
         string[i, 0], string[i, 1] = found[X, path[count - 1 - i]], found[Y, path[count - 1 - i]]
-    return string[: _slide(blocked, reach, string, count, least, own)].copy()
+    return string[: _slide(blocked, reach, string, count, least, own, np.zeros(count, np.bool_))].copy()
 
 
 @called
