@@ -1,6 +1,6 @@
 """Planner bench: whole plans, and what string pulling and patience bring.
 
-    python tests/bench/bench_planning.py
+    python tests/bench/bench_planning.py [--swarm]
 
 Times are medians of CPU time on one thread, in milliseconds, kernels compiled. Maps: the paper's random
 obstacles.
@@ -8,13 +8,16 @@ obstacles.
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable
 
 import numpy as np
 
 from gcs.planning.grid import Grid, Point, free_grid, random_obstacles
-from gcs.planning.routes import plan_routes, warm_up
+from gcs.planning.moves import search_map
+from gcs.planning.routes import Stage, plan_routes, warm_up
+from gcs.planning.separation import Flight, separate
 from gcs.planning.task import AgentStart, PlanOptions
 
 
@@ -41,6 +44,52 @@ def mission(
         free_grid((nodes, nodes), 40.0), threshold, np.random.default_rng(seed), places, 120.0
     )
     return grid, {v: AgentStart(*p, np.pi / 2) for v, p in agents.items()}, targets
+
+
+def anywhere(nodes: int, n_agents: int, n_targets: int, threshold: float) -> tuple[Grid, dict, dict]:
+    """Agents and targets all over the map."""
+    side_m, rng = 40.0 * (nodes - 1), np.random.default_rng(3)
+    places = [tuple(place) for place in rng.uniform(0.0, side_m, (n_agents + n_targets, 2)).tolist()]
+    grid = random_obstacles(free_grid((nodes, nodes), 40.0), threshold, rng, places, 120.0)
+    agents = {v: AgentStart(*place, np.pi / 2) for v, place in enumerate(places[:n_agents])}
+    return grid, agents, {(0, j): place for j, place in enumerate(places[n_agents:])}
+
+
+def swarm() -> None:
+    """100 agents x 100 targets on 500 x 500, flyable: what each stage takes, the map's preparation too."""
+    print("\n100 x 100 on 500 x 500, flyable; CPU time, ms, median of 5 plans")
+    print("| obstacles | clearance | map, once | search | assignment | shaping | separation | a plan |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name, layout in (("edge to edge", mission), ("anywhere", anywhere)):
+        for threshold in (0.1, 0.2):
+            for clearance_m in (0.0, 25.0):
+                grid, agents, targets = layout(500, 100, 100, threshold)
+                options = PlanOptions(shape="flyable", clearance_m=clearance_m)
+                begin = time.process_time()
+                search_map(grid, clearance_m, may_lean=True)
+                map_ms = 1e3 * (time.process_time() - begin)
+                took = np.median([stages(grid, agents, targets, options) for _ in range(5)], axis=0)
+                cells = [f"{one:.0f}" for one in (map_ms, *took, took.sum())]
+                what = f"{threshold:.0%}, {name} | {clearance_m:.0f} m"
+                print("| " + " | ".join([what, *cells]) + " |", flush=True)
+
+
+def stages(grid: Grid, agents: dict, targets: dict, options: PlanOptions) -> list[float]:
+    """CPU time, in ms, of search, assignment, shaping and separation of one plan."""
+    ends = [time.process_time()]
+
+    def done(_stage: Stage) -> None:
+        ends.append(time.process_time())
+
+    result = plan_routes(grid, agents, targets, {}, options, done)
+    flights = []
+    for lane, route in enumerate(result.routes):
+        at = agents[route.vehicle]
+        points_m = np.vstack(((at.east_m, at.north_m), route.points_m))
+        flights.append(Flight(route.vehicle, points_m, at.speed_m_s, lane % 10))
+    separate(flights, 10, 60.0)
+    ends.append(time.process_time())
+    return [1e3 * one for one in np.diff(ends)]
 
 
 def whole_plans() -> None:
@@ -104,9 +153,15 @@ def patience() -> None:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--swarm", action="store_true", help="only 100 agents and 100 targets on 500 x 500")
+    only_swarm = parser.parse_args().swarm
     begin = time.perf_counter()
     warm_up()
     print(f"warm-up {time.perf_counter() - begin:.2f} s")
+    swarm()
+    if only_swarm:
+        raise SystemExit
     whole_plans()
     pulling()
     patience()
