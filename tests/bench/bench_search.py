@@ -18,6 +18,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
@@ -32,16 +33,27 @@ from gcs.planning.search import distances_m, find_path
 from gcs.planning.shaping import joins
 
 ROOT_2 = math.sqrt(2.0)
+_TURN_MS = 5.0
+Works: TypeAlias = dict[str, Callable[[], object]]
 
 
-def timed_ms(work: Callable[[], object], budget_ms: float = 400.0) -> float:
-    """Median CPU time of a call; as many calls as the budget holds, at least two and at most 50."""
-    times: list[float] = []
-    while len(times) < 2 or (sum(times) < budget_ms and len(times) < 50):
-        begin = time.process_time_ns()
-        work()
-        times.append((time.process_time_ns() - begin) / 1e6)
-    return float(np.median(times))
+def timed_ms(works: Works, budget_ms: float = 1500.0, least: int = 3) -> dict[str, float]:
+    """Median CPU time of a call of each, taken in turns, so that what else the machine does meets all alike.
+
+    A turn is as many calls as fill `_TURN_MS`; turns as many as the budget holds, from `least` to 50.
+    """
+    times: dict[str, list[float]] = {name: [] for name in works}
+    spent_ms, turns = 0.0, 0
+    while turns < least or (spent_ms < budget_ms and turns < 50):
+        for name, work in works.items():
+            begin, calls, took_ms = time.process_time_ns(), 0, 0.0
+            while took_ms < _TURN_MS:
+                work()
+                calls, took_ms = calls + 1, (time.process_time_ns() - begin) / 1e6
+            times[name].append(took_ms / calls)
+            spent_ms += took_ms
+        turns += 1
+    return {name: float(np.median(each)) for name, each in times.items()}
 
 
 def random_map(nodes: int, blocked: float, seed: int = 1) -> tuple[Grid, Node, Node]:
@@ -95,16 +107,18 @@ def pairs(nodes: int, blocked: float) -> None:
     from w9_pathfinding import pf
 
     grid, start, goal = random_map(nodes, blocked)
-    ours = timed_ms(lambda: find_path(grid, start, goal))
     found = find_path(grid, start, goal)
     assert found is not None
     cells = w9_grid(grid)
     w9 = pf.AStar(cells)
     (y0, x0), (y1, x1) = start, goal
-    row = {"w9": timed_ms(lambda: w9.find_path((x0, y0), (x1, y1)))}
+    works: Works = {
+        "ours": lambda: find_path(grid, start, goal),
+        "w9": lambda: w9.find_path((x0, y0), (x1, y1)),
+    }
     errors = [abs(cells.calculate_cost(w9.find_path((x0, y0), (x1, y1))) - found.length_m)]
     cutting = tcod.path.AStar(np.where(grid.blocked, 0, 1).astype(np.int32), diagonal=ROOT_2)
-    row["tcod*"] = timed_ms(lambda: cutting.get_path(*start, *goal))
+    works["tcod*"] = lambda: cutting.get_path(*start, *goal)
     smap = search_map(grid)
     first, last = flat_index(smap, start), flat_index(smap, goal)
     if nodes <= 500:
@@ -121,14 +135,14 @@ def pairs(nodes: int, blocked: float) -> None:
                 graph, first, lambda node: node == last, lambda cost: cost, ahead
             )
 
-        row["rustworkx"] = timed_ms(search)
+        works["rustworkx"] = search
         path = search()
         cost = sum(graph.get_edge_data(a, b) for a, b in itertools.pairwise(path))
         errors.append(abs(cost - found.length_m))
         if nodes <= 100:
             plain = networkx.from_scipy_sparse_array(graph_of(smap), create_using=networkx.DiGraph)
-            row["networkx"] = timed_ms(lambda: networkx.astar_path(plain, first, last, lambda a, _: ahead(a)))
-    _line(nodes, blocked, ours, row, max(errors))
+            works["networkx"] = lambda: networkx.astar_path(plain, first, last, lambda a, _: ahead(a))
+    _line(nodes, blocked, timed_ms(works), max(errors))
 
 
 def to_all(nodes: int, blocked: float) -> None:
@@ -139,10 +153,12 @@ def to_all(nodes: int, blocked: float) -> None:
 
     grid, start, _ = random_map(nodes, blocked)
     smap = search_map(grid)
-    ours = timed_ms(lambda: distances_m(grid, start))
     found = distances_m(grid, start)
     graph, source = graph_of(smap), flat_index(smap, start)
-    row = {"scipy": timed_ms(lambda: dijkstra(graph, indices=source))}
+    works: Works = {
+        "ours": lambda: distances_m(grid, start),
+        "scipy": lambda: dijkstra(graph, indices=source),
+    }
     theirs = dijkstra(graph, indices=source).reshape(nodes + 2, nodes + 2)[1:-1, 1:-1]
     reached = np.isfinite(theirs)
     assert np.array_equal(reached, np.isfinite(found))
@@ -150,7 +166,7 @@ def to_all(nodes: int, blocked: float) -> None:
     cells = w9_grid(grid)
     far = np.unravel_index(int(np.argmax(np.where(reached, found, -1.0))), found.shape)
     begin, end = (start[1], start[0]), (int(far[1]), int(far[0]))
-    row["w9"] = timed_ms(lambda: pf.ResumableDijkstra(cells, begin).distance(end))
+    works["w9"] = lambda: pf.ResumableDijkstra(cells, begin).distance(end)
     errors.append(abs(pf.ResumableDijkstra(cells, begin).distance(end) - found[far]))
     whole = np.where(grid.blocked, 0, 1).astype(np.int32)
 
@@ -159,10 +175,10 @@ def to_all(nodes: int, blocked: float) -> None:
         field[start] = 0
         return tcod.path.dijkstra2d(field, whole, 10, 14, out=field)
 
-    row["tcod*"] = timed_ms(tcod_field)
+    works["tcod*"] = tcod_field
     costs = np.where(grid.blocked, -1.0, 1.0)
-    row["skimage*"] = timed_ms(lambda: skimage.graph.MCP_Geometric(costs).find_costs([start]))
-    _line(nodes, blocked, ours, row, max(errors))
+    works["skimage*"] = lambda: skimage.graph.MCP_Geometric(costs).find_costs([start])
+    _line(nodes, blocked, timed_ms(works), max(errors))
 
 
 def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
@@ -185,25 +201,24 @@ def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
             way(i, j)
         return lengths
 
-    mine = timed_ms(ours, 2000.0)
     graph = graph_of(smap)
     sources = [flat_index(smap, tuple(node)) for node in ends[0]]
     goals = [flat_index(smap, tuple(node)) for node in ends[1]]
-    row = {"scipy": timed_ms(lambda: [dijkstra(graph, indices=s)[goals] for s in sources], 1.0)}
+    works: Works = {"ours": ours, "scipy": lambda: [dijkstra(graph, indices=s)[goals] for s in sources]}
     theirs = np.array([dijkstra(graph, indices=s)[goals] for s in sources])
     error = np.abs(ours() - theirs).max()
     if n * m * nodes <= 400 * 500:
         search = pf.AStar(w9_grid(grid))
         tuples = [[(int(c), int(r)) for r, c in side] for side in ends]
-        row["w9"] = timed_ms(lambda: [search.find_path(a, b) for a in tuples[0] for b in tuples[1]], 1.0)
+        works["w9"] = lambda: [search.find_path(a, b) for a in tuples[0] for b in tuples[1]]
     one_by_one = matrix.pairwise_pays(smap, *(side[:, ::-1].astype(np.float64) for side in ends))
-    _line(nodes, blocked, mine, row, error, f"{n} x {m}, {'pair by pair' if one_by_one else 'one to all'}")
+    how = f"{n} x {m}, {'pair by pair' if one_by_one else 'one to all'}"
+    _line(nodes, blocked, timed_ms(works, least=2), error, how)
 
 
-def _line(
-    nodes: int, blocked: float, ours: float, row: dict[str, float], error: float, what: str = ""
-) -> None:
-    peers = "".join(f"{name:>11} {ms / ours:6.1f}" for name, ms in row.items())
+def _line(nodes: int, blocked: float, took_ms: dict[str, float], error: float, what: str = "") -> None:
+    ours = took_ms.pop("ours")
+    peers = "".join(f"{name:>11} {ms / ours:6.1f}" for name, ms in took_ms.items())
     print(f"  {nodes:5d}^2 {blocked:4.0%} {what:<24}{ours:10.3f} ms{peers}   error {error:.0e}", flush=True)
 
 
