@@ -17,6 +17,7 @@ import numpy as np
 from gcs.compiling import inlined, kernel, leaf
 from gcs.planning.grid import TOUCH, Grid, Point
 
+_NO_LEG = 1e-100
 _HALF_SQUARE = 0.7072
 """No part of a square is farther along a leg than its centre by more than this."""
 
@@ -87,7 +88,8 @@ def blocker(blocked, x0, y0, x1, y1, reach, own, guess):  # type: ignore[no-unty
     wide = reach + 0.5 + 2.0 * TOUCH
     dx, dy = x1 - x0, y1 - y0
     norm2 = dx * dx + dy * dy
-    length = math.sqrt(norm2)
+    # The squares of a leg that is next to no leg may underflow.
+    length = math.sqrt(norm2) if norm2 > _NO_LEG else math.hypot(dx, dy)
     # A square is no nearer than the line through the leg: most cells are done with by that. And it is no
     # farther, if it is beside the leg as a whole.
     beside = limit * length + 0.5 * (abs(dx) + abs(dy))
