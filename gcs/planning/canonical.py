@@ -55,7 +55,7 @@ FIRST = np.array([0] + [(bits & -bits).bit_length() - 1 for bits in range(1, 256
 
 _UNIFORM, _ALL = 0, 256
 """Where in the table the answers begin for a byte of legal moves: by the canonical order, and all of them."""
-_MOST_ANSWERS = 1 << 16
+MOST_ANSWERS = 1 << 16
 _SLOTS = 1 << 17
 _TIE = 1e-9
 
@@ -110,6 +110,8 @@ def _others() -> tuple[IntArray, IntArray]:
 
 
 ANSWERS = _answers()
+REMAINING = ANSWERS[_UNIFORM:_ALL].T.copy()
+"""What remains where moves cost alike: bits, (9, 256), by the move that led to a node and its legal moves."""
 _WAYS, _FIRST_WAY = _others()
 _BACK = np.array([_MOVE_OF[-r, -c] for r, c in _STEPS])
 
@@ -144,8 +146,9 @@ def _is_needed(moves, near, offsets, p, x, d, e):  # type: ignore[no-untyped-def
 def canonical(moves, near, mixed, offsets, answers, most):  # type: ignore[no-untyped-def]
     """Which moves remain at each node: an index (flat nodes,), and the table that it leads to, (k, 9).
 
-    `mixed` nodes are worked out one by one, others read off `answers`. Where more than `most` answers would
-    be needed, all legal moves remain.
+    `mixed` nodes, from which or from around which some moves are near and some are not, are worked out one by
+    one; others read off `answers`, by their legal moves, as on a map where no move is near. Where more than
+    `most` answers would be needed, all legal moves remain.
     """
     order, size = np.empty(moves.size, np.uint16), answers.shape[0]
     table = np.empty((most, 9), np.uint8)
@@ -183,21 +186,7 @@ def canonical(moves, near, mixed, offsets, answers, most):  # type: ignore[no-un
     return order, table[:size].copy()
 
 
-def order_of(
-    moves: ByteArray,
-    near: ByteArray,
-    mixed: npt.NDArray[np.bool_],
-    offsets: IntArray,
-    most: int = _MOST_ANSWERS,
-) -> tuple[npt.NDArray[np.uint16], ByteArray]:
-    """Return what `canonical` does; quickly where no move is near."""
-    if not mixed.any():
-        return moves.astype(np.uint16), ANSWERS
-    order, table = canonical(moves, near, mixed, offsets, ANSWERS, most)
-    return order, table
-
-
 def warm_up_calls() -> list[Call]:
     """One call of the kernel, types as in a plan."""
     moves, offsets = np.zeros(4, np.uint8), np.zeros(8, np.int64)
-    return [(canonical, moves, moves, moves > 0, offsets, ANSWERS, _MOST_ANSWERS)]
+    return [(canonical, moves, moves, moves > 0, offsets, ANSWERS, MOST_ANSWERS)]

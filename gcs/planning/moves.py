@@ -25,7 +25,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from gcs.model import FloatArray
-from gcs.planning.canonical import COL_STEP, ROW_STEP, ByteArray, IntArray, order_of
+from gcs.planning.canonical import ANSWERS, COL_STEP, MOST_ANSWERS, ROW_STEP, ByteArray, IntArray, canonical
 from gcs.planning.grid import BoolArray, Grid, Node
 from gcs.planning.leaning import lean, near_moves
 
@@ -41,7 +41,7 @@ class SearchMap(NamedTuple):
     near: ByteArray
     """Bit d is set if move d comes nearer to an obstacle than the clearance."""
     order: npt.NDArray[np.uint16]
-    """Which row of `remaining` tells what moves to look at from this node."""
+    """Which row of `remaining` tells what moves to look at from this node; empty where `moves` tells that."""
     remaining: ByteArray
     """Sets of moves (bits), (k, 9), by the move that led to a node; see `gcs.planning.canonical`."""
     tight: BoolArray
@@ -82,18 +82,23 @@ def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> 
         tight[inner] = grid.inflate(clearance_m).blocked & ~grid.blocked
         near[inner] = _moves_of(tight, moves)
     any_near = bool(near.any())
-    # Some moves from the free nodes around, or from the node itself, are near, some are not.
-    mixed = _around(near > 0) & _around(~blocked & (near != moves)) if any_near else np.zeros_like(tight)
     # Diagonals need two free straight neighbours, so what is connected at all is connected by straight moves.
     part, count = ndimage.label(~blocked)
     mainland = (
         part == (1 + int(np.argmax(np.bincount(part.ravel())[1:]))) if count else np.zeros_like(blocked)
     )
     offsets = np.array([r * stride + c for r, c in zip(ROW_STEP, COL_STEP, strict=True)], dtype=np.int64)
+    order, remaining = np.empty(0, dtype=np.uint16), ANSWERS
+    if any_near:
+        mixed = _around(near > 0) & _around(~blocked & (near != moves))
+        order, remaining = canonical(
+            *(moves.ravel(), near.ravel(), mixed.ravel(), offsets, ANSWERS, MOST_ANSWERS)
+        )
     return SearchMap(
         moves.ravel(),
         near.ravel(),
-        *order_of(moves.ravel(), near.ravel(), mixed.ravel(), offsets),
+        order,
+        remaining,
         tight.ravel(),
         leaning.ravel(),
         part.ravel(),
@@ -107,9 +112,9 @@ def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> 
 
 def kernel_arrays(
     smap: SearchMap,
-) -> tuple[npt.NDArray[np.uint16], ByteArray, ByteArray, bool, IntArray]:
+) -> tuple[ByteArray, npt.NDArray[np.uint16], ByteArray, ByteArray, bool, IntArray]:
     """Return what the search kernels begin their arguments with."""
-    return smap.order, smap.remaining, smap.near, smap.any_near, smap.offsets
+    return smap.moves, smap.order, smap.remaining, smap.near, smap.any_near, smap.offsets
 
 
 def cells(smap: SearchMap, flat: IntArray) -> FloatArray:

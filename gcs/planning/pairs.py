@@ -26,6 +26,7 @@ from gcs.planning.canonical import (
     COL_STEP,
     FIRST,
     NO_MOVE,
+    REMAINING,
     ROW_STEP,
     TIGHT,
     IntArray,
@@ -49,21 +50,9 @@ _ROW_STEPS, _COL_STEPS = np.array(ROW_STEP), np.array(COL_STEP)
 
 @kernel
 def seek(  # type: ignore[no-untyped-def]
-    order,
-    remaining,
-    near,
-    any_near,
-    offsets,
-    stride,
-    nodes,
-    costs,
-    goals,
-    beyond,
-    reached,
-    came,
-    entries,
-    path,
-):
+    moves, order, remaining, near, any_near, offsets, stride, nodes, costs, goals, beyond,
+    reached, came, entries, path,
+):  # fmt: skip
     """Search the shortest path from a place to another and write it to `path`, last node first.
 
     `nodes`, `costs` (j,) and `goals`, `beyond` (k,): the nodes by which the two places join the map (-1:
@@ -130,7 +119,7 @@ def seek(  # type: ignore[no-untyped-def]
                 for k in range(goals.size):
                     if goals[k] == node and here - 1.0 + beyond[k] < best:
                         best, last = here - 1.0 + beyond[k], node
-            left = remaining[order[node], led]
+            left = remaining[order[node], led] if any_near else REMAINING[led, moves[node]]
             while left:
                 move = FIRST[left]
                 left &= left - 1

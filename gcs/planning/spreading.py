@@ -15,11 +15,11 @@ from __future__ import annotations
 import numpy as np
 
 from gcs.compiling import kernel
-from gcs.planning.canonical import FIRST, NO_MOVE, move_cost
+from gcs.planning.canonical import FIRST, NO_MOVE, REMAINING, move_cost
 
 
 @kernel
-def spread(order, remaining, near, any_near, offsets, nodes, costs, goals, field, came):  # type: ignore[no-untyped-def]
+def spread(moves, order, remaining, near, any_near, offsets, nodes, costs, goals, field, came):  # type: ignore[no-untyped-def]
     """Fill `field` (flat nodes,) with the cost in cells from a place, `came` with the moves that lead there.
 
     `nodes`, `costs` (j,): the nodes by which the place joins the map (-1: none) and how far off it they lie;
@@ -29,7 +29,7 @@ def spread(order, remaining, near, any_near, offsets, nodes, costs, goals, field
     """
     # The ring of buckets is longer than the dearest move and the spread of the joins together.
     ring = 15 if any_near else 3
-    stack, height = np.empty((ring + 1, order.size), np.int32), np.zeros(ring + 1, np.int64)
+    stack, height = np.empty((ring + 1, moves.size), np.int32), np.zeros(ring + 1, np.int64)
     field[:] = np.inf
     live, bucket, final = 0, 1 << 60, 0
     for i in range(nodes.size):
@@ -48,7 +48,9 @@ def spread(order, remaining, near, any_near, offsets, nodes, costs, goals, field
             here = field[node]
             if here < bucket:
                 continue
-            left, dear = remaining[order[node], came[node]], near[node]
+            left, dear = REMAINING[came[node], moves[node]], np.uint8(0)
+            if any_near:
+                left, dear = remaining[order[node], came[node]], near[node]
             while left:
                 move = FIRST[left]
                 left &= left - 1

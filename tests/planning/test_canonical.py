@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from gcs.planning.canonical import COL_STEP, DIAGONAL, ROW_STEP, TIGHT, order_of
+from gcs.planning.canonical import ANSWERS, COL_STEP, DIAGONAL, MOST_ANSWERS, ROW_STEP, TIGHT, canonical
 from gcs.planning.grid import Grid
 from gcs.planning.moves import search_map
 from gcs.planning.spreading import spread
@@ -36,7 +36,19 @@ def case(seed, shape, blocked, dear):
 
 def field_from(smap, near, order, remaining, source):
     field, came = np.empty(near.size), np.empty(near.size, np.uint8)
-    spread(order, remaining, near, True, smap.offsets, np.array([source]), np.zeros(1), NONE, field, came)
+    spread(
+        smap.moves,
+        order,
+        remaining,
+        near,
+        True,
+        smap.offsets,
+        np.array([source]),
+        np.zeros(1),
+        NONE,
+        field,
+        came,
+    )
     return field
 
 
@@ -63,7 +75,7 @@ def test_no_distance_suffers_from_moves_left_out(seed, shape, blocked, dear):
     source = int(np.random.default_rng(seed).integers(near.size))
     exact = dijkstra_from(smap, near, source)
     for most in (1 << 16, 520):
-        order, remaining = order_of(smap.moves, near, everywhere, smap.offsets, most)
+        order, remaining = canonical(smap.moves, near, everywhere, smap.offsets, ANSWERS, most)
         assert (remaining[order, 8] == smap.moves).all()
         found = field_from(smap, near, order, remaining, source)
         np.testing.assert_allclose(found, exact, rtol=0, atol=1e-9)
@@ -72,8 +84,9 @@ def test_no_distance_suffers_from_moves_left_out(seed, shape, blocked, dear):
 @pytest.mark.parametrize("dear", [0.0, 1.0])
 def test_where_moves_cost_alike_a_node_that_is_worked_out_has_the_answer_of_the_table(dear):
     smap, near = case(1, (40, 40), 0.25, dear)
-    quick = order_of(smap.moves, near, np.zeros(near.size, np.bool_), smap.offsets)
-    slow = order_of(smap.moves, near, np.ones(near.size, np.bool_), smap.offsets)
+    given = smap.offsets, ANSWERS, MOST_ANSWERS
+    quick = canonical(smap.moves, near, np.zeros(near.size, np.bool_), *given)
+    slow = canonical(smap.moves, near, np.ones(near.size, np.bool_), *given)
     for move, step in enumerate(smap.offsets.tolist()):
         reached = np.flatnonzero(smap.moves >> np.uint8(move) & 1) + step
         np.testing.assert_array_equal(quick[1][quick[0][reached], move], slow[1][slow[0][reached], move])
