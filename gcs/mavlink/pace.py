@@ -41,14 +41,13 @@ class Pace:
         self.repeats = 0
         """Messages that were sent again."""
         self._took_s = deque([round_trip_s] if round_trip_s else [], _REMEMBERED)
+        self._usual_s = max(_LEAST_S, _ROUND_TRIPS * round_trip_s) if round_trip_s else _UNKNOWN_S
         self._growth = 1.0
 
     @property
     def wait_s(self) -> float:
         """How long to wait for an answer now."""
-        usual_s = _ROUND_TRIPS * median_low(self._took_s) if self._took_s else _UNKNOWN_S
-        usual_s = max(_LEAST_S, usual_s)
-        return max(usual_s, min(usual_s * self._growth, _MOST_S))
+        return max(self._usual_s, min(self._usual_s * self._growth, _MOST_S))
 
     def patience(self, tries: int) -> Patience:
         """Return that as the patience of one question."""
@@ -61,6 +60,7 @@ class Pace:
             return
         self._took_s.append(took_s)
         self.round_trip_s = median_low(self._took_s)
+        self._usual_s = max(_LEAST_S, _ROUND_TRIPS * self.round_trip_s)
         self._growth = 1.0
 
     def late(self) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from taking import Taker, beat, run
 
 from gcs.edge.links import Links
 from gcs.endpoints import Link, parse_endpoint
@@ -20,39 +21,6 @@ from gcs.model import Picture, Track, read_only
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 S = 1_000_000_000
-
-
-class Taker:
-    """Central command's side: keeps what it is given, and the time."""
-
-    def __init__(self) -> None:
-        self.t_ns = S
-        self.heard: list[tuple[str, str, bytes]] = []
-        self.news: list[tuple[str, str, str]] = []
-
-    def now_ns(self) -> int:
-        return self.t_ns
-
-    def on_datagram(self, link, peer, data) -> None:
-        self.heard.append((link, peer, data))
-
-    def on_link_news(self, link, level, text) -> None:
-        self.news.append((link, level, text))
-
-    def frames(self) -> int:
-        return sum(len(scan(data).frames) for _, _, data in self.heard)
-
-    async def until(self, condition, what: str) -> None:
-        """Wait for something that real sockets bring about."""
-        for _ in range(2000):
-            if condition():
-                return
-            await asyncio.sleep(0.005)
-        raise AssertionError(f"{what}; news: {self.news}")
-
-
-def beat(system: int, component: int = 1, *, ground: bool = False) -> bytes:
-    return Encoder(system, component)(dialect.MAVLink_heartbeat_message(6 if ground else 1, 8, 0, 0, 4, 3))
 
 
 def arm(target: int) -> bytes:
@@ -68,10 +36,6 @@ def link(text: str, **settings) -> Link:
     return Link(parse_endpoint(text), **settings)
 
 
-def run(coroutine) -> None:
-    asyncio.run(asyncio.wait_for(coroutine, 30.0))
-
-
 def free_port(kind: int) -> int:
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -80,7 +44,7 @@ def free_port(kind: int) -> int:
 
 def test_udp_out_speaks_first_and_hears_what_answers():
     async def scenario() -> None:
-        taker = Taker()
+        taker = Taker(S)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
             vehicle.bind(("127.0.0.1", 0))
             vehicle.setblocking(False)
@@ -104,7 +68,7 @@ def test_udp_out_speaks_first_and_hears_what_answers():
 
 def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
     async def scenario() -> None:
-        taker, port = Taker(), free_port(socket.SOCK_STREAM)
+        taker, port = Taker(S), free_port(socket.SOCK_STREAM)
         name = f"tcp:127.0.0.1:{port}"
         links = opened(link(name))
         links.start(asyncio.get_running_loop(), taker)
@@ -135,7 +99,7 @@ def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
 
 def test_who_connects_by_tcp_is_heard_and_answered_and_a_peer_that_never_reads_stops_nobody():
     async def scenario() -> None:
-        taker, links = Taker(), opened(link("tcpin:127.0.0.1:0"))
+        taker, links = Taker(S), opened(link("tcpin:127.0.0.1:0"))
         links.start(asyncio.get_running_loop(), taker)
         reader, writer = await asyncio.open_connection("127.0.0.1", links.port)
         writer.write(beat(1))
@@ -155,7 +119,7 @@ def test_who_connects_by_tcp_is_heard_and_answered_and_a_peer_that_never_reads_s
 
 def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
     async def scenario() -> None:
-        taker, device = Taker(), tmp_path / "radio"
+        taker, device = Taker(S), tmp_path / "radio"
         name = f"serial:{device}:57600"
         links = opened(link(name))
         links.start(asyncio.get_running_loop(), taker)
@@ -181,7 +145,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
 
 def test_a_guest_sees_vehicles_and_targets_and_its_word_reaches_one_vehicle():
     async def scenario() -> None:
-        taker = Taker()
+        taker = Taker(S)
         links = opened(
             link("udpin:127.0.0.1:0"),
             link("tcpin:127.0.0.1:0", role="full", adsb=True),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from taking import Taker, beat, run
 
 from gcs.edge.keyfile import KeyFile, TimeFile, read_keys
 from gcs.edge.links import Links
@@ -90,7 +91,7 @@ def test_signing_time_goes_on_after_a_crash_and_after_the_clock_went_back(tmp_pa
     keys, address = key_file(tmp_path, default=KEY), (link.name, "127.0.0.1:1")
 
     def time_of(signing: Signing, t_ns: int) -> int:
-        return signing_time(scan(signing.gate.seal(t_ns, address, beat())).frames[0])
+        return signing_time(scan(signing.gate.seal(t_ns, address, beat(255, ground=True))).frames[0])
 
     first = Signing([link], keys)
     first.tick(NOW)
@@ -119,38 +120,9 @@ def test_a_key_for_an_endpoint_that_is_not_there_is_a_mistake(tmp_path):
 # ---------------------------------------------------------------- over sockets
 
 
-class Taker:
-    def __init__(self) -> None:
-        self.t_ns = NOW
-        self.heard: list[tuple[str, str, bytes]] = []
-        self.news: list[tuple[str, str, str]] = []
-
-    def now_ns(self) -> int:
-        return self.t_ns
-
-    def on_datagram(self, link, peer, data) -> None:
-        self.heard.append((link, peer, data))
-
-    def on_link_news(self, link, level, text) -> None:
-        self.news.append((link, level, text))
-
-
-def beat(system: int = 255) -> bytes:
-    kind = 6 if system == 255 else 1
-    return Encoder(system, 1)(dialect.MAVLink_heartbeat_message(kind, 3, 0, 0, 4, 3))
-
-
 def vehicle(key: bytes | None, *, airborne: bool = True) -> SimVehicle:
     spec = VehicleSpec(1, 0.0, 0.0, 0.0, 100.0, 15.0, airborne=airborne)
     return SimVehicle(spec, FRAME, NOW, key)
-
-
-async def until(condition) -> None:
-    for _ in range(1000):
-        if condition():
-            return
-        await asyncio.sleep(0.005)
-    raise AssertionError("it did not happen")
 
 
 def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_path):
@@ -158,7 +130,7 @@ def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_p
     guests = Link(parse_endpoint("udpin:localhost:0"), role="full")
 
     async def scenario() -> None:
-        loop, taker, plane = asyncio.get_running_loop(), Taker(), vehicle(KEY)
+        loop, taker, plane = asyncio.get_running_loop(), Taker(NOW), vehicle(KEY)
         links = Links(
             [link, guests], [1], FRAME, Signing([link, guests], key_file(tmp_path, vehicles={1: KEY}))
         )
@@ -174,11 +146,12 @@ def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_p
                 one.bind(("127.0.0.1", 0))
             (first, *_) = plane.datagrams_to_send(NOW)
             radio.sendto(first, to)
-            await until(lambda: taker.heard)
+            await taker.until(lambda: taker.heard, "nothing was heard")
             peer = taker.heard[0][1]
             assert taker.heard[0][2] == first, "as it came: a recording can show it"
             foe.sendto(beat(1), to)
-            await until(lambda: links.signing.gate.counters[link.name].rejected)
+            counters = links.signing.gate.counters[link.name]
+            await taker.until(lambda: counters.rejected, "it was let in")
             links.tick(NOW)
             assert len(taker.heard) == 1
             assert "not signed" in taker.news[-1][2]
@@ -192,7 +165,7 @@ def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_p
             assert plane.autopilot.mode.name == "RTL"
         links.close()
 
-    asyncio.run(asyncio.wait_for(scenario(), 20.0))
+    run(scenario())
 
 
 def test_the_simulated_vehicle_takes_orders_by_its_key_alone():
