@@ -26,6 +26,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
+from gcs.mavlink.addresses import Addresses
 from gcs.mavlink.asking import ns
 from gcs.mavlink.codec import (
     AUTOPILOT_COMPONENT_ID,
@@ -150,9 +151,6 @@ class Fleet:
                 frame,
                 (self._settings.max_distance_m, self._settings.max_speed_m_s),
             )
-        self._numbers: dict[Address, int] = {}
-        """What the ledger calls the addresses of vehicles."""
-        self._next_number = 0
         self._vehicles = {
             vehicle: Vehicle(
                 vehicle,
@@ -167,7 +165,7 @@ class Fleet:
         }
         self._in_order = tuple(self._vehicles.values())
         self._strangers = Strangers(self._settings.max_strangers)
-        self._beats_t_ns: dict[Address, int] = {}
+        self._addresses = Addresses(self._used, most=2 * len(self._vehicles))
         self._telling = Telling()
         self._claimed_t_ns: dict[int, int] = {}
         """When somebody at another address last claimed a vehicle's id."""
@@ -205,7 +203,7 @@ class Fleet:
         at = 1
         while at <= frames.found:
             if self._ledger is not None:
-                number = self._numbers.get(address, NOBODY)
+                number = self._addresses.known(address)
                 at, lost = self._ledger.fold(datagram.data, at, number, t_ns, network)
                 link.lost += lost
                 if at > frames.found:
@@ -237,7 +235,7 @@ class Fleet:
                 vehicle.returns += 1
                 vehicle.attend()
                 self._contact(vehicle, address)
-            vehicle.row[ADDRESS] = self._numbers[address]
+            vehicle.row[ADDRESS] = self._addresses.known(address)
             self._telling.tell(
                 "info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id
             )
@@ -282,15 +280,13 @@ class Fleet:
         return True
 
     def _contact(self, vehicle: Vehicle, address: Address) -> None:
-        """Hear a vehicle at an address from now on; addresses of nobody are forgotten when there are many."""
-        if address not in self._numbers and len(self._numbers) > 2 * len(self._vehicles):
-            used = {vehicle.address for vehicle in self._vehicles.values()}
-            self._numbers = {a: number for a, number in self._numbers.items() if a in used}
-        number = self._numbers.get(address)
-        if number is None:
-            number = self._numbers[address] = self._next_number
-            self._next_number += 1
-        vehicle.contact(address, number)
+        """Hear a vehicle at an address from now on."""
+        vehicle.contact(address, self._addresses.meet(address))
+
+    def _used(self) -> set[Address]:
+        """Addresses where somebody is heard or called."""
+        heard = {vehicle.address for vehicle in self._in_order if vehicle.address is not None}
+        return heard | self._callers.keys()
 
     def _count_stranger(self, frame: Frame, address: Address, t_ns: int) -> None:
         if self._strangers.count(frame.system_id, frame.component_id, address, t_ns):
@@ -304,7 +300,7 @@ class Fleet:
         out = [
             Send(*address, encode(heartbeat()))
             for address, encode in self._callers.items()
-            if self._beat_due(address, t_ns)
+            if self._addresses.beat_due(address, t_ns)
         ]
         for index in np.flatnonzero(self._is_due(t_ns)).tolist():
             vehicle = self._in_order[index]
@@ -322,9 +318,9 @@ class Fleet:
     def _poll_vehicle(self, vehicle: Vehicle, address: Address, t_ns: int) -> list[Message]:
         self._watch(vehicle, t_ns)
         messages = vehicle.poll(t_ns) if vehicle.liveness == "alive" else []
-        if self._beat_due(address, t_ns):
+        if self._addresses.beat_due(address, t_ns):
             messages.append(heartbeat())
-        next_beat_ns = self._beats_t_ns[address] + NS_PER_S
+        next_beat_ns = self._addresses.next_beat_ns(address)
         lost_t_ns = vehicle.heard_t_ns + self._lost_after_ns + 1
         due = {"alive": vehicle.wants.idle_until_ns, "stale": lost_t_ns}.get(vehicle.liveness, next_beat_ns)
         vehicle.row[DUE_NS] = min(next_beat_ns, due)
@@ -348,17 +344,6 @@ class Fleet:
 
     def _teller(self, t_ns: int, system_id: int) -> Tell:
         return lambda level, text: self._telling.tell(level, text, t_ns, system_id)
-
-    def _beat_due(self, address: Address, t_ns: int) -> bool:
-        """Whether an address is due its heartbeat: one a second, whoever shares it."""
-        beat_t_ns = self._beats_t_ns.get(address)
-        if beat_t_ns is not None and t_ns - beat_t_ns < NS_PER_S:
-            return False
-        if beat_t_ns is None:
-            known = {vehicle.address for vehicle in self._vehicles.values()} | self._callers.keys()
-            self._beats_t_ns = {a: t for a, t in self._beats_t_ns.items() if a in known}
-        self._beats_t_ns[address] = t_ns
-        return True
 
     def notices(self) -> list[Notice]:
         """Return what the operator should know since the last call."""
