@@ -140,6 +140,12 @@ def read_model(path: Path) -> ModelTable:
         raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
     except (msgspec.DecodeError, ValueError) as error:
         raise ConfigError(str(path), "", f"expected a model in TOML or NPZ: {error}") from None
+    if "agents" in raw:
+        raise ConfigError(
+            str(path),
+            "",
+            "is a mission file: expected a model for the trackers, as docs/tracking.md shows one",
+        )
     return _checked(path, convert(raw, ModelTable, str(path)))
 
 

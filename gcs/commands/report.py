@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from gcs.config import Config, load, parse
 from gcs.edge.boot_clock import TimedBy, TimeLine
 from gcs.edge.reader import Damage, about, is_recording, read, recording_bytes
 from gcs.edge.tlog import Logged, is_stamped, read_log
-from gcs.errors import ConfigError, RecordingError
+from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
@@ -67,13 +68,8 @@ def run_report(options: ReportOptions, console: Console) -> int:
         When the file cannot be read, is nothing that we know, or the page cannot be written.
     """
     folder = options.out if options.out is not None else default_folder(options.path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(
-            str(folder), f"cannot be made: {error.strerror}; choose another with -o"
-        ) from None
-    material = material_of(options, folder / CSV_NAME, console)
+    with _made(folder):
+        material = material_of(options, folder / CSV_NAME, console)
     with console.status("drawing the figures"):
         page = run_page(material, folder)
     console.print(str(page), highlight=False, markup=False, soft_wrap=True)
@@ -82,6 +78,25 @@ def run_report(options: ReportOptions, console: Console) -> int:
     if options.as_json:
         print(json.dumps(_in_json(material, page, folder)), flush=True)  # noqa: T201  the promised last line
     return 0
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder before the long work for it begins; take it away again when nothing came of that."""
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(
+            str(folder), f"cannot be made: {error.strerror}; choose another with -o"
+        ) from None
+    try:
+        yield
+    except GcsError:
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def default_folder(path: Path) -> Path:

@@ -217,6 +217,7 @@ MISTAKES = {
     "another state order": (["order.npz"], "expected constant velocity in the order px, vx, py, vy"),
     "half a scan": (["half.csv", "--model", "set.npz"], "expected whole numbers"),
     "scan a billion": (["far.csv", "--model", "set.npz"], "found number 1000000000"),
+    "a mission file": (["set.csv", "--model", "mission.toml"], "is a mission file"),
     "a key of no meaning": (["set.csv", "--model", "typo.toml"], "unknown key `accel`"),
     "no recording there": ([".."], "run.mcap"),
     "picture of no kind": (["set.npz", "--plot", "p.docx"], "expected a name that ends in .png"),
@@ -235,6 +236,7 @@ def test_a_mistake_is_named_with_its_file_and_what_was_expected(files, monkeypat
     (files / "far.csv").write_text("1e9,2,3\n")
     (files / "cut.npz").write_bytes((files / "set.npz").read_bytes()[:500])
     (files / "typo.toml").write_text("accel = 5.0\n" + MODEL)
+    (files / "mission.toml").write_text(read_text("prescribed")[0])
     arrays = made()
     np.savez(files / "order.npz", **{**arrays, "F": np.kron([[1.0, 1.0], [0.0, 1.0]], np.eye(2))})
     del arrays["sigma_v"]
