@@ -26,6 +26,7 @@ when it was there last. What is known later decides about two ends of it, by the
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
@@ -313,15 +314,16 @@ class Histories:
         """Drop one reference to each of the nodes, and free what nobody refers to any more."""
         while nodes.size:
             np.subtract.at(self._node["references"], nodes, 1)
-            dead = np.unique(nodes[self._node["references"][nodes] == 0])
+            dead = nodes[self._node["references"][nodes] == 0]
             if not dead.size:
                 return
+            dead = np.unique(dead)
             self._free[self._n_free : self._n_free + dead.size] = dead
             self._n_free += dead.size
-            for k, count in zip(*np.unique(self._node["scan"][dead], return_counts=True), strict=True):
-                self._nodes_of[int(k)] -= int(count)
-                if not self._nodes_of[int(k)] and k != self._scan_count:
-                    self._drop_scan(int(k))
+            for k, count in Counter(self._node["scan"][dead].tolist()).items():
+                self._nodes_of[k] -= count
+                if not self._nodes_of[k] and k != self._scan_count:
+                    self._drop_scan(k)
             parents = self._node["parent"][dead]
             nodes = parents[parents != _NONE]
 
