@@ -20,6 +20,7 @@ give the same bytes. No input makes it raise once constructed: what it cannot us
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -256,7 +257,7 @@ class Glmb:
         if births is not self._births:
             # Known places are one tuple, the same at each scan; what is not a tuple might change.
             self._births, self._newborn = tuple(births), Newborn.of(births)
-        chances = self._chances(dt_s)
+        chances = _chances(self._survival(dt_s), float(self.params.lost_std_m))
         if self._turns is not None:
             if dt_s > 0.0:
                 self._mean, self._cov, self._turn = turning.predict(
@@ -281,15 +282,6 @@ class Glmb:
         if self._weigh_detections:
             self._sure = np.concatenate([self._sure, np.zeros(len(births), np.bool_)])
         return log_live, log_die
-
-    def _chances(self, dt_s: float) -> kernels.Chances:
-        """Return what happens to tracks in `dt_s`; those that are given up all but die."""
-        live = np.array([self._survival(dt_s), 1.0 - SURE])
-        log_live = np.log(live)
-        log_die = np.log1p(-live, out=np.full(2, -np.inf), where=live < 1.0)
-        return kernels.Chances(
-            log_live[0], log_die[0], log_live[1], log_die[1], self.params.lost_std_m * self.params.lost_std_m
-        )
 
     def _associate(self, options: Options, look: Look, view: views.View, made: Made) -> None:
         """Update the groups by the scan, and keep the tracks that some hypothesis still holds."""
@@ -320,6 +312,15 @@ class Glmb:
         self._track_label, self._labels = tracks.label, self._labels[tracks.kept]
         if self._weigh_detections:
             self._sure = made.there[tracks.kept] > _SURELY_THERE
+
+
+@lru_cache(maxsize=64)
+def _chances(survival: float, lost_std_m: float) -> kernels.Chances:
+    """Return what happens to tracks that survive so probably; those that are given up all but die."""
+    live = np.array([survival, 1.0 - SURE])
+    log_live = np.log(live)
+    log_die = np.log1p(-live, out=np.full(2, -np.inf), where=live < 1.0)
+    return kernels.Chances(log_live[0], log_die[0], log_live[1], log_die[1], lost_std_m * lost_std_m)
 
 
 def warm_up_calls() -> list[compiling.Call]:
