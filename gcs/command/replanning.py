@@ -25,11 +25,11 @@ from gcs.config import Config
 from gcs.mavlink.task import Timing
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
-from gcs.planning.prediction import Motion, expected, fly
+from gcs.planning.prediction import Motion, expected
 from gcs.planning.progress import CORRIDOR_M, next_point
 from gcs.planning.routes import PlanResult, plan_routes
 from gcs.planning.sight import line_of_sight
-from gcs.planning.takeup import by_itself_m, is_spelt_out, turn_s
+from gcs.planning.takeup import by_itself_m, flies_clear, is_spelt_out, turn_s
 from gcs.planning.task import AgentStart
 
 _FIRST_PLAN_WAIT_S = 5.0
@@ -266,12 +266,13 @@ class Replanner:
                 yield vehicle, route, situation.agents[vehicle]
 
     def _is_astray(self, vehicle: int, situation: Situation) -> bool:
-        """Whether an agent hits something by what it holds."""
+        """Whether an agent hits something by what it holds, before the end of that."""
         options, motion = self._options, situation.motion(vehicle)
         if options.shape != "flyable" or not motion.ahead.points_m:
             return False
         look_s = turn_s(motion, options.turn_radius_m, self._lag_s)
-        return not fly(self._grid, motion, look_s, self._lag_s).is_clear
+        is_clear, last = flies_clear(self._grid, motion, look_s, self._lag_s, options.clearance_m)
+        return not is_clear and bool(last.ahead.points_m)
 
     def _plan(self, situation: Situation, reason: str) -> Plan:
         starts = {vehicle: self._start(vehicle, situation) for vehicle in situation.agents}

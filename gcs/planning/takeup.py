@@ -18,13 +18,14 @@ from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import FloatArray
 from gcs.planning.grid import Grid
 from gcs.planning.prediction import Ahead, Motion, fly
-from gcs.planning.starts import TIGHT
+from gcs.planning.sight import to_cells
+from gcs.planning.starts import TIGHT, start_room
 from gcs.planning.task import AgentStart
 from gcs.planning.turning import acceptance_m
 
 _SAME_RAD = 1e-3
-_SHARE = 0.3
-"""How much of the clearance must be left in the turn."""
+_SHARE = 0.25
+"""How much of the clearance must be left on a way that was not planned."""
 
 
 def is_spelt_out(start: AgentStart, points_m: FloatArray) -> bool:
@@ -33,6 +34,19 @@ def is_spelt_out(start: AgentStart, points_m: FloatArray) -> bool:
         return False
     bearing = bearing_rad(start.east_m, start.north_m, float(points_m[0, 0]), float(points_m[0, 1]))
     return abs(wrap_pi(bearing - start.course_rad)) < _SAME_RAD
+
+
+def flies_clear(
+    grid: Grid, motion: Motion, for_s: float, lag_s: float, clearance_m: float
+) -> tuple[bool, Motion]:
+    """Whether a vehicle comes near to nothing for a while, and its last moment before it does.
+
+    That is nearer than a share of the clearance, or than it is already.
+    """
+    reach = clearance_m / grid.spacing_m
+    room_m = start_room(grid.blocked, reach, *to_cells(grid, motion.place_m)) * grid.spacing_m
+    flight = fly(grid, motion, for_s, lag_s, min(_SHARE * clearance_m, room_m))
+    return flight.is_clear, flight.moments[-1]
 
 
 def turn_s(motion: Motion, radius_m: float, lag_s: float) -> float:
@@ -64,10 +78,9 @@ def by_itself_m(
     speed_m_s = max(motion.speed_m_s, 1.0)
     look_s = min(turn_s(motion, radius_m, lag_s), _length_m(points) / speed_m_s)
     for lag in (TIGHT * lag_s, lag_s):
-        flight = fly(grid, starting, look_s, lag, _SHARE * clearance_m)
-        if not flight.is_clear:
+        is_clear, end = flies_clear(grid, starting, look_s, lag, clearance_m)
+        if not is_clear:
             return math.inf
-    end = flight.moments[-1]
     return look_s * speed_m_s + _length_m([end.place_m, *end.ahead.points_m])
 
 
