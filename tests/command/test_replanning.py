@@ -12,6 +12,7 @@ from staging import at, mission, track
 from gcs.command.area import mission_grid
 from gcs.command.delays import DELIVERY_S
 from gcs.command.replanning import Replanner, Situation
+from gcs.planning.prediction import Ahead, Motion
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 
@@ -409,3 +410,26 @@ def test_a_mission_that_takes_long_to_its_vehicle_is_planned_to_meet_the_target_
     walked = replace(target, mean=np.array([*(target.mean[:2] + 15.0 * velocity_m_s), *velocity_m_s]))
     then = replace(bad, t_ns=at(15.0), picture_t_ns=at(15.0), left_s={1: 5.0}, targets={A: walked})
     assert replanner.check(then) is None
+
+
+@pytest.mark.parametrize(
+    ("place", "ahead", "is_astray"),
+    [
+        ((900.0, 200.0), [(1500.0, 200.0)], False),  # north of the box, along it
+        ((900.0, 130.0), [(1500.0, 130.0)], True),  # into it
+        ((960.0, 160.0), [(1500.0, 100.0)], True),  # past its corner, much nearer than the clearance
+        ((900.0, 130.0), [(950.0, 130.0)], False),  # its mission ends before
+        ((900.0, 130.0), [], False),  # nobody knows what it flies to
+    ],
+)
+def test_who_would_hit_something_by_what_it_holds_gets_another_route(place, ahead, is_astray):
+    box = "[map]\nboxes_m = [[1000.0, 60.0, 1100.0, 140.0]]\n"
+    tables = f'{box}[planning]\nshape = "flyable"\nclearance_m = 40.0\n'
+    desk = Desk({1: (100.0, 200.0)}, {A: (1500.0, 200.0)}, tables=tables)
+    desk.look(0.0)
+    motion = Motion(*place, 15.0, math.pi / 2.0, ahead=Ahead(tuple(ahead), (10.0,) * len(ahead)))
+    agent, target = track((0, 1), place, (15.0, 0.0)), track(A, desk.targets[A])
+    situation = Situation(at(5.0), at(5.0), {1: agent}, {A: target}, frozenset(), motions={1: motion})
+    plan = desk.replanner.check(situation)
+    assert (plan is not None) == is_astray
+    assert plan is None or plan.reason == "agent 1 would hit an obstacle"

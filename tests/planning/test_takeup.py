@@ -51,9 +51,11 @@ def test_a_turn_into_an_obstacle_is_none():
 
 def test_a_turn_that_comes_too_near_is_none():
     grid = OPEN.with_obstacles(cells=[(24, col) for col in range(51)])
-    east = Motion(200.0, 1000.0, 15.0, math.pi / 2.0)
-    assert by_itself(grid, east, (900.0, 1000.0), clearance_m=40.0) < math.inf
-    assert by_itself(grid, east, (900.0, 1000.0), clearance_m=80.0) == math.inf
+    east, beside = Motion(200.0, 1060.0, 15.0, math.pi / 2.0), (400.0, 985.0)
+    assert by_itself(grid, east, beside, clearance_m=10.0) < math.inf
+    assert by_itself(grid, east, beside, clearance_m=80.0) == math.inf
+    near = Motion(200.0, 990.0, 15.0, math.pi / 2.0)
+    assert by_itself(grid, near, (400.0, 1060.0), clearance_m=80.0) < math.inf
 
 
 def test_a_turn_that_is_spelt_out_begins_on_the_course():
