@@ -14,8 +14,72 @@ from __future__ import annotations
 
 import numpy as np
 
-from gcs.compiling import kernel
+from gcs.compiling import kernel, leaf
 from gcs.planning.canonical import FIRST, NO_MOVE, REMAINING, move_cost
+
+
+@leaf
+def _pass_on(order, remaining, near, offsets, stack, height, bucket, field, came):  # type: ignore[no-untyped-def]
+    """Look at the moves of all nodes of a bucket; returns by how many there are more nodes in buckets now."""
+    ring = height.size - 1
+    slot, live = bucket & ring, 0
+    count = height[slot]
+    for entry in range(count):
+        node = np.int64(stack[slot, entry])
+        here = field[node]
+        if here < bucket:
+            continue
+        left, dear = remaining[order[node], came[node]], near[node]
+        while left:
+            move = FIRST[left]
+            left &= left - 1
+            there = node + offsets[move]
+            cost = here + move_cost(move, (dear >> move) & 1)
+            known = field[there]
+            if cost >= known:
+                continue
+            field[there], came[there] = cost, move
+            b = int(cost)
+            if known < b + 1:
+                continue
+            stack[b & ring, height[b & ring]] = there
+            height[b & ring] += 1
+            live += 1
+    height[slot] = 0
+    return live - count
+
+
+@leaf
+def _pass_on_plainly(moves, offsets, stack, height, bucket, field, came):  # type: ignore[no-untyped-def]
+    """The same where no move is near, a tenth faster: a move leads to one of the next two buckets."""
+    slot, next_slot, far_slot = bucket & 3, (bucket + 1) & 3, (bucket + 2) & 3
+    count, near_height, far_height = height[slot], height[next_slot], height[far_slot]
+    low, middle, high = float(bucket), bucket + 2.0, bucket + 3.0
+    for entry in range(count):
+        node = np.int64(stack[slot, entry])
+        here = field[node]
+        if here < low:
+            continue
+        left = REMAINING[came[node], moves[node]]
+        while left:
+            move = FIRST[left]
+            left &= left - 1
+            there = node + offsets[move]
+            cost = here + move_cost(move, False)
+            known = field[there]
+            if cost >= known:
+                continue
+            field[there], came[there] = cost, move
+            if cost < middle:
+                if known >= middle:
+                    stack[next_slot, near_height] = there
+                    near_height += 1
+            elif known >= high:
+                stack[far_slot, far_height] = there
+                far_height += 1
+    live = near_height - height[next_slot] + far_height - height[far_slot] - count
+    height[slot], height[next_slot], height[far_slot] = 0, near_height, far_height
+    return live
 
 
 @kernel
@@ -41,33 +105,10 @@ def spread(moves, order, remaining, near, any_near, offsets, nodes, costs, goals
             height[b & ring] += 1
             live, bucket = live + 1, min(bucket, b)
     while live > 0:
-        slot = bucket & ring
-        count = height[slot]
-        for entry in range(count):
-            node = np.int64(stack[slot, entry])
-            here = field[node]
-            if here < bucket:
-                continue
-            left, dear = REMAINING[came[node], moves[node]], np.uint8(0)
-            if any_near:
-                left, dear = remaining[order[node], came[node]], near[node]
-            while left:
-                move = FIRST[left]
-                left &= left - 1
-                there = node + offsets[move]
-                cost = here + move_cost(move, any_near and (dear >> move) & 1)
-                known = field[there]
-                if cost >= known:
-                    continue
-                field[there], came[there] = cost, move
-                b = int(cost)
-                if known < b + 1:
-                    continue
-                stack[b & ring, height[b & ring]] = there
-                height[b & ring] += 1
-                live += 1
-        height[slot] = 0
-        live -= count
+        if any_near:
+            live += _pass_on(order, remaining, near, offsets, stack, height, bucket, field, came)
+        else:
+            live += _pass_on_plainly(moves, offsets, stack, height, bucket, field, came)
         bucket += 1
         while final < goals.size and field[goals[final]] < bucket:
             final += 1
