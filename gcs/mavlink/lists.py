@@ -182,6 +182,8 @@ class ListTask:
         self._out += items
 
     def _on_ack(self, message: Message, t_ns: int) -> None:
+        if self._reading is not None and message.type == dialect.MAV_MISSION_ERROR:
+            self._reading.broken_off(t_ns)
         if self.stage not in ("upload", "clear"):
             return
         is_whole = self.stage == "upload" and self._sending.is_whole
