@@ -266,9 +266,10 @@ class Replanner:
                 yield vehicle, route, situation.agents[vehicle]
 
     def _is_astray(self, vehicle: int, situation: Situation) -> bool:
-        """Whether an agent hits something by what it holds, before the end of that."""
+        """Whether an agent hits something before the end of what it holds, and gets nothing else anyway."""
         options, motion = self._options, situation.motion(vehicle)
-        if options.shape != "flyable" or not motion.ahead.points_m:
+        is_helped = vehicle in self.proposed or vehicle in situation.left_s
+        if options.shape != "flyable" or is_helped or not motion.ahead.points_m:
             return False
         look_s = turn_s(motion, options.turn_radius_m, self._lag_s)
         is_clear, last = flies_clear(self._grid, motion, look_s, self._lag_s, options.clearance_m)
