@@ -282,7 +282,16 @@ def test_mistakes_are_named(flight: Path, tmp_path: Path) -> None:
 
 def test_an_interrupt_ends_it_in_order(flight: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-c", "from gcs.cli import main; main()", "replay", str(flight), "--speed", "1"],
+        [
+            sys.executable,
+            "-P",
+            "-c",
+            "from gcs.cli import main; main()",
+            "replay",
+            str(flight),
+            "--speed",
+            "1",
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
