@@ -13,6 +13,7 @@ from gcs.command.area import mission_grid
 from gcs.command.delays import DELIVERY_S
 from gcs.command.replanning import Replanner, Situation
 from gcs.planning.prediction import Ahead, Motion
+from gcs.report.charts import causes
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 
@@ -433,3 +434,20 @@ def test_who_would_hit_something_by_what_it_holds_gets_another_route(place, ahea
     plan = desk.replanner.check(situation)
     assert (plan is not None) == is_astray
     assert plan is None or plan.reason == "agent 1 would hit an obstacle"
+
+
+@pytest.mark.parametrize(
+    ("reason", "kinds"),
+    [
+        ("first plan", ["first plan"]),
+        ("agent 2 lost; target 3.2 appeared", ["agent lost or taken over", "target appeared"]),
+        ("agent 2 is in RTL and left alone", ["agent lost or taken over"]),
+        ("agent 1 joined", ["agent joined or idle"]),
+        ("agent 2 has no route; target 0.0 lost", ["agent joined or idle", "target lost"]),
+        ("agent 1 would hit an obstacle", ["agent in danger of hitting something"]),
+        ("target 0.0 moved 50 m", ["target moved"]),
+        ("keep-out quarry closed", ["other"]),
+    ],
+)
+def test_a_report_tells_the_reasons_of_plans_apart(reason, kinds):
+    assert causes(reason) == kinds
