@@ -1,7 +1,8 @@
 """What was flown: how near vehicles of a virtual mission came to obstacles, and when that was.
 
 The last metres to a target are the target's: it may pass beside an obstacle, or over one. So a track is
-looked at until its vehicle is within twice the capture radius of the end of its route, or has arrived.
+looked at until its vehicle is within twice the capture radius of the end of its route, or has arrived; how
+near vehicles come to obstacles there, circling among it, is a figure of its own.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ class Nearest:
     """How many it had had by then."""
     east_m: float
     north_m: float
+    at_end_m: float = math.inf
+    """The same within twice the capture radius of the end of a route, and after arrival."""
 
 
 def in_wind(scenario: Scenario, wind: WindTable, planned_m_s: float) -> Scenario:
@@ -50,12 +53,12 @@ def in_wind(scenario: Scenario, wind: WindTable, planned_m_s: float) -> Scenario
 
 
 def nearest(scenario: Scenario, seed: int) -> Nearest:
-    """Fly a whole mission; return where any vehicle came nearest to any blocked cell."""
+    """Fly a whole mission; return where any vehicle came nearest to any blocked cell on its way."""
     near_m = 2.0 * scenario.config.planning.capture_radius_m
     ends: dict[int, FloatArray] = {}
     tasked: dict[int, tuple[int, int]] = {}
     done: set[int] = set()
-    best = Nearest(math.inf, 0, 0.0, 0.0, 0, 0.0, 0.0)
+    best, at_end_m = Nearest(math.inf, 0, 0.0, 0.0, 0, 0.0, 0.0), math.inf
     ticks = 0
 
     def on_effect(t_ns: int, effect: Effect) -> None:
@@ -66,7 +69,7 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
             done.add(effect.vehicle)
 
     def on_event(event: Event) -> None:
-        nonlocal best, ticks
+        nonlocal best, at_end_m, ticks
         if not isinstance(event, Tick):
             return
         ticks += 1
@@ -74,11 +77,12 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
             return
         for vehicle in run.vehicles.values():
             number, place = vehicle.system_id, (vehicle.east_m, vehicle.north_m)
-            if number not in ends or not vehicle.alive or number in done:
-                continue
-            if math.dist(place, ends[number]) <= near_m:
+            if number not in ends or not vehicle.alive:
                 continue
             room_m = _room_m(run.command.grid, cells, place)
+            if number in done or math.dist(place, ends[number]) <= near_m:
+                at_end_m = min(at_end_m, room_m)
+                continue
             if room_m < best.room_m:
                 t_ns, count = tasked[number]
                 best = Nearest(
@@ -93,7 +97,7 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
     run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
     cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
     run.run()
-    return best
+    return dataclasses.replace(best, at_end_m=at_end_m)
 
 
 def _room_m(grid: Grid, cells: FloatArray, place: tuple[float, float]) -> float:
