@@ -27,7 +27,7 @@ def load_kernels(console: Console, *rooms: str) -> None:
     def on_cold() -> None:
         nonlocal is_cold
         if not is_cold:
-            console.print("compiling the kernels, once after an installation: half a minute or so")
+            console.print("compiling the kernels, once after an installation: half a minute to a minute")
         is_cold = True
 
     with console.status("loading the compiled kernels"):
