@@ -18,19 +18,18 @@ from pathlib import Path
 from typing import IO, Literal, cast
 
 import msgspec
+from rich.console import Console
 
 from gcs.command.trackers import Trackers
 from gcs.config import read_text
+from gcs.edge.kernels import load_kernels
 from gcs.edge.recorder import versions
 from gcs.errors import RecordingError
-from gcs.mavlink.quiet import warm_up as warm_up_links
 from gcs.model import Effect, Truth
-from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.report.campaign import Row
 from gcs.report.deaths import DeathWatch
 from gcs.report.judge import judge_of
 from gcs.settings import with_settings
-from gcs.tracking.glmb import warm_up as warm_up_tracking
 from sim_vehicles.clairvoyant import TrueTrackers
 from sim_vehicles.scenario import parse_scenario
 from sim_vehicles.virtual import VirtualRun
@@ -99,10 +98,8 @@ class Campaign:
 
 
 def warm_up() -> None:
-    """Load the compiled kernels."""
-    warm_up_tracking()
-    warm_up_planning()
-    warm_up_links()
+    """Load the compiled kernels, in a process that shows nothing."""
+    load_kernels(Console(quiet=True))
 
 
 def fly(job: Job) -> Row:
