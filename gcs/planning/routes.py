@@ -20,7 +20,7 @@ import numpy as np
 
 from gcs import compiling
 from gcs.model import FloatArray, Label, Route
-from gcs.planning import canonical, intercept, leaning, matrix, separation
+from gcs.planning import canonical, intercept, leaning, matrix, prediction, separation
 from gcs.planning.aiming import Search
 from gcs.planning.assignment import assign
 from gcs.planning.grid import Grid, Point, free_grid
@@ -199,6 +199,7 @@ def warm_up_calls() -> list[compiling.Call]:
         *leaning.warm_up_calls(),
         *matrix.warm_up_calls(),
         *intercept.warm_up_calls(),
+        *prediction.warm_up_calls(),
         *separation.warm_up_calls(),
         (flyable, blocked, 0.0, way, np.zeros(2), 1.0, -1),
         (start_is_safe, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),

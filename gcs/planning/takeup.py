@@ -46,7 +46,7 @@ def flies_clear(
     reach = clearance_m / grid.spacing_m
     room_m = start_room(grid.blocked, reach, *to_cells(grid, motion.place_m)) * grid.spacing_m
     flight = fly(grid, motion, for_s, lag_s, min(_SHARE * clearance_m, room_m))
-    return flight.is_clear, flight.moments[-1]
+    return flight.is_clear, flight.moment(-1)
 
 
 def turn_s(motion: Motion, radius_m: float, lag_s: float) -> float:
