@@ -91,6 +91,7 @@ def _leaders(
     cov: FloatArray,
     track_label: Any,
     distance2: float,
+    chance: FloatArray,
     weight: FloatArray,
     lower: FloatArray,
     factored: Any,
@@ -100,10 +101,11 @@ def _leaders(
 ) -> None:
     """Fill `leader`: what stands for each track, itself or a more probable one of its label nearby.
 
-    And `weight` (tracks,), 0 before, with their probabilities; the others are scratch.
+    And `chance` (hypotheses,) and `weight` (tracks,), 0 before, with their probabilities; the others are
+    scratch.
     """
     for h in range(groups.logw.size):
-        w = math.exp(groups.logw[h])
+        chance[h] = w = math.exp(groups.logw[h])
         for i in range(groups.start[h], groups.start[h + 1]):
             weight[groups.items[i]] += w
     n, first = track_label.size, ZERO
@@ -199,7 +201,7 @@ def _broadest(groups: Groups) -> int:
 
 
 @leaf
-def _renamed(groups: Groups, leader: Any, same: Distinct, out: Groups) -> None:
+def _renamed(groups: Groups, chance: FloatArray, leader: Any, same: Distinct, out: Groups) -> None:
     """Let leaders take the places of those for whom they stand; hypotheses that are then equal become one."""
     first, start, items = groups.first, groups.start, groups.items
     n = 0
@@ -215,7 +217,7 @@ def _renamed(groups: Groups, leader: Any, same: Distinct, out: Groups) -> None:
                 for i in range(start[h], start[h + 1]):
                     key += key_of(leader[items[i]])
                 same.key[h - first[g]] = key
-            count = distinct(count, groups.logw, first[g], same)
+            count = distinct(count, chance, first[g], same)
         for k in range(count):
             h = same.which[k] if changed else first[g] + k
             out.logw[n], size = same.logw[k] if changed else groups.logw[h], out.start[n]
@@ -236,10 +238,12 @@ def merge_alike(
     Tracks of a label stand together. Those that were merged into others are in no hypothesis of the result.
     """
     n = track_label.size
-    weight, leader, mixture = np.zeros(n), np.empty(n, np.int64), np.empty(n, np.int64)
+    chance, weight = np.empty(groups.logw.size), np.zeros(n)
+    leader, mixture = np.empty(n, np.int64), np.empty(n, np.int64)
     lower, factored = np.empty((n, 4, 4)), np.empty(n, np.bool_)
+    order = room_to_order(n)
     _leaders(
-        groups, mean, cov, track_label, distance2, weight, lower, factored, room_to_order(n), leader, mixture
+        groups, mean, cov, track_label, distance2, chance, weight, lower, factored, order, leader, mixture
     )
     count = _mixtures(leader, mixture)
     total, centre, spread = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4, 4))
@@ -250,6 +254,6 @@ def merge_alike(
         np.empty(groups.items.size, np.int64),
         np.empty(groups.logw.size),
     )
-    _renamed(groups, leader, room_for_distinct(_broadest(groups)), out)
+    _renamed(groups, chance, leader, room_for_distinct(_broadest(groups)), out)
     n = out.first[out.first.size - 1]
     return Groups(out.first, head(out.start, n + 1), head(out.items, out.start[n]), head(out.logw, n))

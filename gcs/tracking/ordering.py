@@ -76,11 +76,22 @@ def greatest_first(value: Any, first: int, end: int, to: Order) -> None:
         run *= 2
 
 
+@inlined
+def power_of_two(n: int) -> int:
+    """Return the least power of two, 4 or more, that is not below n."""
+    size = 4
+    while size < n:
+        size *= 2
+    return size
+
+
 class Distinct(NamedTuple):
     """Room to find hypotheses that are the same, and those found, greatest first."""
 
     key: Any
     """(n,) what each is known by."""
+    slot: Any
+    """Which of those found is where in a table by key (open addressing), -1 in free places."""
     order: Order
     weight: Any
     example: Any
@@ -95,6 +106,7 @@ def room_for_distinct(n: int) -> Distinct:
     """Return room for n hypotheses."""
     return Distinct(
         np.empty(n, np.uint64),
+        np.empty(power_of_two(2 * n), np.int64),
         room_to_order(n),
         np.empty(n),
         np.empty(n, np.int64),
@@ -104,24 +116,28 @@ def room_for_distinct(n: int) -> Distinct:
 
 
 @leaf
-def distinct(n: int, logw: Any, first: int, to: Distinct) -> int:
-    """Find hypotheses with equal keys among n, `first`, `first` + 1 ...; return how many are different.
-
-    Among equal weights the least key comes first; `to.key` is used up.
-    """
-    key, order = to.key, to.order.index
-    for h in range(n):
-        key[h] = ~key[h]
-    greatest_first(key, ZERO, n, to.order)
-    count, before = ZERO, np.uint64(0)
-    for k in range(n):
-        h = order[k]
-        if k == 0 or key[h] != before:
-            to.weight[count], to.example[count] = 0.0, first + h
-            before = key[h]
-            count += 1
-        to.weight[count - 1] += math.exp(logw[first + h])
+def rank(count: int, to: Distinct) -> None:
+    """Put `to.example` in the order of `to.weight`, greatest first, equal ones as they come."""
     greatest_first(to.weight, ZERO, count, to.order)
+    order = to.order.index
     for k in range(count):
         to.which[k], to.logw[k] = to.example[order[k]], math.log(to.weight[order[k]])
+
+
+@leaf
+def distinct(n: int, weight: Any, first: int, to: Distinct) -> int:
+    """Find hypotheses with equal keys among n, `first`, `first` + 1 ...; return how many are different."""
+    slots = power_of_two(2 * n)
+    for i in range(slots):
+        to.slot[i] = -1
+    count, mask = ZERO, slots - 1
+    for h in range(n):
+        at = np.int64(to.key[h] & np.uint64(mask))
+        while to.slot[at] >= 0 and to.key[to.example[to.slot[at]] - first] != to.key[h]:
+            at = (at + 1) & mask
+        if to.slot[at] < 0:
+            to.slot[at], to.weight[count], to.example[count] = count, 0.0, first + h
+            count += 1
+        to.weight[to.slot[at]] += weight[first + h]
+    rank(count, to)
     return count

@@ -15,20 +15,22 @@ import numpy as np
 
 from gcs.compiling import ZERO, inlined, kernel, leaf
 from gcs.tracking.hypotheses import Groups, Limits, filled, key_of, room_for_groups
-from gcs.tracking.ordering import Distinct, distinct, head, room_for_distinct
+from gcs.tracking.ordering import Distinct, distinct, head, rank, room_for_distinct
 
 
 @inlined
-def _number(items: Any, begin: int, end: int, item_label: Any, number: Any, used: Any) -> int:
+def _number(items: Any, begin: int, end: int, item_label: Any, number: Any, used: Any, example: Any) -> int:
     """Number the tracks of each label among the items `begin` to `end` - 1, from 1 on, as they come.
 
-    Fills `number` (of a track, 0 before) and `used` (how many a label has); returns the greatest number.
+    Fills `number` (of a track, 0 before), `used` (how many a label has) and `example` (where in `items` each
+    is found); returns the greatest number.
     """
     most = 0
     for i in range(begin, end):
         if number[items[i]] == 0:
             used[item_label[i]] += 1
             number[items[i]] = used[item_label[i]]
+            example[item_label[i], used[item_label[i]]] = i
             most = max(most, used[item_label[i]])
     return most
 
@@ -82,6 +84,8 @@ class _Parting(NamedTuple):
     """(hypotheses, labels) which of them it has in each hypothesis, 0 for none."""
     marginal: Any
     """(labels, tracks) probability of that."""
+    example: Any
+    """(labels, tracks) where among the items each of them is found."""
     joint: Any
     """(2, tracks, tracks)."""
     open: Any
@@ -106,7 +110,7 @@ def _split(groups: Groups, g: int, n: int, limits: Limits, work: _Parting) -> No
     choice, marginal, used, set_of, open_ = work.choice, work.marginal, work.used, work.set_of, work.open
     for p in range(n):
         used[p] = 0
-    most = _number(groups.items, start[low], start[high], work.item_label, work.number, used)
+    most = _number(groups.items, start[low], start[high], work.item_label, work.number, used, work.example)
     for p in range(n):
         for a in range(most + 1):
             marginal[p, a] = 0.0
@@ -142,26 +146,32 @@ def _split(groups: Groups, g: int, n: int, limits: Limits, work: _Parting) -> No
 
 
 @inlined
-def _marginal(groups: Groups, g: int, p: int, n: int, work: _Parting) -> Any:
-    """Find the hypotheses of group g over the labels of set p alone, those that become equal as one.
+def _one(p: int, work: _Parting) -> int:
+    """Put the tracks of label p into `work.same`, as items, and that it is absent, as -1; return how many."""
+    same, count = work.same, ZERO
+    for a in range(work.used[p] + 1):
+        if work.marginal[p, a] > 0.0:
+            same.weight[count] = work.marginal[p, a]
+            same.example[count] = work.example[p, a] if a > 0 else -1
+            count += 1
+    rank(count, same)
+    return count
 
-    They are in `work.same` then; returns how many.
+
+@inlined
+def _several(groups: Groups, g: int, p: int, work: _Parting) -> Any:
+    """Put the hypotheses of group g over the labels of set p alone into `work.same`, equal ones as one.
+
+    Returns how many.
     """
-    low, high = groups.first[g], groups.first[g + 1]
-    same, others = work.same, 0
-    for q in range(n):
-        others += work.set_of[q] != p
-    if others == 0:
-        for h in range(low, high):
-            same.which[h - low], same.logw[h - low] = h, groups.logw[h]
-        return high - low
+    low, high, same = groups.first[g], groups.first[g + 1], work.same
     for h in range(low, high):
         key = np.uint64(0)
         for i in range(groups.start[h], groups.start[h + 1]):
             if work.set_of[work.item_label[i]] == p:
                 key += key_of(groups.items[i])
         same.key[h - low] = key
-    return distinct(high - low, groups.logw, low, same)
+    return distinct(high - low, work.weight, low, same)
 
 
 @leaf
@@ -180,15 +190,15 @@ def _label(groups: Groups, g: int, track_label: Any, work: _Parting) -> Any:
 
 @leaf
 def _survey(groups: Groups, track_label: Any, work: Any) -> Any:
-    """Return the most labels and hypotheses of a group, and the most tracks of a label."""
-    labels, hyps, tracks, run = 1, 1, 1, 0
+    """Return the most labels and hypotheses of a group, the most tracks of a label, and hypotheses in all."""
+    labels, hyps, tracks, run, room = 1, 1, 1, 0, 0
     for t in range(track_label.size):
         run = run + 1 if t > 0 and track_label[t] == track_label[t - 1] else 1
         tracks = max(tracks, run)
     for g in range(groups.first.size - 1):
-        hyps = max(hyps, groups.first[g + 1] - groups.first[g])
-        labels = max(labels, _label(groups, g, track_label, work))
-    return labels, hyps, tracks
+        count, n = groups.first[g + 1] - groups.first[g], _label(groups, g, track_label, work)
+        labels, hyps, room = max(labels, n), max(hyps, count), room + n * count
+    return labels, hyps, tracks, room
 
 
 @leaf
@@ -205,17 +215,34 @@ def _parted(groups: Groups, limits: Limits, work: _Parting, out: Groups) -> Any:
             n = max(n, work.item_label[i] + 1)
         _split(groups, g, n, limits, work)
         for p in range(n):
-            if work.set_of[p] != p:
+            members = 0
+            for q in range(n):
+                members += work.set_of[q] == p
+            if members == 0:
                 continue
-            for k in range(_marginal(groups, g, p, n, work)):
-                h = work.same.which[k]
-                for i in range(start[h], start[h + 1]):
-                    if work.set_of[work.item_label[i]] == p:
+            if members == n:
+                for h in range(first[g], first[g + 1]):
+                    for i in range(start[h], start[h + 1]):
                         out.items[size] = items[i]
                         size += 1
-                out.logw[n_hyps] = work.same.logw[k]
-                n_hyps += 1
-                out.start[n_hyps] = size
+                    out.logw[n_hyps], out.start[n_hyps + 1] = groups.logw[h], size
+                    n_hyps += 1
+            elif members == 1:
+                for k in range(_one(p, work)):
+                    if work.same.which[k] >= 0:
+                        out.items[size] = items[work.same.which[k]]
+                        size += 1
+                    out.logw[n_hyps], out.start[n_hyps + 1] = work.same.logw[k], size
+                    n_hyps += 1
+            else:
+                for k in range(_several(groups, g, p, work)):
+                    h = work.same.which[k]
+                    for i in range(start[h], start[h + 1]):
+                        if work.set_of[work.item_label[i]] == p:
+                            out.items[size] = items[i]
+                            size += 1
+                    out.logw[n_hyps], out.start[n_hyps + 1] = work.same.logw[k], size
+                    n_hyps += 1
             count += 1
             out.first[count] = n_hyps
     return count, n_hyps
@@ -227,11 +254,12 @@ def part(groups: Groups, track_label: Any, n_labels: int, limits: Limits) -> Any
     item_label, local = np.empty(groups.items.size, np.int64), np.empty(n_labels, np.int64)
     number, weight = np.zeros(track_label.size, np.int64), np.empty(groups.logw.size)
     local[:] = -1
-    labels, hyps, tracks = _survey(groups, track_label, _Numbers(item_label, local))
+    labels, hyps, tracks, room = _survey(groups, track_label, _Numbers(item_label, local))
     work = _Parting(
         np.empty(labels, np.int64),
         np.empty((hyps, labels), np.int64),
         np.empty((labels, tracks + 1)),
+        np.empty((labels, tracks + 1), np.int64),
         np.empty((2, tracks + 1, tracks + 1)),
         np.empty(labels, np.bool_),
         np.empty(labels, np.int64),
@@ -242,7 +270,7 @@ def part(groups: Groups, track_label: Any, n_labels: int, limits: Limits) -> Any
         room_for_distinct(hyps),
     )
     # A label is in one group, and at most a group of its own then.
-    out = room_for_groups(n_labels, hyps * n_labels, groups.items.size)
+    out = room_for_groups(n_labels, room, groups.items.size)
     count, n = _parted(groups, limits, work, out)
     return filled(out, count, n)
 

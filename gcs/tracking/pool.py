@@ -12,7 +12,7 @@ import numpy as np
 
 from gcs.compiling import ZERO, inlined, leaf
 from gcs.tracking.hypotheses import DIED, Limits, Options, key_of
-from gcs.tracking.ordering import Order, greatest_first, room_to_order
+from gcs.tracking.ordering import Order, greatest_first, power_of_two, room_to_order
 
 
 class Pool(NamedTuple):
@@ -27,15 +27,6 @@ class Pool(NamedTuple):
     stays: Any
     """Scratch."""
     order: Order
-
-
-@inlined
-def power_of_two(n: int) -> int:
-    """Return the least power of two, 4 or more, that is not below n."""
-    size = 4
-    while size < n:
-        size *= 2
-    return size
 
 
 @inlined

@@ -17,8 +17,8 @@ import numpy as np
 
 from gcs.compiling import ZERO, inlined, kernel, leaf
 from gcs.tracking.hypotheses import Groups, Limits, Options, filled, key_of, mix, room_for_groups
-from gcs.tracking.ordering import Order, greatest_first, room_to_order
-from gcs.tracking.pool import Pool, offer, power_of_two, room_for_children
+from gcs.tracking.ordering import Order, greatest_first, power_of_two, room_to_order
+from gcs.tracking.pool import Pool, offer, room_for_children
 
 _FEW_JOINT_OPTIONS = 1000
 _LOSS_BINS = 16
