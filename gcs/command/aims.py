@@ -10,9 +10,11 @@ from gcs.model import Label, Route, Track
 from gcs.planning.grid import Point
 from gcs.planning.intercept import led_velocity
 from gcs.planning.progress import CORRIDOR_M, to_go_m
-from gcs.planning.task import AgentStart, PlanOptions, Terms
+from gcs.planning.task import AgentStart, PlanOptions, Terms, Wait
 
 _CLOSE_FRACTION = 0.25
+_UNKNOWN_RADIUS_M = 80.0
+"""Of circles that are left to autopilots: PX4's NAV_LOITER_RAD, more than ArduPlane's WP_LOITER_RAD of 60."""
 _FAR_FRACTION = 0.1
 """Of the way to go: a meeting that is off by less costs next to nothing to correct later."""
 
@@ -30,6 +32,20 @@ def plan_options(config: Config) -> PlanOptions:
         cost=planning.cost,
         objective=planning.objective,
         spare=planning.spare,
+        wait=_wait(config),
+    )
+
+
+def _wait(config: Config) -> Wait | None:
+    """How agents wait at the ends of their routes; None when they go home instead."""
+    mission, airframe = config.mission, config.airframe
+    if mission.end != "loiter":
+        return None
+    return Wait(
+        max(mission.loiter_radius_m or _UNKNOWN_RADIUS_M, airframe.turn_radius_m),
+        config.planning.capture_radius_m,
+        mission.accept_radius_m,
+        airframe.turn_lag_s,
     )
 
 

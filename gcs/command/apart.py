@@ -43,8 +43,8 @@ class Lanes:
     ) -> tuple[list[Route], list[str]]:
         """Return the routes in their lanes, and what an operator should know.
 
-        Routes of vehicles that are not in `changed` are flown already. Who has arrived circles at the end of
-        its last route.
+        Routes of vehicles that are not in `changed` are flown already. Who has arrived circles where
+        its last route led it.
         """
         flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
         flights += [self._circling(self._newest[v]) for v in arrived if v in self._newest]
@@ -59,14 +59,14 @@ class Lanes:
 
     def _flight(self, route: Route, agent: Track, is_flown: bool) -> Flight:
         place = place_of(agent)
-        first = next_point(route.points_m, place, CORRIDOR_M) if is_flown else 0
-        points_m = np.vstack((place, route.points_m[first:]))
+        first = next_point(route.flown_m, place, CORRIDOR_M) if is_flown else 0
+        points_m = np.vstack((place, route.flown_m[first:]))
         lane = route.lane if is_flown else self._lane.get(route.vehicle, 0)
         return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], lane, is_flown)
 
     def _circling(self, route: Route) -> Flight:
         return Flight(
-            route.vehicle, route.points_m[[-1, -1]], self._speeds_m_s[route.vehicle], route.lane, True
+            route.vehicle, route.flown_m[[-1, -1]], self._speeds_m_s[route.vehicle], route.lane, True
         )
 
 

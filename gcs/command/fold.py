@@ -330,6 +330,7 @@ class Command:
             motions=self.motions.now(flying, t_ns, picture_t_ns, lambda v: self.tasking.ahead(v, t_ns)),
             late_s={vehicle: self.delays.late_s(vehicle) for vehicle in flying},
             left_s=self._left_s(flying, t_ns),
+            passed=frozenset(filter(self.tasking.has_passed, flying)),
             targets=self._open_targets(),
             at_targets=self.fates.at_targets(),
             arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),

@@ -11,6 +11,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
+
 from gcs.command.delays import DELIVERY_S
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Item
@@ -18,7 +20,7 @@ from gcs.mavlink.modes import AUTO, LOITER
 from gcs.mavlink.profiles import Profile
 from gcs.mavlink.task import Timing
 from gcs.model import NS_PER_S, Route
-from gcs.planning.prediction import Ahead
+from gcs.planning.prediction import Ahead, Circle
 from gcs.planning.progress import time_to_point_s
 
 _PAST_S: Final = 0.3
@@ -33,6 +35,13 @@ class Flown:
     items: tuple[Item, ...]
     first_point: int
     """Number of the item that is the route's first point."""
+
+    @property
+    def circle(self) -> Circle | None:
+        """What it ends with; None where the autopilot alone knows how wide that is, or it lands."""
+        radius_m = self.items[-1].param3 if self.items[-1].command == MAV_CMD_NAV_LOITER_UNLIM else 0.0
+        east_m, north_m = self.route.flown_m[-1].tolist()
+        return Circle((east_m, north_m), radius_m) if radius_m > 0.0 else None
 
 
 class Holding:
@@ -85,7 +94,16 @@ class Holding:
         flown = self._flown[vehicle]
         last = flown.first_point + len(flown.route.points_m)
         radii = tuple(item.param2 for item in flown.items[last - len(points) : last])
-        return Ahead(points, radii, wait_s, max(0.0, self.time_to_next_s(vehicle, t_ns)))
+        next_s = max(0.0, self.time_to_next_s(vehicle, t_ns))
+        return Ahead(points, radii, wait_s, next_s, flown.circle)
+
+    def has_passed(self, vehicle: int) -> bool:
+        """Whether a vehicle has its route's last point behind it, on a circle elsewhere."""
+        flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
+        if flown is None or flown.route.wait_m is None or vehicle in self._unselected:
+            return False
+        passed = 0 if state is None or state.mode != AUTO else state.mission_seq - flown.first_point
+        return passed >= len(flown.route.points_m)
 
     def is_at_end(self, vehicle: int, profile: Profile) -> bool:
         """Whether a LOITER of a vehicle is its mission's end."""

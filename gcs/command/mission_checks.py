@@ -45,7 +45,7 @@ def rehearse(config: Config, seed: int, places_m: Mapping[int, tuple[float, floa
     agents = {v: AgentStart(*place, None, config.speed_m_s(v)) for v, place in starts.items()}
     plan = plan_routes(mission_grid(config, seed), agents, targets, {}, plan_options(config))
     ways = {
-        route.vehicle: (np.concatenate(([starts[route.vehicle]], route.points_m)),) for route in plan.routes
+        route.vehicle: (np.concatenate(([starts[route.vehicle]], route.flown_m)),) for route in plan.routes
     }
     return Rehearsal(plan, ways)
 

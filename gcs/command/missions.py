@@ -39,7 +39,8 @@ class Missions:
             Waypoint(*place, altitude_rel_m, float(radius_m))
             for place, radius_m in zip(places, self._acceptance_m(route, state), strict=True)
         )
-        return Mission(mission_id, route.vehicle, waypoints, table.loiter_radius_m, table.end)
+        wait_deg = None if route.wait_m is None else self._frame.to_geodetic(*route.wait_m)
+        return Mission(mission_id, route.vehicle, waypoints, table.loiter_radius_m, table.end, wait_deg)
 
     def nothing(self, vehicle: int) -> Mission:
         """Return a mission that is never sent: for a task that only clears."""

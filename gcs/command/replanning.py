@@ -60,6 +60,8 @@ class Situation:
     """How much longer than on a good link a mission takes to a vehicle (`gcs.command.delays`)."""
     left_s: Mapping[int, float] = field(default_factory=dict)
     """Until vehicles fly the mission that is under way to them."""
+    passed: frozenset[int] = frozenset()
+    """Vehicles that wait where their routes led them after they passed their targets."""
 
     def motion(self, vehicle: int) -> Motion:
         """How an agent moves."""
@@ -179,7 +181,7 @@ class Replanner:
             self._next_check_t_ns += self._period_ns
         changes, wants = self._changes(situation), self._moves(situation, 1.0 if regular else _FAR_OFF)
         if regular:  # what one plan could not mend is not tried again at every scan
-            wants = self._idle(situation) + wants + self._astray(situation)
+            wants = self._idle(situation) + wants + self._astray(situation) + self._missed(situation)
         if not changes and not wants:
             return None
         plan = self._plan(situation, "; ".join([*changes, *wants]))
@@ -258,6 +260,18 @@ class Replanner:
             for vehicle, _, _ in self._flown(situation)
             if self._is_astray(vehicle, situation)
         ]
+
+    def _missed(self, situation: Situation) -> list[str]:
+        """Who passed its target, and was not seen to reach it, in words."""
+        return [
+            f"agent {vehicle} passed target {_name(route.target)}"
+            for vehicle, route, _ in self._flown(situation)
+            if self._has_missed(vehicle, situation)
+        ]
+
+    def _has_missed(self, vehicle: int, situation: Situation) -> bool:
+        is_helped = vehicle in self.proposed or vehicle in situation.left_s
+        return vehicle in situation.passed and not is_helped and self._is_settled(vehicle, situation)
 
     def _flown(self, situation: Situation) -> Iterator[tuple[int, Route, Track]]:
         """Yield every vehicle that is there and flies to a target that is there, its route and its track."""
@@ -378,7 +392,7 @@ class Replanner:
         vehicle, agent = new.vehicle, situation.agents[new.vehicle]
         if flown.target != new.target:
             return False
-        if self._is_astray(vehicle, situation):
+        if self._is_astray(vehicle, situation) or self._has_missed(vehicle, situation):
             return False
         if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
             return True
@@ -389,9 +403,9 @@ class Replanner:
 
 def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:
     """Whether what is left of a route leads through what is closed."""
-    points = [(float(east_m), float(north_m)) for east_m, north_m in route.points_m]
+    points = [(float(east_m), float(north_m)) for east_m, north_m in route.flown_m]
     if place is not None:
-        points = [place, *points[next_point(route.points_m, place, CORRIDOR_M) :]]
+        points = [place, *points[next_point(route.flown_m, place, CORRIDOR_M) :]]
     if len(points) == 1:
         points *= 2
     return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))

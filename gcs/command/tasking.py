@@ -134,6 +134,10 @@ class Tasking:
         wait_s = 0.0 if vehicle in self._deliveries else self._wait_s(vehicle, t_ns)
         return self._holding.ahead(vehicle, wait_s, t_ns)
 
+    def has_passed(self, vehicle: int) -> bool:
+        """Whether a vehicle has its route's last point behind it, on a circle elsewhere."""
+        return self._holding.has_passed(vehicle)
+
     def points_ahead(self, vehicle: int) -> tuple[tuple[float, float], ...]:
         """Points that a vehicle in AUTO flies to by what it holds, the next one first."""
         return self._holding.points_ahead(vehicle)

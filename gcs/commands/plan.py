@@ -165,7 +165,7 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
     flights = [
         Flight(
             route.vehicle,
-            np.vstack((_start(task, route.vehicle), route.points_m)),
+            np.vstack((_start(task, route.vehicle), route.flown_m)),
             task.agents[route.vehicle].speed_m_s,
             own[route.vehicle],
         )
@@ -192,6 +192,7 @@ def _plain(task: Task, result: PlanResult, timings_ms: dict[str, float]) -> dict
                 "grid_length_m": result.grid_lengths_m[route.vehicle],
                 "lane": route.lane,
                 "points_m": [_start(task, route.vehicle), *route.points_m.tolist()],
+                "wait_m": route.wait_m,
             }
             for route in result.routes
         ],

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from gcs.model.basics import FloatArray, Label
 
 
@@ -29,6 +31,8 @@ class Mission:
     """Of the circle at the last waypoint; 0 leaves it to the autopilot."""
     end: Literal["loiter", "land"] = "loiter"
     """Circle at the last waypoint, or go home from there and land."""
+    wait_deg: tuple[float, float] | None = None
+    """Latitude and longitude of the circle, when it is not round the last waypoint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,13 @@ class Route:
     """From the vehicle's position along the points."""
     lane: int = 0
     """Altitude lane, from 0, the lowest (see `gcs.planning.separation`)."""
+    wait_m: tuple[float, float] | None = None
+    """East and north of the circle that it goes on to afterwards; None: round the last point."""
+
+    @property
+    def flown_m(self) -> FloatArray:
+        """(k, 2): `points_m`, and the centre of a circle that it goes on to."""
+        return self.points_m if self.wait_m is None else np.vstack((self.points_m, self.wait_m))
 
 
 @dataclass(frozen=True, slots=True)

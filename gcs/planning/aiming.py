@@ -39,6 +39,8 @@ class Aimed:
     """(k, 2), the agent's place excluded."""
     length_m: float
     grid_length_m: float
+    target_m: Point
+    """Where the target is met: the last point, unless it is over an obstacle."""
     notes: tuple[str, ...]
     """With ``{}`` where the target's name belongs."""
 
@@ -182,4 +184,5 @@ class Search:
             notes.append("no clear turn on to its route; it turns as tightly as it can")
         if shaped.problem & SHARP_CORNER:
             notes.append("its route has corners that it cannot fly without coming too near")
-        return Aimed(read_only(points[1:]), shaped.length * grid.spacing_m, grid_length_m, tuple(notes))
+        length_m, met_m = shaped.length * grid.spacing_m, (float(place_m[0]), float(place_m[1]))
+        return Aimed(read_only(points[1:]), length_m, grid_length_m, met_m, tuple(notes))

@@ -22,7 +22,7 @@ from gcs.model import FloatArray
 from gcs.planning.grid import Grid, Point, free_grid
 from gcs.planning.sight import clear_leg
 
-_STEP_S = 0.2
+STEP_S = 0.2
 _LEAST_LAG_S = 0.5
 _MOST_OFF_RAD = 0.75 * math.pi
 _CLOSING_S = 5.0
@@ -139,11 +139,11 @@ def flown_ahead(blocked, frame, motion, points, radii, circle, for_s, lag_s, rea
     rate, speed; `circle`: east, north, radius, negative for none; `reach`: clearance in cells.
     """
     x, y, course, rate, speed = motion[0], motion[1], motion[2], motion[3], motion[4]
-    way = np.empty((int(for_s / _STEP_S) + 3, 5))
+    way = np.empty((int(for_s / STEP_S) + 3, 5))
     way[0, 0], way[0, 1], way[0, 2], way[0, 3], way[0, 4] = x, y, course, rate, 0.0
     from_x, from_y, passed, count, left = x, y, 0, 1, for_s
     while left > 0.0:
-        step = min(_STEP_S, left)
+        step = min(STEP_S, left)
         left -= step
         if passed < radii.size and _is_reached(
             x, y, from_x, from_y, points[passed, 0], points[passed, 1], radii[passed]

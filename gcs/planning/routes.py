@@ -12,17 +12,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from gcs import compiling
-from gcs.model import FloatArray, Label, Route
-from gcs.planning import canonical, intercept, leaning, matrix, prediction, separation
+from gcs.model import FloatArray, Label, Route, read_only
+from gcs.planning import canonical, endings, intercept, leaning, matrix, prediction, separation
 from gcs.planning.aiming import Search
 from gcs.planning.assignment import assign
+from gcs.planning.endings import ending
 from gcs.planning.grid import Grid, Point, free_grid
 from gcs.planning.matrix import Places
 from gcs.planning.moves import SearchMap, cells, search_map
@@ -105,7 +106,15 @@ def plan_routes(
             aimed = search.route(i, j)
             grid_lengths_m[vehicle] = aimed.grid_length_m
             notes += [f"agent {vehicle}: {note.format(label)}" for note in aimed.notes]
-            routes.append(Route(vehicle, label, aimed.points_m, aimed.length_m))
+            routes.append(
+                _ended(
+                    grid,
+                    Route(vehicle, label, aimed.points_m, aimed.length_m),
+                    agents[vehicle],
+                    aimed.target_m,
+                    options,
+                )
+            )
         done("shaping")
     served = {route.target for route in routes}
     busy = {route.vehicle for route in routes}
@@ -150,6 +159,18 @@ def _columns(agents: int, asked: Sequence[Terms], options: PlanOptions) -> tuple
             columns += range(len(asked))
             ranks += [beyond + more] * len(asked)
     return columns, ranks
+
+
+def _ended(grid: Grid, route: Route, start: AgentStart, target_m: Point, options: PlanOptions) -> Route:
+    """Return a route with an end that its vehicle can fly."""
+    if options.wait is None or options.shape != "flyable":
+        return route
+    end = ending(grid, start, route.points_m, target_m, options, options.wait)
+    if end.points_m is route.points_m:
+        return replace(route, wait_m=end.wait_m)
+    way_m = np.vstack(((start.east_m, start.north_m), end.points_m))
+    length_m = float(np.hypot(*np.diff(way_m, axis=0).T).sum())
+    return replace(route, points_m=read_only(end.points_m), length_m=length_m, wait_m=end.wait_m)
 
 
 def _on_earth(east_m: float, north_m: float) -> bool:
@@ -200,6 +221,7 @@ def warm_up_calls() -> list[compiling.Call]:
         *matrix.warm_up_calls(),
         *intercept.warm_up_calls(),
         *prediction.warm_up_calls(),
+        *endings.warm_up_calls(),
         *separation.warm_up_calls(),
         (flyable, blocked, 0.0, way, np.zeros(2), 1.0, -1),
         (start_is_safe, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),

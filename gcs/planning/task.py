@@ -36,6 +36,20 @@ class Terms:
 
 
 @dataclass(frozen=True, slots=True)
+class Wait:
+    """What agents do at the end of a route, and how near to a target they have reached it."""
+
+    radius_m: float
+    """Of the circle that they fly."""
+    near_m: float
+    """From a target; two moments within it count."""
+    accept_m: float
+    """How near to its last point a route is flown before the vehicle turns to its circle."""
+    lag_s: float
+    """Until a turn is taken up."""
+
+
+@dataclass(frozen=True, slots=True)
 class PlanOptions:
     """How to plan.
 
@@ -59,6 +73,8 @@ class PlanOptions:
         Distance to keep from blocked cells, unless there is no way that does or only a long detour.
     switch_gain_m : float
         By how much agents that exchange targets must shorten the team's way.
+    wait : Wait or None
+        How agents wait at the ends of flyable routes; None: nobody looks whether there is room for it.
     """
 
     search_cost: SearchCost = "metric"
@@ -70,3 +86,4 @@ class PlanOptions:
     cost: Literal["length", "arrival"] = "length"
     objective: Objective = "total"
     spare: Literal["hold", "double"] = "hold"
+    wait: Wait | None = None

@@ -183,7 +183,10 @@ class Profile:
             items += self._landing(flown[-1], home)
         else:
             unlimited, radius_m = dialect.MAV_CMD_NAV_LOITER_UNLIM, round(mission.loiter_radius_m)
-            items.append(flown[-1]._replace(command=unlimited, param2=0.0, param3=float(radius_m)))
+            circle = flown[-1]._replace(command=unlimited, param2=0.0, param3=float(radius_m))
+            if mission.wait_deg is not None:
+                circle = circle._replace(x=_e7(mission.wait_deg[0]), y=_e7(mission.wait_deg[1]))
+            items.append(circle)
         return tuple(items)
 
     def _landing(self, last: Item, home: Home) -> list[Item]:
