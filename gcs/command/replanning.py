@@ -301,9 +301,10 @@ class Replanner:
             flown, shown = self.routes.get(route.vehicle), self.proposed.get(route.vehicle)
             if route.vehicle in self.blocked:
                 flown = None
-            if flown is not None and self._is_still_good(flown, route, situation):
+            short = route.vehicle in result.short
+            if flown is not None and self._is_still_good(flown, route, situation, short):
                 kept.append(flown)
-            elif shown is not None and self._is_still_good(shown, route, situation):
+            elif shown is not None and self._is_still_good(shown, route, situation, short):
                 kept.append(shown)
             else:
                 kept.append(self._taken_up(route, situation))
@@ -388,11 +389,16 @@ class Replanner:
         self.routes = {v: r for v, r in self.routes.items() if r.target in situation.targets}
         self.blocked &= set(self.routes)
 
-    def _is_still_good(self, flown: Route, new: Route, situation: Situation) -> bool:
+    def _is_still_good(self, flown: Route, new: Route, situation: Situation, short: bool) -> bool:
+        """Whether a vehicle should fly on what it has; `short`: the new route does not reach its target."""
         vehicle, agent = new.vehicle, situation.agents[new.vehicle]
         if flown.target != new.target:
             return False
-        if self._is_astray(vehicle, situation) or self._has_missed(vehicle, situation):
+        if self._is_astray(vehicle, situation):
+            return False
+        if short:
+            return True
+        if self._has_missed(vehicle, situation):
             return False
         if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
             return True

@@ -52,6 +52,8 @@ class PlanResult:
         What an operator should know: who is inside an obstacle, cannot get anywhere, or has to fly too near.
     grid_lengths_m : mapping of int to float
         Length of each vehicle's way along the grid, before it was shaped.
+    short : frozenset of int
+        Vehicles that no clear way leads past their targets; their routes end before these.
     """
 
     routes: tuple[Route, ...]
@@ -59,6 +61,7 @@ class PlanResult:
     unassigned_targets: tuple[Label, ...]
     notes: tuple[str, ...]
     grid_lengths_m: Mapping[int, float] = field(default_factory=dict)
+    short: frozenset[int] = frozenset()
 
     @property
     def total_length_m(self) -> float:
@@ -92,6 +95,7 @@ def plan_routes(
     notes += ["no agents"] * (not agents) + ["no targets"] * (not targets)
     routes: list[Route] = []
     grid_lengths_m: dict[int, float] = {}
+    short: set[int] = set()
     if vehicles and labels:
         asked = [terms.get(label, Terms()) for label in labels]
         search = Search(
@@ -106,15 +110,12 @@ def plan_routes(
             aimed = search.route(i, j)
             grid_lengths_m[vehicle] = aimed.grid_length_m
             notes += [f"agent {vehicle}: {note.format(label)}" for note in aimed.notes]
-            routes.append(
-                _ended(
-                    grid,
-                    Route(vehicle, label, aimed.points_m, aimed.length_m),
-                    agents[vehicle],
-                    aimed.target_m,
-                    options,
-                )
-            )
+            route = Route(vehicle, label, aimed.points_m, aimed.length_m)
+            route, problem = _ended(grid, route, agents[vehicle], aimed.target_m, options)
+            routes.append(route)
+            if problem:
+                notes.append(f"agent {vehicle}: {problem.format(label)}")
+                short.add(vehicle)
         done("shaping")
     served = {route.target for route in routes}
     busy = {route.vehicle for route in routes}
@@ -124,6 +125,7 @@ def plan_routes(
         tuple(label for label in sorted(targets) if label not in served),
         tuple(notes),
         grid_lengths_m,
+        frozenset(short),
     )
 
 
@@ -161,16 +163,24 @@ def _columns(agents: int, asked: Sequence[Terms], options: PlanOptions) -> tuple
     return columns, ranks
 
 
-def _ended(grid: Grid, route: Route, start: AgentStart, target_m: Point, options: PlanOptions) -> Route:
-    """Return a route with an end that its vehicle can fly."""
+def _ended(
+    grid: Grid, route: Route, start: AgentStart, target_m: Point, options: PlanOptions
+) -> tuple[Route, str]:
+    """Return a route with an end that its vehicle can fly; and what an operator should know of it."""
     if options.wait is None or options.shape != "flyable":
-        return route
+        return route, ""
     end = ending(grid, start, route.points_m, target_m, options, options.wait)
+    problem = ""
+    if end.room_m < 0.0:
+        problem = "no clear way to pass target {} or to wait near it: it would fly into an obstacle there"
+    elif not end.passes:
+        problem = "no clear way to pass target {}; it waits near it"
     if end.points_m is route.points_m:
-        return replace(route, wait_m=end.wait_m)
+        return replace(route, wait_m=end.wait_m), problem
     way_m = np.vstack(((start.east_m, start.north_m), end.points_m))
     length_m = float(np.hypot(*np.diff(way_m, axis=0).T).sum())
-    return replace(route, points_m=read_only(end.points_m), length_m=length_m, wait_m=end.wait_m)
+    route = replace(route, points_m=read_only(end.points_m), length_m=length_m, wait_m=end.wait_m)
+    return route, problem
 
 
 def _on_earth(east_m: float, north_m: float) -> bool:
