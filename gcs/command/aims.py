@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+from gcs.command.missions import corners_of
 from gcs.config import Config
 from gcs.config.tables import PlanningTable
 from gcs.model import Label, Route, Track
 from gcs.planning.grid import Point
 from gcs.planning.intercept import led_velocity
+from gcs.planning.prediction import Motion
 from gcs.planning.progress import CORRIDOR_M, to_go_m
 from gcs.planning.task import AgentStart, PlanOptions, Terms, Wait
 
@@ -44,8 +46,8 @@ def _wait(config: Config) -> Wait | None:
     return Wait(
         max(mission.loiter_radius_m or _UNKNOWN_RADIUS_M, airframe.turn_radius_m),
         config.planning.capture_radius_m,
-        mission.accept_radius_m,
         airframe.turn_lag_s,
+        corners_of(mission, airframe),
     )
 
 
@@ -60,9 +62,9 @@ class Aims:
         self._ranks = [highest - birth.priority for birth in config.births]
         self._rank = highest
 
-    def start(self, vehicle: int, place: Point, course_rad: float, late_s: float) -> AgentStart:
-        """Where, how and when an agent begins its route."""
-        return AgentStart(*place, course_rad, self._speeds_m_s[vehicle], late_s)
+    def start(self, vehicle: int, turns: Motion, takes_up: Motion, late_s: float) -> AgentStart:
+        """Where an agent begins its route: how it moves when it turns, and when it takes the route up."""
+        return AgentStart(*turns.place_m, turns.course_rad, self._speeds_m_s[vehicle], late_s, takes_up)
 
     def place(self, target: Track, ahead_s: float) -> Point:
         """Where a target will be; with `planning.aim = "position"` where it is."""

@@ -8,7 +8,7 @@ from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
 from gcs.planning.progress import CORRIDOR_M, next_point
-from gcs.planning.turning import acceptance_m
+from gcs.planning.turning import Corners
 
 MAX_RADIUS_M = 255.0
 """What a mission item can hold."""
@@ -28,7 +28,7 @@ class Missions:
     """
 
     def __init__(self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame) -> None:
-        self._table, self._airframe, self._frame = table, airframe, frame
+        self._table, self._frame, self._corners = table, frame, corners_of(table, airframe)
 
     def of(self, route: Route, mission_id: int, state: VehicleState | None) -> Mission:
         """Return the mission of a route for a vehicle in this state."""
@@ -51,14 +51,13 @@ class Missions:
     def _acceptance_m(self, route: Route, state: VehicleState | None) -> FloatArray:
         """How near to each waypoint it counts as reached: soon enough to turn to the next one."""
         start = route.points_m[:1] if state is None else [(state.east_m, state.north_m)]
-        airframe = self._airframe
-        wanted = acceptance_m(
-            np.concatenate((start, route.points_m)),
-            airframe.turn_radius_m,
-            airframe.turn_lag_m,
-            self._table.accept_radius_m,
-        )
+        wanted = self._corners.acceptance_m(np.concatenate((start, route.points_m)))
         return np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
+
+
+def corners_of(table: MissionTable, airframe: AirframeTable) -> Corners:
+    """Return how early vehicles are told to turn."""
+    return Corners(airframe.turn_radius_m, airframe.turn_lag_m, table.accept_radius_m)
 
 
 def points_passed(route: Route, made_t_ns: int, state: VehicleState | None) -> int:

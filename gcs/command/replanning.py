@@ -20,6 +20,7 @@ from itertools import pairwise
 from gcs.command.aims import Aims, plan_options
 from gcs.command.apart import Lanes
 from gcs.command.delays import DELIVERY_S
+from gcs.command.missions import corners_of
 from gcs.command.motions import motion_of
 from gcs.config import Config
 from gcs.mavlink.task import Timing
@@ -78,7 +79,7 @@ class Replanner:
         self.aims = Aims(config)
         self._lanes = Lanes(config)
         self._planning = planning
-        self._lag_s = config.airframe.turn_lag_s
+        self._lag_s, self._corners = config.airframe.turn_lag_s, corners_of(config.mission, config.airframe)
         self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)
@@ -355,8 +356,9 @@ class Replanner:
         plain = self._routed({vehicle: replace(start, course_rad=None)}, [route.target], {}, situation)
         motion = self._expected(vehicle, situation, 0.0)
         for one in plain.routes:
+            look_s = turn_s(motion, options.turn_radius_m, self._lag_s)
             length_m = by_itself_m(
-                self._grid, motion, one.points_m, options.turn_radius_m, self._lag_s, options.clearance_m
+                self._grid, motion, one.points_m, self._corners, look_s, self._lag_s, options.clearance_m
             )
             if length_m < route.length_m:
                 return replace(one, length_m=length_m)
@@ -364,9 +366,9 @@ class Replanner:
 
     def _start(self, vehicle: int, situation: Situation) -> AgentStart:
         """Where an agent's turn on to a route that is planned now begins."""
-        motion = self._expected(vehicle, situation, 0.5 * self._lag_s)
-        late_s = situation.late_s.get(vehicle, 0.0)
-        return self.aims.start(vehicle, motion.place_m, motion.course_rad, late_s)
+        turns = self._expected(vehicle, situation, 0.5 * self._lag_s)
+        takes_up = self._expected(vehicle, situation, 0.0)
+        return self.aims.start(vehicle, turns, takes_up, situation.late_s.get(vehicle, 0.0))
 
     def _expected(self, vehicle: int, situation: Situation, more_s: float) -> Motion:
         """How an agent will move a while after it got a route that is planned now."""

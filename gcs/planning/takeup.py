@@ -21,7 +21,7 @@ from gcs.planning.prediction import Ahead, Motion, fly
 from gcs.planning.sight import to_cells
 from gcs.planning.starts import TIGHT, start_room
 from gcs.planning.task import AgentStart
-from gcs.planning.turning import acceptance_m
+from gcs.planning.turning import Corners
 
 _SAME_RAD = 1e-3
 _SHARE = 0.25
@@ -55,7 +55,13 @@ def turn_s(motion: Motion, radius_m: float, lag_s: float) -> float:
 
 
 def by_itself_m(
-    grid: Grid, motion: Motion, points_m: FloatArray, radius_m: float, lag_s: float, clearance_m: float
+    grid: Grid,
+    motion: Motion,
+    points_m: FloatArray,
+    corners: Corners,
+    look_s: float,
+    lag_s: float,
+    clearance_m: float,
 ) -> float:
     """Metres to the end of a route for a vehicle that turns on to it by itself.
 
@@ -67,16 +73,18 @@ def by_itself_m(
         When it takes the route up.
     points_m : ndarray, shape (k, 2)
         Of the route, without a turn that is spelt out.
-    radius_m, lag_s : float
-        Of turns: the planned radius, and the time that one takes to be taken up.
+    corners : Corners
+        How early the vehicle will be told to turn.
+    look_s, lag_s : float
+        How long it needs to turn round, and until it takes a turn up.
     clearance_m : float
         That the route keeps.
     """
     points = [motion.place_m, *map(tuple, points_m.tolist())]
-    radii_m = acceptance_m(np.array(points), radius_m, lag_s * motion.speed_m_s, 0.0)
+    radii_m = corners.acceptance_m(np.array(points))
     starting = replace(motion, age_s=0.0, ahead=Ahead(tuple(points[1:]), tuple(radii_m.tolist())))
     speed_m_s = max(motion.speed_m_s, 1.0)
-    look_s = min(turn_s(motion, radius_m, lag_s), _length_m(points) / speed_m_s)
+    look_s = min(look_s, _length_m(points) / speed_m_s)
     for lag in (TIGHT * lag_s, lag_s):
         is_clear, end = flies_clear(grid, starting, look_s, lag, clearance_m)
         if not is_clear:

@@ -7,8 +7,10 @@ from typing import Literal
 
 from gcs.planning.assignment import Objective
 from gcs.planning.grid import Point
+from gcs.planning.prediction import Motion
 from gcs.planning.search import SearchCost
 from gcs.planning.shaping import Shape
+from gcs.planning.turning import Corners
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +23,8 @@ class AgentStart:
     speed_m_s: float = 15.0
     late_s: float = 0.0
     """It begins so long after targets are where they are said to be."""
+    motion: Motion | None = None
+    """How it moves when it takes the route up, if that is known better; its turn begins a little later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +47,10 @@ class Wait:
     """Of the circle that they fly."""
     near_m: float
     """From a target; two moments within it count."""
-    accept_m: float
-    """How near to its last point a route is flown before the vehicle turns to its circle."""
     lag_s: float
     """Until a turn is taken up."""
+    corners: Corners
+    """How early they turn at the corners on the way."""
 
 
 @dataclass(frozen=True, slots=True)

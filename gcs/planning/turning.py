@@ -20,6 +20,7 @@ Places in cells; angles counter-clockwise from east.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,6 +43,22 @@ FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
 _PUSHES = 4
 _START_TRIES = 3
 _NO_CELL = np.int64(-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Corners:
+    """How early vehicles are told to turn at corners."""
+
+    radius_m: float
+    """Of their turns."""
+    lag_m: float
+    """How far they fly before a turn is taken up."""
+    least_m: float
+    """How near every waypoint counts as reached."""
+
+    def acceptance_m(self, points_m: FloatArray) -> FloatArray:
+        """Acceptance radius of each waypoint (k - 1,), by the start and the waypoints (k, 2)."""
+        return acceptance_m(points_m, self.radius_m, self.lag_m, self.least_m)
 
 
 def acceptance_m(points_m: FloatArray, radius_m: float, lag_m: float, least_m: float) -> FloatArray:

@@ -10,17 +10,20 @@ from hypothesis import strategies as st
 from gcs.planning.grid import free_grid
 from gcs.planning.prediction import Motion
 from gcs.planning.routes import plan_routes
-from gcs.planning.takeup import by_itself_m, is_spelt_out
+from gcs.planning.takeup import by_itself_m, is_spelt_out, turn_s
 from gcs.planning.task import AgentStart, PlanOptions
+from gcs.planning.turning import Corners
 from sim_vehicles.airframe import Airframe
 from sim_vehicles.guidance import ToPoint
 
 OPEN = free_grid((51, 51), 40.0)
 RADIUS_M, LAG_S = 58.0, 2.8
+CORNERS = Corners(40.0, 42.0, 5.0)
 
 
 def by_itself(grid, motion, *points, clearance_m=0.0):
-    return by_itself_m(grid, motion, np.array(points), RADIUS_M, LAG_S, clearance_m)
+    look_s = turn_s(motion, RADIUS_M, LAG_S)
+    return by_itself_m(grid, motion, np.array(points), CORNERS, look_s, LAG_S, clearance_m)
 
 
 def test_straight_ahead_is_as_long_as_it_is():
