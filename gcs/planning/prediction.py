@@ -95,7 +95,7 @@ def fly(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0, clearanc
     """Fly a vehicle ahead for a while, until it comes nearer than the clearance to an obstacle."""
     ahead = motion.ahead
     circle = (0.0, 0.0, -1.0) if ahead.circle is None else (*ahead.circle.centre_m, ahead.circle.radius_m)
-    way, is_clear = flown_ahead(
+    way, is_clear, _ = flown_ahead(
         grid.blocked,
         np.array([*grid.origin_m, grid.spacing_m]),
         np.array([*motion.place_m, motion.course_rad, motion.turn_rate_rad_s, motion.speed_m_s]),
@@ -133,7 +133,7 @@ def _round_off(x, y, course, speed, circle):  # type: ignore[no-untyped-def]
 
 @kernel
 def flown_ahead(blocked, frame, motion, points, radii, circle, for_s, lag_s, reach):  # type: ignore[no-untyped-def]
-    """Fly ahead: `Flight.way`, and whether it is clear.
+    """Fly ahead: `Flight.way`, whether it is clear, and how far the course was off at most.
 
     `frame`: east and north of the grid's origin, spacing, in metres; `motion`: east, north, course, turn
     rate, speed; `circle`: east, north, radius, negative for none; `reach`: clearance in cells.
@@ -141,7 +141,7 @@ def flown_ahead(blocked, frame, motion, points, radii, circle, for_s, lag_s, rea
     x, y, course, rate, speed = motion[0], motion[1], motion[2], motion[3], motion[4]
     way = np.empty((int(for_s / STEP_S) + 3, 5))
     way[0, 0], way[0, 1], way[0, 2], way[0, 3], way[0, 4] = x, y, course, rate, 0.0
-    from_x, from_y, passed, count, left = x, y, 0, 1, for_s
+    from_x, from_y, passed, count, left, most_off = x, y, 0, 1, for_s, 0.0
     while left > 0.0:
         step = min(STEP_S, left)
         left -= step
@@ -156,6 +156,7 @@ def flown_ahead(blocked, frame, motion, points, radii, circle, for_s, lag_s, rea
                 off, turning = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi, 0.0
             else:
                 off, turning = _round_off(x, y, course, speed, circle)
+            most_off = max(most_off, abs(off))
             wanted = min(max(off, -_MOST_OFF_RAD), _MOST_OFF_RAD) / lag_s + turning
             rate += (wanted - rate) * (1.0 - math.exp(-3.0 * step / lag_s))
         half = 0.5 * rate * step
@@ -170,11 +171,11 @@ def flown_ahead(blocked, frame, motion, points, radii, circle, for_s, lag_s, rea
             reach,
             np.int64(-1),
         ):
-            return way[:count], False
+            return way[:count], False, most_off
         x, y, course = to_x, to_y, course + 2.0 * half
         way[count, 0], way[count, 1], way[count, 2], way[count, 3], way[count, 4] = x, y, course, rate, passed
         count += 1
-    return way[:count], True
+    return way[:count], True, most_off
 
 
 def expected(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0) -> Motion:
