@@ -9,7 +9,7 @@ it; each corner is then wrapped by three points: two of the circumscribed octago
 - Each gets the cheapest predecessor before it (`_WINDOW` at most), among those that its leg is tangent to and
   that it sees. The straight line is the length that a sight test could confirm at best, so far predecessors
   are tried first and few tests are made.
-- A leg shorter than the turn radius, or than its turns need, costs what is missing threefold (`_UNFIT`), and
+- A leg shorter than the turn radius, or than its turns need, costs `_UNFIT` times what is missing, and
   a start against the heading costs the turn. So corners that cannot be flown are passed by where there is
   another way. The known way's own legs are always allowed: the result is never worse.
 - Then every corner *slides* towards its neighbours, and towards the leg between them, as far as it sees them.
@@ -33,7 +33,7 @@ from gcs.planning.sight import blocker, clear_leg, leg_room
 from gcs.planning.starts import start_arc, start_is_clear, start_room
 
 _WINDOW = 48
-_UNFIT = 3.0
+_UNFIT = 0.8
 _FORCED = 3.0
 """What a cell of a known leg without the clearance counts."""
 _CORNER = 0.25

@@ -3,9 +3,9 @@
 A vehicle at speed V and bank phi turns on a circle of R = V^2 / (g tan phi), no tighter. So
 
 - *Corners* are flown as arcs that touch both legs. The arc passes inside the corner by R (sec(a/2) - 1), a
-  the angle of the turn, and where the string is taut an obstacle stands just there. So the corner is pushed
-  out by as much, as far as its legs stay clear. A corner that takes more of a leg than there is joins its
-  neighbour, or goes, if that is clear.
+  the angle of the turn, and where the string is taut an obstacle stands just there. So corners are moved, all
+  together, until the arcs are clear and the legs long enough for them (`gcs.planning.easing`). Then two
+  corners become one where their outer legs meet, or one goes, if that is clear and hardly dearer.
 - *The start* follows the vehicle's course: an arc and its tangent to the first corner, to the nearer side, as
   an autopilot flies it by itself. If that hits something, the shortest way that is clear leads on to the
   first leg (`gcs.planning.entry`). Its arcs become waypoints.
@@ -26,12 +26,10 @@ import numpy as np
 
 from gcs.compiling import called, inlined, kernel
 from gcs.model import FloatArray
+from gcs.planning.easing import cost, ease, half_turn, is_flown, leg_fits
 from gcs.planning.entry import SPLIT, entry
-from gcs.planning.grid import TOUCH
 from gcs.planning.sight import clear_leg, leg_room
 from gcs.planning.starts import (
-    ARC_HEIGHT,
-    arc_is_clear,
     start_arc,
     start_is_safe,
     start_room,
@@ -40,7 +38,8 @@ from gcs.planning.starts import (
 FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
 """What keeps a route from being flown: nothing, a corner, the turn on to it; or both (their sum)."""
 
-_PUSHES = 4
+_CORNER = 0.06
+"""What one corner less may cost, in cells."""
 _START_TRIES = 3
 _NO_CELL = np.int64(-1)
 
@@ -107,66 +106,6 @@ def _angle(points, i):  # type: ignore[no-untyped-def]
     return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
 
 
-@called
-def _need(points, i, radius):  # type: ignore[no-untyped-def]
-    """How much of its two legs the turn at point i takes; nothing at the ends."""
-    if i <= 0 or i >= points.shape[0] - 1:
-        return 0.0
-    return radius * math.tan(0.5 * min(abs(_angle(points, i)), 0.99 * math.pi))
-
-
-@called
-def _pushed(blocked, string, rooms, radius, own):  # type: ignore[no-untyped-def]
-    """Corners moved outwards so that the arcs pass where the string did, as far as the legs stay clear."""
-    size = string.shape[0]
-    push = np.zeros((size, 2))
-    for i in range(1, size - 1):
-        ux, uy = _leg(string, i - 1)
-        vx, vy = _leg(string, i)
-        u, v = math.hypot(ux, uy), math.hypot(vx, vy)
-        if u == 0.0 or v == 0.0:
-            continue
-        ox, oy = ux / u - vx / v, uy / u - vy / v
-        out = math.hypot(ox, oy)
-        if out > 1e-9:
-            half = 0.5 * min(abs(_angle(string, i)), SPLIT)
-            by = min(radius * (1.0 / math.cos(half) - 1.0 + ARC_HEIGHT) + TOUCH, 0.5 * min(u, v))
-            push[i, 0], push[i, 1] = by * ox / out, by * oy / out
-    result = string + push
-    for attempt in range(_PUSHES):
-        hit = False
-        for i in range(size - 1):
-            hindrance = own if i == 0 else _NO_CELL
-            if not clear_leg(
-                blocked,
-                result[i, 0],
-                result[i, 1],
-                result[i + 1, 0],
-                result[i + 1, 1],
-                rooms[i],
-                hindrance,
-            ):
-                hit = True
-                for k in range(i, i + 2):
-                    for axis in range(2):
-                        push[k, axis] *= 0.5 if attempt < _PUSHES - 1 else 0.0
-        if not hit:
-            return result
-        result = string + push
-    return string.copy() if hit else result
-
-
-@called
-def _legs_fit(points, i, radius):  # type: ignore[no-untyped-def]
-    """Whether leg i is as long as its turns need, and no shorter than the radius."""
-    dx, dy = _leg(points, i)
-    length = math.hypot(dx, dy)
-    inner = 0 < i < points.shape[0] - 2
-    return _need(points, i, radius) + _need(points, i + 1, radius) <= length + 1e-9 and (
-        not inner or length >= radius - 1e-9
-    )
-
-
 @inlined
 def _without(points, rooms, i):  # type: ignore[no-untyped-def]
     """The points but i; the new leg has the lesser clearance of the two it replaces."""
@@ -184,6 +123,8 @@ def _without(points, rooms, i):  # type: ignore[no-untyped-def]
 @called
 def _joined(blocked, points, rooms, i, own):  # type: ignore[no-untyped-def]
     """Corners i and i + 1 as one, where their outer legs meet; as they were if that is not clear."""
+    if i >= points.shape[0] - 2:
+        return points, rooms
     ux, uy = _leg(points, i - 1)
     vx, vy = _leg(points, i + 1)
     across = ux * vy - uy * vx
@@ -211,57 +152,39 @@ def _joined(blocked, points, rooms, i, own):  # type: ignore[no-untyped-def]
 
 
 @called
-def _fitted(blocked, points, rooms, radius, own):  # type: ignore[no-untyped-def]
-    """Join or drop corners whose legs are too short for their turns, where that is clear."""
-    i = 0
+def _fewer(blocked, points, rooms, radius, own):  # type: ignore[no-untyped-def]
+    """Join or drop corners where that is clear, and no dearer than what a corner is worth.
+
+    Also returns which corners something changed at.
+    """
+    i, fresh = 1, np.zeros(points.shape[0], np.bool_)
     while i < points.shape[0] - 1:
-        size = points.shape[0]
-        if size > 2 and not _legs_fit(points, i, radius):
-            if 0 < i < size - 2:
-                fewer, fewer_rooms = _joined(blocked, points, rooms, i, own)
-                if fewer.shape[0] < size and _legs_fit(fewer, i - 1, radius) and _legs_fit(fewer, i, radius):
-                    points, rooms = fewer, fewer_rooms
-                    i = max(i - 1, 0)
-                    continue
-            dropped = False
-            for k in range(max(1, i), min(i + 2, size - 1)):
-                room = min(rooms[k - 1], rooms[k])
-                a, b = k - 1, k + 1
-                if not dropped and clear_leg(
-                    blocked,
-                    points[a, 0],
-                    points[a, 1],
-                    points[b, 0],
-                    points[b, 1],
-                    room,
-                    own if a == 0 else _NO_CELL,
-                ):
-                    fewer, fewer_rooms = _without(points, rooms, k)
-                    dropped = True
-            if dropped:
-                points, rooms = fewer, fewer_rooms
-                i = max(i - 1, 0)
-                continue
-        i += 1
-    return points, rooms
+        most = cost(blocked, points, rooms, i - 2, i + 3, radius, own, np.inf) + _CORNER
+        fewer, fewer_rooms = _joined(blocked, points, rooms, i, own)
+        is_better = fewer.shape[0] < points.shape[0]
+        is_better = is_better and cost(blocked, fewer, fewer_rooms, i - 2, i + 2, radius, own, most) < most
+        if not is_better:
+            room, hindrance = min(rooms[i - 1], rooms[i]), own if i == 1 else _NO_CELL
+            ax, ay, bx, by = points[i - 1, 0], points[i - 1, 1], points[i + 1, 0], points[i + 1, 1]
+            if clear_leg(blocked, ax, ay, bx, by, room, hindrance):
+                fewer, fewer_rooms = _without(points, rooms, i)
+                is_better = cost(blocked, fewer, fewer_rooms, i - 2, i + 2, radius, own, most) < most
+        if is_better:
+            points, rooms = fewer, fewer_rooms
+            for k in range(i, points.shape[0]):
+                fresh[k] = fresh[k + 1]
+            fresh[i - 1] = fresh[i] = fresh[i + 1] = True
+            i = max(i - 1, 1)
+        else:
+            i += 1
+    return points, rooms, fresh[: points.shape[0]].copy()
 
 
 @called
 def _corners_are_clear(blocked, points, rooms, radius, own):  # type: ignore[no-untyped-def]
     """Whether every leg is long enough for its turns and every arc keeps its clearance."""
-    for i in range(points.shape[0] - 1):
-        if not _legs_fit(points, i, radius):
-            return False
-        need = _need(points, i, radius)
-        if need <= 1e-9:
-            continue
-        ux, uy = _leg(points, i - 1)
-        u, turn = math.hypot(ux, uy), _angle(points, i)
-        x, y = points[i, 0] - need * ux / u, points[i, 1] - need * uy / u
-        side = 1.0 if turn > 0.0 else -1.0
-        room = min(rooms[i - 1], rooms[i])
-        hindrance = own if i == 1 else _NO_CELL
-        if not arc_is_clear(blocked, room, x, y, math.atan2(uy, ux), side, abs(turn), radius, hindrance):
+    for i in range(1, points.shape[0] - 1):  # noqa: SIM110  numba compiles no generators
+        if not is_flown(blocked, points, rooms, i, radius, own):
             return False
     return True
 
@@ -275,11 +198,11 @@ def _split(blocked, points, rooms, radius):  # type: ignore[no-untyped-def]
         result[count, 0], result[count, 1] = points[i, 0], points[i, 1]
         count += 1
         turn = abs(_angle(points, i)) if 0 < i < size - 1 else 0.0
-        if turn <= SPLIT or not (_legs_fit(points, i - 1, radius) and _legs_fit(points, i, radius)):
+        if turn <= SPLIT or not (leg_fits(points, i - 1, radius) and leg_fits(points, i, radius)):
             continue
         ux, uy = _leg(points, i - 1)
         vx, vy = _leg(points, i)
-        back = _need(points, i, radius) - radius * math.tan(0.25 * turn)
+        back = radius * abs(half_turn(points, i)) - radius * math.tan(0.25 * turn)
         u, v = back / math.hypot(ux, uy), back / math.hypot(vx, vy)
         ax, ay = points[i, 0] - u * ux, points[i, 1] - u * uy
         bx, by = points[i, 0] + v * vx, points[i, 1] + v * vy
@@ -291,14 +214,14 @@ def _split(blocked, points, rooms, radius):  # type: ignore[no-untyped-def]
 
 
 @called
-def _rounded_length(points, radius, is_flyable):  # type: ignore[no-untyped-def]
-    """Length along legs and arcs; along the legs alone if the arcs do not fit."""
+def _flown_length(points, radius):  # type: ignore[no-untyped-def]
+    """Length along legs and arcs; along the legs alone where an arc does not fit."""
     length = 0.0
     for i in range(points.shape[0] - 1):
         dx, dy = _leg(points, i)
         length += math.hypot(dx, dy)
-        if is_flyable and i > 0:
-            length -= 2.0 * _need(points, i, radius) - radius * abs(_angle(points, i))
+        if i > 0 and leg_fits(points, i - 1, radius) and leg_fits(points, i, radius):
+            length -= 2.0 * radius * abs(half_turn(points, i)) - radius * abs(_angle(points, i))
     return length
 
 
@@ -317,11 +240,13 @@ def flyable(blocked, reach, string, heading, radius, own):  # type: ignore[no-un
         rooms[i] = leg_room(
             blocked, string[i, 0], string[i, 1], string[i + 1, 0], string[i + 1, 1], reach, hindrance
         )
-    points = _pushed(blocked, string, rooms, radius, own)
-    points, rooms = _fitted(blocked, points, rooms, radius, own)
+    points = string.copy()
+    ease(blocked, points, rooms, radius, own, np.ones(legs + 1, np.bool_))
+    points, rooms, fresh = _fewer(blocked, points, rooms, radius, own)
+    ease(blocked, points, rooms, radius, own, fresh)
     if not _corners_are_clear(blocked, points, rooms, radius, own):
         problem = SHARP_CORNER
-    length = _rounded_length(points, radius, problem == FLYABLE)
+    length = _flown_length(points, radius)
     points = _split(blocked, points, rooms, radius)
     if legs > 0 and (heading[0] != 0.0 or heading[1] != 0.0):
         angle = math.atan2(heading[1], heading[0])

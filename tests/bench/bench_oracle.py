@@ -9,6 +9,10 @@ ends and keep the clearance exactly. Nothing any-angle that keeps the clearance 
 Corners of the oracle are the corners of obstacles that it wraps, each counted once however many points wrap
 it. Slow and plain, on purpose.
 
+Lengths of flyable routes are those along legs and arcs, as they are flown, the first turn too; the grid's are
+its legs'. "Not flown" is the share of corners whose arc does not fit the legs or comes nearer than the
+clearance.
+
 "None" are pairs that no route with the clearance joins; "gives up" those where the grid's cheapest way comes
 nearer than the clearance, and "for" by how much longer the oracle's way, which keeps it, is than that. Both
 are left out of the rest.
@@ -23,9 +27,10 @@ import numba
 import numpy as np
 from bench_routes import pair
 
+from gcs.planning.easing import is_flown
 from gcs.planning.grid import Grid, Point
 from gcs.planning.routes import PlanResult, plan_routes, warm_up
-from gcs.planning.sight import clear_leg, to_cells
+from gcs.planning.sight import clear_leg, leg_room, to_cells
 from gcs.planning.task import AgentStart, PlanOptions
 
 _WRAPS = 8
@@ -125,9 +130,25 @@ def oracle(grid: Grid, start: Point, goal: Point, clearance_m: float) -> tuple[f
     return length * grid.spacing_m, 1 + int(np.count_nonzero(np.diff(owners[way], prepend=-1)))
 
 
+@numba.njit
+def unflown(blocked, points, reach, radius):  # type: ignore[no-untyped-def]
+    """How many corners no arc of the radius fits, or none that keeps the clearance; short legs; near legs."""
+    size = points.shape[0]
+    rooms, corners, short, near = np.empty(size - 1), 0, 0, 0
+    for i in range(size - 1):
+        ax, ay, bx, by = points[i, 0], points[i, 1], points[i + 1, 0], points[i + 1, 1]
+        rooms[i] = reach
+        near += leg_room(blocked, ax, ay, bx, by, reach, -1) < reach - 1e-6
+        short += 0 < i < size - 2 and math.hypot(bx - ax, by - ay) < radius - 1e-6
+    for i in range(1, size - 1):
+        corners += not is_flown(blocked, points, rooms, i, radius, -1)
+    return np.array([corners, short, near])
+
+
 def row(nodes: int, count: int, threshold: float, clearance_m: float) -> str:
     """Sums over pairs: grid, oracle, pulled, flyable; lengths and corners."""
-    sums, none, gave_up, kept, dearer = np.zeros((4, 2)), 0, 0, 0, []
+    sums, none, gave_up, kept, dearer = np.zeros((4, 4)), 0, 0, 0, []
+    lacks = np.zeros(3, dtype=np.int64)
     for seed in range(count):
         grid, start, goal = pair(nodes, threshold, seed)
         best_m, legs = oracle(grid, start, goal, clearance_m)
@@ -144,15 +165,22 @@ def row(nodes: int, count: int, threshold: float, clearance_m: float) -> str:
             dearer.append(best_m / results[0].routes[0].length_m - 1.0)
             continue
         kept += 1
-        found = [(best_m, legs), *((one.routes[0].length_m, len(one.routes[0].points_m)) for one in results)]
-        sums += [(length_m, max(legs - 1, 0)) for length_m, legs in found]
+        found = [(best_m, best_m, max(legs - 1, 0), 0)]
+        for one in results:
+            points = np.vstack((start, one.routes[0].points_m)) / grid.spacing_m
+            lack = unflown(grid.blocked, points, clearance_m / grid.spacing_m, 40.0 / grid.spacing_m)
+            along_m = grid.spacing_m * float(np.hypot(*np.diff(points, axis=0).T).sum())
+            found.append((one.routes[0].length_m, along_m, len(points) - 2, lack[0]))
+        sums += found
+        lacks += lack
     cells = [f"{nodes}^2, {threshold:.0%}", f"{clearance_m:.0f} m", str(kept), str(gave_up)]
     cells += [f"{np.median(dearer):.1%}" if dearer else "", str(none)]
-    for i in (0, 2, 3):
-        if kept:
-            cells += [f"{1.0 - sums[i, 0] / sums[1, 0]:.1%}", f"{sums[i, 1] / sums[1, 1]:.0%}"]
+    for i in (0, 2, 3) if kept else ():
+        cells += [f"{1.0 - sums[i, 0] / sums[1, 0]:.1%}", f"{sums[i, 2] / sums[1, 2]:.0%}"]
+        cells += [f"{sums[i, 3] / sums[i, 2]:.0%}"] * (i > 0)
     if kept:
-        cells += [f"{sums[i, 0] / sums[0, 0] - 1.0:.2%}" for i in (2, 3)]
+        cells += [f"{1.0 - sums[3, 1] / sums[1, 1]:.1%}", f"{lacks[1]}, {lacks[2]}"]
+        cells += [f"{sums[i, 0] / sums[0, 0] - 1.0:.1%}" for i in (2, 3)]
     return "| " + " | ".join(cells) + " |"
 
 
@@ -172,8 +200,8 @@ def main() -> None:
         "oracle: shorter",
         "corners",
     ]
-    names += ["pulled: shorter", "corners", "flyable, R = 40 m: shorter", "corners"]
-    names += ["pulled over the oracle", "flyable over the oracle"]
+    names += ["pulled: shorter", "corners", "not flown", "flyable, R = 40 m: shorter", "corners", "not flown"]
+    names += ["shorter along legs", "legs under R, nearer", "pulled over the oracle", "flyable"]
     print("| " + " | ".join(names) + " |\n" + "|---" * len(names) + "|")
     for clearance_m in (0.0, 20.0, 40.0):
         for threshold in (0.05, 0.1, 0.2, 0.3):
