@@ -1,7 +1,6 @@
 """Compiled: a scan's association from beginning to end, and what goes on to the next scan.
 
-One call from Python for all of it: in a small scene, calling the kernels one by one takes longer than what
-they do. Labels that compete with nobody go first (`alone`), the groups of the others behind them.
+Labels that compete with nobody go first (`alone`), the groups of the others behind them.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, called, kernel, leaf
+from gcs.compiling import ZERO, called, leaf
 from gcs.tracking.alone import Made, Tracks, alone
 from gcs.tracking.hypotheses import Groups, Limits, Options, room_for_groups
 from gcs.tracking.kernels import update
@@ -132,7 +131,7 @@ def _account(probability: FloatArray, meas: Any, label: Any, made: Made) -> None
             made.detected[label[i]] += probability[i]
 
 
-@kernel
+@called
 def associate(
     groups: Groups,
     options: Options,
@@ -143,7 +142,6 @@ def associate(
     z: FloatArray,
     view: View,
     limits: Limits,
-    distance2: float,
     rng: Any,
     made: Made,
 ) -> Any:
@@ -154,14 +152,14 @@ def associate(
     lone, several = meet(groups, options, track_label, z.shape[0], limits)
     several, option = renumber(children(several, options, z.shape[0], limits, rng), options.meas.size)
     tracks = alone(
-        groups, lone, options, mean, cov, track_label, z, view, limits, distance2, option.size, made
+        groups, lone, options, mean, cov, track_label, z, view, limits, limits.merge_chi2, option.size, made
     )
     parent, meas, label = np.empty_like(option), np.empty_like(option), np.empty_like(option)
     _look_up(options, track_label, option, parent, meas, label)
     joint_mean, joint_cov = update(mean, cov, parent, meas, z, view)
     if made.there.size > 0:
         _account(probabilities(several, meas.size), meas, label, made)
-    several = merge_alike(several, joint_mean, joint_cov, label, distance2)
+    several = merge_alike(several, joint_mean, joint_cov, label, limits.merge_chi2)
     several, used = renumber(part(several, label, n_labels, limits), option.size)
     joint = Joint(several, parent, option, joint_mean, joint_cov, used)
     return carry(tracks, joint, track_label)

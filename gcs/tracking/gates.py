@@ -11,9 +11,9 @@ clutter:
 with p_S replaced by the birth probability for a track that is being born. Options lie track after track in
 flat arrays, the best one first.
 
-Detections lie in strips (`strips`), so that those in a gate are a few runs. Where a run begins is looked up
-in a guide, a table of evenly spaced values, and found among the few that share an entry by bisection: as fast
-as a grid where detections are spread evenly, and never slow, however they lie.
+Detections lie in strips (`put_in_strips`), so that those in a gate are a few runs. Where a run begins is
+looked up in a guide, a table of evenly spaced values, and found among the few that share an entry by
+bisection: as fast as a grid where detections are spread evenly, and never slow, however they lie.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.tracking.ordering import Order, greatest_first, room_to_order
 from gcs.tracking.views import View, wrapped
 
 if TYPE_CHECKING:
@@ -35,20 +36,8 @@ LEAST_INSIDE = 1e-6
 """A track that is in the field of view with less than this probability is outside."""
 MAX_GATED = 32
 """Detections kept per gate, the likeliest ones: bounds the work that a hostile scan can cause."""
-
-
-def strips(z: FloatArray) -> Any:
-    """Order of the detections (m, 2) in which `options` finds those in a gate, as indices (m,).
-
-    They are cut into strips of isqrt(m) by the first coordinate; each is in the order of the second.
-    """
-    order = np.argsort(z[:, 0])
-    width = max(1, math.isqrt(order.size))
-    count = -(-order.size // width)
-    second = np.full(count * width, np.inf)
-    second[: order.size] = z[order, 1]
-    inside = np.argsort(second.reshape(count, width), axis=1) + width * np.arange(count)[:, None]
-    return order[inside.ravel()[: order.size]]
+_PER_BUCKET = 3
+"""Detections that are sorted together, about."""
 
 
 @inlined
@@ -56,6 +45,69 @@ def _entry(value: float, least: float, per_unit: float, n: int) -> int:
     """Which of the n entries of a guide a value belongs to; rises with the value."""
     at = (value - least) * per_unit
     return 0 if not at > 0.0 else (n - 1 if at >= n else int(at))
+
+
+class _Sorting(NamedTuple):
+    """Room to sort detections."""
+
+    bucket: Any
+    """(m // _PER_BUCKET + 2,) where each bucket begins."""
+    row: Any
+    """(m,)."""
+    value: Any
+    """(m,)."""
+    order: Order
+
+
+@leaf
+def _least_first(z: FloatArray, axis: int, rows: Any, first: int, end: int, work: _Sorting) -> None:
+    """Put `rows[first]` to `rows[end - 1]` in the order of a coordinate, the least first.
+
+    In buckets of a few each where they are spread evenly, and never slow, however they lie.
+    """
+    n, bucket = (end - first) // _PER_BUCKET + 1, work.bucket
+    least = greatest = z[rows[first], axis]
+    for i in range(first, end):
+        least, greatest = min(least, z[rows[i], axis]), max(greatest, z[rows[i], axis])
+    per_unit = n / (greatest - least) if greatest > least else 0.0
+    for b in range(n + 1):
+        bucket[b] = 0
+    for i in range(first, end):
+        bucket[_entry(z[rows[i], axis], least, per_unit, n) + 1] += 1
+    for b in range(n):
+        bucket[b + 1] += bucket[b]
+    for i in range(end - 1, first - 1, -1):
+        b = _entry(z[rows[i], axis], least, per_unit, n) + 1
+        bucket[b] -= 1
+        work.row[bucket[b]], work.value[bucket[b]] = rows[i], -z[rows[i], axis]
+    # Each bucket begins where the one before it did now.
+    for b in range(1, n + 1):
+        low, high = bucket[b], bucket[b + 1] if b < n else end - first
+        greatest_first(work.value, low, high, work.order)
+        for i in range(low, high):
+            rows[first + i] = work.row[work.order.index[i - low]]
+
+
+@leaf
+def _in_strips(z: FloatArray, rows: Any, work: _Sorting) -> None:
+    _least_first(z, 0, rows, ZERO, rows.size, work)
+    width = max(1, int(math.sqrt(rows.size)))
+    for low in range(0, rows.size, width):
+        _least_first(z, 1, rows, low, min(low + width, rows.size), work)
+
+
+@kernel
+def put_in_strips(z: FloatArray, rows: Any) -> None:
+    """Put detections, some `rows` of `z` (m, 2), in the order in which `options` finds those in a gate.
+
+    They are cut into strips of isqrt(m) by the first coordinate; each is in the order of the second.
+    """
+    m = rows.size
+    if m > 1:
+        work = _Sorting(
+            np.empty(m // _PER_BUCKET + 2, np.int64), np.empty(m, np.int64), np.empty(m), room_to_order(m)
+        )
+        _in_strips(z, rows, work)
 
 
 @inlined
@@ -236,9 +288,9 @@ def options(
 ) -> Any:
     """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
 
-    `z` (m, 2) is what the sensor measured, in the order of `strips`; `log_clutter` (m,) is the log of the
-    clutter intensity at each, in the same units. A track that is surely outside the field of view cannot be
-    detected; one that may be outside is the less missed.
+    `z` (m, 2) is what the sensor measured, in the order of `put_in_strips`; `log_clutter` (m,) is the log of
+    the clutter intensity at each, in the same units. A track that is surely outside the field of view cannot
+    be detected; one that may be outside is the less missed.
     """
     n, m = cov.shape[0], z.shape[0]
     width = max(1, int(math.sqrt(m)))

@@ -29,6 +29,11 @@ class Groups(NamedTuple):
     items: Any
     logw: Any
 
+    @classmethod
+    def example(cls) -> Groups:
+        """Return the least that kernels can be called with."""
+        return cls(np.arange(2), np.arange(2), np.zeros(1, np.int64), np.zeros(1))
+
 
 class Options(NamedTuple):
     """What each track may do (see `gates.options`)."""
@@ -56,6 +61,10 @@ class Limits(NamedTuple):
     sampled."""
     sweeps: int
     """Gibbs sweeps that a group's sampled hypotheses share by weight."""
+    gate_chi2: float
+    """Squared Mahalanobis distance of the gate."""
+    merge_chi2: float
+    """Tracks of one label closer than this (squared, Mahalanobis) become one."""
 
 
 @inlined

@@ -2,54 +2,75 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.tracking import gates, sensors
+from gcs.compiling import called
+from gcs.tracking import sensors
+from gcs.tracking.gates import put_in_strips
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from gcs.model import FloatArray, Sensor
 
 _LEAST_CLUTTER_PER_M2 = 1e-15
 
 
-class Look(NamedTuple):
-    """The usable detections of a scan, in the order of `gates.strips`."""
+class Seen(NamedTuple):
+    """The detections of a scan."""
 
     z: FloatArray
     """(m, 2) as the sensor measured them."""
     place_m: FloatArray
     """(m, 2) east/north."""
     log_clutter: FloatArray
-    """(m,) of the clutter intensity there, per unit of `z`."""
-    rows: npt.NDArray[np.int64]
+    """Of the clutter intensity per unit of `z`: (m,) at each, or (1,) at all of them."""
+
+
+class Look(NamedTuple):
+    """The usable detections of a scan, in the order of `gates.put_in_strips`."""
+
+    z: Any
+    """(m, 2) as the sensor measured them."""
+    place_m: Any
+    """(m, 2) east/north."""
+    log_clutter: Any
+    """(m,)."""
+    rows: Any
     """(m,) which detection of the scan each is."""
-    taken: int
-    """How many the scan had, usable or not."""
 
 
-def look_at(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Look:
-    """Take detections (m, 2) that are finite, among clutter of such an intensity (m,) or of the sensor's."""
+def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Seen:
+    """Take detections (m, 2) among clutter of such an intensity (m,), or of the sensor's."""
     place_m = np.array(z_m, dtype=np.float64).reshape(-1, 2)
-    z, n = sensors.measured(sensor, place_m), place_m.shape[0]
-    usable = np.isfinite(z).all(axis=1)
+    z = sensors.measured(sensor, place_m)
     if clutter_per_m2 is None and sensor.polar is None:
-        log_clutter = np.full(n, np.log(max(sensor.clutter_density_per_m2, _LEAST_CLUTTER_PER_M2)))
+        clutter = np.array([sensor.clutter_density_per_m2], dtype=np.float64)
+    elif clutter_per_m2 is None:
+        clutter = sensors.clutter_per_m2(sensor, place_m)
     else:
-        if clutter_per_m2 is None:
-            clutter_per_m2 = sensors.clutter_per_m2(sensor, place_m)
-        log_clutter = np.log(
-            np.maximum(clutter_per_m2, _LEAST_CLUTTER_PER_M2) * sensors.cell_m2(sensor, place_m)
-        )
-        usable &= np.isfinite(log_clutter)
-    if usable.all():
-        rows = gates.strips(z)
-    else:
-        rows = np.flatnonzero(usable)
-        rows = rows[gates.strips(z[rows])]
-    ordered = z.take(rows, axis=0)
-    places = ordered if z is place_m else place_m.take(rows, axis=0)
-    return Look(ordered, places, log_clutter.take(rows), rows, n)
+        clutter = np.array(clutter_per_m2, dtype=np.float64)
+    clutter = np.maximum(clutter, _LEAST_CLUTTER_PER_M2)
+    if sensor.polar is not None:
+        clutter = clutter * sensors.cell_m2(sensor, place_m)
+    return Seen(z, place_m, np.log(clutter))
+
+
+@called
+def look_at(seen: Seen) -> Look:
+    """Put the detections that are finite, as are their intensities, in order."""
+    step, rows, n = 0 if seen.log_clutter.size == 1 else 1, np.empty(seen.z.shape[0], np.int64), 0
+    for j in range(seen.z.shape[0]):
+        x, y, clutter = seen.z[j, 0], seen.z[j, 1], seen.log_clutter[j * step]
+        if np.isfinite(x) and np.isfinite(y) and np.isfinite(clutter):
+            rows[n] = j
+            n += 1
+    rows = rows[:n].copy()
+    put_in_strips(seen.z, rows)
+    z, place_m, log_clutter = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
+    for i in range(n):
+        j = rows[i]
+        log_clutter[i] = seen.log_clutter[j * step]
+        for axis in range(2):
+            z[i, axis], place_m[i, axis] = seen.z[j, axis], seen.place_m[j, axis]
+    return Look(z, place_m, log_clutter, rows)

@@ -75,6 +75,8 @@ class GlmbParams:
             float(self.dependence),
             int(self.enumerable),
             int(self.gibbs_sweeps),
+            float(self.gate_chi2),
+            float(self.merge_chi2),
         )
 
 

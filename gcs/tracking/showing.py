@@ -5,16 +5,21 @@ differ in a detection or two (which of them is clutter), and a place where nobod
 which object they follow. So a label is shown as an average: of the history that the best joint hypothesis has
 of it, and those that may well be the same state, which differ from it by less than 99 % of differences would
 by the covariances of both. That has the least expected square error; its covariance is the mixture's.
+
+Which labels are shown, and in which order: those that are probable enough or in the estimate, as born.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import kernel, leaf
+from gcs.compiling import ZERO, kernel, leaf
+from gcs.tracking.hypotheses import Groups
 from gcs.tracking.merging import factor, near
+from gcs.tracking.ordering import Order, greatest_first, room_to_order
+from gcs.tracking.summing import Summary, summary
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
@@ -23,6 +28,23 @@ SAME_CHI2: Final = 13.28
 """99 % of the chi-square distribution with four degrees of freedom."""
 _LEAST_SHARE: Final = 1e-3
 """Histories less probable than this, against the one that is shown, are passed over: they move nothing."""
+
+
+class Estimates(NamedTuple):
+    """A picture as arrays, a row for each of its labels, in their order."""
+
+    label: Any
+    """(n, 2) scan of birth and index there, int64."""
+    mean: Any
+    """(n, 4)."""
+    cov: Any
+    """(n, 4, 4)."""
+    existence: Any
+    """(n,)."""
+    estimated: Any
+    """(n,) whether it is in the MAP-cardinality estimate."""
+    cardinality: Any
+    """(k,) probability of each number of objects."""
 
 
 @leaf
@@ -91,7 +113,51 @@ def averaged(
     return out_mean, out_cov
 
 
+@leaf
+def _choose(
+    found: Summary, track_label: Any, labels: Any, least: float, estimated: Any, key: Any, order: Order
+) -> int:
+    """Put the labels to be shown in order, and fill which are estimated; return how many are shown."""
+    for i in range(found.estimated.size):
+        track = found.estimated[i]
+        found.shown[track_label[track]], estimated[track_label[track]] = track, True
+    count = ZERO
+    for label in range(estimated.size):
+        # Those that are not shown stand behind all others.
+        key[label] = np.iinfo(np.int64).min
+        if estimated[label] or found.existence[label] >= least:
+            key[label] = -(labels[label, 0] << 32) - labels[label, 1]
+            count += 1
+    greatest_first(key, ZERO, key.size, order)
+    return count
+
+
+@leaf
+def _fill(found: Summary, labels: Any, estimated: Any, order: Order, track: Any, out: Any) -> None:
+    label_out, existence_out, estimated_out = out
+    for i in range(track.size):
+        label = order.index[i]
+        track[i] = found.shown[label]
+        label_out[i, 0], label_out[i, 1] = labels[label, 0], labels[label, 1]
+        existence_out[i], estimated_out[i] = found.existence[label], estimated[label]
+
+
+@kernel
+def shown(
+    groups: Groups, track_label: Any, labels: Any, mean: FloatArray, cov: FloatArray, least: float
+) -> Estimates:
+    """Labels in the estimate, and those with an existence of at least `least`."""
+    found = summary(groups, track_label, labels.shape[0])
+    n_labels = labels.shape[0]
+    estimated, order = np.zeros(n_labels, np.bool_), room_to_order(n_labels)
+    n = _choose(found, track_label, labels, least, estimated, np.empty(n_labels, np.int64), order)
+    track, out = np.empty(n, np.int64), (np.empty((n, 2), np.int64), np.empty(n), np.empty(n, np.bool_))
+    _fill(found, labels, estimated, order, track, out)
+    means, covs = averaged(found.probability, track_label, track, mean, cov)
+    return Estimates(out[0], means, covs, out[1], out[2], found.cardinality)
+
+
 def warm_up_calls() -> list[tuple[Any, ...]]:
     """One call of every kernel, types as in a tracker."""
-    zeros = np.zeros(1, np.int64)
-    return [(averaged, np.ones(1), zeros, zeros, np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4))]
+    zeros, ids, groups = np.zeros(1, np.int64), np.zeros((1, 2), np.int64), Groups.example()
+    return [(shown, groups, zeros, ids, np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), 1e-3)]

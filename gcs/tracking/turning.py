@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel
+from gcs.compiling import called, inlined, kernel
 from gcs.model import FloatArray
 from gcs.tracking.views import View, wrapped
 
@@ -191,11 +191,14 @@ def jacobians(mean: FloatArray, dt: FloatArray, rate_time_s: float) -> Any:
     return out
 
 
-def newborn(n: int, rate_std_rad_s: float) -> FloatArray:
-    """Turns (n, 6) of objects that are as likely to turn as any."""
-    turn = np.zeros((n, 6))
-    turn[:, 1] = rate_std_rad_s * rate_std_rad_s
-    return turn
+@called
+def with_newborn(turn: FloatArray, n: int, rate_std_rad_s: float) -> FloatArray:
+    """Add turns of n objects that are as likely to turn as any."""
+    old = turn.shape[0]
+    out = np.zeros((old + n, 6))
+    out[:old] = turn
+    out[old:, 1] = rate_std_rad_s * rate_std_rad_s
+    return out
 
 
 def warm_up_calls() -> list[tuple[Any, ...]]:

@@ -22,19 +22,34 @@ that may be anywhere, because it was not seen for long, is missed where the sens
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel
+from gcs.compiling import called, inlined, kernel
 from gcs.tracking.sensors import MOST_DETECTION, box
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray, Sensor
 
 _TWO_PI = 2.0 * math.pi
-_EYE = np.eye(2).reshape(1, 2, 2)
-_EVERYWHERE = np.array([[-math.inf, math.inf], [-math.inf, math.inf]])
+
+
+class Optics(NamedTuple):
+    """What kernels know of a sensor."""
+
+    polar: bool
+    """Whether it measures range and bearing."""
+    noise: FloatArray
+    """(1, 2, 2) covariance of what it measures."""
+    field: FloatArray
+    """(2, 2) least and greatest of each coordinate in the field of view; of a bearing, off the centre."""
+    place_m: FloatArray
+    """(2,) where a polar one stands."""
+    centre_rad: float
+    """And which way it looks."""
+    p_d: float
+    """Detection probability in the field of view."""
 
 
 class View(NamedTuple):
@@ -69,18 +84,20 @@ def _share(centre: float, std: float, low: float, high: float) -> float:
     return 0.5 * (math.erf((high - centre) / scale) - math.erf((low - centre) / scale))
 
 
-@kernel
-def _inside_box(mean: FloatArray, cov: FloatArray, field: FloatArray) -> Any:
-    """Probability that each track is within `field` (2, 2), least and greatest of each coordinate."""
-    inside = np.empty(mean.shape[0])
-    for t in range(inside.size):
+@called
+def _position(mean: FloatArray, cov: FloatArray, field: FloatArray) -> Any:
+    """View of each track by a sensor that reports positions, and how probably it is within `field`."""
+    n = mean.shape[0]
+    z_hat, inside = np.empty((n, 2)), np.empty(n)
+    for t in range(n):
         inside[t] = 1.0
         for i in range(2):
+            z_hat[t, i] = mean[t, i]
             inside[t] *= _share(mean[t, i], math.sqrt(cov[t, i, i]), field[i, 0], field[i, 1])
-    return inside
+    return z_hat, inside
 
 
-@kernel
+@called
 def _range_bearing(
     mean: FloatArray, cov: FloatArray, place: FloatArray, R: FloatArray, field: FloatArray, centre_rad: float
 ) -> Any:
@@ -113,9 +130,9 @@ def _range_bearing(
             s00 += u * (dz[i, 0] - m0) ** 2
             s01 += u * (dz[i, 0] - m0) * (dz[i, 1] - m1)
             s11 += u * (dz[i, 1] - m1) ** 2
-        noise[t, 0, 0] = R[0, 0] + max(s00 - (c00 * c00 + c01 * c01) / 3.0, 0.0)
-        noise[t, 1, 1] = R[1, 1] + max(s11 - (c10 * c10 + c11 * c11) / 3.0, 0.0)
-        noise[t, 0, 1] = noise[t, 1, 0] = R[0, 1] + s01 - (c00 * c10 + c01 * c11) / 3.0
+        noise[t, 0, 0] = R[0, 0, 0] + max(s00 - (c00 * c00 + c01 * c01) / 3.0, 0.0)
+        noise[t, 1, 1] = R[0, 1, 1] + max(s11 - (c10 * c10 + c11 * c11) / 3.0, 0.0)
+        noise[t, 0, 1] = noise[t, 1, 0] = R[0, 0, 1] + s01 - (c00 * c10 + c01 * c11) / 3.0
         z_hat[t, 0], z_hat[t, 1] = r0 + m0, wrapped(b0 + m1)
         inside[t] = _share(z_hat[t, 0], math.sqrt(s00), field[0, 0], field[0, 1])
         if field[1, 1] < math.pi:
@@ -123,26 +140,42 @@ def _range_bearing(
     return z_hat, A, noise, inside
 
 
-def view(sensor: Sensor, mean: FloatArray, cov: FloatArray) -> View:
-    """Return how a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
+@kernel
+def seen(optics: Optics, mean: FloatArray, cov: FloatArray) -> View:
+    """How a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
+    if optics.polar:
+        z_hat, A, noise, inside = _range_bearing(
+            mean, cov, optics.place_m, optics.noise, optics.field, optics.centre_rad
+        )
+    else:
+        z_hat, inside = _position(mean, cov, optics.field)
+        A, noise = np.zeros((1, 2, 2)), optics.noise
+        A[0, 0, 0] = A[0, 1, 1] = 1.0
+    return View(z_hat, A, noise, inside, optics.p_d, optics.polar)
+
+
+def optics(sensor: Sensor) -> Optics:
+    """Return what kernels know of a sensor."""
     p_d = min(float(sensor.detection_probability), MOST_DETECTION)
     polar = sensor.polar
     if polar is None:
         noise = np.array(sensor.noise_cov_m2, dtype=np.float64).reshape(1, 2, 2)
-        inside = _inside_box(mean, cov, box(sensor))
-        return View(np.ascontiguousarray(mean[:, :2]), _EYE, noise, inside, p_d, wraps=False)
-    R = np.diag([polar.range_std_m**2, polar.bearing_std_rad**2])
+        return Optics(
+            polar=False, noise=noise, field=box(sensor), place_m=np.zeros(2), centre_rad=0.0, p_d=p_d
+        )
+    noise = np.diag([polar.range_std_m**2, polar.bearing_std_rad**2]).reshape(1, 2, 2)
     half_rad = polar.bearing_rad[1]
-    field = np.array([polar.range_m, (-half_rad, half_rad)])
-    place = np.array([polar.east_m, polar.north_m])
-    z_hat, A, noise, inside = _range_bearing(mean, cov, place, R, field, float(polar.bearing_rad[0]))
-    return View(z_hat, A, noise, inside, p_d, wraps=True)
+    field = np.array([polar.range_m, (-half_rad, half_rad)], dtype=np.float64)
+    place_m = np.array([polar.east_m, polar.north_m], dtype=np.float64)
+    return Optics(True, noise, field, place_m, float(polar.bearing_rad[0]), p_d)
+
+
+def view(sensor: Sensor, mean: FloatArray, cov: FloatArray) -> View:
+    """Return how a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
+    return cast(View, seen(optics(sensor), mean, cov))
 
 
 def warm_up_calls() -> list[tuple[Any, ...]]:
     """One call of every kernel, types as in a tracker."""
-    mean, cov = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4)
-    return [
-        (_inside_box, mean, cov, _EVERYWHERE),
-        (_range_bearing, mean, cov, np.zeros(2), np.eye(2), _EVERYWHERE, 0.0),
-    ]
+    of = Optics(False, np.eye(2).reshape(1, 2, 2), np.eye(2), np.zeros(2), 0.0, 0.9)
+    return [(seen, of, np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4))]

@@ -268,7 +268,7 @@ def test_state_does_not_grow_over_a_thousand_scans():
         seen = PLACES[rng.random(4) < 0.98]
         z = np.vstack([seen + rng.normal(0, 3, seen.shape), clutter(rng, 30)])
         of.update(k * NS_PER_S, z, sensor(clutter=30.0), births())
-        held.append((len(of._labels), of._mean.shape[0], of._groups.logw.size))
+        held.append((len(of._believed.labels), of._believed.mean.shape[0], of._believed.groups.logw.size))
     early, late = np.array(held[20:200]), np.array(held[-180:])
     assert (late.mean(axis=0) < 1.5 * early.mean(axis=0) + 5).all()
     assert len(of.estimate()) == 4

@@ -51,7 +51,7 @@ def run_both(seed, dts_s, **overrides):
 
 def joint(fast):
     """All (weight, tracks) of the product of the fast filter's groups, and its state by track."""
-    g = fast._groups
+    g = fast._believed.groups
     everything = [(1.0, ())]
     for low, high in itertools.pairwise(g.first):
         held = [(math.exp(g.logw[h]), tuple(g.items[g.start[h] : g.start[h + 1]])) for h in range(low, high)]
@@ -60,7 +60,7 @@ def joint(fast):
 
 
 def label_of(fast, track):
-    return tuple(fast._labels[fast._track_label[track]].tolist())
+    return tuple(fast._believed.labels[fast._believed.track_label[track]].tolist())
 
 
 def assert_agree(fast, exact, picture, rel, floor):
@@ -74,7 +74,7 @@ def assert_agree(fast, exact, picture, rel, floor):
         assert track.existence == pytest.approx(exact.existence(track.label), rel=rel, abs=floor)
     for label in {track.label for track in picture.tracks if track.existence > 0.2}:
         held = [(w, t) for w, tracks in hypotheses for t in tracks if label_of(fast, t) == label]
-        mean = sum(w * fast._mean[t] for w, t in held) / sum(w for w, _ in held)
+        mean = sum(w * fast._believed.mean[t] for w, t in held) / sum(w for w, _ in held)
         np.testing.assert_allclose(mean, exact.mean(label), rtol=rel, atol=100 * floor)
     sizes = np.zeros(picture.cardinality.size)
     for labels, weight in exact.label_sets().items():

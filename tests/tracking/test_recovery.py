@@ -41,9 +41,11 @@ def noisy_run(seed, scans=25, p_d=0.9, clutter=20, keep=True, **params):
 
 def best_tracks(of):
     """State of each estimated label along the single history that the best hypothesis has of it."""
-    tracks = summing.map_tracks(of._groups)
-    labels = map(tuple, of._labels[of._track_label[tracks]].tolist())
-    return {label: (of._mean[t], of._cov[t]) for label, t in zip(labels, tracks, strict=True)}
+    tracks = summing.map_tracks(of._believed.groups)
+    labels = map(tuple, of._believed.labels[of._believed.track_label[tracks]].tolist())
+    return {
+        label: (of._believed.mean[t], of._believed.cov[t]) for label, t in zip(labels, tracks, strict=True)
+    }
 
 
 @settings(max_examples=15, deadline=None)
@@ -162,9 +164,10 @@ def nodes_beyond_the_paths(scans):
         if k % 50 == 49:
             kept = {int(n) for label in histories._estimated for n in histories._chain(label)}
             most = max(most, histories.nodes - len(kept))
-            assert set(histories._scans) == {int(k) for k in histories._node["scan"][list(kept)]} | {
-                int(k) for k in histories._node["scan"][histories._node["references"] > 0]
-            }
+            forest = histories._forest
+            needed = set(forest.scan[forest.references > 0].tolist())
+            assert needed <= set(histories._scans), "a path would not know its scans"
+            assert len(histories._scans) <= max(64, 2 * len(needed)) + 50, "scans of no path are kept"
     return most
 
 

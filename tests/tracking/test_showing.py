@@ -67,8 +67,8 @@ def test_in_clutter_what_is_shown_is_nearer_to_the_truth_than_the_best_history_a
             z = x[None, :2][rng.random(1) < 0.8] + rng.normal(0.0, 5.0, (1, 2))
             clutter = x[:2] + rng.uniform(-100.0, 100.0, (rng.poisson(12.0), 2))
             of.update(k * NS_PER_S, np.vstack([z, clutter]), sensor, [birth] if k == 0 else [])
-            for track, t in zip(of.estimate(), summing.map_tracks(of._groups), strict=True):
-                states = (track.mean - x, track.cov), (of._mean[t] - x, of._cov[t])
+            for track, t in zip(of.estimate(), summing.map_tracks(of._believed.groups), strict=True):
+                states = (track.mean - x, track.cov), (of._believed.mean[t] - x, of._believed.cov[t])
                 distances.append([np.hypot(*d[:2]) for d, _ in states])
                 nees.append([d @ np.linalg.solve(P, d) for d, P in states])
             push = rng.normal(0.0, 2.0, 2)

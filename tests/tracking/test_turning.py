@@ -161,9 +161,11 @@ def loitering(seed, **params):
 
 def best_tracks(of):
     """State of each estimated label along the single history that the best hypothesis has of it."""
-    tracks = summing.map_tracks(of._groups)
-    labels = map(tuple, of._labels[of._track_label[tracks]].tolist())
-    return {label: (of._mean[t], of._cov[t]) for label, t in zip(labels, tracks, strict=True)}
+    tracks = summing.map_tracks(of._believed.groups)
+    labels = map(tuple, of._believed.labels[of._believed.track_label[tracks]].tolist())
+    return {
+        label: (of._believed.mean[t], of._believed.cov[t]) for label, t in zip(labels, tracks, strict=True)
+    }
 
 
 @settings(deadline=None, max_examples=10)
