@@ -27,7 +27,7 @@ from gcs.errors import ConfigError, RecordingError
 from gcs.model import FloatArray, Label
 from gcs.report.tracking import Drawing, draw_tracking
 from gcs.tracking.births import UnknownBirths
-from gcs.tracking.glmb import Glmb
+from gcs.tracking.glmb import Birth, Glmb
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
 
 Estimator: TypeAlias = Literal["filtered", "recovered", "smoothed"]
@@ -144,7 +144,7 @@ def track(
         weigh_detections=anywhere.per_s > 0.0,
     )
     unknown = UnknownBirths(anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, accel_std_m_s2)
-    births = list(detections.births)
+    places = detections.births
     states: dict[int, States] = {k: {} for k in detections.number.values()}
     existence: dict[int, dict[Label, float]] = {k: {} for k in states}
     number_of_scan: list[int] = []
@@ -154,27 +154,37 @@ def track(
         again = bool(number_of_scan) and number_of_scan[-1] == k
         begin = clock()
         # Places keep their numbers: at the same moment they do not give birth again.
-        places = [replace(birth, probability=0.0) for birth in births] if again else births
-        tracker.update(look.t_ns, look.z_m, look.sensor, [*places, *unknown.births(look.t_ns)])
+        born = tuple(replace(place, probability=0.0) for place in places) if again else places
+        if anywhere.per_s > 0.0:
+            born = (*born, *unknown.births(look.t_ns))
+        tracker.update(look.t_ns, look.z_m, look.sensor, born)
         if tracker.account is not None:
             unknown.take(look.t_ns, look.z_m, look.sensor, tracker.account.explained)
-        picture = tracker.picture(look.t_ns)
+        found = tracker.estimates()
         scan_ms.append((clock() - begin) * 1e3)
         advance()
         if tracker.scans == len(number_of_scan):
             continue  # refused as late
         number_of_scan.append(k)
-        states[k] = {t.label: t.mean for t in picture.tracks if t.estimated}
-        existence[k] = {t.label: t.existence for t in picture.tracks}
+        labels = [(scan, place) for scan, place in found.label.tolist()]
+        states[k] = {labels[i]: found.mean[i] for i in np.flatnonzero(found.estimated)}
+        existence[k] = dict(zip(labels, found.existence.tolist(), strict=True))
         if detections.birth_again_probability is not None:
-            for place in {place for _, place in states[k] if place < len(births)}:
-                births[place] = replace(births[place], probability=detections.birth_again_probability)
+            places = _again(places, states[k], detections.birth_again_probability)
     if tracker.histories is not None:
         states = {k: {} for k in states}
         for path in tracker.histories.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
             for scan, mean in zip(path.scan, path.mean, strict=True):
                 states[number_of_scan[scan]][path.label] = mean
     return Tracked(states, existence, scan_ms, tracker.late_scans, tracker.bad_detections)
+
+
+def _again(places: tuple[Birth, ...], states: States, probability: float) -> tuple[Birth, ...]:
+    """Let places where somebody was born give birth again so probably; the same tuple if nothing changes."""
+    once = {place for _, place in states if place < len(places) and places[place].probability != probability}
+    if not once:
+        return places
+    return tuple(replace(p, probability=probability) if i in once else p for i, p in enumerate(places))
 
 
 def score(detections: Detections, tracked: Tracked) -> tuple[Scores, FloatArray]:
