@@ -169,7 +169,7 @@ def _misses(probe: Any) -> int:
 
 def _make(calls: Sequence[Call]) -> None:
     thresholds = gc.get_threshold()
-    gc.set_threshold(_COLLECT_AFTER, *thresholds[1:])
+    gc.set_threshold(max(_COLLECT_AFTER, thresholds[0]), *thresholds[1:])
     try:
         for compiled, *arguments in calls:
             compiled(*arguments)

@@ -26,6 +26,8 @@ from gcs.model import Effect, Event
 from gcs.report.judge import Judge
 
 _REFRESH_S = 0.25
+_COLLECT_AFTER = 100_000
+"""Objects allocated between garbage collections in flight: fewer than in a start, so that pauses are short."""
 
 
 class JudgeSink:
@@ -117,3 +119,4 @@ def warm_up(console: Console) -> None:
     load_kernels(console)
     gc.collect()
     gc.freeze()  # what is loaded by now stays: the collector need not look through it again and again
+    gc.set_threshold(_COLLECT_AFTER, *gc.get_threshold()[1:])

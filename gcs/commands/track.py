@@ -20,9 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.commands.detections import Detections, load
-from gcs.commands.info import reading_progress
 from gcs.edge.kernels import TRACKING, load_kernels
-from gcs.edge.reader import recording_bytes
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import FloatArray, Label
 from gcs.report.tracking import Drawing, draw_tracking
@@ -120,6 +118,10 @@ def run_track(options: TrackOptions, console: Console) -> None:
 def _loaded(options: TrackOptions, console: Console) -> Detections:
     if not options.path.is_dir() and options.path.suffix != ".mcap":
         return load(options.path, options.model, options.truth)
+    # Here, since what reads recordings knows all that is in them.
+    from gcs.commands.info import reading_progress
+    from gcs.edge.reader import recording_bytes
+
     with reading_progress(console, options.path, recording_bytes(options.path)) as advance:
         return load(options.path, options.model, options.truth, advance)
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 SAME_CHI2: Final = 13.28
 """99 % of the chi-square distribution with four degrees of freedom."""
+_LAST: Final = -(2**63)
+"""What is not shown is sorted by this."""
 _LEAST_SHARE: Final = 1e-3
 """Histories less probable than this, against the one that is shown, are passed over: they move nothing."""
 
@@ -124,7 +126,7 @@ def _choose(
     count = ZERO
     for label in range(estimated.size):
         # Those that are not shown stand behind all others.
-        key[label] = np.iinfo(np.int64).min
+        key[label] = _LAST
         if estimated[label] or found.existence[label] >= least:
             key[label] = -(labels[label, 0] << 32) - labels[label, 1]
             count += 1
