@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, called, leaf
+from gcs.compiling import ZERO, inlined, leaf
 from gcs.tracking.alone import Made, Tracks, alone
 from gcs.tracking.hypotheses import Groups, Limits, Options, room_for_groups
 from gcs.tracking.kernels import update
@@ -91,7 +91,7 @@ def _carry(lone: Tracks, joint: Joint, track_label: Any, out: Carried) -> int:
     return n_labels
 
 
-@called
+@inlined
 def carry(lone: Tracks, joint: Joint, track_label: Any) -> Carried:
     """Gather all tracks; their Gaussians are the first rows of those of `lone`, which has room for them.
 
@@ -131,7 +131,7 @@ def _account(probability: FloatArray, meas: Any, label: Any, made: Made) -> None
             made.detected[label[i]] += probability[i]
 
 
-@called
+@inlined
 def associate(
     groups: Groups,
     options: Options,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel, leaf
+from gcs.compiling import inlined, kernel, leaf
 from gcs.tracking.gates import innovation
 from gcs.tracking.hypotheses import Groups, room_for_groups
 from gcs.tracking.views import View, wrapped
@@ -102,7 +102,7 @@ def _append(groups: Groups, track_label: Any, labels: Any, scan: int, born: Any,
                 to.cov[n + b, i, j] = born.cov[b, i, j]
 
 
-@called
+@inlined
 def foresee(
     groups: Groups,
     track_label: Any,

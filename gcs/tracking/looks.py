@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import called
+from gcs.compiling import inlined
 from gcs.tracking import sensors
 from gcs.tracking.gates import put_in_strips
+from gcs.tracking.ordering import head
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray, Sensor
@@ -56,7 +57,7 @@ def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) 
     return Seen(z, place_m, np.log(clutter))
 
 
-@called
+@inlined
 def look_at(seen: Seen) -> Look:
     """Put the detections that are finite, as are their intensities, in order."""
     step, rows, n = 0 if seen.log_clutter.size == 1 else 1, np.empty(seen.z.shape[0], np.int64), 0
@@ -65,7 +66,7 @@ def look_at(seen: Seen) -> Look:
         if np.isfinite(x) and np.isfinite(y) and np.isfinite(clutter):
             rows[n] = j
             n += 1
-    rows = rows[:n].copy()
+    rows = head(rows, n)
     put_in_strips(seen.z, rows)
     z, place_m, log_clutter = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
     for i in range(n):

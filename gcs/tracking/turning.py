@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel
+from gcs.compiling import inlined, kernel, leaf
 from gcs.model import FloatArray
 from gcs.tracking.views import View, wrapped
 
@@ -191,23 +191,27 @@ def jacobians(mean: FloatArray, dt: FloatArray, rate_time_s: float) -> Any:
     return out
 
 
-@called
+@leaf
+def _add_newborn(turn: FloatArray, stationary: float, out: FloatArray) -> None:
+    for t in range(out.shape[0]):
+        for i in range(6):
+            out[t, i] = turn[t, i] if t < turn.shape[0] else 0.0
+        if t >= turn.shape[0]:
+            out[t, 1] = stationary
+
+
+@inlined
 def with_newborn(turn: FloatArray, n: int, rate_std_rad_s: float) -> FloatArray:
     """Add turns of n objects that are as likely to turn as any."""
-    old = turn.shape[0]
-    out = np.zeros((old + n, 6))
-    out[:old] = turn
-    out[old:, 1] = rate_std_rad_s * rate_std_rad_s
+    out = np.empty((turn.shape[0] + n, 6))
+    _add_newborn(turn, rate_std_rad_s * rate_std_rad_s, out)
     return out
 
 
 def warm_up_calls() -> list[tuple[Any, ...]]:
     """One call of every kernel, types as in a tracker."""
     mean, cov, turn = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.ones((1, 6))
-    zeros, z, matrix = np.zeros(1, np.int64), np.zeros((1, 2)), np.eye(2).reshape(1, 2, 2)
-    view = View(z, matrix, matrix, np.ones(1), 0.9, wraps=False)
     return [
         (predict, mean, cov, turn, np.eye(4), 1.0, 0.1, 5.0),
-        (update, cov, turn, zeros, zeros, z, view),
         (jacobians, np.zeros((1, 5)), np.ones(1), 5.0),
     ]
