@@ -27,7 +27,7 @@ from gcs.report.judge import Judge
 
 _REFRESH_S = 0.25
 _COLLECT_AFTER = 100_000
-"""Objects allocated between garbage collections in flight: fewer than in a start, so that pauses are short."""
+"""Objects allocated between garbage collections in flight: fewer than in a start, for short pauses."""
 
 
 class JudgeSink:
