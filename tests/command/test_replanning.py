@@ -436,6 +436,40 @@ def test_who_would_hit_something_by_what_it_holds_gets_another_route(place, ahea
     assert plan is None or plan.reason == "agent 1 would hit an obstacle"
 
 
+def close_to_a_corner(target, *, passed=()):
+    """What is decided for an agent near its target, when the target has moved into a corner of walls."""
+    walls = "[map]\nboxes_m = [[1400.0, 60.0, 1900.0, 140.0], [1820.0, 140.0, 1900.0, 700.0]]\n"
+    desk = Desk(
+        {1: (100.0, 300.0)},
+        {A: (1500.0, 300.0)},
+        tables=f'{walls}[planning]\nshape = "flyable"\nclearance_m = 60.0\n',
+    )
+    (flown,) = desk.look(0.0).routes
+    motion = Motion(1400.0, 300.0, 15.0, math.pi / 2.0, ahead=Ahead(((1500.0, 300.0),), (10.0,)))
+    agent = track((0, 1), (1400.0, 300.0), (15.0, 0.0))
+    situation = Situation(
+        at(60.0), at(60.0), {1: agent}, {A: track(A, target)}, frozenset(), motions={1: motion},
+        passed=frozenset(passed),
+    )  # fmt: skip
+    return desk.replanner.check(situation), flown, desk.replanner.routes[1]
+
+
+def test_a_route_that_does_not_reach_its_target_replaces_none_that_is_good():
+    plan, flown, now = close_to_a_corner((1850.0, 200.0))
+    assert plan is None
+    assert now is flown
+    plan, flown, now = close_to_a_corner((1560.0, 380.0))
+    assert plan.changed == (1,)
+    assert now is not flown
+
+
+def test_who_passed_its_target_and_was_not_seen_to_reach_it_tries_again():
+    assert close_to_a_corner((1510.0, 300.0))[0] is None
+    plan, flown, now = close_to_a_corner((1510.0, 300.0), passed=[1])
+    assert (plan.reason, plan.changed) == ("agent 1 passed target 0.0", (1,))
+    assert now is not flown
+
+
 @pytest.mark.parametrize(
     ("reason", "kinds"),
     [

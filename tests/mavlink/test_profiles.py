@@ -126,3 +126,11 @@ def test_on_the_ground_is_disarmed_or_slow_and_low():
     assert not is_on_ground(state(True, 71.0, 15.0), HOME)
     assert not is_on_ground(state(True, 71.0, 0.5), None)
     assert not is_on_ground(None, HOME)
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_a_circle_elsewhere_comes_after_the_last_waypoint(profile):
+    *_, last, circle = profile.items(Mission(1, 1, ROUTE, 30.0, wait_deg=(33.225, -87.585)), HOME)
+    assert (last.command, last.x, last.y) == (WP, 332200000, -875900000)
+    assert (circle.command, circle.x, circle.y) == (LOITER_UNLIM, 332250000, -875850000)
+    assert (circle.z_m, circle.param3) == (120.0, 30.0)
