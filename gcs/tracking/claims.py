@@ -9,7 +9,7 @@ happens, it is below by orders of magnitude.
 
 q is taken on the safe side. A label that loses a contested detection turns to its next best one, so what it
 may fall back upon counts only what nobody contests: its death, its being missed, and detections without a
-conflict. What is contested grows until nothing changes.
+conflict. What is contested grows until nothing changes: the same sets whichever label is looked at first.
 """
 
 from __future__ import annotations
@@ -36,57 +36,47 @@ def root_of(parent: Any, i: int) -> int:
     return i
 
 
-@inlined
-def _rivals(options: Options, track_label: Any, owner: Any, span: Any) -> int:
-    """Fill `owner` (detections,) with the one label that gates it, or `_MANY`; find the labels with rivals.
-
-    Row i of `span` gets the first track of the i-th of these, and the one after its last. Returns how many.
-    """
-    start, meas = options.start, options.meas
-    n_tracks = track_label.size
-    for t in range(n_tracks):
-        for o in range(start[t], start[t + 1]):
-            j = meas[o]
-            if j >= 0 and owner[j] != track_label[t]:
-                owner[j] = track_label[t] if owner[j] == _NOBODY else _MANY
-    count, first = 0, 0
-    while first < n_tracks:
-        end, rivals = first, False
-        while end < n_tracks and track_label[end] == track_label[first]:
-            for o in range(start[end], start[end + 1]):
-                rivals |= meas[o] >= 0 and owner[meas[o]] == _MANY
-            end += 1
-        if rivals:
-            span[count, 0], span[count, 1] = first, end
-            count += 1
-        first = end
-    return count
-
-
 class Claims(NamedTuple):
-    """Room to see who wants what."""
+    """Room to see who wants what. A label with rivals is a rival; what is shared, several of them gate."""
 
     owner: Any
     """(detections,) the one label that gates it, or nobody, or many."""
     contested: Any
-    share: Any
     most: Any
+    """(detections,) the strongest claim to each, and the strongest of another rival."""
+    second: Any
     strongest: Any
-    span: Any
-    """(tracks, 2) first track of each label with rivals, and the one after its last."""
-    free: Any
-    """(rivals,) weight of what nobody contests: absence, death, a miss, detections that nobody else gates."""
+    """(detections,) whose the first is."""
+    last: Any
+    """(detections,) the last of the options below for each, or -1."""
+    chance: Any
+    """(tracks,) probability of each."""
     group: Any
     """(tracks,) which group each is in."""
-    known: Any
-    weight: Any
-    """(options,) of the option times its track's probability."""
-    claim: Any
-    """(options,) q."""
-    shared: Any
-    """(options,) those for detections that several labels gate, rival by rival."""
+    rival_group: Any
+    """(rivals,)."""
+    free: Any
+    """(rivals,) weight of what nobody contests: absence, death, a miss, detections that nobody else gates."""
     begin: Any
-    """(rivals + 1,) where each rival's begin."""
+    """(rivals + 1,) where the options of each for shared detections begin."""
+    meas: Any
+    """Of these options, which detection each is for."""
+    rival: Any
+    """Whose it is."""
+    before: Any
+    """The one before it for the same detection, or -1."""
+    weight: Any
+    """Of the option, times its track's probability."""
+    claim: Any
+    """q."""
+    share: Any
+    """(detections,) scratch, 0."""
+    fresh: Any
+    """(detections,) those contested of late."""
+    turn: Any
+    """(rivals,) those who claim anew for that."""
+    waits: Any
+    """(rivals,) whether they are among these."""
 
 
 @inlined
@@ -98,63 +88,109 @@ def room_for_claims(n_tracks: int, n_options: int, n_detections: int) -> Claims:
         np.zeros(n_detections),
         np.zeros(n_detections),
         np.empty(n_detections, np.int64),
-        np.empty((n_tracks, 2), np.int64),
+        np.empty(n_detections, np.int64),
+        np.zeros(n_tracks),
+        np.empty(n_tracks, np.int64),
+        np.empty(n_tracks, np.int64),
         np.empty(n_tracks),
-        np.empty(n_tracks, np.int64),
-        np.empty(n_tracks, np.int64),
-        np.empty(n_options),
-        np.empty(n_options),
-        np.empty(n_options, np.int64),
         np.empty(n_tracks + 1, np.int64),
+        np.empty(n_options, np.int64),
+        np.empty(n_options, np.int64),
+        np.empty(n_options, np.int64),
+        np.empty(n_options),
+        np.empty(n_options),
+        np.zeros(n_detections),
+        np.empty(n_detections, np.int64),
+        np.empty(n_tracks, np.int64),
+        np.empty(n_tracks, np.bool_),
     )
 
 
 @inlined
-def _weigh(groups: Groups, options: Options, n_rivals: int, to: Claims) -> None:
-    """Fill `to` for the labels with rivals: weights, what is free, options for shared detections."""
-    start_o, meas = options.start, options.meas
-    for r in range(n_rivals):
-        for t in range(to.span[r, 0], to.span[r, 1]):
-            to.weight[start_o[t]] = 0.0
+def _own(options: Options, track_label: Any, to: Claims) -> None:
+    """Fill `to.owner`."""
+    start, meas, owner = options.start, options.meas, to.owner
+    for j in range(owner.size):
+        owner[j] = to.last[j] = _NOBODY
+    for t in range(track_label.size):
+        label = track_label[t]
+        for o in range(start[t], start[t + 1]):
+            j = meas[o]
+            if j >= 0 and owner[j] != label:
+                owner[j] = label if owner[j] == _NOBODY else _MANY
+
+
+@inlined
+def _weigh(groups: Groups, to: Claims) -> None:
+    """Fill `to.chance` and `to.group`."""
     for g in range(groups.first.size - 1):
         for h in range(groups.first[g], groups.first[g + 1]):
             w = 1.0 if groups.logw[h] == 0.0 else math.exp(groups.logw[h])
             for i in range(groups.start[h], groups.start[h + 1]):
-                to.weight[start_o[groups.items[i]]] += w
+                to.chance[groups.items[i]] += w
                 to.group[groups.items[i]] = g
-    n = 0
-    for r in range(n_rivals):
-        absent, free = 1.0, 0.0
-        to.begin[r], to.known[r] = n, -1
-        for t in range(to.span[r, 0], to.span[r, 1]):
-            prior = to.weight[start_o[t]]
-            absent -= prior
-            for o in range(start_o[t], start_o[t + 1]):
-                to.weight[o] = prior * math.exp(options.logw[o])
-                if meas[o] >= 0 and to.owner[meas[o]] == _MANY:
-                    to.shared[n] = o
-                    n += 1
-                else:
-                    free += to.weight[o]
-        to.free[r] = max(absent, 0.0) + free
-    to.begin[n_rivals] = n
 
 
 @inlined
-def _claim(r: int, meas: Any, to: Claims) -> None:
-    """Fill `to.claim` for the shared detections of rival r; `to.share` is zero before and after."""
-    fallback = to.free[r]
-    for i in range(to.begin[r], to.begin[r + 1]):
-        o = to.shared[i]
-        to.share[meas[o]] += to.weight[o]
-        if not to.contested[meas[o]]:
-            fallback += to.weight[o]
-    for i in range(to.begin[r], to.begin[r + 1]):
-        o = to.shared[i]
-        share = to.share[meas[o]]
-        to.claim[o] = share / max(fallback + (share if to.contested[meas[o]] else 0.0), 1e-300)
-    for i in range(to.begin[r], to.begin[r + 1]):
-        to.share[meas[to.shared[i]]] = 0.0
+def _rivals(options: Options, track_label: Any, to: Claims) -> int:
+    """Find the labels with rivals, and what they want; return how many they are."""
+    start, meas, owner = options.start, options.meas, to.owner
+    count, n, first = 0, 0, 0
+    while first < track_label.size:
+        end, rivals = first, False
+        while end < track_label.size and track_label[end] == track_label[first]:
+            for o in range(start[end], start[end + 1]):
+                rivals |= meas[o] >= 0 and owner[meas[o]] == _MANY
+            end += 1
+        if rivals:
+            absent, free, to.begin[count] = 1.0, 0.0, n
+            to.rival_group[count], to.waits[count] = to.group[first], False
+            for t in range(first, end):
+                absent -= to.chance[t]
+                for o in range(start[t], start[t + 1]):
+                    weight, j = to.chance[t] * math.exp(options.logw[o]), meas[o]
+                    if j < 0 or owner[j] != _MANY:
+                        free += weight
+                        continue
+                    to.meas[n], to.rival[n], to.weight[n] = j, count, weight
+                    to.before[n], to.last[j] = to.last[j], n
+                    n += 1
+            to.free[count] = max(absent, 0.0) + free
+            count += 1
+        first = end
+    to.begin[count] = n
+    return count
+
+
+@inlined
+def _claim(r: int, bound: float, fresh: int, work: Claims) -> int:
+    """Let rival r claim what it shares; put what is contested by that behind the `fresh` ones of `work.fresh`.
+
+    Returns how many those are then.
+    """
+    meas, share, contested, most = work.meas, work.share, work.contested, work.most
+    fallback = work.free[r]
+    for i in range(work.begin[r], work.begin[r + 1]):
+        share[meas[i]] += work.weight[i]
+        if not contested[meas[i]]:
+            fallback += work.weight[i]
+    for i in range(work.begin[r], work.begin[r + 1]):
+        j = meas[i]
+        work.claim[i] = claim = share[j] / max(fallback + (share[j] if contested[j] else 0.0), 1e-300)
+        # The more is contested, the greater the claims, so those of before need no second look.
+        if claim > most[j]:
+            if most[j] > 0.0 and work.strongest[j] != r:
+                work.second[j] = most[j]
+            most[j], work.strongest[j] = claim, r
+        elif work.strongest[j] != r:
+            work.second[j] = max(work.second[j], claim)
+    for i in range(work.begin[r], work.begin[r + 1]):
+        j = meas[i]
+        share[j] = 0.0
+        if not contested[j] and most[j] * work.second[j] > bound:
+            contested[j], work.fresh[fresh] = True, j
+            fresh += 1
+    return fresh
 
 
 @leaf
@@ -162,41 +198,30 @@ def unite(
     groups: Groups, options: Options, track_label: Any, bound: float, work: Claims, parent: Any
 ) -> None:
     """Fill `parent` (groups,) with sets of groups that are in conflict over detections, as trees."""
-    meas, span, group = options.meas, work.span, work.group
-    shared, begin, contested, claim = work.shared, work.begin, work.contested, work.claim
-    most, strongest = work.most, work.strongest
     for g in range(parent.size):
         parent[g] = g
-    work.owner[:] = _NOBODY
-    n_rivals = _rivals(options, track_label, work.owner, span)
-    if n_rivals == 0:
-        return
-    _weigh(groups, options, n_rivals, work)
+    _own(options, track_label, work)
+    _weigh(groups, work)
+    n_rivals, fresh = _rivals(options, track_label, work), 0
+    for r in range(n_rivals):
+        fresh = _claim(r, bound, fresh, work)
     for _ in range(_ROUNDS):
-        changed = False
-        for r in range(n_rivals):
-            count = 0
-            for i in range(begin[r], begin[r + 1]):
-                count += contested[meas[shared[i]]]
-            if count == work.known[r]:
-                continue
-            # The more is contested, the greater the claims, so those of before need no second look.
-            work.known[r] = count
-            _claim(r, meas, work)
-            for i in range(begin[r], begin[r + 1]):
-                o = shared[i]
-                if claim[o] > most[meas[o]]:
-                    most[meas[o]], strongest[meas[o]] = claim[o], r
-        for r in range(n_rivals):
-            for i in range(begin[r], begin[r + 1]):
-                o = shared[i]
-                j = meas[o]
-                if strongest[j] == r or claim[o] * most[j] <= bound:
-                    continue
-                changed |= not contested[j]
-                contested[j] = True
-                # The smaller index stays the root, so that order does not depend on history.
-                a, b = root_of(parent, group[span[r, 0]]), root_of(parent, group[span[strongest[j], 0]])
-                parent[max(a, b)] = min(a, b)
-        if not changed:
-            break
+        turns = 0
+        for k in range(fresh):
+            i = work.last[work.fresh[k]]
+            while i >= 0:
+                if not work.waits[work.rival[i]]:
+                    work.turn[turns], work.waits[work.rival[i]] = work.rival[i], True
+                    turns += 1
+                i = work.before[i]
+        fresh = 0
+        for k in range(turns):
+            work.waits[work.turn[k]] = False
+            fresh = _claim(work.turn[k], bound, fresh, work)
+    for i in range(work.begin[n_rivals]):
+        j = work.meas[i]
+        if work.contested[j] and work.strongest[j] != work.rival[i] and work.claim[i] * work.most[j] > bound:
+            # The smaller index stays the root, so that order does not depend on history.
+            a = root_of(parent, work.rival_group[work.rival[i]])
+            b = root_of(parent, work.rival_group[work.strongest[j]])
+            parent[max(a, b)] = min(a, b)
