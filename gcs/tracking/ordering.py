@@ -13,7 +13,7 @@ import numpy as np
 
 from gcs.compiling import ZERO, called, inlined, leaf
 
-_FEW = 12
+_FEW = 8
 
 
 @called
@@ -29,37 +29,36 @@ class Order(NamedTuple):
     """(n,) what comes first, second and so on."""
     other: Any
     """(n,) scratch."""
+    begin: Any
+    """(n + 1,) scratch."""
 
 
 @inlined
 def room_to_order(n: int) -> Order:
     """Return room for n things."""
-    return Order(np.empty(n, np.int64), np.empty(n, np.int64))
+    return Order(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n + 1, np.int64))
+
+
+@inlined
+def _insert(value: Any, n: int, order: Any) -> None:
+    """Order the n indices by insertion: quick where all are near their places."""
+    for i in range(1, n):
+        x, j = order[i], i
+        while j > 0 and value[order[j - 1]] < value[x]:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = x
 
 
 @leaf
-def greatest_first(value: Any, first: int, end: int, to: Order) -> None:
-    """Put the indices `first` to `end` - 1 of the values in order: greatest first, equal ones as they come.
-
-    Insertion sort of a few, merge sort of more.
-    """
-    n, order, merged = end - first, to.index, to.other
-    if n <= _FEW:
-        for i in range(n):
-            j = i
-            while j > 0 and value[order[j - 1]] < value[first + i]:
-                order[j] = order[j - 1]
-                j -= 1
-            order[j] = first + i
-        return
-    for i in range(n):
-        order[i] = first + i
-    run = 1
+def _merge(value: Any, n: int, to: Order) -> None:
+    """Order the n indices in `to` by merging runs."""
+    order, merged, run = to.index, to.other, 1
     while run < n:
         for low in range(0, n, 2 * run):
             mid, high = min(low + run, n), min(low + 2 * run, n)
             if mid == high or not value[order[mid - 1]] < value[order[mid]]:
-                # In order as they are, as most of what comes from lists in order is.
+                # In order as they are, as most of what was in order before is.
                 for k in range(low, high):
                     merged[k] = order[k]
                 continue
@@ -74,6 +73,48 @@ def greatest_first(value: Any, first: int, end: int, to: Order) -> None:
         for k in range(n):
             order[k] = merged[k]
         run *= 2
+
+
+@inlined
+def _spread(value: Any, first: int, n: int, least: float, most: float, to: Order) -> bool:
+    """Put the n indices into as many even steps from the greatest value to the least, as they come.
+
+    Returns whether none of the steps is crowded.
+    """
+    begin, step, per_unit = to.begin, to.other, (n - 0.5) / (most - least)
+    for b in range(n + 1):
+        begin[b] = 0
+    for i in range(n):
+        step[i] = min(max(int((most - value[first + i]) * per_unit), 0), n - 1)
+        begin[step[i] + 1] += 1
+    crowded = False
+    for b in range(n):
+        crowded |= begin[b + 1] > _FEW
+        begin[b + 1] += begin[b]
+    for i in range(n):
+        to.index[begin[step[i]]] = first + i
+        begin[step[i]] += 1
+    return not crowded
+
+
+@leaf
+def greatest_first(value: Any, first: int, end: int, to: Order) -> None:
+    """Put the indices `first` to `end` - 1 of the values in order: greatest first, equal ones as they come.
+
+    A few by insertion. More are spread over as many steps by their value first, which leaves little to
+    do where they are spread evenly, as log-weights are: a tenth of the time of merging 300.
+    """
+    n, order = end - first, to.index
+    for i in range(n):
+        order[i] = first + i
+    if n > _FEW:
+        least = most = value[first]
+        for i in range(first, end):
+            least, most = min(least, value[i]), max(most, value[i])
+        if not 0.0 < most - least < np.inf or not _spread(value, first, n, least, most, to):
+            _merge(value, n, to)
+            return
+    _insert(value, n, order)
 
 
 @inlined
@@ -118,10 +159,12 @@ def room_for_distinct(n: int) -> Distinct:
 @leaf
 def rank(count: int, to: Distinct) -> None:
     """Put `to.example` in the order of `to.weight`, greatest first, equal ones as they come."""
+    for k in range(count):
+        to.weight[k] = math.log(to.weight[k])
     greatest_first(to.weight, ZERO, count, to.order)
     order = to.order.index
     for k in range(count):
-        to.which[k], to.logw[k] = to.example[order[k]], math.log(to.weight[order[k]])
+        to.which[k], to.logw[k] = to.example[order[k]], to.weight[order[k]]
 
 
 @leaf
