@@ -164,9 +164,9 @@ def _rivals(options: Options, track_label: Any, to: Claims) -> int:
 
 @inlined
 def _claim(r: int, bound: float, fresh: int, work: Claims) -> int:
-    """Let rival r claim what it shares; put what is contested by that behind the `fresh` ones of `work.fresh`.
+    """Let rival r claim what it shares; put what is contested by that behind the first of `work.fresh`.
 
-    Returns how many those are then.
+    Returns how many there are then; `fresh` before.
     """
     meas, share, contested, most = work.meas, work.share, work.contested, work.most
     fallback = work.free[r]
