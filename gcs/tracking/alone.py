@@ -139,12 +139,13 @@ def _sizes(groups: Groups, which: Any, options: Options, most: int) -> Any:
     """Bounds: of tracks and hypotheses in all, and of the children of one group."""
     n_tracks, n_hyps, broadest = 0, 0, 1
     for i in range(which.size):
-        children = 1
+        tracks = 0
         for k in range(groups.start[groups.first[which[i]]], groups.start[groups.first[which[i] + 1]]):
-            children += options.start[groups.items[k] + 1] - options.start[groups.items[k]]
-        n_tracks += min(children, most) + 1
-        n_hyps += min(children, most)
-        broadest = max(broadest, children)
+            for o in range(options.start[groups.items[k]], options.start[groups.items[k] + 1]):
+                tracks += options.meas[o] != DIED
+        n_tracks += min(tracks, most)
+        n_hyps += min(tracks + 1, most)
+        broadest = max(broadest, tracks + 1)
     return n_tracks, n_hyps, broadest
 
 

@@ -224,13 +224,14 @@ def _options(
     start: Any,
     meas: Any,
     logw: FloatArray,
-) -> None:
+    t: int,
+) -> int:
+    """List the options of tracks from t on; return the first one for which there may be no room, or n."""
     n, m, width, n_strips = cov.shape[0], z.shape[0], strip.width, strip.edge.size
     step = 0 if view.A.shape[0] == 1 else 1
     p_d = view.p_d
     log_made, log_missed = math.log(p_d) - math.log(2.0 * math.pi), math.log1p(-p_d)
-    start[0] = 0
-    for t in range(n):
+    while t < n and logw.size - start[t] >= m + 2:
         first = count = start[t]
         seen = p_d > 0.0 and view.inside[t] > LEAST_INSIDE
         if seen and m > 0:
@@ -274,6 +275,15 @@ def _options(
             count += 1
         _sort_options(meas, logw, first, count)
         start[t + 1] = count
+        t += 1
+    return t
+
+
+@leaf
+def _copy(old: Any, n: int, to: Any) -> None:
+    """Copy the first n elements."""
+    for i in range(n):
+        to[i] = old[i]
 
 
 @kernel
@@ -304,10 +314,18 @@ def options(
         np.empty(count),
     )
     per_unit = _lay_out(z, strip)
-    room = n * (min(m, MAX_GATED) + 2) + m
-    start, meas, logw = np.empty(n + 1, np.int64), np.empty(room, np.int64), np.empty(room)
+    # Room for what most scenes need, and for the next track all detections; as much again where it runs out.
+    room, t = 5 * n + m + 2, ZERO
+    start, meas, logw = np.zeros(n + 1, np.int64), np.empty(room, np.int64), np.empty(room)
     best = np.empty(MAX_GATED)
-    _options(
-        cov, log_live, log_die, z, view, log_clutter, gate_chi2, strip, per_unit, best, start, meas, logw
-    )
+    while t < n:
+        t = _options(
+            cov, log_live, log_die, z, view, log_clutter, gate_chi2, strip, per_unit, best, start, meas, logw, t
+        )
+        if t < n:
+            room *= 2
+            more_meas, more_logw = np.empty(room, np.int64), np.empty(room)
+            _copy(meas, start[t], more_meas)
+            _copy(logw, start[t], more_logw)
+            meas, logw = more_meas, more_logw
     return start, meas[: start[n]], logw[: start[n]]

@@ -76,8 +76,7 @@ def _averaged(
             end += 1
         weight = 1.0
         for u in range(first, end):
-            share = probability[u] / probability[t]
-            if u == t or share < _LEAST_SHARE:
+            if u == t or probability[u] < _LEAST_SHARE * probability[t]:
                 continue
             if (mean[u, 0] - centre[0, 0]) ** 2 > SAME_CHI2 * (cov[t, 0, 0] + cov[u, 0, 0]):
                 continue
@@ -87,6 +86,7 @@ def _averaged(
             factor(total_cov, 0, lower, 0)
             if not near(mean, u, centre, 0, lower, 0, SAME_CHI2):
                 continue
+            share = probability[u] / probability[t]
             weight += share
             for i in range(4):
                 shift[i] += share * (mean[u, i] - centre[0, i])
@@ -95,6 +95,9 @@ def _averaged(
                     out_cov[row, i, j] += share * (cov[u, i, j] + spread)
         for i in range(4):
             out_mean[row, i] = centre[0, i] + shift[i] / weight
+        if weight == 1.0:
+            continue
+        for i in range(4):
             for j in range(4):
                 out_cov[row, i, j] = out_cov[row, i, j] / weight - shift[i] * shift[j] / weight**2
 
