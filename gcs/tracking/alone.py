@@ -100,6 +100,9 @@ def _weigh(groups: Groups, g: int, options: Options, limits: Limits, to: Any) ->
         if to.logw[i] >= floor:
             to.option[kept], to.parent[kept], to.logw[kept] = to.option[i], to.parent[i], to.logw[i]
             kept += 1
+    if kept == 1:
+        to.order.index[0], to.weight[0] = 0, 1.0
+        return kept
     greatest_first(to.logw, ZERO, kept, to.order)
     kept = min(kept, limits.hypotheses)
     total, best = 0.0, to.logw[to.order.index[0]]
@@ -254,6 +257,10 @@ def _alone(
         if existence == 0.0 or existence < limits.existence:
             continue
         count, n = _lead(n, kept, to, lead, mean, cov, z, meas, view, distance2, out)
+        if count == 1:
+            first[n_groups + 1], start[h + 1], logw[h], items[start[h]] = h + 1, start[h] + 1, 0.0, n - 1
+            n_groups, h = n_groups + 1, h + 1
+            continue
         greatest_first(lead.weight, ZERO, count, lead.order)
         for k in range(count):
             d = lead.order.index[k]

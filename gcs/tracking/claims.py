@@ -49,10 +49,12 @@ class Claims(NamedTuple):
     """(detections,) whose the first is."""
     last: Any
     """(detections,) the last of the options below for each, or -1."""
+    wants: Any
+    """(tracks,) whether each is of a rival."""
     chance: Any
-    """(tracks,) probability of each."""
+    """(tracks,) probability of those, 0 of others."""
     group: Any
-    """(tracks,) which group each is in."""
+    """(tracks,) which group those are in."""
     rival_group: Any
     """(rivals,)."""
     free: Any
@@ -89,6 +91,7 @@ def room_for_claims(n_tracks: int, n_options: int, n_detections: int) -> Claims:
         np.zeros(n_detections),
         np.empty(n_detections, np.int64),
         np.empty(n_detections, np.int64),
+        np.empty(n_tracks, np.bool_),
         np.zeros(n_tracks),
         np.empty(n_tracks, np.int64),
         np.empty(n_tracks, np.int64),
@@ -121,10 +124,31 @@ def _own(options: Options, track_label: Any, to: Claims) -> None:
 
 
 @inlined
+def _want(options: Options, track_label: Any, to: Claims) -> None:
+    """Fill `to.wants`."""
+    start, meas, owner = options.start, options.meas, to.owner
+    first = 0
+    while first < track_label.size:
+        end, rivals = first, False
+        while end < track_label.size and track_label[end] == track_label[first]:
+            for o in range(start[end], start[end + 1]):
+                rivals |= meas[o] >= 0 and owner[meas[o]] == _MANY
+            end += 1
+        for t in range(first, end):
+            to.wants[t] = rivals
+        first = end
+
+
+@inlined
 def _weigh(groups: Groups, to: Claims) -> None:
     """Fill `to.chance` and `to.group`."""
     for g in range(groups.first.size - 1):
         for h in range(groups.first[g], groups.first[g + 1]):
+            wanting = False
+            for i in range(groups.start[h], groups.start[h + 1]):
+                wanting |= to.wants[groups.items[i]]
+            if not wanting:
+                continue
             w = 1.0 if groups.logw[h] == 0.0 else math.exp(groups.logw[h])
             for i in range(groups.start[h], groups.start[h + 1]):
                 to.chance[groups.items[i]] += w
@@ -133,31 +157,28 @@ def _weigh(groups: Groups, to: Claims) -> None:
 
 @inlined
 def _rivals(options: Options, track_label: Any, to: Claims) -> int:
-    """Find the labels with rivals, and what they want; return how many they are."""
+    """List the labels with rivals, and what they want; return how many they are."""
     start, meas, owner = options.start, options.meas, to.owner
-    count, n, first = 0, 0, 0
-    while first < track_label.size:
-        end, rivals = first, False
-        while end < track_label.size and track_label[end] == track_label[first]:
-            for o in range(start[end], start[end + 1]):
-                rivals |= meas[o] >= 0 and owner[meas[o]] == _MANY
-            end += 1
-        if rivals:
-            absent, free, to.begin[count] = 1.0, 0.0, n
-            to.rival_group[count], to.waits[count] = to.group[first], False
-            for t in range(first, end):
-                absent -= to.chance[t]
-                for o in range(start[t], start[t + 1]):
-                    weight, j = to.chance[t] * math.exp(options.logw[o]), meas[o]
-                    if j < 0 or owner[j] != _MANY:
-                        free += weight
-                        continue
-                    to.meas[n], to.rival[n], to.weight[n] = j, count, weight
-                    to.before[n], to.last[j] = to.last[j], n
-                    n += 1
-            to.free[count] = max(absent, 0.0) + free
-            count += 1
-        first = end
+    count, n, t = 0, 0, 0
+    while t < track_label.size:
+        if not to.wants[t]:
+            t += 1
+            continue
+        label, absent, free, to.begin[count] = track_label[t], 1.0, 0.0, n
+        to.rival_group[count], to.waits[count] = to.group[t], False
+        while t < track_label.size and track_label[t] == label:
+            absent -= to.chance[t]
+            for o in range(start[t], start[t + 1]):
+                weight, j = to.chance[t] * math.exp(options.logw[o]), meas[o]
+                if j < 0 or owner[j] != _MANY:
+                    free += weight
+                    continue
+                to.meas[n], to.rival[n], to.weight[n] = j, count, weight
+                to.before[n], to.last[j] = to.last[j], n
+                n += 1
+            t += 1
+        to.free[count] = max(absent, 0.0) + free
+        count += 1
     to.begin[count] = n
     return count
 
@@ -201,6 +222,7 @@ def unite(
     for g in range(parent.size):
         parent[g] = g
     _own(options, track_label, work)
+    _want(options, track_label, work)
     _weigh(groups, work)
     n_rivals, fresh = _rivals(options, track_label, work), 0
     for r in range(n_rivals):

@@ -36,8 +36,8 @@ LEAST_INSIDE = 1e-6
 """A track that is in the field of view with less than this probability is outside."""
 MAX_GATED = 32
 """Detections kept per gate, the likeliest ones: bounds the work that a hostile scan can cause."""
-_PER_BUCKET = 3
-"""Detections that are sorted together, about."""
+_FEW = 8
+"""So many are looked at one by one."""
 
 
 @inlined
@@ -50,8 +50,6 @@ def _entry(value: float, least: float, per_unit: float, n: int) -> int:
 class _Sorting(NamedTuple):
     """Room to sort detections."""
 
-    bucket: Any
-    """(m // _PER_BUCKET + 2,) where each bucket begins."""
     row: Any
     """(m,)."""
     value: Any
@@ -61,31 +59,12 @@ class _Sorting(NamedTuple):
 
 @leaf
 def _least_first(z: FloatArray, axis: int, rows: Any, first: int, end: int, work: _Sorting) -> None:
-    """Put `rows[first]` to `rows[end - 1]` in the order of a coordinate, the least first.
-
-    In buckets of a few each where they are spread evenly, and never slow, however they lie.
-    """
-    n, bucket = (end - first) // _PER_BUCKET + 1, work.bucket
-    least = greatest = z[rows[first], axis]
+    """Put `rows[first]` to `rows[end - 1]` in the order of a coordinate, the least first."""
     for i in range(first, end):
-        least, greatest = min(least, z[rows[i], axis]), max(greatest, z[rows[i], axis])
-    per_unit = n / (greatest - least) if greatest > least else 0.0
-    for b in range(n + 1):
-        bucket[b] = 0
+        work.row[i - first], work.value[i - first] = rows[i], -z[rows[i], axis]
+    greatest_first(work.value, ZERO, end - first, work.order)
     for i in range(first, end):
-        bucket[_entry(z[rows[i], axis], least, per_unit, n) + 1] += 1
-    for b in range(n):
-        bucket[b + 1] += bucket[b]
-    for i in range(end - 1, first - 1, -1):
-        b = _entry(z[rows[i], axis], least, per_unit, n) + 1
-        bucket[b] -= 1
-        work.row[bucket[b]], work.value[bucket[b]] = rows[i], -z[rows[i], axis]
-    # Each bucket begins where the one before it did now.
-    for b in range(1, n + 1):
-        low, high = bucket[b], bucket[b + 1] if b < n else end - first
-        greatest_first(work.value, low, high, work.order)
-        for i in range(low, high):
-            rows[first + i] = work.row[work.order.index[i - low]]
+        rows[i] = work.row[work.order.index[i - first]]
 
 
 @leaf
@@ -104,10 +83,7 @@ def put_in_strips(z: FloatArray, rows: Any) -> None:
     """
     m = rows.size
     if m > 1:
-        work = _Sorting(
-            np.empty(m // _PER_BUCKET + 2, np.int64), np.empty(m, np.int64), np.empty(m), room_to_order(m)
-        )
-        _in_strips(z, rows, work)
+        _in_strips(z, rows, _Sorting(np.empty(m, np.int64), np.empty(m), room_to_order(m)))
 
 
 @inlined
@@ -246,7 +222,9 @@ def _options(
                 j, high = s * width, min((s + 1) * width, m)
                 if not view.wraps:
                     e = s * (width + 1) + _entry(y - reach_1, strip.second[j], strip.per_unit[s], width)
-                    j = _first_beyond(strip.second, strip.inner[e], strip.inner[e + 1], y - reach_1)
+                    j = strip.inner[e]
+                    if strip.inner[e + 1] - j > _FEW:
+                        j = _first_beyond(strip.second, j, strip.inner[e + 1], y - reach_1)
                 while j < high:
                     dx, dy = z[j, 0] - x, z[j, 1] - y
                     if view.wraps:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel
+from gcs.compiling import called, inlined, kernel, leaf
 from gcs.tracking.sensors import MOST_DETECTION, box
 
 if TYPE_CHECKING:
@@ -84,16 +84,23 @@ def _share(centre: float, std: float, low: float, high: float) -> float:
     return 0.5 * (math.erf((high - centre) / scale) - math.erf((low - centre) / scale))
 
 
+@leaf
+def _look(mean: FloatArray, cov: FloatArray, field: FloatArray, z_hat: FloatArray, inside: FloatArray) -> None:
+    everywhere = True
+    for i in range(2):
+        everywhere &= field[i, 0] == -np.inf and field[i, 1] == np.inf
+    for t in range(inside.size):
+        z_hat[t, 0], z_hat[t, 1], inside[t] = mean[t, 0], mean[t, 1], 1.0
+        if not everywhere:
+            for i in range(2):
+                inside[t] *= _share(mean[t, i], math.sqrt(cov[t, i, i]), field[i, 0], field[i, 1])
+
+
 @called
 def _position(mean: FloatArray, cov: FloatArray, field: FloatArray) -> Any:
     """View of each track by a sensor that reports positions, and how probably it is within `field`."""
-    n = mean.shape[0]
-    z_hat, inside = np.empty((n, 2)), np.empty(n)
-    for t in range(n):
-        inside[t] = 1.0
-        for i in range(2):
-            z_hat[t, i] = mean[t, i]
-            inside[t] *= _share(mean[t, i], math.sqrt(cov[t, i, i]), field[i, 0], field[i, 1])
+    z_hat, inside = np.empty((mean.shape[0], 2)), np.empty(mean.shape[0])
+    _look(mean, cov, field, z_hat, inside)
     return z_hat, inside
 
 
