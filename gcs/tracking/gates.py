@@ -298,8 +298,9 @@ def options(
     best = np.empty(MAX_GATED)
     while t < n:
         t = _options(
-            cov, log_live, log_die, z, view, log_clutter, gate_chi2, strip, per_unit, best, start, meas, logw, t
-        )
+            cov, log_live, log_die, z, view, log_clutter, gate_chi2,
+            strip, per_unit, best, start, meas, logw, t,
+        )  # fmt: skip
         if t < n:
             room *= 2
             more_meas, more_logw = np.empty(room, np.int64), np.empty(room)

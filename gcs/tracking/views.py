@@ -85,7 +85,7 @@ def _share(centre: float, std: float, low: float, high: float) -> float:
 
 
 @leaf
-def _look(mean: FloatArray, cov: FloatArray, field: FloatArray, z_hat: FloatArray, inside: FloatArray) -> None:
+def _look(mean: FloatArray, cov: FloatArray, field: FloatArray, z_hat: Any, inside: Any) -> None:
     everywhere = True
     for i in range(2):
         everywhere &= field[i, 0] == -np.inf and field[i, 1] == np.inf
