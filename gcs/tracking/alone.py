@@ -258,7 +258,8 @@ def _alone(
             continue
         count, n = _lead(n, kept, to, lead, mean, cov, z, meas, view, distance2, out)
         if count == 1:
-            first[n_groups + 1], start[h + 1], logw[h], items[start[h]] = h + 1, start[h] + 1, 0.0, n - 1
+            logw[h] = 0.0 if lead.weight[0] == 1.0 else math.log(lead.weight[0])
+            items[start[h]], start[h + 1], first[n_groups + 1] = n - 1, start[h] + 1, h + 1
             n_groups, h = n_groups + 1, h + 1
             continue
         greatest_first(lead.weight, ZERO, count, lead.order)
