@@ -69,10 +69,10 @@ def _least_first(z: FloatArray, axis: int, rows: Any, first: int, end: int, work
 
 @leaf
 def _in_strips(z: FloatArray, rows: Any, work: _Sorting) -> None:
-    _least_first(z, 0, rows, ZERO, rows.size, work)
+    _least_first(z, ZERO, rows, ZERO, rows.size, work)
     width = max(1, int(math.sqrt(rows.size)))
     for low in range(0, rows.size, width):
-        _least_first(z, 1, rows, low, min(low + width, rows.size), work)
+        _least_first(z, ZERO + 1, rows, low, min(low + width, rows.size), work)
 
 
 @kernel

@@ -26,7 +26,7 @@ import numpy as np
 
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
-from gcs.tracking import intensity, kernels, motion, recovery, scanning, showing, turning, views
+from gcs.tracking import intensity, kernels, motion, recovery, scanning, showing, smoothing, turning, views
 from gcs.tracking.looks import seen_by
 from gcs.tracking.params import SURE, Birth, GlmbParams, Newborn
 from gcs.tracking.recovery import Histories
@@ -205,7 +205,7 @@ def warm_up_calls() -> list[compiling.Call]:
         *scanning.warm_up_calls(),
         *recovery.warm_up_calls(),
         *intensity.warm_up_calls(),
-        *views.warm_up_calls(),
+        *smoothing.warm_up_calls(),
         *turning.warm_up_calls(),
     ]
 

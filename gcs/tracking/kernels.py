@@ -51,26 +51,32 @@ class Chances(NamedTuple):
 
 
 @leaf
+def moved(
+    mean: FloatArray, cov: FloatArray, t: int, dt_s: float, Q: FloatArray, mean_out: FloatArray, cov_out: Any
+) -> None:
+    """Kalman prediction of track t, F and `Q` of `motion`."""
+    for i in range(2):
+        mean_out[t, i] = mean[t, i] + dt_s * mean[t, i + 2]
+        mean_out[t, i + 2] = mean[t, i + 2]
+        for j in range(i + 1):
+            near = cov[t, i, j] + dt_s * cov[t, i + 2, j]
+            far = cov[t, i, j + 2] + dt_s * cov[t, i + 2, j + 2]
+            cov_out[t, i, j] = cov_out[t, j, i] = Q[i, j] + near + far * dt_s
+        for j in range(2):
+            cross = Q[i + 2, j] + cov[t, i + 2, j] + cov[t, i + 2, j + 2] * dt_s
+            cov_out[t, i + 2, j] = cov_out[t, j, i + 2] = cross
+        for j in range(2, i + 3):
+            cov_out[t, i + 2, j] = cov_out[t, j, i + 2] = Q[i + 2, j] + cov[t, i + 2, j]
+
+
+@leaf
 def _predict(
     mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, chances: Chances, to: Any
 ) -> None:
-    """Kalman prediction of every track, F and `Q` of `motion`."""
-    mean_out, cov_out = to.mean, to.cov
     for t in range(mean.shape[0]):
-        for i in range(2):
-            mean_out[t, i] = mean[t, i] + dt_s * mean[t, i + 2]
-            mean_out[t, i + 2] = mean[t, i + 2]
-            for j in range(i + 1):
-                near = cov[t, i, j] + dt_s * cov[t, i + 2, j]
-                far = cov[t, i, j + 2] + dt_s * cov[t, i + 2, j + 2]
-                cov_out[t, i, j] = cov_out[t, j, i] = Q[i, j] + near + far * dt_s
-            for j in range(2):
-                moved = Q[i + 2, j] + cov[t, i + 2, j] + cov[t, i + 2, j + 2] * dt_s
-                cov_out[t, i + 2, j] = cov_out[t, j, i + 2] = moved
-            for j in range(2, i + 3):
-                cov_out[t, i + 2, j] = cov_out[t, j, i + 2] = Q[i + 2, j] + cov[t, i + 2, j]
+        moved(mean, cov, t, dt_s, Q, to.mean, to.cov)
         to.log_live[t], to.log_die[t] = chances.live, chances.die
-        if max(cov_out[t, 0, 0], cov_out[t, 1, 1]) > chances.lost_m2:
+        if max(to.cov[t, 0, 0], to.cov[t, 1, 1]) > chances.lost_m2:
             to.log_live[t], to.log_die[t] = chances.lost_live, chances.lost_die
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined
+from gcs.compiling import ZERO, inlined
 from gcs.tracking import sensors
 from gcs.tracking.gates import put_in_strips
 from gcs.tracking.ordering import head
@@ -60,7 +60,7 @@ def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) 
 @inlined
 def look_at(seen: Seen) -> Look:
     """Put the detections that are finite, as are their intensities, in order."""
-    step, rows, n = 0 if seen.log_clutter.size == 1 else 1, np.empty(seen.z.shape[0], np.int64), 0
+    step, rows, n = 0 if seen.log_clutter.size == 1 else 1, np.empty(seen.z.shape[0], np.int64), ZERO
     for j in range(seen.z.shape[0]):
         x, y, clutter = seen.z[j, 0], seen.z[j, 1], seen.log_clutter[j * step]
         if np.isfinite(x) and np.isfinite(y) and np.isfinite(clutter):

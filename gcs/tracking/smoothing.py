@@ -8,21 +8,23 @@ Joseph form. Smoother (Rauch, Tung & Striebel 1965), with the gain G_k = P_k|k F
 With a fixed lag L the state k is that of n = min(k + L, last): what one knows L scans later.
 State order [east, north, v_east, v_north], and the turn rate as a fifth where objects turn: then the filter
 is that of `turning`, and the smoother takes the turn to be linear around the filtered states (an extended
-one). H and R are those of `views.view`, which is linear around each track.
+one). How a sensor sees a state is its `view` of it, which is linear around each (see `views`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from gcs.compiling import ZERO, Call, kernel, leaf
 from gcs.model import FloatArray, Sensor
-from gcs.tracking import turning
+from gcs.tracking import turning, views
+from gcs.tracking.kernels import moved, updated
 from gcs.tracking.sensors import measured
 from gcs.tracking.turning import Turns
-from gcs.tracking.views import view, wrapped
+from gcs.tracking.views import Optics, seen
 
 
 class Step(NamedTuple):
@@ -55,26 +57,98 @@ class Run(NamedTuple):
     """(n - 1, d, d) how each state but the first changes with the one before."""
 
 
+@leaf
+def _store(
+    mean: FloatArray, cov: FloatArray, turn: FloatArray, at: int, k: int, means: Any, covs: Any
+) -> None:
+    """Write a state, with its turn rate where there is room for it."""
+    for i in range(4):
+        means[at, k, i] = mean[0, i]
+        for j in range(4):
+            covs[at, k, i, j] = cov[0, i, j]
+    if means.shape[2] == 5:
+        means[at, k, 4], covs[at, k, 4, 4] = turn[0, 0], turn[0, 1]
+        for i in range(4):
+            covs[at, k, i, 4] = covs[at, k, 4, i] = turn[0, 2 + i]
+
+
+@kernel
+def filter_path(
+    mean: FloatArray,
+    cov: FloatArray,
+    dt_s: FloatArray,
+    Q: FloatArray,
+    z: FloatArray,
+    which: Any,
+    optics: Any,
+    turns: Turns,
+) -> Any:
+    """States before and after each of n scans: means (2, n, d), covariances (2, n, d, d).
+
+    `dt_s` (n,) since the scan before, with process noise `Q` (n, 4, 4); `z` (n, 2) what the sensor `which`
+    (n,) of several measured, NaN for a miss; `optics` is an `Optics` of arrays, a row for each sensor.
+    """
+    n, turn_too, one = dt_s.size, turns.rate_std_rad_s > 0.0, np.zeros(1, np.int64)
+    d = 5 if turn_too else 4
+    means, covs = np.empty((2, n, d)), np.empty((2, n, d, d))
+    x, P, w = mean.reshape(1, 4).copy(), cov.reshape(1, 4, 4).copy(), np.zeros((1, 6))
+    w[0, 1] = turns.rate_std_rad_s * turns.rate_std_rad_s
+    for k in range(n):
+        if k > 0 and dt_s[k] > 0.0:
+            if turn_too:
+                x, P, w = turning.predict(x, P, w, Q[k], dt_s[k], turns.rate_std_rad_s, turns.time_s)
+            else:
+                before_x, before_P, x, P = x, P, np.empty((1, 4)), np.empty((1, 4, 4))
+                moved(before_x, before_P, ZERO, dt_s[k], Q[k], x, P)
+        _store(x, P, w, ZERO, k, means, covs)
+        if not np.isnan(z[k, 0]):
+            s = which[k]
+            sensor = Optics(
+                optics.polar[s], optics.noise[s], optics.field[s], optics.place_m[s], optics.centre_rad[s],
+                optics.p_d[s],
+            )  # fmt: skip
+            view = seen(sensor, x, P)
+            before_x, before_P, x, P = x, P, np.empty((1, 4)), np.empty((1, 4, 4))
+            updated(before_x, before_P, ZERO, ZERO, z[k : k + 1], view, x, P, ZERO)
+            if turn_too:
+                w = turning.update(before_P, w, one, one, z[k : k + 1], view)
+        _store(x, P, w, ZERO + 1, k, means, covs)
+    return means, covs
+
+
+def warm_up_calls() -> list[Call]:
+    """One call of every kernel, types as in `filtered`."""
+    sensor = views.optics(Sensor("", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0)))
+    optics = Optics._make(np.array([part]) for part in sensor)
+    zeros = np.zeros(1, np.int64)
+    z, Q = np.zeros((1, 2)), np.eye(4).reshape(1, 4, 4)
+    return [(filter_path, np.zeros(4), np.eye(4), np.ones(1), Q, z, zeros, optics, Turns(0.0, 1.0))]
+
+
 def filtered(mean: FloatArray, cov: FloatArray, steps: Sequence[Step], turns: Turns | None = None) -> Run:
     """Filter from the prior (4,), (4, 4) at the time of the first scan; its F and Q do not apply."""
-    n, x, P = len(steps), mean, cov
-    if turns is not None:
-        x, P = np.append(mean, 0.0), np.pad(cov, (0, 1))
-        P[4, 4] = turns.rate_std_rad_s**2
-    d = x.size
-    means, covs = np.empty((2, n, d)), np.empty((2, n, d, d))
+    sensors = {id(step.sensor): step.sensor for step in steps}
+    which = {identity: i for i, identity in enumerate(sensors)}
+    optics = [views.optics(sensor) for sensor in sensors.values()]
+    dt_s = np.array([step.dt_s for step in steps])
+    z = np.full((len(steps), 2), np.nan)
     for k, step in enumerate(steps):
-        if k:
-            x, P = _predicted(x, P, step, turns)
-        means[0, k], covs[0, k] = x, P
         if step.z_m is not None:
-            x, P = _updated(x, P, step.sensor, step.z_m)
-        P = 0.5 * (P + P.T)
-        means[1, k], covs[1, k] = x, P
+            z[k] = measured(step.sensor, step.z_m[None])[0]
+    means, covs = filter_path(
+        np.array(mean),
+        np.array(cov),
+        dt_s,
+        np.array([step.Q for step in steps]),
+        z,
+        np.array([which[id(step.sensor)] for step in steps]),
+        Optics._make(map(np.array, zip(*optics, strict=True))),
+        turns or Turns(0.0, 1.0),
+    )
     if turns is None:
         F = np.reshape([step.F for step in steps[1:]], (-1, 4, 4))
     else:
-        F = turning.jacobians(means[1, :-1], np.array([step.dt_s for step in steps[1:]]), turns.time_s)
+        F = turning.jacobians(means[1, :-1], dt_s[1:], turns.time_s)
     return Run(means[1], covs[1], means[0], covs[0], F)
 
 
@@ -94,31 +168,3 @@ def smoothed(run: Run, lag_scans: int | None = None) -> tuple[FloatArray, FloatA
         mean[:-1] = run.mean[:-1] + np.einsum("kij,kj->ki", G, mean[1:] - run.predicted_mean[1:])
         cov[:-1] = run.cov[:-1] + G @ (cov[1:] - run.predicted_cov[1:]) @ np.swapaxes(G, 1, 2)
     return mean, cov
-
-
-def _predicted(
-    x: FloatArray, P: FloatArray, step: Step, turns: Turns | None
-) -> tuple[FloatArray, FloatArray]:
-    if turns is None:
-        return step.F @ x, step.F @ P @ step.F.T + step.Q
-    if step.dt_s <= 0.0:
-        return x, P
-    turn = np.array([[x[4], P[4, 4], *P[4, :4]]])
-    mean, cov, turn = turning.predict(
-        x[None, :4].copy(), P[None, :4, :4].copy(), turn, step.Q, step.dt_s, *turns
-    )
-    P = np.pad(cov[0], (0, 1))
-    P[4, :4] = P[:4, 4] = turn[0, 2:]
-    P[4, 4] = turn[0, 1]
-    return np.append(mean[0], turn[0, 0]), P
-
-
-def _updated(x: FloatArray, P: FloatArray, sensor: Sensor, z_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    seen = view(sensor, x[None, :4].copy(), P[None, :4, :4].copy())  # a birth's are read-only: another type
-    H, R = np.pad(seen.A[0], ((0, 0), (0, x.size - 2))), seen.noise[0]
-    innovation = measured(sensor, z_m[None])[0] - seen.z_hat[0]
-    if seen.wraps:
-        innovation[1] = wrapped.py_func(innovation[1])
-    K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-    A = np.eye(x.size) - K @ H
-    return x + K @ innovation, A @ P @ A.T + K @ R @ K.T

@@ -180,9 +180,3 @@ def optics(sensor: Sensor) -> Optics:
 def view(sensor: Sensor, mean: FloatArray, cov: FloatArray) -> View:
     """Return how a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
     return cast(View, seen(optics(sensor), mean, cov))
-
-
-def warm_up_calls() -> list[tuple[Any, ...]]:
-    """One call of every kernel, types as in a tracker."""
-    of = Optics(False, np.eye(2).reshape(1, 2, 2), np.eye(2), np.zeros(2), 0.0, 0.9)
-    return [(seen, of, np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4))]
