@@ -26,8 +26,10 @@ from gcs.command.area import mission_grid
 from gcs.config import load
 from gcs.edge.kernels import PLANNING, load_kernels
 from gcs.errors import ConfigError, RecordingError
+from gcs.model import Route
 from gcs.planning.grid import Grid, Point
 from gcs.planning.movingai import read_map
+from gcs.planning.prediction import Circle
 from gcs.planning.routes import PlanResult, Stage, plan_routes
 from gcs.planning.separation import Flight, separate
 from gcs.planning.task import AgentStart, PlanOptions
@@ -209,7 +211,13 @@ def _start(task: Task, vehicle: int) -> list[float]:
     return [agent.east_m, agent.north_m]
 
 
+def _circle(route: Route, radius_m: float) -> Circle:
+    east_m, north_m = route.flown_m[-1].tolist()
+    return Circle((east_m, north_m), radius_m)
+
+
 def _draw(path: Path, task: Task, result: PlanResult) -> None:
+    wait = task.options.wait if task.options.shape == "flyable" else None
     title = f"{task.name}: {len(result.routes)} routes, {result.total_length_m:,.0f} m"
     drawing = Drawing(
         title,
@@ -218,6 +226,7 @@ def _draw(path: Path, task: Task, result: PlanResult) -> None:
         starts={vehicle: (agent.east_m, agent.north_m) for vehicle, agent in task.agents.items()},
         targets={number: place for (_, number), place in task.targets.items()},
         routes={r.vehicle: (_start(task, r.vehicle), *r.points_m.tolist()) for r in result.routes},
+        circles={} if wait is None else {r.vehicle: _circle(r, wait.radius_m) for r in result.routes},
         y_down=task.y_down,
     )
     try:

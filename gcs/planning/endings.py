@@ -89,9 +89,14 @@ def ending(
         Of the route, the agent's place excluded.
     target_m : tuple of float
         Where the target is met; the route's last point, unless it is over an obstacle.
+
+    Returns
+    -------
+    Ending
+        As the route is where there are no obstacles, and without a clearance: corners are cut then, too.
     """
     straight = Ending(points_m, None, math.inf)
-    if not grid.blocked.any():
+    if options.clearance_m <= 0.0 or not grid.blocked.any():
         return straight
     circles = _Circles(grid, start, target_m, options, wait)
     best = circles.best(points_m, Ending(points_m, None, _NONE_M, passes=False))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gcs.model import FloatArray
 from gcs.planning.grid import Grid, Point
+from gcs.planning.prediction import Circle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +36,8 @@ class Drawing:
     targets: Mapping[int, Point]
     routes: Mapping[int, Sequence[Sequence[float]]]
     """Points by agent, its start first."""
+    circles: Mapping[int, Circle] = field(default_factory=dict)
+    """Where agents wait behind them."""
     y_down: bool = False
 
 
@@ -61,6 +65,8 @@ def draw_plan(drawing: Drawing, path: Path) -> None:
         colour, line = _ROUTES[order % len(_ROUTES)], np.array(points)
         axes.plot(*line.T, color=colour, lw=2.0 * size, solid_joinstyle="round", zorder=3)
         axes.plot(*line[1:-1].T, ls="none", marker="o", ms=3.5 * size, mfc="white", mec=colour, zorder=4)
+        if agent in drawing.circles:
+            axes.plot(*_round(drawing.circles[agent]).T, color=colour, lw=1.2 * size, ls="--", zorder=3)
         if few:
             _name(axes, str(agent), line[0], colour)
     for agent, place in drawing.starts.items():
@@ -75,6 +81,11 @@ def draw_plan(drawing: Drawing, path: Path) -> None:
             _name(axes, f"T{number}", place, _INK)
     _draw_legend(axes, drawing)
     figure.savefig(path)
+
+
+def _round(circle: Circle) -> FloatArray:
+    angle = np.linspace(0.0, 2.0 * np.pi, 73)
+    return circle.centre_m + circle.radius_m * np.column_stack((np.sin(angle), np.cos(angle)))
 
 
 def _draw_map(axes: Axes, drawing: Drawing) -> None:
@@ -118,6 +129,8 @@ def _draw_legend(axes: Axes, drawing: Drawing) -> None:
         sample("route, corners", ls="-", lw=2, color=_ROUTES[0], marker="o", ms=4, mfc="white"),
         sample("obstacle", marker="s", ms=8, color=_BLOCKED),
     ]
+    if drawing.circles:
+        entries.append(sample("waits", ls="--", lw=1.2, color=_ROUTES[0]))
     if (drawing.inflated.blocked & ~drawing.grid.blocked).any():
         entries.append(sample("nearer than the clearance", marker="s", ms=8, color=_NEAR))
     axes.legend(

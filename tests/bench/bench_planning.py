@@ -18,7 +18,10 @@ from gcs.planning.grid import Grid, Point, free_grid, random_obstacles
 from gcs.planning.moves import search_map
 from gcs.planning.routes import Stage, plan_routes, warm_up
 from gcs.planning.separation import Flight, separate
-from gcs.planning.task import AgentStart, PlanOptions
+from gcs.planning.task import AgentStart, PlanOptions, Wait
+from gcs.planning.turning import Corners
+
+WAIT = Wait(radius_m=40.0, near_m=40.0, lag_s=1.0, corners=Corners(40.0, 15.0, 10.0))
 
 
 def median_ms(work: Callable[[], object], repeats: int) -> float:
@@ -64,7 +67,7 @@ def swarm() -> None:
         for threshold in (0.1, 0.2):
             for clearance_m in (0.0, 25.0):
                 grid, agents, targets = layout(500, 100, 100, threshold)
-                options = PlanOptions(shape="flyable", clearance_m=clearance_m)
+                options = PlanOptions(shape="flyable", clearance_m=clearance_m, wait=WAIT)
                 begin = time.process_time()
                 search_map(grid, clearance_m, may_lean=True)
                 map_ms = 1e3 * (time.process_time() - begin)
