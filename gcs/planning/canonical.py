@@ -27,7 +27,7 @@ moves of x alone. Elsewhere it is worked out node by node; only some hundred dif
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -50,8 +50,12 @@ _MOVE_OF = {step: move for move, step in enumerate(_STEPS)}
 NO_MOVE = 8
 """Where a search begins: no move led there."""
 
-FIRST = np.array([0] + [(bits & -bits).bit_length() - 1 for bits in range(1, 256)], dtype=np.int64)
-"""The lowest move in a set of moves (bits)."""
+LED, ORDER_BIT, NEAR_BIT = 15, 4, 20
+LISTED = (1 << NEAR_BIT) - 1
+"""What a search knows of a node is packed into 32 bits, so that it is fetched at once: the move that led
+there (`LED`), the row of the table of answers, and which moves are near."""
+MOST_MOVES = 8
+"""That remain from a node: all, where a search begins."""
 
 _UNIFORM, _ALL = 0, 256
 """Where in the table the answers begin for a byte of legal moves: by the canonical order, and all of them."""
@@ -110,8 +114,6 @@ def _others() -> tuple[IntArray, IntArray]:
 
 
 ANSWERS = _answers()
-REMAINING = ANSWERS[_UNIFORM:_ALL].T.copy()
-"""What remains where moves cost alike: bits, (9, 256), by the move that led to a node and its legal moves."""
 _WAYS, _FIRST_WAY = _others()
 _BACK = np.array([_MOVE_OF[-r, -c] for r, c in _STEPS])
 
@@ -184,6 +186,26 @@ def canonical(moves, near, mixed, offsets, answers, most):  # type: ignore[no-un
             size += 1
         order[x] = slots[slot]
     return order, table[:size].copy()
+
+
+def packed(order: npt.NDArray[Any], near: ByteArray) -> npt.NDArray[np.uint32]:
+    """Pack what is known of nodes: rows of the table of answers, and near moves."""
+    return order.astype(np.uint32) << np.uint32(ORDER_BIT) | near.astype(np.uint32) << np.uint32(NEAR_BIT)
+
+
+def listed(answers: ByteArray) -> npt.NDArray[np.uint32]:
+    """Turn sets of moves (bits), (k, 9), into lists, (16 k,): how many there are, and three bits for each.
+
+    They are found at what is packed of a node, `LISTED` bits of it.
+    """
+    sets = np.zeros((len(answers), LED + 1), dtype=np.uint32)
+    sets[:, : answers.shape[1]] = answers
+    counts, lists = np.zeros_like(sets), np.zeros_like(sets)
+    for move in range(8):
+        is_in = (sets >> np.uint32(move)) & np.uint32(1)
+        lists |= np.where(is_in > 0, np.uint32(move) << (4 + 3 * counts), np.uint32(0)).astype(np.uint32)
+        counts += is_in
+    return np.asarray(lists | counts).ravel()
 
 
 def warm_up_calls() -> list[Call]:

@@ -225,9 +225,9 @@ def warm_up_calls() -> list[Call]:
     xy, inside = np.zeros((1, 2)), np.zeros(1, np.bool_)
     path, field, came = np.empty(size, np.int64), np.zeros(size), np.full((1, size), NO_MOVE, np.uint8)
     entries, searched = np.empty((2 * size, 2), np.int32), kernel_arrays(smap)
-    empty = np.zeros(size), np.empty(size, np.uint8), entries, path
+    empty = np.zeros(size), smap.packed.copy(), entries, path
     return [
-        (seek, *searched, smap.stride, nodes[0], off[0], nodes[0], off[0], *empty),
+        (seek, *searched[1:], smap.stride, nodes[0], off[0], nodes[0], off[0], *empty),
         (
             *(_ends_of_ways, grid.blocked, 0.0, xy, inside, xy, off, inside, np.zeros((1, 1, 4))),
             *(smap.any_near, smap.offsets, came, nodes, off, nodes),

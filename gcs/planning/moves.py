@@ -25,7 +25,17 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from gcs.model import FloatArray
-from gcs.planning.canonical import ANSWERS, COL_STEP, MOST_ANSWERS, ROW_STEP, ByteArray, IntArray, canonical
+from gcs.planning.canonical import (
+    ANSWERS,
+    COL_STEP,
+    MOST_ANSWERS,
+    ROW_STEP,
+    ByteArray,
+    IntArray,
+    canonical,
+    listed,
+    packed,
+)
 from gcs.planning.grid import BoolArray, Grid, Node
 from gcs.planning.leaning import lean, near_moves
 
@@ -40,10 +50,10 @@ class SearchMap(NamedTuple):
     """Bit d is set if move d is legal from this node."""
     near: ByteArray
     """Bit d is set if move d comes nearer to an obstacle than the clearance."""
-    order: npt.NDArray[np.uint16]
-    """Which row of `remaining` tells what moves to look at from this node; empty where `moves` tells that."""
-    remaining: ByteArray
-    """Sets of moves (bits), (k, 9), by the move that led to a node; see `gcs.planning.canonical`."""
+    packed: npt.NDArray[np.uint32]
+    """What searches know of a node, where the moves to look at are listed and which are near, and
+    `lists`: those lists; see `gcs.planning.canonical`."""
+    lists: npt.NDArray[np.uint32]
     tight: BoolArray
     """Nodes (or all places to lean to) that are nearer to an obstacle than the clearance."""
     leaning: ByteArray
@@ -88,7 +98,7 @@ def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> 
         part == (1 + int(np.argmax(np.bincount(part.ravel())[1:]))) if count else np.zeros_like(blocked)
     )
     offsets = np.array([r * stride + c for r, c in zip(ROW_STEP, COL_STEP, strict=True)], dtype=np.int64)
-    order, remaining = np.empty(0, dtype=np.uint16), ANSWERS
+    order, remaining = moves.ravel(), ANSWERS
     if any_near:
         mixed = _around(near > 0) & _around(~blocked & (near != moves))
         order, remaining = canonical(
@@ -97,8 +107,8 @@ def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> 
     return SearchMap(
         moves.ravel(),
         near.ravel(),
-        order,
-        remaining,
+        packed(order, near.ravel()),
+        listed(remaining),
         tight.ravel(),
         leaning.ravel(),
         part.ravel(),
@@ -112,9 +122,9 @@ def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> 
 
 def kernel_arrays(
     smap: SearchMap,
-) -> tuple[ByteArray, npt.NDArray[np.uint16], ByteArray, ByteArray, bool, IntArray]:
+) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], bool, IntArray]:
     """Return what the search kernels begin their arguments with."""
-    return smap.moves, smap.order, smap.remaining, smap.near, smap.any_near, smap.offsets
+    return smap.packed, smap.lists, smap.any_near, smap.offsets
 
 
 def cells(smap: SearchMap, flat: IntArray) -> FloatArray:

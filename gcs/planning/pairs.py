@@ -24,9 +24,10 @@ from gcs.compiling import inlined, kernel
 from gcs.model import FloatArray
 from gcs.planning.canonical import (
     COL_STEP,
-    FIRST,
+    LED,
+    LISTED,
+    NEAR_BIT,
     NO_MOVE,
-    REMAINING,
     ROW_STEP,
     TIGHT,
     IntArray,
@@ -42,24 +43,26 @@ _PER_CELL = 2
 _TIE = 1e-10
 """Improvements below this are rounding errors."""
 
-_DONE = 16
-"""Added to the move by which a node was reached once its own moves have been looked at."""
+_DONE = 1 << 28
+"""Set in what is known of a node once its own moves have been looked at."""
+
+_OF_MAP = ~(_DONE | LED)
 
 _ROW_STEPS, _COL_STEPS = np.array(ROW_STEP), np.array(COL_STEP)
 
 
 @kernel
 def seek(  # type: ignore[no-untyped-def]
-    moves, order, remaining, near, any_near, offsets, stride, nodes, costs, goals, beyond,
-    reached, came, entries, path,
+    lists, any_near, offsets, stride, nodes, costs, goals, beyond, reached, known, entries, path,
 ):  # fmt: skip
     """Search the shortest path from a place to another and write it to `path`, last node first.
 
     `nodes`, `costs` (j,) and `goals`, `beyond` (k,): the nodes by which the two places join the map (-1:
     none) and how far off they lie. `reached` (flat nodes,) must be all zeros and is so again afterwards;
-    `came` (flat nodes,) is written to, as is `entries` (n, 2). Returns how many nodes were written, 0 if
-    there is no way, -1 if `entries` is too short; the cost in cells from place to place, inf if there is
-    none; the length from first to last node, every move counted plainly; and how many nodes were expanded.
+    `known` (flat nodes,) is what is packed of nodes, and the moves that led there are written to it, as is to
+    `entries` (n, 2). Returns how many nodes were written, 0 if there is no way, -1 if `entries` is too short;
+    the cost in cells from place to place, inf if there is none; the length from first to last node, every
+    move counted plainly; and how many nodes were expanded.
     """
     aim, slack = np.int64(-1), -np.inf
     for k in range(goals.size):
@@ -92,7 +95,8 @@ def seek(  # type: ignore[no-untyped-def]
             continue
         row = int((node + 0.5) * per_row)
         ahead = octile(abs(row - aim_row), abs(node - row * stride - aim_col))
-        reached[node], came[node] = costs[i] + 1.0, NO_MOVE  # 0 means not reached: costs are kept one higher
+        reached[node] = costs[i] + 1.0  # 0 means not reached: costs are kept one higher
+        known[node] = (known[node] & _OF_MAP) | NO_MOVE
         slot = int((costs[i] + ahead - base) * _PER_CELL) & ring
         entries[used, 0], entries[used, 1] = node, head[slot]
         head[slot] = used
@@ -106,10 +110,10 @@ def seek(  # type: ignore[no-untyped-def]
             node = np.int64(entries[entry, 0])
             head[slot] = entries[entry, 1]
             live -= 1
-            led = came[node]
-            if led >= _DONE:
+            told = np.int64(known[node])
+            if told & _DONE:
                 continue
-            came[node] = led + _DONE
+            known[node] = told | _DONE
             expanded += 1
             here = reached[node]
             row = int((node + 0.5) * per_row)
@@ -119,19 +123,19 @@ def seek(  # type: ignore[no-untyped-def]
                 for k in range(goals.size):
                     if goals[k] == node and here - 1.0 + beyond[k] < best:
                         best, last = here - 1.0 + beyond[k], node
-            left = remaining[order[node], led] if any_near else REMAINING[led, moves[node]]
-            while left:
-                move = FIRST[left]
-                left &= left - 1
+            left = np.int64(lists[told & LISTED])
+            for k in range(left & 15):
+                move = (left >> (4 + 3 * k)) & 7
                 there = node + offsets[move]
-                cost = here + move_cost(move, any_near and (near[node] >> move) & 1)
-                known = reached[there]
-                if known != 0.0 and cost >= known - _TIE:
+                cost = here + move_cost(move, any_near and (told >> (NEAR_BIT + move)) & 1)
+                before = reached[there]
+                if before != 0.0 and cost >= before - _TIE:
                     continue
                 estimate = cost - 1.0 + octile(abs(row + _ROW_STEPS[move]), abs(col + _COL_STEPS[move]))
                 if estimate >= best + slack:
                     continue
-                reached[there], came[there] = cost, move
+                reached[there] = cost
+                known[there] = (known[there] & _OF_MAP) | move
                 to = max(int((estimate - base) * _PER_CELL), bucket) & ring
                 entries[used, 0], entries[used, 1] = there, head[to]
                 head[to] = used
@@ -145,7 +149,7 @@ def seek(  # type: ignore[no-untyped-def]
     while node >= 0:
         path[count] = node
         count += 1
-        move = came[node] & (_DONE - 1)
+        move = np.int64(known[node]) & LED
         if move == NO_MOVE:
             break
         flown += move_cost(move, False)
@@ -180,7 +184,7 @@ class Seeker:
     def __init__(self, smap: SearchMap) -> None:
         self._smap = smap
         size = smap.moves.size
-        self._reached, self._came = np.zeros(size), np.empty(size, dtype=np.uint8)
+        self._reached, self._known = np.zeros(size), smap.packed.copy()
         self._entries = np.empty((2 * size, 2), dtype=np.int32)
         self._path = np.empty(size, dtype=np.int64)
 
@@ -191,8 +195,8 @@ class Seeker:
         count = -1
         while count < 0:
             count, cost, flown, expanded = seek(
-                *(*kernel_arrays(self._smap), self._smap.stride, nodes, costs, goals, beyond),
-                *(self._reached, self._came, self._entries, self._path),
+                *(*kernel_arrays(self._smap)[1:], self._smap.stride, nodes, costs, goals, beyond),
+                *(self._reached, self._known, self._entries, self._path),
             )
             if count < 0:
                 self._entries = np.empty((2 * len(self._entries), 2), dtype=np.int32)

@@ -9,7 +9,18 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from gcs.planning.canonical import ANSWERS, COL_STEP, DIAGONAL, MOST_ANSWERS, ROW_STEP, TIGHT, canonical
+from gcs.planning.canonical import (
+    ANSWERS,
+    COL_STEP,
+    DIAGONAL,
+    LISTED,
+    MOST_ANSWERS,
+    ROW_STEP,
+    TIGHT,
+    canonical,
+    listed,
+    packed,
+)
 from gcs.planning.grid import Grid
 from gcs.planning.moves import search_map
 from gcs.planning.spreading import spread
@@ -37,12 +48,7 @@ def case(seed, shape, blocked, dear):
 def field_from(smap, near, order, remaining, source):
     field, came = np.empty(near.size), np.empty(near.size, np.uint8)
     spread(
-        smap.moves,
-        order,
-        remaining,
-        near,
-        True,
-        smap.offsets,
+        *(packed(order, near), listed(remaining), True, smap.offsets),
         np.array([source]),
         np.zeros(1),
         NONE,
@@ -92,6 +98,15 @@ def test_where_moves_cost_alike_a_node_that_is_worked_out_has_the_answer_of_the_
         np.testing.assert_array_equal(quick[1][quick[0][reached], move], slow[1][slow[0][reached], move])
 
 
+def test_lists_of_moves_hold_what_their_sets_hold():
+    lists = listed(ANSWERS).reshape(len(ANSWERS), 16)
+    for sets, row in zip(ANSWERS.tolist(), lists.tolist(), strict=True):
+        for moves, one in zip(sets, row, strict=False):
+            assert [one >> (4 + 3 * k) & 7 for k in range(one & 15)] == [
+                m for m in range(8) if moves >> m & 1
+            ]
+
+
 def test_few_moves_remain_among_obstacles_with_a_clearance():
     grid = Grid((0.0, 0.0), 1.0, np.random.default_rng(2).random((80, 80)) < 0.2)
     smap = search_map(grid, 0.625, may_lean=True)
@@ -99,6 +114,6 @@ def test_few_moves_remain_among_obstacles_with_a_clearance():
         np.flatnonzero(smap.moves >> np.uint8(move) & 1) + step for move, step in enumerate(smap.offsets)
     ]
     remain = [
-        np.bitwise_count(smap.remaining[smap.order[nodes], move]).mean() for move, nodes in enumerate(reached)
+        (smap.lists[smap.packed[nodes] & LISTED | move] & 15).mean() for move, nodes in enumerate(reached)
     ]
     assert np.mean(remain) < 2.5 < np.bitwise_count(smap.moves[smap.moves > 0]).mean()
