@@ -24,7 +24,7 @@ from gcs.planning.grid import BoolArray, Grid, free_grid
 from gcs.planning.moves import SearchMap, cells, flat_index, kernel_arrays, search_map
 from gcs.planning.pairs import seek, seek_paper, seeker
 from gcs.planning.shaping import close_and_seen
-from gcs.planning.spreading import costs_at, spread, trace_back
+from gcs.planning.spreading import costs_at, room_to_work, spread, trace_back
 
 Way: TypeAlias = Callable[[int, int], IntArray]
 """Flat nodes of the way of agent i to target j, in the order of flight; empty if they see each other
@@ -104,14 +104,15 @@ def _one_to_all(
     field, costs, reach = np.empty(size), np.empty((n, *far.nodes.shape)), clearance_m / grid.spacing_m
     asked = far.nodes[far.nodes >= 0]
     parts = smap.part[asked]
-    for i in range(n):
-        nodes = near.nodes[i]
-        within_reach = asked[np.isin(parts, smap.part[nodes[nodes >= 0]])]
-        if within_reach.size:
-            spread(*kernel_arrays(smap), nodes, near.off[i], within_reach, field, came[i])
-        else:
-            field[:] = np.inf
-        costs_at(field, far.nodes, costs[i])
+    with seeker(grid, clearance_m, smap.may_lean) as search:
+        for i in range(n):
+            nodes = near.nodes[i]
+            within_reach = asked[np.isin(parts, smap.part[nodes[nodes >= 0]])]
+            if within_reach.size:
+                search.spread(nodes, near.off[i], within_reach, field, came[i])
+            else:
+                field[:] = np.inf
+            costs_at(field, far.nodes, costs[i])
     lengths, via = _ends_of_ways(
         *(grid.blocked, reach, near.xy, near.inside, far.xy, far.off, far.inside, costs),
         *(smap.any_near, smap.offsets, came, near.nodes, near.off, far.nodes),
@@ -227,13 +228,13 @@ def warm_up_calls() -> list[Call]:
     entries, searched = np.empty((2 * size, 2), np.int32), kernel_arrays(smap)
     empty = np.zeros(size), smap.packed.copy(), entries, path
     return [
-        (seek, *searched[1:], smap.stride, nodes[0], off[0], nodes[0], off[0], *empty),
+        (seek, *searched, smap.stride, nodes[0], off[0], nodes[0], off[0], *empty),
         (
             *(_ends_of_ways, grid.blocked, 0.0, xy, inside, xy, off, inside, np.zeros((1, 1, 4))),
             *(smap.any_near, smap.offsets, came, nodes, off, nodes),
         ),
         (costs_at, field, nodes, off),
         (trace_back, smap.offsets, came[0], node, path),
-        (spread, *searched, nodes[0], off[0], nodes[0], field, came[0]),
+        (spread, *searched, nodes[0], off[0], nodes[0], field, came[0], empty[1], *room_to_work(smap)),
         (seek_paper, smap.moves, smap.near, smap.offsets, smap.stride, node, node, path),
     ]

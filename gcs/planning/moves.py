@@ -120,11 +120,9 @@ def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> 
     )
 
 
-def kernel_arrays(
-    smap: SearchMap,
-) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], bool, IntArray]:
+def kernel_arrays(smap: SearchMap) -> tuple[npt.NDArray[np.uint32], bool, IntArray]:
     """Return what the search kernels begin their arguments with."""
-    return smap.packed, smap.lists, smap.any_near, smap.offsets
+    return smap.lists, smap.any_near, smap.offsets
 
 
 def cells(smap: SearchMap, flat: IntArray) -> FloatArray:

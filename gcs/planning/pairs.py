@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel
+from gcs.compiling import fetch_early, inlined, kernel
 from gcs.model import FloatArray
 from gcs.planning.canonical import (
     COL_STEP,
@@ -30,18 +30,23 @@ from gcs.planning.canonical import (
     NO_MOVE,
     ROW_STEP,
     TIGHT,
+    ByteArray,
     IntArray,
     move_cost,
     octile,
 )
 from gcs.planning.grid import Grid
 from gcs.planning.moves import SearchMap, kernel_arrays, search_map
+from gcs.planning.spreading import room_to_work, spread
 
 _PER_CELL = 2
 """Buckets to a cell of estimated cost. On random maps half as many or twice as many change little."""
 
 _TIE = 1e-10
 """Improvements below this are rounding errors."""
+
+_ALL_AT_ONCE = 16
+"""Clearing as many costs in a row takes as long as one here and there."""
 
 _DONE = 1 << 28
 """Set in what is known of a node once its own moves have been looked at."""
@@ -140,9 +145,15 @@ def seek(  # type: ignore[no-untyped-def]
                 entries[used, 0], entries[used, 1] = there, head[to]
                 head[to] = used
                 used, live = used + 1, live + 1
+                # Most ways go on as they came.
+                fetch_early(reached, there + offsets[move])
+                fetch_early(known, there + offsets[move])
         bucket += 1
-    for i in range(used):
-        reached[entries[i, 0]] = 0.0
+    if used * _ALL_AT_ONCE > reached.size:
+        reached[:] = 0.0
+    else:
+        for i in range(used):
+            reached[entries[i, 0]] = 0.0
     if used > full:
         return -1, np.inf, np.inf, expanded
     count, flown, node = 0, np.inf if last < 0 else 0.0, last
@@ -176,7 +187,7 @@ def seeker(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> Iter
 
 
 class Seeker:
-    """Searches pairs on one map; keeps the arrays that a search works on.
+    """Searches on one map; keeps the arrays that a search works on.
 
     Making them takes longer than most searches. One seeker does one search at a time.
     """
@@ -187,6 +198,14 @@ class Seeker:
         self._reached, self._known = np.zeros(size), smap.packed.copy()
         self._entries = np.empty((2 * size, 2), dtype=np.int32)
         self._path = np.empty(size, dtype=np.int64)
+        self._room = room_to_work(smap)
+
+    def spread(
+        self, nodes: IntArray, costs: FloatArray, goals: IntArray, field: FloatArray, came: ByteArray
+    ) -> None:
+        """Search from one place to all nodes; see `gcs.planning.spreading`."""
+        searched = kernel_arrays(self._smap)
+        spread(*searched, nodes, costs, goals, field, came, self._known, *self._room)
 
     def path(
         self, nodes: IntArray, costs: FloatArray, goals: IntArray, beyond: FloatArray
@@ -195,7 +214,7 @@ class Seeker:
         count = -1
         while count < 0:
             count, cost, flown, expanded = seek(
-                *(*kernel_arrays(self._smap)[1:], self._smap.stride, nodes, costs, goals, beyond),
+                *(*kernel_arrays(self._smap), self._smap.stride, nodes, costs, goals, beyond),
                 *(self._reached, self._known, self._entries, self._path),
             )
             if count < 0:

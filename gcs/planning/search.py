@@ -15,9 +15,8 @@ import numpy as np
 from gcs.model import FloatArray
 from gcs.planning.canonical import DIAGONAL, IntArray
 from gcs.planning.grid import Grid, Node
-from gcs.planning.moves import flat_index, kernel_arrays, search_map
+from gcs.planning.moves import flat_index, search_map
 from gcs.planning.pairs import seek_paper, seeker
-from gcs.planning.spreading import spread
 
 SearchCost: TypeAlias = Literal["metric", "paper"]
 
@@ -82,11 +81,9 @@ def distances_m(grid: Grid, source: Node) -> FloatArray:
     rows, cols = grid.shape
     node = -1 if grid.blocked[source] else flat_index(smap, source)
     field = np.empty(smap.moves.size)
-    spread(
-        *kernel_arrays(smap),
-        *(np.array([node]), np.zeros(1), np.empty(0, dtype=np.int64)),
-        *(field, np.empty(smap.moves.size, dtype=np.uint8)),
-    )
+    with seeker(grid) as search:
+        came = np.empty(smap.moves.size, dtype=np.uint8)
+        search.spread(np.array([node]), _NOTHING, np.empty(0, dtype=np.int64), field, came)
     field *= grid.spacing_m
     return field.reshape(rows + 2, cols + 2)[1:-1, 1:-1]
 

@@ -12,10 +12,16 @@ the nodes asked for have their final costs.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
+import numpy.typing as npt
 
 from gcs.compiling import fetch_early, kernel, leaf
 from gcs.planning.canonical import DIAGONAL, LED, LISTED, MOST_MOVES, NEAR_BIT, NO_MOVE, TIGHT
+from gcs.planning.moves import SearchMap
+
+IntArray32: TypeAlias = npt.NDArray[np.int32]
 
 _COSTS = np.array([1.0] * 4 + [DIAGONAL] * 4)
 _CHUNK = 2048
@@ -39,7 +45,7 @@ def _list_moves(lists, known, stack, slot, first, beyond, low, field, edges):  #
         if count > 3:
             for k in range(3, count):
                 edges[size + k] = 8 * node + ((moves >> (4 + 3 * k)) & 7)
-        size += count
+        size += int(count)
     return size
 
 
@@ -98,36 +104,38 @@ def _pass_on_plainly(lists, offsets, stack, height, bucket, field, known, edges)
     return live
 
 
-@leaf
-def _clear(packed, first, beyond, field, known):  # type: ignore[no-untyped-def]
-    for node in range(first, beyond):
-        field[node], known[node] = np.inf, packed[node]
+def room_to_work(smap: SearchMap) -> tuple[IntArray32, IntArray32]:
+    """Buckets and a list of moves, for `spread` to work in."""
+    # The ring of buckets is longer than the dearest move and the spread of the joins together.
+    buckets = 16 if smap.any_near else 4
+    return np.empty((buckets, smap.packed.size), np.int32), np.empty((_CHUNK + 1) * MOST_MOVES, np.int32)
 
 
 @kernel
-def spread(packed, lists, any_near, offsets, nodes, costs, goals, field, came):  # type: ignore[no-untyped-def]
+def spread(  # type: ignore[no-untyped-def]
+    lists, any_near, offsets, nodes, costs, goals, field, came, known, stack, edges
+):
     """Fill `field` (flat nodes,) with the cost in cells from a place, `came` with the moves that lead there.
 
     `nodes`, `costs` (j,): the nodes by which the place joins the map (-1: none) and how far off it they lie;
-    the costs may differ by sqrt(2) at most. Ends when all of `goals` are final, if there are any and all can
-    be reached. Returns below which cost the field is final: inf when all of it is. What cannot be reached
-    has the cost inf, and nothing in `came`.
+    the costs may differ by sqrt(2) at most. `known` (flat nodes,): what is packed of nodes; the moves that
+    led there are written to it. `stack` and `edges`: see `room_to_work`. Ends when all of `goals` are final,
+    if there are any and all can be reached. Returns below which cost the field is final: inf when all of it
+    is. What cannot be reached has the cost inf, and nothing in `came`.
     """
-    # The ring of buckets is longer than the dearest move and the spread of the joins together.
-    ring, size, stride = 15 if any_near else 3, packed.size, offsets[1]
-    stack, height = np.empty((ring + 1, size), np.int32), np.zeros(ring + 1, np.int64)
-    edges, known = np.empty((_CHUNK + 1) * MOST_MOVES, np.int32), np.empty(size, np.uint32)
+    ring, size, stride = stack.shape[0] - 1, field.size, offsets[1]
+    height = np.zeros(ring + 1, np.int64)
     live, bucket, final, low, high = 0, 1 << 60, 0, size, -1
     for i in range(nodes.size):
         if nodes[i] >= 0:
             low, high = min(low, nodes[i]), max(high, nodes[i])
-    # Nodes are made ready just before the search may get there: a bucket leads at most two rows on.
+    # Rows are made ready just before the search may get there: a bucket leads one row on.
     low, high = max(0, low - 4 * stride), min(size, high + 4 * stride)
-    _clear(packed, low, high, field, known)
+    field[low:high] = np.inf
     for i in range(nodes.size):
         node = nodes[i]
         if node >= 0 and costs[i] < field[node]:
-            field[node], known[node] = costs[i], packed[node] | NO_MOVE
+            field[node], known[node] = costs[i], (known[node] & ~LED) | NO_MOVE
             b = int(costs[i])
             stack[b & ring, height[b & ring]] = node
             height[b & ring] += 1
@@ -144,8 +152,7 @@ def spread(packed, lists, any_near, offsets, nodes, costs, goals, field, came): 
         if goals.size > 0 and final == goals.size:
             end = float(bucket)
             break
-        _clear(packed, max(0, low - stride), low, field, known)
-        _clear(packed, high, min(size, high + stride), field, known)
+        field[max(0, low - stride) : low], field[high : high + stride] = np.inf, np.inf
         low, high = max(0, low - stride), min(size, high + stride)
     field[:low], field[high:] = np.inf, np.inf
     for node in range(low, high):

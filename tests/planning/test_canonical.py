@@ -23,7 +23,7 @@ from gcs.planning.canonical import (
 )
 from gcs.planning.grid import Grid
 from gcs.planning.moves import search_map
-from gcs.planning.spreading import spread
+from gcs.planning.spreading import room_to_work, spread
 
 NONE = np.empty(0, dtype=np.int64)
 BACK = [
@@ -47,14 +47,9 @@ def case(seed, shape, blocked, dear):
 
 def field_from(smap, near, order, remaining, source):
     field, came = np.empty(near.size), np.empty(near.size, np.uint8)
-    spread(
-        *(packed(order, near), listed(remaining), True, smap.offsets),
-        np.array([source]),
-        np.zeros(1),
-        NONE,
-        field,
-        came,
-    )
+    known, room = packed(order, near), room_to_work(smap._replace(any_near=True))
+    start = np.array([source]), np.zeros(1), NONE
+    spread(listed(remaining), True, smap.offsets, *start, field, came, known, *room)
     return field
 
 

@@ -17,7 +17,7 @@ from gcs.planning.grid import Grid
 from gcs.planning.moves import kernel_arrays, search_map
 from gcs.planning.search import distances_m
 from gcs.planning.shaping import joins
-from gcs.planning.spreading import spread
+from gcs.planning.spreading import room_to_work, spread
 
 DIAGONAL = np.sqrt(2.0)
 
@@ -111,7 +111,8 @@ def test_costs_with_clearance_are_those_of_dijkstra_over_all_legal_moves(case, m
     graph = coo_matrix((w, (i, j)), shape=(size, size)).tocsr()
     field = np.empty(size)
     none = np.empty(0, dtype=np.int64)
-    spread(*kernel_arrays(smap), np.array([source]), np.zeros(1), none, field, np.empty(size, np.uint8))
+    work = np.empty(size, np.uint8), smap.packed.copy(), *room_to_work(smap)
+    spread(*kernel_arrays(smap), np.array([source]), np.zeros(1), none, field, *work)
     np.testing.assert_allclose(field, dijkstra(graph, indices=source), rtol=0, atol=1e-8)
 
 
