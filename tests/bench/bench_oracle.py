@@ -1,6 +1,8 @@
-"""Oracle bench: how short a route could be at best, and with how few corners, on the maps of bench_routes.
+"""Oracle bench: how short a route could be at best, and with how few corners.
 
     python tests/bench/bench_oracle.py [--pairs 20]
+
+Maps: the paper's random obstacles at 40 m spacing; each pair from west, heading east, to the east edge.
 
 The oracle is A* on the visibility graph of the whole map: every convex corner of every blocked cell, with a
 clearance rounded by it and wrapped by `_WRAPS` points of the circumscribed polygon (longer than the arc by
@@ -25,10 +27,9 @@ import math
 
 import numba
 import numpy as np
-from bench_routes import pair
 
 from gcs.planning.easing import is_flown
-from gcs.planning.grid import Grid, Point
+from gcs.planning.grid import Grid, Point, free_grid, random_obstacles
 from gcs.planning.routes import PlanResult, plan_routes, warm_up
 from gcs.planning.sight import clear_leg, leg_room, to_cells
 from gcs.planning.task import AgentStart, PlanOptions
@@ -36,6 +37,13 @@ from gcs.planning.task import AgentStart, PlanOptions
 _WRAPS = 8
 _AWAY = 1e-6
 """In cells, as `gcs.planning.taut` bends off a corner without a clearance."""
+
+
+def pair(nodes: int, threshold: float, seed: int) -> tuple[Grid, Point, Point]:
+    side_m, rng = 40.0 * (nodes - 1), np.random.default_rng(seed)
+    start, goal = (0.02 * side_m, side_m * rng.random()), (0.95 * side_m, side_m * rng.random())
+    grid = random_obstacles(free_grid((nodes, nodes), 40.0), threshold, rng, [start, goal], 120.0)
+    return grid, start, goal
 
 
 def corners(grid: Grid, reach: float) -> tuple[np.ndarray, np.ndarray]:

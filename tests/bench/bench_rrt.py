@@ -13,7 +13,7 @@ import math
 import time
 
 import numpy as np
-from bench_routes import pair
+from bench_oracle import pair
 from numba import njit
 
 from gcs.planning.routes import plan_routes, warm_up
