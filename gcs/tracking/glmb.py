@@ -73,7 +73,7 @@ class Glmb:
     ) -> None:
         self.kind: Kind = kind
         self.params = params
-        self._turns = turning.Turns(params.turn_rate_std_rad_s, params.turn_time_s)
+        self._turns = turning.Turns(float(params.turn_rate_std_rad_s), float(params.turn_time_s))
         turns = self._turns if params.turn_rate_std_rad_s > 0.0 else None
         self.histories = Histories(turns) if keep_histories else None
         self.account: Account | None = None

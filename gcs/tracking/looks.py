@@ -43,7 +43,7 @@ class Look(NamedTuple):
 
 def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Seen:
     """Take detections (m, 2) among clutter of such an intensity (m,), or of the sensor's."""
-    place_m = np.array(z_m, dtype=np.float64).reshape(-1, 2)
+    place_m = np.array(z_m, dtype=np.float64, order="C").reshape(-1, 2)
     z = sensors.measured(sensor, place_m)
     if clutter_per_m2 is None and sensor.polar is None:
         clutter = np.array([sensor.clutter_density_per_m2], dtype=np.float64)

@@ -136,8 +136,8 @@ def filtered(mean: FloatArray, cov: FloatArray, steps: Sequence[Step], turns: Tu
         if step.z_m is not None:
             z[k] = measured(step.sensor, step.z_m[None])[0]
     means, covs = filter_path(
-        np.array(mean),
-        np.array(cov),
+        np.array(mean, dtype=np.float64),
+        np.array(cov, dtype=np.float64, order="C"),
         dt_s,
         np.array([step.Q for step in steps]),
         z,

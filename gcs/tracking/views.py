@@ -166,7 +166,7 @@ def optics(sensor: Sensor) -> Optics:
     p_d = min(float(sensor.detection_probability), MOST_DETECTION)
     polar = sensor.polar
     if polar is None:
-        noise = np.array(sensor.noise_cov_m2, dtype=np.float64).reshape(1, 2, 2)
+        noise = np.array(sensor.noise_cov_m2, dtype=np.float64, order="C").reshape(1, 2, 2)
         return Optics(
             polar=False, noise=noise, field=box(sensor), place_m=np.zeros(2), centre_rad=0.0, p_d=p_d
         )

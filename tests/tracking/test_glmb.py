@@ -279,4 +279,14 @@ def test_nothing_is_compiled_in_flight_after_the_warm_up():
     kernels = [call[0] for call in warm_up_calls()]
     before = [len(kernel.signatures) for kernel in kernels]
     busy_run(1, scans=30)
+    of = Glmb("targets", GlmbParams(accel_std_m_s2=1, turn_rate_std_rad_s=1), 1, keep_histories=True)
+    for k, dtype in enumerate((np.float64, np.int64)):  # laid out otherwise, or of whole numbers
+        noise = np.asfortranarray(np.eye(2, dtype=dtype))
+        z = np.asfortranarray(PLACES.astype(dtype))
+        strange = [
+            Birth(place, np.asfortranarray(np.eye(4, dtype=dtype)), 0.5) for place in np.eye(4, dtype=dtype)
+        ]
+        of.update(k, z, Sensor("radar", 1, 1, noise, (0, 0, 9, 9)), strange, np.ones(8)[::2])
+    of.picture(9)
+    of.histories.paths(smooth=True)
     assert [len(kernel.signatures) for kernel in kernels] == before
