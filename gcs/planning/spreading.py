@@ -68,6 +68,7 @@ def _pass_on(lists, offsets, stack, height, bucket, field, known, edges):  # typ
                 field[there] = cost
                 known[there] = (known[there] & ~LED) | move
                 fetch_early(field, there + offsets[move])
+                fetch_early(known, there + offsets[move])
                 b = int(cost)
                 stack[b & ring, height[b & ring]] = there
                 is_new = before >= b + 1
@@ -95,6 +96,7 @@ def _pass_on_plainly(lists, offsets, stack, height, bucket, field, known, edges)
                 field[there] = cost
                 known[there] = (known[there] & ~LED) | move
                 fetch_early(field, there + offsets[move])
+                fetch_early(known, there + offsets[move])
                 stack[next_slot, near_height] = there
                 near_height += (cost < middle) & (before >= middle)
                 stack[far_slot, far_height] = there
