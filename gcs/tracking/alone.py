@@ -152,7 +152,7 @@ def _sizes(groups: Groups, which: Any, options: Options, most: int) -> Any:
     return n_tracks, n_hyps, broadest
 
 
-@leaf
+@inlined
 def _lead(
     n: int,
     kept: int,

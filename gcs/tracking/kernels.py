@@ -161,7 +161,7 @@ def _noisy(total: float, k0: float, k1: float, view: View, u: int, l0: float, l1
     return total + k0 * r[u, 0, 0] * l0 + k0 * r[u, 0, 1] * l1 + k1 * r[u, 1, 0] * l0 + k1 * r[u, 1, 1] * l1
 
 
-@leaf
+@inlined
 def updated(
     mean: FloatArray,
     cov: FloatArray,

@@ -43,7 +43,7 @@ class _Pairs(NamedTuple):
     other: Groups
 
 
-@leaf
+@inlined
 def _product(
     start: Any,
     items: Any,

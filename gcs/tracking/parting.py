@@ -103,7 +103,7 @@ class _Parting(NamedTuple):
     same: Distinct
 
 
-@leaf
+@inlined
 def _split(groups: Groups, g: int, n: int, limits: Limits, work: _Parting) -> None:
     """Fill `work.set_of` for the n labels of group g."""
     start, low, high = groups.start, groups.first[g], groups.first[g + 1]

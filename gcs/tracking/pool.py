@@ -76,7 +76,7 @@ def _keep_best(pool: Pool, count: int, slots: int, most: int) -> Any:
     return kept, worst
 
 
-@leaf
+@inlined
 def offer(
     pool: Pool,
     room: int,

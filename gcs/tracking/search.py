@@ -254,7 +254,7 @@ def _bound(groups: Groups, options: Options, most: int, to: _Bounds) -> Any:
     return broadest, roomiest, most_hyps, most_items, longest
 
 
-@leaf
+@inlined
 def _search(
     groups: Groups,
     g: int,
