@@ -6,7 +6,7 @@ installation waits for it. What costs time is not the loops. It is
 - functions: each is typed, lowered, optimised and linked by itself, once for every combination of argument
   types (a literal `0` or `False` is a type of its own), and once more within all that call it. What is called
   in one place is best inlined; and each array that a call hands on is seven arguments: a record of a dozen
-  takes a tenth of a microsecond, so what is called for each object is inlined as well;
+  takes a tenth of a microsecond, so what is called for each object is `spliced` into its callers;
 - numpy: `sort`, `argsort`, `diff`, `searchsorted`, `max`, array expressions and fancy indexing are compiled
   from numba's Python sources for each element type, in a tenth of a second to a second. An array assigned to
   a slice takes 1.7 s: it may fail, and its message is put together by compiled string functions. A loop takes
@@ -126,6 +126,9 @@ called = numba.njit(**_FROM_KERNELS)
 
 leaf = numba.njit(_nrt=False, pipeline_class=_PlainIndices, **_FROM_KERNELS)
 """Called from kernels alone, makes no arrays: nothing in it counts references, or indices from the end."""
+
+spliced = numba.njit(_nrt=False, pipeline_class=_PlainIndices, forceinline=True, **_FROM_KERNELS)
+"""A leaf that is called for each object: compiled once, and then put into what calls it."""
 
 inlined = numba.njit(inline="always", **_OPTIONS)
 """Becomes part of the function that calls it, at every call."""

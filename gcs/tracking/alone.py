@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, fetch_early, inlined, kernel, leaf
+from gcs.compiling import ZERO, fetch_early, inlined, kernel, leaf, spliced
 from gcs.tracking.hypotheses import DIED, Groups, Limits, Options
 from gcs.tracking.kernels import updated
 from gcs.tracking.merging import factor, far, near
@@ -152,7 +152,7 @@ def _sizes(groups: Groups, which: Any, options: Options, most: int) -> Any:
     return n_tracks, n_hyps, broadest
 
 
-@inlined
+@spliced
 def _lead(
     n: int,
     kept: int,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.compiling import inlined, kernel, leaf, spliced
 from gcs.tracking.gates import innovation
 from gcs.tracking.hypotheses import Groups, room_for_groups
 from gcs.tracking.views import View, wrapped
@@ -161,7 +161,7 @@ def _noisy(total: float, k0: float, k1: float, view: View, u: int, l0: float, l1
     return total + k0 * r[u, 0, 0] * l0 + k0 * r[u, 0, 1] * l1 + k1 * r[u, 1, 0] * l0 + k1 * r[u, 1, 1] * l1
 
 
-@inlined
+@spliced
 def updated(
     mean: FloatArray,
     cov: FloatArray,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf, spliced
 from gcs.tracking.claims import room_for_claims, root_of, unite
 from gcs.tracking.hypotheses import Groups, Limits, Options, filled, room_for_groups
 from gcs.tracking.ordering import Order, greatest_first, head, room_to_order
@@ -43,7 +43,7 @@ class _Pairs(NamedTuple):
     other: Groups
 
 
-@inlined
+@spliced
 def _product(
     start: Any,
     items: Any,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, called, inlined, leaf
+from gcs.compiling import ZERO, called, inlined, leaf, spliced
 
 _FEW = 8
 
@@ -110,7 +110,7 @@ def _many_first(value: Any, first: int, n: int, to: Order) -> None:
         _merge(value, n, to)
 
 
-@inlined
+@spliced
 def greatest_first(value: Any, first: int, end: int, to: Order) -> None:
     """Put the indices `first` to `end` - 1 of the values in order: greatest first, equal ones as they come.
 
@@ -165,7 +165,7 @@ def room_for_distinct(n: int) -> Distinct:
     )
 
 
-@inlined
+@spliced
 def rank(count: int, to: Distinct) -> None:
     """Put `to.example` in the order of `to.weight`, greatest first, equal ones as they come."""
     for k in range(count):

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf, spliced
 from gcs.tracking.hypotheses import Groups, Limits, filled, key_of, room_for_groups
 from gcs.tracking.ordering import Distinct, distinct, head, rank, room_for_distinct
 
@@ -103,7 +103,7 @@ class _Parting(NamedTuple):
     same: Distinct
 
 
-@inlined
+@spliced
 def _split(groups: Groups, g: int, n: int, limits: Limits, work: _Parting) -> None:
     """Fill `work.set_of` for the n labels of group g."""
     start, low, high = groups.start, groups.first[g], groups.first[g + 1]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, leaf
+from gcs.compiling import ZERO, inlined, leaf, spliced
 from gcs.tracking.hypotheses import DIED, Limits, Options, key_of
 from gcs.tracking.ordering import Order, greatest_first, power_of_two, room_to_order
 
@@ -76,7 +76,7 @@ def _keep_best(pool: Pool, count: int, slots: int, most: int) -> Any:
     return kept, worst
 
 
-@inlined
+@spliced
 def offer(
     pool: Pool,
     room: int,

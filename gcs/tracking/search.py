@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf, spliced
 from gcs.tracking.hypotheses import Groups, Limits, Options, filled, key_of, mix, room_for_groups
 from gcs.tracking.ordering import Order, greatest_first, power_of_two, room_to_order
 from gcs.tracking.pool import Pool, offer, room_for_children
@@ -254,7 +254,7 @@ def _bound(groups: Groups, options: Options, most: int, to: _Bounds) -> Any:
     return broadest, roomiest, most_hyps, most_items, longest
 
 
-@inlined
+@spliced
 def _search(
     groups: Groups,
     g: int,
