@@ -355,7 +355,7 @@ class Replanner:
             return route
         plain = self._routed({vehicle: replace(start, course_rad=None)}, [route.target], {}, situation)
         motion = self._expected(vehicle, situation, 0.0)
-        for one in plain.routes:
+        for one in plain.routes if vehicle not in plain.short else ():
             look_s = turn_s(motion, options.turn_radius_m, self._lag_s)
             length_m = by_itself_m(
                 self._grid, motion, one.points_m, self._corners, look_s, self._lag_s, options.clearance_m
