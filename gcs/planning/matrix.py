@@ -107,7 +107,7 @@ def _one_to_all(
     with seeker(grid, clearance_m, smap.may_lean) as search:
         for i in range(n):
             nodes = near.nodes[i]
-            within_reach = asked[np.isin(parts, smap.part[nodes[nodes >= 0]])]
+            within_reach = asked[(parts[:, None] == smap.part[nodes[nodes >= 0]]).any(axis=1)]
             if within_reach.size:
                 search.spread(nodes, near.off[i], within_reach, field, came[i])
             else:
