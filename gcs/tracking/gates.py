@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.compiling import ZERO, inlined, leaf
 from gcs.tracking.ordering import Order, greatest_first, room_to_order
 from gcs.tracking.views import View, wrapped
 
@@ -75,7 +75,7 @@ def _in_strips(z: FloatArray, rows: Any, work: _Sorting) -> None:
         _least_first(z, ZERO + 1, rows, low, min(low + width, rows.size), work)
 
 
-@kernel
+@inlined
 def put_in_strips(z: FloatArray, rows: Any) -> None:
     """Put detections, some `rows` of `z` (m, 2), in the order in which `options` finds those in a gate.
 
@@ -264,7 +264,7 @@ def _copy(old: Any, n: int, to: Any) -> None:
         to[i] = old[i]
 
 
-@kernel
+@inlined
 def options(
     cov: FloatArray,
     log_live: FloatArray,

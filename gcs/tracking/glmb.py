@@ -3,9 +3,10 @@
 The delta-generalised labelled multi-Bernoulli filter with joint prediction and update (B.-N. Vo, B.-T. Vo &
 H. Hoang, "An efficient implementation of the generalized labeled multi-Bernoulli filter", IEEE TSP 65, 2017),
 one Gaussian per track, kept as a product over groups of interacting labels (Beard, Vo & Vo, IEEE TSP 68,
-2020). This module holds the state and the order of the steps; the numerics are compiled: `kernels` and
-`gates` (one object), `meeting`, `claims` and `parting` (which labels interact), `alone` and `search`
-(association), `association` (all of that for a scan), `merging` and `summing`.
+2020). This module holds what is believed between scans. What a scan does to it is compiled, one call
+(`scanning`): `kernels`, `views` and `gates` (one object), `meeting`, `claims` and `parting` (which labels
+interact), `alone` and `search` (association), `association` (all of that for a scan), `merging`. What is
+shown is another (`showing`, `summing`).
 
 Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D
 while it is inside the field of view, at most once, with Gaussian noise (see `views`); all else in a

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf, spliced
+from gcs.compiling import inlined, leaf, spliced
 from gcs.tracking.gates import innovation
 from gcs.tracking.hypotheses import Groups, room_for_groups
 from gcs.tracking.views import View, wrapped
@@ -240,7 +240,7 @@ def _update(
         updated(mean, cov, parent[i], meas[i], z, view, mean_out, cov_out, i)
 
 
-@kernel
+@inlined
 def update(
     mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, view: View
 ) -> tuple[FloatArray, FloatArray]:

@@ -16,9 +16,9 @@ from gcs.compiling import Call, kernel, leaf
 from gcs.tracking import turning, views
 from gcs.tracking.alone import Made, alone
 from gcs.tracking.association import Carried, associate
-from gcs.tracking.gates import options, put_in_strips
+from gcs.tracking.gates import options
 from gcs.tracking.hypotheses import Groups, Limits, Options
-from gcs.tracking.kernels import Chances, foresee, update
+from gcs.tracking.kernels import Chances, foresee
 from gcs.tracking.looks import Seen, look_at
 from gcs.tracking.meeting import meet
 from gcs.tracking.merging import merge_alike
@@ -218,9 +218,6 @@ def warm_up_parts() -> list[Call]:
         (meet, groups, open_, zeros, 1, limits),
         (renumber, groups, 1),
         (probabilities, groups, 1),
-        (update, mean, cov, zeros, zeros, z, view),
-        (options, cov, ones, ones, z, view, ones, 9.0),
-        (put_in_strips, z, zeros),
         (alone, groups, zeros, open_, mean, cov, zeros, z, view, limits, 0.1, 1, made),
         (merge_alike, groups, mean, cov, zeros, 0.1),
         (part, groups, zeros, 1, limits),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, kernel, leaf
+from gcs.compiling import ZERO, inlined, kernel, leaf
 from gcs.tracking.hypotheses import Groups
 from gcs.tracking.merging import factor, near
 from gcs.tracking.ordering import Order, greatest_first, room_to_order
@@ -102,7 +102,7 @@ def _averaged(
                 out_cov[row, i, j] = out_cov[row, i, j] / weight - shift[i] * shift[j] / weight**2
 
 
-@kernel
+@inlined
 def averaged(
     probability: FloatArray, track_label: Any, shown: Any, mean: FloatArray, cov: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

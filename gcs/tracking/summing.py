@@ -151,7 +151,7 @@ def _sum_up(groups: Groups, track_label: Any, weight: FloatArray, other: FloatAr
     return n
 
 
-@kernel
+@inlined
 def summary(groups: Groups, track_label: Any, n_labels: int) -> Summary:
     """Sum up what the groups believe."""
     existence, probability = np.zeros(n_labels), np.zeros(track_label.size)
