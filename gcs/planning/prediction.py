@@ -25,6 +25,8 @@ from gcs.planning.sight import clear_leg
 STEP_S = 0.2
 _LEAST_LAG_S = 0.5
 _MOST_OFF_RAD = 0.75 * math.pi
+_MOST_LEAD_RAD = 1.6
+"""Near its centre a circle's field turns faster than vehicles follow; they lead it by so much at most."""
 _CLOSING_S = 5.0
 """tau: how fast a circle's field brings a vehicle on to it."""
 
@@ -82,6 +84,8 @@ class Flight:
     """(k, 5): east, north, course, turn rate, and how many points were behind it; the last report first."""
     is_clear: bool
     """Whether nothing stands in the way."""
+    most_off_rad: float
+    """How far off its course it had to turn at most: to what is behind it, it may turn either way."""
 
     def moment(self, index: int) -> Motion:
         """How the vehicle moves then, and what is ahead of it."""
@@ -95,7 +99,7 @@ def fly(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0, clearanc
     """Fly a vehicle ahead for a while, until it comes nearer than the clearance to an obstacle."""
     ahead = motion.ahead
     circle = (0.0, 0.0, -1.0) if ahead.circle is None else (*ahead.circle.centre_m, ahead.circle.radius_m)
-    way, is_clear, _ = flown_ahead(
+    way, is_clear, most_off_rad = flown_ahead(
         grid.blocked,
         np.array([*grid.origin_m, grid.spacing_m]),
         np.array([*motion.place_m, motion.course_rad, motion.turn_rate_rad_s, motion.speed_m_s]),
@@ -106,7 +110,7 @@ def fly(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0, clearanc
         max(lag_s, _LEAST_LAG_S),
         max(clearance_m, 0.0) / grid.spacing_m,
     )
-    return Flight(motion, way, bool(is_clear))
+    return Flight(motion, way, bool(is_clear), float(most_off_rad))
 
 
 @inlined
@@ -156,6 +160,7 @@ def flown_ahead(blocked, frame, motion, points, radii, circle, for_s, lag_s, rea
                 off, turning = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi, 0.0
             else:
                 off, turning = _round_off(x, y, course, speed, circle)
+                turning = min(max(turning, -_MOST_LEAD_RAD / lag_s), _MOST_LEAD_RAD / lag_s)
             most_off = max(most_off, abs(off))
             wanted = min(max(off, -_MOST_OFF_RAD), _MOST_OFF_RAD) / lag_s + turning
             rate += (wanted - rate) * (1.0 - math.exp(-3.0 * step / lag_s))

@@ -2,15 +2,17 @@
 
 import math
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gcs.geo import wrap_pi
 from gcs.planning.grid import free_grid
-from gcs.planning.prediction import Ahead, Motion, expected
+from gcs.planning.prediction import Ahead, Circle, Motion, expected, fly
 from sim_vehicles.airframe import TURN_TIME_S, Airframe
-from sim_vehicles.guidance import Circle, ToPoint
+from sim_vehicles.guidance import Circle as Flown
+from sim_vehicles.guidance import ToPoint
 
 OPEN = free_grid((51, 51), 40.0)
 EAST = math.pi / 2.0
@@ -59,7 +61,7 @@ def test_the_simulated_airframe_is_where_it_was_expected(bearing_rad, distance_m
 
 def test_a_circling_airframe_is_where_it_was_expected():
     airframe = Airframe(1060.0, 1000.0, 100.0, math.pi, 15.0)
-    goal = Circle(1000.0, 1000.0, 60.0)
+    goal = Flown(1000.0, 1000.0, 60.0)
     for _ in range(1000):
         airframe.step(goal.heading_error_rad(airframe), 100.0, 15.0)
     motion = Motion(airframe.east_m, airframe.north_m, 15.0, airframe.heading_rad, 15.0 / 60.0)
@@ -68,3 +70,34 @@ def test_a_circling_airframe_is_where_it_was_expected():
         airframe.step(goal.heading_error_rad(airframe), 100.0, 15.0)
     assert math.dist(there.place_m, (airframe.east_m, airframe.north_m)) < 3.0
     assert abs(wrap_pi(there.course_rad - airframe.heading_rad)) < math.radians(5.0)
+
+
+@given(
+    st.tuples(st.floats(-1.5, 1.5), st.floats(80.0, 400.0)),
+    st.tuples(st.floats(-1.5, 1.5), st.floats(80.0, 300.0)),
+    st.tuples(st.floats(0.0, 145.0), st.floats(-math.pi, math.pi)),
+)
+def test_the_simulated_airframe_flies_the_end_of_a_mission_as_it_was_expected(first, second, aside):
+    """Through two waypoints and round a circle near the last: never far beside what was flown in thought."""
+    first_m = (first[1] * math.sin(first[0]), first[1] * math.cos(first[0]))
+    course = first[0] + second[0]
+    last_m = (first_m[0] + second[1] * math.sin(course), first_m[1] + second[1] * math.cos(course))
+    circle = Circle(
+        (last_m[0] + aside[0] * math.sin(aside[1]), last_m[1] + aside[0] * math.cos(aside[1])), 30.0
+    )
+    begin = Motion(0.0, 0.0, 15.0, 0.0, ahead=Ahead((first_m, last_m), (45.0, 10.0), circle=circle))
+    for_s = (first[1] + second[1]) / 15.0 + 30.0
+    flight = fly(OPEN, begin, for_s, TURN_TIME_S)
+    assume(flight.most_off_rad < math.radians(150.0))  # it may turn to either way
+    airframe, goals = Airframe(0.0, 0.0, 100.0, 0.0, 15.0), [
+        ToPoint(*first_m, *first_m, 45.0),
+        ToPoint(*last_m, last_m[0] - first_m[0], last_m[1] - first_m[1], 10.0),
+        Flown(*circle.centre_m, circle.radius_m),
+    ]  # fmt: skip
+    for _ in range(round(for_s)):
+        for _ in range(100):
+            if len(goals) > 1 and goals[0].is_reached(airframe):
+                goals.pop(0)
+            airframe.step(goals[0].heading_error_rad(airframe), 100.0, 15.0)
+        beside_m = np.hypot(*(flight.way[:, :2] - (airframe.east_m, airframe.north_m)).T).min()
+        assert beside_m < 12.0
