@@ -23,15 +23,15 @@ from gcs.compiling import Call, kernel, leaf
 from gcs.model import FloatArray
 from gcs.planning.grid import Grid, Point, free_grid
 from gcs.planning.prediction import STEP_S, flown_ahead
-from gcs.planning.sight import leg_room, to_cells
-from gcs.planning.starts import TIGHT, arc_is_clear, start_room
+from gcs.planning.sight import is_clear_at, leg_room, to_cells
+from gcs.planning.starts import TIGHT, start_room
 from gcs.planning.task import AgentStart, PlanOptions, Wait
 
 _ENOUGH = 0.5
 """Of the clearance: what is not looked beyond. Circles are flown by the autopilot, not by waypoints."""
 _POOR = 0.25
 """Of the clearance: with less, another approach is looked for."""
-_LEAST = 0.15
+_LEAST = 0.1
 """Of the clearance: with less, nothing is flown. Flights in thought are off by metres."""
 _NONE_M = -1.0
 _BETTER_M = 2.0
@@ -52,7 +52,7 @@ _SHORT = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0)
 """How far before its target a route ends that cannot pass it, in turn radii."""
 _BESIDE = (0.0, 0.4, -0.4, 0.7, -0.7)
 """How far beside a target it may be passed, of the distance at which it counts as reached."""
-_NEAR_S, _NEAR_SHARE = 3.0, 0.6
+_NEAR_S, _NEAR_SHARE, _NEAR = 2.5, 0.6, 0.95
 """How long a target must be passed near enough; at most that share of what passing over its middle takes."""
 
 
@@ -114,7 +114,9 @@ def _short_of(
 ) -> Ending:
     """Let a route end on a circle before its target, which no clear way passes."""
     for radii in _SHORT:
-        index, way_m = _cut(start, points_m, radii * options.turn_radius_m)
+        index, way_m, is_whole = _cut(start, points_m, radii * options.turn_radius_m)
+        if is_whole:
+            break
         found = circles.best(np.vstack((points_m[:index], way_m[:1])), best, must_pass=False)
         if found.room_m >= 0.0:
             return found
@@ -135,7 +137,7 @@ class _Circles:
     ) -> None:
         self._grid, self._start, self._wait = grid, start, wait
         self._speed_m_s = max(start.speed_m_s, 1.0)
-        self._near = np.array([*target_m, wait.near_m])
+        self._near = np.array([*target_m, _NEAR * wait.near_m])
         self._near_s = min(_NEAR_S, _NEAR_SHARE * 2.0 * wait.near_m / self._speed_m_s)
         self._radius_m = options.turn_radius_m
         self._frame = np.array([*grid.origin_m, grid.spacing_m])
@@ -150,8 +152,7 @@ class _Circles:
     def best(self, points_m: FloatArray, so_far: Ending, *, must_pass: bool = True) -> Ending:
         """Return the best ending of a route, unless what there is so far is about as good."""
         wait, spacing_m, speed_m_s = self._wait, self._grid.spacing_m, self._speed_m_s
-        _, way_m = _cut(self._start, points_m, _FLOWN * self._radius_m)
-        is_whole = len(way_m) > len(points_m)
+        _, way_m, is_whole = _cut(self._start, points_m, _FLOWN * self._radius_m)
         floor_m = so_far.room_m if so_far.room_m >= 0.0 else self._least_m - _BETTER_M
         circles = np.column_stack((way_m[-1] + self._around_m, np.full(len(self._around_m), wait.radius_m)))
         round_m = _RINGS[-1] * self._radius_m + _ROUNDS * 2.0 * math.pi * wait.radius_m
@@ -198,8 +199,8 @@ def _approaches(
 ) -> Iterator[FloatArray]:
     """Yield routes that pass a target in other directions, or beside it; the least different first."""
     radius_m = options.turn_radius_m
-    index, way_m = _cut(start, points_m, _LEAVE * radius_m)
-    left = way_m[:1] if index or _LEAVE * radius_m < _length_m(way_m) else way_m[:0]
+    index, way_m, is_whole = _cut(start, points_m, _LEAVE * radius_m)
+    left = way_m[:0] if is_whole else way_m[:1]
     course_rad = _course_rad(way_m[-2:])
     for k in range(_BEARINGS):
         angle = course_rad + 2.0 * math.pi * ((k + 1) // 2 * (1 - k % 2 * 2)) / _BEARINGS
@@ -209,17 +210,18 @@ def _approaches(
             yield np.vstack((points_m[:index], left, passed - _LEG * radius_m * along, passed))
 
 
-def _cut(start: AgentStart, points_m: FloatArray, length_m: float) -> tuple[int, FloatArray]:
-    """Cut a route so long before its end: the first point behind that, and the way from there on."""
+def _cut(start: AgentStart, points_m: FloatArray, length_m: float) -> tuple[int, FloatArray, bool]:
+    """Cut a route before its end: the first point behind that, the way on, and whether that is all of it."""
     way_m = np.vstack(((start.east_m, start.north_m), points_m))
     left_m = length_m
     for index in range(len(points_m) - 1, -1, -1):
         leg = way_m[index] - way_m[index + 1]
         leg_m = float(np.hypot(*leg))
         if leg_m > left_m:
-            return index, np.vstack((way_m[index + 1] + leg * (left_m / leg_m), points_m[index:]))
+            place_m = way_m[index + 1] + leg * (left_m / leg_m)
+            return index, np.vstack((place_m, points_m[index:])), False
         left_m -= leg_m
-    return 0, way_m
+    return 0, way_m, True
 
 
 def _course_rad(way_m: FloatArray) -> float:
@@ -252,10 +254,9 @@ def _time_near(way, near):  # type: ignore[no-untyped-def]
 
 @leaf
 def _is_open(blocked, frame, circle, reach):  # type: ignore[no-untyped-def]
-    """Whether a circle itself keeps `reach`."""
-    radius = circle[2] / frame[2]
-    x, y = (circle[0] - frame[0]) / frame[2] + radius, (circle[1] - frame[1]) / frame[2]
-    return arc_is_clear(blocked, reach, x, y, 0.5 * math.pi, 1.0, 2.0 * math.pi, radius, np.int64(-1))
+    """Whether a circle and all within it keep `reach`: some vehicles fly it tighter."""
+    x, y = (circle[0] - frame[0]) / frame[2], (circle[1] - frame[1]) / frame[2]
+    return is_clear_at(blocked, x, y, circle[2] / frame[2] + reach)
 
 
 @kernel
