@@ -25,14 +25,11 @@ from gcs.planning.grid import Grid, Point, free_grid
 from gcs.planning.prediction import STEP_S, flown_ahead
 from gcs.planning.sight import is_clear_at, leg_room, to_cells
 from gcs.planning.starts import TIGHT, start_room
+from gcs.planning.takeup import SHARE
 from gcs.planning.task import AgentStart, PlanOptions, Wait
 
 _ENOUGH = 0.5
 """Of the clearance: what is not looked beyond. Circles are flown by the autopilot, not by waypoints."""
-_POOR = 0.25
-"""Of the clearance: with less, another approach is looked for."""
-_LEAST = 0.1
-"""Of the clearance: with less, nothing is flown. Flights in thought are off by metres."""
 _NONE_M = -1.0
 _BETTER_M = 2.0
 """A farther circle, or another approach, must have so much more room."""
@@ -100,7 +97,7 @@ def ending(
         return straight
     circles = _Circles(grid, start, target_m, options, wait)
     best = circles.best(points_m, Ending(points_m, None, _NONE_M, passes=False))
-    if best.room_m >= _POOR * options.clearance_m:
+    if best.room_m >= 0.0:
         return best
     for points in _approaches(start, points_m, target_m, options, wait):
         best = circles.best(points, best)
@@ -145,7 +142,7 @@ class _Circles:
         self._around_m = np.array([(0.0, 0.0), *_around(self._radius_m)])
         self.enough_m = max(_ENOUGH * options.clearance_m, _BETTER_M)
         place = (start.east_m, start.north_m) if start.motion is None else start.motion.place_m
-        reach = _LEAST * options.clearance_m / grid.spacing_m
+        reach = SHARE * options.clearance_m / grid.spacing_m
         room = start_room(grid.blocked, 2.0 * reach, *to_cells(grid, place))
         self._least_m = room * grid.spacing_m
 

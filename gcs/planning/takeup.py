@@ -24,7 +24,7 @@ from gcs.planning.task import AgentStart
 from gcs.planning.turning import Corners
 
 _SAME_RAD = 1e-3
-_SHARE = 0.25
+SHARE = 0.25
 """How much of the clearance must be left on a way that was not planned."""
 
 
@@ -45,7 +45,7 @@ def flies_clear(
     """
     reach = clearance_m / grid.spacing_m
     room_m = start_room(grid.blocked, reach, *to_cells(grid, motion.place_m)) * grid.spacing_m
-    flight = fly(grid, motion, for_s, lag_s, min(_SHARE * clearance_m, room_m))
+    flight = fly(grid, motion, for_s, lag_s, min(SHARE * clearance_m, room_m))
     return flight.is_clear, flight.moment(-1)
 
 

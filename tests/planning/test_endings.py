@@ -1,6 +1,7 @@
 """A user would lose aircraft at their targets: a fixed wing cannot stop, and targets are where they like."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -80,22 +81,19 @@ def test_before_a_wall_a_vehicle_passes_its_target_and_waits_where_there_is_room
     places = list(flown(route))
     assert not any(is_inside(grid, place) for place in places)
     assert time_near_s(places, target_m) > 2.0
-    straight, _ = planned(grid, target_m, options=PlanOptions(**{**plain(OPTIONS), "wait": None}))
+    straight, _ = planned(grid, target_m, options=replace(OPTIONS, wait=None))
     assert any(is_inside(grid, place) for place in flown(straight))
-
-
-def plain(options):
-    return {name: getattr(options, name) for name in options.__dataclass_fields__}
 
 
 def test_a_target_over_an_obstacle_is_passed_beside_it():
     grid = OPEN.with_obstacles(cells=[(25, 30)])
     target_m = (1200.0, 1000.0)
-    route, result = planned(grid, target_m)
+    route, result = planned(grid, target_m, options=replace(OPTIONS, clearance_m=25.0))
     assert not result.short
     places = list(flown(route))
     assert not any(is_inside(grid, place) for place in places)
     assert time_near_s(places, target_m) > 2.0
+    assert planned(grid, target_m)[1].short == {1}  # 8 m are less than a quarter of 50
 
 
 def test_nobody_is_sent_past_a_target_that_no_clear_way_passes():
