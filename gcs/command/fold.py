@@ -25,8 +25,9 @@ from gcs.command.motions import Motions
 from gcs.command.orders import Orders
 from gcs.command.recovery import Recovery
 from gcs.command.reordering import Reordering
-from gcs.command.replanning import Replanner, Situation
+from gcs.command.replanning import Replanner
 from gcs.command.rereading import Rereading
+from gcs.command.situation import Situation
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers

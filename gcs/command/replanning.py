@@ -14,14 +14,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 
 from gcs.command.aims import Aims, plan_options
 from gcs.command.apart import Lanes
 from gcs.command.delays import DELIVERY_S
 from gcs.command.missions import corners_of
-from gcs.command.motions import motion_of
+from gcs.command.situation import Situation
 from gcs.config import Config
 from gcs.mavlink.task import Timing
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
@@ -37,36 +37,6 @@ _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
 _FAR_OFF = 3.0
 """A target so many times farther from where its route ends than it may be cannot wait for the next look."""
-
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """What a plan is made from, at one moment."""
-
-    t_ns: int
-    picture_t_ns: int
-    agents: Mapping[int, Track]
-    """Track of each flying vehicle that is tied to one."""
-    targets: Mapping[Label, Track]
-    """Believed targets that need somebody."""
-    arrived: frozenset[int]
-    """Vehicles that have done their work."""
-    at_targets: Mapping[Label, int] = field(default_factory=dict)
-    """How many of them are at each target that needs more."""
-    away: Mapping[int, str] = field(default_factory=dict)
-    """Vehicles that fly but are not ours to task, and why, in words."""
-    motions: Mapping[int, Motion] = field(default_factory=dict)
-    """How agents move; who is not among them flies as its track does."""
-    late_s: Mapping[int, float] = field(default_factory=dict)
-    """How much longer than on a good link a mission takes to a vehicle (`gcs.command.delays`)."""
-    left_s: Mapping[int, float] = field(default_factory=dict)
-    """Until vehicles fly the mission that is under way to them."""
-    passed: frozenset[int] = frozenset()
-    """Vehicles that wait where their routes led them after they passed their targets."""
-
-    def motion(self, vehicle: int) -> Motion:
-        """How an agent moves."""
-        return self.motions.get(vehicle) or motion_of(self.agents[vehicle], self.t_ns - self.picture_t_ns)
 
 
 class Replanner:

@@ -11,7 +11,8 @@ from staging import at, mission, track
 
 from gcs.command.area import mission_grid
 from gcs.command.delays import DELIVERY_S
-from gcs.command.replanning import Replanner, Situation
+from gcs.command.replanning import Replanner
+from gcs.command.situation import Situation
 from gcs.planning.prediction import Ahead, Motion
 from gcs.report.charts import causes
 
