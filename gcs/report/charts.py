@@ -34,8 +34,13 @@ _IN_DANGER: Final = "would hit|cannot get back"
 """The second is in recordings of earlier versions."""
 _CAUSES: Final = (
     ("first plan", re.compile(r"\bfirst plan\b"), "#7a5cc0"),
-    ("agent lost or taken over", re.compile(rf"\bagent \d+ (?!joined|has no route|{_IN_DANGER})"), RED),
+    (
+        "agent lost or taken over",
+        re.compile(rf"\bagent \d+ (?!joined|has no route|passed|{_IN_DANGER})"),
+        RED,
+    ),
     ("agent in danger of hitting something", re.compile(rf"\bagent \d+ ({_IN_DANGER})"), "#e69f00"),
+    ("agent passed its target unseen", re.compile(r"\bagent \d+ passed"), "#cc79a7"),
     ("agent joined or idle", re.compile(r"\bagent \d+ (joined|has no route)"), "#009e73"),
     ("target appeared", re.compile(r"\btarget \S+ appeared"), "#0072b2"),
     ("target lost", re.compile(r"\btarget \S+ lost"), "#d55e00"),

@@ -480,6 +480,7 @@ def test_who_passed_its_target_and_was_not_seen_to_reach_it_tries_again():
         ("agent 1 joined", ["agent joined or idle"]),
         ("agent 2 has no route; target 0.0 lost", ["agent joined or idle", "target lost"]),
         ("agent 1 would hit an obstacle", ["agent in danger of hitting something"]),
+        ("agent 1 passed target 0.0", ["agent passed its target unseen"]),
         ("target 0.0 moved 50 m", ["target moved"]),
         ("keep-out quarry closed", ["other"]),
     ],
