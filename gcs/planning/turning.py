@@ -56,41 +56,34 @@ class Corners:
     """How near every waypoint counts as reached."""
 
     def acceptance_m(self, points_m: FloatArray) -> FloatArray:
-        """Acceptance radius of each waypoint (k - 1,), by the start and the waypoints (k, 2)."""
-        return acceptance_m(points_m, self.radius_m, self.lag_m, self.least_m)
+        """How far before each waypoint an autopilot should turn to the next one.
 
+        An arc of the turn radius R begins R tan(a/2) before a corner of angle a; a vehicle that takes up a
+        turn late, by `lag_m`, must begin that much before. The two together, by the root of the sum of their
+        squares: for an airframe whose heading closes in on the new bearing exponentially, this is within 5 %
+        of the distance that swings neither out nor across (see docs/planning.md).
 
-def acceptance_m(points_m: FloatArray, radius_m: float, lag_m: float, least_m: float) -> FloatArray:
-    """How far before each waypoint an autopilot should turn to the next one.
+        Parameters
+        ----------
+        points_m : ndarray, shape (k, 2)
+            Where the vehicle starts, and the waypoints.
 
-    An arc of the turn radius begins R tan(a/2) before a corner of angle a; a vehicle that takes up a turn
-    late, by `lag_m`, must begin that much before. The two together, by the root of the sum of their squares:
-    for an airframe whose heading closes in on the new bearing exponentially, this is within 5 % of the
-    distance that swings neither out nor across (see docs/planning.md).
-
-    Parameters
-    ----------
-    points_m : ndarray, shape (k, 2)
-        Where the vehicle starts, and the waypoints.
-    radius_m, lag_m, least_m : float
-        Turn radius; speed times the time that a turn takes to be taken up; least answer.
-
-    Returns
-    -------
-    ndarray, shape (k - 1,)
-        Of each waypoint; the last has `least_m`. Never more than half of the leg that leads to the waypoint,
-        so that no corner is skipped, but for `least_m`.
-    """
-    legs = np.diff(points_m, axis=0)
-    lengths = np.hypot(legs[:, 0], legs[:, 1])
-    result = np.full(len(legs), least_m)
-    for i in range(len(legs) - 1):
-        turn = math.atan2(
-            legs[i, 0] * legs[i + 1, 1] - legs[i, 1] * legs[i + 1, 0], float(legs[i] @ legs[i + 1])
-        )
-        wanted = math.hypot(radius_m * math.tan(min(abs(turn), SPLIT) / 2.0), lag_m)
-        result[i] = max(least_m, min(wanted, 0.5 * lengths[i]))
-    return result
+        Returns
+        -------
+        ndarray, shape (k - 1,)
+            Of each waypoint; the last has `least_m`. Never more than half of the leg that leads to the
+            waypoint, so that no corner is skipped, but for `least_m`.
+        """
+        legs = np.diff(points_m, axis=0)
+        lengths = np.hypot(legs[:, 0], legs[:, 1])
+        result = np.full(len(legs), self.least_m)
+        for i in range(len(legs) - 1):
+            turn = math.atan2(
+                legs[i, 0] * legs[i + 1, 1] - legs[i, 1] * legs[i + 1, 0], float(legs[i] @ legs[i + 1])
+            )
+            wanted = math.hypot(self.radius_m * math.tan(min(abs(turn), SPLIT) / 2.0), self.lag_m)
+            result[i] = max(self.least_m, min(wanted, 0.5 * lengths[i]))
+        return result
 
 
 @inlined
