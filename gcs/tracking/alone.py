@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.compiling import ZERO, fetch_early, inlined, kernel, leaf, spliced
+from gcs.tracking.elementary import take_logarithms
 from gcs.tracking.hypotheses import DIED, Groups, Limits, Options
 from gcs.tracking.kernels import updated
 from gcs.tracking.merging import factor, far, near
@@ -65,7 +66,37 @@ class _Children(NamedTuple):
 
 
 @inlined
-def _weigh(groups: Groups, g: int, options: Options, limits: Limits, to: Any) -> int:
+def _without_tail(kept: int, share: float, to: Any) -> Any:
+    """Drop the least probable children that hold less than a share of the label's existence together.
+
+    Their weight goes to its others, so the label exists as probably as before. Returns how many are left.
+    """
+    existence, dropped, n = 0.0, 0.0, ZERO
+    for k in range(kept):
+        if to.option[to.order.index[k]] != _NOBODY:
+            existence += to.weight[k]
+    last = kept
+    while last > 0:
+        more = 0.0 if to.option[to.order.index[last - 1]] == _NOBODY else to.weight[last - 1]
+        if dropped + more > share * existence:
+            break
+        dropped += more
+        last -= 1
+    if dropped == 0.0:
+        return kept
+    for k in range(kept):
+        c, weight = to.order.index[k], to.weight[k]
+        if to.option[c] == _NOBODY:
+            to.order.index[n], to.weight[n] = c, weight
+            n += 1
+        elif k < last:
+            to.order.index[n], to.weight[n] = c, weight * existence / (existence - dropped)
+            n += 1
+    return n
+
+
+@inlined
+def _weigh(groups: Groups, g: int, options: Options, limits: Limits, to: Any) -> Any:
     """Fill `to` with the children of group g; return how many are kept."""
     start, items = groups.start, groups.items
     n, best, absent, ways = 1, -np.inf, -np.inf, 0
@@ -111,7 +142,7 @@ def _weigh(groups: Groups, g: int, options: Options, limits: Limits, to: Any) ->
         total += to.weight[k]
     for k in range(kept):
         to.weight[k] /= total
-    return kept
+    return _without_tail(kept, limits.tail, to)
 
 
 @inlined
@@ -144,8 +175,7 @@ def _sizes(groups: Groups, which: Any, options: Options, most: int) -> Any:
     for i in range(which.size):
         tracks = 0
         for k in range(groups.start[groups.first[which[i]]], groups.start[groups.first[which[i] + 1]]):
-            for o in range(options.start[groups.items[k]], options.start[groups.items[k] + 1]):
-                tracks += options.meas[o] != DIED
+            tracks += options.start[groups.items[k] + 1] - options.start[groups.items[k]]
         n_tracks += min(tracks, most)
         n_hyps += min(tracks + 1, most)
         broadest = max(broadest, tracks + 1)
@@ -258,20 +288,21 @@ def _alone(
             continue
         count, n = _lead(n, kept, to, lead, mean, cov, z, meas, view, distance2, out)
         if count == 1:
-            logw[h] = 0.0 if lead.weight[0] == 1.0 else math.log(lead.weight[0])
+            logw[h] = lead.weight[0]
             items[start[h]], start[h + 1], first[n_groups + 1] = n - 1, start[h] + 1, h + 1
             n_groups, h = n_groups + 1, h + 1
             continue
         greatest_first(lead.weight, ZERO, count, lead.order)
         for k in range(count):
             d = lead.order.index[k]
-            logw[h], start[h + 1] = math.log(lead.weight[d]), start[h]
+            logw[h], start[h + 1] = lead.weight[d], start[h]
             if lead.place[d] != _NOBODY:
                 items[start[h]] = lead.place[d]
                 start[h + 1] += 1
             h += 1
         n_groups += 1
         first[n_groups] = h
+    take_logarithms(logw[:h])
     return n_groups, h, n
 
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.compiling import inlined, leaf
+from gcs.tracking.elementary import exponentials
 from gcs.tracking.hypotheses import Groups, Options
 
 _NOBODY, _MANY = -1, -2
@@ -49,6 +50,8 @@ class Claims(NamedTuple):
     """(detections,) whose the first is."""
     last: Any
     """(detections,) the last of the options below for each, or -1."""
+    likely: Any
+    """(hypotheses,) probability of each."""
     wants: Any
     """(tracks,) whether each is of a rival."""
     chance: Any
@@ -82,7 +85,7 @@ class Claims(NamedTuple):
 
 
 @inlined
-def room_for_claims(n_tracks: int, n_options: int, n_detections: int) -> Claims:
+def room_for_claims(n_hyps: int, n_tracks: int, n_options: int, n_detections: int) -> Claims:
     """Return room for so many."""
     return Claims(
         np.empty(n_detections, np.int64),
@@ -91,6 +94,7 @@ def room_for_claims(n_tracks: int, n_options: int, n_detections: int) -> Claims:
         np.zeros(n_detections),
         np.empty(n_detections, np.int64),
         np.empty(n_detections, np.int64),
+        np.empty(n_hyps),
         np.empty(n_tracks, np.bool_),
         np.zeros(n_tracks),
         np.empty(n_tracks, np.int64),
@@ -142,6 +146,7 @@ def _want(options: Options, track_label: Any, to: Claims) -> None:
 @inlined
 def _weigh(groups: Groups, to: Claims) -> None:
     """Fill `to.chance` and `to.group`."""
+    exponentials(groups.logw, to.likely)
     for g in range(groups.first.size - 1):
         for h in range(groups.first[g], groups.first[g + 1]):
             wanting = False
@@ -149,7 +154,7 @@ def _weigh(groups: Groups, to: Claims) -> None:
                 wanting |= to.wants[groups.items[i]]
             if not wanting:
                 continue
-            w = 1.0 if groups.logw[h] == 0.0 else math.exp(groups.logw[h])
+            w = to.likely[h]
             for i in range(groups.start[h], groups.start[h + 1]):
                 to.chance[groups.items[i]] += w
                 to.group[groups.items[i]] = g

@@ -38,6 +38,8 @@ MAX_GATED = 32
 """Detections kept per gate, the likeliest ones: bounds the work that a hostile scan can cause."""
 _FEW = 8
 """So many are looked at one by one."""
+_FINE = 8
+"""Entries of the guide to the strips, for each of them: most hold no more than one."""
 
 
 @inlined
@@ -165,7 +167,7 @@ class _Strips(NamedTuple):
     second: Any
     """(m,) the second coordinate of each detection."""
     entry: Any
-    """(strips + 1,) guide to `edge`."""
+    """(_FINE * strips + 1,) guide to `edge`."""
     inner: Any
     """(strips * (width + 1),) guides to `second` within each strip."""
     per_unit: Any
@@ -182,7 +184,7 @@ def _lay_out(z: FloatArray, to: _Strips) -> float:
         for j in range(low, high):
             to.edge[s], to.second[j] = min(to.edge[s], z[j, 0]), z[j, 1]
         to.per_unit[s] = _guide(to.second, low, high, to.inner, s * (width + 1), width)
-    return _guide(to.edge, 0, count, to.entry, 0, count) if count > 0 else 0.0
+    return _guide(to.edge, 0, count, to.entry, 0, _FINE * count) if count > 0 else 0.0
 
 
 @leaf
@@ -216,7 +218,7 @@ def _options(
             det = a * c - b * b
             scale = log_made - 0.5 * math.log(det) + log_live[t]
             reach, reach_1 = math.sqrt(gate_chi2 * a), math.sqrt(gate_chi2 * c)
-            e = _entry(x - reach, strip.edge[0], strips_per_unit, n_strips)
+            e = _entry(x - reach, strip.edge[0], strips_per_unit, _FINE * n_strips)
             s = max(0, _first_beyond(strip.edge, strip.entry[e], strip.entry[e + 1], x - reach) - 1)
             while s < n_strips and strip.edge[s] <= x + reach:
                 j, high = s * width, min((s + 1) * width, m)
@@ -287,7 +289,7 @@ def options(
         width,
         np.empty(count),
         np.empty(m),
-        np.empty(count + 1, np.int32),
+        np.empty(_FINE * count + 1, np.int32),
         np.empty(count * (width + 1), np.int32),
         np.empty(count),
     )

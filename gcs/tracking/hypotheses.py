@@ -50,6 +50,9 @@ class Limits(NamedTuple):
     """Most hypotheses of one group."""
     log_prune: float
     """Log of the least weight kept, relative to the group's best."""
+    tail: float
+    """Of a label that competes with nobody, least probable histories that hold less than this share of its
+    probability together are dropped."""
     existence: float
     """Labels below it are forgotten."""
     conflict: float

@@ -85,8 +85,9 @@ def _product(
             size += 1
         to.start[h + 1], to.logw[h] = size, work.logw[pair]
         total += math.exp(to.logw[h])
+    log_total = math.log(total)
     for h in range(n):
-        to.logw[h] -= math.log(total)
+        to.logw[h] -= log_total
     return n
 
 
@@ -197,7 +198,7 @@ def meet(groups: Groups, options: Options, track_label: Any, n_detections: int, 
         np.empty(n_groups, np.int64),
         np.empty(n_groups, np.int64),
     )
-    claims = room_for_claims(track_label.size, options.meas.size, n_detections)
+    claims = room_for_claims(groups.logw.size, track_label.size, options.meas.size, n_detections)
     unite(groups, options, track_label, limits.conflict, claims, unions.parent)
     alone = np.empty(n_groups, np.int64)
     n_alone, n_hyps, n_items, hyps, items, pairs = _chain(groups, track_label, limits, unions, alone)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.tracking.elementary import exponentials
 from gcs.tracking.hypotheses import Groups, key_of
 from gcs.tracking.ordering import (
     Distinct,
@@ -104,8 +105,9 @@ def _leaders(
     And `chance` (hypotheses,) and `weight` (tracks,), 0 before, with their probabilities; the others are
     scratch.
     """
+    exponentials(groups.logw, chance)
     for h in range(groups.logw.size):
-        chance[h] = w = math.exp(groups.logw[h])
+        w = chance[h]
         for i in range(groups.start[h], groups.start[h + 1]):
             weight[groups.items[i]] += w
     n, first = track_label.size, ZERO

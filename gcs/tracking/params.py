@@ -49,6 +49,9 @@ class GlmbParams:
     """Squared Mahalanobis distance of the gate: 2 degrees of freedom, 1e-7 of the detections outside."""
     prune_weight: float = 1e-4
     """Hypotheses below this share of their group's best are dropped."""
+    tail_share: float = 1e-3
+    """Of a label that competes with nobody, the least probable histories that together hold less than this
+    share of its existence are dropped; it exists as probably as before."""
     forget_existence: float = 1e-5
     """Labels below it are forgotten."""
     report_existence: float = 1e-3
@@ -70,6 +73,7 @@ class GlmbParams:
         return Limits(
             int(self.max_hypotheses),
             math.log(self.prune_weight),
+            float(self.tail_share),
             float(self.forget_existence),
             float(self.conflict),
             float(self.dependence),

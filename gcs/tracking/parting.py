@@ -8,12 +8,12 @@ open who is who.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from gcs.compiling import ZERO, inlined, kernel, leaf, spliced
+from gcs.tracking.elementary import exponentials
 from gcs.tracking.hypotheses import Groups, Limits, filled, key_of, room_for_groups
 from gcs.tracking.ordering import Distinct, distinct, head, rank, room_for_distinct
 
@@ -207,8 +207,7 @@ def _parted(groups: Groups, limits: Limits, work: _Parting, out: Groups) -> Any:
     first, start, items = groups.first, groups.start, groups.items
     count, n_hyps, size = 0, 0, 0
     out.first[0] = out.start[0] = 0
-    for h in range(groups.logw.size):
-        work.weight[h] = math.exp(groups.logw[h])
+    exponentials(groups.logw, work.weight)
     for g in range(first.size - 1):
         n = ZERO
         for i in range(start[first[g]], start[first[g + 1]]):

@@ -324,8 +324,9 @@ def _children(
                 out.items[out.start[n] + j] = pool.items[i, j]
             total += math.exp(logw[n])
             n += 1
+        log_total = math.log(total)
         for h in range(low, n):
-            logw[h] -= math.log(total)
+            logw[h] -= log_total
         out.first[g + 1] = n
     return n
 

@@ -6,12 +6,12 @@ objects convolve.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.tracking.elementary import exponentials
 from gcs.tracking.hypotheses import Groups
 from gcs.tracking.ordering import head
 
@@ -41,16 +41,16 @@ def _reference(groups: Groups, g: int, track_label: Any, existence: FloatArray) 
 
 
 @inlined
-def _weigh_sizes(groups: Groups, g: int, weight: FloatArray) -> int:
+def _weigh_sizes(groups: Groups, g: int, chance: FloatArray, weight: FloatArray) -> int:
     """Fill `weight` with the probability of each number of objects of group g; return the greatest number.
 
-    `weight` must be 0 up to there.
+    `chance` is that of each hypothesis, `weight` 0 up to there.
     """
     widest = 0
     for h in range(groups.first[g], groups.first[g + 1]):
         size = groups.start[h + 1] - groups.start[h]
         widest = max(widest, size)
-        weight[size] += math.exp(groups.logw[h])
+        weight[size] += chance[h]
     return widest
 
 
@@ -103,7 +103,9 @@ class Summary(NamedTuple):
 
 
 @leaf
-def _sum_up(groups: Groups, track_label: Any, weight: FloatArray, other: FloatArray, out: Summary) -> Any:
+def _sum_up(
+    groups: Groups, track_label: Any, weight: FloatArray, other: FloatArray, chance: Any, out: Summary
+) -> Any:
     """Fill `out`; `weight` (labels + 1,) is 0, `other` as well and takes turns with `out.cardinality`.
 
     Returns how many tracks are estimated.
@@ -113,10 +115,11 @@ def _sum_up(groups: Groups, track_label: Any, weight: FloatArray, other: FloatAr
     n = least = most = ZERO
     before, after = out.cardinality, other
     before[0] = 1.0
+    exponentials(groups.logw, chance)
     for g in range(first.size - 1):
         low, high, widest = first[g], first[g + 1], ZERO
         for h in range(low, high):
-            w = 1.0 if groups.logw[h] == 0.0 else math.exp(groups.logw[h])
+            w = chance[h]
             widest = max(widest, start[h + 1] - start[h])
             weight[start[h + 1] - start[h]] += w
             for i in range(start[h], start[h + 1]):
@@ -159,7 +162,7 @@ def summary(groups: Groups, track_label: Any, n_labels: int) -> Summary:
     even, odd = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
     shown[:] = -1
     out = Summary(existence, shown, estimated, even, probability)
-    n = _sum_up(groups, track_label, np.zeros(n_labels + 1), odd, out)
+    n = _sum_up(groups, track_label, np.zeros(n_labels + 1), odd, np.empty(groups.logw.size), out)
     cardinality = even if groups.first.size % 2 == 1 else odd
     return Summary(existence, shown, head(estimated, n), cardinality, probability)
 
@@ -167,11 +170,11 @@ def summary(groups: Groups, track_label: Any, n_labels: int) -> Summary:
 @kernel
 def probabilities(groups: Groups, n_tracks: int) -> Any:
     """Probability of each track: that of the hypotheses that hold it."""
-    probability = np.zeros(n_tracks)
+    probability, chance = np.zeros(n_tracks), np.empty(groups.logw.size)
+    exponentials(groups.logw, chance)
     for h in range(groups.logw.size):
-        w = math.exp(groups.logw[h])
         for i in range(groups.start[h], groups.start[h + 1]):
-            probability[groups.items[i]] += w
+            probability[groups.items[i]] += chance[h]
     return probability
 
 
@@ -179,9 +182,10 @@ def probabilities(groups: Groups, n_tracks: int) -> Any:
 def map_tracks(groups: Groups) -> Any:
     """Tracks of the best hypothesis of each group's most probable number of objects."""
     chosen, n = np.empty(groups.items.size, np.int64), ZERO
-    weight = np.zeros(groups.items.size + 1)
+    weight, chance = np.zeros(groups.items.size + 1), np.empty(groups.logw.size)
+    exponentials(groups.logw, chance)
     for g in range(groups.first.size - 1):
-        widest = _weigh_sizes(groups, g, weight)
+        widest = _weigh_sizes(groups, g, chance, weight)
         best = _likeliest(groups, g, weight, widest)
         for i in range(groups.start[best], groups.start[best + 1]):
             chosen[n] = groups.items[i]

@@ -17,6 +17,7 @@ EXACT = {
     "max_hypotheses": 100_000,
     "gate_chi2": 1e6,
     "prune_weight": 1e-300,
+    "tail_share": 0.0,
     "forget_existence": 0.0,
     "conflict": 0.0,
     "dependence": 1e-12,
@@ -100,8 +101,16 @@ def test_gibbs_sampling_alone_finds_the_same_marginals(seed):
 @pytest.mark.parametrize("seed", range(6))
 def test_default_limits_hardly_change_existence(seed):
     usual = GlmbParams(accel_std_m_s2=2.0)
-    limits = "max_hypotheses gate_chi2 prune_weight forget_existence conflict dependence merge_chi2"
-    kept = limits.split()
+    kept = [
+        "max_hypotheses",
+        "gate_chi2",
+        "prune_weight",
+        "tail_share",
+        "forget_existence",
+        "conflict",
+        "dependence",
+        "merge_chi2",
+    ]
     _, exact, picture = run_both(seed, [1.0, 1.0, 0.0, 0.4], **{name: getattr(usual, name) for name in kept})
     for track in picture.tracks:
         assert track.existence == pytest.approx(exact.existence(track.label), abs=0.02)
@@ -121,3 +130,20 @@ def test_a_crowd_is_enumerated_as_exactly_as_without_a_bound_on_the_work(seed):
             tracker.update(k * NS_PER_S, z, SENSOR, born if k == 0 else ())
         for one, other in zip(usual.picture(0).tracks, unbound.picture(0).tracks, strict=True):
             assert one.existence == pytest.approx(other.existence, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_label_without_its_least_probable_histories_exists_as_probably_as_with_them(seed):
+    rng = np.random.default_rng(seed)
+    params = GlmbParams(**{**EXACT, "tail_share": 1e-3})
+    fast, exact = Glmb("targets", params, 1), Oracle(params)
+    for k in range(4):
+        z = np.vstack([rng.normal([3.0 * k, 0.0], 4.0, (1, 2)), rng.normal(0.0, 30.0, (2, 2))])
+        for tracker in (fast, exact):
+            tracker.update(k * NS_PER_S, z, SENSOR, births(rng)[:1] if k == 0 else ())
+        (track,) = fast.picture(0).tracks
+        assert track.existence == pytest.approx(exact.existence((0, 0)), rel=1e-9 if k == 0 else 4e-3)
+    held = [(w, *tracks) for w, tracks in joint(fast) if tracks]
+    assert len(held) < 0.7 * sum(bool(h) for h in exact.weights)
+    mean = sum(w * fast._believed.mean[t] for w, t in held) / track.existence
+    np.testing.assert_allclose(mean, exact.mean((0, 0)), atol=0.05)
