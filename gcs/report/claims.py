@@ -20,6 +20,7 @@ from gcs.report.course import KINDS
 from gcs.report.judge import Summary
 from gcs.report.measures import (
     NEAR_M,
+    RE_ROUTED_WITHIN_S,
     Flown,
     astray,
     false_and_missed,
@@ -122,7 +123,8 @@ def _handed_over(runs: Runs) -> Claim:
                     f"target, {one.new_m:.0f} m away as the crow flies (former target: {one.former_m:.0f} m)"
                 )
             elif path.dies:
-                parts.append(f"{name}: agent {lost} dies, its target is left to nobody")
+                within = f"within {RE_ROUTED_WITHIN_S:.0f} s"
+                parts.append(f"{name}: agent {lost} dies, nobody is sent to its target {within}")
     return Claim(
         "Figures 4, 5",
         "When an agent is disabled, another is re-routed to its target, which is now the closest to it.",

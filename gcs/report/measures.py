@@ -20,7 +20,7 @@ _AHEAD_S = 120.0
 _HEADING_S = 2.0
 """Over so long a target's velocity is measured."""
 _STEP_M = 2.0
-_RE_ROUTED_WITHIN_S = 15.0
+RE_ROUTED_WITHIN_S = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ def handovers(flown: Flown) -> tuple[Handover, ...]:
         before = [decision for decision in course.decisions if decision.t_s <= died_s]
         target = before[-1].targets.get(lost) if before else None
         for decision in course.decisions:
-            if not died_s < decision.t_s <= died_s + _RE_ROUTED_WITHIN_S or target is None:
+            if not died_s < decision.t_s <= died_s + RE_ROUTED_WITHIN_S or target is None:
                 continue
             takers = [v for v in decision.changed if decision.targets[v] == target and v != lost]
             if takers:
