@@ -4,17 +4,21 @@ Every association of every hypothesis is enumerated (Vo & Vo 2013, with the join
 Vo, Vo & Hoang 2017): no gate, no cap, no pruning, no merging, no partition. The number of hypotheses grows
 faster than exponentially, so three objects and a few scans are its limit. Same model and same arguments as
 `glmb.Glmb`.
+
+Where a single scan has more associations than that, `ranked_assignments` gives the best of them in order.
 """
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from statistics import NormalDist
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from gcs.model import NS_PER_S, FloatArray, Label, Sensor
 from gcs.tracking import motion
@@ -114,3 +118,33 @@ class Oracle:
             if t[0] == label
         ]
         return np.asarray(sum(w * m for w, m in held) / sum(w for w, _ in held))
+
+
+def ranked_assignments(cost: FloatArray) -> Iterator[tuple[float, tuple[int, ...]]]:
+    """All ways to give each row of `cost` (n, m) a column of its own, the cheapest first (Murty 1968).
+
+    Yields the total and the column of each row; `inf` is forbidden. The space behind an assignment is cut
+    into those that agree with it up to a row and differ there, and the best of each waits for its turn.
+    """
+    count = itertools.count()
+    waiting: list[tuple[float, int, tuple[int, ...], int, FloatArray]] = []
+
+    def offer(part: FloatArray, agreed: int) -> None:
+        try:
+            _, columns = linear_sum_assignment(part)
+        except ValueError:  # nothing in this part is allowed
+            return
+        total = float(part[np.arange(len(part)), columns].sum())
+        heapq.heappush(waiting, (total, next(count), tuple(columns.tolist()), agreed, part))
+
+    offer(np.array(cost, dtype=np.float64), 0)
+    while waiting:
+        total, _, columns, agreed, part = heapq.heappop(waiting)
+        yield total, columns
+        for row in range(agreed, len(part)):
+            other = part.copy()
+            other[row, columns[row]] = np.inf
+            offer(other, row)
+            keep = part[row, columns[row]]
+            part[row] = np.inf
+            part[row, columns[row]] = keep
