@@ -13,14 +13,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+from gcs.command import reasons
 from gcs.command.aims import Aims, plan_options
 from gcs.command.apart import Lanes
 from gcs.command.delays import DELIVERY_S
 from gcs.command.missions import corners_of
+from gcs.command.reasons import Reason
 from gcs.command.situation import Situation
 from gcs.config import Config
 from gcs.mavlink.task import Timing
@@ -67,7 +69,7 @@ class Replanner:
         """What was put to the operator, with `planning.retask = "confirm"`."""
         self.blocked: set[int] = set()
         """Vehicles whose way was closed since they got it."""
-        self._news: list[str] = []
+        self._news: list[Reason] = []
         self._given_t_ns: dict[int, int] = {}
         """When each vehicle's newest route was made."""
 
@@ -104,7 +106,7 @@ class Replanner:
         """Begin with routes that are flown already, and look at once."""
         self.routes = dict(routes)
         self._planned_agents, self._planned_targets = frozenset(routes), frozenset(targets)
-        self._news.append("taken up again")
+        self._news.append(reasons.TAKEN_UP)
         self._next_check_t_ns = t_ns
 
     def keep_only(self, vehicles: Container[int]) -> None:
@@ -131,7 +133,7 @@ class Replanner:
         self._grid = grid
         self.blocked |= {v for v, r in self.routes.items() if _is_crossed(closed, r, places.get(v))}
         self.proposed = {v: r for v, r in self.proposed.items() if not _is_crossed(closed, r, places.get(v))}
-        self._news.append(news)
+        self._news.append(reasons.map_changed(news))
         self._next_check_t_ns = None if self._next_check_t_ns is None else t_ns
         return sorted(self.blocked)
 
@@ -155,7 +157,7 @@ class Replanner:
             wants = self._idle(situation) + wants + self._astray(situation) + self._missed(situation)
         if not changes and not wants:
             return None
-        plan = self._plan(situation, "; ".join([*changes, *wants]))
+        plan = self._plan(situation, [*changes, *wants])
         # A target over an obstacle "moves" at every look, though no route gets nearer, and an agent with no
         # way to any target wants a route at every look: that is no news.
         return plan if changes or plan.changed else None
@@ -172,27 +174,30 @@ class Replanner:
         if not (everybody or (waited and situation.agents and situation.targets)):
             return None
         self._next_check_t_ns = situation.t_ns + self._period_ns
-        return self._plan(situation, "first plan")
+        return self._plan(situation, [reasons.FIRST_PLAN])
 
-    def _changes(self, situation: Situation) -> list[str]:
-        """Who and what came or went since the last plan, in words."""
+    def _changes(self, situation: Situation) -> list[Reason]:
+        """Who and what came or went since the last plan."""
         gone = self._planned_agents - set(situation.agents) - situation.arrived
         news, self._news = self._news, []
-        reasons = [*news, *(f"agent {v} {situation.away.get(v, 'lost')}" for v in sorted(gone))]
-        reasons += [f"agent {v} joined" for v in sorted(set(situation.agents) - self._planned_agents)]
-        reasons += [
-            f"target {_name(t)} appeared" for t in sorted(set(situation.targets) - self._planned_targets)
-        ]
+        came = set(situation.agents) - self._planned_agents
         gone_targets = {route.target for route in self._newest.values()} - set(situation.targets)
-        return reasons + [f"target {_name(t)} lost" for t in sorted(gone_targets)]
+        came_targets = set(situation.targets) - self._planned_targets
+        return [
+            *news,
+            *(reasons.gone(v, situation.away.get(v)) for v in sorted(gone)),
+            *(reasons.joined(v) for v in sorted(came)),
+            *(reasons.appeared(t) for t in sorted(came_targets)),
+            *(reasons.lost(t) for t in sorted(gone_targets)),
+        ]
 
-    def _idle(self, situation: Situation) -> list[str]:
-        """Who has no route although there are targets to spare, in words."""
+    def _idle(self, situation: Situation) -> list[Reason]:
+        """Who has no route although there are targets to spare."""
         newest = self._newest
         if self._planning.spare == "hold" and not self._is_needed(situation):
             return []
         idle = set(situation.agents) & self._planned_agents - set(newest)
-        return [f"agent {v} has no route" for v in sorted(idle)]
+        return [reasons.idle(v) for v in sorted(idle)]
 
     def _is_needed(self, situation: Situation) -> bool:
         """Whether some target has fewer agents on the way than it needs."""
@@ -200,10 +205,10 @@ class Replanner:
         there = situation.at_targets
         return any(flown[t] + there.get(t, 0) < self.aims.needed(t) for t in situation.targets)
 
-    def _moves(self, situation: Situation, times: float) -> list[str]:
-        """Which targets are so many times too far from where their routes end, in words."""
+    def _moves(self, situation: Situation, times: float) -> list[Reason]:
+        """Which targets are so many times too far from where their routes end."""
         return [
-            f"target {_name(route.target)} moved {moved_m:.0f} m"
+            reasons.moved(route.target, moved_m)
             for vehicle, route, agent in self._flown(situation)
             if self._is_settled(vehicle, situation)
             and (moved_m := self._off_m(vehicle, route, situation))
@@ -224,18 +229,18 @@ class Replanner:
         had_ns = situation.t_ns - self._given_t_ns.get(vehicle, 0)
         return had_ns >= max(self._period_ns, situation.late_s.get(vehicle, 0.0) * NS_PER_S)
 
-    def _astray(self, situation: Situation) -> list[str]:
-        """Who would fly into something, in words."""
+    def _astray(self, situation: Situation) -> list[Reason]:
+        """Who would fly into something."""
         return [
-            f"agent {vehicle} would hit an obstacle"
+            reasons.in_danger(vehicle)
             for vehicle, _, _ in self._flown(situation)
             if self._is_astray(vehicle, situation)
         ]
 
-    def _missed(self, situation: Situation) -> list[str]:
-        """Who passed its target, and was not seen to reach it, in words."""
+    def _missed(self, situation: Situation) -> list[Reason]:
+        """Who passed its target, and was not seen to reach it."""
         return [
-            f"agent {vehicle} passed target {_name(route.target)}"
+            reasons.passed(vehicle, route.target)
             for vehicle, route, _ in self._flown(situation)
             if self._has_missed(vehicle, situation)
         ]
@@ -260,7 +265,7 @@ class Replanner:
         is_clear, last = flies_clear(self._grid, motion, look_s, self._lag_s, options.clearance_m)
         return not is_clear and bool(last.ahead.points_m)
 
-    def _plan(self, situation: Situation, reason: str) -> Plan:
+    def _plan(self, situation: Situation, why: Sequence[Reason]) -> Plan:
         starts = {vehicle: self._start(vehicle, situation) for vehicle in situation.agents}
         pursued = {vehicle: route.target for vehicle, route in self._newest.items()}
         result = self._routed(starts, situation.targets, pursued, situation)
@@ -292,8 +297,9 @@ class Replanner:
             routes=tuple(kept),
             unassigned_vehicles=tuple(result.unassigned_vehicles),
             unassigned_targets=tuple(result.unassigned_targets),
-            reason=reason,
+            reason=reasons.in_words(why),
             changed=tuple(changed),
+            causes=reasons.kinds(why),
         )
 
     def _routed(
@@ -391,7 +397,3 @@ def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:
 
 def _distance_m(a: FloatArray, b: FloatArray) -> float:
     return math.hypot(float(a[0]) - float(b[0]), float(a[1]) - float(b[1]))
-
-
-def _name(label: Label) -> str:
-    return f"{label[0]}.{label[1]}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -56,6 +56,23 @@ class Route:
         return self.points_m if self.wait_m is None else np.vstack((self.points_m, self.wait_m))
 
 
+Cause: TypeAlias = Literal[
+    "first plan",
+    "taken up again",
+    "map changed",
+    "agent lost",
+    "agent set aside",
+    "agent joined",
+    "agent idle",
+    "agent in danger",
+    "agent passed its target",
+    "target appeared",
+    "target lost",
+    "target moved",
+]
+"""Why a plan was made, in kinds: what pictures and counts go by."""
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
     """Who flies where, and why this was decided."""
@@ -67,5 +84,8 @@ class Plan:
     unassigned_vehicles: tuple[int, ...]
     unassigned_targets: tuple[Label, ...]
     reason: str
+    """In words, for an operator."""
     changed: tuple[int, ...] = ()
     """Vehicles whose route differs from what they fly now: only these get a new mission."""
+    causes: tuple[Cause, ...] = ()
+    """Kinds of what `reason` says, each once; recordings of earlier versions have none."""

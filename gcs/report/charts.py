@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from gcs.model import FloatArray, read_only
+from gcs.report.causes import COLOURS
 from gcs.report.course import Course
 from gcs.report.flights import Flight
 from gcs.report.judge import OSPA_CUTOFF_M
@@ -30,32 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_IN_DANGER: Final = "would hit|cannot get back"
-"""The second is in recordings of earlier versions."""
-_CAUSES: Final = (
-    ("first plan", re.compile(r"\bfirst plan\b"), "#7a5cc0"),
-    (
-        "agent lost or taken over",
-        re.compile(rf"\bagent \d+ (?!joined|has no route|passed|{_IN_DANGER})"),
-        RED,
-    ),
-    ("agent in danger of hitting something", re.compile(rf"\bagent \d+ ({_IN_DANGER})"), "#e69f00"),
-    ("agent passed its target unseen", re.compile(r"\bagent \d+ passed"), "#cc79a7"),
-    ("agent joined or idle", re.compile(r"\bagent \d+ (joined|has no route)"), "#009e73"),
-    ("target appeared", re.compile(r"\btarget \S+ appeared"), "#0072b2"),
-    ("target lost", re.compile(r"\btarget \S+ lost"), "#d55e00"),
-    ("target moved", re.compile(r"\btarget \S+ moved"), "#8c6d31"),
-)
-_OTHER: Final = ("other", "#718096")
 _MODE_COLOURS: Final = (
     "#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#0072b2", "#d55e00", "#7a5cc0", "#8c6d31",
 )  # fmt: skip
-
-
-def causes(reason: str) -> list[str]:
-    """Return the kinds of cause that the words of a plan's reason name."""
-    found = [name for name, pattern, _ in _CAUSES if pattern.search(reason)]
-    return found or [_OTHER[0]]
 
 
 def quality_figure(course: Course) -> Figure:
@@ -112,16 +89,15 @@ def draw_cardinality(axes: Axes, course: Course) -> None:
 def timeline_figure(course: Course) -> Figure:
     """Draw why plans were made, and what became of each agent, over one axis of time."""
     agents = lanes(course)
-    rows = [(name, colour) for name, _, colour in _CAUSES] + [_OTHER]
-    named = {cause for decision in course.decisions for cause in causes(decision.reason)}
-    rows = [row for row in rows if row[0] in named] or [_OTHER]
+    named = {cause for decision in course.decisions for cause in decision.causes} or {"other"}
+    rows = [row for row in COLOURS.items() if row[0] in named]
     lane = 0.34 if len(agents) <= LABELLED else 0.16
     heights = (0.3 * len(rows) + 0.5, lane * max(len(agents), 2) + 0.6)
     figure = new_figure(11.0, sum(heights) + 0.9)
     top, bottom = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": heights})
     for row, (cause, colour) in enumerate(rows):
-        times = [d.t_s for d in course.decisions if cause in causes(d.reason)]
-        retasks = [d.t_s for d in course.decisions if cause in causes(d.reason) and d.changed]
+        times = [d.t_s for d in course.decisions if cause in d.causes]
+        retasks = [d.t_s for d in course.decisions if cause in d.causes and d.changed]
         top.plot(times, [row] * len(times), "o", ms=7, mfc="none", color=colour, mew=1.4)
         top.plot(retasks, [row] * len(retasks), "o", ms=7, color=colour)
     top.set_ylim(len(rows) - 0.4, -0.6)

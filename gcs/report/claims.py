@@ -15,7 +15,6 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from gcs.report.charts import causes
 from gcs.report.course import KINDS
 from gcs.report.judge import Summary
 from gcs.report.measures import (
@@ -256,8 +255,8 @@ def _altered(runs: Runs) -> Claim:
     parts, good = [], True
     for name in _CLUTTERED:
         flown = runs.flown[name]
-        counts = Counter(c for d in flown.course.decisions if d.changed for c in causes(d.reason))
-        lost, moved = counts["agent lost or taken over"], counts["target moved"]
+        counts = Counter(c for d in flown.course.decisions if d.changed for c in d.causes)
+        lost, moved = counts["agent lost"], counts["target moved"]
         good &= moved > 0 and (lost > 0) == (flown.summary.deaths > 0)
         delays = flown.summary.death_delays_s
         late = f", seen after {max(delays):.0f} s" if delays else ""

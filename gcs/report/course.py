@@ -30,6 +30,7 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
+from gcs.report.causes import causes_of
 from gcs.report.judge import Judge, OspaSeries
 
 KINDS: tuple[Kind, ...] = ("agents", "targets")
@@ -80,6 +81,8 @@ class Decision:
     ends_m: dict[int, tuple[float, float]]
     """Where each of the new routes ends."""
     reason: str
+    causes: tuple[str, ...]
+    """Its kinds (`gcs.report.causes`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -365,6 +368,7 @@ def _decision(plan: Plan, start_t_ns: int) -> Decision:
             if route.vehicle in plan.changed
         },
         reason=plan.reason,
+        causes=causes_of(plan),
     )
 
 

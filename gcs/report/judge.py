@@ -45,6 +45,7 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
+from gcs.report.causes import causes_of
 from gcs.report.truths import Truths
 from gcs.tracking.metrics import ospa
 
@@ -74,6 +75,8 @@ class Retask:
     vehicles: tuple[int, ...]
     """Those with a new route that had one before."""
     reason: str
+    causes: tuple[str, ...]
+    """Kinds of the reasons (`gcs.report.causes`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +214,9 @@ class Judge:
         for plan in self._plans:
             vehicles = tuple(vehicle for vehicle in plan.changed if vehicle in tasked)
             if vehicles:
-                found.append(Retask((plan.t_ns - start_t_ns) / NS_PER_S, vehicles, plan.reason))
+                found.append(
+                    Retask((plan.t_ns - start_t_ns) / NS_PER_S, vehicles, plan.reason, causes_of(plan))
+                )
             tasked.update(route.vehicle for route in plan.routes)
         return tuple(found)
 

@@ -11,6 +11,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from gcs.report.causes import counted
 from gcs.report.judge import AgentOutcome, Retask, Summary
 
 _COLOURS = {"arrived": "green", "dead": "red", "flying": "yellow"}
@@ -71,7 +72,7 @@ def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
     facts = [
         ("targets reached", f"{summary.targets_reached} of {summary.targets_total}"),
         ("deaths seen", _deaths(summary)),
-        ("re-tasks", str(summary.retasks)),
+        ("re-tasks", _retasks_by_cause(summary)),
         ("uploads", f"{summary.uploads}, {summary.upload_failures} failed"),
         ("OSPA agents", _metres(summary.ospa_agents_mean_m)),
         ("OSPA targets", _metres(summary.ospa_targets_mean_m)),
@@ -83,6 +84,11 @@ def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
     if picture is not None:
         facts.append(("picture", str(picture)))
     return facts
+
+
+def _retasks_by_cause(summary: Summary) -> str:
+    by_cause = counted(retask.causes for retask in summary.retask_list)
+    return f"{summary.retasks} ({by_cause})" if by_cause else str(summary.retasks)
 
 
 def _deaths(summary: Summary) -> str:

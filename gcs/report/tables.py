@@ -12,7 +12,6 @@ from typing import Any, Final
 import numpy as np
 
 from gcs.model import NS_PER_S
-from gcs.report.charts import causes
 from gcs.report.course import KINDS, Course
 from gcs.report.flights import Flight
 from gcs.report.judge import Summary
@@ -81,7 +80,7 @@ def plans(course: Course) -> Table:
     rows = [
         (
             number(decision.t_s), ", ".join(map(str, decision.changed)) or NONE,
-            ", ".join(causes(decision.reason)), decision.reason,
+            ", ".join(decision.causes), decision.reason,
         )
         for decision in course.decisions
     ]  # fmt: skip

@@ -112,7 +112,7 @@ def test_a_mission_with_every_plan_confirmed_ends_as_it_should() -> None:
     flight = Flight(after(2.0)).fly(400.0)
     (ended,) = flight.all(MissionEnded)
     assert (ended.arrived, ended.dead) == ((1, 3, 4), (2,))
-    assert all("confirmed" in plan.reason for plan in flight.all(Plan))
+    assert all("confirmed" in plan.reason and plan.causes for plan in flight.all(Plan))
     done = [a for a in flight.all(OrderAnswer) if a.state == "done"]
     assert len(done) == sum(report.ok for report in flight.all(UploadReport))
 

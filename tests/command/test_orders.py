@@ -72,7 +72,7 @@ def test_a_held_vehicle_loiters_and_is_not_tasked_and_goes_on_when_resumed() -> 
     assert flight.answers("resume-45.0") == [("accepted", None), ("done", 1)]
     assert not {m.get_type() for m in flight.told(1, 20.0, 45.0)} & MISSION
     held = [p for p in flight.all(Plan) if 20 * S < p.t_ns - START_T_NS < 45 * S]
-    assert any("agent 1 is held by order" in plan.reason for plan in held)
+    assert any("agent 1 is held by order" in p.reason and "agent set aside" in p.causes for p in held)
     assert not any(1 in plan.changed for plan in held)
     (ended,) = flight.all(MissionEnded)
     assert 1 in ended.arrived

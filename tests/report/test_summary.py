@@ -20,7 +20,9 @@ GOOD = Summary(
     targets_total=5,
     targets_reached=1,
     retasks=1,
-    retask_list=(Retask(25.0, (1,), "agent 2 lost; target [0.3] moved 55 m"),),
+    retask_list=(
+        Retask(25.0, (1,), "agent 2 lost; target [0.3] moved 55 m", ("agent lost", "target moved")),
+    ),
     uploads=4,
     upload_failures=1,
     ospa_agents_mean_m=3.456,
@@ -46,7 +48,7 @@ def test_everything_a_user_asks_about_a_run_is_there(terminal: bool) -> None:
     text = shown(GOOD, terminal)
     for fact in (
         "prescribed, seed 4: complete after 83.2 s", "agent 2 lost", "arrived", "1 of 5",
-        "1 of 1, after 2.0 s",
+        "1 of 1, after 2.0 s", "1 (1 agent lost, 1 target moved)",
         "4, 1 failed", "3.46 m", "not measured", "4.5 ms", "31.0 ms", "25.0 s",
         "target [0.3] moved 55 m", "runs/prescribed-4/run.png",
     ):  # fmt: skip
@@ -61,7 +63,7 @@ def test_a_log_gets_plain_lines() -> None:
 @pytest.mark.parametrize("terminal", [True, False])
 def test_a_large_swarm_fits_a_screen(terminal: bool) -> None:
     agents = tuple(AgentOutcome(n, "dead" if n % 5 == 0 else "arrived", None) for n in range(1, 51))
-    retasks = tuple(Retask(float(n), (1, 2), "target 0.1 moved 60 m") for n in range(60))
+    retasks = tuple(Retask(float(n), (1, 2), "target 0.1 moved 60 m", ("target moved",)) for n in range(60))
     text = shown(replace(GOOD, agents=agents, retask_list=retasks, retasks=60), terminal)
     assert "... and 45 more" in text
     if terminal:

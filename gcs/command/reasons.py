@@ -1,0 +1,80 @@
+"""Why plans are made: each reason in an operator's words, with its kind for pictures and counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from gcs.model import Cause, Label
+
+
+class Reason(NamedTuple):
+    """One reason for a plan."""
+
+    cause: Cause
+    text: str
+
+
+FIRST_PLAN = Reason("first plan", "first plan")
+TAKEN_UP = Reason("taken up again", "taken up again")
+
+
+def gone(vehicle: int, away: str | None) -> Reason:
+    """Tell why an agent is not planned for any more; `away`: why it is not ours to task, in words."""
+    if away is None:
+        return Reason("agent lost", f"agent {vehicle} lost")
+    return Reason("agent set aside", f"agent {vehicle} {away}")
+
+
+def joined(vehicle: int) -> Reason:
+    """Tell that an agent is planned for from now on."""
+    return Reason("agent joined", f"agent {vehicle} joined")
+
+
+def idle(vehicle: int) -> Reason:
+    """Tell that an agent has no route although there are targets to spare."""
+    return Reason("agent idle", f"agent {vehicle} has no route")
+
+
+def in_danger(vehicle: int) -> Reason:
+    """Tell that an agent would fly into something."""
+    return Reason("agent in danger", f"agent {vehicle} would hit an obstacle")
+
+
+def passed(vehicle: int, target: Label) -> Reason:
+    """Tell that an agent passed its target, and was not seen to reach it."""
+    return Reason("agent passed its target", f"agent {vehicle} passed target {_name(target)}")
+
+
+def appeared(target: Label) -> Reason:
+    """Tell that a target is believed that was not before."""
+    return Reason("target appeared", f"target {_name(target)} appeared")
+
+
+def lost(target: Label) -> Reason:
+    """Tell that a target that somebody flies to is not believed any more."""
+    return Reason("target lost", f"target {_name(target)} lost")
+
+
+def moved(target: Label, moved_m: float) -> Reason:
+    """Tell how far a target is from where its route ends."""
+    return Reason("target moved", f"target {_name(target)} moved {moved_m:.0f} m")
+
+
+def map_changed(news: str) -> Reason:
+    """Tell what was closed or opened, in words."""
+    return Reason("map changed", news)
+
+
+def in_words(reasons: Iterable[Reason]) -> str:
+    """Return all reasons as an operator reads them."""
+    return "; ".join(reason.text for reason in reasons)
+
+
+def kinds(reasons: Iterable[Reason]) -> tuple[Cause, ...]:
+    """Return each kind once, in the order in which it is first named."""
+    return tuple(dict.fromkeys(reason.cause for reason in reasons))
+
+
+def _name(label: Label) -> str:
+    return f"{label[0]}.{label[1]}"

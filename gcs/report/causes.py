@@ -1,0 +1,65 @@
+"""Kinds of reasons for plans, as pictures, tables and counts go by them.
+
+A plan carries its causes (`gcs.model.Cause`). Recordings of versions that wrote words only are read by these:
+nothing is added to the patterns any more.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+from typing import Final
+
+from gcs.model import Cause, Plan
+from gcs.report.style import RED
+
+COLOURS: Final[dict[str, str]] = {
+    "first plan": "#7a5cc0",
+    "agent lost": RED,
+    "agent set aside": "#cc3377",
+    "agent in danger": "#e69f00",
+    "agent passed its target": "#cc79a7",
+    "agent joined": "#009e73",
+    "agent idle": "#56b4e9",
+    "target appeared": "#0072b2",
+    "target lost": "#d55e00",
+    "target moved": "#8c6d31",
+    "map changed": "#2f855a",
+    "taken up again": "#4a5568",
+    "other": "#718096",
+}
+"""Of every cause, in the order of rows; "other" are words of earlier versions that name none."""
+
+_OTHER: Final = ("other",)
+_WORDS: Final[tuple[tuple[Cause, re.Pattern[str]], ...]] = (
+    ("first plan", re.compile(r"\bfirst plan\b")),
+    ("taken up again", re.compile(r"\btaken up again\b")),
+    ("map changed", re.compile(r"\bkeep-out .* (closed|opened)\b")),
+    ("target appeared", re.compile(r"\btarget \S+ appeared")),
+    ("target lost", re.compile(r"\btarget \S+ lost")),
+    ("target moved", re.compile(r"\btarget \S+ moved")),
+    ("agent joined", re.compile(r"\bagent \d+ joined")),
+    ("agent idle", re.compile(r"\bagent \d+ has no route")),
+    ("agent in danger", re.compile(r"\bagent \d+ (would hit|cannot get back)")),
+    ("agent passed its target", re.compile(r"\bagent \d+ passed")),
+    ("agent lost", re.compile(r"\bagent \d+ lost")),
+    ("agent set aside", re.compile(r"\bagent \d+ ")),
+)
+"""The first that fits a part of a reason counts."""
+
+
+def causes_of(plan: Plan) -> tuple[str, ...]:
+    """Return the kinds of what a plan was made for, each once."""
+    return plan.causes or _told_by(plan.reason)
+
+
+def _told_by(reason: str) -> tuple[str, ...]:
+    found = (next((c for c, words in _WORDS if words.search(part)), None) for part in reason.split("; "))
+    return tuple(dict.fromkeys(cause for cause in found if cause is not None)) or _OTHER
+
+
+def counted(plans: Iterable[Iterable[str]]) -> str:
+    """Return how many plans had each cause, the most frequent first, in words."""
+    counts = Counter(cause for causes in plans for cause in causes)
+    return ", ".join(f"{number} {cause}" for cause, number in counts.most_common())
