@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -50,7 +51,7 @@ def simulate(
     if runs == 1:
         print_summary(summaries[0], console)
     else:
-        console.print(_table(summaries))
+        console.print(seeds_table(summaries))
     console.print(f"{complete} of {runs} complete; {ratio:.0f} times real time", highlight=False)
     if as_json:
         one = summary_json(summaries[0])
@@ -109,28 +110,29 @@ def fly(
     )
 
 
-def _table(summaries: list[Summary]) -> Table:
-    table = Table(title=f"{summaries[0].scenario}: {len(summaries)} seeds", title_justify="left")
-    for name in (
-        "seed",
-        "outcome",
-        "run time s",
-        "arrived",
-        "lost",
-        "targets",
-        "re-tasks",
-        "uploads",
-        "OSPA agents m",
-        "OSPA targets m",
-        "reason",
-    ):
-        table.add_column(name, justify="left" if name in ("outcome", "reason") else "right")
+def seeds_table(summaries: list[Summary]) -> Table:
+    """A row for each seed, on 80 columns; below them why missions did not end as they should."""
+    reasons = [f"seed {s.seed}: {s.reason}" for s in summaries if s.outcome != "complete"]
+    table = Table(
+        title=f"{summaries[0].scenario}: {len(summaries)} seeds",
+        caption="\n".join(reasons),
+        title_justify="left",
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=0,
+        show_edge=False,
+    )
+    table.add_column("seed", justify="right")
+    table.add_column("outcome", justify="left", no_wrap=True)
+    for name in ("time\ns", "arrived", "lost", "targets", "re-tasks", "uploads"):
+        table.add_column(name, justify="right")
+    for kind in ("agents", "targets"):
+        table.add_column(f"OSPA m\n{kind}", justify="right")
     for s in summaries:
         fates = [agent.fate for agent in s.agents]
         table.add_row(
             str(s.seed), s.outcome, f"{s.duration_s:.1f}", str(fates.count("arrived")),
             str(fates.count("dead")), f"{s.targets_reached}/{s.targets_total}", str(s.retasks),
-            str(s.uploads), f"{s.ospa_agents_mean_m:.2f}", f"{s.ospa_targets_mean_m:.2f}", "" if s.outcome
-            == "complete" else s.reason,
+            str(s.uploads), f"{s.ospa_agents_mean_m:.2f}", f"{s.ospa_targets_mean_m:.2f}",
         )  # fmt: skip
     return table
