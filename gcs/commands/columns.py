@@ -1,8 +1,8 @@
 """Which column of a table of detections is what: when, by which sensor, and where.
 
-The first column is the scan (k) or a time (t_s, t_ns). Without titles that say otherwise the next two are x
-and y. A column `sensor` names the sensor of each row, and `range_m` with `bearing_deg` or `bearing_rad` hold
-what a range/bearing sensor measured, clockwise from north; then x and y are found by their titles, too.
+The first column is the scan (k) or a time (t_s, t_ns); the others are found by their titles: x and y,
+`sensor` for the name of each row's sensor, and `range_m` with `bearing_deg` or `bearing_rad`, what a
+range/bearing sensor measured, clockwise from north. A table without titles has the columns k, x, y.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from gcs.commands.tables import SENSOR, Numbers
+from gcs.commands.tables import FIRST, SENSOR, Numbers
 from gcs.errors import ConfigError
 from gcs.model import FloatArray, Sensor
 from gcs.tracking.sensors import on_map
@@ -23,6 +23,8 @@ from gcs.tracking.sensors import on_map
 TIMES: Final = {"t_s": 1e9, "t_ns": 1.0}
 """Titles of a first column that is a time, and what makes nanoseconds of it."""
 _BEARINGS: Final = {"bearing_deg": math.pi / 180.0, "bearing_rad": 1.0}
+_MOST_BEARING_RAD: Final = 7.0
+"""As of those that are published: a turn and some noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +64,14 @@ def columns(path: Path, numbers: Numbers) -> Columns:
     ConfigError
         When one is missing.
     """
+    if not numbers.titles:
+        return Columns("k", None, (1, 2), None)
+    time = numbers.titles[0]
+    if time not in FIRST:
+        expected = "is the title of the first column; expected k, t_s or t_ns"
+        raise ConfigError(str(path), time, expected)
     titles = {title: i for i, title in reversed(list(enumerate(numbers.titles)))}
-    time = numbers.titles[0] if numbers.titles and numbers.titles[0] in TIMES else "k"
     bearings = [title for title in _BEARINGS if title in titles]
-    if SENSOR not in titles and "range_m" not in titles and not bearings:
-        return Columns(time, None, (1, 2), None)
-    if numbers.titles[0] not in ("k", *TIMES):
-        raise ConfigError(
-            str(path), numbers.titles[0], f"expected the first column to be k, {', '.join(TIMES)}"
-        )
     if ("range_m" in titles) != (len(bearings) == 1):
         raise ConfigError(str(path), "range_m", f"expected a range_m with one of {', '.join(_BEARINGS)}")
     place = (titles["x"], titles["y"]) if "x" in titles and "y" in titles else None
@@ -81,6 +82,13 @@ def columns(path: Path, numbers: Numbers) -> Columns:
         found = f"{len(numbers.titles)} columns as the titles say, found {numbers.rows.shape[1]}"
         raise ConfigError(str(path), "", f"expected {found}")
     scale = _BEARINGS[bearings[0]] if bearings else 1.0
+    if (
+        polar is not None
+        and np.nanmax(np.abs(numbers.rows[:, polar[1]]), initial=0.0) * scale > _MOST_BEARING_RAD
+    ):
+        raise ConfigError(
+            str(path), bearings[0], "expected bearings of at most a turn; are they in its unit?"
+        )
     return Columns(time, titles.get(SENSOR), place, polar, scale)
 
 

@@ -6,7 +6,7 @@
 - CSV: rows k,x,y; more columns are ignored. Its model is another file: such an NPZ, or TOML (`ModelTable`).
   With the titles t_s,x,y or t_ns,x,y the first column is the time of the scan: in seconds from some
   beginning, or nanoseconds since the Unix epoch. A row without x and y is a scan without detections. Titles
-  also name the sensor of each row and what a range/bearing sensor measured (`columns`).
+  also say which column is the sensor of each row and what a range/bearing sensor measured (`columns`).
 - A recording of ours: its scans with what their sensors say of themselves, births from its mission file.
 
 Scans are numbered; one without detections is a scan as well. The region of an NPZ is where its clutter is;
@@ -28,8 +28,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.commands.columns import TIMES, columns, which
+from gcs.commands.doubts import doubts
 from gcs.commands.models import MOST_SCANS, ModelTable, model_of, read_model, sensors_of
 from gcs.commands.tables import MOST_NUMBERS, Numbers, read_csv, read_npz
+from gcs.commands.truths import TruthRows, by_scan, read_truth, truth_rows
 from gcs.config import parse
 from gcs.config.tables import AnywhereTable
 from gcs.errors import ConfigError, RecordingError
@@ -39,7 +41,8 @@ from gcs.tracking.metrics import Tracks
 
 _ROW = "rows of numbers k,x,y: the scan, counted from 0 or 1, and a detection in metres"
 _LATEST_NS = 4.2e18
-_TRUTH_ROW = "rows of numbers k,id,px,vx,py,vy or k,id,x,y"
+_LEAST_SPAN_NS = 1e6
+"""Of the scans of a sensor: in less, none looks twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,20 +98,20 @@ def load(
         table = model_of(path, arrays) if model is None else read_model(model)
         numbers = Numbers((), arrays["meas"])
         if truth is None and "truth" in arrays:
-            return _with_model(path, numbers, table, _by_scan(path, arrays["truth"]))
+            return _with_model(path, numbers, table, truth_rows(path, Numbers((), arrays["truth"])))
     else:
         numbers = read_csv(path, _ROW)
+        if not numbers.titles and not numbers.rows.size:
+            raise ConfigError(str(path), "", f"holds no row; expected {_ROW}")
         if model is None:
             raise ConfigError(
                 str(path), "", "a CSV has no model: expected --model with an NPZ or TOML that says it"
             )
         table = read_model(model)
-    return _with_model(path, numbers, table, None if truth is None else _truth(truth))
+    return _with_model(path, numbers, table, None if truth is None else read_truth(truth))
 
 
-def _with_model(
-    path: Path, numbers: Numbers, table: ModelTable, truth: dict[int, Tracks[object]] | None
-) -> Detections:
+def _with_model(path: Path, numbers: Numbers, table: ModelTable, truth: TruthRows | None) -> Detections:
     """Scans of a table of detections, made by the sensors of a model."""
     rows = _rows(path, numbers.rows, 3, _ROW)
     found = columns(path, numbers)
@@ -124,8 +127,11 @@ def _with_model(
         times, looks = _timed(path, found.time, seen, sensors)
     else:
         times, looks = _numbered(path, seen, sensors, table, truth)
+    if not looks:
+        raise ConfigError(str(path), found.time, f"holds no scan; expected {_ROW}, or scans in the model")
     params, births = _motion(table)
-    true = {} if truth is None else {k: truth.get(k, {}) for k in times.values()}
+    true, remarks = ({}, ()) if truth is None else by_scan(truth, times)
+    remarks = (*numbers.remarks, *doubts(table, sensors, looks), *remarks)
     is_absolute = found.time == "t_ns"
     return Detections(
         params,
@@ -136,7 +142,7 @@ def _with_model(
         times,
         true,
         absolute=is_absolute,
-        remarks=numbers.remarks,
+        remarks=remarks,
     )
 
 
@@ -163,6 +169,10 @@ def _timed(
     t_ns = seen.first * TIMES[title]
     if not (np.isfinite(t_ns).all() and (abs(t_ns) < _LATEST_NS).all()):
         raise ConfigError(str(path), title, "expected a time in every row, before the year 2100")
+    if title == "t_ns" and t_ns.size and 0.0 < np.ptp(t_ns) < _LEAST_SPAN_NS:
+        raise ConfigError(
+            str(path), title, f"expected nanoseconds; all scans lie within {np.ptp(t_ns):.4g} ns"
+        )
     order = np.lexsort((seen.sensor, t_ns))
     is_next = np.ones(order.size, np.bool_)
     is_next[1:] = (np.diff(t_ns[order]) > 0.0) | (np.diff(seen.sensor[order]) > 0)
@@ -179,14 +189,19 @@ def _numbered(
     seen: _Seen,
     sensors: tuple[Sensor, ...],
     table: ModelTable,
-    truth: dict[int, Tracks[object]] | None,
+    truth: TruthRows | None,
 ) -> tuple[dict[int, int], tuple[Look, ...]]:
     """Scans from 1 (or 0, where one says so) to the last, at regular times, each of every sensor."""
     scan = seen.first
     if not (np.isfinite(scan).all() and (scan == np.floor(scan)).all() and (scan >= 0).all()):
-        raise ConfigError(str(path), "k", "expected whole numbers from 0 on")
-    first = 0 if (scan == 0).any() or 0 in (truth or {}) else 1
-    last = max(int(scan.max()) if scan.size else 0, table.scans or 0, max(truth or {}, default=0))
+        what = "expected whole numbers from 0 on; a column of times has the title t_s or t_ns"
+        raise ConfigError(str(path), "k", what)
+    known = np.empty(0, np.int64) if truth is None else truth.scans
+    if truth is not None and known.size and scan.size and not np.isin(known, scan).any():
+        problem = f"its scans {known[0]} to {known[-1]} are none of those of {path.name}; expected its truth"
+        raise ConfigError(str(truth.path), "k", problem)
+    first = 0 if (scan == 0).any() or 0 in known else 1
+    last = int(max(scan.max(initial=0.0), table.scans or 0, known.max(initial=0)))
     if last > MOST_SCANS:
         raise ConfigError(str(path), "k", f"expected scans up to {MOST_SCANS}, found number {last}")
     n = len(sensors)
@@ -287,7 +302,11 @@ def _of_recording(
     anywhere = max(kinds, key=lambda table: table.per_s)
     again = max(tracking.agents.birth_again_probability, tracking.targets.birth_again_probability)
     number = {t_ns: k for k, t_ns in enumerate(sorted({look.t_ns for look in looks}), 1)}
-    true = _true_tracks(truths, number) if truth is None else _truth(truth)
+    if truth is None:
+        true = _true_tracks(truths, number)
+    else:
+        true, more = by_scan(read_truth(truth), number)
+        remarks = (*remarks, *more)
     return Detections(
         params, tuple(births), anywhere, again, tuple(looks), number, true, absolute=True, remarks=remarks
     )
@@ -322,29 +341,6 @@ def _appeared(birth: Birth, dt_s: float) -> Birth:
     cov[:2, 2:] += spread * dt_s / 2.0
     cov[2:, :2] = cov[:2, 2:].T
     return Birth(read_only(mean), read_only(cov), birth.probability)
-
-
-def _truth(path: Path) -> dict[int, Tracks[object]]:
-    if path.suffix.lower() == ".npz":
-        arrays = read_npz(path)
-        if "truth" not in arrays:
-            raise ConfigError(str(path), "truth", f"is missing; expected {_TRUTH_ROW}")
-        return _by_scan(path, arrays["truth"])
-    return _by_scan(path, read_csv(path, _TRUTH_ROW).rows)
-
-
-def _by_scan(path: Path, table: FloatArray) -> dict[int, Tracks[object]]:
-    """Positions by k; in a scan without a row there was nobody."""
-    rows = _rows(path, table, 4, _TRUTH_ROW)
-    if not (np.isfinite(rows).all() and (abs(rows[:, :2]) < 2**53).all()):
-        raise ConfigError(str(path), "truth", f"expected finite numbers in {_TRUTH_ROW}")
-    if rows.size and (rows[:, 0].max() > MOST_SCANS or rows[:, 0].min() < 0):
-        raise ConfigError(str(path), "truth", f"expected scans from 0 to {MOST_SCANS}")
-    y = 4 if rows.shape[1] >= 6 else 3
-    true: dict[int, dict[object, FloatArray]] = {}
-    for row in rows:
-        true.setdefault(int(row[0]), {})[int(row[1])] = read_only(row[[2, y]])
-    return dict(true)
 
 
 def _rows(path: Path, table: FloatArray, columns: int, expected: str) -> FloatArray:

@@ -19,6 +19,8 @@ MOST_NUMBERS: Final = 40_000_000
 _MOST_LINE: Final = 100_000
 ENDINGS: Final = (".npz", ".csv")
 """Of the names of such files; other kinds of files are told by content."""
+FIRST: Final = ("k", "t_s", "t_ns")
+"""Titles of a first column: the number of a scan, or its time."""
 SENSOR: Final = "sensor"
 """Title of a column of words."""
 _SPLIT: Final = "expected less: split it into several files"
@@ -29,10 +31,10 @@ class Numbers:
     """What a CSV holds."""
 
     titles: tuple[str, ...]
-    """Of its first line, when that is no row; a leading # is passed over."""
+    """Of the line above the first row, or of a comment there that begins with k, t_s or t_ns."""
     rows: FloatArray
     words: tuple[str, ...] = ()
-    """What stands in the column titled "sensor"; in `rows` it is their place here, counted from 0."""
+    """What stands in the column of words; in `rows` it is their place here, counted from 0."""
     remarks: tuple[str, ...] = ()
     """What the user should know, such as a last line that was cut off."""
 
@@ -58,11 +60,11 @@ def read_npz(path: Path) -> dict[str, FloatArray]:
         raise ConfigError(str(path), "", f"expected an NPZ of numbers: {error}") from None
 
 
-def read_csv(path: Path, expected: str) -> Numbers:
-    """Return the numbers of a CSV; lines that begin with # and one line of titles are skipped.
+def read_csv(path: Path, expected: str, words: tuple[str, ...] = (SENSOR,)) -> Numbers:
+    """Return the numbers of a CSV below its line of titles; lines that begin with # are comments.
 
-    An empty cell is NaN; cells of a column titled "sensor" are words. A last line that breaks off (without
-    line end, fewer cells) is left out, with a remark.
+    An empty cell is NaN; cells of the first column with a title of `words` are words. A last line that breaks
+    off (without line end, fewer cells) is left out, with a remark.
 
     Raises
     ------
@@ -70,15 +72,15 @@ def read_csv(path: Path, expected: str) -> Numbers:
         When it cannot be read, a line is no row, or it holds more than memory should.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            return _numbers(path, file, expected)
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return _numbers(path, file, expected, words)
     except FileNotFoundError:
         raise ConfigError(str(path), "", "there is no such file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(str(path), "", f"cannot be read as text: {error}") from None
 
 
-def _numbers(path: Path, file: TextIO, expected: str) -> Numbers:
+def _numbers(path: Path, file: TextIO, expected: str, titles_of_words: tuple[str, ...]) -> Numbers:
     values, columns, number = array("d"), 0, 0
     titles: tuple[str, ...] = ()
     words: dict[str, int] = {}
@@ -86,12 +88,17 @@ def _numbers(path: Path, file: TextIO, expected: str) -> Numbers:
     word, titles_may_come = -1, True
     while line := file.readline(_MOST_LINE):
         number += 1
-        if number == 1:
-            titles = _titles(line)
-            word = titles.index(SENSOR) if SENSOR in titles else -1
-        cells = line.split("#", 1)[0].replace(";", ",").strip()
+        cells = line.split("#", 1)[0].replace('"', "").strip()
+        if titles_may_come:
+            titles = _titles(line if cells else line.lstrip().lstrip("#"), is_comment=not cells) or titles
+            word = next((i for i, title in enumerate(titles) if title in titles_of_words), -1)
         if not cells:
             continue
+        if ";" in cells:
+            if "," in cells:
+                what = "expected commas or semicolons between cells, not both; and decimal points"
+                raise ConfigError(f"{path}, line {number}", "", what)
+            cells = cells.replace(";", ",")
         row = _row(cells) if word < 0 else _row(cells, word, words)
         if row is not None and (not columns or len(row) == columns):
             columns = len(row)
@@ -107,9 +114,13 @@ def _numbers(path: Path, file: TextIO, expected: str) -> Numbers:
     return Numbers(titles, rows, tuple(words), remarks)
 
 
-def _titles(line: str) -> tuple[str, ...]:
-    cells = line.strip().lstrip("#").replace(";", ",").split(",")
-    return tuple(cell.strip() for cell in cells) if _row(",".join(cells)) is None else ()
+def _titles(line: str, *, is_comment: bool) -> tuple[str, ...]:
+    """Return the titles in a line; none of a row, nor of a comment that says something else."""
+    cells = line.split("#", 1)[0].replace('"', "").replace(";", ",").strip()
+    titles = tuple(cell.strip() for cell in cells.split(","))
+    if titles[0] not in FIRST if is_comment else _row(cells) is not None:
+        return ()
+    return titles
 
 
 def _row(cells: str, column: int = -1, words: dict[str, int] | None = None) -> list[float] | None:

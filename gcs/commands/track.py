@@ -93,6 +93,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
         raise ConfigError(
             "--lag-scans", "", "a lag is of smoothed paths: expected --estimator smoothed with it"
         )
+    _check_outputs(options)
     detections = _loaded(options, console)
     if not detections.births and detections.anywhere.per_s <= 0.0:
         where = str(options.model or options.path)
@@ -113,6 +114,23 @@ def run_track(options: TrackOptions, console: Console) -> None:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
         print(json.dumps(asdict(scores) | {"remarks": list(detections.remarks)}), flush=True)  # noqa: T201  the promised last line
+
+
+def _check_outputs(options: TrackOptions) -> None:
+    """Refuse to write over what is read, or two results to one file."""
+    names = {path.resolve(): what for what, path in _inputs(options)}
+    for what, path in (("-o", options.out), ("--plot", options.plot)):
+        if path is None:
+            continue
+        if path.resolve() in names:
+            raise ConfigError(str(path), what, f"is {names[path.resolve()]} as well; expected another file")
+        names[path.resolve()] = what
+
+
+def _inputs(options: TrackOptions) -> list[tuple[str, Path]]:
+    detections = options.path / "run.mcap" if options.path.is_dir() else options.path
+    named = (("the file of detections", detections), ("--model", options.model), ("--truth", options.truth))
+    return [(what, path) for what, path in named if path is not None]
 
 
 def _loaded(options: TrackOptions, console: Console) -> Detections:

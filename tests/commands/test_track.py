@@ -247,7 +247,9 @@ def test_a_mistake_is_named_with_its_file_and_what_was_expected(files, monkeypat
 
 
 ROWS = st.lists(
-    st.tuples(st.integers(0, 12), st.floats(allow_nan=True), st.floats(allow_nan=True)), max_size=30
+    st.tuples(st.integers(0, 12), st.floats(allow_nan=True), st.floats(allow_nan=True)),
+    min_size=1,
+    max_size=30,
 )
 
 
