@@ -27,7 +27,7 @@ from gcs.edge.recorder import Recorder
 from gcs.edge.scans import decode_scan
 from gcs.edge.wire import effect_key, encode_effect, sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
-from gcs.errors import GcsError, WireError
+from gcs.errors import GcsError, RecordingError, WireError
 from gcs.model import (
     NS_PER_S,
     BadInput,
@@ -45,6 +45,7 @@ from gcs.model import (
     Scan,
     Send,
     Tick,
+    Truth,
     Upload,
 )
 
@@ -125,7 +126,8 @@ class Service:
         Raises
         ------
         GcsError
-            Whatever made a room or a sink fail, such as a recording that cannot be written.
+            Whatever made a room or a sink fail. A recording that cannot be written any further does not: it
+            ends with an alarm, and the flight goes on.
         """
         self.clock = clock
         failure: GcsError | None = None
@@ -229,8 +231,7 @@ class Service:
                 return
 
     def _work(self, event: Event) -> bool:
-        if self.recorder is not None:
-            self.recorder.event(event)
+        self._record(lambda recorder: recorder.event(event))
         for sink in self.sinks:
             sink.event(event)
         started = time.perf_counter()
@@ -256,10 +257,24 @@ class Service:
                 self.links.picture(effect)
             payload = encode_effect(effect)
             self._bus.publish(effect_key(self.config.name, effect), payload)
-        if self.recorder is not None:
-            self.recorder.effect(t_ns, effect, payload)
+        self._record(lambda recorder: recorder.effect(t_ns, effect, payload))
         for sink in self.sinks:
             sink.effect(t_ns, effect)
+
+    def truth(self, truth: Truth) -> None:
+        """Record the truth of a simulated world."""
+        self._record(lambda recorder: recorder.truth(truth))
+
+    def _record(self, write: Callable[[Recorder], None]) -> None:
+        """Record; whoever is in the air needs us more than a recording that cannot be written."""
+        if self.recorder is None:
+            return
+        try:
+            write(self.recorder)
+        except RecordingError as error:
+            self.recorder = None
+            t_ns = self.clock.now_ns()
+            self._carry_out(t_ns, Notice(t_ns, "alarm", f"recording {error}; the flight goes on unrecorded"))
 
     def _watch_lag(self, lag_ns: int) -> None:
         """Say once when the service runs behind its clock: events wait, or the loop itself comes late."""

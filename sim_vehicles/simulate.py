@@ -74,8 +74,6 @@ def fly(
     """Fly one mission, recorded in `folder` if there is one, and judge it."""
     config = scenario.config
     judge = judge_of(config)
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
     rotate_bytes = int(config.recording.rotate_mb * 1e6)
     with (
         nullcontext()

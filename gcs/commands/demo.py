@@ -101,10 +101,16 @@ def _show(
     *,
     interrupted: bool,
 ) -> int:
-    with console.status("drawing the picture of the run"):
-        picture = draw_recording(folder, config, options.seed)
+    picture, problem = None, ""
+    try:
+        with console.status("drawing the picture of the run"):
+            picture = draw_recording(folder, config, options.seed)
+        (folder / "summary.json").write_text(summary_json(summary) + "\n", encoding="utf-8")
+    except OSError as error:  # a full disk takes nobody the summary
+        problem = f"picture and summary.json cannot be written to {folder}: {error.strerror}"
     print_summary(summary, console, picture=picture)
-    (folder / "summary.json").write_text(summary_json(summary) + "\n", encoding="utf-8")
+    if problem:
+        console.print(problem, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
         print(summary_json(summary), flush=True)  # noqa: T201  the promised last line
     if interrupted:
@@ -137,7 +143,7 @@ async def _fly(
     def take_truth(key: str, payload: bytes) -> None:
         truth = decode_truth(key, payload)
         judge.truth(truth)
-        recorder.truth(truth)
+        service.truth(truth)
 
     with Bus(listen=endpoint) as bus, announced(config.name, endpoint):
         service = Service(config, options.seed, links, bus)

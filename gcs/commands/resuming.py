@@ -83,11 +83,12 @@ class JournalSink:
     """Writes the journal: before the first message of a new plan goes out, and soon after other news."""
 
     def __init__(self, service: Service, journal: Journal) -> None:
-        self._command, self._journal = service.command, journal
+        self._service, self._command, self._journal = service, service.command, journal
         self._written_t_ns: int | None = None
         self._news = False
         self._looked_t_ns = 0
         self._away: dict[int, str] = {}
+        self._failed = False
 
     def event(self, event: Event) -> None:
         """Write when it is time to."""
@@ -109,6 +110,17 @@ class JournalSink:
             self._news = True
 
     def write(self, t_ns: int) -> None:
-        """Write what is known now."""
-        self._journal.write(self._command.memory(t_ns))
+        """Write what is known now; a failure is told, the flight goes on, and it is tried again."""
         self._written_t_ns, self._news = t_ns, False
+        try:
+            self._journal.write(self._command.memory(t_ns))
+        except JournalError as error:
+            if not self._failed:
+                self._failed = True
+                self._service.on_link_news(
+                    "journal", "alarm", f"{error}: a restart would begin from older news"
+                )
+            return
+        if self._failed:
+            self._failed = False
+            self._service.on_link_news("journal", "info", "is written again")

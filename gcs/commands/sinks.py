@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import gc
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -22,6 +21,7 @@ from gcs.edge.links import Links
 from gcs.edge.reader import read
 from gcs.edge.recorder import Recorder, Run, versions
 from gcs.edge.terminal import LiveView, PlainLines
+from gcs.errors import RecordingError
 from gcs.model import Effect, Event
 from gcs.report.judge import Judge
 
@@ -81,20 +81,37 @@ async def _refresh(live: Live) -> None:
 
 
 def open_recorder(out: Path | None, name: str, config_text: str, run: Run, rotate_mb: float) -> Recorder:
-    """Start a recording in `out`, or in a new folder under ``runs/``; parts are of `rotate_mb`."""
+    """Start a recording in `out`, or in a new folder under ``runs/``; parts are of `rotate_mb`.
+
+    Raises
+    ------
+    RecordingError
+        When the folder cannot be written, or holds a recording already.
+    """
     folder = out if out is not None else new_folder(Path("runs"), name)
-    folder.mkdir(parents=True, exist_ok=True)
     return Recorder(folder, config_text, versions(), run, int(rotate_mb * 1e6))
 
 
 def new_folder(parent: Path, name: str) -> Path:
-    """Make a folder for a run that is not there yet: NAME, NAME-2, ..."""
+    """Make a folder for a run that is not there yet: NAME, NAME-2, ...
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be made.
+    """
     for count in range(1, 10_000):
         folder = parent / (name if count == 1 else f"{name}-{count}")
-        with contextlib.suppress(FileExistsError):
+        try:
             folder.mkdir(parents=True)
-            return folder
-    raise FileExistsError(f"{parent / name}: thousands of runs of this name; clear some out")
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise RecordingError(
+                str(folder), f"cannot be made: {error.strerror}; choose a folder with --out"
+            ) from None
+        return folder
+    raise RecordingError(str(parent / name), "thousands of runs of this name; clear some out")
 
 
 def draw_recording(folder: Path, config: Config, seed: int) -> Path:

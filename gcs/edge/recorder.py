@@ -30,6 +30,7 @@ import re
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from errno import ENOTDIR
 from importlib import metadata
 from pathlib import Path
 from time import monotonic
@@ -140,6 +141,8 @@ class Recorder:
         self._full = self._closed = False
         self._flush_at_s = monotonic() + _FLUSH_PERIOD_S
         try:
+            if folder.exists() and not folder.is_dir():
+                raise NotADirectoryError(ENOTDIR, "it is a file")
             folder.mkdir(parents=True, exist_ok=True)
             if len(part_paths(folder)) > 1:
                 raise FileExistsError
@@ -149,7 +152,9 @@ class Recorder:
                 str(folder), "holds a recording already; choose another folder or move it away"
             ) from None
         except OSError as error:
-            raise RecordingError(str(folder), f"cannot be written: {error.strerror}") from None
+            raise RecordingError(
+                str(folder), f"cannot be written: {error.strerror}; choose another folder"
+            ) from None
         try:
             (folder / CONFIG_NAME).write_text(config_text, encoding="utf-8")
             (folder / VERSIONS_NAME).write_text(json.dumps(self._about[1], indent=2) + "\n", encoding="utf-8")

@@ -172,6 +172,8 @@ def test_vehicles_end_when_the_demo_is_killed(demo: Demo) -> None:
         (["demo", "no-such-scenario"], "shipped scenarios"),
         (["check", "no-such-file.toml"], "no such file or scenario"),
         (["simulate", "no-such-scenario"], "shipped scenarios"),
+        (["simulate", "prescribed", "--out", "/dev/null/run"], "choose another folder"),
+        (["demo", "--headless", "--out", "/dev/null"], "it is a file"),
     ],
 )
 def test_a_mistake_is_one_readable_line_and_exit_code_2(arguments: list[str], words: str) -> None:

@@ -1,6 +1,7 @@
 """The service around the fold: what fails is loud, what is late is said."""
 
 import asyncio
+import errno
 import time
 from collections.abc import Iterator
 from itertools import pairwise
@@ -8,13 +9,17 @@ from itertools import pairwise
 import pytest
 
 from gcs.app import Service
+from gcs.commands.resuming import JournalSink
 from gcs.config import load
 from gcs.edge.clock import RunClock
+from gcs.edge.journal import Journal
 from gcs.edge.links import Links
+from gcs.edge.reader import read
+from gcs.edge.recorder import Recorder
 from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError, RecordingError
-from gcs.model import NS_PER_S, Notice, Tick
+from gcs.model import NS_PER_S, Notice, Tick, Truth
 
 
 def loopback(port: int = 0) -> Links:
@@ -59,10 +64,48 @@ def now() -> RunClock:
     return RunClock(epoch_ns, epoch_ns, 1.0)
 
 
-def test_a_recording_that_cannot_be_written_ends_the_run_with_its_own_error(service):
+def test_a_sink_that_fails_ends_the_run_with_its_own_error(service):
     service.sinks.append(Sink(error=RecordingError("run.mcap", "no space left on device")))
     with pytest.raises(RecordingError, match="no space left"):
         serve(service, now(), 10.0)
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_flight(service, tmp_path, monkeypatch):
+    def full(_part, _records, _sequence):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    folder, sink = tmp_path / "run", Sink()
+    with Recorder(folder, "", {}) as recorder:
+        service.recorder = recorder
+        service.sinks.append(sink)
+        service.truth(Truth(1, ()))
+        recorder.flush()
+        monkeypatch.setattr("gcs.edge.recorder._Part.add", full)
+        recorder._flush_at_s = 0.0  # at the next event
+        serve(service, now(), 0.5)
+        service.truth(Truth(2, ()))
+    told = [e for e in sink.effects if isinstance(e, Notice) and "unrecorded" in e.text]
+    assert [(notice.level, str(folder) in notice.text) for notice in told] == [("alarm", True)]
+    assert sum(isinstance(event, Tick) for event in sink.events) > 3
+    assert next(record.value for record in read(folder)) == Truth(1, ())
+
+
+def test_a_journal_that_cannot_be_written_is_told_once_and_tried_again(service, tmp_path, monkeypatch):
+    in_the_way = tmp_path / "runs"
+    in_the_way.write_text("a file where the folder should be")
+    told = []
+    monkeypatch.setattr(service, "on_link_news", lambda *news: told.append(news))
+    journal = Journal(in_the_way / "m.journal", "m", "")
+    keeper = JournalSink(service, journal)
+    keeper.write(1)
+    keeper.write(2)
+    in_the_way.unlink()
+    keeper.write(3)
+    assert [(name, level) for name, level, _ in told] == [("journal", "alarm"), ("journal", "info")]
+    assert "older news" in told[0][2]
+    memory = journal.read()
+    assert memory is not None
+    assert memory.t_ns == 3
 
 
 def test_ticks_never_pile_up_behind_a_slow_consumer(service):
