@@ -13,7 +13,8 @@ Which paths: every label that was in the MAP-cardinality estimate at some scan, 
 when it was there last. What is known later decides about two ends of it, by the model alone:
 
 - *Death.* A label that is no longer there ends with its last detection: living on undetected for j scans and
-  dying then has the weight (p_S (1 - p_D))^j (1 - p_S), greatest for j = 0.
+  dying then has the weight (p_S (1 - p_D))^j (1 - p_S), greatest for j = 0. Nobody dies between the scans of
+  several sensors at one moment: p_S is that of the time to the next moment.
 - *Birth.* A path of weight r/(1 - r) x prod(option weights) (1 - p_S), relative to its detections being
   clutter, is dropped when that is below 1: the estimate had taken clutter for an object, and gave it up.
 - *Once.* A detection is of one object. When two labels' paths hold the same one (two guesses at one object,
@@ -68,7 +69,7 @@ class Path:
     """Whether the label is in the last scan's estimate."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Scan:
     """What every node of a scan shares."""
 
@@ -78,14 +79,12 @@ class _Scan:
     sensor: Sensor
     births: tuple[Birth, ...]
     survival: float
+    log_death: float = 0.0
+    """Of not surviving to the next moment at which anything was measured; 0 until there is one."""
 
     @property
     def log_undetected(self) -> float:
         return math.log1p(-min(self.sensor.detection_probability, MOST_DETECTION))
-
-    @property
-    def log_death(self) -> float:
-        return math.log(max(1.0 - self.survival, 1e-300))
 
 
 class Histories:
@@ -100,6 +99,8 @@ class Histories:
     def __init__(self, turns: Turns | None = None) -> None:
         self._turns = turns
         self._scans: dict[int, _Scan] = {}
+        self._moment: list[_Scan] = []
+        """The last scans, measured at one time."""
         self._most_scans = _FEW_SCANS
         self._forest = Forest.of(256)
         self._live: IntArray = np.empty(0, np.int64)
@@ -132,7 +133,12 @@ class Histories:
         are `births`, which need positive definite covariances.
         """
         k = passed.scan
+        if passed.dt_s > 0.0:
+            for scan in self._moment:
+                scan.log_death = math.log(max(1.0 - survival, 1e-300))
+            self._moment.clear()
         self._scans[k] = _Scan(t_ns, passed.dt_s, passed.Q, sensor, births, survival)
+        self._moment.append(self._scans[k])
         if taken.parent.size > self._forest.n_free[0]:
             self._forest = self._forest.larger(taken.parent.size)
         self._live, labels, nodes = grow(

@@ -143,6 +143,21 @@ def test_two_updates_at_one_time_are_two_rows_of_a_path():
     assert path.t_ns.tolist() == [0, 0, NS_PER_S, NS_PER_S, 2 * NS_PER_S, 2 * NS_PER_S]
 
 
+@pytest.mark.parametrize("last", [0, 1])
+def test_an_object_last_seen_by_any_sensor_of_a_moment_keeps_its_path(last):
+    """Nobody dies between two scans of one moment: that once made a path that ended there impossible."""
+    of = tracker()
+    looks = [sensor(clutter=1.0), sensor(clutter=1.0)]
+    for k in range(20):
+        for i, look in enumerate(looks):
+            seen = k < 10 or (k == 10 and i <= last)
+            z = np.array([[200.0 + 8.0 * k, 300.0]] if seen else []).reshape(-1, 2)
+            of.update(k * NS_PER_S, z, look, births() if i == 0 else ())
+    (path,) = of.histories.paths()
+    assert not path.alive
+    assert path.scan[-1] == 20 + last
+
+
 def test_empty_scans_and_late_ones_leave_no_trace():
     of = tracker()
     for t_ns in (5, 6, 3, 7):
