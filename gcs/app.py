@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from gcs.command.answers import named
 from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.clock import RunClock
@@ -52,6 +53,8 @@ from gcs.model import (
 TICK_NS = NS_PER_S // 20
 QUEUE_SIZE = 20_000
 _ORDERS_REMEMBERED = 1000
+_FINISH_S = 30.0
+"""How long the end waits for missions on their way: as long as one takes where a third of all is lost."""
 _TIMES_KEPT = 10_000
 LAG_WARNING_NS = NS_PER_S // 2
 LAG_TEXT = "this machine cannot keep up"
@@ -120,8 +123,16 @@ class Service:
         """Take up where an earlier service was; call it before `run`."""
         self._memory = memory
 
-    async def run(self, clock: RunClock, stop: asyncio.Event, end_with_mission: bool = False) -> None:
+    async def run(
+        self,
+        clock: RunClock,
+        stop: asyncio.Event,
+        end_with_mission: bool = False,
+        at_once: asyncio.Event | None = None,
+    ) -> None:
         """Serve until `stop` is set, or until the mission ends when `end_with_mission`.
+
+        With `at_once`, missions that are on their way then are finished first, unless that is set, too.
 
         Raises
         ------
@@ -148,6 +159,8 @@ class Service:
                 consumer = group.create_task(self._consume(stop, end_with_mission))
                 uploader = None if self._uploader is None else group.create_task(self._uploader.run())
                 await stop.wait()
+                if at_once is not None:
+                    await self._finish(at_once)
                 if uploader is not None:
                     uploader.cancel()
                 ticker.cancel()
@@ -158,6 +171,27 @@ class Service:
             self.links.close()
         if failure is not None:
             raise failure
+
+    async def _finish(self, at_once: asyncio.Event) -> None:
+        """Wait for missions on their way: a vehicle whose transfer breaks off may hold a mix of two."""
+        mixed = self._between_missions()
+        if not mixed:
+            return
+        text = f"waiting until missions on their way are delivered ({named(mixed)}); Ctrl-C again: at once"
+        self.on_link_news("ending", "warning", text)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_FINISH_S):
+                while self._between_missions() and not at_once.is_set():
+                    await asyncio.sleep(TICK_NS / NS_PER_S)
+        mixed = self._between_missions()
+        if mixed:
+            text = f"{named(mixed)} may hold a mix of two missions: start again, or hold them by hand"
+            self._work(LinkNews(self.clock.now_ns(), "ended", "alarm", text))
+
+    def _between_missions(self) -> list[int]:
+        """Vehicles to which a mission is on its way, not those for which one waits."""
+        tasking = self.command.tasking
+        return sorted(vehicle for vehicle in tasking.under_way if tasking.may_be_mixed(vehicle))
 
     def _put(self, event: Event) -> bool:
         """Queue an event; return whether there was room."""
@@ -303,11 +337,15 @@ def on_loop(
         loop.call_soon_threadsafe(callback, key, payload)
 
 
-def wait_for_interrupt(stop: asyncio.Event) -> Callable[[], None]:
-    """Set `stop` on SIGINT or SIGTERM; return what undoes that."""
+def wait_for_interrupt(*stops: asyncio.Event) -> Callable[[], None]:
+    """Set the first of `stops` on SIGINT or SIGTERM, the next one on the next; return what undoes that."""
     loop = asyncio.get_running_loop()
+
+    def interrupt() -> None:
+        next((stop for stop in stops if not stop.is_set()), stops[-1]).set()
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
+        loop.add_signal_handler(number, interrupt)
 
     def undo() -> None:
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -417,5 +417,5 @@ class Tasking:
         if not result.ok and (result.held or self._custody[vehicle].taken or is_clearing):
             said = "was told to hold" if result.held else "is not ours now"
             said = "holds no mission now" if result.holds == "cleared" else said
-            effects.append(Notice(result.t_ns, "alarm", f"agent {vehicle} {said}: {result.detail}", vehicle))
+            effects.append(Notice(result.t_ns, "alarm", f"{said}: {result.detail}", vehicle))
         return effects

@@ -67,8 +67,8 @@ async def _serve(
 ) -> None:
     vehicles = [agent.vehicle for agent in config.agents]
     links = Links(config.mavlink_links, vehicles, config.local_frame, signing)
-    stop = asyncio.Event()
-    undo = wait_for_interrupt(stop)
+    stop, at_once = asyncio.Event(), asyncio.Event()
+    undo = wait_for_interrupt(stop, at_once)
     table = config.links
     with service_bus(table.zenoh_role, table.zenoh) as (bus, door), announced(config.name, door):
         service = Service(config, options.seed, links, bus)
@@ -82,7 +82,7 @@ async def _serve(
             highlight=False,
         )
         async with view_for(service, console, speed=options.clock.speed, headless=options.headless):
-            await service.run(options.clock, stop)
+            await service.run(options.clock, stop, at_once=at_once)
         keeper.write(options.clock.now_ns())
         console.print(link_table(link_rows(service.command.fleet, links, service.now_ns())))
     undo()

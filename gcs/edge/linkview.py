@@ -15,6 +15,11 @@ from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.routing import PortCounters
 from gcs.mavlink.signing import GateCounters
 
+_COLUMNS = (
+    "link", "role", "frames", "lost", "CRC", "strangers", "conflicts", "unsent", "signing", "guests",
+)  # fmt: skip
+_ALWAYS = ("link", "role", "frames", "lost")
+
 
 def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, Any]]:
     """One row for each link: those of vehicles as central command heard them, then those of guests.
@@ -60,32 +65,26 @@ def _signing(links: Links | None, name: str) -> dict[str, Any]:
 
 
 def link_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Draw the rows."""
+    """Draw the rows; a column in which no link has anything is left out: terminals are narrow."""
     table = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in (
-        "link",
-        "role",
-        "frames",
-        "lost",
-        "CRC",
-        "strangers",
-        "conflicts",
-        "unsent",
-        "signing",
-        "guests",
-    ):
+    cells = [_cells(row) for row in rows]
+    shown = [name for name in _COLUMNS if name in _ALWAYS or any(row[name] not in ("", 0) for row in cells)]
+    for name in shown:
         left = name in ("link", "role", "signing", "guests")
-        table.add_column(name, justify="left" if left else "right", no_wrap=not left, overflow="fold")
-    for row in rows:
-        if row["role"] == "vehicles":
-            cells = (row["frames"], _loss(row), row["crc_errors"], row["strangers"], row["conflicts"])
-            table.add_row(row["link"], row["role"], *map(str, cells), str(row["unsent"]), _gate(row), "")
-        else:
-            kept = sum(row["refused"].values())
-            text = f"{len(row['guests'])}; {row['sent']} sent, {row['passed']} passed on, {kept} kept back"
-            numbers = (str(row["frames"]), *[""] * 4, str(row["unsent"]))
-            table.add_row(row["link"], row["role"], *numbers, _gate(row), text)
+        table.add_column(name, justify="left" if left else "right", no_wrap=name in _ALWAYS, overflow="fold")
+    for row in cells:
+        table.add_row(*(str(row[name]) for name in shown))
     return table
+
+
+def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
+    """What a row shows in each column."""
+    cells = {**dict.fromkeys(_COLUMNS, ""), **row, "signing": _gate(row), "guests": ""}
+    if row["role"] == "vehicles":
+        return cells | {"lost": _loss(row), "CRC": row["crc_errors"]}
+    kept = sum(row["refused"].values())
+    counted = f"{row['sent']} sent, {row['passed']} passed on, {kept} kept back"
+    return cells | {"guests": f"{len(row['guests'])}; {counted}"}
 
 
 def _gate(row: Mapping[str, Any]) -> str:

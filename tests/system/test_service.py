@@ -108,6 +108,28 @@ def test_a_journal_that_cannot_be_written_is_told_once_and_tried_again(service, 
     assert memory.t_ns == 3
 
 
+@pytest.mark.parametrize("patience", [True, False])
+def test_ctrl_c_lets_a_mission_arrive_that_is_on_its_way_and_twice_it_says_who_may_hold_a_mix(
+    service, monkeypatch, patience
+):
+    under_way, sink = {3: "2/8"}, Sink()
+    service.sinks.append(sink)
+    monkeypatch.setattr(type(service.command.tasking), "under_way", property(lambda _: under_way))
+    monkeypatch.setattr(service.command.tasking, "may_be_mixed", under_way.__contains__)
+
+    async def run():
+        loop, stop, at_once = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
+        loop.call_later(0.1, stop.set)
+        loop.call_later(0.4, under_way.clear if patience else at_once.set)
+        await asyncio.wait_for(service.run(now(), stop, at_once=at_once), 5.0)
+
+    asyncio.run(run())
+    told = [(e.level, e.text) for e in sink.effects if isinstance(e, Notice) and "agent 3" in e.text]
+    assert [level for level, _ in told] == (["warning"] if patience else ["warning", "alarm"])
+    assert ("mix of two missions" in told[-1][1]) is not patience
+    assert sum(isinstance(event, Tick) for event in sink.events) >= 5
+
+
 def test_ticks_never_pile_up_behind_a_slow_consumer(service):
     slow = Sink(slow_s=0.2)
     service.sinks.append(slow)
