@@ -14,8 +14,8 @@ scan is Poisson clutter; new objects appear where the caller says that they may 
 birth for each scan).
 
 The tracker is a pure value machine: time is an argument, randomness comes from a seed, and the same calls
-give the same bytes. No input makes it raise once constructed: what it cannot use it counts (`late_scans`,
-`bad_detections`).
+give the same bytes. No values make it raise once constructed: what it cannot use it counts (`late_scans`,
+`bad_detections`). Arrays of another shape than (m, 2) do.
 """
 
 from __future__ import annotations
@@ -114,6 +114,11 @@ class Glmb:
             Clutter intensity at each detection, where it is known better than by the sensor's uniform
             density: near objects that this tracker does not track. A detection whose intensity is not finite
             is unusable and counted in `bad_detections`.
+
+        Raises
+        ------
+        ValueError
+            When `z_m` has another shape: two rows in place of two columns would be other places.
         """
         if self._t_ns is not None and measured_t_ns < self._t_ns:
             self.late_scans += 1

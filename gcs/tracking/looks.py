@@ -42,8 +42,17 @@ class Look(NamedTuple):
 
 
 def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Seen:
-    """Take detections (m, 2) among clutter of such an intensity (m,), or of the sensor's."""
-    place_m = np.array(z_m, dtype=np.float64, order="C").reshape(-1, 2)
+    """Take detections (m, 2) among clutter of such an intensity (m,), or of the sensor's.
+
+    Raises
+    ------
+    ValueError
+        When they have another shape, such as (2, m).
+    """
+    place_m = np.array(z_m, dtype=np.float64, order="C")
+    if place_m.size and (place_m.ndim != 2 or place_m.shape[1] != 2):
+        raise ValueError(f"expected detections (m, 2), east and north; got the shape {place_m.shape}")
+    place_m = place_m.reshape(-1, 2)
     z = sensors.measured(sensor, place_m)
     if clutter_per_m2 is None and sensor.polar is None:
         clutter = np.array([sensor.clutter_density_per_m2], dtype=np.float64)
