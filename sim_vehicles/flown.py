@@ -16,11 +16,13 @@ import numpy as np
 
 from gcs.model import NS_PER_S, Effect, Event, Fate, FloatArray, Plan, Tick
 from gcs.planning.grid import Grid
-from sim_vehicles.scenario import Scenario, WindTable
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.scenario import DeathTable, Scenario, WindTable
+from sim_vehicles.virtual import START_T_NS, STEP_NS, VirtualRun
 
 _EVERY = 4
 """Ticks between two looks: 0.2 s, 3 m."""
+_MORE_S, _LATEST_S = 10.0, 1200.0
+"""A mission ends when targets are reached; vehicles that go home then fly on so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,16 @@ class Nearest:
     north_m: float
     at_end_m: float = math.inf
     """The same within twice the capture radius of the end of a route, and after arrival."""
+
+
+@dataclass(frozen=True, slots=True)
+class Homeward:
+    """How a vehicle came home from its target."""
+
+    room_m: float
+    """Least distance from blocked cells, from its arrival at the target to its landing; 0 inside one."""
+    home_m: float
+    """Distance from home where it landed, or was last."""
 
 
 def in_wind(scenario: Scenario, wind: WindTable, planned_m_s: float) -> Scenario:
@@ -98,6 +110,51 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
     cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
     run.run()
     return dataclasses.replace(best, at_end_m=at_end_m)
+
+
+def landing(scenario: Scenario) -> Scenario:
+    """Return a scenario whose vehicles land at home after their targets, and die of nothing else."""
+    mission = msgspec.structs.replace(scenario.config.mission, end="land")
+    return dataclasses.replace(
+        scenario,
+        config=msgspec.structs.replace(scenario.config, mission=mission),
+        simulation=msgspec.structs.replace(scenario.simulation, death=DeathTable()),
+    )
+
+
+def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict[int, Homeward]:
+    """Fly a whole mission that ends at home; return how each vehicle that reached its target came home.
+
+    With `straight` ways home are planned as if there were no obstacles.
+    """
+    arrived: dict[int, Homeward] = {}
+
+    def on_effect(_t_ns: int, effect: Effect) -> None:
+        if isinstance(effect, Fate) and effect.fate == "arrived":
+            arrived.setdefault(effect.vehicle, Homeward(math.inf, math.inf))
+
+    def on_event(event: Event) -> None:
+        if not isinstance(event, Tick) or (event.t_ns - START_T_NS) // STEP_NS % _EVERY:
+            return
+        for vehicle in run.vehicles.values():
+            if vehicle.system_id in arrived and vehicle.autopilot.flying:
+                home, place = vehicle.autopilot.home, (vehicle.east_m, vehicle.north_m)
+                arrived[vehicle.system_id] = Homeward(
+                    min(arrived[vehicle.system_id].room_m, _room_m(run.command.grid, cells, place)),
+                    math.dist(place, (home.east_m, home.north_m)),
+                )
+
+    run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
+    cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
+    if straight:
+        run.command.homing.grid = Grid(
+            run.command.grid.origin_m, run.command.grid.spacing_m, np.zeros_like(run.command.grid.blocked)
+        )
+    flown_s = run.run()
+    while any(run.vehicles[peer].autopilot.flying for peer in run.vehicles) and flown_s < _LATEST_S:
+        run.ended = False
+        flown_s = run.run(flown_s + _MORE_S)
+    return arrived
 
 
 def _room_m(grid: Grid, cells: FloatArray, place: tuple[float, float]) -> float:

@@ -20,6 +20,7 @@ from gcs.command.area import mission_grid
 from gcs.command.delays import Delays
 from gcs.command.fates import Fates
 from gcs.command.guests import Guests
+from gcs.command.homing import Homing
 from gcs.command.keepouts import KeepOuts
 from gcs.command.motions import Motions
 from gcs.command.orders import Orders
@@ -97,13 +98,14 @@ class Command:
         self.motions = Motions(telemetry.max_age_s)
         self.delays = Delays()
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
-        self.replanner = Replanner(config, self.grid)
+        self.replanner, self.homing = Replanner(config, self.grid), Homing(config, self.grid)
         self.tasking = Tasking(
             config.mission,
             config.airframe,
             config.local_frame,
             self.fleet,
             config.links.max_parallel_uploads,
+            self.homing,
         )
         self.trespass = Trespass(self.tasking)
         self.approval = Approval(self.replanner)
@@ -166,7 +168,7 @@ class Command:
         for area in memory.keep_outs:
             if not self.keep_outs.refusal(area):
                 self.keep_outs.take(area)
-        self.grid = self.keep_outs.grid
+        self.grid = self.homing.grid = self.keep_outs.grid
         self.replanner.begin_with(self.grid)
         return self.recovery.begin(event)
 
@@ -212,7 +214,7 @@ class Command:
         if refusal:
             return [ongoing.answer(event.t_ns, "refused", refusal)]
         closed = self.keep_outs.take(area)
-        self.grid = self.keep_outs.grid
+        self.grid = self.homing.grid = self.keep_outs.grid
         verb = "closed" if area.name in self.keep_outs.areas else "opened"
         news = f"keep-out {area.name} {verb}"
         places = {state.system_id: (state.east_m, state.north_m) for state in self.fleet.states()}

@@ -7,6 +7,7 @@ import numpy as np
 from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
+from gcs.planning.homing import WayHome
 from gcs.planning.progress import CORRIDOR_M, next_point
 from gcs.planning.turning import Corners
 
@@ -30,8 +31,10 @@ class Missions:
     def __init__(self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame) -> None:
         self._table, self._frame, self._corners = table, frame, corners_of(table, airframe)
 
-    def of(self, route: Route, mission_id: int, state: VehicleState | None) -> Mission:
-        """Return the mission of a route for a vehicle in this state."""
+    def of(
+        self, route: Route, mission_id: int, state: VehicleState | None, home: WayHome | None = None
+    ) -> Mission:
+        """Return the mission of a route, and of the way home if there is one, for a vehicle in this state."""
         places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
         table = self._table
         altitude_rel_m = table.altitude_rel_m + route.lane * table.lane_step_m
@@ -40,13 +43,27 @@ class Missions:
             for place, radius_m in zip(places, self._acceptance_m(route, state), strict=True)
         )
         wait_deg = None if route.wait_m is None else self._frame.to_geodetic(*route.wait_m)
-        return Mission(mission_id, route.vehicle, waypoints, table.loiter_radius_m, table.end, wait_deg)
+        homeward = () if home is None else self._homeward(route, home, altitude_rel_m)
+        return Mission(
+            mission_id, route.vehicle, waypoints, table.loiter_radius_m, table.end, wait_deg, homeward
+        )
 
     def nothing(self, vehicle: int) -> Mission:
         """Return a mission that is never sent: for a task that only clears."""
         frame = self._frame
         place = Waypoint(frame.lat_deg, frame.lon_deg, self._table.altitude_rel_m, MAX_RADIUS_M)
         return Mission(0, vehicle, (place,))
+
+    def _homeward(self, route: Route, home: WayHome, altitude_rel_m: float) -> tuple[Waypoint, ...]:
+        """Return the corners of a way home; none for a straight one, which profiles draw themselves."""
+        if home.is_straight:
+            return ()
+        wanted = self._corners.acceptance_m(np.concatenate((route.points_m[-1:], home.points_m)))
+        radii_m = np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
+        return tuple(
+            Waypoint(*self._frame.to_geodetic(float(east), float(north)), altitude_rel_m, float(radius_m))
+            for (east, north), radius_m in zip(home.points_m[:-1], radii_m[:-1], strict=True)
+        )
 
     def _acceptance_m(self, route: Route, state: VehicleState | None) -> FloatArray:
         """How near to each waypoint it counts as reached: soon enough to turn to the next one."""

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.command.holding import Flown, Holding
+from gcs.command.homing import Homing
 from gcs.command.lanes import Lane
 from gcs.command.missions import Missions, points_passed
 from gcs.command.waiting import Waiting
@@ -41,6 +42,7 @@ from gcs.model import (
     UploadAnswer,
     UploadReport,
 )
+from gcs.planning.homing import WayHome
 from gcs.planning.prediction import Ahead
 
 _ITEMS_ON_THEIR_WAY: Final = 12
@@ -73,6 +75,8 @@ class Tasking:
         Addresses and sequences.
     max_parallel : int
         Transfers at a time over one link, at the most.
+    homing : Homing or None
+        Plans the ways home of vehicles that land at their missions' ends; None: they fly straight.
     """
 
     def __init__(
@@ -82,8 +86,9 @@ class Tasking:
         frame: LocalFrame,
         fleet: Fleet,
         max_parallel: int = 32,
+        homing: Homing | None = None,
     ) -> None:
-        self._table = table
+        self._table, self._homing = table, homing
         self._missions = Missions(table, airframe, frame)
         self._fleet = fleet
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
@@ -99,6 +104,7 @@ class Tasking:
         """Vehicles that may hold a mix."""
         self._boots: dict[int, int] = {}
         self._mission_count = 0
+        self._home_problems: dict[int, str] = {}
 
     @property
     def under_way(self) -> dict[int, str]:
@@ -305,7 +311,9 @@ class Tasking:
                 vehicle, f"not begun: {self._custody[vehicle].taken} was chosen meanwhile", t_ns
             )
         self._mission_count += 1
-        mission = self._missions.of(route, self._mission_count, state)
+        home = fleet.home(vehicle) or self._home
+        way_home = None if self._homing is None else self._homing.way(route, state, home[:2])
+        mission = self._missions.of(route, self._mission_count, state, way_home)
         from_ground = is_on_ground(state, fleet.home(vehicle))
         old, mixed = self._holding.of(vehicle), vehicle in self._mixed
         self._mixed.discard(vehicle)
@@ -313,7 +321,7 @@ class Tasking:
         round_trip_s = self._lanes[link].round_trip_s
         task = MissionTask(
             mission,
-            fleet.home(vehicle) or self._home,
+            home,
             fleet.encoder(vehicle),
             profile=profile,
             custody=self._custody[vehicle],
@@ -336,7 +344,13 @@ class Tasking:
         self._deliveries[vehicle] = _Delivery(task, link, t_ns, flown)
         self._busy[link] += 1
         self._waiting.began(vehicle, t_ns)
-        return self._worked(vehicle, task.start(t_ns))
+        return [*self._warned(way_home, vehicle, t_ns), *self._worked(vehicle, task.start(t_ns))]
+
+    def _warned(self, way_home: WayHome | None, vehicle: int, t_ns: int) -> list[Effect]:
+        """Say what is wrong with a vehicle's way home, unless that is no news."""
+        said = self._home_problems.get(vehicle, "")
+        problem = self._home_problems[vehicle] = "" if way_home is None else way_home.problem
+        return [Notice(t_ns, "warning", problem, vehicle)] if problem not in ("", said) else []
 
     def _unsent(self, vehicle: int, why: str, t_ns: int) -> list[Effect]:
         """Say that a mission is not even begun with."""

@@ -14,11 +14,12 @@ from gcs.model.memory import Aside, CustodyMemory, GuestMission, Memory, Vehicle
 from gcs.model.names import network_of, system_of, vehicle_id, vehicle_name, vehicle_of
 from gcs.model.orders import Action, AnswerState, KeepOut, Order, OrderAnswer, Proposal
 from gcs.model.picture import Picture, Track, VehicleState
-from gcs.model.plans import Cause, Mission, Plan, Route, Waypoint
+from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
 from gcs.model.scans import Polar, Scan, Sensor
 from gcs.model.truth import Truth, TruthObject
 
 __all__ = [
+    "APPROACH_M",
     "NS_PER_S",
     "Action",
     "AnswerState",

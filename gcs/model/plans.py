@@ -9,6 +9,9 @@ import numpy as np
 
 from gcs.model.basics import FloatArray, Label
 
+APPROACH_M = 500.0
+"""How far before home the last leg of a landing begins."""
+
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
@@ -33,6 +36,8 @@ class Mission:
     """Circle at the last waypoint, or go home from there and land."""
     wait_deg: tuple[float, float] | None = None
     """Latitude and longitude of the circle, when it is not round the last waypoint."""
+    homeward: tuple[Waypoint, ...] = ()
+    """Corners of the way home, the last of them where its approach begins; none: straight."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -111,7 +111,7 @@ def _short_of(
 ) -> Ending:
     """Let a route end on a circle before its target, which no clear way passes."""
     for radii in _SHORT:
-        index, way_m, is_whole = _cut(start, points_m, radii * options.turn_radius_m)
+        index, way_m, is_whole = cut(_whole(start, points_m), radii * options.turn_radius_m)
         if is_whole:
             break
         found = circles.best(np.vstack((points_m[:index], way_m[:1])), best, must_pass=False)
@@ -149,7 +149,7 @@ class _Circles:
     def best(self, points_m: FloatArray, so_far: Ending, *, must_pass: bool = True) -> Ending:
         """Return the best ending of a route, unless what there is so far is about as good."""
         wait, spacing_m, speed_m_s = self._wait, self._grid.spacing_m, self._speed_m_s
-        _, way_m, is_whole = _cut(self._start, points_m, _FLOWN * self._radius_m)
+        _, way_m, is_whole = cut(_whole(self._start, points_m), _FLOWN * self._radius_m)
         floor_m = so_far.room_m if so_far.room_m >= 0.0 else self._least_m - _BETTER_M
         circles = np.column_stack((way_m[-1] + self._around_m, np.full(len(self._around_m), wait.radius_m)))
         round_m = _RINGS[-1] * self._radius_m + _ROUNDS * 2.0 * math.pi * wait.radius_m
@@ -196,7 +196,7 @@ def _approaches(
 ) -> Iterator[FloatArray]:
     """Yield routes that pass a target in other directions, or beside it; the least different first."""
     radius_m = options.turn_radius_m
-    index, way_m, is_whole = _cut(start, points_m, _LEAVE * radius_m)
+    index, way_m, is_whole = cut(_whole(start, points_m), _LEAVE * radius_m)
     left = way_m[:0] if is_whole else way_m[:1]
     course_rad = _course_rad(way_m[-2:])
     for k in range(_BEARINGS):
@@ -207,16 +207,23 @@ def _approaches(
             yield np.vstack((points_m[:index], left, passed - _LEG * radius_m * along, passed))
 
 
-def _cut(start: AgentStart, points_m: FloatArray, length_m: float) -> tuple[int, FloatArray, bool]:
-    """Cut a route before its end: the first point behind that, the way on, and whether that is all of it."""
-    way_m = np.vstack(((start.east_m, start.north_m), points_m))
+def _whole(start: AgentStart, points_m: FloatArray) -> FloatArray:
+    return np.vstack(((start.east_m, start.north_m), points_m))
+
+
+def cut(way_m: FloatArray, length_m: float) -> tuple[int, FloatArray, bool]:
+    """Cut a way, its vehicle's place first, so long before its end.
+
+    Returns the number of the first point behind that, the agent's place not counted; the way on; and whether
+    that is all of it.
+    """
     left_m = length_m
-    for index in range(len(points_m) - 1, -1, -1):
+    for index in range(len(way_m) - 2, -1, -1):
         leg = way_m[index] - way_m[index + 1]
         leg_m = float(np.hypot(*leg))
         if leg_m > left_m:
             place_m = way_m[index + 1] + leg * (left_m / leg_m)
-            return index, np.vstack((place_m, points_m[index:])), False
+            return index, np.vstack((place_m, way_m[index + 1 :])), False
         left_m -= leg_m
     return 0, way_m, True
 

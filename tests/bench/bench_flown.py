@@ -1,32 +1,69 @@
 """How near vehicles come to obstacles as they are flown, over seeds, in calm air and in wind.
 
-``python tests/bench/bench_flown.py [SCENARIO ...] [--seeds 16] [--each]`` prints a table: the least
+``python tests/bench/bench_flown.py [SCENARIO ...] [--seeds 16] [--each] [--home]`` prints a table: the least
 distance of any vehicle from any blocked cell in whole missions on virtual time, until near the end
 of its route; and in how many runs somebody was inside one there, passing or circling.
+
+With ``--home`` vehicles land at home after their targets: how many were inside an obstacle between the
+two, with ways home that are planned and with straight ones.
 """
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
+from itertools import product
 
 import numpy as np
 
 from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.tracking.glmb import warm_up as warm_up_tracking
-from sim_vehicles.flown import Nearest, in_wind, nearest
-from sim_vehicles.scenario import WindTable, load
+from sim_vehicles.flown import Homeward, Nearest, flown_home, in_wind, landing, nearest
+from sim_vehicles.scenario import Scenario, WindTable, load
 
 SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")
 GUSTS_M_S = 0.8
+LANDED_M = 150.0
 TOWARDS = (0.625, -0.78)
 
 
-def fly(name: str, seed: int, wind_m_s: float, planned_m_s: float) -> Nearest:
+def blown(name: str, wind_m_s: float, planned_m_s: float) -> Scenario:
     scenario = load(name)
-    if wind_m_s:
-        east_m_s, north_m_s = (wind_m_s * axis for axis in TOWARDS)
-        wind = WindTable(east_m_s=east_m_s, north_m_s=north_m_s, gust_std_m_s=GUSTS_M_S)
-        scenario = in_wind(scenario, wind, planned_m_s)
-    return nearest(scenario, seed)
+    if not wind_m_s:
+        return scenario
+    east_m_s, north_m_s = (wind_m_s * axis for axis in TOWARDS)
+    wind = WindTable(east_m_s=east_m_s, north_m_s=north_m_s, gust_std_m_s=GUSTS_M_S)
+    return in_wind(scenario, wind, planned_m_s)
+
+
+def fly(name: str, seed: int, wind_m_s: float, planned_m_s: float) -> Nearest:
+    return nearest(blown(name, wind_m_s, planned_m_s), seed)
+
+
+def fly_home(name: str, seed: int, wind_m_s: float, planned_m_s: float, straight: bool) -> list[Homeward]:
+    scenario = landing(blown(name, wind_m_s, planned_m_s))
+    return list(flown_home(scenario, seed, straight=straight).values())
+
+
+def show_ways_home(options: argparse.Namespace) -> None:
+    print(
+        "| scenario | wind, m/s | ways home | vehicles | landed | inside | least, a tenth below, median, m |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    n = options.seeds
+    with ProcessPoolExecutor(2) as pool:
+        for name, wind, straight in product(options.scenarios, options.winds, (True, False)):
+            order = [name] * n, range(1, n + 1), [wind] * n, [options.planned] * n, [straight] * n
+            each = list(pool.map(fly_home, *order))
+            if options.each:
+                for seed, some in enumerate(each, 1):
+                    print(f"  {seed}: " + ", ".join(f"{one.room_m:.1f} m, {one.home_m:.0f}" for one in some))
+            found = [one for some in each for one in some]
+            rooms = np.array([one.room_m for one in found])
+            print(
+                f"| {name} | {wind:g} | {'straight' if straight else 'planned'} | {len(found)} "
+                f"| {sum(one.home_m <= LANDED_M for one in found)} | {int((rooms <= 0.0).sum())} "
+                f"| {rooms.min():.1f}, {np.quantile(rooms, 0.1):.1f}, {np.median(rooms):.1f} |",
+                flush=True,
+            )
 
 
 def main() -> None:
@@ -36,9 +73,13 @@ def main() -> None:
     parser.add_argument("--winds", type=float, nargs="*", default=[0.0, 3.2], help="m/s; default 0 3.2")
     parser.add_argument("--planned", type=float, default=4.0, help="wind_m_s of windy missions; default 4")
     parser.add_argument("--each", action="store_true", help="show every seed")
+    parser.add_argument("--home", action="store_true", help="look at the ways home from targets instead")
     options = parser.parse_args()
     warm_up_planning()
     warm_up_tracking()
+    if options.home:
+        show_ways_home(options)
+        return
     print("| scenario | wind, m/s | least, m | a tenth below, m | median, m | runs inside | … at the end |")
     print("|---|---|---|---|---|---|---|")
     with ProcessPoolExecutor(2) as pool:

@@ -1,6 +1,7 @@
 """A user would lose the aircraft to an item that means something else on another autopilot."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -134,3 +135,16 @@ def test_a_circle_elsewhere_comes_after_the_last_waypoint(profile):
     assert (last.command, last.x, last.y) == (WP, 332200000, -875900000)
     assert (circle.command, circle.x, circle.y) == (LOITER_UNLIM, 332250000, -875850000)
     assert (circle.z_m, circle.param3) == (120.0, 30.0)
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_a_way_home_stands_between_the_route_and_the_landing_and_reads_back_equal(profile):
+    homeward = (Waypoint(33.215, -87.61, 120.0, 58.6), Waypoint(33.2, -87.605, 120.0, 40.0))
+    sent = profile.items(replace(mission("land"), homeward=homeward), HOME)
+    *flown, corner, approach, touch_down = sent
+    assert tuple(flown) == profile.items(mission("land"), HOME)[:-2]
+    assert (corner.command, corner.x, corner.y, corner.z_m) == (WP, 332150000, -876100000, 120.0)
+    assert (approach.command, approach.x, approach.y) == (WP, 332000000, -876050000)
+    assert (approach.z_m, approach.param2) == (30.0, 40.0)
+    assert (touch_down.command, touch_down.x, touch_down.y) == (LAND, 332000000, -876000000)
+    assert profile.difference(sent, over_the_wire(sent)) == ""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pytest
 
-from sim_vehicles.flown import in_wind, nearest
+from sim_vehicles.flown import flown_home, in_wind, landing, nearest
 from sim_vehicles.scenario import WindTable, load
 
 WIND = WindTable(east_m_s=2.0, north_m_s=-2.5, gust_std_m_s=0.8)
@@ -25,6 +25,17 @@ def least_room_m(name: str, seed: int, wind: WindTable | None = None) -> float:
 )
 def test_nobody_flies_into_an_obstacle(name, wind, room_m):
     assert least_room_m(name, 1, wind) > room_m
+
+
+def test_vehicles_land_at_home_with_obstacles_between():
+    home = flown_home(landing(load("random-obstacles")), 3)
+    assert len(home) == 4
+    assert max(one.home_m for one in home.values()) < 100.0
+    assert min(one.room_m for one in home.values()) > 20.0
+    assert (
+        min(one.room_m for one in flown_home(landing(load("random-obstacles")), 3, straight=True).values())
+        == 0.0
+    )
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ A mission's items, in order::
 * home: ArduPilot keeps item 0 for its own home; whatever is sent there is overwritten, never compared.
 * take-off: when the vehicle stands on the ground.
 * end: an unlimited loiter at the last waypoint ("loiter"), since a fixed wing that runs out of items would
-  return or circle where nobody planned; or an approach and a landing at home ("land").
+  return or circle where nobody planned; or the corners of the way home, an approach and a landing ("land").
 
 Source: https://mavlink.io/en/services/mission.html and MAV_CMD in
 https://mavlink.io/en/messages/common.html.
@@ -23,15 +23,15 @@ from typing import Final, Literal
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.items import Home, Item, first_difference
-from gcs.model import Mission, VehicleState
+from gcs.model import APPROACH_M, Mission, VehicleState, Waypoint
 
+_WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
 _GLOBAL: Final = dialect.MAV_FRAME_GLOBAL
 _RELATIVE: Final = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT
 _SAME_FRAME: Final = {
     dialect.MAV_FRAME_GLOBAL_INT: _GLOBAL,
     dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: _RELATIVE,
 }
-_APPROACH_M: Final = 500.0
 _APPROACH_ALT_M: Final = 30.0
 """3.4 degrees of glide: below PX4's limit of 5 (FW_LND_ANG)."""
 _EARTH_M_PER_DEG: Final = 111_195.0
@@ -160,27 +160,15 @@ class Profile:
         """
         if not mission.waypoints:
             raise ValueError(f"mission {mission.mission_id} of vehicle {mission.vehicle} has no waypoint")
-        waypoint, unused = dialect.MAV_CMD_NAV_WAYPOINT, self.unused
         at_home = _e7(home.lat_deg), _e7(home.lon_deg)
-        items = [Item(waypoint, _GLOBAL, *at_home, round(home.alt_msl_m, 2))] * self.home_items
-        flown = [
-            Item(
-                waypoint,
-                _RELATIVE,
-                _e7(point.lat_deg),
-                _e7(point.lon_deg),
-                round(point.alt_rel_m, 2),
-                param2=max(self.min_radius_m, point.accept_radius_m),
-                param4=unused,
-            )
-            for point in mission.waypoints
-        ]
+        items = [Item(_WAYPOINT, _GLOBAL, *at_home, round(home.alt_msl_m, 2))] * self.home_items
+        flown = [self._waypoint(point) for point in mission.waypoints]
         if from_ground:
             pitch, takeoff = self.takeoff_pitch_deg, dialect.MAV_CMD_NAV_TAKEOFF
             items.append(flown[0]._replace(command=takeoff, param1=pitch, param2=0.0))
         items += flown
         if mission.end == "land":
-            items += self._landing(flown[-1], home)
+            items += self._landing(flown[-1], [self._waypoint(point) for point in mission.homeward], home)
         else:
             unlimited, radius_m = dialect.MAV_CMD_NAV_LOITER_UNLIM, round(mission.loiter_radius_m)
             circle = flown[-1]._replace(command=unlimited, param2=0.0, param3=float(radius_m))
@@ -189,21 +177,37 @@ class Profile:
             items.append(circle)
         return tuple(items)
 
-    def _landing(self, last: Item, home: Home) -> list[Item]:
-        """Return an approach on the straight line from the last waypoint, and a landing at home."""
-        metres_east = _EARTH_M_PER_DEG * math.cos(math.radians(home.lat_deg))
-        north_m = (last.x * 1e-7 - home.lat_deg) * _EARTH_M_PER_DEG
-        east_m = (last.y * 1e-7 - home.lon_deg) * metres_east
-        scale = _APPROACH_M / max(math.hypot(east_m, north_m), 1.0)
-        approach = last._replace(
-            x=_e7(home.lat_deg + scale * north_m / _EARTH_M_PER_DEG),
-            y=_e7(home.lon_deg + scale * east_m / metres_east),
-            z_m=min(last.z_m, _APPROACH_ALT_M),
+    def _waypoint(self, point: Waypoint) -> Item:
+        return Item(
+            _WAYPOINT,
+            _RELATIVE,
+            _e7(point.lat_deg),
+            _e7(point.lon_deg),
+            round(point.alt_rel_m, 2),
+            param2=max(self.min_radius_m, point.accept_radius_m),
+            param4=self.unused,
         )
+
+    def _landing(self, last: Item, homeward: list[Item], home: Home) -> list[Item]:
+        """Return the way home, its approach and a landing; without a way straight from the last waypoint."""
+        *corners, approach = homeward or [self._straight_approach(last, home)]
+        approach = approach._replace(z_m=min(last.z_m, _APPROACH_ALT_M))
         touch_down = approach._replace(
             command=dialect.MAV_CMD_NAV_LAND, x=_e7(home.lat_deg), y=_e7(home.lon_deg), z_m=0.0, param2=0.0
         )
-        return [approach, touch_down]
+        return [*corners, approach, touch_down]
+
+    @staticmethod
+    def _straight_approach(last: Item, home: Home) -> Item:
+        """Return the place on the straight line from the last waypoint where an approach begins."""
+        metres_east = _EARTH_M_PER_DEG * math.cos(math.radians(home.lat_deg))
+        north_m = (last.x * 1e-7 - home.lat_deg) * _EARTH_M_PER_DEG
+        east_m = (last.y * 1e-7 - home.lon_deg) * metres_east
+        scale = APPROACH_M / max(math.hypot(east_m, north_m), 1.0)
+        return last._replace(
+            x=_e7(home.lat_deg + scale * north_m / _EARTH_M_PER_DEG),
+            y=_e7(home.lon_deg + scale * east_m / metres_east),
+        )
 
     def first_flown(self, points_passed: int, *, from_ground: bool, still_on_ground: bool) -> int:
         """Item to begin with, for a vehicle that has passed the first points of its route."""

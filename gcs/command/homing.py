@@ -1,0 +1,50 @@
+"""Ways home of vehicles that land at their missions' ends, by the map of the moment.
+
+A way home is planned when a mission is made: home is known then as the vehicle says it, and only those ways
+are planned that are flown. It is no part of a route: routes are judged by their targets.
+"""
+
+from __future__ import annotations
+
+from gcs.command.aims import plan_options
+from gcs.command.missions import corners_of
+from gcs.config import Config
+from gcs.model import Route, VehicleState
+from gcs.planning.grid import Grid, Point
+from gcs.planning.homing import Landing, WayHome, way_home
+from gcs.planning.task import AgentStart
+
+
+def landing_of(config: Config) -> Landing | None:
+    """Return how vehicles of a mission fly home; None when they wait at the ends of their routes."""
+    if config.mission.end != "land":
+        return None
+    return Landing(corners_of(config.mission, config.airframe), config.airframe.turn_lag_s)
+
+
+class Homing:
+    """Plans ways home.
+
+    Attributes
+    ----------
+    grid : Grid
+        The map of the moment.
+    """
+
+    def __init__(self, config: Config, grid: Grid) -> None:
+        self.grid = grid
+        self._config, self._options, self._landing = config, plan_options(config), landing_of(config)
+        self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
+
+    def way(self, route: Route, state: VehicleState | None, home_deg: Point) -> WayHome | None:
+        """Return a vehicle's way to its home (latitude, longitude) after its route; None if it does not land.
+
+        What it knows of the vehicle's place is `state`; without, the route begins at its first point.
+        """
+        if self._landing is None:
+            return None
+        home_m = self._config.local_frame.to_local(*home_deg)
+        speed_m_s = self._speeds_m_s.get(route.vehicle, self._config.airframe.speed_m_s)
+        east_m, north_m = route.points_m[0].tolist() if state is None else (state.east_m, state.north_m)
+        start = AgentStart(east_m, north_m, None if state is None else state.course_rad, speed_m_s)
+        return way_home(self.grid, start, route.points_m, home_m, self._options, self._landing)
