@@ -11,7 +11,7 @@ import json
 import math
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,11 +23,13 @@ from rich.table import Table
 from gcs.command.aims import plan_options
 from gcs.command.apart import lane_count
 from gcs.command.area import mission_grid
+from gcs.command.homing import landing_of
 from gcs.config import load
 from gcs.edge.kernels import PLANNING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import Route
 from gcs.planning.grid import Grid, Point
+from gcs.planning.homing import Landing, WayHome, way_home
 from gcs.planning.movingai import read_map
 from gcs.planning.prediction import Circle
 from gcs.planning.routes import PlanResult, Stage, plan_routes
@@ -66,6 +68,8 @@ class Task:
     """As maps of the Moving AI format are drawn."""
     lanes: int = 1
     separation_m: float = 0.0
+    landing: Landing | None = None
+    """How agents fly home to their starts; None when they wait at the ends of their routes."""
 
 
 def run_plan(arguments: PlanArguments, console: Console) -> int:
@@ -81,11 +85,14 @@ def run_plan(arguments: PlanArguments, console: Console) -> int:
     task = _task(arguments)
     load_kernels(console, PLANNING)
     result, timings_ms = _plan(task)
+    homes = _ways_home(task, result)
+    result = replace(result, notes=(*result.notes, *_home_notes(homes)))
     if arguments.plot is not None:
-        _draw(arguments.plot, task, result)
+        _draw(arguments.plot, task, result, homes)
     _show(task, result, timings_ms, arguments.plot, console)
     if arguments.as_json:
-        print(json.dumps(_plain(task, result, timings_ms)), flush=True)  # noqa: T201  the promised last line
+        plain = _plain(task, result, timings_ms, homes)
+        print(json.dumps(plain), flush=True)  # noqa: T201  the promised last line
     wanted = min(len(task.agents), len(task.targets))
     return 0 if wanted and len(result.routes) == wanted else 1
 
@@ -106,6 +113,7 @@ def _task(arguments: PlanArguments) -> Task:
         apart = {
             "lanes": lane_count(config),
             "separation_m": config.planning.separation_m,
+            "landing": landing_of(config),
         }
         agents = {
             a.system_id: AgentStart(
@@ -183,7 +191,27 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
     return replace(result, routes=routes, notes=tuple(notes)), timings_ms
 
 
-def _plain(task: Task, result: PlanResult, timings_ms: dict[str, float]) -> dict[str, Any]:
+def _ways_home(task: Task, result: PlanResult) -> dict[int, WayHome]:
+    """Plan the ways of agents back to where they start, when they land at the end."""
+    landing = task.landing
+    if landing is None:
+        return {}
+    return {
+        route.vehicle: way_home(
+            task.grid, start, route.points_m, (start.east_m, start.north_m), task.options, landing
+        )
+        for route in result.routes
+        for start in (task.agents[route.vehicle],)
+    }
+
+
+def _home_notes(homes: Mapping[int, WayHome]) -> list[str]:
+    return [f"agent {vehicle}: {home.problem}" for vehicle, home in homes.items() if home.problem]
+
+
+def _plain(
+    task: Task, result: PlanResult, timings_ms: dict[str, float], homes: Mapping[int, WayHome]
+) -> dict[str, Any]:
     """Return the plan as JSON has it; a route's points begin with the agent's own place."""
     return {
         "routes": [
@@ -195,6 +223,7 @@ def _plain(task: Task, result: PlanResult, timings_ms: dict[str, float]) -> dict
                 "lane": route.lane,
                 "points_m": [_start(task, route.vehicle), *route.points_m.tolist()],
                 "wait_m": route.wait_m,
+                "home_m": homes[route.vehicle].points_m.tolist() if route.vehicle in homes else None,
             }
             for route in result.routes
         ],
@@ -216,7 +245,7 @@ def _circle(route: Route, radius_m: float) -> Circle:
     return Circle((east_m, north_m), radius_m)
 
 
-def _draw(path: Path, task: Task, result: PlanResult) -> None:
+def _draw(path: Path, task: Task, result: PlanResult, homes: Mapping[int, WayHome]) -> None:
     wait = task.options.wait if task.options.shape == "flyable" else None
     title = f"{task.name}: {len(result.routes)} routes, {result.total_length_m:,.0f} m"
     drawing = Drawing(
@@ -227,6 +256,11 @@ def _draw(path: Path, task: Task, result: PlanResult) -> None:
         targets={number: place for (_, number), place in task.targets.items()},
         routes={r.vehicle: (_start(task, r.vehicle), *r.points_m.tolist()) for r in result.routes},
         circles={} if wait is None else {r.vehicle: _circle(r, wait.radius_m) for r in result.routes},
+        homes={
+            r.vehicle: (r.points_m[-1].tolist(), *homes[r.vehicle].points_m.tolist())
+            for r in result.routes
+            if r.vehicle in homes
+        },
         y_down=task.y_down,
     )
     try:

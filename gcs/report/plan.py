@@ -38,6 +38,8 @@ class Drawing:
     """Points by agent, its start first."""
     circles: Mapping[int, Circle] = field(default_factory=dict)
     """Where agents wait behind them."""
+    homes: Mapping[int, Sequence[Sequence[float]]] = field(default_factory=dict)
+    """Ways home by agent, from the ends of the routes."""
     y_down: bool = False
 
 
@@ -67,6 +69,10 @@ def draw_plan(drawing: Drawing, path: Path) -> None:
         axes.plot(*line[1:-1].T, ls="none", marker="o", ms=3.5 * size, mfc="white", mec=colour, zorder=4)
         if agent in drawing.circles:
             axes.plot(*_round(drawing.circles[agent]).T, color=colour, lw=1.2 * size, ls="--", zorder=3)
+        if agent in drawing.homes:
+            home = np.array(drawing.homes[agent])
+            axes.plot(*home.T, color=colour, lw=1.4 * size, ls=(0, (4, 1.5)), zorder=3)
+            axes.plot(*home[1:-1].T, ls="none", marker="o", ms=2.5 * size, mfc="white", mec=colour, zorder=4)
         if few:
             _name(axes, str(agent), line[0], colour)
     for agent, place in drawing.starts.items():
@@ -131,6 +137,8 @@ def _draw_legend(axes: Axes, drawing: Drawing) -> None:
     ]
     if drawing.circles:
         entries.append(sample("waits", ls="--", lw=1.2, color=_ROUTES[0]))
+    if drawing.homes:
+        entries.append(sample("way home", ls=(0, (4, 1.5)), lw=1.4, color=_ROUTES[0]))
     if (drawing.inflated.blocked & ~drawing.grid.blocked).any():
         entries.append(sample("nearer than the clearance", marker="s", ms=8, color=_NEAR))
     axes.legend(

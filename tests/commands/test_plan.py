@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+import gcs
 from gcs.cli import app
 
 MAP = """type octile
@@ -50,6 +52,18 @@ def test_a_scenario_is_planned_from_its_starts_to_its_places_of_birth():
         assert route["points_m"][0][0] == 120.0
     total_m = sum(route["length_m"] for route in found["routes"])
     assert found["total_length_m"] == pytest.approx(total_m)
+
+
+def test_ways_home_are_named_and_drawn_where_a_mission_lands(tmp_path):
+    scenario, picture = tmp_path / "homeward.toml", tmp_path / "homeward.png"
+    text = (Path(gcs.__file__).parent / "scenarios" / "random-obstacles.toml").read_text(encoding="utf-8")
+    scenario.write_text(text.replace("[mission]", '[mission]\nend = "land"'), encoding="utf-8")
+    _, found, _ = plan(scenario, "--seed", 3, "--plot", picture)
+    for route in found["routes"]:
+        assert route["home_m"][-1] == route["points_m"][0]
+        assert math.dist(route["home_m"][-2], route["home_m"][-1]) == pytest.approx(500.0)
+    assert picture.stat().st_size > 10_000
+    assert plan("random-obstacles", "--seed", 3)[1]["routes"][0]["home_m"] is None
 
 
 @pytest.mark.parametrize(
