@@ -48,7 +48,7 @@ class PositionSensor(Table, frozen=True, kw_only=True, tag_field="kind", tag="po
 
     name: Name
     detection_probability: Probability
-    clutter_per_scan: Positive
+    clutter_per_scan: NotNegative
     noise_std_m: Positive
     region_m: Box
     """x_min, y_min, x_max, y_max of where its clutter is."""
@@ -61,7 +61,7 @@ class RangeBearingSensor(Table, frozen=True, kw_only=True, tag_field="kind", tag
 
     name: Name
     detection_probability: Probability
-    clutter_per_scan: Positive
+    clutter_per_scan: NotNegative
     """Uniform over range and bearing."""
     x_m: float
     y_m: float
@@ -84,7 +84,7 @@ class ModelTable(Table, frozen=True, kw_only=True):
     survival_probability: InnerProbability
     """From scan to scan."""
     detection_probability: Probability | None = None
-    clutter_per_scan: Positive | None = None
+    clutter_per_scan: NotNegative | None = None
     noise_std_m: Positive | None = None
     region_m: Box | None = None
     field_of_view_m: Box | None = None

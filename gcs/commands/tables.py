@@ -76,8 +76,12 @@ def read_csv(path: Path, expected: str, words: tuple[str, ...] = (SENSOR,)) -> N
             return _numbers(path, file, expected, words)
     except FileNotFoundError:
         raise ConfigError(str(path), "", "there is no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(str(path), "", f"cannot be read as text: {error}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(
+            str(path), "", f"is no text; expected an NPZ (by its name) or a CSV: {expected}"
+        ) from None
+    except OSError as error:
+        raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
 
 
 def _numbers(path: Path, file: TextIO, expected: str, titles_of_words: tuple[str, ...]) -> Numbers:

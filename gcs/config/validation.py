@@ -53,6 +53,7 @@ def _plain(problem: str) -> str:
         r"unknown key `\1`: misspelt, or in the wrong table?",
         problem,
     )
+    problem = problem.replace(" | null`", "`")  # TOML has none: it is what a key without a value gets
     for word, plain in _WORDS.items():
         problem = problem.replace(f"`{word}`", plain)
     return problem.replace("Expected", "expected")

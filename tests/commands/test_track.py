@@ -219,6 +219,11 @@ MISTAKES = {
     "scan a billion": (["far.csv", "--model", "set.npz"], "found number 1000000000"),
     "a mission file": (["set.csv", "--model", "mission.toml"], "is a mission file"),
     "a key of no meaning": (["set.csv", "--model", "typo.toml"], "unknown key `accel`"),
+    "a word for a number": (["set.csv", "--model", "word.toml"], "noise_std_m: expected a number, got text"),
+    "a picture for detections": (
+        ["noise.bin", "--model", "set.npz"],
+        "noise.bin: is no text; expected an NPZ",
+    ),
     "no recording there": ([".."], "run.mcap"),
     "picture of no kind": (["set.npz", "--plot", "p.docx"], "expected a name that ends in .png"),
     "nowhere to write": (["set.npz", "-o", "set.csv/e.csv"], "cannot be written"),
@@ -235,6 +240,8 @@ def test_a_mistake_is_named_with_its_file_and_what_was_expected(files, monkeypat
     (files / "half.csv").write_text("0.5,2,3\n")
     (files / "far.csv").write_text("1e9,2,3\n")
     (files / "cut.npz").write_bytes((files / "set.npz").read_bytes()[:500])
+    (files / "noise.bin").write_bytes(b"\x89PNG\xff\xfe")
+    (files / "word.toml").write_text(MODEL.replace("10.0\nregion", '"10"\nregion'))
     (files / "typo.toml").write_text("accel = 5.0\n" + MODEL)
     (files / "mission.toml").write_text(read_text("prescribed")[0])
     arrays = made()

@@ -184,6 +184,13 @@ def test_detections_in_another_unit_are_doubted(tracked, scale, said):
     assert [said in text for text in remarks] == ([] if said is None else [True])
 
 
+@pytest.mark.parametrize("probability", [0.95, 1.0])
+def test_a_world_without_clutter_and_misses_is_tracked(tracked, probability):
+    model = MODEL.replace("clutter_per_scan = 1.0", "clutter_per_scan = 0.0")
+    model = model.replace("probability = 0.95", f"probability = {probability}")
+    assert scores(tracked(SET, TRUTH, model=model))["cardinality_error_mean"] <= 1 / SCANS
+
+
 RADAR = """
 accel_std_m_s2 = 2.0
 survival_probability = 0.99
