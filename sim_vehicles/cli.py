@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from gcs.edge.complaints import complain
+from gcs.edge.consoles import console_for
 from gcs.errors import GcsError
 from sim_vehicles.scenario import load
 from sim_vehicles.supervisor import Plan, Supervisor
@@ -75,7 +75,7 @@ def run(
     """
     if zenoh_role not in ("connect", "listen"):
         raise typer.BadParameter("expected connect or listen", param_hint="--zenoh-role")
-    console = Console(stderr=True)
+    console = console_for(stderr=True)
 
     def report(event: dict[str, Any]) -> None:
         if as_json:

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as Shown
 
+from gcs.edge.consoles import console_for
 from gcs.edge.kernels import load_kernels
 from gcs.errors import InterruptedRunError
 from gcs.report.campaign import groups
@@ -44,7 +45,7 @@ def run_montecarlo(options: MontecarloOptions) -> bool:
     InterruptedRunError
         On Ctrl-C: what was flown is kept, and the same command goes on.
     """
-    console, folder = Console(stderr=options.as_json), Path(options.folder)
+    console, folder = console_for(stderr=options.as_json), Path(options.folder)
     jobs = options.campaign.jobs()
     with closing(Store(folder)) as store:
         missing = [job for job in jobs if job.digest not in store.rows]

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 from rich import box
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from gcs.edge.consoles import console_for
 from gcs.edge.kernels import load_kernels
 from gcs.edge.recorder import Recorder, Run, versions
 from gcs.model import Effect, Event, Truth
@@ -32,7 +32,7 @@ def simulate(
     duration_s: float | None,
 ) -> bool:
     """Fly `runs` missions with seeds from `seed` upwards; return whether every one was complete."""
-    console = Console(stderr=as_json)
+    console = console_for(stderr=as_json)
     load_kernels(console)
     started = time.perf_counter()
     summaries = []

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from gcs.cli.shared import (
     ConfigArgument,
@@ -20,6 +19,7 @@ from gcs.cli.shared import (
     complete_scenario,
     errors_shown,
 )
+from gcs.edge.consoles import console_for
 
 PANEL = "Fly"
 
@@ -70,7 +70,7 @@ def demo(
     forwards = tuple(forward or ())
     options = DemoOptions(scenario, seed, speed, duration, loss, pack, headless, as_json, out, forwards)
     with errors_shown():
-        code = run_demo(options, Console(stderr=as_json))
+        code = run_demo(options, console_for(stderr=as_json))
     raise typer.Exit(code)
 
 
@@ -205,7 +205,7 @@ def run(
         epoch_ns, _, speed = clock.partition(",")
         run_clock = RunClock(int(epoch_ns), int(epoch_ns), float(speed))
     with errors_shown():
-        serve(ServeOptions(config, seed, headless, out, resume, journal, run_clock), Console())
+        serve(ServeOptions(config, seed, headless, out, resume, journal, run_clock), console_for())
 
 
 def _simulated(arguments: list[str]) -> int:

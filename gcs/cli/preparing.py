@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import typer
 import typer.core
-from rich.console import Console
 from rich.table import Table
 
 from gcs.cli.shared import ConfigArgument, JsonOption, SeedOption, complete_scenario, errors_shown
+from gcs.edge.consoles import console_for
 
 PANEL = "Before a flight"
 
@@ -28,7 +28,7 @@ def scenarios() -> None:
     table.add_column()
     for name in scenario_names():
         table.add_row(name, load(name).description)
-    Console().print(table)
+    console_for().print(table)
 
 
 @app.command(rich_help_panel=PANEL)
@@ -40,7 +40,7 @@ def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
     from gcs.commands.check import describe
 
     with errors_shown():
-        describe(config, seed, Console())
+        describe(config, seed, console_for())
 
 
 @app.command(rich_help_panel=PANEL)
@@ -67,7 +67,7 @@ def preflight(
 
     options = PreflightOptions(config, seed, wait, link, sensors, brief, as_json)
     with errors_shown():
-        ok = check_all(options, Console(stderr=as_json))
+        ok = check_all(options, console_for(stderr=as_json))
     raise typer.Exit(0 if ok else 1)
 
 
@@ -143,8 +143,8 @@ def plan(
             if scenario or agents or targets or plot:
                 raise typer.BadParameter("goes with --map, --limit and --json alone", param_hint="--scen")
             raise typer.Exit(
-                run_problems(map_file, scen_file, limit, Console(stderr=as_json), as_json=as_json)
+                run_problems(map_file, scen_file, limit, console_for(stderr=as_json), as_json=as_json)
             )
         arguments = PlanArguments(scenario, agents, targets, map_file, seed, plot, as_json)
-        code = run_plan(arguments, Console(stderr=as_json))
+        code = run_plan(arguments, console_for(stderr=as_json))
     raise typer.Exit(code)

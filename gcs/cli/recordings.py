@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.console import Console
 
 from gcs.cli.shared import JsonOption, errors_shown
+from gcs.edge.consoles import console_for
 
 PANEL = "Recordings"
 
@@ -71,7 +71,7 @@ def replay(
             recording, speed_of(speed), window, verify, config, seed, headless, as_json,
             detections, model, offset,
         )  # fmt: skip
-        code = run_replay(options, Console(stderr=as_json))
+        code = run_replay(options, console_for(stderr=as_json))
     raise typer.Exit(code)
 
 
@@ -114,9 +114,9 @@ def report(
     with errors_shown():
         if recording is None:
             folder = out if out is not None else Path("paper-report")
-            raise typer.Exit(run_paper(folder, Console(stderr=as_json), as_json=as_json))
+            raise typer.Exit(run_paper(folder, console_for(stderr=as_json), as_json=as_json))
         options = ReportOptions(recording, out, config, seed, timing, as_json, detections, model, offset)
-        code = run_report(options, Console(stderr=as_json))
+        code = run_report(options, console_for(stderr=as_json))
     raise typer.Exit(code)
 
 
@@ -134,7 +134,7 @@ def info(
     from gcs.commands.info import run_info
 
     with errors_shown():
-        code = run_info(file, Console(stderr=as_json), as_json=as_json)
+        code = run_info(file, console_for(stderr=as_json), as_json=as_json)
     raise typer.Exit(code)
 
 
@@ -178,5 +178,5 @@ def track(
     with errors_shown():
         run_track(
             TrackOptions(file, model, truth, estimator, lag_scans, out, plot, as_json),
-            Console(stderr=as_json),
+            console_for(stderr=as_json),
         )

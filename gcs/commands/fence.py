@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from gcs.commands.naming import names, vehicle_named
 from gcs.edge.complaints import complain
+from gcs.edge.consoles import console_for
 from gcs.errors import GcsError
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def _run(
     from gcs.config import load
     from gcs.edge.fencing import fence_vehicles
 
-    console = Console(stderr=as_json)
+    console = console_for(stderr=as_json)
     try:
         config = load(source)
         chosen = _chosen(config, vehicles)

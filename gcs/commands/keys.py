@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from gcs.edge.complaints import complain
+from gcs.edge.consoles import console_for
 from gcs.errors import ConfigError, GcsError
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def new(
     Without `--vehicle` or `--link`: one key for all vehicles. A key that is there already stays: `rotate`
     replaces it.
     """
-    console = Console(stderr=True)
+    console = console_for(stderr=True)
     try:
         keys = _read_or_begin(file)
         vehicles, links = _vehicles(vehicle), _endpoints(link)
@@ -103,7 +104,7 @@ def show(
     try:
         keys = read_keys(file)
     except GcsError as error:
-        _fail(Console(stderr=True), error)
+        _fail(console_for(stderr=True), error)
     if as_json:
         print(json.dumps({"keys": _rows(keys, secret=secret)}))  # noqa: T201  the promised line
     else:
@@ -127,7 +128,7 @@ def install(
     from gcs.edge.keyfile import read_keys
     from gcs.edge.keying import Wanted
 
-    console = Console(stderr=True)
+    console = console_for(stderr=True)
     try:
         keys = read_keys(file)
         vehicles = _vehicles(vehicle) or sorted(keys.vehicles)
@@ -166,7 +167,7 @@ def rotate(
     from gcs.edge.keyfile import read_keys
     from gcs.edge.keying import Wanted
 
-    console = Console(stderr=True)
+    console = console_for(stderr=True)
     try:
         keys = read_keys(file)
         vehicles = _vehicles(vehicle) or sorted(keys.vehicles)
@@ -321,7 +322,7 @@ def _print(keys: KeyFile, *, secret: bool) -> None:
     width = max((len(row["of"]) for row in rows), default=0)
     for row in rows:
         line = f"{row['of']:<{width}}  {row['fingerprint']}  {row.get('key', '')}  {row['state']}"
-        Console().print(line.rstrip(), highlight=False, markup=False, soft_wrap=True)
+        console_for().print(line.rstrip(), highlight=False, markup=False, soft_wrap=True)
 
 
 def _fail(console: Console, error: GcsError) -> NoReturn:

@@ -18,6 +18,7 @@ from rich.console import Console
 
 from gcs.commands.naming import names, vehicle_named
 from gcs.edge.complaints import complain
+from gcs.edge.consoles import console_for
 from gcs.errors import GcsError, LinkError
 
 if TYPE_CHECKING:
@@ -223,7 +224,7 @@ def _give(
         keep_out=keep_out,
         origin=f"{_user()}@{socket.gethostname()}, process {os.getpid()}",
     )
-    console = Console(stderr=as_json)
+    console = console_for(stderr=as_json)
     answers: list[OrderAnswer] = []
     problem = ""
     try:

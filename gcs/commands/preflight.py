@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from rich.console import Console
 from rich.status import Status
 from rich.table import Table
+from rich.text import Text
 
 from gcs.command.checks import Check
 from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
@@ -28,6 +29,8 @@ from gcs.mavlink.inspection import NEEDED_IDS, Inspection
 from gcs.model import Scan, vehicle_name
 
 _STYLE = {"ok": "green", "warning": "yellow", "refused": "bold red"}
+_TABLE_COLUMNS = 120
+"""Narrower, words of the table's six columns would be cut into pieces."""
 _SETTLE_S = 1.5
 """How long scans and telemetry are listened to at least."""
 
@@ -63,9 +66,10 @@ def preflight(options: PreflightOptions, console: Console) -> bool:
         checks = asyncio.run(_checked(config, options, link, ears, console))
     refused = sum(check.level == "refused" for check in checks)
     told = sum(check.level == "warning" for check in checks)
-    console.print(_table([c for c in checks if not (options.brief and c.level == "ok")], config.name))
+    show([c for c in checks if not (options.brief and c.level == "ok")], config.name, console)
     verdict = f"{refused} refused: do not fly" if refused else "nothing refused"
-    console.print(f"{verdict}, {told} warnings", style="bold red" if refused else "bold", highlight=False)
+    style = "bold red" if refused else "bold"
+    console.print(f"{verdict}, {told} warnings", style=style, highlight=False, soft_wrap=True)
     if options.as_json:
         rows = [asdict(check) for check in checks]
         result = {
@@ -146,6 +150,29 @@ def _progress(status: Status, talks: list[Inspection]) -> Callable[[], None]:
         status.update(text + (" ..." if len(waiting) > 6 else ""))
 
     return show
+
+
+def show(checks: list[Check], name: str, console: Console) -> None:
+    """Print a table where there is room for one; elsewhere, and into files, a line for each check."""
+    if console.is_terminal and console.width >= _TABLE_COLUMNS:
+        console.print(_table(checks, name))
+        return
+    console.print(f"pre-flight of {name}", highlight=False, markup=False, soft_wrap=True)
+    whom = ""
+    width = max((len(check.name) for check in checks), default=0)
+    for check in checks:
+        if check.whom != whom:
+            whom = check.whom
+            title = whom if check.vehicle is None else f"agent {whom}"
+            console.print(title, style="bold", highlight=False, markup=False, soft_wrap=True)
+        wanted = f", wanted: {check.wanted}" if check.wanted and check.level != "ok" else ""
+        remedy = f" – {check.remedy}" if check.remedy and check.level != "ok" else ""
+        line = Text.assemble(
+            "  ",
+            (f"{check.level:8}", _STYLE[check.level]),
+            f"{check.name:{width}}  {check.value}{wanted}{remedy}".rstrip(),
+        )
+        console.print(line, highlight=False, soft_wrap=True)
 
 
 def _table(checks: list[Check], name: str) -> Table:
