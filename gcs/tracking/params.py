@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -30,7 +30,13 @@ class Birth:
 
 @dataclass(frozen=True, slots=True)
 class GlmbParams:
-    """Model and limits of a tracker. The limits' defaults bound the error; they are not there to be tuned."""
+    """Model and limits of a tracker. The limits' defaults bound the error; they are not there to be tuned.
+
+    Raises
+    ------
+    ValueError
+        When a number is none of its kind; which, and what was expected.
+    """
 
     accel_std_m_s2: float
     """Velocity gained in a second, standard deviation (see `motion`)."""
@@ -67,6 +73,23 @@ class GlmbParams:
     beyond, they are sampled."""
     gibbs_sweeps: int = 1000
     """Per group and scan, shared by its sampled hypotheses."""
+
+    def __post_init__(self) -> None:
+        expected = {
+            "accel_std_m_s2": (self.accel_std_m_s2 >= 0.0, "at least 0"),
+            "acceleration": (self.acceleration in get_args(motion.Acceleration), "white or piecewise"),
+            "turn_rate_std_rad_s": (self.turn_rate_std_rad_s >= 0.0, "at least 0"),
+            "turn_time_s": (self.turn_time_s > 0.0, "above 0"),
+            "survival_probability_per_s": (0.0 <= self.survival_probability_per_s <= 1.0, "0 to 1"),
+            "lost_std_m": (self.lost_std_m > 0.0, "above 0"),
+            "max_hypotheses": (self.max_hypotheses >= 1, "at least 1"),
+            "gate_chi2": (self.gate_chi2 > 0.0, "above 0"),
+            "prune_weight": (0.0 < self.prune_weight <= 1.0, "above 0, at most 1"),
+            "merge_chi2": (self.merge_chi2 >= 0.0, "at least 0"),
+        }
+        for name, (is_met, what) in expected.items():
+            if not is_met:
+                raise ValueError(f"{name}: expected {what}, got {getattr(self, name)!r}")
 
     def limits(self) -> Limits:
         """Return the limits as the kernels take them."""

@@ -1,5 +1,7 @@
 """What an operator loses when the tracker errs: agents that fade after one miss, swapped names."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -290,3 +292,19 @@ def test_nothing_is_compiled_in_flight_after_the_warm_up():
     of.picture(9)
     of.histories.paths(smooth=True)
     assert [len(kernel.signatures) for kernel in kernels] == before
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("accel_std_m_s2", -1.0),
+        ("accel_std_m_s2", math.nan),
+        ("acceleration", "jerk"),
+        ("survival_probability_per_s", 99.0),
+        ("turn_rate_std_rad_s", -0.3),
+        ("max_hypotheses", 0),
+    ],
+)
+def test_a_model_that_is_none_is_refused_by_name(key, value):
+    with pytest.raises(ValueError, match=f"{key}: expected"):
+        GlmbParams(**{"accel_std_m_s2": 1.0, key: value})
