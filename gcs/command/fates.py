@@ -52,6 +52,10 @@ class Fates:
         """Vehicles that are neither dead nor arrived, in order."""
         return [vehicle for vehicle, fate in self.by_vehicle.items() if fate.fate == "flying"]
 
+    def arrived(self) -> frozenset[int]:
+        """Vehicles that have done their work."""
+        return frozenset(vehicle for vehicle, fate in self.by_vehicle.items() if fate.fate == "arrived")
+
     def at_targets(self) -> Counter[Label]:
         """How many agents arrived at each target that one arrived at."""
         fates = self.by_vehicle.values()

@@ -218,7 +218,11 @@ class Command:
         verb = "closed" if area.name in self.keep_outs.areas else "opened"
         news = f"keep-out {area.name} {verb}"
         places = {state.system_id: (state.east_m, state.north_m) for state in self.fleet.states()}
-        through = self.replanner.change_map(event.t_ns, self.grid, closed, places, news)
+        bound = self.replanner.routes
+        homeless = self.homing.crossed(closed, {v: p for v, p in places.items() if v not in bound})
+        through = self.replanner.change_map(event.t_ns, self.grid, closed, places, news, homeless)
+        arrived = self.fates.arrived() & homeless
+        returning = [s.system_id for s in self.fleet.states() if s.armed and s.system_id in arrived]
         effects: list[Effect] = []
         if self._scan_t_ns is not None:
             effects += self._plan(event.t_ns, self._measured_t_ns, through)
@@ -230,6 +234,7 @@ class Command:
         remedy = "confirm a plan, or hold or return it" if self._needs_word else "hold or return it"
         said = {entry.vehicle: f"{entry.text}: {remedy}" for entry in entries}
         said |= {v: f"{named([v])} has no way around {area.name}: {remedy}" for v in still - said.keys()}
+        said |= {v: f"{named([v])} flies home through {area.name}: hold or return it" for v in returning}
         effects.append(ongoing.answer(event.t_ns, "done", "; ".join([text, *said.values()])))
         return [*effects, *(Notice(event.t_ns, "alarm", word, v) for v, word in said.items())]
 
@@ -336,7 +341,7 @@ class Command:
             passed=frozenset(filter(self.tasking.has_passed, flying)),
             targets=self._open_targets(),
             at_targets=self.fates.at_targets(),
-            arrived=frozenset(v for v, fate in self.fates.by_vehicle.items() if fate.fate == "arrived"),
+            arrived=self.fates.arrived(),
             away=away,
         )
 

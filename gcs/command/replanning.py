@@ -114,7 +114,13 @@ class Replanner:
         self.routes = {vehicle: route for vehicle, route in self.routes.items() if vehicle in vehicles}
 
     def change_map(
-        self, t_ns: int, grid: Grid, closed: Grid, places: Mapping[int, Point], news: str
+        self,
+        t_ns: int,
+        grid: Grid,
+        closed: Grid,
+        places: Mapping[int, Point],
+        news: str,
+        homeless: Container[int] = (),
     ) -> list[int]:
         """Plan by another map from now on, and look at once.
 
@@ -124,6 +130,8 @@ class Replanner:
             What is newly blocked; routes through it are given up at the next look.
         places
             Where vehicles are, east and north.
+        homeless
+            Vehicles whose ways home lead through what is closed.
 
         Returns
         -------
@@ -131,8 +139,11 @@ class Replanner:
             Vehicles that fly through what is closed as long as they have no other route.
         """
         self._grid = grid
-        self.blocked |= {v for v, r in self.routes.items() if _is_crossed(closed, r, places.get(v))}
-        self.proposed = {v: r for v, r in self.proposed.items() if not _is_crossed(closed, r, places.get(v))}
+        crossed = {v for v, r in self.routes.items() if is_crossed(closed, r.flown_m, places.get(v))}
+        self.blocked |= crossed | {v for v in self.routes if v in homeless}
+        self.proposed = {
+            v: r for v, r in self.proposed.items() if not is_crossed(closed, r.flown_m, places.get(v))
+        }
         self._news.append(reasons.map_changed(news))
         self._next_check_t_ns = None if self._next_check_t_ns is None else t_ns
         return sorted(self.blocked)
@@ -385,11 +396,11 @@ class Replanner:
         return self._off_m(vehicle, flown, situation) <= self.aims.tolerance_m(agent, flown)
 
 
-def _is_crossed(closed: Grid, route: Route, place: Point | None) -> bool:
-    """Whether what is left of a route leads through what is closed."""
-    points = [(float(east_m), float(north_m)) for east_m, north_m in route.flown_m]
+def is_crossed(closed: Grid, way_m: FloatArray, place: Point | None) -> bool:
+    """Whether what is left of a way leads through what is closed."""
+    points = [(float(east_m), float(north_m)) for east_m, north_m in way_m]
     if place is not None:
-        points = [place, *points[next_point(route.flown_m, place, CORRIDOR_M) :]]
+        points = [place, *points[next_point(way_m, place, CORRIDOR_M) :]]
     if len(points) == 1:
         points *= 2
     return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))

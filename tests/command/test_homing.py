@@ -1,0 +1,69 @@
+"""A user would see vehicles land through an area that he closed after their missions were sent."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from gcs.model import Fate, KeepOut, Notice, Order, Plan, UploadReport
+from gcs.planning.sight import line_of_sight
+from sim_vehicles.flown import landing
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import VirtualRun
+
+
+class Flight:
+    """A mission that ends at home, on virtual time."""
+
+    def __init__(self) -> None:
+        self.effects: list[object] = []
+        self.run = VirtualRun(
+            landing(load("deterministic")), 1, on_effect=lambda _t_ns, effect: self.effects.append(effect)
+        )
+
+    def all(self, kind):
+        return [effect for effect in self.effects if isinstance(effect, kind)]
+
+    def ways(self):
+        return self.run.command.homing.newest_m
+
+    def close(self, place_m):
+        """Close a disc; returns what was blocked by it."""
+        before = self.run.command.grid.blocked.copy()
+        self.effects.clear()
+        self.run.order(Order(self.run.t_ns, "1", "keep-out", None, None, KeepOut("fire", (*place_m, 50.0))))
+        return before
+
+
+def before_home(way_m, metres):
+    leg = way_m[-2] - way_m[-1]
+    return tuple((way_m[-1] + leg / np.hypot(*leg) * metres).tolist())
+
+
+def test_who_would_land_through_a_closed_area_gets_another_way_home():
+    flight = Flight()
+    flown_s = flight.run.run(30.0)
+    vehicle = min(flight.ways())
+    before = flight.close(before_home(flight.ways()[vehicle], 250.0))
+    flight.run.run(flown_s + 5.0)
+    command = flight.run.command
+    closed = type(command.grid)(command.grid.origin_m, command.grid.spacing_m, command.grid.blocked & ~before)
+    assert closed.blocked.any()
+    assert vehicle in flight.all(Plan)[0].changed
+    assert any(report.ok and report.vehicle == vehicle for report in flight.all(UploadReport))
+    way = [tuple(point) for point in flight.ways()[vehicle].tolist()]
+    assert all(line_of_sight(closed, a, b) for a, b in pairwise(way))
+
+
+def test_who_is_on_the_way_home_already_is_named():
+    flight = Flight()
+    flown_s = flight.run.run(20.0)
+    while not (fates := [fate for fate in flight.all(Fate) if fate.fate == "arrived"]):
+        flown_s = flight.run.run(flown_s + 5.0)
+    vehicle = fates[0].vehicle
+    flight.close(before_home(flight.ways()[vehicle], 250.0))
+    flight.run.ended = False
+    flight.run.run(flown_s + 1.0)
+    said = [notice.text for notice in flight.all(Notice) if notice.vehicle == vehicle]
+    assert f"agent {vehicle} flies home through fire: hold or return it" in said
