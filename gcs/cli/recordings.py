@@ -150,11 +150,14 @@ def track(
         Path | None, typer.Option(help="The model to track by, TOML or NPZ.  [default: the file's own]")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="CSV for the estimates: k,label,x,y,vx,vy,existence.")
+        Path | None,
+        typer.Option("--out", "-o", help="CSV for the estimates, k,label,x,y,vx,vy,…; may be a --truth."),
     ] = None,
     truth: Annotated[
         Path | None,
-        typer.Option(help="The truth to judge by, CSV or NPZ: k,id,px,vx,py,vy.  [default: the file's own]"),
+        typer.Option(
+            help="The truth to judge by, CSV with k,id,x,y or t_s,id,x,y, or NPZ.  [default: the file's own]"
+        ),
     ] = None,
     estimator: Annotated[
         Literal["filtered", "recovered", "smoothed"],

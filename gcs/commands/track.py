@@ -105,7 +105,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
         tracked = track(detections, options.estimator, lambda: progress.advance(task), options.lag_scans)
     scores, per_scan = score(detections, tracked)
     if options.out is not None:
-        _write(options.out, tracked)
+        _write(options.out, tracked, detections)
     if options.plot is not None:
         with console.status("drawing"):
             _draw(options, detections, tracked, scores, per_scan)
@@ -241,14 +241,15 @@ def _numbers(tracked: Tracked) -> dict[Label, int]:
     return {label: n for n, label in enumerate(labels, 1)}
 
 
-def _write(path: Path, tracked: Tracked) -> None:
+def _write(path: Path, tracked: Tracked, detections: Detections) -> None:
     number = _numbers(tracked)
-    lines = ["k,label,x,y,vx,vy,existence"]
+    t_ns = {k: t for t, k in detections.number.items()}
+    lines = ["k,label,x,y,vx,vy,existence,t_ns"]
     for k, states in sorted(tracked.states.items()):
         for label, state in sorted(states.items()):
             x, y, vx, vy = state
             existence = tracked.existence[k].get(label, 0.0)
-            lines.append(f"{k},{number[label]},{x:.4f},{y:.4f},{vx:.4f},{vy:.4f},{existence:.6f}")
+            lines.append(f"{k},{number[label]},{x:.4f},{y:.4f},{vx:.4f},{vy:.4f},{existence:.6f},{t_ns[k]}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,6 +1,8 @@
 """Tables that others write for `gcs track`: found by their titles or refused, never misread."""
 
+import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -135,6 +137,11 @@ def test_truth_with_times_judges_the_scans_of_these_times(tracked):
     judged = scores(tracked(detections, later))
     assert judged["cardinality_error_mean"] == 0.0
     assert "3 of 12 scans are not judged" in judged["remarks"][0]
+    scores(tracked(detections, later, "-o", "found.csv"))
+    rows = csv.DictReader(Path("found.csv").read_text(encoding="utf-8").splitlines())
+    found = {int(row["k"]): int(row["t_ns"]) for row in rows}
+    assert len(found) >= SCANS - 2
+    assert all(abs(t_ns - round(when[k - 1] * 1e9)) < 1000 for k, t_ns in found.items())
     nobody = scores(tracked(detections, table("t_s,id,x,y", [(row[0], "", "", "") for row in rows[3:]])))
     assert nobody["cardinality_error_mean"] == 1.0
 
