@@ -138,8 +138,8 @@ def test_truth_with_times_judges_the_scans_of_these_times(tracked):
     assert judged["cardinality_error_mean"] == 0.0
     assert "3 of 12 scans are not judged" in judged["remarks"][0]
     scores(tracked(detections, later, "-o", "found.csv"))
-    rows = csv.DictReader(Path("found.csv").read_text(encoding="utf-8").splitlines())
-    found = {int(row["k"]): int(row["t_ns"]) for row in rows}
+    written = csv.DictReader(Path("found.csv").read_text(encoding="utf-8").splitlines())
+    found = {int(row["k"]): int(row["t_ns"]) for row in written}
     assert len(found) >= SCANS - 2
     assert all(abs(t_ns - round(when[k - 1] * 1e9)) < 1000 for k, t_ns in found.items())
     nobody = scores(tracked(detections, table("t_s,id,x,y", [(row[0], "", "", "") for row in rows[3:]])))
