@@ -12,12 +12,13 @@ same effects, byte for byte. A recording is the list of events, and replaying it
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable
 
 from gcs.command.answers import Ongoing, named
 from gcs.command.approval import Approval
 from gcs.command.area import mission_grid
 from gcs.command.delays import Delays
+from gcs.command.dispatch import Dispatch
 from gcs.command.fates import Fates
 from gcs.command.guests import Guests
 from gcs.command.homing import Homing
@@ -28,6 +29,7 @@ from gcs.command.recovery import Recovery
 from gcs.command.reordering import Reordering
 from gcs.command.replanning import Replanner
 from gcs.command.rereading import Rereading
+from gcs.command.silence import Silence
 from gcs.command.situation import Situation
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
@@ -50,19 +52,16 @@ from gcs.model import (
     Notice,
     Order,
     Resumed,
-    Route,
     Scan,
     Tick,
     Track,
     UploadAnswer,
-    UploadReport,
 )
 
 _BAD_INPUT_NOTICES = 20
 """After so many from one run, bad input is counted only: noise must not drown what matters."""
 _TASKABLE_MODES = ("", "AUTO", "LOITER")
 """Before the first heartbeat, on a mission, and waiting for one."""
-_BLIND_AFTER_NS = 5 * NS_PER_S
 
 
 class Command:
@@ -109,6 +108,8 @@ class Command:
         )
         self.trespass = Trespass(self.tasking)
         self.approval = Approval(self.replanner)
+        self.dispatch = Dispatch(self.replanner, self.approval, self.tasking, self.delays, self.guests)
+        self.silence = Silence(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
         self.orders = Orders(self.fleet, self.tasking, self.replanner)
         self.rereading = Rereading(self.fleet, self.tasking, self.replanner, self.orders)
         self.recovery = Recovery(
@@ -126,9 +127,7 @@ class Command:
         self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._needs_word = config.planning.retask == "confirm"
         self._ended = False
-        self._scan_t_ns: int | None = None
         self._measured_t_ns = 0
-        self._blind = False
 
     def step(self, event: Event) -> list[Effect]:
         """Work one event; return what is to be done and shown because of it."""
@@ -146,7 +145,7 @@ class Command:
             case Order():
                 return self._order(event)
             case UploadAnswer():
-                return self._settle(self.tasking.answered(event))
+                return self.dispatch.settle(self.tasking.answered(event))
             case Resumed():
                 return self._resume(event)
 
@@ -177,7 +176,7 @@ class Command:
             return self._guest(event)
         effects: list[Effect] = []
         for vehicle, message in self.fleet.receive(event):
-            effects += self._settle(self.tasking.receive(vehicle, message, event.t_ns))
+            effects += self.dispatch.settle(self.tasking.receive(vehicle, message, event.t_ns))
             effects += self.orders.receive(vehicle, message, event.t_ns)
             effects += self.rereading.receive(vehicle, message, event.t_ns)
             effects += self.guests.answered(vehicle, message, event.t_ns)
@@ -196,14 +195,14 @@ class Command:
         match event.action:
             case "confirm" | "reject":
                 effects, routes = self.approval.take(event)
-                effects += self._send(routes, event.t_ns)
+                effects += self.dispatch.send(routes, event.t_ns)
             case "keep-out":
                 effects = self._close(event)
             case _:
                 if event.action == "resume":
                     self.guests.release(event.vehicles or self.guests.away())
                     self.rereading.release(event.vehicles or self.rereading.away())
-                effects = self._settle(self.orders.take(event, self.trackers.targets.beliefs.tracks))
+                effects = self.dispatch.settle(self.orders.take(event, self.trackers.targets.beliefs.tracks))
         return effects + self.approval.refresh(event.t_ns, self.away())
 
     def _close(self, event: Order) -> list[Effect]:
@@ -224,7 +223,7 @@ class Command:
         arrived = self.fates.arrived() & homeless
         returning = [s.system_id for s in self.fleet.states() if s.armed and s.system_id in arrived]
         effects: list[Effect] = []
-        if self._scan_t_ns is not None:
+        if self.silence.scan_t_ns is not None:
             effects += self._plan(event.t_ns, self._measured_t_ns, through)
         still = set(through) - set(self.replanner.routes) | set(self.replanner.blocked)
         led = set(through) - still
@@ -240,33 +239,20 @@ class Command:
 
     def _tick(self, event: Tick) -> list[Effect]:
         effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
-        effects += self._watch_sensors(event.t_ns)
+        effects += self.silence.poll(event.t_ns)
         effects += self._due_scans(event.t_ns)
-        effects += self._withdraw(event.t_ns)
-        effects += self._settle(self.tasking.poll(event.t_ns))
+        effects += self.dispatch.withdraw(event.t_ns)
+        effects += self.dispatch.settle(self.tasking.poll(event.t_ns))
         effects += self.guests.poll(event.t_ns)
         return effects + self.orders.poll(event.t_ns) + self.rereading.poll(event.t_ns)
 
-    def _watch_sensors(self, t_ns: int) -> list[Effect]:
-        """Say when no scan has come for long: without scans nobody is seen to die."""
-        if self._scan_t_ns is None or self._blind or t_ns - self._scan_t_ns < _BLIND_AFTER_NS:
-            return []
-        self._blind = True
-        return [
-            Notice(
-                t_ns,
-                "alarm",
-                f"no scan for {(t_ns - self._scan_t_ns) / NS_PER_S:.0f} s: is the sensor there?",
-            )
-        ]
-
     def _scan(self, event: Scan) -> list[Effect]:
-        self._scan_t_ns, self._blind = event.t_ns, False
+        seen = self.silence.scan(event.t_ns)
         refusal = self.trackers.refusal(event)
         if refusal:
-            return self._refuse(event, refusal)
+            return [*seen, *self._refuse(event, refusal)]
         self.reordering.hold(event)
-        return self._due_scans(event.t_ns)
+        return [*seen, *self._due_scans(event.t_ns)]
 
     def _refuse(self, scan: Scan, refusal: str) -> list[Effect]:
         name = scan.sensor.name
@@ -324,7 +310,7 @@ class Command:
         if self._needs_word:
             return [*notes, *self.approval.propose(plan)]
         routes = [route for route in plan.routes if route.vehicle in plan.changed]
-        return [plan, *notes, *self._send(routes, plan.t_ns, hurried)]
+        return [plan, *notes, *self.dispatch.send(routes, plan.t_ns, hurried)]
 
     def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
@@ -368,41 +354,6 @@ class Command:
         }
         others = self.guests.away() | self.rereading.away()
         return modes | self.tasking.taken() | others | self.orders.away()
-
-    def _send(self, routes: Sequence[Route], t_ns: int, hurried: Container[int] = ()) -> list[Effect]:
-        """Send routes to their vehicles as missions."""
-        effects: list[Effect] = self._withdraw(t_ns)
-        for route in routes:
-            at_once = route.vehicle in hurried
-            for_s = self.tasking.under_way_s(route.vehicle, t_ns)
-            if for_s is not None:
-                self.delays.given_up(route.vehicle, for_s)
-            effects += self._settle(self.tasking.task(route, t_ns, at_once=at_once))
-        return effects
-
-    def _withdraw(self, t_ns: int) -> list[Effect]:
-        """Let no route wait for a vehicle that is not to fly it any more."""
-        unwanted = self.tasking.withdraw_but(self.replanner.routes)
-        return [answer for v in unwanted for answer in self.approval.end(v, t_ns, "not wanted any more")]
-
-    def _settle(self, effects: Sequence[Effect]) -> list[Effect]:
-        """Answer for transfers that ended; who did not get its mission is planned for again."""
-        settled: list[Effect] = []
-        for effect in effects:
-            settled.append(effect)
-            if not isinstance(effect, UploadReport):
-                continue
-            if effect.ok:
-                self.guests.release([effect.vehicle])
-                self.delays.arrived(effect.vehicle, effect.duration_s)
-            else:
-                self.delays.given_up(effect.vehicle, effect.duration_s)
-            if self.tasking.is_tasked(effect.vehicle):
-                continue  # a newer mission is on its way: what counts is what becomes of that
-            settled += self.approval.uploaded(effect)
-            if not effect.ok:
-                self.replanner.undelivered(effect.vehicle)
-        return settled
 
     def _end(self, t_ns: int) -> list[Effect]:
         spare = self.fates.flying()
