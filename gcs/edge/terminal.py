@@ -49,6 +49,11 @@ _MIN_MAP_ROWS: Final = 12
 _ROWS_AROUND_MAP: Final = 3 + _EVENT_ROWS + 2 + 2
 _TABLES_WIDTH: Final = 94
 _SIGNED_WIDTH: Final = 10
+_AGENT_COLUMNS: Final = (
+    "id", "fate", "mode", "signed", "track", "exist.", "east m", "north m", "m/s", "target", "to go m",
+    "mission",
+)  # fmt: skip
+_TRACK_COLUMNS: Final = ("track", "exist.", "east m", "north m", "m/s")
 _LEFT: Final = ("fate", "mode", "signed", "mission")
 
 
@@ -162,6 +167,7 @@ class LiveView:
             self._log.append(Text(f"{seconds:6.1f} s  {line[0]}", style=_STYLE[line[1]]))
 
     def __rich_console__(self, _console: Console, options: ConsoleOptions) -> RenderResult:
+        narrow = options.max_width < self._tables_width()
         rows = max(_MIN_MAP_ROWS, (options.height or options.size.height) - _ROWS_AROUND_MAP)
         columns = min(2 * rows, (options.max_width - self._tables_width()))
         layout = Layout()
@@ -169,7 +175,7 @@ class LiveView:
             Layout(self._header(), size=3), Layout(name="body"), Layout(self._events(), size=_EVENT_ROWS + 2)
         )
         links = link_table(link_rows(self._command.fleet, self._links, self._t_ns))
-        tables = Layout(Group(self._agents(), self._targets(), links))
+        tables = Layout(Group(self._agents(narrow), self._targets(), links))
         if columns >= _MIN_MAP_ROWS:
             layout["body"].split_row(Layout(self._map(rows, columns), size=columns + 4), tables)
         else:
@@ -189,22 +195,15 @@ class LiveView:
         )
         return Panel(text)
 
-    def _agents(self) -> Table:
+    def _agents(self, narrow: bool) -> Table:
+        """One row for each agent; a narrow terminal leaves out what its track is like."""
         table = Table(title="Agents", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        for name in (
-            "id",
-            "fate",
-            "mode",
-            *(["signed"] if self._config.links.keys else []),
-            "track",
-            "exist.",
-            "east m",
-            "north m",
-            "m/s",
-            "target",
-            "to go m",
-            "mission",
-        ):
+        names = [
+            name
+            for name in _AGENT_COLUMNS
+            if not (narrow and name in _TRACK_COLUMNS) and (name != "signed" or self._config.links.keys)
+        ]
+        for name in names:
             table.add_column(name, justify="left" if name in _LEFT else "right", no_wrap=True)
         tracks = self._tracks("agents")
         for vehicle, fate in self._command.fates.by_vehicle.items():
@@ -218,17 +217,19 @@ class LiveView:
                 if track is not None and route is not None
                 else ""
             )
-            table.add_row(
+            cells: tuple[str | Text, ...] = (
                 vehicle_name(vehicle),
                 self._standing(fate),
                 state.mode if state else "",
-                *([self._signing(vehicle)] if self._config.links.keys else []),
+                self._signing(vehicle),
                 label_text(label),
                 *_track_cells(track),
                 label_text(target),
                 to_go,
                 self._command.tasking.under_way.get(vehicle, self._uploads.get(vehicle, "")),
             )
+            shown = dict(zip(_AGENT_COLUMNS, cells, strict=True))
+            table.add_row(*(shown[name] for name in names))
         return table
 
     def _standing(self, fate: Fate) -> Text:

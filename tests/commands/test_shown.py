@@ -6,8 +6,11 @@ import pytest
 from rich.console import Console
 
 from gcs.command.checks import Check
+from gcs.command.fold import Command
 from gcs.commands.preflight import show
+from gcs.config import load
 from gcs.edge.consoles import console_for
+from gcs.edge.terminal import LiveView
 
 CHECKS = [
     Check(1, "link", "ok", "alive"),
@@ -49,3 +52,15 @@ def test_sentences_in_a_file_are_not_cut(
     assert len(capsys.readouterr().out.splitlines()) == 1
     monkeypatch.setenv("COLUMNS", "60")
     assert console_for().width == 60
+
+
+@pytest.mark.parametrize("width", [60, 80, 160])
+def test_the_live_view_says_who_is_who_on_any_terminal(width: int) -> None:
+    config = load("prescribed")
+    console = Console(file=io.StringIO(), width=width, height=40, color_system=None)
+    console.print(LiveView(config, Command(config, 1), 1.0))
+    assert isinstance(console.file, io.StringIO)
+    titles = next(line for line in console.file.getvalue().splitlines() if "fate" in line)
+    words = titles.replace("│", " ").split()
+    assert {"id", "fate", "mode", "target", "mission"} <= set(words)
+    assert ("exist." in words) is (width >= 100)
