@@ -71,6 +71,8 @@ class Detections:
     """Where the objects truly were, by k; empty where it is not known."""
     absolute: bool = False
     """Whether times are since the Unix epoch; if not, since something that the file does not say."""
+    timed: bool = True
+    """Whether the file says times; if not, it counts scans."""
     remarks: tuple[str, ...] = ()
     """What the user should know, such as where a damaged file ends."""
 
@@ -142,6 +144,7 @@ def _with_model(path: Path, numbers: Numbers, table: ModelTable, truth: TruthRow
         times,
         true,
         absolute=is_absolute,
+        timed=found.time in TIMES,
         remarks=remarks,
     )
 

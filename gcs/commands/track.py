@@ -8,6 +8,7 @@ detections (see `gcs.tracking.recovery`).
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -117,7 +118,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
 
 
 def _check_outputs(options: TrackOptions) -> None:
-    """Refuse to write over what is read, or two results to one file."""
+    """Refuse to write over what is read, two results to one file, or where nothing can be written."""
     names = {path.resolve(): what for what, path in _inputs(options)}
     for what, path in (("-o", options.out), ("--plot", options.plot)):
         if path is None:
@@ -125,6 +126,12 @@ def _check_outputs(options: TrackOptions) -> None:
         if path.resolve() in names:
             raise ConfigError(str(path), what, f"is {names[path.resolve()]} as well; expected another file")
         names[path.resolve()] = what
+        there = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+        if there.is_dir() == (there == path.absolute()):
+            is_what = "a directory" if there.is_dir() else "no directory"
+            raise ConfigError(str(path), what, f"cannot be written: {there} is {is_what}")
+        if not os.access(there, os.W_OK):
+            raise ConfigError(str(path), what, f"cannot be written: no permission for {there}")
 
 
 def _inputs(options: TrackOptions) -> list[tuple[str, Path]]:
@@ -243,13 +250,14 @@ def _numbers(tracked: Tracked) -> dict[Label, int]:
 
 def _write(path: Path, tracked: Tracked, detections: Detections) -> None:
     number = _numbers(tracked)
-    t_ns = {k: t for t, k in detections.number.items()}
-    lines = ["k,label,x,y,vx,vy,existence,t_ns"]
+    # Where scans are counted, k is all there is to say.
+    times = {k: f",{t_ns}" if detections.timed else "" for t_ns, k in detections.number.items()}
+    lines = ["k,label,x,y,vx,vy,existence" + (",t_ns" if detections.timed else "")]
     for k, states in sorted(tracked.states.items()):
         for label, state in sorted(states.items()):
             x, y, vx, vy = state
             existence = tracked.existence[k].get(label, 0.0)
-            lines.append(f"{k},{number[label]},{x:.4f},{y:.4f},{vx:.4f},{vy:.4f},{existence:.6f},{t_ns[k]}")
+            lines.append(f"{k},{number[label]},{x:.4f},{y:.4f},{vx:.4f},{vy:.4f},{existence:.6f}{times[k]}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -114,7 +114,7 @@ def test_a_set_with_its_own_model_is_tracked_written_judged_and_drawn(files):
     assert 0.0 < result["scan_ms_mean"] <= result["scan_ms_p99"]
     with (files / "e.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == ["k", "label", "x", "y", "vx", "vy", "existence", "t_ns"]
+    assert list(rows[0]) == ["k", "label", "x", "y", "vx", "vy", "existence"]
     first = [row for row in rows if row["label"] == "1"]
     assert [int(row["k"]) for row in first] == list(range(1, SCANS + 1))
     last = {key: float(first[-1][key]) for key in first[-1]}
