@@ -17,6 +17,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
@@ -40,6 +41,10 @@ _BASE = 2.5
 """Length of a base leg, in turn radii."""
 _FLOWN = 6.0
 """How much of the route before is flown ahead, in turn radii."""
+_RINGS, _TURNS = (1.0, 2.0, 3.0), tuple(np.radians([0.0, 30.0, -30.0, 60.0, -60.0]).tolist())
+"""Where a vehicle may go on to from its target, where it cannot turn: in turn radii, and off its course."""
+_GATES_AFTER = 6
+"""How many gates are tried from each."""
 _CLEAR, _NEAR, _TOO_NEAR, _SHARP = range(4)
 _WORDS = {
     _CLEAR: "",
@@ -92,6 +97,10 @@ class _Gate:
     @property
     def length_m(self) -> float:
         return math.fsum(math.dist(a, b) for a, b in pairwise(self.points_m))
+
+
+_Graded: TypeAlias = tuple[int, FloatArray, _Gate]
+"""What keeps a way from being clear, its points, and where it joins a landing."""
 
 
 def way_home(
@@ -156,31 +165,52 @@ class _Planner:
 
     def around(self) -> WayHome | None:
         """Return the best way that is planned; None when there is none."""
-        gates = sorted(self._gates(), key=lambda gate: -gate.share)
+        gates = list(self._gates())
         if not gates:
             return None
-        start = AgentStart(*self._end_m, self._course_rad, self._speed_m_s)
+        best = self._best(gates, np.empty((0, 2)), self._course_rad, None)
+        for leaves_m in self._leaves() if best is not None and best[0] >= _TOO_NEAR else ():
+            best = self._best(gates, np.array([leaves_m]), bearing_rad(*self._end_m, *leaves_m), best)
+            if best is not None and best[0] < _TOO_NEAR:
+                break
+        if best is None:
+            return None
+        grade, points_m, gate = best
+        return WayHome(read_only(points_m), False, _NO_APPROACH if gate.share < 0.0 else _WORDS[grade])
+
+    def _best(
+        self, gates: list[_Gate], left_m: FloatArray, course_rad: float, best: _Graded | None
+    ) -> _Graded | None:
+        """Return the best way from the route's end, or from where it goes on to, to any gate."""
+        east_m, north_m = left_m[0].tolist() if len(left_m) else self._end_m
+        start = AgentStart(east_m, north_m, course_rad, self._speed_m_s)
         options = replace(self._options, horizon_s=0.0, cost="length")
         places = [gate.points_m[0] for gate in gates]
         search = Search(self._grid, [start], places, [Terms()] * len(gates), options)
         lengths_m = search.costs[0] + [gate.length_m for gate in gates]
-        best: tuple[int, FloatArray, _Gate] | None = None
-        for j in sorted(range(len(gates)), key=lambda j: (-gates[j].share, lengths_m[j])):
-            if not math.isfinite(lengths_m[j]):
-                continue
+        order = sorted(range(len(gates)), key=lambda j: (-gates[j].share, lengths_m[j]))
+        reached = [j for j in order if math.isfinite(lengths_m[j])]
+        for j in reached[:_GATES_AFTER] if len(left_m) else reached:
             aimed = search.route(0, j)
-            points_m = np.vstack((aimed.points_m, gates[j].points_m[1:]))
-            if self._is_sharp(points_m, len(aimed.points_m)):
+            points_m = np.vstack((left_m, aimed.points_m, gates[j].points_m[1:]))
+            if self._is_sharp(points_m, len(left_m) + len(aimed.points_m)):
                 continue
             grade = self._grade(points_m, is_roomy=not aimed.notes and gates[j].share == 1.0)
             if best is None or grade < best[0]:
                 best = grade, points_m, gates[j]
             if grade == _CLEAR:
                 break
-        if best is None:
-            return None
-        grade, points_m, gate = best
-        return WayHome(read_only(points_m), False, _NO_APPROACH if gate.share < 0.0 else _WORDS[grade])
+        return best
+
+    def _leaves(self) -> Iterator[Point]:
+        """Yield where a vehicle may go on to from its route's end before it turns home, the nearest first."""
+        for ring in _RINGS if self._options.shape == "flyable" else ():
+            for turn in _TURNS:
+                angle, distance_m = self._course_rad + turn, ring * self._options.turn_radius_m
+                east_m, north_m = self._end_m
+                place_m = (east_m + distance_m * math.sin(angle), north_m + distance_m * math.cos(angle))
+                if self._share(place_m, self._end_m) >= 0.0:
+                    yield place_m
 
     def _gates(self) -> Iterator[_Gate]:
         """Yield where ways may join a landing: at its approach, or at a base leg to either side."""
