@@ -24,7 +24,7 @@ def crowd(seed, n_labels):
     rng = np.random.default_rng(seed)
     choices = rng.permutation(2**n_labels)[:4]
     hypotheses = [[2 * label + int(choice >> label & 1) for label in range(n_labels)] for choice in choices]
-    logw = np.sort(np.log(rng.dirichlet(np.ones(4))))[::-1]
+    logw = -np.sort(-np.log(rng.dirichlet(np.ones(4))))
     groups = Groups(
         np.array([0, 4]),
         np.cumsum([0, *map(len, hypotheses)]),
