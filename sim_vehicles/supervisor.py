@@ -118,7 +118,7 @@ class Supervisor:
 
     def _spawn(self, arguments: list[str], system_ids: tuple[int, ...] = ()) -> Child:
         process = subprocess.Popen(  # noqa: S603  our own modules, no shell
-            [sys.executable, *arguments],
+            [sys.executable, "-P", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -210,7 +210,7 @@ def run(
 
 def _simulated(arguments: list[str]) -> int:
     """Run the simulated side's own program; return its exit code."""
-    process = subprocess.Popen([sys.executable, "-m", "sim_vehicles", *arguments])  # noqa: S603  no shell
+    process = subprocess.Popen([sys.executable, "-P", "-m", "sim_vehicles", *arguments])  # noqa: S603  no shell
     try:
         return process.wait()
     except KeyboardInterrupt:

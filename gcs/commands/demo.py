@@ -184,7 +184,7 @@ async def _simulation(
 ) -> AsyncIterator[RunClock]:
     """The simulated side as a process; yields the clock that it flies by, and ends it on the way out."""
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "sim_vehicles", "run", options.scenario,
+        sys.executable, "-P", "-m", "sim_vehicles", "run", options.scenario,
         "--seed", str(options.seed), "--speed", str(options.speed),
         "--gcs", f"127.0.0.1:{port}", "--zenoh", zenoh, "--zenoh-role", "connect",
         "--loss", str(options.loss), "--pack", str(options.pack), "--json", "--until-stdin-closes",

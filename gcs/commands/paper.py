@@ -119,7 +119,17 @@ _QUIET: Final = Console(quiet=True)
 
 def _simulated(scenario: str, seed: int, folder: Path | None) -> Summary:
     """Fly a mission as a process of its own; return what its own judge says."""
-    command = [sys.executable, "-m", "sim_vehicles", "simulate", scenario, "--seed", str(seed), "--json"]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "sim_vehicles",
+        "simulate",
+        scenario,
+        "--seed",
+        str(seed),
+        "--json",
+    ]
     command += [] if folder is None else ["--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  our own module
     lines = done.stdout.strip().splitlines()

@@ -103,7 +103,7 @@ class MavsdkUploader:
         """One life of the process; returns its exit code."""
         port = self._socket.getsockname()[1]
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "gcs.edge.mavsdk_process", str(port),
+            sys.executable, "-P", "-m", "gcs.edge.mavsdk_process", str(port),
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL,
         )  # fmt: skip
         assert process.stdin is not None

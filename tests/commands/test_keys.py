@@ -34,7 +34,7 @@ def plane():
     port = free_port()
     spec = VehicleSpec(3, 0.0, 0.0, 0.0, 0.0, 15.0, airborne=False)
     frame = json.dumps({"lat_deg": 33.2, "lon_deg": -87.6, "alt_msl_m": 70.0})
-    command = [sys.executable, "-m", "sim_vehicles.process", "--frame-json", frame]
+    command = [sys.executable, "-P", "-m", "sim_vehicles.process", "--frame-json", frame]
     command += ["--spec-json", spec.to_json(), "--gcs", f"127.0.0.1:{port}"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin is not None

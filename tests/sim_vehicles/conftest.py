@@ -127,7 +127,7 @@ def start_process() -> Iterator[Callable[..., subprocess.Popen[str]]]:
         port: int, *specs: VehicleSpec, options: tuple[str, ...] = (), speed: float = 1.0
     ) -> subprocess.Popen[str]:
         frame = {"lat_deg": FRAME.lat_deg, "lon_deg": FRAME.lon_deg, "alt_msl_m": FRAME.alt_msl_m}
-        arguments = [sys.executable, "-m", "sim_vehicles.process", "--frame-json", json.dumps(frame)]
+        arguments = [sys.executable, "-P", "-m", "sim_vehicles.process", "--frame-json", json.dumps(frame)]
         arguments += ["--gcs", f"127.0.0.1:{port}", *options]
         for spec in specs:
             arguments += ["--spec-json", spec.to_json()]

@@ -1,6 +1,10 @@
 """Many seeds are read in a terminal: a row that is cut off says nothing."""
 
 import io
+import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -45,3 +49,13 @@ def test_a_table_of_seeds_fits_a_terminal_of_eighty_columns(outcome: str) -> Non
     for word in ("seed", "arrived", "lost", "targets", outcome, "1234.5", "50/60", "12.34", "23.45"):
         assert word in shown
     assert ("seed 99: the mission did not end" in shown) == (outcome == "incomplete")
+
+
+def test_the_installed_package_flies_wherever_it_is_called(tmp_path: Path) -> None:
+    for name in ("gcs", "sim_vehicles", "numba"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise SystemExit('of the working directory')\n")
+    command = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
+    command += ["simulate", "prescribed", "--duration", "2", "--json"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    assert json.loads(done.stdout)["outcome"] == "incomplete", done.stderr

@@ -42,7 +42,15 @@ def field(tmp_path: Path) -> Iterator[Path]:
     path = tmp_path / "field.toml"
     path.write_text(text)
     frame = parse(text, "field").frame
-    arguments = [sys.executable, "-m", "sim_vehicles.process", "--gcs", f"127.0.0.1:{port}", "--frame-json"]
+    arguments = [
+        sys.executable,
+        "-P",
+        "-m",
+        "sim_vehicles.process",
+        "--gcs",
+        f"127.0.0.1:{port}",
+        "--frame-json",
+    ]
     arguments += [
         json.dumps({"lat_deg": frame.lat_deg, "lon_deg": frame.lon_deg, "alt_msl_m": frame.alt_msl_m})
     ]

@@ -85,7 +85,7 @@ class Run:
         assert self.zenoh in text
         self.folder, self.file = folder, folder / "mission.toml"
         self.file.write_text(text)
-        command = [sys.executable, "-m", "sim_vehicles", "run", str(self.file), "--speed", str(SPEED)]
+        command = [sys.executable, "-P", "-m", "sim_vehicles", "run", str(self.file), "--speed", str(SPEED)]
         command += ["--gcs", f"127.0.0.1:{port}", "--zenoh", self.zenoh, "--json", "--until-stdin-closes"]
         self.world = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
