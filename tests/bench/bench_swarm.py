@@ -91,7 +91,7 @@ def rates(folder: Path) -> list[tuple[str, str]]:
 
 def fly(scenario: str, duration_s: float, pack: int, folder: Path) -> tuple[dict[str, Any], Usage, float]:
     """Run the demo; return its result, what it used, and how long it ran."""
-    gcs = [sys.executable, "-c", "from gcs.cli import main; main()"]
+    gcs = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
     command = [*gcs, "demo", scenario, "--headless", "--json", "--out", str(folder)]
     command += ["--duration", str(duration_s), "--pack", str(pack)]
     started = time.monotonic()

@@ -33,7 +33,7 @@ for number in range(100_000):
 def test_after_sigkill_everything_flushed_is_there(tmp_path: Path, rotate_bytes: int) -> None:
     folder = tmp_path / "run"
     child = subprocess.Popen(
-        [sys.executable, "-c", CHILD, str(folder), str(rotate_bytes)],
+        [sys.executable, "-P", "-c", CHILD, str(folder), str(rotate_bytes)],
         stdout=subprocess.PIPE,
         text=True,
         cwd=Path(__file__).parents[2],
@@ -76,7 +76,7 @@ except RecordingError as error:
 def test_on_a_full_disk_the_run_is_told_and_what_was_flushed_stays(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     done = subprocess.run(
-        [sys.executable, "-c", FULL, str(folder)],
+        [sys.executable, "-P", "-c", FULL, str(folder)],
         capture_output=True,
         text=True,
         cwd=Path(__file__).parents[2],
@@ -118,7 +118,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_a_disk_that_fills_while_parts_are_written_keeps_what_was_flushed(small_disk: Path) -> None:
-    command = [sys.executable, "-c", SMALL_DISK, str(small_disk / "run")]
+    command = [sys.executable, "-P", "-c", SMALL_DISK, str(small_disk / "run")]
     done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2], check=True)
     *promised, error = done.stdout.splitlines()
     assert "No space left on device" in error

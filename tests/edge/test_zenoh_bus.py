@@ -126,7 +126,9 @@ def test_the_documented_sensor_feeds_the_service() -> None:
     frame = load("prescribed").local_frame
     with Bus(listen=endpoint) as service:
         scans = inbox(service, sensor_scan_keys("prescribed"))
-        sensor = subprocess.Popen([sys.executable, "-c", program.replace("tcp/127.0.0.1:7447", endpoint)])
+        sensor = subprocess.Popen(
+            [sys.executable, "-P", "-c", program.replace("tcp/127.0.0.1:7447", endpoint)]
+        )
         try:
             key, payload = scans.get(timeout=PATIENCE_S)
         finally:

@@ -84,7 +84,7 @@ def demo(tmp_path: Path, request: pytest.FixtureRequest) -> Any:
 def is_running(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):  # gone before, or while it was read
         return False
 
 
