@@ -285,7 +285,6 @@ def test_an_interrupt_ends_it_in_order(flight: Path) -> None:
         [
             sys.executable,
             "-P",
-            "-P",
             "-c",
             "from gcs.cli import main; main()",
             "replay",
