@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from gcs.commands.columns import TIMES
 from gcs.commands.models import MOST_SCANS
-from gcs.commands.tables import Numbers, read_csv, read_npz
+from gcs.commands.tables import FIRST, Numbers, read_csv, read_npz
 from gcs.errors import ConfigError
 from gcs.model import FloatArray, read_only
 from gcs.tracking.metrics import Tracks
@@ -110,7 +110,7 @@ def _columns(path: Path, numbers: Numbers) -> tuple[str, int, list[int]]:
     if titles:
         name = next((titles.index(title) for title in _NAMES if title in titles), None)
         place = next(([titles.index(a), titles.index(b)] for a, b in _PLACES if {a, b} <= set(titles)), None)
-        if titles[0] not in ("k", *TIMES) or name is None or place is None:
+        if titles[0] not in FIRST or name is None or place is None:
             raise ConfigError(
                 str(path),
                 "",

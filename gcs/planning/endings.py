@@ -162,7 +162,7 @@ class _Circles:
             circles,
             self._near,
             self._near_s if must_pass else 0.0,
-            np.array([_length_m(way_m), round_m]) / speed_m_s,
+            np.array([way_length_m(way_m), round_m]) / speed_m_s,
             self._lags_s if is_whole else self._lags_s[:2],
             _OFF_COURSE,
             np.array([floor_m, _BETTER_M, self.enough_m]) / spacing_m,
@@ -232,7 +232,8 @@ def _course_rad(way_m: FloatArray) -> float:
     return math.atan2(way_m[1, 0] - way_m[0, 0], way_m[1, 1] - way_m[0, 1])
 
 
-def _length_m(way_m: FloatArray) -> float:
+def way_length_m(way_m: FloatArray) -> float:
+    """Length of a way (n, 2) along its legs."""
     return float(np.hypot(*np.diff(way_m, axis=0).T).sum())
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import APPROACH_M, FloatArray, read_only
 from gcs.planning.aiming import Search
-from gcs.planning.endings import cut
+from gcs.planning.endings import cut, way_length_m
 from gcs.planning.entry import SPLIT
 from gcs.planning.grid import Grid, Point
 from gcs.planning.prediction import Ahead, Motion, fly
@@ -283,7 +283,7 @@ class _Planner:
         ahead = Ahead(tuple(_points(np.vstack((tail_m[1:], points_m)))), tuple(map(float, radii_m)))
         east_m, north_m = tail_m[0].tolist()
         motion = Motion(east_m, north_m, self._speed_m_s, self._begins_rad, ahead=ahead)
-        for_s = (_length_m(tail_m) + _length_m(passes_m) - 0.5 * APPROACH_M) / self._speed_m_s
+        for_s = (way_length_m(tail_m) + way_length_m(passes_m) - 0.5 * APPROACH_M) / self._speed_m_s
         reach_m = min(reach_m, self._room_m((east_m, north_m)), self._room_m(self._end_m))
         return all(
             fly(self._grid, motion, for_s, lag_s, reach_m).is_clear
@@ -304,10 +304,6 @@ class _Planner:
 
 def _points(points_m: FloatArray) -> list[Point]:
     return [(east_m, north_m) for east_m, north_m in points_m.tolist()]
-
-
-def _length_m(way_m: FloatArray) -> float:
-    return float(np.hypot(*np.diff(way_m, axis=0).T).sum())
 
 
 def _course_rad(leg_m: FloatArray, start: AgentStart) -> float:
