@@ -15,6 +15,7 @@ import typer
 from gcs.edge.complaints import complain
 from gcs.edge.consoles import console_for
 from gcs.errors import GcsError
+from sim_vehicles.firmware import parse_sitl
 from sim_vehicles.scenario import load
 from sim_vehicles.supervisor import Plan, Supervisor
 
@@ -65,6 +66,18 @@ def run(
     loss: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
     ] = 0.0,
+    sitl: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=PATH",
+            help="Fly real firmware in place of simulated autopilots: arduplane=PATH (ArduPilot's SITL) or "
+            "px4=PATH (PX4 with SIH). Can be given twice: agents in `simulation.px4` take PX4.",
+        ),
+    ] = None,
+    sitl_folder: Annotated[
+        Path | None,
+        typer.Option(help="Where the firmware keeps its files and logs.  [default: a temporary folder]"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line instead of words.")] = False,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
@@ -85,7 +98,9 @@ def run(
 
     try:
         loaded = load(scenario)
-        supervisor = Supervisor(Plan(loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss), report)
+        firmware = dict(parse_sitl(text) for text in sitl or [])
+        plan = Plan(loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss, firmware, sitl_folder)
+        supervisor = Supervisor(plan, report)
         signal.signal(signal.SIGTERM, _interrupt)
         try:
             supervisor.start()

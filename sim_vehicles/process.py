@@ -152,8 +152,8 @@ def _probability(text: str) -> float:
     return value
 
 
-def _arguments(argv: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m sim_vehicles.process", description=__doc__)
+def add_vehicle_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what each process that hosts vehicles is told."""
     parser.add_argument(
         "--frame-json", required=True, help="lat_deg, lon_deg, alt_msl_m of the local frame's origin"
     )
@@ -169,10 +169,10 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--loss", type=_probability, default=0.0, help="chance that a datagram is lost, each way"
     )
-    return parser.parse_args(argv)
 
 
-def _clock(line: bytes) -> RunClock:
+def clock_of(line: bytes) -> RunClock:
+    """Read the run's clock, one JSON line."""
     raw = json.loads(line)
     return RunClock(int(raw["epoch_ns"]), int(raw["start_t_ns"]), float(raw["speed"]))
 
@@ -187,7 +187,9 @@ def _key(spec: VehicleSpec) -> bytes | None:
 
 def main(argv: list[str] | None = None) -> int:
     """Run until standard input closes or a signal comes."""
-    arguments = _arguments(argv)
+    parser = argparse.ArgumentParser(prog="python -m sim_vehicles.process", description=__doc__)
+    add_vehicle_arguments(parser)
+    arguments = parser.parse_args(argv)
     frame = LocalFrame(**json.loads(arguments.frame_json))
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: sys.exit(0))
@@ -199,7 +201,7 @@ def main(argv: list[str] | None = None) -> int:
     line = sys.stdin.buffer.readline()
     if not line.strip():
         return 0
-    clock = _clock(line)
+    clock = clock_of(line)
     with contextlib.ExitStack() as stack:
         hosts = []
         for spec in arguments.spec_json:

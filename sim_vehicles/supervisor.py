@@ -12,17 +12,22 @@ import os
 import selectors
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from gcs.errors import SimulationError
 from gcs.model import NS_PER_S
 from sim_vehicles.scenario import Scenario
 from sim_vehicles.specs import vehicle_specs
+from sim_vehicles.vehicle import VehicleSpec
 
 _READY_WITHIN_S = 60.0
+_AIRBORNE_WITHIN_S = 180.0
+"""Of wall time, with real firmware."""
 _STOP_WITHIN_S = 3.0
 _HEAD_START_S = 0.3
 """Between the start line and time zero, so that every child has read it."""
@@ -51,6 +56,10 @@ class Plan:
     zenoh_role: str
     pack: int = 1
     loss: float = 0.0
+    sitl: Mapping[str, Path] = field(default_factory=dict)
+    """Real firmware to fly instead of simulated autopilots: programs by name (`sim_vehicles.firmware`)."""
+    folder: Path | None = None
+    """Where firmware keeps its files; None for a temporary one."""
 
 
 @dataclass(slots=True)
@@ -66,6 +75,7 @@ class Supervisor:
     plan: Plan
     report: Callable[[dict[str, Any]], None]
     children: list[Child] = field(default_factory=list)
+    _stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     def start(self) -> None:
         """Start every process, wait until all are ready, and give them a common clock.
@@ -78,30 +88,43 @@ class Supervisor:
         world = self._spawn(["-m", "sim_vehicles.world_process", *self._world_arguments()])
         truth_port = self._await_ready(world).split()[1]
         specs = vehicle_specs(self.plan.scenario, self.plan.seed)
-        packs = [specs[i : i + self.plan.pack] for i in range(0, len(specs), self.plan.pack)]
-        for pack in packs:
-            arguments = [
-                "-m",
-                "sim_vehicles.process",
-                "--gcs",
-                self.plan.gcs,
-                "--truth",
-                f"127.0.0.1:{truth_port}",
-            ]
-            arguments += [
-                "--frame-json",
-                json.dumps(_frame(self.plan.scenario)),
-                "--loss",
-                str(self.plan.loss),
-            ]
-            for spec in pack:
-                arguments += ["--spec-json", spec.to_json()]
-            self._spawn(arguments, tuple(spec.system_id for spec in pack))
+        if self.plan.sitl:
+            self._spawn_firmware(specs, truth_port)
+        else:
+            packs = [specs[i : i + self.plan.pack] for i in range(0, len(specs), self.plan.pack)]
+            for pack in packs:
+                arguments = ["-m", "sim_vehicles.process", *self._vehicle_arguments(truth_port, pack)]
+                self._spawn(arguments, tuple(spec.system_id for spec in pack))
         for child in self.children[1:]:
-            self._await_ready(child)
+            self._await_ready(child, _AIRBORNE_WITHIN_S if self.plan.sitl else _READY_WITHIN_S)
             for system_id in child.system_ids:
                 self.report({"event": "vehicle", "system_id": system_id, "pid": child.process.pid})
         self._give_clock()
+
+    def _vehicle_arguments(self, truth_port: str, specs: Sequence[VehicleSpec]) -> list[str]:
+        arguments = ["--gcs", self.plan.gcs, "--truth", f"127.0.0.1:{truth_port}"]
+        arguments += ["--frame-json", json.dumps(_frame(self.plan.scenario)), "--loss", str(self.plan.loss)]
+        for spec in specs:
+            arguments += ["--spec-json", spec.to_json()]
+        return arguments
+
+    def _spawn_firmware(self, specs: Sequence[VehicleSpec], truth_port: str) -> None:
+        sitl = self.plan.sitl
+        folder = self.plan.folder or Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+        for instance, spec in enumerate(specs):
+            name = "px4" if spec.autopilot == "px4" else "arduplane"
+            if name not in sitl:
+                (name,) = sitl
+            spec = replace(spec, autopilot="px4" if name == "px4" else "ardupilot")
+            arguments = ["-m", "sim_vehicles.firmware_process", *self._vehicle_arguments(truth_port, [spec])]
+            arguments += ["--firmware", name, "--binary", str(sitl[name]), "--instance", str(instance)]
+            arguments += [
+                "--speed",
+                str(self.plan.speed),
+                "--folder",
+                str(folder / f"{name}-{spec.system_id}"),
+            ]
+            self._spawn(arguments, (spec.system_id,))
 
     def _world_arguments(self) -> list[str]:
         plan = self.plan
@@ -128,11 +151,11 @@ class Supervisor:
         self.children.append(child)
         return child
 
-    def _await_ready(self, child: Child) -> str:
+    def _await_ready(self, child: Child, within_s: float = _READY_WITHIN_S) -> str:
         assert child.process.stdout is not None
         with selectors.DefaultSelector() as selector:
             selector.register(child.process.stdout, selectors.EVENT_READ)
-            line = child.process.stdout.readline().strip() if selector.select(_READY_WITHIN_S) else ""
+            line = child.process.stdout.readline().strip() if selector.select(within_s) else ""
         if not line.startswith("ready"):
             who = f"vehicle {child.system_ids}" if child.system_ids else "the world"
             self.stop()
@@ -173,6 +196,7 @@ class Supervisor:
             except subprocess.TimeoutExpired:
                 os.killpg(child.process.pid, 9)
                 child.process.wait()
+        self._stack.close()
 
 
 def _frame(scenario: Scenario) -> dict[str, float]:

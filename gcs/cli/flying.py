@@ -51,6 +51,14 @@ def demo(
         float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
     ] = 0.0,
     pack: Annotated[int, typer.Option(min=1, max=250, help="Simulated vehicles in each process.")] = 1,
+    sitl: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=PATH",
+            help="Fly real firmware instead of simulated autopilots: arduplane=PATH (ArduPilot's SITL) or "
+            "px4=PATH (PX4 with SIH). It is launched first, one process for each agent.",
+        ),
+    ] = None,
     forward: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,8 +75,19 @@ def demo(
     """
     from gcs.commands.demo import DemoOptions, run_demo
 
-    forwards = tuple(forward or ())
-    options = DemoOptions(scenario, seed, speed, duration, loss, pack, headless, as_json, out, forwards)
+    options = DemoOptions(
+        scenario,
+        seed,
+        speed,
+        duration,
+        loss,
+        pack,
+        headless,
+        as_json,
+        out,
+        tuple(forward or ()),
+        tuple(sitl or ()),
+    )
     with errors_shown():
         code = run_demo(options, console_for(stderr=as_json))
     raise typer.Exit(code)

@@ -38,6 +38,8 @@ from gcs.report.judge import Judge, Summary, judge_of, summary_json
 from gcs.report.summary import print_summary
 
 _STARTS_WITHIN_S = 90.0
+_LAUNCH_WITHIN_S = 180.0
+"""More, for real firmware: it boots and takes off."""
 _STOPS_WITHIN_S = 6.0
 
 
@@ -56,6 +58,8 @@ class DemoOptions:
     out: Path | None
     forward: tuple[str, ...] = ()
     """Where other ground stations may look on, besides those of the mission file."""
+    sitl: tuple[str, ...] = ()
+    """Real firmware to fly, each as NAME=PATH."""
 
 
 def run_demo(options: DemoOptions, console: Console) -> int:
@@ -183,20 +187,21 @@ async def _simulation(
     options: DemoOptions, port: int, zenoh: str, stop: asyncio.Event, console: Console
 ) -> AsyncIterator[RunClock]:
     """The simulated side as a process; yields the clock that it flies by, and ends it on the way out."""
+    firmware = [word for text in options.sitl for word in ("--sitl", text)]
+    starts_within_s = _STARTS_WITHIN_S + (_LAUNCH_WITHIN_S if options.sitl else 0.0)
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-P", "-m", "sim_vehicles", "run", options.scenario,
         "--seed", str(options.seed), "--speed", str(options.speed),
         "--gcs", f"127.0.0.1:{port}", "--zenoh", zenoh, "--zenoh-role", "connect",
         "--loss", str(options.loss), "--pack", str(options.pack), "--json", "--until-stdin-closes",
+        *firmware,
         stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, start_new_session=True,
     )  # fmt: skip
     watcher: asyncio.Task[None] | None = None
     try:
         starting = asyncio.create_task(_until_started(process, console))
         stopping = asyncio.create_task(stop.wait())
-        await asyncio.wait(
-            {starting, stopping}, timeout=_STARTS_WITHIN_S, return_when=asyncio.FIRST_COMPLETED
-        )
+        await asyncio.wait({starting, stopping}, timeout=starts_within_s, return_when=asyncio.FIRST_COMPLETED)
         if not starting.done():
             starting.cancel()
             if stop.is_set():
