@@ -131,12 +131,36 @@ def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def
 
 
 @compiling.leaf
+def _covers_good_frame(data, at, length, extras, frames, row, tries):  # type: ignore[no-untyped-def]
+    """Tell whether a good frame starts within the one claimed at `at`, and how many tries are left.
+
+    As `gcs.mavlink.codec` does it; `frames[row]` is overwritten.
+    """
+    end, stop = len(data), at + length
+    at += 1
+    while tries > 0 and at < stop:
+        inner = frame_at(data, at, end, extras, frames, row)
+        if inner != 0:
+            message_id = _message_id(data, at)
+            if message_id < len(extras) and extras[message_id] >= 0:
+                tries -= 1
+                if inner > 0:
+                    return True, tries
+        at += 1
+    return False, tries
+
+
+@compiling.leaf
 def _all(data, extras, frames):  # type: ignore[no-untyped-def]
     """Fill `frames` from its second row on, and the counters into its first."""
     count = bad_bytes = crc_errors = unknown = false_starts = 0
+    tries = _MAX_FALSE_STARTS
     at, end = 0, len(data)
     while at < end:
         length = frame_at(data, at, end, extras, frames, count + 1)
+        if length > 0 and not frames[count + 1, CHECKED]:
+            covers_good, tries = _covers_good_frame(data, at, length, extras, frames, count + 2, tries)
+            length = -length if covers_good else length
         if length > 0:
             count += 1
             unknown += 1 - frames[count, CHECKED]

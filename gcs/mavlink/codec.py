@@ -9,9 +9,10 @@ The checksum is CRC-16/MCRF4XX over everything after the first byte, plus one by
 message's definition: so a frame of an unknown id can be skipped, never checked.
 
 Every datagram is scanned from empty: what one sender truncated can never swallow the next sender's frame. A
-false start costs one byte, not the length it claims, so good frames behind a damaged one are found; the
-number of false starts per datagram is bounded, so that hostile bytes cannot buy much time. Nothing here
-raises on any input. Signatures are accepted unread.
+false start costs one byte, not the length it claims, so good frames behind a damaged one are found. Bytes
+that look like a frame of an unknown id are noise when a good frame starts within them. The number of false
+starts per datagram is bounded, so that hostile bytes cannot buy much time. Nothing here raises on any input.
+Signatures are accepted unread.
 
 The scan and the checksum are ours (a checksum must not depend on an environment variable, as it does in
 pymavlink); fields are unpacked by the dialect that pymavlink generates.
@@ -142,6 +143,7 @@ def scan(data: bytes) -> Scanned:
     frames: list[Frame] = []
     unchecked: list[Frame] = []
     bad_bytes = crc_errors = false_starts = 0
+    tries = _MAX_FALSE_STARTS
     at, end = 0, len(data)
     while at < end:
         length = _frame_length(data, at, end)
@@ -153,9 +155,11 @@ def scan(data: bytes) -> Scanned:
                 continue
             if _message_id(data, at) not in dialect.mavlink_map:
                 if at + length == end or data[at + length] in (_MAGIC_V1, _MAGIC_V2):
-                    unchecked.append(_frame(data, at, length))
-                    at += length
-                    continue
+                    covers_good, tries = _covers_good_frame(data, at, length, tries)
+                    if not covers_good:
+                        unchecked.append(_frame(data, at, length))
+                        at += length
+                        continue
             else:
                 crc_errors += 1
             false_starts += 1
@@ -167,6 +171,22 @@ def scan(data: bytes) -> Scanned:
         bad_bytes += next_at - at
         at = next_at
     return Scanned(frames, bad_bytes, crc_errors, unchecked)
+
+
+def _covers_good_frame(data: bytes, at: int, length: int, tries: int) -> tuple[bool, int]:
+    """Return True if a good frame starts within the one claimed at `at`, and how many tries are left.
+
+    A try is a checksum worked out; without any left, the claim is accepted.
+    """
+    end, stop = len(data), at + length
+    while tries and (marker := _MARKER.search(data, at + 1, stop)):
+        at = marker.start()
+        inner = _frame_length(data, at, end)
+        if inner and _message_id(data, at) in dialect.mavlink_map:
+            tries -= 1
+            if checked_frame(data, at, inner) is not None:
+                return True, tries
+    return False, tries
 
 
 def decode(data: bytes) -> tuple[list[Message], Scanned]:
