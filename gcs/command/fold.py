@@ -20,6 +20,7 @@ from gcs.command.area import mission_grid
 from gcs.command.delays import Delays
 from gcs.command.dispatch import Dispatch
 from gcs.command.fates import Fates
+from gcs.command.grounded import Grounded
 from gcs.command.guests import Guests
 from gcs.command.homing import Homing
 from gcs.command.keepouts import KeepOuts
@@ -110,7 +111,8 @@ class Command:
         self.approval = Approval(self.replanner)
         self.dispatch = Dispatch(self.replanner, self.approval, self.tasking, self.delays, self.guests)
         self.silence = Silence(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
-        self.orders = Orders(self.fleet, self.tasking, self.replanner)
+        self.orders = Orders(self.fleet, self.tasking, self.replanner, self._outlook)
+        self.grounded = Grounded(self.fleet, self.tasking, self.orders)
         self.rereading = Rereading(self.fleet, self.tasking, self.replanner, self.orders)
         self.recovery = Recovery(
             self.fleet,
@@ -178,6 +180,7 @@ class Command:
         for vehicle, message in self.fleet.receive(event):
             effects += self.dispatch.settle(self.tasking.receive(vehicle, message, event.t_ns))
             effects += self.orders.receive(vehicle, message, event.t_ns)
+            effects += self.grounded.receive(vehicle, message, event.t_ns)
             effects += self.rereading.receive(vehicle, message, event.t_ns)
             effects += self.guests.answered(vehicle, message, event.t_ns)
         return effects
@@ -199,11 +202,23 @@ class Command:
             case "keep-out":
                 effects = self._close(event)
             case _:
-                if event.action == "resume":
-                    self.guests.release(event.vehicles or self.guests.away())
-                    self.rereading.release(event.vehicles or self.rereading.away())
-                effects = self.dispatch.settle(self.orders.take(event, self.trackers.targets.beliefs.tracks))
+                targets = self.trackers.targets.beliefs.tracks
+                effects = self.dispatch.settle(self.orders.take(event, targets, self.away(), self._take_back))
         return effects + self.approval.refresh(event.t_ns, self.away())
+
+    def _outlook(self, vehicle: int) -> str:
+        """What a vehicle that is ours again and waits in LOITER can expect, in words."""
+        match self.fates.by_vehicle[vehicle].fate:
+            case "arrived":
+                return "has reached its target and gets no other"
+            case "dead":
+                return "is taken for lost, and gets a mission when it is seen again"
+        return "gets no mission, since the mission has ended" if self._ended else "waits for its next mission"
+
+    def _take_back(self, vehicle: int) -> None:
+        """Take a vehicle back, whoever gave it a mission, on an operator's order."""
+        self.guests.release([vehicle])
+        self.rereading.release([vehicle])
 
     def _close(self, event: Order) -> list[Effect]:
         """Close or open an area, and plan again at once."""
@@ -244,7 +259,10 @@ class Command:
         effects += self.dispatch.withdraw(event.t_ns)
         effects += self.dispatch.settle(self.tasking.poll(event.t_ns))
         effects += self.guests.poll(event.t_ns)
-        return effects + self.orders.poll(event.t_ns) + self.rereading.poll(event.t_ns)
+        effects += self.orders.poll(event.t_ns) + self.rereading.poll(event.t_ns)
+        if not self.recovery.is_under_way:
+            effects += self.grounded.poll(event.t_ns, self.away)
+        return effects
 
     def _scan(self, event: Scan) -> list[Effect]:
         seen = self.silence.scan(event.t_ns)

@@ -4,17 +4,21 @@ An order sets a vehicle aside at once: from then on it is not tasked, whatever b
 mission transfer under way is given up first, safely: the vehicle keeps a whole mission, or holds and is
 cleared. "Done" is said when the vehicle's own heartbeat shows it (`gcs.mavlink.errand`).
 
-A vehicle that is resumed goes back to its mission when that is whole and nobody else has its target by now;
-otherwise it waits in LOITER for the next plan. No mission is sent to it before it does: one that started it
-would be undone by the LOITER that is still on its way.
+A vehicle that is resumed, whoever took it, goes back to its mission when that was read back from it and
+nobody else has its target by now; otherwise it waits in LOITER for the next plan. No mission is sent to it
+before it does: one that started it would be undone by the LOITER that is still on its way. Near the ground a
+vehicle that returns or lands is not turned back: it has no room to turn in. An order that changes nothing is
+refused, and says so.
 
-Arming happens here and nowhere else, and only for an order that says so. Disarming is refused unless the
-vehicle reports that it stands on the ground, and it is never forced: the autopilot may refuse it as well.
+Arming happens here and nowhere else, and only for an order that says so. It is refused in a mode in which the
+vehicle would take off at once, unless it does so with a mission that was read back from it and is wanted now:
+PX4 and ArduPlane both begin the stored mission anew when they are armed in AUTO. Disarming is refused unless
+the vehicle reports that it stands on the ground, and it is never forced: the autopilot may refuse it as well.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -27,7 +31,7 @@ from gcs.mavlink.commands import command, set_mode
 from gcs.mavlink.errand import Errand, Shown
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.modes import AUTO, LOITER, RTL
-from gcs.model import Aside, Effect, Label, Order, Route, VehicleState, vehicle_name
+from gcs.model import AnswerState, Aside, Effect, Label, Order, Route, VehicleState, vehicle_name
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _SET_ASIDE: Final = {"hold": LOITER, "return": RTL}
@@ -37,8 +41,13 @@ _PILOTED: Final = frozenset(
     | {"ALTCTL", "POSCTL", "RATTITUDE", "QSTABILIZE", "QHOVER", "QACRO"}
 )
 """Somebody has the sticks: we do not take the aircraft out of their hands."""
+_SELF_LAUNCHING: Final = frozenset({AUTO, "TAKEOFF"})
+"""Armed on the ground in one of these a vehicle takes off at once."""
 _STANDING_M_S = 2.0
 _STANDING_M = 5.0
+MIN_RESUME_HEIGHT_M: Final = 40.0
+"""Height above home below which a vehicle that returns or lands is not turned back: above the 30 m at which
+the landing approaches of our missions begin."""
 
 
 class Orders:
@@ -52,14 +61,22 @@ class Orders:
         Whose transfers an order ends.
     replanner : Replanner
         Who flies what.
+    outlook : callable
+        What a vehicle that waits in LOITER, released, can expect; in words.
     """
 
-    def __init__(self, fleet: Fleet, tasking: Tasking, replanner: Replanner) -> None:
+    def __init__(
+        self,
+        fleet: Fleet,
+        tasking: Tasking,
+        replanner: Replanner,
+        outlook: Callable[[int], str] = lambda _vehicle: "waits for its next mission",
+    ) -> None:
         self.aside: dict[int, Aside] = {}
         """Vehicles that are not tasked, and why."""
         self.suspended: dict[int, Route] = {}
         """Whole routes of vehicles set aside."""
-        self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
+        self._fleet, self._tasking, self._replanner, self._outlook = fleet, tasking, replanner, outlook
         self._errands: dict[int, tuple[Errand, Ongoing]] = {}
 
     def away(self) -> dict[int, str]:
@@ -77,7 +94,13 @@ class Orders:
         """Vehicles that are being told what to do, and have not shown it."""
         return self._errands
 
-    def take(self, order: Order, targets: Container[Label]) -> list[Effect]:
+    def take(
+        self,
+        order: Order,
+        targets: Container[Label],
+        away: Mapping[int, str],
+        release: Callable[[int], None] = lambda _vehicle: None,
+    ) -> list[Effect]:
         """Begin to carry out an order to vehicles.
 
         Parameters
@@ -86,24 +109,36 @@ class Orders:
             One of hold, resume, return, arm, disarm.
         targets
             Those that are there to be flown to.
+        away
+            Vehicles that are not to be tasked now, and why, in words.
+        release
+            Called with each vehicle that is taken back, before anything is sent to it.
         """
         known = {health.system_id: health for health in self._fleet.health()}
         vehicles = order.vehicles if order.vehicles is not None else tuple(known)
         ongoing = Ongoing(order, set(vehicles))
         effects: list[Effect] = []
-        begun = []
+        begun, unchanged = [], {}
         for vehicle in vehicles:
             if vehicle not in known:
                 refusal = f"no vehicle of this mission; it has {', '.join(map(vehicle_name, known))}"
             elif known[vehicle].address is None:
                 refusal = "never heard"
+            elif is_so := self._is_so(order, vehicle, away, is_heard=known[vehicle].liveness == "alive"):
+                unchanged[vehicle] = f"{is_so}: nothing was changed"
+                continue
             else:
-                refusal = self._refusal(order, vehicle)
+                refusal = self._refusal(order, vehicle, is_heard=known[vehicle].liveness == "alive")
             if refusal:
                 effects.append(ongoing.answer(order.t_ns, "refused", refusal, vehicle))
             else:
                 begun.append(vehicle)
+        state: AnswerState = "done" if begun and order.vehicles is None else "refused"
+        for vehicle, text in unchanged.items():
+            effects.append(ongoing.answer(order.t_ns, state, text, vehicle))
         for vehicle in begun:
+            if order.action == "resume":
+                release(vehicle)
             effects += self._begin(ongoing, vehicle, known[vehicle].autopilot, targets)
         if not ongoing.waiting:
             return effects
@@ -122,13 +157,67 @@ class Orders:
 
     # ------------------------------------------------------------ one vehicle
 
-    def _refusal(self, order: Order, vehicle: int) -> str:
+    def _is_so(self, order: Order, vehicle: int, away: Mapping[int, str], *, is_heard: bool) -> str:
+        """Say how a vehicle already is what an order wants; empty when it is not, or that is not known."""
         state = self._fleet.state(vehicle)
-        if order.action == "resume" and state is not None and state.mode in _PILOTED:
-            return f"is in {state.mode}: whoever flies it has to give it back"
-        if order.action == "disarm":
-            return self._airborne(vehicle, state)
+        if vehicle in self._errands or state is None or not is_heard:
+            return ""
+        match order.action:
+            case "resume" if vehicle not in away:
+                return f"was not set aside, and is in {state.mode or 'a mode that it has not told'}"
+            case "hold" | "return" if (self.aside.get(vehicle), state.mode) == (
+                order.action,
+                _SET_ASIDE[order.action],
+            ):
+                return _WORDS[order.action]
+            case "arm" if state.armed:
+                return "is armed"
+            case "disarm" if not state.armed:
+                return "is disarmed"
         return ""
+
+    def _refusal(self, order: Order, vehicle: int, *, is_heard: bool) -> str:
+        state = self._fleet.state(vehicle)
+        match order.action:
+            case "resume":
+                return self._stays(state)
+            case "arm":
+                return self._takes_off(vehicle, state) if is_heard else "is not heard: its mode is not known"
+            case "disarm":
+                return self._airborne(vehicle, state)
+        return ""
+
+    def _stays(self, state: VehicleState | None) -> str:
+        """Say why a vehicle is not taken out of the mode that it is in; empty when it can be."""
+        if state is None:
+            return ""
+        if state.mode in _PILOTED:
+            return f"is in {state.mode}: whoever flies it has to give it back"
+        height_m = self._tasking.height_m(state)
+        low = height_m < min(MIN_RESUME_HEIGHT_M, 0.5 * self._tasking.altitude_rel_m)
+        if state.mode == LOITER or _stands(state) or not low:
+            return ""
+        return (
+            f"is in {state.mode}, {height_m:.0f} m above home: too low to turn back; let it land, or order "
+            "it to resume when it is higher"
+        )
+
+    def _takes_off(self, vehicle: int, state: VehicleState | None) -> str:
+        """Say why a vehicle would take off with a mission that nobody wants now; empty when it would not."""
+        if state is None or not state.mode:
+            return "has not told its mode and position yet"
+        if state.mode not in _SELF_LAUNCHING or (state.mode == AUTO and self.may_fly(vehicle)):
+            return ""
+        return (
+            f"is in {state.mode}: armed, it would take off at once, and not with a mission that was read "
+            "back from it and is wanted now; order it to hold first, then arm it"
+        )
+
+    def may_fly(self, vehicle: int) -> bool:
+        """Whether a vehicle stores the mission that it is to fly now, by a read-back of this run."""
+        route, flown = self._replanner.routes.get(vehicle), self._tasking.flown(vehicle)
+        is_stored = flown is not None and flown.route is route
+        return is_stored and vehicle not in self.aside and vehicle not in self._tasking.under_way
 
     def _airborne(self, vehicle: int, state: VehicleState | None) -> str:
         """Say why it may be in the air; empty when it reports that it stands on the ground."""
@@ -150,18 +239,12 @@ class Orders:
             question = command(vehicle, _ARM_DISARM, 1.0 if arm else 0.0)
             return effects + self._send(ongoing, vehicle, question, lambda shown: shown.armed is arm)
         if order.action == "resume":
-            if vehicle not in self.aside and self._is_taskable(vehicle):
-                return [*effects, ongoing.answer(order.t_ns, "done", "was not set aside", vehicle)]
             mode = self._take_up(vehicle, targets)
         else:
             mode = _SET_ASIDE[order.action]
             effects += self._set_aside(vehicle, "hold" if order.action == "hold" else "return", order.t_ns)
         question = set_mode(vehicle, autopilot, mode)
         return effects + self._send(ongoing, vehicle, question, lambda shown: shown.mode == mode)
-
-    def _is_taskable(self, vehicle: int) -> bool:
-        state = self._fleet.state(vehicle)
-        return state is not None and state.mode in (AUTO, LOITER)
 
     def _set_aside(self, vehicle: int, why: Aside, t_ns: int) -> list[Effect]:
         self.aside[vehicle] = why
@@ -176,12 +259,16 @@ class Orders:
         self.aside.pop(vehicle, None)
         self._tasking.release(vehicle)
         route = self.suspended.pop(vehicle, None)
-        if vehicle in self._replanner.routes:
-            return AUTO if vehicle not in self._tasking.under_way else LOITER
-        if route is None or route.target not in targets or route.target in self._replanner.assigned.values():
-            return LOITER
-        self._replanner.routes[vehicle] = route
-        return AUTO
+        if vehicle not in self._replanner.routes:
+            taken = self._replanner.assigned.values()
+            if route is None or route.target not in targets or route.target in taken:
+                return LOITER
+            self._replanner.routes[vehicle] = route
+        if self.may_fly(vehicle):
+            return AUTO
+        if vehicle not in self._tasking.under_way:
+            self._replanner.undelivered(vehicle)  # the next plan has another
+        return LOITER
 
     # ------------------------------------------------------------ errands
 
@@ -199,8 +286,11 @@ class Orders:
         if errand.outcome is not None:
             del self._errands[vehicle]
             done, detail = errand.outcome
-            if ongoing.order.action == "resume" and not done and vehicle not in self._tasking.under_way:
+            if ongoing.order.action == "resume" and done:
+                detail += "" if self.may_fly(vehicle) else f": {self._outlook(vehicle)}"
+            elif ongoing.order.action == "resume" and vehicle not in self._tasking.under_way:
                 self._replanner.undelivered(vehicle)  # it does not fly its route: the next plan has another
+                detail += "; it gets a new mission with the next plan"
             effects.append(ongoing.answer(t_ns, "done" if done else "failed", detail, vehicle))
         return effects
 
@@ -210,3 +300,8 @@ class Orders:
             return []
         _, ongoing = self._errands.pop(vehicle)
         return [ongoing.answer(t_ns, "failed", why, vehicle)]
+
+
+def _stands(state: VehicleState) -> bool:
+    """Return True if a vehicle reports that it stands on the ground, disarmed."""
+    return not state.armed and state.ground_speed_m_s <= _STANDING_M_S

@@ -153,6 +153,11 @@ class Recovery:
                 self._rereading.begin(flown, t_ns, self._take_up)
         return effects
 
+    @property
+    def is_under_way(self) -> bool:
+        """True if who flies what is still being found out."""
+        return self._until_t_ns is not None or self._rereading.hurries
+
     def _take_up(self, flown: Flown) -> None:
         """Take up the route of a vehicle that flies it."""
         vehicle = flown.route.vehicle

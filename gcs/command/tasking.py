@@ -28,6 +28,7 @@ from gcs.mavlink.codec import Message
 from gcs.mavlink.custody import Custody
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Home
+from gcs.mavlink.modes import LOITER
 from gcs.mavlink.pace import Pace
 from gcs.mavlink.profiles.profile import is_on_ground
 from gcs.mavlink.task import Timing
@@ -41,6 +42,7 @@ from gcs.model import (
     Upload,
     UploadAnswer,
     UploadReport,
+    VehicleState,
 )
 from gcs.planning.homing import WayHome
 from gcs.planning.prediction import Ahead
@@ -195,6 +197,19 @@ class Tasking:
         """Take a vehicle back that somebody else took, on an operator's order."""
         self._custody[vehicle].release()
         self._waiting.forgive(vehicle)
+
+    @property
+    def altitude_rel_m(self) -> float:
+        """Height above home of the lowest altitude lane."""
+        return self._table.altitude_rel_m
+
+    def height_m(self, state: VehicleState) -> float:
+        """Height of a vehicle above its home; above the mission's own when it has not told its home."""
+        return state.alt_msl_m - (self._fleet.home(state.system_id) or self._home).alt_msl_m
+
+    def parked(self, vehicle: int) -> None:
+        """Note that a vehicle on the ground is told to LOITER: it stays ours to task."""
+        self._custody[vehicle].ordered(LOITER)
 
     # ------------------------------------------------------------ in
 

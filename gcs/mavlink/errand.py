@@ -59,14 +59,15 @@ class Errand:
         self._wanted, self._encode, self._own = wanted, encode, own
         self._asking = Asking(question, PATIENCE, t_ns)
         self._shown = self._refusals = 0
-        self._said = ""
+        self._said = self._put_off = ""
 
     def poll(self, t_ns: int) -> list[bytes]:
         """Let time pass; returns the frames to send."""
         if self.outcome is not None:
             return []
         if self._asking.unanswered(t_ns):
-            self.outcome = (False, self._said or f"no answer to {self._asking.sent} commands")
+            nothing = f"{self._put_off or 'no answer'} to {self._asking.sent} commands"
+            self.outcome = (False, self._said or nothing)
             return []
         # A mode that is shown once already is not asked for again before the next heartbeat.
         return [self._encode(self._asking.question)] if not self._shown and self._asking.due(t_ns) else []
@@ -91,12 +92,14 @@ class Errand:
 
     def _on_ack(self, message: Message) -> None:
         mine = message.target_system in (0, self._own[0]) and message.target_component in (0, self._own[1])
-        harmless = (
-            dialect.MAV_RESULT_ACCEPTED,
-            dialect.MAV_RESULT_IN_PROGRESS,
-            dialect.MAV_RESULT_TEMPORARILY_REJECTED,
-        )
-        if not mine or message.command != self._command or message.result in harmless:
+        if not mine or message.command != self._command:
+            return
+        if message.result == dialect.MAV_RESULT_TEMPORARILY_REJECTED:
+            self._put_off = (
+                "TEMPORARILY_REJECTED"  # it may do so later: PX4 says so of AUTO without a mission
+            )
+            return
+        if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             return
         self._refusals += 1
         if self._refusals >= _REFUSALS:

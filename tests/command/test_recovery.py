@@ -231,8 +231,10 @@ def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_after_a_restart_until_i
     again = Command(mission, 1)
     again.step(Resumed(t_ns + 13 * S, through_the_journal(after.memory(t_ns + 12 * S))))
     assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "told once"
-    again.step(order(60.0, "resume"))
-    assert again.away() == {}
+    heartbeat = Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
+    again.step(Datagram(t_ns + 61 * S, "udpin:0.0.0.0:14550", "10.0.0.1:5", heartbeat))
+    again.step(order(61.0, "resume", 1))
+    assert "system 254" not in str(again.away())
 
 
 def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_flies_on() -> None:

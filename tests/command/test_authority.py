@@ -1,0 +1,199 @@
+"""An operator would lose the aircraft: one that takes off unasked, or is turned back at tree height.
+
+A vehicle is played message by message, as ArduPlane or as PX4.
+"""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from test_guests import AIR, MISSION, S
+
+from gcs.command.fold import Command
+from gcs.config import parse
+from gcs.mavlink.codec import Encoder
+from gcs.mavlink.codec import decode as decode_frames
+from gcs.mavlink.profiles import profile_of
+from gcs.model import Datagram, Notice, Order, OrderAnswer, Send, Tick
+
+ARDUPLANE, PX4 = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, dialect.MAV_AUTOPILOT_PX4
+BOTH = pytest.mark.parametrize("autopilot", [ARDUPLANE, PX4])
+SET_MODE, ARM = dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM
+PEER = "10.0.0.1:5"
+
+
+class Stage:
+    """A service and one vehicle, which shows what a test says that it shows."""
+
+    def __init__(self, autopilot: int, mode: str, *, armed: bool, height_m: float, speed_m_s: float) -> None:
+        self.command, self.t_ns = Command(parse(MISSION, "x"), 1), S
+        self.encode, self.autopilot = Encoder(1, 1), autopilot
+        self.mode, self.armed, self.height_m, self.speed_m_s = mode, armed, height_m, speed_m_s
+        self.effects: list = []
+        self.wait(2.0)
+
+    def step(self, event) -> list:
+        found = self.command.step(event)
+        self.effects += found
+        return found
+
+    def hear(self, message) -> None:
+        self.step(Datagram(self.t_ns, AIR, PEER, self.encode(message)))
+
+    def show(self) -> None:
+        profile = profile_of(self.autopilot)
+        assert profile is not None
+        main, sub = profile.mode_numbers(self.mode)
+        custom = main << 16 | sub << 24 if self.autopilot == PX4 else main
+        self.hear(dialect.MAVLink_heartbeat_message(1, self.autopilot, 1 + 128 * self.armed, custom, 4, 3))
+        self.hear(
+            dialect.MAVLink_home_position_message(
+                330000000, -870000000, 70_000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0
+            )
+        )
+        alt_mm = round((70 + self.height_m) * 1000)
+        ms, speed_cm_s = self.t_ns // 1_000_000, round(self.speed_m_s * 100)
+        self.hear(
+            dialect.MAVLink_global_position_int_message(
+                ms, 330001000, -869998000, alt_mm, alt_mm - 70_000, speed_cm_s, 0, 0, 0
+            )
+        )
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass; the vehicle does as it is told."""
+        for _ in range(round(seconds / 0.5)):
+            self.t_ns += S // 2
+            self.show()
+            self.step(Tick(self.t_ns))
+
+    def order(self, action) -> list[OrderAnswer]:
+        found = self.step(Order(self.t_ns, f"{action}-{self.t_ns}", action, (1,)))
+        return [effect for effect in found if isinstance(effect, OrderAnswer)]
+
+    def commands(self, number: int) -> list:
+        """What was sent of one MAV_CMD."""
+        sent = [m for e in self.effects if isinstance(e, Send) for m in decode_frames(e.data)[0]]
+        return [m for m in sent if m.get_type() == "COMMAND_LONG" and m.command == number]
+
+    def notices(self) -> list[str]:
+        return [e.text for e in self.effects if isinstance(e, Notice)]
+
+
+def landed(autopilot: int, mode: str = "AUTO") -> Stage:
+    return Stage(autopilot, mode, armed=False, height_m=0.5, speed_m_s=0.0)
+
+
+def airborne(autopilot: int, mode: str, height_m: float = 100.0) -> Stage:
+    return Stage(autopilot, mode, armed=True, height_m=height_m, speed_m_s=15.0)
+
+
+# ---------------------------------------------------------------- arming
+
+
+@BOTH
+def test_a_landed_vehicle_in_auto_is_not_armed_into_its_old_mission(autopilot: int) -> None:
+    stage = landed(autopilot)
+    (answer,) = stage.order("arm")
+    assert answer.state == "refused"
+    assert "take off at once" in answer.detail
+    stage.wait(5.0)
+    assert not stage.commands(ARM)
+
+
+@BOTH
+def test_a_landed_vehicle_in_auto_is_put_into_hold_and_can_be_armed_there(autopilot: int) -> None:
+    stage = landed(autopilot)
+    assert stage.commands(SET_MODE)
+    assert any("stands on the ground in AUTO" in text for text in stage.notices())
+    stage.mode = "LOITER"
+    stage.wait(3.0)
+    assert stage.command.away() == {}, "it stays ours to task"
+    (answer,) = stage.order("arm")
+    assert answer.state == "accepted"
+    assert stage.commands(ARM)
+
+
+def test_a_landed_vehicle_that_stays_in_auto_is_an_alarm_and_said_once() -> None:
+    stage = landed(PX4)
+    stage.wait(120.0)
+    assert len([text for text in stage.notices() if "stays in AUTO on the ground" in text]) == 1
+    assert len(stage.commands(SET_MODE)) <= 10
+
+
+def test_a_vehicle_that_flies_its_mission_is_not_stopped() -> None:
+    stage = airborne(ARDUPLANE, "AUTO")
+    stage.wait(5.0)
+    assert not stage.commands(SET_MODE)
+
+
+def test_a_vehicle_that_takes_off_by_its_mode_is_not_armed_in_it() -> None:
+    stage = landed(ARDUPLANE, "TAKEOFF")
+    assert stage.order("arm")[0].state == "refused"
+
+
+def test_a_vehicle_that_has_fallen_silent_is_not_armed() -> None:
+    stage = landed(PX4, "LOITER")
+    stage.t_ns += 4 * S
+    stage.step(Tick(stage.t_ns))
+    (answer,) = stage.order("arm")
+    assert (answer.state, answer.detail) == ("refused", "is not heard: its mode is not known")
+
+
+# ---------------------------------------------------------------- resuming
+
+
+@BOTH
+def test_resume_takes_a_vehicle_back_from_an_operators_loiter(autopilot: int) -> None:
+    stage = airborne(autopilot, "AUTO")
+    stage.mode = "LOITER"
+    stage.wait(2.0)
+    assert stage.command.away() == {1: "is in LOITER and left alone"}
+    assert stage.order("resume")[0].state == "accepted"
+    stage.wait(3.0)
+    assert stage.command.away() == {}
+    (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
+    assert answer.detail == "LOITER, armed: waits for its next mission"
+
+
+def test_orders_that_change_nothing_say_so_and_are_refused() -> None:
+    stage = airborne(ARDUPLANE, "AUTO")
+    (answer,) = stage.order("resume")
+    assert (answer.state, answer.detail) == (
+        "refused", "was not set aside, and is in AUTO: nothing was changed",
+    )  # fmt: skip
+    (answer,) = stage.order("arm")
+    assert (answer.state, answer.detail) == ("refused", "is armed: nothing was changed")
+    assert stage.order("hold")[0].state == "accepted"
+    stage.mode = "LOITER"
+    stage.wait(3.0)
+    (answer,) = stage.order("hold")
+    assert (answer.state, answer.detail) == ("refused", "is held by order: nothing was changed")
+
+
+@BOTH
+@pytest.mark.parametrize(("height_m", "is_refused"), [(13.0, True), (39.0, True), (41.0, False)])
+def test_a_vehicle_near_the_ground_is_not_turned_back(
+    autopilot: int, height_m: float, is_refused: bool
+) -> None:
+    stage = airborne(autopilot, "RTL", height_m)
+    (answer, *_) = stage.order("resume")
+    assert answer.state == ("refused" if is_refused else "accepted")
+    if is_refused:
+        assert answer.detail == (
+            f"is in RTL, {height_m:.0f} m above home: too low to turn back; let it land, or order it to "
+            "resume when it is higher"
+        )
+        assert not stage.commands(SET_MODE)
+
+
+@BOTH
+def test_a_vehicle_that_stands_in_rtl_is_resumed_into_hold_and_never_into_auto(autopilot: int) -> None:
+    stage = landed(autopilot, "RTL")
+    assert stage.order("resume")[0].state == "accepted"
+    stage.mode = "LOITER"
+    stage.wait(3.0)
+    assert stage.command.away() == {}
+    profile = profile_of(autopilot)
+    assert profile is not None
+    modes = {(m.param2, m.param3) for m in stage.commands(SET_MODE)}
+    assert modes == {profile.mode_numbers("LOITER")}
