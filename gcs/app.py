@@ -48,6 +48,8 @@ from gcs.model import (
     Tick,
     Truth,
     Upload,
+    system_of,
+    vehicle_name,
 )
 
 TICK_NS = NS_PER_S // 20
@@ -113,6 +115,7 @@ class Service:
         self._memory: Memory | None = None
         self._tick_waits = False
         self._lag_warned = False
+        self._keyless: set[int] = set()
         self._uploader: MavsdkUploader | None = None
         if config.mission.uploader == "mavsdk":
             self._uploader = MavsdkUploader(
@@ -258,11 +261,27 @@ class Service:
             if isinstance(event, Tick):
                 self._tick_waits = False
                 self.links.tick(event.t_ns)
+                self._tell_keyless()
             self._watch_lag(self.clock.now_ns() - event.t_ns)
             ended = self._work(event)
             if ended and end_with_mission:
                 stop.set()
                 return
+
+    def _tell_keyless(self) -> None:
+        """Say once of each vehicle that signs its frames that there is no key for it here."""
+        fleet, gate = self.command.fleet, self.links.signing.gate
+        for agent in self.config.agents:
+            vehicle = agent.vehicle
+            if not fleet.is_signed(vehicle) or vehicle in self._keyless:
+                continue
+            if not gate.is_keyed(fleet.link(vehicle), system_of(vehicle)):
+                self._keyless.add(vehicle)
+                text = (
+                    f"agent {vehicle_name(vehicle)} signs its frames, and there is no key for it here; "
+                    "it may ignore all that we send: put its key into links.keys (docs/signing.md)"
+                )
+                self.on_link_news(fleet.link(vehicle), "alarm", text)
 
     def _work(self, event: Event) -> bool:
         self._record(lambda recorder: recorder.event(event))
@@ -318,9 +337,14 @@ class Service:
             t_ns = self.clock.now_ns()
             text = (
                 f"{LAG_TEXT}: {lag_ns / NS_PER_S:.1f} s of run time behind, "
-                f"{self.health.dropped} events dropped; a lower --speed would help"
+                f"{self.health.dropped} events dropped; {self._lag_remedy()}"
             )
             self._carry_out(t_ns, Notice(t_ns, "warning", text))
+
+    def _lag_remedy(self) -> str:
+        if self.clock.speed > 1.0:
+            return "a lower --speed would help"
+        return "end other programs here, lower telemetry.rate_hz, or publish fewer scans a second"
 
 
 def _first(failures: BaseExceptionGroup[GcsError]) -> GcsError:

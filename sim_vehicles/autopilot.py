@@ -132,6 +132,13 @@ class Autopilot:
             return None
         return "Gyros inconsistent"
 
+    def report_prearm_failure(self, t_ns: int) -> bool:
+        """Say as a status text why it cannot arm now; return True if there is a reason."""
+        failure = self.prearm_failure(t_ns)
+        if failure is not None:
+            self._tell(mavlink.MAV_SEVERITY_CRITICAL, f"PreArm: {failure}")
+        return failure is not None
+
     def is_position_known(self, t_ns: int) -> bool:
         """Whether there is a fix and an origin: half-way through the start-up checks."""
         return t_ns >= (self.boot_t_ns + self._checks_done_ns) // 2
@@ -140,9 +147,7 @@ class Autopilot:
         """Arm, if the checks let it; the reason of a refusal is told as a status text."""
         if self.armed:
             return True
-        failure = None if force else self.prearm_failure(t_ns)
-        if failure is not None:
-            self._tell(mavlink.MAV_SEVERITY_CRITICAL, f"PreArm: {failure}")
+        if not force and self.report_prearm_failure(t_ns):
             return False
         self.armed = True
         self.home = Home(self.airframe.east_m, self.airframe.north_m, self.airframe.alt_rel_m)

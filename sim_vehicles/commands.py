@@ -80,6 +80,7 @@ class Commands:
             mavlink.MAV_CMD_DO_SET_MODE: self._do_set_mode,
             mavlink.MAV_CMD_MISSION_START: self._mission_start,
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
+            mavlink.MAV_CMD_RUN_PREARM_CHECKS: self._run_prearm_checks,
             mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_current,
             mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda _c, _t: self._mode(Mode.LOITER),
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _c, _t: self._mode(Mode.RTL),
@@ -145,6 +146,12 @@ class Commands:
         if command.p1 == 0.0:
             return _ACCEPTED if self._autopilot.disarm() else _FAILED
         return _UNSUPPORTED
+
+    def _run_prearm_checks(self, _command: Command, t_ns: int) -> int:
+        if self._autopilot.armed:
+            return _DENIED
+        self._autopilot.report_prearm_failure(t_ns)
+        return _ACCEPTED
 
     def _set_current(self, command: Command, t_ns: int) -> int:
         if not self._autopilot.personality.has_set_current_command:

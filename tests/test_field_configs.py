@@ -7,8 +7,10 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.command.mission_checks import mission_checks, rehearse
+from gcs.command.return_height import return_height_check
 from gcs.config import load
 from gcs.fence import fence_of, rally_of
+from gcs.mavlink.profiles import ARDUPLANE, PX4
 
 FIELD = Path(__file__).parent.parent / "config" / "field"
 FILES = sorted(FIELD.glob("*.toml"))
@@ -16,6 +18,20 @@ FILES = sorted(FIELD.glob("*.toml"))
 
 def test_the_field_guide_has_its_three_files():
     assert {path.stem for path in FILES} == {"arduplane-sitl", "px4-sitl", "serial-radio"}
+
+
+RETURN_PARAMETERS = {"arduplane-sitl": {"RTL_ALTITUDE": 100}, "px4-sitl": {"RTL_RETURN_ALT": 100}}
+"""As the firmwares have them for a plane."""
+
+
+@pytest.mark.parametrize("name", RETURN_PARAMETERS)
+def test_a_vehicle_of_a_shipped_file_returns_below_the_file_s_ceiling(name):
+    config = load(str(FIELD / f"{name}.toml"))
+    profile = ARDUPLANE if name == "arduplane-sitl" else PX4
+    rally_m = [point.alt_rel_m for point in rally_of(config)]
+    ceiling_m = config.fence.max_alt_rel_m
+    (row,) = return_height_check(1, profile, RETURN_PARAMETERS[name], rally_m, ceiling_m)
+    assert row.level == "ok", row
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)

@@ -10,25 +10,25 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.command.checks import Check, Level
+from gcs.command.return_height import MARGIN_M, return_height_check
 from gcs.config import Config
 from gcs.fence import Fence, fence_of, rally_of
 from gcs.geo import LocalFrame
 from gcs.mavlink.fencing import FENCE, RALLY, fence_held, fence_items, list_difference, rally_items
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.inspection import Inspection
+from gcs.mavlink.modes import AUTO, LOITER, RTL
 from gcs.mavlink.profiles import Envelope, FenceLimits, ParameterWish, mode_name
 from gcs.mavlink.vehicle import Health
-from gcs.model import NS_PER_S, FloatArray
+from gcs.model import NS_PER_S, FloatArray, vehicle_name
 
-_TASKABLE: Final = ("AUTO", "LOITER")
+_TASKABLE: Final = (AUTO, LOITER)
 _MIN_BATTERY: Final = (25, 50)
 """Percent: below the first refused, below the second told."""
 _MAX_CLOCK_S: Final = 1.0
 _HOME_M: Final = 50.0
 """A home farther than this from a vehicle on the ground is not where it stands."""
-_MARGIN_M: Final = 10.0
 _MIN_SATELLITES: Final = 8
-_NO_BOUND: Final = 2**24
 _SENSORS: Final = {
     dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
     dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL: "accelerometer",
@@ -51,7 +51,8 @@ _POSITION_OF: Final = {
 
 def envelope_of(config: Config) -> Envelope:
     """Return what the mission asks of its vehicles."""
-    return Envelope(config.airframe.speed_m_s, config.airframe.bank_deg)
+    lands = config.mission.end == "land"
+    return Envelope(config.airframe.speed_m_s, config.airframe.bank_deg, lands)
 
 
 class VehicleJudge:
@@ -61,6 +62,8 @@ class VehicleJudge:
     ----------
     ways_m : sequence of FloatArray
         What the mission may ask it to fly: (n, 2) east/north each, from where it is.
+    has_key : bool
+        True if there is a signing key for it here.
     """
 
     def __init__(
@@ -70,7 +73,10 @@ class VehicleJudge:
         config: Config,
         ways_m: Sequence[FloatArray],
         t_ns: int,
+        *,
+        has_key: bool = False,
     ) -> None:
+        self._has_key = has_key
         self._seen, self._config, self._ways_m, self._t_ns = inspection, config, ways_m, t_ns
         self._vehicle = inspection.vehicle
         self._state = fleet.state(self._vehicle)
@@ -90,9 +96,10 @@ class VehicleJudge:
                 )
             ]
         rows = [self._link(), self._firmware(), self._fix(), self._position(), self._home(), self._mode()]
-        rows += [self._armed(), self._sensors(), self._battery(), self._clock(), self._signing()]
+        rows += [self._armed(), self._sensors(), *self._texts(), self._battery(), self._clock()]
+        rows.append(self._signing())
         if self._seen.profile is not None:
-            rows += [*self._parameters(), *self._fence(), *self._rally()]
+            rows += [*self._parameters(), *self._fence(), *self._rally(), *self._return_height()]
         return rows
 
     def _row(self, name: str, level: Level, value: str, wanted: str = "", remedy: str = "") -> Check:
@@ -182,17 +189,26 @@ class VehicleJudge:
         return self._row("home", "ok", text)
 
     def _mode(self) -> Check:
-        mode = mode_name(self._messages["HEARTBEAT"])
-        return self._row(
-            "mode",
-            "ok" if mode in _TASKABLE else "warning",
-            mode,
-            " or ".join(_TASKABLE),
-            f"no missions are sent to it while it is in {mode}",
-        )
+        mode, who = mode_name(self._messages["HEARTBEAT"]), f"-v {vehicle_name(self._vehicle)}"
+        if self._is_armed and mode not in _TASKABLE:
+            remedy = f"it gets no mission in {mode}: gcs order resume {who}, when its pilot agrees"
+        elif mode == AUTO and not self._is_armed:
+            remedy = f"armed in AUTO it takes off with the mission that it holds: gcs order hold {who}"
+        elif mode == RTL:
+            remedy = "a lost ground station puts it there, and it cannot be armed in RTL"
+            remedy += f": gcs run, then gcs order hold {who}, or LOITER by the transmitter"
+        elif mode not in _TASKABLE:
+            remedy = f"it gets no mission in {mode}: gcs run, then gcs order hold {who}, or LOITER by hand"
+        else:
+            return self._row("mode", "ok", mode)
+        return self._row("mode", "warning", mode, " or ".join(_TASKABLE), remedy)
+
+    @property
+    def _is_armed(self) -> bool:
+        return bool(self._messages["HEARTBEAT"].base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
 
     def _armed(self) -> Check:
-        armed = bool(self._messages["HEARTBEAT"].base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        armed = self._is_armed
         return self._row(
             "armed",
             "warning" if armed else "ok",
@@ -212,8 +228,13 @@ class VehicleJudge:
             "refused" if ill else "ok",
             f"{', '.join(ill)} not healthy" if ill else "healthy",
             "healthy",
-            "what the vehicle says (STATUSTEXT) tells why",
+            "its reasons stand below" if self._seen.texts else "it does not say why: look at it",
         )
+
+    def _texts(self) -> Iterator[Check]:
+        """Show what it said of itself while it was asked."""
+        for text in self._seen.texts:
+            yield self._row("says", "warning", text, "", "its own words (STATUSTEXT)")
 
     def _battery(self) -> Check:
         status = self._messages.get("SYS_STATUS")
@@ -242,6 +263,9 @@ class VehicleJudge:
 
     def _signing(self) -> Check:
         signed, wanted = self._health.signed, bool(self._config.links.keys)
+        if signed and not self._has_key:
+            text = "it may ignore all that we send: put its key into links.keys (docs/signing.md)"
+            return self._row("signing", "refused", "signed, no key for it here", "its key", text)
         return self._row(
             "signing",
             "ok" if signed or not wanted else "warning",
@@ -266,11 +290,14 @@ class VehicleJudge:
         if found is None:
             names = " or ".join(wish.all_names)
             text = "this firmware has none of that name, or the answer was lost: look by hand"
-            return self._row(names, "warning", "no answer", _range(wish), text)
+            return self._row(names, "warning", "no answer", wish.wanted, text)
         wish, name = found
-        good = wish.low <= values[name] <= wish.high
-        level: Level = "ok" if good else "refused" if wish.must else "warning"
-        return self._row(name, level, f"{values[name]:.6g}", _range(wish), f"set it: {wish.why}")
+        level: Level = "ok" if wish.accepts(values[name]) else "refused" if wish.must else "warning"
+        meaning = wish.meanings.get(values[name], "")
+        value = f"{values[name]:.6g}" + (f" ({meaning})" if meaning else "")
+        first = wish.allowed[0] if wish.allowed else wish.low
+        remedy = f"gcs param set CONFIG {name} {first:.6g}" if wish.low == wish.high else "set it"
+        return self._row(name, level, value, wish.wanted, f"{remedy}: {wish.why}")
 
     def _fence(self) -> Iterator[Check]:
         profile, config = self._seen.profile, self._config
@@ -325,15 +352,26 @@ class VehicleJudge:
             "gcs fence upload",
         )
 
+    def _return_height(self) -> Iterator[Check]:
+        assert self._seen.profile is not None
+        rally = (*rally_items(rally_of(self._config)), *(self._seen.held.get(RALLY) or ()))
+        yield from return_height_check(
+            self._vehicle,
+            self._seen.profile,
+            self._seen.values,
+            [point.z_m for point in rally],
+            self._config.fence.max_alt_rel_m,
+        )
+
     def _breach(self, limits: FenceLimits, held: Fence | None) -> str:
         """How the mission would breach the fence as the vehicle has it; empty when it would not."""
         config, frame = self._config, self._config.local_frame
         if not limits.is_on:
             return ""
         ceiling_m, altitude_m = limits.max_alt_rel_m, config.mission.highest_rel_m
-        if ceiling_m is not None and ceiling_m < altitude_m + _MARGIN_M:
+        if ceiling_m is not None and ceiling_m < altitude_m + MARGIN_M:
             return (
-                f"ceiling at {ceiling_m:g} m, the highest lane at {altitude_m:g} m: less than {_MARGIN_M:g} m"
+                f"ceiling at {ceiling_m:g} m, the highest lane at {altitude_m:g} m: less than {MARGIN_M:g} m"
             )
         if limits.max_radius_m is not None and (far_m := self._farthest_m(frame)) > limits.max_radius_m:
             return f"{far_m:.0f} m from home, the fence ends at {limits.max_radius_m:g} m"
@@ -351,23 +389,19 @@ class VehicleJudge:
         return float(max(np.hypot(*(way - home_m).T).max() for way in self._ways_m))
 
 
-def _range(wish: ParameterWish) -> str:
-    low, high = f"{wish.low:.6g}", f"{wish.high:.6g}"
-    if wish.high >= _NO_BOUND:
-        return f"{low} and above"
-    return low if low == high else f"{low} ... {high}"
-
-
 def vehicle_checks(
     inspections: Sequence[Inspection],
     fleet: Fleet,
     config: Config,
     ways_m: Callable[[int], Sequence[FloatArray]],
     t_ns: int,
+    has_key: Callable[[int], bool],
 ) -> list[Check]:
-    """Judge all vehicles."""
+    """Judge all vehicles; `has_key` returns True if there is a signing key for one here."""
     return [
         check
         for one in inspections
-        for check in VehicleJudge(one, fleet, config, ways_m(one.vehicle), t_ns).checks()
+        for check in VehicleJudge(
+            one, fleet, config, ways_m(one.vehicle), t_ns, has_key=has_key(one.vehicle)
+        ).checks()
     ]

@@ -134,10 +134,18 @@ async def _checked(
         }
         rehearsal = rehearse(config, options.seed, places)
     checks = vehicle_checks(
-        talks, visit.fleet, config, lambda vehicle: rehearsal.ways_m.get(vehicle, ()), visit.now_ns()
+        talks,
+        visit.fleet,
+        config,
+        lambda vehicle: rehearsal.ways_m.get(vehicle, ()),
+        visit.now_ns(),
+        visit.has_key,
     )
     checks += mission_checks(config, rehearsal)
-    checks += [Check(None, "link", "warning", news) for news in dict.fromkeys(visit.news)]
+    checks += [
+        Check(None, "link", "ok" if level == "info" else "warning", f"{name}: {text}")
+        for name, level, text in dict.fromkeys(visit.news)
+    ]
     if options.sensors:
         checks += sensor_checks(ears.scans, ears.problems, waited_s)
     return checks

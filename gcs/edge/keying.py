@@ -12,7 +12,7 @@ from gcs.edge.keyfile import TimeFile
 from gcs.edge.links import TRANSPORTS
 from gcs.endpoints import Endpoint
 from gcs.mavlink.codec import Encoder, scan
-from gcs.mavlink.heartbeats import heartbeat
+from gcs.mavlink.heartbeats import HEARTBEAT_PERIOD_NS, heartbeat
 from gcs.mavlink.keying import Installation
 from gcs.mavlink.signing import timestamp_of
 from gcs.model import NS_PER_S, Level, system_of
@@ -90,9 +90,10 @@ class _Run:
             beat_ns = 0
             while self._pending:
                 t_ns = time.time_ns()
-                if self._endpoint.remote and t_ns - beat_ns > NS_PER_S:
+                if t_ns - beat_ns >= HEARTBEAT_PERIOD_NS:
                     beat_ns = t_ns
-                    transport.send(self._endpoint.remote, self._encode(heartbeat()))
+                    for peer in {self._endpoint.remote, *self._peers.values()} - {""}:
+                        transport.send(peer, self._encode(heartbeat()))
                 for vehicle, installation in list(self._pending.items()):
                     for frame in installation.poll(t_ns):
                         transport.send(self._peers[vehicle], frame)

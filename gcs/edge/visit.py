@@ -1,7 +1,7 @@
 """A short visit to the vehicles: links open, conversations with each, links closed again.
 
-For commands that are no service: `gcs preflight` and `gcs fence`. While it lasts a heartbeat goes out each
-second, as from any ground station; nothing is sent to a vehicle that has not been heard.
+For commands that are no service: `gcs preflight` and `gcs fence`. While it lasts heartbeats go out, as
+from any ground station; nothing is sent to a vehicle that has not been heard.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gcs.edge.signing import Signing
 from gcs.endpoints import Link
 from gcs.mavlink.codec import Message
 from gcs.mavlink.fleet import Fleet, FleetSettings
-from gcs.model import NS_PER_S, Datagram, Level
+from gcs.model import NS_PER_S, Datagram, Level, system_of
 
 _TICK_S = 0.05
 
@@ -70,7 +70,7 @@ class Visit:
         )
         signing = Signing(links, config.links.key_file(source) if link is None else None)
         self.links = Links(links, vehicles, config.local_frame, signing)
-        self.news: list[str] = []
+        self.news: list[tuple[str, Level, str]] = []
         self._talks: dict[int, Talk] = {}
 
     async def run(
@@ -108,6 +108,10 @@ class Visit:
         for send in self.fleet.sends(vehicle, frames):
             self.links.send(send.link, send.peer, send.data)
 
+    def has_key(self, vehicle: int) -> bool:
+        """Return True if there is a signing key for a vehicle on the link where it is heard."""
+        return self.links.signing.gate.is_keyed(self.fleet.link(vehicle), system_of(vehicle))
+
     # ------------------------------------------------------------ as `gcs.edge.links.Taker`
 
     def now_ns(self) -> int:
@@ -124,4 +128,4 @@ class Visit:
 
     def on_link_news(self, link: str, level: Level, text: str) -> None:
         """Keep what there is to say of a link."""
-        self.news.append(f"{level}: {link}: {text}")
+        self.news.append((link, level, text))

@@ -4,7 +4,8 @@
 full           everything but a mission message that is for nobody in particular (ArduPilot takes a
                MISSION_COUNT for system 0 as its own: one such frame truncates the missions of all)
 read-only      questions that change nothing: parameters and missions read, and the commands that ask for a
-               message, the version, the capabilities or the home position. Everything else is kept back.
+               message, the version, the capabilities, the home position or the pre-arm checks.
+               Everything else is kept back.
 both           nothing of the mission protocol while a mission of ours is on its way to that vehicle: two
                uploads at a time leave a mix. What is kept back is asked again by every ground station.
 =============  ===============================================================================================
@@ -66,6 +67,7 @@ ASKING_COMMANDS: Final[frozenset[int]] = frozenset(
         dialect.MAV_CMD_REQUEST_MESSAGE,
         dialect.MAV_CMD_REQUEST_PROTOCOL_VERSION,
         dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
+        dialect.MAV_CMD_RUN_PREARM_CHECKS,
     }
 )
 _COMMAND_AT: Final = 28

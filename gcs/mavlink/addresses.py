@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Set
 
+from gcs.mavlink.heartbeats import HEARTBEAT_PERIOD_NS
 from gcs.mavlink.row import NOBODY
 from gcs.mavlink.vehicle import Address
-from gcs.model import NS_PER_S
 
 
 class Addresses:
@@ -45,9 +45,9 @@ class Addresses:
         return self._numbers[address]
 
     def beat_due(self, address: Address, t_ns: int) -> bool:
-        """Whether an address is due its heartbeat, which then is sent: one a second, whoever shares it."""
+        """Return True, once a period, if an address is due its heartbeat; vehicles may share it."""
         beat_t_ns = self._beats_t_ns.get(address)
-        if beat_t_ns is not None and t_ns - beat_t_ns < NS_PER_S:
+        if beat_t_ns is not None and t_ns - beat_t_ns < HEARTBEAT_PERIOD_NS:
             return False
         if beat_t_ns is None:
             used = self._used()
@@ -57,4 +57,4 @@ class Addresses:
 
     def next_beat_ns(self, address: Address) -> int:
         """Return when the next one is due at an address that had one."""
-        return self._beats_t_ns[address] + NS_PER_S
+        return self._beats_t_ns[address] + HEARTBEAT_PERIOD_NS

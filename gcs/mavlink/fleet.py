@@ -5,7 +5,7 @@ by its number (`gcs.model.vehicle_id`), which on network 0 is its system id.
 
 * A vehicle is one of the expected system ids on the network of its link. Frames of all others (other ground
   stations too) are strangers: counted up to a bound on memory, shown, and never acted on.
-* Where nobody calls us (an endpoint that does not listen) we call: a heartbeat each second.
+* Where nobody calls us (an endpoint that does not listen) we call: heartbeats, four a second.
 * Its address is learned from a HEARTBEAT of its own autopilot (component 1, a real autopilot type) and kept:
   while the vehicle is heard there, another address that claims its id is a conflict, counted and ignored.
   After a silence it may move. Nothing is ever sent to an address that has not been learned so.
@@ -248,7 +248,12 @@ class Fleet:
         if message is None:
             return None
         if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT:
-            self._telling.text(message, vehicle.system_id, t_ns)
+            texts = vehicle.texts.joined(message)
+            for text in texts:
+                self._telling.text(text, message.severity, vehicle.system_id, t_ns)
+            if not texts:
+                return None
+            message.text, message.id = texts[-1], 0
         vehicle.take(message, t_ns, self._teller(t_ns, vehicle.system_id))
         return message
 

@@ -2,7 +2,8 @@
 
 Messages are asked for one by one (MAV_CMD_REQUEST_MESSAGE; most are their own answer before that, since an
 autopilot streams them anyway), then the parameters, then fence and rally points: never two conversations of
-the mission protocol at a time. Nothing on the vehicle is changed.
+the mission protocol at a time. A vehicle whose pre-arm check fails is told to check again, by which it says
+why. Nothing on the vehicle is changed.
 """
 
 from __future__ import annotations
@@ -42,6 +43,12 @@ NEEDED_IDS: Final = frozenset(
 """Messages that `Fleet` must give beside its own."""
 
 _PATIENCE: Final = Patience(wait_s=0.7, wait_max_s=2.0, tries=6)
+_REASONS: Final = "reasons"
+"""The question why the pre-arm check fails. ArduPilot says it every 30 s, and when told to check."""
+_REASONS_PATIENCE: Final = Patience(wait_s=1.0, wait_max_s=1.0, tries=3)
+_PREARM: Final = dialect.MAV_SYS_STATUS_PREARM_CHECK
+_WARNING: Final = dialect.MAV_SEVERITY_WARNING
+_MAX_TEXTS: Final = 8
 
 
 class Inspection:
@@ -53,6 +60,8 @@ class Inspection:
         When the newest message of each type came, and what it says.
     profile : Profile or None
         Of its firmware, known from its first heartbeat.
+    texts : dict of str to None
+        What it said in STATUSTEXTs of severity WARNING and above, newest last.
     values : dict of str to float
         Parameters that were answered.
     fence, rally : tuple of Item or None
@@ -63,12 +72,14 @@ class Inspection:
         self.vehicle = vehicle
         self.messages: dict[str, tuple[int, Message]] = {}
         self.profile: Profile | None = None
+        self.texts: dict[str, None] = {}
         self.values: dict[str, float] = {}
         self.held: dict[int, tuple[Item, ...] | None] = {}
         self._envelope, self._encode = envelope, encode
         self._asking: dict[str, Asking] | None = None
         self._reading: ParameterReading | None = None
         self._list: ListTask | None = None
+        self._told_to_check = False
 
     @property
     def is_done(self) -> bool:
@@ -112,11 +123,30 @@ class Inspection:
         self.messages[name] = (t_ns, message)
         if name == "HEARTBEAT" and self._asking is None:
             self._begin(message, t_ns)
+        if name == "STATUSTEXT" and message.severity <= _WARNING:
+            self._note(str(message.text))
         if self._asking is not None:
             self._asking.pop(name, None)
+            if name == "SYS_STATUS" and not self._told_to_check and self._fails_prearm_check(message):
+                self._told_to_check = True
+                question = command(self.vehicle, dialect.MAV_CMD_RUN_PREARM_CHECKS)
+                self._asking[_REASONS] = Asking(question, _REASONS_PATIENCE, t_ns)
         if self._reading is not None:
             self._reading.receive(message)
         return [] if self._list is None else self._listed(self._list.receive(message, t_ns))
+
+    def _note(self, text: str) -> None:
+        self.texts.pop(text, None)
+        self.texts[text] = None
+        while len(self.texts) > _MAX_TEXTS:
+            del self.texts[next(iter(self.texts))]
+        if self._asking is not None:
+            self._asking.pop(_REASONS, None)
+
+    @staticmethod
+    def _fails_prearm_check(status: Message) -> bool:
+        enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
+        return bool(enabled & _PREARM & ~status.onboard_control_sensors_health)
 
     def _begin(self, heartbeat: Message, t_ns: int) -> None:
         self.profile = profile_of(heartbeat.autopilot, heartbeat.type)

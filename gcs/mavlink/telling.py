@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from gcs.mavlink.asking import ns
-from gcs.mavlink.codec import Message
 from gcs.model import NS_PER_S, Level, Notice
 
 _AGAIN_NS: Final = ns(10.0)
@@ -42,8 +41,8 @@ class Telling:
             self._told_t_ns[kind, vehicle] = t_ns
             self.tell(level, text, t_ns, vehicle or None)
 
-    def text(self, message: Message, vehicle: int, t_ns: int) -> None:
-        """Pass on a STATUSTEXT, a few a second per vehicle."""
+    def text(self, text: str, severity: int, vehicle: int, t_ns: int) -> None:
+        """Pass on a vehicle's STATUSTEXT with its MAV_SEVERITY, a few a second per vehicle."""
         second = t_ns // NS_PER_S
         last, told = self._texts.get(vehicle, (second, 0))
         told = told + 1 if last == second else 1
@@ -51,6 +50,5 @@ class Telling:
         if told > _TEXTS_PER_S:
             self.dropped += 1
             return
-        severity = message.severity
         level: Level = "alarm" if severity <= 2 else "warning" if severity <= 4 else "info"
-        self.tell(level, str(message.text), t_ns, vehicle)
+        self.tell(level, text, t_ns, vehicle)

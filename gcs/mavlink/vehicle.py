@@ -43,6 +43,7 @@ from gcs.mavlink.row import (
     Row,
     new_row,
 )
+from gcs.mavlink.statustext import TextChunks
 from gcs.mavlink.wants import Wants
 from gcs.model import NS_PER_S, Level, VehicleState
 
@@ -110,6 +111,7 @@ class Vehicle:
         self.home: Home | None = None
         self.wants = wants
         self.encoder = encoder
+        self.texts = TextChunks()
         self.refused: dict[str, int] = {}
         self._frame, self._max_distance_m = frame, max_distance_m
         self._clock = BootClock(self.row)

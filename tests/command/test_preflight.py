@@ -13,11 +13,13 @@ from gcs.command.apart import Lanes
 from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.command.vehicle_checks import VehicleJudge, envelope_of
 from gcs.config import parse, read_text
-from gcs.mavlink.codec import Encoder
+from gcs.mavlink.codec import Encoder, scan
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.inspection import NEEDED_IDS, Inspection
+from gcs.mavlink.signing import signed, timestamp_of
 from gcs.model import Datagram, Scan, Send
 from gcs.settings import with_settings
+from sim_vehicles.personality import Mode
 from sim_vehicles.scenario import load
 from sim_vehicles.sensor import make_sensors
 from sim_vehicles.vehicle import SimVehicle, VehicleSpec
@@ -25,6 +27,7 @@ from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 S = 1_000_000_000
 START_NS = 1_767_225_600 * S
 GOOD = {"FS_GCS_ENABL": 1, "FENCE_ENABLE": 1, "FENCE_TYPE": 4, "NAV_DLL_ACT": 2}
+KEY = bytes(range(32))
 GOOD |= {"BATT_FS_LOW_ACT": 1, "COM_LOW_BAT_ACT": 3}
 
 
@@ -32,13 +35,15 @@ def mission(*settings):
     return parse(with_settings(read_text("prescribed")[0], settings, "prescribed"), "prescribed")
 
 
-def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, **spec):
+def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mode=None, signs=False, **spec):
     """Ask vehicle 1 everything, in memory; returns its rows by name."""
     defaults = {
         "system_id": 1, "east_m": 120.0, "north_m": 200.0, "course_rad": 0.0, "alt_rel_m": 100.0,
         "forward_speed_m_s": 15.0, "parameters": GOOD,
     }  # fmt: skip
     plane = SimVehicle(VehicleSpec(**(defaults | spec)), config.local_frame, START_NS)
+    if mode is not None:
+        plane.autopilot.mode = Mode(mode)
     fleet = Fleet([1], config.local_frame, also=NEEDED_IDS)
     talk = Inspection(1, envelope_of(config), fleet.encoder(1))
     t_ns, to_plane = START_NS, deque()
@@ -47,6 +52,9 @@ def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, **s
             plane.receive_datagram(data, t_ns)
         now_ns = t_ns + int(clock_s * S)
         for data in plane.datagrams_to_send(t_ns):
+            if signs:
+                stamp = timestamp_of(t_ns)
+                data = b"".join(signed(frame.data, KEY, 0, stamp) for frame in scan(data).frames)
             for _, message in fleet.receive(Datagram(now_ns, "udp", "plane", data)):
                 if battery is not None and message.get_type() == "SYS_STATUS":
                     message.battery_remaining = battery
@@ -93,6 +101,67 @@ def test_integers_of_px4_are_not_taken_for_floats():
     rows = inspected(mission(), autopilot="px4", parameters=GOOD | {"MIS_TKO_LAND_REQ": 2})
     assert (rows["MIS_TKO_LAND_REQ"].level, rows["MIS_TKO_LAND_REQ"].value) == ("refused", "2")
     assert rows["NAV_DLL_ACT"].level == "ok"
+
+
+@pytest.mark.parametrize(
+    ("end", "value", "level"),
+    [
+        ("loiter", 0, "ok"), ("loiter", 1, "refused"), ("loiter", 2, "refused"),
+        ("land", 0, "ok"), ("land", 1, "refused"), ("land", 2, "ok"), ("land", 4, "refused"),
+    ],
+)  # fmt: skip
+def test_a_px4_that_would_reject_a_re_task_in_flight_is_refused(end, value, level):
+    parameters = GOOD | {"MIS_TKO_LAND_REQ": value}
+    rows = inspected(mission(f"mission.end={end}"), autopilot="px4", parameters=parameters)
+    assert rows["MIS_TKO_LAND_REQ"].level == level
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "parameters", "rally_m", "level"),
+    [
+        ("px4", {"RTL_RETURN_ALT": 100}, 90, "refused"),  # returned at 190 m, through a ceiling of 140 m
+        ("px4", {"RTL_RETURN_ALT": 100}, 20, "ok"),
+        ("px4", {"RTL_RETURN_ALT": 100, "GF_ACTION": 2, "GF_MAX_VER_DIST": 120}, 20, "refused"),
+        ("ardupilot", {"RTL_ALTITUDE": 100}, 90, "ok"),
+        ("ardupilot", {"RTL_ALTITUDE": 135}, 90, "refused"),
+        ("ardupilot", {"RTL_ALTITUDE": -1}, 90, "ok"),
+        ("ardupilot", {"RTL_ALTITUDE": 100}, 150, "refused"),
+    ],
+)
+def test_a_return_that_would_climb_through_the_ceiling_is_refused(autopilot, parameters, rally_m, level):
+    config = mission(
+        "fence.max_alt_rel_m=140",
+        "mission.lanes=1",
+        f"rally=[{{lat_deg=33.202, lon_deg=-87.598, alt_rel_m={rally_m}}}]",
+    )
+    rows = inspected(config, autopilot=autopilot, parameters=GOOD | parameters)
+    assert rows["return height"].level == level
+
+
+def test_what_a_failsafe_that_continues_does_outside_auto_is_said():
+    value = inspected(mission(), parameters=GOOD | {"FS_LONG_ACTN": 0})["FS_LONG_ACTN"].value
+    assert "LOITER, MANUAL and all other modes go to RTL" in value
+
+
+@pytest.mark.parametrize(
+    ("mode", "words"), [(11, "cannot be armed in RTL"), (10, "armed in AUTO it takes off")]
+)
+def test_a_mode_on_the_ground_that_is_not_ours_is_named_with_what_to_do(mode, words):
+    row = inspected(mission(), airborne=False, mode=mode)["mode"]
+    assert row.level == "warning"
+    assert words in row.remedy
+    assert "gcs order hold -v 1" in row.remedy
+
+
+def test_the_reason_of_a_failed_pre_arm_check_is_printed():
+    rows = inspected(mission(), airborne=False, arming_delay_s=40.0, until_s=22.0, end_s=25.0)
+    assert rows["sensors"].value == "pre-arm check not healthy"
+    assert rows["says"].value == "PreArm: Gyros inconsistent"
+
+
+def test_a_vehicle_that_signs_without_a_key_here_is_refused():
+    assert inspected(mission())["signing"].level == "ok"
+    assert inspected(mission(), signs=True)["signing"].value == "signed, no key for it here"
 
 
 def test_a_vehicle_without_fix_home_and_checks_is_refused_until_it_has_them():

@@ -288,12 +288,12 @@ def test_silence_is_told_once_and_so_is_the_return():
 # ---------------------------------------------------------------- what is sent
 
 
-def test_each_known_address_gets_one_heartbeat_a_second():
+def test_each_known_address_gets_four_heartbeats_a_second_so_that_losses_start_no_failsafe():
     air = Air(1, 2, 3)
     for system_id, peer in ((1, HERE), (2, HERE), (3, THERE)):
         air.hear(0, beat(), system_id=system_id, peer=peer)
     beats = [peer for n in range(200) for peer, m in air.poll(0.05 * n) if m.get_type() == "HEARTBEAT"]
-    assert (beats.count(HERE), beats.count(THERE)) == (10, 10)
+    assert (beats.count(HERE), beats.count(THERE)) == (40, 40)
 
 
 def together(air, plane, loss, seconds, on_message=None, each_step=None):

@@ -92,7 +92,7 @@ def test_a_fence_is_brought_and_a_bad_failsafe_keeps_the_swarm_on_the_ground(fie
         (row["vehicle"], row["name"], row["value"]) for row in result["checks"] if row["level"] == "refused"
     ]
     assert refused == [(2, "FS_LONG_ACTN", "2")]
-    assert "set it: 2 and above glide" in checked.stderr
+    assert "set it: when the link is lost, 2 glides" in checked.stderr
     rows = {(row["vehicle"], row["name"]): row["level"] for row in result["checks"]}
     assert {rows[1, name] for name in ("link", "GPS", "home", "clock", "fence", "rally", "RTL_ALTITUDE")} == {
         "ok"

@@ -146,7 +146,28 @@ def test_a_machine_that_cannot_keep_up_is_told_so_once(service):
     serve(service, RunClock(epoch_ns, epoch_ns, 20.0), 1.0)
     told = [e for e in slow.effects if isinstance(e, Notice) and "cannot keep up" in e.text]
     assert len(told) == 1
+    assert "a lower --speed would help" in told[0].text
     assert service.health.worst_lag_s * NS_PER_S > 0.5 * NS_PER_S
+
+
+def test_at_real_time_nobody_is_told_to_use_an_option_that_gcs_run_does_not_have(service):
+    slow = Sink()
+    service.sinks.append(slow)
+    service._watch_lag(NS_PER_S)
+    (told,) = [e.text for e in slow.effects if isinstance(e, Notice)]
+    assert "--speed" not in told
+    assert "telemetry.rate_hz" in told
+
+
+def test_a_vehicle_that_signs_without_a_key_here_is_named_once(service, monkeypatch):
+    sink = Sink()
+    service.sinks.append(sink)
+    monkeypatch.setattr(service.command.fleet, "is_signed", lambda vehicle: vehicle == 3)
+    serve(service, now(), 0.5)
+    told = [(e.level, e.text) for e in sink.effects if isinstance(e, Notice) and "signs its frames" in e.text]
+    assert [level for level, _ in told] == ["alarm"]
+    assert "agent 3" in told[0][1]
+    assert "links.keys" in told[0][1]
 
 
 def test_a_port_that_is_taken_is_named_with_what_to_do(service):

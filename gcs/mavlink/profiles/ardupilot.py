@@ -17,7 +17,7 @@ Sources: ArduPilot's `AP_Mission` (which fields of an item it stores, and in wha
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -87,7 +87,15 @@ _PARAMETERS: Final = (
         ("FS_LONG_ACTN",),
         0,
         1,
-        "2 and above glide or deploy a parachute when the link is lost; 0 flies on, 1 returns",
+        "when the link is lost, 2 glides into the ground, 3 opens a parachute, 4 and 5 begin a mission or a "
+        "landing; 1 returns, 0 continues in AUTO and GUIDED",
+        meanings={
+            0: "AUTO and GUIDED continue; LOITER, MANUAL and all other modes go to RTL",
+            1: "every mode goes to RTL",
+        },
+    ),
+    ParameterWish(
+        ("FS_LONG_TIMEOUT",), 5, 300, "a few lost heartbeats of ours start the failsafe", must=False
     ),
     ParameterWish(
         ("BATT_FS_LOW_ACT",), 1, 6, "without a link it circles until the battery is empty", must=False
@@ -151,6 +159,19 @@ def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
     )
 
 
+def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> dict[str, float]:
+    """Return at the nearest rally point's height; at RTL_ALTITUDE with none within RALLY_LIMIT_KM.
+
+    Source: `Plane::do_RTL`, `AP_Rally::calc_best_rally_or_home_location`. A negative RTL_ALTITUDE keeps the
+    height.
+    """
+    heights_m = {"rally point": max(rally_m)} if rally_m else {}
+    home_m = {"RTL_ALTITUDE": values.get("RTL_ALTITUDE"), "ALT_HOLD_RTL": values.get("ALT_HOLD_RTL")}
+    if home_m["ALT_HOLD_RTL"] is not None:
+        home_m["ALT_HOLD_RTL"] /= 100.0
+    return heights_m | {name: height_m for name, height_m in home_m.items() if height_m and height_m > 0.0}
+
+
 ARDUPLANE: Final = Profile(
     name="ArduPlane",
     autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
@@ -171,4 +192,5 @@ ARDUPLANE: Final = Profile(
     fence_parameters=("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS"),
     fence_limits=_fence_limits,
     ceiling_parameter="FENCE_ALT_MAX",
+    return_heights=_return_heights,
 )

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -37,6 +37,7 @@ _APPROACH_ALT_M: Final = 30.0
 _EARTH_M_PER_DEG: Final = 111_195.0
 _GROUND_M: Final = 10.0
 _GROUND_SPEED_M_S: Final = 3.0
+_NO_BOUND: Final = 2**24
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,24 @@ class ParameterWish:
     """Whether it is refused, or only told."""
     older: ParameterWish | None = None
     """What older firmware has instead, with another name, unit or meaning."""
+    allowed: tuple[float, ...] = ()
+    """The only values between `low` and `high` that are wanted; empty: all."""
+    meanings: Mapping[float, str] = field(default_factory=dict)
+    """What a value that is wanted brings about, where a pilot must know."""
+
+    def accepts(self, value: float) -> bool:
+        """Return True if a value is wanted."""
+        return self.low <= value <= self.high and (not self.allowed or value in self.allowed)
+
+    @property
+    def wanted(self) -> str:
+        """The values that are wanted, in words."""
+        if self.allowed:
+            return " or ".join(f"{value:.6g}" for value in self.allowed)
+        low, high = f"{self.low:.6g}", f"{self.high:.6g}"
+        if self.high >= _NO_BOUND:
+            return f"{low} and above"
+        return low if low == high else f"{low} ... {high}"
 
     @property
     def all_names(self) -> tuple[str, ...]:
@@ -74,6 +93,8 @@ class Envelope:
 
     speed_m_s: float
     bank_deg: float
+    lands: bool = False
+    """True if missions end in a landing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +148,9 @@ class Profile:
     fence_limits: Callable[[Mapping[str, float]], FenceLimits]
     ceiling_parameter: str
     """Where a fence's greatest height is kept, in metres above home."""
+    return_heights: Callable[[Mapping[str, float], Sequence[float]], Mapping[str, float]]
+    """Heights above home, in metres, at which it may return: by what sets them, from its parameters and the
+    heights of its rally points."""
 
     # ------------------------------------------------------------ modes
 

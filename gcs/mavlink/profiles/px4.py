@@ -19,7 +19,7 @@ https://docs.px4.io/main/en/advanced_config/parameter_reference, and what PX4 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -48,9 +48,6 @@ _MODES: Final = {
 
 _PARAMETERS: Final = (
     ParameterWish(
-        ("MIS_TKO_LAND_REQ",), 0, 1, "a mission that ends in a loiter is refused when AUTO is asked for"
-    ),
-    ParameterWish(
         ("NAV_DLL_ACT",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
     ),
     ParameterWish(
@@ -67,11 +64,25 @@ _PARAMETERS: Final = (
 )
 
 
+def _wanted_of_missions(envelope: Envelope) -> ParameterWish:
+    """Return the wish for MIS_TKO_LAND_REQ, by which the navigator judges missions in the air, too.
+
+    1 wants a take-off item, which no re-task in flight has; 2 a landing; 3 and 4 both.
+    """
+    name = ("MIS_TKO_LAND_REQ",)
+    if envelope.lands:
+        why = "1 and 3 to 5 reject missions without a take-off, so every re-task in flight"
+        return ParameterWish(name, 0, 2, why, allowed=(0, 2))
+    why = 'missions that end in a loiter are rejected, in flight too; or set mission.end = "land" (0 or 2)'
+    return ParameterWish(name, 0, 0, why)
+
+
 def _fits(envelope: Envelope) -> tuple[ParameterWish, ...]:
     slow, fast = 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
     wide = "it turns wider than routes are planned for (airframe.bank_deg)"
     speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
     return (
+        _wanted_of_missions(envelope),
         ParameterWish(("FW_R_LIM",), envelope.bank_deg, 90, wide),
         ParameterWish(("FW_AIRSPD_TRIM",), slow, fast, speed, must=False),
     )
@@ -85,6 +96,17 @@ def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
         max_alt_rel_m=values.get("GF_MAX_VER_DIST") or None,
         max_radius_m=values.get("GF_MAX_HOR_DIST") or None,
     )
+
+
+def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> dict[str, float]:
+    """Return RTL_RETURN_ALT above the place that it returns to (`RTL::findRtlDestination`)."""
+    above_m = values.get("RTL_RETURN_ALT")
+    if above_m is None:
+        return {}
+    highest_m = max(rally_m, default=0.0)
+    if highest_m <= 0.0:
+        return {"RTL_RETURN_ALT": above_m}
+    return {f"rally point {highest_m:g} m + RTL_RETURN_ALT {above_m:g} m": highest_m + above_m}
 
 
 PX4: Final = Profile(
@@ -107,4 +129,5 @@ PX4: Final = Profile(
     fence_parameters=("GF_ACTION", "GF_MAX_VER_DIST", "GF_MAX_HOR_DIST"),
     fence_limits=_fence_limits,
     ceiling_parameter="GF_MAX_VER_DIST",
+    return_heights=_return_heights,
 )
