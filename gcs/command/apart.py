@@ -34,6 +34,10 @@ class Lanes:
         self._lane = own_lanes(config)
         self._newest: dict[int, Route] = {}
 
+    def of(self, vehicle: int) -> int:
+        """Layer that a vehicle has, or gets if it can."""
+        return self._lane.get(vehicle, 0)
+
     def give(
         self,
         routes: Sequence[Route],
@@ -61,7 +65,7 @@ class Lanes:
         place = place_of(agent)
         first = next_point(route.flown_m, place, CORRIDOR_M) if is_flown else 0
         points_m = np.vstack((place, route.flown_m[first:]))
-        lane = route.lane if is_flown else self._lane.get(route.vehicle, 0)
+        lane = route.lane if is_flown else self.of(route.vehicle)
         return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], lane, is_flown)
 
     def _circling(self, route: Route) -> Flight:

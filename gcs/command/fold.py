@@ -32,6 +32,7 @@ from gcs.command.replanning import Replanner
 from gcs.command.rereading import Rereading
 from gcs.command.silence import Silence
 from gcs.command.situation import Situation
+from gcs.command.takeoffs import Takeoffs
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers
@@ -58,6 +59,7 @@ from gcs.model import (
     Track,
     UploadAnswer,
 )
+from gcs.planning.climb import Climb
 
 _BAD_INPUT_NOTICES = 20
 """After so many from one run, bad input is counted only: noise must not drown what matters."""
@@ -99,6 +101,7 @@ class Command:
         self.delays = Delays()
         self.fates = Fates(vehicles, config.planning.capture_radius_m)
         self.replanner, self.homing = Replanner(config, self.grid), Homing(config, self.grid)
+        self.takeoffs = Takeoffs(config, self.grid, self.fleet)
         self.tasking = Tasking(
             config.mission,
             config.airframe,
@@ -106,6 +109,7 @@ class Command:
             self.fleet,
             config.links.max_parallel_uploads,
             self.homing,
+            self.takeoffs,
         )
         self.trespass = Trespass(self.tasking)
         self.approval = Approval(self.replanner)
@@ -169,7 +173,7 @@ class Command:
         for area in memory.keep_outs:
             if not self.keep_outs.refusal(area):
                 self.keep_outs.take(area)
-        self.grid = self.homing.grid = self.keep_outs.grid
+        self.grid = self.homing.grid = self.takeoffs.grid = self.keep_outs.grid
         self.replanner.begin_with(self.grid)
         return self.recovery.begin(event)
 
@@ -228,7 +232,7 @@ class Command:
         if refusal:
             return [ongoing.answer(event.t_ns, "refused", refusal)]
         closed = self.keep_outs.take(area)
-        self.grid = self.homing.grid = self.keep_outs.grid
+        self.grid = self.homing.grid = self.takeoffs.grid = self.keep_outs.grid
         verb = "closed" if area.name in self.keep_outs.areas else "opened"
         news = f"keep-out {area.name} {verb}"
         places = {state.system_id: (state.east_m, state.north_m) for state in self.fleet.states()}
@@ -342,6 +346,7 @@ class Command:
             motions=self.motions.now(flying, t_ns, picture_t_ns, lambda v: self.tasking.ahead(v, t_ns)),
             late_s={vehicle: self.delays.late_s(vehicle) for vehicle in flying},
             left_s=self._left_s(flying, t_ns),
+            climbs=self._climbs(flying),
             passed=frozenset(filter(self.tasking.has_passed, flying)),
             targets=self._open_targets(),
             at_targets=self.fates.at_targets(),
@@ -353,6 +358,11 @@ class Command:
         """Until vehicles fly the missions that are under way to them."""
         under_way = {vehicle: self.tasking.under_way_s(vehicle, t_ns) for vehicle in vehicles}
         return {v: self.delays.left_s(v, for_s) for v, for_s in under_way.items() if for_s is not None}
+
+    def _climbs(self, vehicles: Iterable[int]) -> dict[int, Climb]:
+        """Return the climbs that vehicles have before their routes."""
+        climbs = {vehicle: self.tasking.climb(vehicle, self.replanner.layer(vehicle)) for vehicle in vehicles}
+        return {vehicle: climb for vehicle, climb in climbs.items() if climb is not None}
 
     def _open_targets(self) -> dict[Label, Track]:
         """Believed targets that need somebody."""

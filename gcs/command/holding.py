@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
+from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_TAKEOFF
 
 from gcs.command.delays import DELIVERY_S
 from gcs.mavlink.fleet import Fleet
@@ -96,6 +96,14 @@ class Holding:
         radii = tuple(item.param2 for item in flown.items[last - len(points) : last])
         next_s = max(0.0, self.time_to_next_s(vehicle, t_ns))
         return Ahead(points, radii, wait_s, next_s, flown.circle)
+
+    def is_in_takeoff(self, vehicle: int) -> bool:
+        """Tell whether a vehicle in AUTO flies to the take-off item of what it holds."""
+        flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
+        if flown is None or state is None or not state.armed or state.mode != AUTO:
+            return False
+        seq = state.mission_seq
+        return 0 <= seq == flown.first_point - 1 and flown.items[seq].command == MAV_CMD_NAV_TAKEOFF
 
     def has_passed(self, vehicle: int) -> bool:
         """Whether a vehicle has its route's last point behind it, on a circle elsewhere."""

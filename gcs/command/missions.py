@@ -7,6 +7,7 @@ import numpy as np
 from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
+from gcs.planning.climb import Climb
 from gcs.planning.homing import WayHome
 from gcs.planning.progress import CORRIDOR_M, next_point
 from gcs.planning.turning import Corners
@@ -32,20 +33,39 @@ class Missions:
         self._table, self._frame, self._corners = table, frame, corners_of(table, airframe)
 
     def of(
-        self, route: Route, mission_id: int, state: VehicleState | None, home: WayHome | None = None
+        self,
+        route: Route,
+        mission_id: int,
+        state: VehicleState | None,
+        home: WayHome | None = None,
+        climb: Climb | None = None,
     ) -> Mission:
-        """Return the mission of a route, and of the way home if there is one, for a vehicle in this state."""
+        """Return the mission of a route for a vehicle in this state.
+
+        With the climb that it has before it, and the way home, if there are such.
+        """
         places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
         table = self._table
         altitude_rel_m = table.altitude_rel_m + route.lane * table.lane_step_m
         waypoints = tuple(
             Waypoint(*place, altitude_rel_m, float(radius_m))
-            for place, radius_m in zip(places, self._acceptance_m(route, state), strict=True)
+            for place, radius_m in zip(places, self._acceptance_m(route, state, climb), strict=True)
         )
         wait_deg = None if route.wait_m is None else self._frame.to_geodetic(*route.wait_m)
         homeward = () if home is None else self._homeward(route, home, altitude_rel_m)
+        takeoff = None
+        if climb is not None:
+            end_deg = self._frame.to_geodetic(*climb.latest_end_m)
+            takeoff = Waypoint(*end_deg, climb.altitude_rel_m, table.accept_radius_m)
         return Mission(
-            mission_id, route.vehicle, waypoints, table.loiter_radius_m, table.end, wait_deg, homeward
+            mission_id,
+            route.vehicle,
+            waypoints,
+            table.loiter_radius_m,
+            table.end,
+            wait_deg,
+            takeoff,
+            homeward,
         )
 
     def nothing(self, vehicle: int) -> Mission:
@@ -65,9 +85,11 @@ class Missions:
             for (east, north), radius_m in zip(home.points_m[:-1], radii_m[:-1], strict=True)
         )
 
-    def _acceptance_m(self, route: Route, state: VehicleState | None) -> FloatArray:
+    def _acceptance_m(self, route: Route, state: VehicleState | None, climb: Climb | None) -> FloatArray:
         """How near to each waypoint it counts as reached: soon enough to turn to the next one."""
         start = route.points_m[:1] if state is None else [(state.east_m, state.north_m)]
+        if climb is not None:
+            start = [climb.latest_end_m]
         wanted = self._corners.acceptance_m(np.concatenate((start, route.points_m)))
         return np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
 

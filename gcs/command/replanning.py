@@ -73,6 +73,10 @@ class Replanner:
         self._given_t_ns: dict[int, int] = {}
         """When each vehicle's newest route was made."""
 
+    def layer(self, vehicle: int) -> int:
+        """Altitude layer that a vehicle has, or gets if it can."""
+        return self._lanes.of(vehicle)
+
     @property
     def assigned(self) -> dict[int, Label]:
         """Target of each tasked vehicle."""
@@ -355,10 +359,15 @@ class Replanner:
         """Where an agent's turn on to a route that is planned now begins."""
         turns = self._expected(vehicle, situation, 0.5 * self._lag_s)
         takes_up = self._expected(vehicle, situation, 0.0)
-        return self.aims.start(vehicle, turns, takes_up, situation.late_s.get(vehicle, 0.0))
+        late_s = situation.late_s.get(vehicle, 0.0)
+        if vehicle in situation.climbs:
+            late_s += situation.climbs[vehicle].duration_s
+        return self.aims.start(vehicle, turns, takes_up, late_s)
 
     def _expected(self, vehicle: int, situation: Situation, more_s: float) -> Motion:
-        """How an agent will move a while after it got a route that is planned now."""
+        """How an agent will move a while after it got a route that is planned now, or at its climb's end."""
+        if vehicle in situation.climbs:
+            return expected(self._grid, situation.motion(vehicle), more_s, self._lag_s)
         motion, late_s = situation.motion(vehicle), situation.late_s.get(vehicle, 0.0)
         until_hold_s = max(0.0, motion.ahead.next_s - Timing().guard_s)
         ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s

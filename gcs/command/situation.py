@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from gcs.command.motions import motion_of
 from gcs.model import Label, Track
+from gcs.planning.climb import Climb
 from gcs.planning.prediction import Motion
 
 
@@ -32,9 +33,13 @@ class Situation:
     """How much longer than on a good link a mission takes to a vehicle (`gcs.command.delays`)."""
     left_s: Mapping[int, float] = field(default_factory=dict)
     """Until vehicles fly the mission that is under way to them."""
+    climbs: Mapping[int, Climb] = field(default_factory=dict)
+    """What agents on the ground, or in their take-off, fly before their routes."""
     passed: frozenset[int] = frozenset()
     """Vehicles that wait where their routes led them after they passed their targets."""
 
     def motion(self, vehicle: int) -> Motion:
-        """How an agent moves."""
+        """How an agent moves; at the end of its climb, if it has one before it."""
+        if vehicle in self.climbs:
+            return self.climbs[vehicle].motion
         return self.motions.get(vehicle) or motion_of(self.agents[vehicle], self.t_ns - self.picture_t_ns)

@@ -21,6 +21,7 @@ from gcs.command.holding import Flown, Holding
 from gcs.command.homing import Homing
 from gcs.command.lanes import Lane
 from gcs.command.missions import Missions, points_passed
+from gcs.command.takeoffs import Takeoffs
 from gcs.command.waiting import Waiting
 from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
@@ -44,6 +45,7 @@ from gcs.model import (
     UploadReport,
     VehicleState,
 )
+from gcs.planning.climb import Climb
 from gcs.planning.homing import WayHome
 from gcs.planning.prediction import Ahead
 
@@ -79,6 +81,8 @@ class Tasking:
         Transfers at a time over one link, at the most.
     homing : Homing or None
         Plans the ways home of vehicles that land at their missions' ends; None: they fly straight.
+    takeoffs : Takeoffs or None
+        Knows the climbs of vehicles on the ground, and refuses those that are not clear; None: nobody does.
     """
 
     def __init__(
@@ -89,8 +93,11 @@ class Tasking:
         fleet: Fleet,
         max_parallel: int = 32,
         homing: Homing | None = None,
+        takeoffs: Takeoffs | None = None,
     ) -> None:
-        self._table, self._homing = table, homing
+        self._table, self._homing, self._takeoffs = table, homing, takeoffs
+        self._grounded: set[int] = set()
+        """Vehicles whose take-offs were refused."""
         self._missions = Missions(table, airframe, frame)
         self._fleet = fleet
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
@@ -141,6 +148,12 @@ class Tasking:
         """What a vehicle flies to by itself until it gets another mission, and when that may begin."""
         wait_s = 0.0 if vehicle in self._deliveries else self._wait_s(vehicle, t_ns)
         return self._holding.ahead(vehicle, wait_s, t_ns)
+
+    def climb(self, vehicle: int, layer: int) -> Climb | None:
+        """Return the climb that a vehicle has before it has its route; None when it flies."""
+        if self._takeoffs is None:
+            return None
+        return self._takeoffs.climb(vehicle, layer, in_takeoff=self._holding.is_in_takeoff(vehicle))
 
     def has_passed(self, vehicle: int) -> bool:
         """Whether a vehicle has its route's last point behind it, on a circle elsewhere."""
@@ -221,7 +234,11 @@ class Tasking:
         """
         vehicle, delivery = route.vehicle, self._deliveries.get(route.vehicle)
         is_ours = delivery is not None and delivery.flown is not None  # a clearing gives way in `_admit`
-        if is_ours and (at_once or self._waiting.is_replaceable(vehicle, t_ns)):
+        if (
+            is_ours
+            and not self._is_climbing(vehicle)
+            and (at_once or self._waiting.is_replaceable(vehicle, t_ns))
+        ):
             self._waiting.take(vehicle)
             return self._supersede(vehicle, t_ns) + self._begin(route, t_ns, t_ns)
         self._waiting.put(route, t_ns, at_once=at_once)
@@ -309,7 +326,8 @@ class Tasking:
             is_free = (
                 self._busy[link] < self._lanes[link].window if delivery is None else delivery.flown is None
             )
-            if is_free and vehicle not in self._held_back and self._waiting.is_due(vehicle, t_ns):
+            is_held = vehicle in self._held_back or self._is_climbing(vehicle)
+            if is_free and not is_held and self._waiting.is_due(vehicle, t_ns):
                 made_t_ns = self._waiting.made_t_ns(vehicle)
                 route = self._waiting.take(vehicle)
                 assert route is not None  # it waits
@@ -325,10 +343,16 @@ class Tasking:
             return self._unsent(
                 vehicle, f"not begun: {self._custody[vehicle].taken} was chosen meanwhile", t_ns
             )
+        climb = self.climb(vehicle, route.lane)
+        if climb is not None and self._takeoffs is not None:
+            problem = self._takeoffs.problem(vehicle, climb, route.points_m)
+            if problem:
+                return self._refused(vehicle, problem, t_ns)
+        self._grounded.discard(vehicle)
         self._mission_count += 1
         home = fleet.home(vehicle) or self._home
         way_home = None if self._homing is None else self._homing.way(route, state, home[:2])
-        mission = self._missions.of(route, self._mission_count, state, way_home)
+        mission = self._missions.of(route, self._mission_count, state, way_home, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
         old, mixed = self._holding.of(vehicle), vehicle in self._mixed
         self._mixed.discard(vehicle)
@@ -374,6 +398,24 @@ class Tasking:
             UploadReport(t_ns, vehicle, self._mission_count, 0, False, why, 0.0, 0),
             *self._ended(vehicle, t_ns, ok=False),
         ]
+
+    def _refused(self, vehicle: int, problem: str, t_ns: int) -> list[Effect]:
+        """Say, once, that a vehicle's take-off is not clear: its mission is not uploaded."""
+        effects: list[Effect] = []
+        if vehicle not in self._grounded:
+            text = f"its mission is not uploaded, the take-off is not clear: {problem}"
+            effects.append(Notice(t_ns, "alarm", text, vehicle))
+        self._grounded.add(vehicle)
+        self._mission_count += 1
+        self._waiting.ended(vehicle, t_ns, ok=False)
+        why = f"the take-off is not clear: {problem}"
+        return [*effects, UploadReport(t_ns, vehicle, self._mission_count, 0, False, why, 0.0, 0)]
+
+    def _is_climbing(self, vehicle: int) -> bool:
+        """Tell whether a vehicle is in the air in its take-off: a new mission would turn it at once."""
+        state = self._fleet.state(vehicle)
+        in_air = not is_on_ground(state, self._fleet.home(vehicle))
+        return in_air and self._holding.is_in_takeoff(vehicle)
 
     def _ended(self, vehicle: int, t_ns: int, *, ok: bool) -> list[Effect]:
         """Say so when a vehicle has to wait after failures."""

@@ -44,6 +44,13 @@ def check(config: Config, source: str) -> None:
                     f"({row.east_m}, {row.north_m}) lies outside the map: "
                     f"{area.width_m} m x {area.height_m} m",
                 )
+    if config.takeoff.altitude_rel_m > config.mission.altitude_rel_m:
+        raise ConfigError(
+            source,
+            "takeoff.altitude_rel_m",
+            f"expected at most mission.altitude_rel_m, {config.mission.altitude_rel_m:g} m; "
+            "vehicles climb on from there",
+        )
     east, north = config.spacing_m
     if not np.isclose(east, north, rtol=1e-6):
         raise ConfigError(

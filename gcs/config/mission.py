@@ -18,6 +18,7 @@ from gcs.config.tables import (
     PlanningTable,
     RallyTable,
     RecordingTable,
+    TakeoffTable,
     TelemetryTable,
     TrackingTable,
     link_of,
@@ -44,6 +45,7 @@ class Config(Table, frozen=True, kw_only=True):
     airframe: AirframeTable = AirframeTable()
     planning: PlanningTable = PlanningTable()
     mission: MissionTable = MissionTable()
+    takeoff: TakeoffTable = TakeoffTable()
     links: LinksTable = LinksTable()
     recording: RecordingTable = RecordingTable()
     fence: FenceTable = FenceTable()
@@ -64,6 +66,11 @@ class Config(Table, frozen=True, kw_only=True):
         """How fast a vehicle flies: its own speed, or that of the airframe."""
         own = next((agent.speed_m_s for agent in self.agents if agent.vehicle == vehicle), None)
         return own or self.airframe.speed_m_s
+
+    def takeoff_altitude_rel_m(self, layer: int) -> float:
+        """Altitude above home that a vehicle of an altitude layer climbs to before it turns."""
+        mission = self.mission
+        return self.takeoff.altitude_rel_m or mission.altitude_rel_m + layer * mission.lane_step_m
 
     @property
     def agents_per_target(self) -> int:

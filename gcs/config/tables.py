@@ -194,6 +194,19 @@ class MissionTable(Table, frozen=True, kw_only=True):
         return self.altitude_rel_m + (self.lanes - 1) * self.lane_step_m
 
 
+class TakeoffTable(Table, frozen=True, kw_only=True):
+    """The climb after take-off: straight along the runway, until the take-off altitude is reached."""
+
+    altitude_rel_m: NotNegative = 0.0
+    heading_deg: Annotated[float, Meta(ge=0.0, lt=360.0)] | None = None
+    ground_run_m: NotNegative = 30.0
+    climb_deg: Annotated[float, Meta(ge=2.0, le=60.0)] = 20.0
+
+    def length_m(self, altitude_rel_m: float) -> float:
+        """Distance over ground from where a vehicle stands to where it reaches an altitude."""
+        return self.ground_run_m + altitude_rel_m / math.tan(math.radians(self.climb_deg))
+
+
 class FenceAreaTable(Table, frozen=True, kw_only=True):
     """An area of the fence: either corners, or a circle."""
 

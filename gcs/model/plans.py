@@ -36,6 +36,8 @@ class Mission:
     """Circle at the last waypoint, or go home from there and land."""
     wait_deg: tuple[float, float] | None = None
     """Latitude and longitude of the circle, when it is not round the last waypoint."""
+    takeoff: Waypoint | None = None
+    """Where the climb along the runway ends, of a mission from the ground; None: at the first waypoint."""
     homeward: tuple[Waypoint, ...] = ()
     """Corners of the way home, the last of them where its approach begins; none: straight."""
 

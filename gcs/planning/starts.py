@@ -16,7 +16,7 @@ from gcs.planning.sight import clear_leg, room_at
 
 MOST_ARC = 1.8 * math.pi
 """No turn is longer: what is nearly a full circle is a detour or a rounding error."""
-_START_SHARE = 0.5
+START_SHARE = 0.5
 """How much of the clearance is asked of a start: the vehicle is where it is, and has to turn from there."""
 TIGHT = 0.5
 """Radius of the tightest turns to be expected, of the planned one."""
@@ -118,4 +118,4 @@ def start_is_safe(blocked, reach, x, y, angle, to_x, to_y, radius, own):  # type
 @kernel
 def start_room(blocked, reach, x, y):  # type: ignore[no-untyped-def]
     """Clearance to ask of a start: a share of the wanted one, and no more than the vehicle has now."""
-    return min(_START_SHARE * reach, max(room_at(blocked, x, y, reach) - TOUCH, 0.0))
+    return min(START_SHARE * reach, max(room_at(blocked, x, y, reach) - TOUCH, 0.0))

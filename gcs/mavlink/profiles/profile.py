@@ -5,7 +5,8 @@ A mission's items, in order::
     [home]  [take-off]  waypoint ... waypoint  end
 
 * home: ArduPilot keeps item 0 for its own home; whatever is sent there is overwritten, never compared.
-* take-off: when the vehicle stands on the ground.
+* take-off: when the vehicle stands on the ground. Its place is the end of the climb along the runway:
+  ArduPlane ignores it and holds the runway's heading, PX4 flies towards it.
 * end: an unlimited loiter at the last waypoint ("loiter"), since a fixed wing that runs out of items would
   return or circle where nobody planned; or the corners of the way home, an approach and a landing ("land").
 
@@ -189,7 +190,8 @@ class Profile:
         flown = [self._waypoint(point) for point in mission.waypoints]
         if from_ground:
             pitch, takeoff = self.takeoff_pitch_deg, dialect.MAV_CMD_NAV_TAKEOFF
-            items.append(flown[0]._replace(command=takeoff, param1=pitch, param2=0.0))
+            climbed = flown[0] if mission.takeoff is None else self._waypoint(mission.takeoff)
+            items.append(climbed._replace(command=takeoff, param1=pitch, param2=0.0))
         items += flown
         if mission.end == "land":
             items += self._landing(flown[-1], [self._waypoint(point) for point in mission.homeward], home)
