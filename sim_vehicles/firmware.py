@@ -31,7 +31,7 @@ LAUNCH_SPEED: Final = 10.0
 """Speed of ArduPlane's simulation while vehicles are brought into the air."""
 _AGAIN_NS: Final = NS_PER_S
 _NEAR_ALTITUDE_M: Final = 10.0
-_NEAR_START_M: Final = 150.0
+_NEAR_START_M: Final = 60.0
 _STREAMS_HZ: Final = {
     mavlink.MAVLINK_MSG_ID_SIMSTATE: 10.0,
     mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 10.0,
@@ -82,7 +82,7 @@ def arduplane_command(
         "AIRSPEED_CRUISE": spec.forward_speed_m_s,
         "TKOFF_ALT": spec.alt_rel_m,
         "RTL_ALTITUDE": spec.alt_rel_m,
-        "WP_LOITER_RAD": 60.0,
+        "WP_LOITER_RAD": 40.0,
         "SIM_WIND_SPD": wind_m_s,
         "SIM_WIND_DIR": wind_from_deg,
         **spec.parameters,
@@ -116,7 +116,7 @@ def px4_command(
         "MIS_TAKEOFF_ALT": spec.alt_rel_m,
         "FW_AIRSPD_TRIM": spec.forward_speed_m_s,
         "RTL_RETURN_ALT": spec.alt_rel_m,
-        "NAV_LOITER_RAD": 60.0,
+        "NAV_LOITER_RAD": 40.0,
         **spec.parameters,
     }
     environment = {

@@ -91,7 +91,7 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
             number, place = vehicle.system_id, (vehicle.east_m, vehicle.north_m)
             if number not in ends or not vehicle.alive:
                 continue
-            room_m = _room_m(run.command.grid, cells, place)
+            room_m = distance_to_obstacle_m(run.command.grid, cells, place)
             if number in done or math.dist(place, ends[number]) <= near_m:
                 at_end_m = min(at_end_m, room_m)
                 continue
@@ -140,7 +140,10 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
             if vehicle.system_id in arrived and vehicle.autopilot.flying:
                 home, place = vehicle.autopilot.home, (vehicle.east_m, vehicle.north_m)
                 arrived[vehicle.system_id] = Homeward(
-                    min(arrived[vehicle.system_id].room_m, _room_m(run.command.grid, cells, place)),
+                    min(
+                        arrived[vehicle.system_id].room_m,
+                        distance_to_obstacle_m(run.command.grid, cells, place),
+                    ),
                     math.dist(place, (home.east_m, home.north_m)),
                 )
 
@@ -157,7 +160,8 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
     return arrived
 
 
-def _room_m(grid: Grid, cells: FloatArray, place: tuple[float, float]) -> float:
+def distance_to_obstacle_m(grid: Grid, cells: FloatArray, place: tuple[float, float]) -> float:
+    """Return the distance of a place from the nearest of the blocked `cells` (column, row); 0 inside one."""
     at = (np.array(place) - grid.origin_m) / grid.spacing_m
     gaps = np.maximum(np.abs(at - cells) - 0.5, 0.0)
     return float(np.hypot(gaps[:, 0], gaps[:, 1]).min(initial=math.inf)) * grid.spacing_m

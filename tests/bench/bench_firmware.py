@@ -1,0 +1,194 @@
+"""Whole missions flown by real firmware, over seeds, calm and in wind.
+
+``python tests/bench/bench_firmware.py --sitl arduplane=PATH [SCENARIO ...] [--seeds 10] [--winds 0 6]`` flies
+each mission with ``gcs demo --sitl`` and prints one row for each scenario and wind: missions complete;
+survivors that arrived; the least distance of any vehicle from an obstacle before the end of its route, and
+missions in which a vehicle was inside one; cross-track error that the vehicle itself reports in the first
+seconds after a re-task in the air (NAV_CONTROLLER_OUTPUT); and mission uploads. Without ``--sitl`` the same
+missions are flown by the simulated vehicles.
+"""
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from gcs.command.area import mission_grid
+from gcs.config import parse, read_text
+from gcs.edge.reader import read
+from gcs.mavlink.codec import scan
+from gcs.model import NS_PER_S, Datagram, Fate, FloatArray, Plan, Truth, UploadReport
+from gcs.planning.grid import Grid
+from sim_vehicles.flown import distance_to_obstacle_m
+
+SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")
+FIRST_LEG_NS = (1.0 * NS_PER_S, 3.0 * NS_PER_S)
+"""After the verified upload: what the vehicle reports then belongs to the first leg."""
+BETWEEN_SCANS = 5
+
+
+@dataclass
+class Flown:
+    """What one mission came to."""
+
+    complete: bool = False
+    survivors: int = 0
+    arrived: int = 0
+    uploads: int = 0
+    failed: int = 0
+    nearest_m: float = math.inf
+    nearest: str = ""
+    cross_track_m: list[float] = field(default_factory=list)
+
+
+def scenario_file(name: str, wind_m_s: float, folder: Path) -> Path:
+    """Write the scenario with a wind from the north-west, and routes that allow for it."""
+    text, _ = read_text(name)
+    if wind_m_s:
+        east, north = 0.625 * wind_m_s, -0.78 * wind_m_s
+        text = text.replace("wind_m_s = 0.0", f"wind_m_s = {wind_m_s}", 1)
+        lines = []
+        table = ""
+        for line in text.splitlines():
+            table = line if line.startswith("[") else table
+            if table.startswith("[simulation.wind]") and line.startswith(("east_m_s", "north_m_s")):
+                line = f"{line.split(' ')[0]} = {east if line.startswith('east') else north}"
+            lines.append(line)
+        text = "\n".join(lines)
+        if "[simulation.wind]" not in text:
+            text += f"\n[simulation.wind]\neast_m_s = {east}\nnorth_m_s = {north}\n"
+    path = folder / f"{name}.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def fly(scenario: Path, seed: int, speed: float, sitl: list[str], folder: Path) -> Flown:
+    """Fly one mission and look at its recording."""
+    out = folder / f"{scenario.stem}-{seed}"
+    command = [sys.executable, "-P", "-c", "from gcs.cli import main; main()", "demo", str(scenario)]
+    command += ["--headless", "--json", "--seed", str(seed), "--speed", str(speed), "--out", str(out)]
+    for one in sitl:
+        command += ["--sitl", one]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    lines = done.stdout.strip().splitlines()
+    if not lines:
+        print(done.stderr[-2000:], file=sys.stderr)
+        return Flown()
+    if "of the run's speed" in done.stderr:
+        print(f"{out.name}: the firmware fell behind the clock; lower --speed", file=sys.stderr)
+    summary = json.loads(lines[-1])
+    flown = look_at(out, scenario, seed)
+    flown.complete = summary["outcome"] == "complete"
+    fates = [agent["fate"] for agent in summary["agents"]]
+    flown.arrived, flown.survivors = fates.count("arrived"), len(fates) - fates.count("dead")
+    flown.uploads, flown.failed = summary["uploads"], summary["upload_failures"]
+    if not flown.complete:
+        print(f"{out.name}: {summary['reason']}", file=sys.stderr)
+    return flown
+
+
+def look_at(recording: Path, scenario: Path, seed: int) -> Flown:
+    """Take distances from obstacles and cross-track errors out of a recording."""
+    config = parse(scenario.read_text(encoding="utf-8"), str(scenario))
+    grid = mission_grid(config, seed)
+    cells = np.argwhere(grid.blocked)[:, ::-1].astype(np.float64)
+    near_m = 2.0 * config.planning.capture_radius_m
+    flown, ends, done = Flown(), dict[int, FloatArray](), set[int]()
+    uploaded_ns, tasked = dict[int, int](), defaultdict[int, int](int)
+    last, start_ns = dict[int, tuple[float, float]](), 0
+    for record in read(recording, only={Datagram, Plan, Fate, Truth, UploadReport}):
+        value, start_ns = record.value, start_ns or record.t_ns
+        if isinstance(value, Plan):
+            ends.update({route.vehicle: route.points_m[-1] for route in value.routes})
+        elif isinstance(value, Fate) and value.fate != "flying":
+            done.add(value.vehicle)
+        elif isinstance(value, UploadReport) and value.ok:
+            tasked[value.vehicle] += 1
+            uploaded_ns[value.vehicle] = value.t_ns
+        elif isinstance(value, Datagram):
+            take_cross_track(flown, value, uploaded_ns, tasked)
+        elif isinstance(value, Truth):
+            for thing in value.objects:
+                if thing.kind == "agents" and thing.alive and thing.id in ends and thing.id not in done:
+                    here = (thing.east_m, thing.north_m)
+                    take_distance(flown, grid, cells, last.get(thing.id, here), here, thing.id, record.t_ns - start_ns,
+                                  (ends[thing.id], near_m))  # fmt: skip
+                    last[thing.id] = here
+    return flown
+
+
+def take_distance(
+    flown: Flown, grid: Grid, cells: FloatArray, before: tuple[float, float], now: tuple[float, float],
+    vehicle: int, t_ns: int, end: tuple[FloatArray, float],
+) -> None:  # fmt: skip
+    for part in np.linspace(0.0, 1.0, BETWEEN_SCANS + 1)[1:]:
+        place = (before[0] + part * (now[0] - before[0]), before[1] + part * (now[1] - before[1]))
+        if math.dist(place, end[0]) <= end[1]:
+            return
+        distance_m = distance_to_obstacle_m(grid, cells, place)
+        if distance_m < flown.nearest_m:
+            where = f"({place[0]:.0f}, {place[1]:.0f})"
+            flown.nearest_m, flown.nearest = (
+                distance_m,
+                f"agent {vehicle} at {where}, t {t_ns / NS_PER_S:.0f}",
+            )
+
+
+def take_cross_track(
+    flown: Flown, datagram: Datagram, uploaded_ns: dict[int, int], tasked: dict[int, int]
+) -> None:
+    for frame in scan(datagram.data).frames:
+        vehicle = frame.system_id
+        if frame.message_id != 62 or tasked.get(vehicle, 0) < 2:  # the first mission is not a re-task
+            continue
+        after_ns = datagram.t_ns - uploaded_ns[vehicle]
+        message = frame.message()
+        if message is not None and FIRST_LEG_NS[0] <= after_ns < FIRST_LEG_NS[1]:
+            flown.cross_track_m.append(abs(message.xtrack_error))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", default=SCENARIOS)
+    parser.add_argument("--sitl", action="append", default=[], help="arduplane=PATH or px4=PATH")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--winds", type=float, nargs="*", default=[0.0, 6.0], help="m/s; default 0 6")
+    parser.add_argument("--speed", type=float, default=4.0)
+    parser.add_argument("--keep", type=Path, help="folder for the recordings; none is kept without it")
+    options = parser.parse_args()
+    print("| scenario | wind, m/s | complete | survivors arrived | least distance, m | inside an obstacle "
+          "| first legs: cross-track median, 95 %, most, m | uploads, failed |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|")
+    for name, wind in product(options.scenarios, options.winds):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = (options.keep or Path(temporary)) / f"wind-{wind:g}"
+            folder.mkdir(parents=True, exist_ok=True)
+            path = scenario_file(name, wind, folder)
+            every = [
+                fly(path, seed, options.speed, options.sitl, folder) for seed in range(1, options.seeds + 1)
+            ]
+        for seed, one in enumerate(every, 1):
+            print(
+                f"{name}-{seed} wind {wind:g}: nearest {one.nearest_m:.1f} m, {one.nearest}", file=sys.stderr
+            )
+        errors = np.array([error for one in every for error in one.cross_track_m] or [math.nan])
+        print(
+            f"| {name} | {wind:g} | {sum(one.complete for one in every)} of {len(every)} "
+            f"| {sum(one.arrived for one in every)} of {sum(one.survivors for one in every)} "
+            f"| {min(one.nearest_m for one in every):.1f} | {sum(one.nearest_m <= 0.0 for one in every)} "
+            f"| {np.median(errors):.1f}, {np.quantile(errors, 0.95):.1f}, {errors.max():.1f} "
+            f"| {sum(one.uploads for one in every)}, {sum(one.failed for one in every)} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
