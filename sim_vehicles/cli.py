@@ -8,7 +8,7 @@ import selectors
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -35,6 +35,13 @@ ScenarioArgument = Annotated[
 SeedOption = Annotated[
     int, typer.Option(min=0, help="Makes everything random: obstacles, deaths, targets, noise.")
 ]
+ZenohOption = Annotated[str, typer.Option(help="zenoh endpoint for scans and truth.")]
+ZenohRoleOption = Annotated[
+    Literal["connect", "listen"],
+    typer.Option(
+        help="connect: to a central command that listens (`gcs run`); listen: for anybody to connect."
+    ),
+]
 
 
 @app.callback()
@@ -55,13 +62,8 @@ def run(
     gcs: Annotated[
         str, typer.Option(help="HOST:PORT of the ground station that every vehicle talks to.")
     ] = "127.0.0.1:14550",
-    zenoh: Annotated[str, typer.Option(help="zenoh endpoint for scans and truth.")] = "tcp/127.0.0.1:7447",
-    zenoh_role: Annotated[
-        str,
-        typer.Option(
-            help="connect: to a central command that listens (`gcs run`); listen: for anybody to connect."
-        ),
-    ] = "connect",
+    zenoh: ZenohOption = "tcp/127.0.0.1:7447",
+    zenoh_role: ZenohRoleOption = "connect",
     pack: Annotated[int, typer.Option(min=1, max=250, help="Vehicles in each process.")] = 1,
     loss: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
@@ -86,8 +88,46 @@ def run(
     Each vehicle behaves as an ArduPlane does, in LOITER at its start, and waits for a mission. Connect
     QGroundControl, MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
     """
-    if zenoh_role not in ("connect", "listen"):
-        raise typer.BadParameter("expected connect or listen", param_hint="--zenoh-role")
+    try:
+        firmware = dict(parse_sitl(text) for text in sitl or [])
+        loaded = load(scenario)
+    except GcsError as error:
+        raise typer.Exit(complain(error)) from None
+    plan = Plan(loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss, firmware, sitl_folder)
+    _supervise(plan, as_json, sys.stdin.fileno() if until_stdin_closes else None)
+
+
+@app.command()
+def world(
+    scenario: ScenarioArgument,
+    link: Annotated[
+        list[str],
+        typer.Option(
+            metavar="ENDPOINT",
+            help="MAVLink endpoint of vehicles that fly already, such as tcp:127.0.0.1:5762 (second port of "
+            "ArduPilot's SITL) or udpin:127.0.0.1:14551. Give it once for each link.",
+        ),
+    ],
+    seed: SeedOption = 1,
+    zenoh: ZenohOption = "tcp/127.0.0.1:7447",
+    zenoh_role: ZenohRoleOption = "connect",
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line instead of words.")] = False,
+) -> None:
+    """Simulate a scenario's targets and sensors around vehicles that fly already, until Ctrl-C.
+
+    The sensors see the vehicles where their simulation says that they truly are (SIMSTATE of ArduPilot's
+    SITL, HIL_STATE_QUATERNION of PX4). A vehicle without such messages is seen where it reports to be.
+    """
+    try:
+        loaded = load(scenario)
+    except GcsError as error:
+        raise typer.Exit(complain(error)) from None
+    plan = Plan(loaded, seed, 1.0, "", zenoh, zenoh_role, truth_links=link)
+    _supervise(plan, as_json)
+
+
+def _supervise(plan: Plan, as_json: bool, stdin: int | None = None) -> None:
+    """Run a simulated world until Ctrl-C, SIGTERM, or the end of standard input where that is given."""
     console = console_for(stderr=True)
 
     def report(event: dict[str, Any]) -> None:
@@ -96,15 +136,12 @@ def run(
         else:
             console.print(_in_words(event), highlight=False)
 
+    supervisor = Supervisor(plan, report)
+    signal.signal(signal.SIGTERM, _interrupt)
     try:
-        loaded = load(scenario)
-        firmware = dict(parse_sitl(text) for text in sitl or [])
-        plan = Plan(loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss, firmware, sitl_folder)
-        supervisor = Supervisor(plan, report)
-        signal.signal(signal.SIGTERM, _interrupt)
         try:
             supervisor.start()
-            _watch(supervisor, sys.stdin.fileno() if until_stdin_closes else None)
+            _watch(supervisor, stdin)
         except KeyboardInterrupt:
             pass
         finally:

@@ -225,3 +225,14 @@ def true_place(message: Any) -> tuple[float, float] | None:
         case "HIL_STATE_QUATERNION":
             return message.lat * 1e-7, message.lon * 1e-7
     return None
+
+
+def truth_messages(t_ns: int, place: tuple[float, float] | None) -> list[Any]:
+    """Return what `sim_vehicles.world_process` takes for a true state; without a place, for a death."""
+    messages = [mavlink.MAVLink_system_time_message(t_ns // 1000, t_ns // 1_000_000 & 0xFFFFFFFF)]
+    if place is not None:
+        lat_deg, lon_deg = place
+        lat_lon_e7 = (round(lat_deg * 1e7), round(lon_deg * 1e7))
+        state = mavlink.MAVLink_sim_state_message(1.0, *[0.0] * 12, *place, *[0.0] * 6, *lat_lon_e7)
+        messages.append(state)
+    return messages

@@ -43,6 +43,7 @@ from sim_vehicles.firmware import (
     arduplane_command,
     px4_command,
     true_place,
+    truth_messages,
 )
 from sim_vehicles.frames import FrameReader, Outbox
 from sim_vehicles.process import Address, add_vehicle_arguments, clock_of
@@ -229,16 +230,8 @@ class FirmwareHost:
                 self._watch_lag(message.time_boot_ms, t_ns)
 
     def _tell_world(self, t_ns: int, place: tuple[float, float] | None) -> None:
-        boot_ms = (t_ns - self._start_ns) // 1_000_000 & 0xFFFFFFFF
-        self._truths.send(mavlink.MAVLink_system_time_message(t_ns // 1000, boot_ms))
-        if place is not None:
-            lat_deg, lon_deg = place
-            self._truths.send(
-                mavlink.MAVLink_sim_state_message(
-                    1.0, *[0.0] * 12, lat_deg, lon_deg, *[0.0] * 6,
-                    round(lat_deg * 1e7), round(lon_deg * 1e7),
-                )
-            )  # fmt: skip
+        for message in truth_messages(t_ns, place):
+            self._truths.send(message)
         for data in self._truths.take():
             with contextlib.suppress(OSError):
                 self._towards_gcs.sendto(data, self._world)

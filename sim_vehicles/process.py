@@ -138,7 +138,8 @@ def fly(hosts: list[Host], clock: RunClock) -> None:
                 sys.stderr.write(f"vehicle {names}: {late_s:.1f} s of run time behind the clock\n")
 
 
-def _address(text: str) -> Address:
+def address_of(text: str) -> Address:
+    """Read HOST:PORT."""
     host, separator, port = text.rpartition(":")
     if not separator or not port.isdigit():
         raise argparse.ArgumentTypeError(f"expected host:port, got {text!r}")
@@ -164,8 +165,8 @@ def add_vehicle_arguments(parser: argparse.ArgumentParser) -> None:
         type=VehicleSpec.from_json,
         help="one vehicle; repeat for a pack",
     )
-    parser.add_argument("--gcs", required=True, type=_address, help="host:port of the ground station")
-    parser.add_argument("--truth", type=_address, help="host:port of the simulated world")
+    parser.add_argument("--gcs", required=True, type=address_of, help="host:port of the ground station")
+    parser.add_argument("--truth", type=address_of, help="host:port of the simulated world")
     parser.add_argument(
         "--loss", type=_probability, default=0.0, help="chance that a datagram is lost, each way"
     )

@@ -60,6 +60,8 @@ class Plan:
     """Real firmware to fly instead of simulated autopilots: programs by name (`sim_vehicles.firmware`)."""
     folder: Path | None = None
     """Where firmware keeps its files; None for a temporary one."""
+    truth_links: Sequence[str] = ()
+    """MAVLink endpoints of vehicles that fly already. When given, no vehicle is started."""
 
 
 @dataclass(slots=True)
@@ -88,7 +90,12 @@ class Supervisor:
         world = self._spawn(["-m", "sim_vehicles.world_process", *self._world_arguments()])
         truth_port = self._await_ready(world).split()[1]
         specs = vehicle_specs(self.plan.scenario, self.plan.seed)
-        if self.plan.sitl:
+        if self.plan.truth_links:
+            for link in self.plan.truth_links:
+                self._spawn(
+                    ["-m", "sim_vehicles.truth_link", "--link", link, "--truth", f"127.0.0.1:{truth_port}"]
+                )
+        elif self.plan.sitl:
             self._spawn_firmware(specs, truth_port)
         else:
             packs = [specs[i : i + self.plan.pack] for i in range(0, len(specs), self.plan.pack)]

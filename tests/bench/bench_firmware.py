@@ -119,8 +119,9 @@ def look_at(recording: Path, scenario: Path, seed: int) -> Flown:
             for thing in value.objects:
                 if thing.kind == "agents" and thing.alive and thing.id in ends and thing.id not in done:
                     here = (thing.east_m, thing.north_m)
-                    take_distance(flown, grid, cells, last.get(thing.id, here), here, thing.id, record.t_ns - start_ns,
-                                  (ends[thing.id], near_m))  # fmt: skip
+                    end = (ends[thing.id], near_m)
+                    t_ns = record.t_ns - start_ns
+                    take_distance(flown, grid, cells, last.get(thing.id, here), here, thing.id, t_ns, end)
                     last[thing.id] = here
     return flown
 
