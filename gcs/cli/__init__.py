@@ -16,6 +16,7 @@ from gcs.cli import flying, preparing, recordings
 from gcs.commands.fence import app as fence_app
 from gcs.commands.keys import app as keys_app
 from gcs.commands.order import app as order_app
+from gcs.commands.param import app as param_app
 
 app = typer.Typer(
     help="""Central command for a swarm of fixed-wing vehicles.
@@ -32,6 +33,7 @@ app.add_typer(flying.app)
 app.add_typer(order_app, name="order", rich_help_panel=flying.PANEL)
 app.add_typer(preparing.app)
 app.add_typer(fence_app, name="fence", rich_help_panel=preparing.PANEL)
+app.add_typer(param_app, name="param", rich_help_panel=preparing.PANEL)
 app.add_typer(keys_app, name="keys", rich_help_panel=preparing.PANEL)
 app.add_typer(recordings.app)
 

@@ -98,15 +98,18 @@ def _run(
     as_json: bool,
 ) -> None:
     from gcs.config import load
+    from gcs.edge.entrance import entrance_of
     from gcs.edge.fencing import fence_vehicles
 
     console = console_for(stderr=as_json)
     try:
         config = load(source)
-        chosen = _chosen(config, vehicles)
+        whom = chosen(config, vehicles)
         if not yes:
-            _ask(action, chosen)
-        talks = fence_vehicles(config, source, action, chosen, wait_s, link)
+            _ask(action, whom)
+        if words := entrance_of(config, link, writes=action != "show").words:
+            console.print(words, highlight=False, markup=False, soft_wrap=True)
+        talks = fence_vehicles(config, source, action, whom, wait_s, link)
     except GcsError as error:
         raise typer.Exit(complain(error)) from None
     console.print(_table(talks))
@@ -117,7 +120,14 @@ def _run(
     raise typer.Exit(0 if ok else 1)
 
 
-def _chosen(config: Config, vehicles: list[int] | None) -> list[int]:
+def chosen(config: Config, vehicles: list[int] | None) -> list[int]:
+    """Return the vehicles that a command is for: those named, or all of the mission.
+
+    Raises
+    ------
+    typer.BadParameter
+        One of them is not of the mission.
+    """
     known = [agent.vehicle for agent in config.agents]
     for vehicle in vehicles or ():
         if vehicle not in known:

@@ -7,7 +7,7 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from rich.console import Console
 from rich.status import Status
@@ -18,11 +18,11 @@ from gcs.command.checks import Check
 from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.command.vehicle_checks import envelope_of, vehicle_checks
 from gcs.config import Config, load
+from gcs.edge.entrance import entrance_of
 from gcs.edge.scans import decode_scan
 from gcs.edge.visit import Visit
 from gcs.edge.wire import sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
-from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
 from gcs.mavlink.inspection import NEEDED_IDS, Inspection
@@ -58,12 +58,16 @@ def preflight(options: PreflightOptions, console: Console) -> bool:
     """
     config = load(options.config)
     fence_of(config, options.config)  # its mistakes first
-    link = None if options.link is None else Link(parse_endpoint(options.link))
+    entrance = entrance_of(config, options.link, writes=False)
     ears = Ears(config)
     with ExitStack() as stack:
-        if options.sensors:
+        if entrance.service is not None:
+            options = replace(options, sensors=False)
+            words = f"{entrance.words}; scans are left to it: it tells when none come"
+            console.print(words, highlight=False, markup=False, soft_wrap=True)
+        elif options.sensors:
             ears.open(stack)
-        checks = asyncio.run(_checked(config, options, link, ears, console))
+        checks = asyncio.run(_checked(config, options, ears, console))
     refused = sum(check.level == "refused" for check in checks)
     told = sum(check.level == "warning" for check in checks)
     show([c for c in checks if not (options.brief and c.level == "ok")], config.name, console)
@@ -108,13 +112,12 @@ class Ears:
             self.problems[str(error)] = None
 
 
-async def _checked(
-    config: Config, options: PreflightOptions, link: Link | None, ears: Ears, console: Console
-) -> list[Check]:
-    visit = Visit(config, options.config, NEEDED_IDS, link)
-    envelope = envelope_of(config)
+async def _checked(config: Config, options: PreflightOptions, ears: Ears, console: Console) -> list[Check]:
+    visit = Visit(config, options.config, NEEDED_IDS, options.link)
+    envelope, own = envelope_of(config), visit.entrance.own
     talks = [
-        Inspection(agent.vehicle, envelope, visit.fleet.encoder(agent.vehicle)) for agent in config.agents
+        Inspection(agent.vehicle, envelope, visit.fleet.encoder(agent.vehicle), own)
+        for agent in config.agents
     ]
     began_s = time.monotonic()
 

@@ -10,7 +10,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.edge.visit import Visit
-from gcs.endpoints import Link, parse_endpoint
 from gcs.fence import fence_of, rally_of
 from gcs.mavlink.codec import Message
 from gcs.mavlink.fencing import FENCE, LIST_NAMES, RALLY, fence_held, fence_items, rally_items
@@ -31,6 +30,8 @@ class Fencing:
         What each list is to hold, by MAV_MISSION_TYPE; None reads.
     ceiling_m : float
         To be set, 0 for none.
+    own : (int, int)
+        Our system and component id.
     """
 
     def __init__(
@@ -39,8 +40,10 @@ class Fencing:
         lists: dict[int, Sequence[Item] | None],
         ceiling_m: float,
         encode: Callable[[Message], bytes],
+        own: tuple[int, int],
     ) -> None:
         self.vehicle = vehicle
+        self._own = own
         self._todo, self._ceiling_m, self._encode = lists, ceiling_m, encode
         self._tasks: list[ListTask] = []
         self._ceiling: ParameterSetting | None = None
@@ -86,7 +89,7 @@ class Fencing:
         if not self._tasks or (self._tasks[-1].result is not None and len(self._tasks) < len(self._todo)):
             mission_type = list(self._todo)[len(self._tasks)]
             items = self._todo[mission_type]
-            self._tasks.append(ListTask(self.vehicle, mission_type, items, self._encode, t_ns))
+            self._tasks.append(ListTask(self.vehicle, mission_type, items, self._encode, t_ns, own=self._own))
         if self._tasks[-1].result is None:
             return self._tasks[-1].poll(t_ns)
         profile = profile_of(*self._autopilot)
@@ -126,9 +129,11 @@ def fence_vehicles(
         config,
         source,
         [dialect.MAVLINK_MSG_ID_PARAM_VALUE],
-        None if link is None else Link(parse_endpoint(link)),
+        link,
+        writes=action != "show",
     )
-    talks = [Fencing(v, lists, ceiling_m, visit.fleet.encoder(v)) for v in vehicles]
+    own = visit.entrance.own
+    talks = [Fencing(v, lists, ceiling_m, visit.fleet.encoder(v), own) for v in vehicles]
     asyncio.run(visit.run(talks, wait_s))
     return talks
 

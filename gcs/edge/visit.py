@@ -1,7 +1,7 @@
 """A short visit to the vehicles: links open, conversations with each, links closed again.
 
-For commands that are no service: `gcs preflight` and `gcs fence`. While it lasts heartbeats go out, as
-from any ground station; nothing is sent to a vehicle that has not been heard.
+For commands that are no service: `gcs preflight`, `gcs fence` and `gcs param`. While it lasts
+heartbeats go out, as from any ground station; nothing is sent to a vehicle that has not been heard.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Protocol
 
 from gcs.config import Config
 from gcs.edge.clock import RunClock
+from gcs.edge.entrance import entrance_of
 from gcs.edge.links import Links
 from gcs.edge.signing import Signing
-from gcs.endpoints import Link
 from gcs.mavlink.codec import Message
 from gcs.mavlink.fleet import Fleet, FleetSettings
 from gcs.model import NS_PER_S, Datagram, Level, system_of
@@ -39,14 +39,16 @@ class Talk(Protocol):
 
 
 class Visit:
-    """The links of a mission file, or one other, and the vehicles there.
+    """The links of a mission file, or those of its running service, and the vehicles there.
 
     Parameters
     ----------
     source : str
         The mission file: its keys lie beside it.
-    link : Link or None
-        Where to look instead, such as another ground station's or our own service's forward endpoint.
+    link : str or None
+        Where to look instead, such as another ground station's forward endpoint.
+    writes : bool
+        True if something on the vehicles is to be changed.
 
     Raises
     ------
@@ -55,20 +57,28 @@ class Visit:
     """
 
     def __init__(
-        self, config: Config, source: str, also: Iterable[int] = (), link: Link | None = None
+        self,
+        config: Config,
+        source: str,
+        also: Iterable[int] = (),
+        link: str | None = None,
+        *,
+        writes: bool = False,
     ) -> None:
         vehicles = [agent.vehicle for agent in config.agents]
-        links = [one for one in config.mavlink_links if one.role == "vehicles"] if link is None else [link]
+        self.entrance = entrance_of(config, link, writes=writes)
+        links, is_direct = self.entrance.links, link is None and self.entrance.service is None
         self.clock = RunClock()
         self.fleet = Fleet(
             vehicles,
             config.local_frame,
             FleetSettings(position_rate_hz=config.telemetry.rate_hz),
             links=links,
+            own=self.entrance.own,
             also=also,
             kernel=False,  # a visit is short: it would take longer to load
         )
-        signing = Signing(links, config.links.key_file(source) if link is None else None)
+        signing = Signing(links, config.links.key_file(source) if is_direct else None)
         self.links = Links(links, vehicles, config.local_frame, signing)
         self.news: list[tuple[str, Level, str]] = []
         self._talks: dict[int, Talk] = {}
@@ -109,7 +119,9 @@ class Visit:
             self.links.send(send.link, send.peer, send.data)
 
     def has_key(self, vehicle: int) -> bool:
-        """Return True if there is a signing key for a vehicle on the link where it is heard."""
+        """Return True if there is a signing key for a vehicle here, or the service between us may have it."""
+        if self.entrance.service is not None:
+            return True
         return self.links.signing.gate.is_keyed(self.fleet.link(vehicle), system_of(vehicle))
 
     # ------------------------------------------------------------ as `gcs.edge.links.Taker`

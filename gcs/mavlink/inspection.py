@@ -14,7 +14,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.asking import Asking, Patience
-from gcs.mavlink.codec import Message
+from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.commands import REQUEST_MESSAGE, command
 from gcs.mavlink.fencing import FENCE, RALLY
 from gcs.mavlink.items import Item
@@ -68,14 +68,20 @@ class Inspection:
         What it holds; None when it did not say.
     """
 
-    def __init__(self, vehicle: int, envelope: Envelope, encode: Callable[[Message], bytes]) -> None:
+    def __init__(
+        self,
+        vehicle: int,
+        envelope: Envelope,
+        encode: Callable[[Message], bytes],
+        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+    ) -> None:
         self.vehicle = vehicle
         self.messages: dict[str, tuple[int, Message]] = {}
         self.profile: Profile | None = None
         self.texts: dict[str, None] = {}
         self.values: dict[str, float] = {}
         self.held: dict[int, tuple[Item, ...] | None] = {}
-        self._envelope, self._encode = envelope, encode
+        self._envelope, self._encode, self._own = envelope, encode, own
         self._asking: dict[str, Asking] | None = None
         self._reading: ParameterReading | None = None
         self._list: ListTask | None = None
@@ -114,7 +120,7 @@ class Inspection:
         self.values = self._reading.values
         if self._list is None or self._list.result is not None:
             kind = FENCE if FENCE not in self.held else RALLY
-            self._list = ListTask(self.vehicle, kind, None, self._encode, t_ns)
+            self._list = ListTask(self.vehicle, kind, None, self._encode, t_ns, own=self._own)
         return self._listed(self._list.poll(t_ns))
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:

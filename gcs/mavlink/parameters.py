@@ -61,6 +61,20 @@ def carried(value: float, param_type: int, bytewise: bool) -> float:
     return float(struct.unpack("<f", struct.pack(form, round(value)))[0])
 
 
+def misfit(value: float, param_type: int) -> str:
+    """Say why a value does not fit a MAV_PARAM_TYPE; empty when it does."""
+    if not math.isfinite(value):
+        return "is no finite number"
+    form = _FORMATS.get(param_type)
+    if form is None:
+        return ""
+    bits = 8 * struct.calcsize(form.rstrip("x"))
+    low, high = (0, 2**bits - 1) if form[1].isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    if value == round(value) and low <= value <= high:
+        return ""
+    return f"does not fit: it is a whole number of {low} ... {high}"
+
+
 class ParameterReading:
     """Reads named parameters of one vehicle, a few at a time.
 
@@ -151,8 +165,8 @@ class ParameterSetting:
                 self._read(t_ns)
             return frames
         if self._asking.unanswered(t_ns):
-            now = self._reading.values[self._name]
-            self.outcome = (False, f"{self._name} stays {now:g}: it could not be set to {self._value:g}")
+            why = f"it could not be set to {self._value:g}"
+            self.outcome = (False, f"{self._name} stays {self._held:g}: {why}")
             return []
         return [self._encode(self._asking.question)] if self._asking.due(t_ns) else []
 
@@ -167,11 +181,17 @@ class ParameterSetting:
             self.outcome = (False, f"{self._name}: no such parameter, or no answer")
         elif self._is_set():
             self.outcome = (True, f"{self._name} = {self._value:g}, as it was")
+        elif problem := misfit(self._value, self._reading.types[self._name]):
+            self.outcome = (False, f"{self._name} stays {self._held:g}: {self._value:g} {problem}")
         else:
             kind = self._reading.types[self._name]
             value = carried(self._value, kind, self._bytewise)
             request = dialect.MAVLink_param_set_message(*self._to, self._name.encode("ascii"), value, kind)
             self._asking = Asking(request, _PATIENCE, t_ns)
+
+    @property
+    def _held(self) -> float:
+        return self._reading.values[self._name]
 
     def _is_set(self) -> bool:
         held = self._reading.values.get(self._name, math.nan)

@@ -11,7 +11,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Encoder, decode
-from gcs.mavlink.parameters import ParameterReading, ParameterSetting, carried, is_bytewise, value_of
+from gcs.mavlink.parameters import (
+    ParameterReading,
+    ParameterSetting,
+    carried,
+    is_bytewise,
+    misfit,
+    value_of,
+)
 from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
@@ -98,3 +105,16 @@ def test_a_parameter_counts_as_set_when_it_comes_back_so(autopilot):
     stubborn = ParameterSetting(7, "FORMAT_VERSION", 3.0, autopilot == "px4", Encoder())
     talk(stubborn, plane, lambda: stubborn.outcome is not None)
     assert stubborn.outcome == (False, "FORMAT_VERSION stays 13: it could not be set to 3")
+
+
+def test_a_value_that_does_not_fit_its_type_is_never_sent():
+    plane = vehicle()
+    setting = ParameterSetting(7, "FS_LONG_ACTN", 1.5, False, Encoder())
+    talk(setting, plane, lambda: setting.outcome is not None)
+    assert setting.outcome == (
+        False,
+        "FS_LONG_ACTN stays 0: 1.5 does not fit: it is a whole number of -128 ... 127",
+    )
+    assert misfit(300, dialect.MAV_PARAM_TYPE_INT8)
+    assert not misfit(255, dialect.MAV_PARAM_TYPE_UINT8)
+    assert not misfit(1.5, dialect.MAV_PARAM_TYPE_REAL32)

@@ -18,6 +18,8 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.config import parse, read_text
+from gcs.edge.whereabouts import services
+from gcs.edge.zenoh_bus import free_endpoint
 from gcs.settings import with_settings
 from sim_vehicles.vehicle import VehicleSpec
 
@@ -26,13 +28,20 @@ RALLY = "rally=[{lat_deg=33.202, lon_deg=-87.598, alt_rel_m=80}]"
 READY = {"FS_GCS_ENABL": 1.0, "FENCE_ENABLE": 1.0}
 
 
-@pytest.fixture
-def field(tmp_path: Path) -> Iterator[Path]:
-    """A mission file of two vehicles, one of them with a failsafe that would glide it into the ground."""
+def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+        return int(free.getsockname()[1])
+
+
+@pytest.fixture
+def field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A mission file of two vehicles, one of them with a failsafe that would glide it into the ground."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # no service of others is found
+    port = free_port()
     links = [f'links.mavlink="udpin:127.0.0.1:{port}"', 'name="field"', FENCE, RALLY]
+    links.append(f'links.forward=[{{endpoint="udpin:127.0.0.1:{free_port()}", access="full"}}]')
+    links += [f'links.zenoh="{free_endpoint()}"', 'planning.retask="confirm"']
     text = with_settings(read_text("prescribed")[0], links, "prescribed")
     for system_id in (3, 4):
         start = text.index(f"[[agents]]\nsystem_id = {system_id}")
@@ -98,3 +107,35 @@ def test_a_fence_is_brought_and_a_bad_failsafe_keeps_the_swarm_on_the_ground(fie
         "ok"
     }
     assert rows[None, "routes"] == "ok"
+
+
+def test_while_the_service_runs_preparations_go_through_it_and_vehicles_keep_its_heartbeats(field, tmp_path):
+    arguments = [
+        sys.executable,
+        "-P",
+        "-c",
+        "from gcs.cli import main; main()",
+        "run",
+        str(field),
+        "--headless",
+        "--out",
+        str(tmp_path),
+    ]
+    arguments += ["--journal", str(tmp_path / "journal")]
+    service = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        while not services():
+            assert service.poll() is None
+            time.sleep(0.1)
+        done = gcs("fence", "upload", str(field), "--yes", "--json")
+        assert done.exit_code == 0, done.stdout + done.stderr
+        assert "through gcs run" in done.stderr
+        done = gcs("param", "set", str(field), "FS_LONG_ACTN", "1", "--armed", "--yes", "--json")
+        assert done.exit_code == 0, done.stdout + done.stderr
+        rows = json.loads(done.stdout.splitlines()[-1])["parameters"]
+        assert [(row["vehicle"], row["ok"], row["value"]) for row in rows] == [(1, True, 1.0), (2, True, 1.0)]
+        checked = gcs("preflight", str(field), "--wait", "30", "--json")
+        assert checked.exit_code == 0, checked.stdout + checked.stderr
+    finally:
+        service.terminate()
+        service.wait(20)
