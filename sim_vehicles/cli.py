@@ -68,6 +68,14 @@ def run(
     loss: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
     ] = 0.0,
+    start_at_once: Annotated[
+        bool,
+        typer.Option(
+            "--start-at-once",
+            help="Let targets move and deaths count from the start, not from when a ground station has been "
+            "heard for 10 s.",
+        ),
+    ] = False,
     sitl: Annotated[
         list[str] | None,
         typer.Option(
@@ -85,15 +93,18 @@ def run(
 ) -> None:
     """Fly a scenario's vehicles until Ctrl-C: one process and one UDP socket each, and one for the world.
 
-    Each vehicle behaves as an ArduPlane does, in LOITER at its start, and waits for a mission. Connect
-    QGroundControl, MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
+    Each vehicle behaves as an ArduPlane does, in LOITER at its start, and waits for a mission. Targets stand
+    at their starts, and nobody dies, until a ground station has been heard for 10 s. Connect QGroundControl,
+    MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
     """
     try:
         firmware = dict(parse_sitl(text) for text in sitl or [])
         loaded = load(scenario)
     except GcsError as error:
         raise typer.Exit(complain(error)) from None
-    plan = Plan(loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss, firmware, sitl_folder)
+    plan = Plan(
+        loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss, not start_at_once, firmware, sitl_folder
+    )
     _supervise(plan, as_json, sys.stdin.fileno() if until_stdin_closes else None)
 
 

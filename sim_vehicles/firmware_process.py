@@ -46,7 +46,8 @@ from sim_vehicles.firmware import (
     truth_messages,
 )
 from sim_vehicles.frames import FrameReader, Outbox
-from sim_vehicles.process import Address, add_vehicle_arguments, clock_of
+from sim_vehicles.ground import GroundContact
+from sim_vehicles.process import GROUND_HEARTBEAT, Address, add_vehicle_arguments, clock_of
 from sim_vehicles.vehicle import VehicleSpec
 
 _LAUNCH_WITHIN_S = 150.0
@@ -124,7 +125,9 @@ class FirmwareHost:
         self._gcs, self._world, self._loss = arguments.gcs, arguments.truth, arguments.loss
         self._rng = np.random.default_rng([spec.seed, spec.system_id])
         self._death_rng = np.random.default_rng([spec.seed, zlib.crc32(b"death"), spec.system_id])
+        self._ground_contact = GroundContact()
         self._death_check_ns = self._start_ns = 0
+        self._deaths_from_ns: int | None = None
         self._lag_from: tuple[int, int] | None = None
 
     # ------------------------------------------------------------ before the clock starts
@@ -172,8 +175,13 @@ class FirmwareHost:
             self._truth_port.send(self._commands.encode(parameter))
 
     def begin(self, t_ns: int) -> None:
-        """Count deaths from here."""
+        """Count time from here, and deaths unless they wait for a ground station."""
         self._start_ns = t_ns
+        if not self.spec.waits_for_ground:
+            self._count_deaths_from(t_ns)
+
+    def _count_deaths_from(self, t_ns: int) -> None:
+        self._deaths_from_ns = t_ns
         self._death_check_ns = t_ns + int(self.spec.death_check_period_s * NS_PER_S)
 
     # ------------------------------------------------------------ while the mission is flown
@@ -209,11 +217,15 @@ class FirmwareHost:
             except ConnectionError:
                 continue
             if sender == self._gcs and not self._is_lost():
+                if self._ground_contact.hear(t_ns) and self.spec.waits_for_ground:
+                    self._count_deaths_from(t_ns)
                 self._ground.send(data)
 
     def _dies(self, t_ns: int) -> bool:
-        spec = self.spec
-        if spec.dies_at_s is not None and t_ns - self._start_ns >= spec.dies_at_s * NS_PER_S:
+        spec, from_ns = self.spec, self._deaths_from_ns
+        if from_ns is None:
+            return False
+        if spec.dies_at_s is not None and t_ns - from_ns >= spec.dies_at_s * NS_PER_S:
             return True
         while spec.survival_probability < 1.0 and self._death_check_ns <= t_ns:
             self._death_check_ns += int(spec.death_check_period_s * NS_PER_S)
@@ -232,6 +244,8 @@ class FirmwareHost:
     def _tell_world(self, t_ns: int, place: tuple[float, float] | None) -> None:
         for message in truth_messages(t_ns, place):
             self._truths.send(message)
+        if place is not None and self._ground_contact.began_t_ns is not None:
+            self._truths.send(GROUND_HEARTBEAT)
         for data in self._truths.take():
             with contextlib.suppress(OSError):
                 self._towards_gcs.sendto(data, self._world)

@@ -56,6 +56,8 @@ class Plan:
     zenoh_role: str
     pack: int = 1
     loss: float = 0.0
+    waits_for_ground: bool = False
+    """True if targets move and deaths count only from when a ground station is there."""
     sitl: Mapping[str, Path] = field(default_factory=dict)
     """Real firmware to fly instead of simulated autopilots: programs by name (`sim_vehicles.firmware`)."""
     folder: Path | None = None
@@ -89,7 +91,10 @@ class Supervisor:
         """
         world = self._spawn(["-m", "sim_vehicles.world_process", *self._world_arguments()])
         truth_port = self._await_ready(world).split()[1]
-        specs = vehicle_specs(self.plan.scenario, self.plan.seed)
+        specs = [
+            replace(spec, waits_for_ground=self.plan.waits_for_ground)
+            for spec in vehicle_specs(self.plan.scenario, self.plan.seed)
+        ]
         if self.plan.truth_links:
             for link in self.plan.truth_links:
                 self._spawn(
@@ -144,6 +149,7 @@ class Supervisor:
             plan.zenoh,
             "--zenoh-role",
             plan.zenoh_role,
+            *(["--wait-for-ground"] if plan.waits_for_ground else []),
         ]
 
     def _spawn(self, arguments: list[str], system_ids: tuple[int, ...] = ()) -> Child:

@@ -23,6 +23,7 @@ from gcs.model import NS_PER_S
 from sim_vehicles.airframe import STEP_NS, Airframe
 from sim_vehicles.autopilot import Autopilot
 from sim_vehicles.geodesy import Geodesy
+from sim_vehicles.ground import GroundContact
 from sim_vehicles.link import VehicleLink
 from sim_vehicles.missions import NEVER_NS
 from sim_vehicles.parameters import Parameters
@@ -48,7 +49,9 @@ class VehicleSpec:
     """At each check."""
     death_check_period_s: float = 1.0
     dies_at_s: float | None = None
-    """Seconds from the start; None leaves it to chance."""
+    """Seconds from the start, or from when a ground station is there; None leaves it to chance."""
+    waits_for_ground: bool = False
+    """True if deaths count from when a ground station is there (`GroundContact`), not from the start."""
     seed: int = 0
     accept_radius_m: float = 10.0
     """Of waypoints that name none."""
@@ -93,7 +96,8 @@ class SimVehicle:
     frame : LocalFrame
         Where the local frame lies on Earth.
     start_t_ns : int
-        Its first moment: it boots, telemetry begins, its chances of death are counted from here.
+        Its first moment: it boots, telemetry begins; its chances of death are counted from here unless it
+        waits for a ground station.
     key : bytes, optional
         Signing key that it holds.
     """
@@ -146,12 +150,18 @@ class SimVehicle:
                 start_t_ns,
             )
         self._start_t_ns = start_t_ns
+        self.ground = GroundContact()
         self._check_period_ns = max(int(spec.death_check_period_s * NS_PER_S), STEP_NS)
-        self._death_check_ns = (
-            start_t_ns + self._check_period_ns if spec.survival_probability < 1.0 else NEVER_NS
-        )
-        self._dies_ns = NEVER_NS if spec.dies_at_s is None else start_t_ns + int(spec.dies_at_s * NS_PER_S)
+        self._death_check_ns = self._dies_ns = NEVER_NS
+        if not spec.waits_for_ground:
+            self._count_deaths_from(start_t_ns)
         self._stepped_ns = start_t_ns
+
+    def _count_deaths_from(self, t_ns: int) -> None:
+        if self.spec.survival_probability < 1.0:
+            self._death_check_ns = t_ns + self._check_period_ns
+        if self.spec.dies_at_s is not None:
+            self._dies_ns = t_ns + int(self.spec.dies_at_s * NS_PER_S)
 
     @property
     def east_m(self) -> float:
@@ -222,6 +232,8 @@ class SimVehicle:
         """Take one datagram from the ground, after flying up to `t_ns`. Bad bytes are stepped over."""
         self.advance(t_ns)
         if self.alive and t_ns >= self._start_t_ns:
+            if self.ground.hear(t_ns) and self.spec.waits_for_ground:
+                self._count_deaths_from(t_ns)
             self._link.receive_datagram(data, t_ns)
             self._link.tell_notices(t_ns)
 

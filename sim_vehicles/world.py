@@ -36,6 +36,8 @@ class World:
     scenario: Scenario
     seed: int
     start_t_ns: int
+    moves_from_t_ns: int = -1
+    """When targets begin to move and to appear; until then they stand at their starts. -1: `start_t_ns`."""
     targets: list[Target] = field(init=False)
     sensors: list[Sensor] = field(init=False)
     _looks: deque[_Look] = field(init=False, default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
@@ -43,6 +45,8 @@ class World:
     _next_looks: list[_Look] = field(init=False)
 
     def __post_init__(self) -> None:
+        if self.moves_from_t_ns < 0:
+            self.moves_from_t_ns = self.start_t_ns
         self.targets = make_targets(self.scenario, self.seed)
         self.sensors = make_sensors(self.scenario)
         self._next_looks = [self._look(sensor, 0) for sensor in range(len(self.sensors))]
@@ -74,7 +78,8 @@ class World:
         area = self.scenario.config.map
         objects = sorted(agents, key=lambda agent: agent.id)
         for target in self.targets:
-            place = target.position_m((t_ns - self.start_t_ns) / NS_PER_S, area.width_m, area.height_m)
+            moved_s = max(0, t_ns - self.moves_from_t_ns) / NS_PER_S
+            place = target.position_m(moved_s, area.width_m, area.height_m)
             east, north = place or (target.east_m, target.north_m)
             objects.append(TruthObject("targets", target.id, east, north, place is not None))
         return Truth(t_ns, tuple(objects))

@@ -5,6 +5,9 @@ At each scan time the world waits until it knows where every living agent was, i
 An agent whose truth stops is dead: the sensor sees nothing there, whether it died by the scenario or its
 process was killed.
 
+With ``--wait-for-ground`` targets stand until a vehicle has a ground station: it adds a HEARTBEAT to its
+true states then.
+
 Run as ``python -m sim_vehicles.world_process``: prints ``ready PORT`` (where truth is to be sent), reads
 the clock as one JSON line, and ends when its standard input closes.
 """
@@ -30,6 +33,7 @@ from gcs.edge.wire import encode_truth, scan_key, truth_key
 from gcs.edge.zenoh_bus import Bus
 from gcs.geo import LocalFrame
 from gcs.model import Scan, TruthObject
+from sim_vehicles.missions import NEVER_NS
 from sim_vehicles.scenario import Scenario, load
 from sim_vehicles.world import World
 
@@ -77,6 +81,8 @@ class TruthReceiver:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 * 1024 * 1024)
         self._socket.bind(("127.0.0.1", 0))
         self.port: int = self._socket.getsockname()[1]
+        self.ground_t_ns: int | None = None
+        """When a vehicle first said that a ground station is there."""
         self.agents = {a.system_id: AgentTruth([(0, a.east_m, a.north_m)]) for a in scenario.config.agents}
 
     def wait(self, timeout_s: float) -> bool:
@@ -109,6 +115,8 @@ class TruthReceiver:
         else:
             place = self._frame.to_local(state.lat_int * 1e-7, state.lon_int * 1e-7)
             agent.add(time_message.time_unix_usec * 1000, *place)
+        if self.ground_t_ns is None and "HEARTBEAT" in by_type:
+            self.ground_t_ns = time_message.time_unix_usec * 1000
 
     def agents_at(self, t_ns: int) -> list[TruthObject] | None:
         """All agents at `t_ns`; None while the truth of a living one is still to come."""
@@ -146,6 +154,8 @@ def fly(world: World, receiver: TruthReceiver, bus: Bus, clock: RunClock) -> Non
                 receiver.give_up(t_ns)
             elif receiver.wait(left_s):
                 return
+        if receiver.ground_t_ns is not None:
+            world.moves_from_t_ns = min(world.moves_from_t_ns, receiver.ground_t_ns)
         truth = world.truth(t_ns, agents)
         if t_ns > told_t_ns:
             bus.publish(truth_key(mission), encode_truth(truth))
@@ -161,6 +171,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--zenoh", required=True, help="endpoint, such as tcp/127.0.0.1:7447")
     parser.add_argument("--zenoh-role", choices=["listen", "connect"], required=True)
+    parser.add_argument(
+        "--wait-for-ground", action="store_true", help="targets stand until a ground station is there"
+    )
     arguments = parser.parse_args()
     scenario = load(arguments.scenario)
     receiver = TruthReceiver(scenario)
@@ -171,7 +184,8 @@ def main() -> None:
             return
         raw = json.loads(line)
         clock = RunClock(raw["epoch_ns"], raw["start_t_ns"], raw["speed"])
-        fly(World(scenario, arguments.seed, clock.start_t_ns), receiver, bus, clock)
+        moves_from_t_ns = NEVER_NS if arguments.wait_for_ground else clock.start_t_ns
+        fly(World(scenario, arguments.seed, clock.start_t_ns, moves_from_t_ns), receiver, bus, clock)
 
 
 if __name__ == "__main__":

@@ -194,6 +194,7 @@ async def _simulation(
         "--seed", str(options.seed), "--speed", str(options.speed),
         "--gcs", f"127.0.0.1:{port}", "--zenoh", zenoh, "--zenoh-role", "connect",
         "--loss", str(options.loss), "--pack", str(options.pack), "--json", "--until-stdin-closes",
+        "--start-at-once",
         *firmware,
         stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, start_new_session=True,
     )  # fmt: skip

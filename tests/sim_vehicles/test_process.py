@@ -109,6 +109,18 @@ def test_truth_comes_ten_times_a_second_of_run_time_with_its_time(start_process,
         assert math.dist(before, after) == pytest.approx(1.5, abs=0.05)
 
 
+def test_the_world_is_told_when_a_ground_station_has_come_to_stay(start_process, port, world):
+    start_process(port.number, spec(), options=("--truth", f"127.0.0.1:{world.number}"), speed=20.0)
+    port.until(kind("HEARTBEAT"))
+    first = world.until(kind("SIM_STATE"))
+    assert not any(m.get_type() == "HEARTBEAT" for m in first)
+    deadline, told = time.monotonic() + 20, False
+    while not told and time.monotonic() < deadline:
+        port.send(7, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        told = any(m.get_type() == "HEARTBEAT" for m in world.datagram())
+    assert told
+
+
 def test_a_dead_vehicle_says_nothing_more_and_its_process_stays(start_process, port, world):
     options = ("--truth", f"127.0.0.1:{world.number}")
     process = start_process(port.number, spec(1, dies_at_s=4.0), spec(2), options=options, speed=8.0)

@@ -101,6 +101,31 @@ def test_death_is_drawn_once_a_period_with_the_given_probability():
     assert died_after_s(slow, 10) == 5
 
 
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 255, 190))
+
+
+def heard(vehicle: SimVehicle, from_s: int, to_s: int) -> None:
+    for second in range(from_s, to_s + 1):
+        vehicle.receive_datagram(BEAT, START_NS + second * S)
+
+
+@pytest.mark.parametrize("how", [{"dies_at_s": 5.0}, {"survival_probability": 0.0}])
+def test_deaths_wait_for_a_ground_station_that_stays(how):
+    vehicle = SimVehicle(spec(waits_for_ground=True, **how), FRAME, START_NS)
+    assert died_after_s(vehicle, 50) is None
+    heard(vehicle, 50, 55)  # a look before the flight
+    vehicle.advance(START_NS + 90 * S)
+    assert vehicle.alive
+    heard(vehicle, 90, 100)
+    assert vehicle.alive
+    assert died_after_s(vehicle, 105) in (101, 105)
+
+
+def test_deaths_that_wait_for_nobody_count_from_the_start():
+    vehicle = SimVehicle(spec(dies_at_s=5.0), FRAME, START_NS)
+    assert died_after_s(vehicle, 50) == 5
+
+
 def test_certain_survival_never_dies_and_deaths_are_the_vehicle_s_own():
     assert died_after_s(SimVehicle(spec(), FRAME, START_NS), 120) is None
     by_seed = {

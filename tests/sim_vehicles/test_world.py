@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.model import NS_PER_S, TruthObject
+from sim_vehicles.missions import NEVER_NS
 from sim_vehicles.scenario import load
 from sim_vehicles.world import World
 
@@ -51,6 +52,21 @@ def test_targets_are_where_their_velocity_took_them_since_the_start_of_the_run()
     for thing, target in zip(truth.objects, world.targets, strict=True):
         assert thing.east_m == target.east_m + t_s * target.v_east_m_s
         assert thing.north_m == target.north_m + t_s * target.v_north_m_s
+
+
+def test_a_world_that_waits_stands_until_it_moves() -> None:
+    began = START + 50 * NS_PER_S
+    waiting, at_once = (
+        World(load("random-targets"), 4, START, NEVER_NS),
+        World(load("random-targets"), 4, START),
+    )
+    standing = waiting.truth(START + 60 * NS_PER_S, AGENTS)
+    assert standing.objects == at_once.truth(START, AGENTS).objects
+    waiting.moves_from_t_ns = began
+    for t_s in (0, 7, 20):
+        late = waiting.truth(began + t_s * NS_PER_S, AGENTS)
+        assert late.objects == at_once.truth(START + t_s * NS_PER_S, AGENTS).objects
+    assert [waiting.scan_t_ns(i) for i in (0, 1)] == [START, START + NS_PER_S]  # scans go on meanwhile
 
 
 def test_a_run_that_starts_at_another_time_is_the_same_world() -> None:
