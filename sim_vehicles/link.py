@@ -185,9 +185,11 @@ class VehicleLink:
             self.signing.set_up(bytes(message.secret_key), message.initial_timestamp)
 
     def _set_current(self, message: Any, t_ns: int) -> None:
-        # No ACK, and no word of a failure: as ArduPlane.
+        # No ACK, and no word of a failure; the number is said as it was sent: as ArduPlane.
         if not self._missions.is_busy and self._autopilot.set_current(message.seq):
-            self.outbox.send(self._telemetry.mission_current(t_ns))
+            answer = self._telemetry.mission_current(t_ns)
+            answer.seq = message.seq
+            self.outbox.send(answer)
 
     def _list_parameters(self, _message: Any, t_ns: int) -> None:
         self._list_at, self._list_due_ns = 0, t_ns

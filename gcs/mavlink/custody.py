@@ -9,6 +9,7 @@ AUTO                                                   ours, whoever chose it
 LOITER that we ordered, and nothing else since         ours
 LOITER before it was ever in AUTO or tasked by us      ours: it waits for its first mission
 LOITER at its mission's end, where that is the mode    ours
+LOITER because its navigator rejected its mission      ours (MISSION_CURRENT tells, a moment later)
 any other change                                       taken, until AUTO is heard or an order frees it
 =====================================================  ==========================================
 
@@ -50,6 +51,11 @@ class Custody:
             self.taken = ""
         elif not (first and mode == LOITER):
             self.taken, self._ordered = mode, ""
+
+    def rejected(self) -> None:
+        """Note that the vehicle is in LOITER because it has no valid mission: nobody chose that."""
+        if self.taken == LOITER:
+            self.taken = ""
 
     def memory(self) -> CustodyMemory:
         """Return what is to be remembered over a restart of the service."""

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.asking import Asking, Patience, ns
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
-from gcs.mavlink.commands import REQUEST_MESSAGE, SET_CURRENT, SET_MODE, command, set_mode
+from gcs.mavlink.commands import REQUEST_MESSAGE, SET_MODE, command, select, set_mode
 from gcs.mavlink.conversations import ReadBack, Sending
 from gcs.mavlink.custody import Custody
 from gcs.mavlink.items import Home, Item
@@ -24,8 +24,6 @@ from gcs.model import NS_PER_S, Mission, system_of
 
 _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
 _MAX_PAUSE_S: Final = 4.0
-_CURRENT: Final = Patience(wait_s=1.5, wait_max_s=3.0)
-"""MISSION_SET_CURRENT is answered by MISSION_CURRENT alone, which comes once a second."""
 
 
 class Steps:
@@ -122,8 +120,14 @@ class Steps:
         self._current = current
         self._current_before = current
         self._refusals = 0
-        self._by_message = profile.select_by == "message"
         self._first = self._mark = profile.home_items
+        self._refused = False
+        """True if a whole mission is stored that must not be flown: it reads back differently, or the
+        vehicle's navigator rejects it."""
+        self._no_mission = False
+        """True if MISSION_CURRENT said last that there is no valid mission."""
+        self._in_doubt_t_ns: int | None = None
+        """When a mode was heard that either somebody chose, or a rejected mission led to."""
         self._hold_t_ns: int | None = None
         self._selected = True
 
@@ -150,7 +154,7 @@ class Steps:
     ) -> None:
         self.stage = stage
         self._stage_t_ns = t_ns
-        self._deadline_t_ns = self._verdict = self._reading = None
+        self._deadline_t_ns = self._verdict = self._reading = self._in_doubt_t_ns = None
         self._refusals = 0
         self._ask(question, t_ns + ns(pause_s), patience)
 
@@ -199,15 +203,7 @@ class Steps:
     def _select(self, t_ns: int) -> None:
         self._current_before = self._current
         self._first = self._begin_at()
-        self._enter("select", t_ns, self._select_question(), patience=self._select_patience())
-
-    def _select_patience(self) -> Patience | None:
-        return _CURRENT if self._by_message else None
-
-    def _select_question(self) -> Message:
-        if self._by_message:
-            return dialect.MAVLink_mission_set_current_message(*self._to, self._first)
-        return command(self.mission.vehicle, SET_CURRENT, self._first)
+        self._enter("select", t_ns, select(self.mission.vehicle, self._profile, self._first))
 
     def _start_mode(self, t_ns: int) -> None:
         self._selected = True
@@ -230,8 +226,8 @@ class Steps:
             self._finish(ok=False, t_ns=t_ns)
 
     def _hold(self, t_ns: int) -> None:
-        """Leave no mix: stop the vehicle where it circles, then clear what it stores."""
-        if not self.is_mixed:
+        """Leave no mix and no refused mission: stop the vehicle where it circles, then clear what it stores."""
+        if not (self.is_mixed or self._refused):
             self._holds = "old" if self._holds == "old" else "whole"
             self._out += self._cancelling()
             self._give_back(t_ns)
@@ -285,6 +281,10 @@ class Steps:
 
     # ------------------------------------------------------------ frames
 
+    def _current_please(self) -> Message:
+        """Ask for MISSION_CURRENT, which otherwise comes once a second."""
+        return command(self.mission.vehicle, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+
     def _mode_command(self, name: str) -> Message:
         self._custody.ordered(name)
         return set_mode(self.mission.vehicle, self._profile.autopilot, name)
@@ -295,11 +295,13 @@ class Steps:
             self._pace.repeats += self._asking.sent > 1
             if self.stage == "upload":
                 self._note_upload()
-            if self.stage == "select" and self._by_message and self._profile.atomic:
+            if self.stage == "select" and self._profile.atomic:
                 self._out.append(
                     self._ack(dialect.MAV_MISSION_ACCEPTED)
                 )  # without it PX4 would not hear the question for 5 s
             self._out.append(self._asking.question)
+            if self.stage == "select":
+                self._out.append(self._current_please())
         if self._reading is not None:
             self._out += self._reading.due(t_ns)
         out, self._out = self._out, []

@@ -40,7 +40,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.asking import ns
 from gcs.mavlink.codec import Message
-from gcs.mavlink.commands import SET_CURRENT, SET_MODE
+from gcs.mavlink.commands import SET_MODE
 from gcs.mavlink.modes import AUTO, LOITER
 from gcs.mavlink.steps import Steps
 from gcs.model import UploadReport
@@ -95,6 +95,9 @@ class MissionTask(Steps):
         if self.stage in ("new", "done"):
             return []
         self._guard(t_ns)
+        if self._in_doubt_t_ns is not None and t_ns - self._in_doubt_t_ns > ns(self._timing.settle_s):
+            self._leave(t_ns)
+            return self._sent(t_ns)
         transferring = self.stage in ("upload", "verify")
         if transferring and t_ns - self._began_t_ns > ns(self._timing.give_up_s):
             self._reason = f"no end after {self._timing.give_up_s:.0f} s: {self._reason or self.stage}"
@@ -311,45 +314,64 @@ class MissionTask(Steps):
             return
         self._out.append(reading.thanks())
         difference = profile.difference(self.items, reading.items)
+        is_old = self._old is not None and not profile.difference(self._old, reading.items)
+        self._refused = bool(difference) and not is_old
         if not difference:
             self._holds = "equal"
             if self._hold_t_ns is not None and self._custody.mode == AUTO:
                 self._park(t_ns)
             else:
                 self._select(t_ns)
-        elif self._abandoned and self._old is not None and not profile.difference(self._old, reading.items):
+        elif self._abandoned and is_old:
             self._holds = "old"
             self._give_back(t_ns)
         else:
             self._again(f"read-back differs: {difference}", t_ns)
 
     def _on_current(self, message: Message, t_ns: int) -> None:
-        self._current = message.seq
+        self._no_mission = message.mission_state == dialect.MISSION_STATE_NO_MISSION
         if self._current_before is None:
             self._current_before = message.seq
-        news = self._current_before != self._first or (
-            self._by_message and t_ns - self._stage_t_ns > ns(self._timing.settle_s)
-        )
-        if self.stage == "select" and message.seq == self._first and news:
+        is_echo = self.stage == "select" and self._first == self._profile.home_items
+        is_echo = is_echo and message.seq == 0 != self._current_before
+        self._current = self._first if is_echo else message.seq
+        if self.stage == "mode" and self._no_mission and self._in_doubt_t_ns is not None:
+            self._reject(t_ns)
+        elif self.stage == "mode" and self._in_doubt_t_ns is not None:
+            self._leave(t_ns)
+        elif self.stage == "select" and self._current == self._first and self._is_news(message.seq, t_ns):
             self._start_mode(t_ns)
+
+    def _is_news(self, seq: int, t_ns: int) -> bool:
+        """Return True if a MISSION_CURRENT with the first item's number answers its selection.
+
+        The vehicle may have flown to an item of this number before. Where an upload is atomic it has begun
+        the new mission there already.
+        """
+        is_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
+        return self._profile.atomic or seq != self._current_before or is_late
+
+    def _reject(self, t_ns: int) -> None:
+        """Take note that the vehicle stores the mission, and will not fly it."""
+        self._custody.rejected()
+        self._reason = "the vehicle's navigator rejects the mission (no valid mission)"
+        self._refused = True
+        self._hold(t_ns)
 
     def _on_command_ack(self, message: Message, t_ns: int) -> None:
         mine = message.target_system in (0, self._own[0]) and message.target_component in (0, self._own[1])
-        asked = {"select": SET_CURRENT, "mode": SET_MODE}.get(self.stage)
-        if not mine or message.command != asked or message.result == dialect.MAV_RESULT_IN_PROGRESS:
+        if not mine or self.stage != "mode" or message.command != SET_MODE:
             return
-        if message.result == dialect.MAV_RESULT_ACCEPTED:
-            if self.stage == "select":
-                self._start_mode(t_ns)
+        if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             return
         self._refusals += 1
-        self._reason = f"{self.stage} refused: {_name('MAV_RESULT', message.result)}"
-        if self.stage == "select" and not self._by_message:
-            self._by_message = True
-            self._stage_t_ns = t_ns
-            self._ask(self._select_question(), t_ns, self._select_patience())
-        elif self._refusals >= self._timing.refusals:
-            self._finish(ok=False, t_ns=t_ns)
+        self._reason = f"AUTO refused: {_name('MAV_RESULT', message.result)}"
+        is_settled = t_ns - self._stage_t_ns >= ns(self._timing.settle_s)
+        if self._refusals >= self._timing.refusals and is_settled:
+            if self._no_mission and self._profile.atomic:
+                self._reject(t_ns)
+            else:
+                self._finish(ok=False, t_ns=t_ns)
 
     def _on_heartbeat(self, message: Message, t_ns: int) -> None:
         self._custody.heard(self._profile.mode_name(message.custom_mode), at_end=self._ended())
@@ -361,6 +383,10 @@ class MissionTask(Steps):
                 self._leave(t_ns)
             else:
                 self._upload(t_ns)
+        elif self.stage == "mode" and taken and self._profile.atomic and mode == LOITER:
+            if self._in_doubt_t_ns is None:  # is it that the mission was rejected?
+                self._in_doubt_t_ns = t_ns
+                self._out.append(self._current_please())
         elif self.stage == "mode" and taken:
             self._leave(t_ns)
         elif self.stage == "mode" and mode == AUTO and self._asking is not None and self._asking.sent:

@@ -4,6 +4,8 @@ It does what ArduPlane 4.7 was seen to do with missions: item 0 is home, uploads
 MISSION_REQUEST each second and gives up after 8 s with ACK 15, a duplicate gets ACK 13 and the transfer
 goes on, what it sends back is normalised, it refuses to clear while armed in AUTO, denies a read-back and a
 clearing while it receives, flies on to the waypoint that it has cached, and goes to RTL at the mission's end.
+A leg begins at the waypoint before, unless the message MISSION_SET_CURRENT selected its item, or the command
+DO_SET_MISSION_CURRENT a second time (`Plane::set_next_WP`).
 """
 
 from __future__ import annotations
@@ -73,6 +75,9 @@ class Plane:
         self._beat_t_ns, self._leg_t_ns = -(10**18), 0
         self.cached_mixed = False
         """Whether it flies to an item that it took from a mixed store."""
+        self.leg_starts_here = True
+        """Whether the leg being flown starts where the plane was, not at the waypoint before."""
+        self._next_leg_tracks = True
 
     # -- what the test looks at
 
@@ -129,7 +134,7 @@ class Plane:
         if t_ns - self._beat_t_ns >= S:
             self._beat_t_ns = t_ns
             out.append(self._heartbeat())
-            out.append(dialect.MAVLink_mission_current_message(self.current))
+            out.append(self.mission_current(self.current))
         self._fly(t_ns)
         return [self._encode(message) for message in out]
 
@@ -154,6 +159,10 @@ class Plane:
 
     def _fly_to(self, seq):
         self.current, self.cached, self.cached_mixed = seq, self.store[seq], False
+        self.leg_starts_here, self._next_leg_tracks = not self._next_leg_tracks, True
+
+    def mission_current(self, seq):
+        return dialect.MAVLink_mission_current_message(seq, max(0, len(self.store) - 1))
 
     # -- missions
 
@@ -225,9 +234,11 @@ class Plane:
         return [self._ack(0, sender)]
 
     def _on_mission_set_current(self, message, sender, t_ns):
-        if message.seq < len(self.store):
-            self._fly_to(max(1, message.seq))
-        return []
+        if message.seq >= len(self.store):
+            return []
+        self._next_leg_tracks = False
+        self._fly_to(max(1, message.seq))
+        return [self.mission_current(message.seq)]
 
     def _on_command_long(self, message, sender, t_ns):
         self.commands.append(message.command)
@@ -237,6 +248,7 @@ class Plane:
             result = 0 if seq < len(self.store) else 2
             if result == 0:
                 self._fly_to(seq)
+                self._next_leg_tracks = False
         elif message.command == 176:
             result = 2 if message.param2 == AUTO and len(self.store) < 2 else 0
             if result == 0:
@@ -250,6 +262,8 @@ class Plane:
             extra = [
                 dialect.MAVLink_home_position_message(lat, lon, round(alt * 1000), 0, 0, 0, nan4, 0, 0, 0)
             ]
+        elif message.command == 512 and message.param1 == 42:
+            result, extra = 0, [self.mission_current(self.current)]
         elif message.command == 512 and message.param1 == 0:
             result, extra = 0, [self._heartbeat()]
         elif message.command == 512 and message.param1 == 148:

@@ -72,26 +72,37 @@ def test_it_never_arms():
 
 
 def test_a_plane_that_already_flies_its_first_item_is_told_to_take_the_new_one():
-    """MISSION_CURRENT says 1 before and after: only the acknowledged command takes it off the cached one."""
+    """MISSION_CURRENT says 1 before and after: the vehicle repeats the 0 that selects its first item."""
+    for seed in range(8):
+        plane, old = flying()
+        plane.load(old, current=1)
+        link = joined(plane, seed=seed, loss=0.3)
+        assert link.run().ok
+        assert plane.cached == plane.store[1]
+        assert plane.leg_starts_here
+
+
+@pytest.mark.parametrize("current", [1, 2])
+def test_the_first_leg_starts_where_the_plane_is(current):
+    """ArduPlane flew 300 to 1349 m off, along the line from the waypoint of the mission before."""
     plane, old = flying()
-    plane.load(old, current=1)
-    link = joined(plane, seed=3, loss=0.3)
+    plane.load(old, current=current)
+    link = joined(plane)
+    assert link.run().ok
+    assert (plane.current, plane.leg_starts_here) == (1, True)
+    assert dialect.MAV_CMD_DO_SET_MISSION_CURRENT not in plane.commands
+
+
+def test_a_plane_that_flew_nothing_yet_is_selected_all_the_same():
+    """It says 0 by itself then, which is no answer to a selection."""
+    plane, _ = flying()
+    plane.load(ARDUPLANE.items(mission(4, 0.01), HOME), current=1)
+    plane.current, plane.mode, plane.cached = 0, LOITER, None
+    plane.ignores = {"MISSION_SET_CURRENT"}
+    link = joined(plane)
+    link.each_step = lambda now: setattr(plane, "ignores", set() if now.t_ns > 3 * S else plane.ignores)
     assert link.run().ok
     assert plane.cached == plane.store[1]
-
-
-def test_an_autopilot_without_the_command_is_selected_the_old_way():
-    plane, _ = flying()
-    command_long = plane._on_command_long
-
-    def without_224(message, sender, t_ns):
-        if message.command == 224:
-            return [dialect.MAVLink_command_ack_message(224, 3, 0, 0, *sender)]
-        return command_long(message, sender, t_ns)
-
-    plane._on_command_long = without_224
-    assert joined(plane).run().ok
-    assert plane.current == 1
 
 
 # ---------------------------------------------------------------- loss
@@ -384,12 +395,14 @@ def test_a_vehicle_never_counts_on_into_a_mission_of_which_nothing_was_selected(
     plane, old = flying(points=12, leg_s=8.0)
     plane._fly_to(9)
     link = joined(plane, 3, old=old)
-    obey = plane._on_command_long
-    plane._on_command_long = lambda m, sender, t_ns: (
-        [] if m.command == 224 and link.t_ns < 20 * S else obey(m, sender, t_ns)
-    )
+    plane.ignores = {"MISSION_SET_CURRENT"}
     modes = set()
-    link.each_step = lambda now: modes.add(plane.mode)
+
+    def hear_later(now):
+        modes.add(plane.mode)
+        plane.ignores = set() if now.t_ns > 20 * S else plane.ignores
+
+    link.each_step = hear_later
     result = link.run()
     assert (result.ok, result.held, result.selected) == (True, True, True)
     assert modes == {AUTO, LOITER}
@@ -399,8 +412,7 @@ def test_a_vehicle_never_counts_on_into_a_mission_of_which_nothing_was_selected(
 def test_a_task_that_is_superseded_before_it_could_select_says_so():
     plane, old = flying(points=12)
     plane._fly_to(9)
-    obey = plane._on_command_long
-    plane._on_command_long = lambda m, *rest: [] if m.command == 224 else obey(m, *rest)
+    plane.ignores = {"MISSION_SET_CURRENT"}
     link = joined(plane, 3, old=old)
     link.up.put(link.task.start(0), 0)
     while link.task.stage != "select":

@@ -10,7 +10,8 @@ Sources: ArduPilot's `AP_Mission` (which fields of an item it stores, and in wha
 * Latitude and longitude survive exactly; height is kept in centimetres; frame 6 comes back as 3, NaN as 0.
   NAV_WAYPOINT keeps its acceptance radius as whole metres up to 255 and loses hold time and yaw;
   NAV_LOITER_UNLIM keeps its radius alone, NAV_TAKEOFF its pitch in whole degrees, NAV_LAND its abort height.
-* The waypoint being flown is cached: DO_SET_MISSION_CURRENT makes the vehicle take the new one.
+* The waypoint being flown is cached: MISSION_SET_CURRENT makes the vehicle take the new one, on a leg that
+  starts where it is. DO_SET_MISSION_CURRENT does so on a leg from the waypoint before, unless sent twice.
 * At a mission's end, and in AUTO without one, it returns to launch.
 """
 
@@ -178,7 +179,6 @@ ARDUPLANE: Final = Profile(
     home_items=1,
     atomic=False,
     window=6,
-    select_by="command",
     marks_current=False,
     ends_in=RTL,
     unused=0.0,

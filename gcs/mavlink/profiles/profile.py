@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -124,8 +124,6 @@ class Profile:
     window: int
     """Items of a mission that may be on their way at a time: sent without a request after a silence, or asked
     for in a read-back; 1 where the order matters."""
-    select_by: Literal["command", "message"]
-    """DO_SET_MISSION_CURRENT, which is acknowledged, or MISSION_SET_CURRENT, which is not."""
     marks_current: bool
     """Whether `current` on an uploaded item makes the mission begin there."""
     ends_in: str

@@ -10,7 +10,9 @@ https://docs.px4.io/main/en/advanced_config/parameter_reference, and what PX4 1.
 * Items are asked for with MISSION_REQUEST_INT, again after 250 ms, given up after 5 s.
 * One conversation at a time: a MISSION_COUNT in the midst of one gets ACK 1. MISSION_ACK 15 ends it. A
   read-back goes in order.
-* ACK 0 says that it is stored, not that it can be flown: the navigator's verdict shows when AUTO is refused.
+* ACK 0 says that it is stored, not that it can be flown. The navigator's verdict is `mission_state` of
+  MISSION_CURRENT: NO_MISSION when it rejects the mission. In the air it goes to Hold then; AUTO is refused.
+* NAV_TAKEOFF keeps its yaw alone (`parse_mavlink_mission_item`): a pitch reads back as 0.
 * There is no DO_SET_MISSION_CURRENT; MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
 * Parameters without a meaning are NaN: yaw 0 would be a course to keep. All are kept as floats.
 * After the last item it circles in Hold, which is the same mode as an operator's.
@@ -24,6 +26,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.mavlink.items import Item
 from gcs.mavlink.modes import AUTO, LOITER, RTL
 from gcs.mavlink.profiles.profile import Envelope, FenceLimits, ParameterWish, Profile
 
@@ -109,13 +112,18 @@ def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> di
     return {f"rally point {highest_m:g} m + RTL_RETURN_ALT {above_m:g} m": highest_m + above_m}
 
 
+def _stored(item: Item) -> Item:
+    if item.command == dialect.MAV_CMD_NAV_TAKEOFF:
+        return item._replace(param1=0.0, param2=0.0, param3=0.0)
+    return item
+
+
 PX4: Final = Profile(
     name="PX4",
     autopilot=dialect.MAV_AUTOPILOT_PX4,
     home_items=0,
     atomic=True,
     window=1,
-    select_by="message",
     marks_current=True,
     ends_in=LOITER,
     unused=math.nan,
@@ -123,7 +131,7 @@ PX4: Final = Profile(
     takeoff_pitch_deg=15.0,
     modes=_MODES,
     split_mode=lambda custom_mode: (custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF),
-    stored=lambda item: item,
+    stored=_stored,
     parameters=_PARAMETERS,
     fits=_fits,
     fence_parameters=("GF_ACTION", "GF_MAX_VER_DIST", "GF_MAX_HOR_DIST"),
