@@ -226,7 +226,7 @@ class Steps:
             self._finish(ok=False, t_ns=t_ns)
 
     def _hold(self, t_ns: int) -> None:
-        """Leave no mix and no refused mission: stop the vehicle where it circles, then clear what it stores."""
+        """Leave no mix and no refused mission: stop the vehicle where it is, then clear what it stores."""
         if not (self.is_mixed or self._refused):
             self._holds = "old" if self._holds == "old" else "whole"
             self._out += self._cancelling()
