@@ -20,7 +20,7 @@ from typing import Protocol
 from gcs.command.answers import named
 from gcs.command.fold import Command
 from gcs.config import Config
-from gcs.edge.clock import RunClock
+from gcs.edge.clock import ClockWatch, RunClock
 from gcs.edge.links import Links
 from gcs.edge.mavsdk_uploader import MavsdkUploader
 from gcs.edge.order_wire import decode_order, order_key
@@ -32,6 +32,7 @@ from gcs.errors import GcsError, RecordingError, WireError
 from gcs.model import (
     NS_PER_S,
     BadInput,
+    ClockStep,
     Datagram,
     Effect,
     Event,
@@ -248,10 +249,14 @@ class Service:
 
     async def _tick(self) -> None:
         t_ns = max(self.clock.now_ns(), self.clock.start_t_ns)
+        watch = ClockWatch()
         while True:
             t_ns = max(t_ns + TICK_NS, self.clock.now_ns() - TICK_NS)
             await asyncio.sleep(max(0.0, self.clock.wall_s_until(t_ns)))
             self._watch_lag(self.clock.now_ns() - t_ns)
+            step_ns = watch.step_ns()
+            if step_ns:
+                self._put(ClockStep(self.clock.now_ns(), step_ns))
             if not self._tick_waits:
                 self._tick_waits = self._put(Tick(self.clock.now_ns()))
 

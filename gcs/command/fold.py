@@ -43,6 +43,7 @@ from gcs.mavlink.fleet import Fleet, FleetSettings
 from gcs.model import (
     NS_PER_S,
     BadInput,
+    ClockStep,
     Datagram,
     Effect,
     Event,
@@ -148,12 +149,22 @@ class Command:
                 return self._bad(event)
             case LinkNews():
                 return [Notice(event.t_ns, event.level, f"{event.link}: {event.text}")]
+            case ClockStep():
+                return [self._clock_notice(event)]
             case Order():
                 return self._order(event)
             case UploadAnswer():
                 return self.dispatch.settle(self.tasking.answered(event))
             case Resumed():
                 return self._resume(event)
+
+    def _clock_notice(self, event: ClockStep) -> Notice:
+        step_s = event.step_ns / NS_PER_S
+        text = (
+            f"the wall clock of this machine was set by {step_s:+.1f} s, or the machine was suspended; "
+            "timers are not affected. Check that the sensors' clocks agree with it"
+        )
+        return Notice(event.t_ns, "warning", text)
 
     def memory(self, t_ns: int) -> Memory:
         """What another service must know to take up from here (`Resumed`)."""

@@ -1,33 +1,64 @@
-"""The run's clock: wall time, scaled. The only place where a running service reads the time."""
+"""The run's clock: monotonic time from the Unix time at the start. A running service reads time only here.
+
+The wall clock is read once, when the clock is made. From then on run time follows the monotonic clock, which
+no operator, NTP daemon or GPS receiver can set: heartbeats, repeats and time-outs do not notice a step of the
+wall clock. `ClockWatch` sees such a step, or that the machine was suspended; it becomes a `ClockStep` event.
+"""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs.model import NS_PER_S
+
+STEP_NS = NS_PER_S // 5
+"""A wall clock that moved this far against the monotonic one has been set; less is left to NTP's slewing."""
+
+
+def unix_offset_ns() -> int:
+    """Return the Unix time less the monotonic time, now."""
+    return time.time_ns() - time.monotonic_ns()
 
 
 @dataclass(frozen=True, slots=True)
 class RunClock:
-    """Run time as a line through (wall time, run time); with speed 1 and no offset it is the Unix time.
+    """Run time as a line through (Unix time, run time); at speed 1 and without offset it begins as Unix time.
 
     Every process of a simulated run is told the same line, so that all stamp the same time.
     """
 
     epoch_ns: int = 0
-    """A wall time, nanoseconds since the Unix epoch."""
+    """A Unix time, nanoseconds."""
     start_t_ns: int = 0
-    """The run time at that wall time."""
+    """The run time at that Unix time."""
     speed: float = 1.0
+    _offset_ns: int = field(default_factory=unix_offset_ns)
+    """Unix time less monotonic time when the clock was made."""
 
     def now_ns(self) -> int:
-        """Run time now."""
-        wall_ns = time.time_ns()
+        """Return the run time now."""
+        passed_ns = time.monotonic_ns() + self._offset_ns - self.epoch_ns
         if self.speed == 1.0:
-            return self.start_t_ns + wall_ns - self.epoch_ns
-        return self.start_t_ns + int((wall_ns - self.epoch_ns) * self.speed)
+            return self.start_t_ns + passed_ns
+        return self.start_t_ns + int(passed_ns * self.speed)
 
     def wall_s_until(self, t_ns: int) -> float:
-        """Seconds of wall time until run time `t_ns`; negative when it has passed."""
+        """Return the seconds to wait for run time `t_ns`; negative when it has passed."""
         return (t_ns - self.now_ns()) / self.speed / NS_PER_S
+
+
+class ClockWatch:
+    """Notices when the wall clock is set, or the machine was suspended."""
+
+    def __init__(self) -> None:
+        self._offset_ns = unix_offset_ns()
+
+    def step_ns(self) -> int:
+        """Return how far the wall clock has been moved since the last call; 0 when it was not."""
+        offset_ns = unix_offset_ns()
+        step_ns = offset_ns - self._offset_ns
+        if abs(step_ns) < STEP_NS:
+            return 0
+        self._offset_ns = offset_ns
+        return step_ns

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from gcs.edge.clock import RunClock
 from gcs.edge.keyfile import TimeFile
 from gcs.edge.links import TRANSPORTS
 from gcs.endpoints import Endpoint
@@ -82,14 +82,15 @@ class _Run:
         transport = TRANSPORTS[self._endpoint.kind](self._endpoint)
         transport.start(asyncio.get_running_loop(), self)
         try:
-            end_ns = time.time_ns() + int(timeout_s * NS_PER_S)
+            clock = RunClock()
+            end_ns = clock.now_ns() + int(timeout_s * NS_PER_S)
             self._pending = {
                 one.vehicle: Installation(system_of(one.vehicle), one.key, one.old, self._next_time, end_ns)
                 for one in self._wanted
             }
             beat_ns = 0
             while self._pending:
-                t_ns = time.time_ns()
+                t_ns = clock.now_ns()
                 if t_ns - beat_ns >= HEARTBEAT_PERIOD_NS:
                     beat_ns = t_ns
                     for peer in {self._endpoint.remote, *self._peers.values()} - {""}:

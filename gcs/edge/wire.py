@@ -36,6 +36,7 @@ import numpy as np
 from gcs.errors import WireError
 from gcs.model import (
     BadInput,
+    ClockStep,
     Datagram,
     Effect,
     Event,
@@ -70,6 +71,7 @@ TOPICS: Final[dict[type, str]] = {
     Tick: "/event/tick",
     BadInput: "/event/bad_input",
     LinkNews: "/event/link",
+    ClockStep: "/event/clock_step",
     Order: "/event/order",
     UploadAnswer: "/event/upload_answer",
     Resumed: "/event/resumed",

@@ -9,7 +9,7 @@ Events go into `gcs.command`, effects come out; both are plain data, so a record
 
 from gcs.model.basics import NS_PER_S, FloatArray, Kind, Label, Level, read_only
 from gcs.model.effects import Effect, Fate, MissionEnded, Notice, Send, Upload, UploadReport
-from gcs.model.events import BadInput, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
+from gcs.model.events import BadInput, ClockStep, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
 from gcs.model.memory import Aside, CustodyMemory, GuestMission, Memory, VehicleMemory
 from gcs.model.names import network_of, system_of, vehicle_id, vehicle_name, vehicle_of
 from gcs.model.orders import Action, AnswerState, KeepOut, Order, OrderAnswer, Proposal
@@ -26,6 +26,7 @@ __all__ = [
     "Aside",
     "BadInput",
     "Cause",
+    "ClockStep",
     "CustodyMemory",
     "Datagram",
     "Effect",

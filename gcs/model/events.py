@@ -48,6 +48,15 @@ class LinkNews:
 
 
 @dataclass(frozen=True, slots=True)
+class ClockStep:
+    """The machine's wall clock was set. Run time is monotonic and goes on; sensors' times may have moved."""
+
+    t_ns: int
+    step_ns: int
+    """How far the wall clock was moved forward; negative when back."""
+
+
+@dataclass(frozen=True, slots=True)
 class UploadAnswer:
     """What the program that uploads in our place says of one `Upload`."""
 
@@ -68,4 +77,4 @@ class Resumed:
     memory: Memory
 
 
-Event: TypeAlias = Datagram | Scan | Tick | BadInput | LinkNews | Order | UploadAnswer | Resumed
+Event: TypeAlias = Datagram | Scan | Tick | BadInput | LinkNews | ClockStep | Order | UploadAnswer | Resumed

@@ -1,0 +1,130 @@
+"""The wall clock is set in flight: heartbeats, time-outs and the mission do not notice."""
+
+import asyncio
+import threading
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from gcs.app import Service
+from gcs.commands.demo import DemoOptions, run_demo
+from gcs.config import load
+from gcs.edge import clock as clock_module
+from gcs.edge.clock import ClockWatch, RunClock
+from gcs.edge.links import Links
+from gcs.edge.reader import read
+from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.endpoints import Link, parse_endpoint
+from gcs.mavlink.codec import scan
+from gcs.model import NS_PER_S, ClockStep, Fate, MissionEnded, Notice, Plan, Send, Tick
+
+STEPS_S = (0.5, -0.5, 1.5, -1.5, 20.0, -20.0, 600.0, -600.0, 3600.0, -3600.0)
+SPEED = 8.0
+
+
+class WallClock:
+    """Stands in for the `time` module of `gcs.edge.clock`, with a wall clock that can be set."""
+
+    def __init__(self) -> None:
+        self.set_by_ns = 0
+
+    def time_ns(self) -> int:
+        return time.time_ns() + self.set_by_ns
+
+    def monotonic_ns(self) -> int:
+        return time.monotonic_ns()
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> WallClock:
+    wall = WallClock()
+    monkeypatch.setattr(clock_module, "time", wall)
+    return wall
+
+
+@pytest.mark.parametrize("step_s", STEPS_S)
+def test_run_time_goes_on_when_the_wall_clock_is_set(wall: WallClock, step_s: float) -> None:
+    clock, watch = RunClock(), ClockWatch()
+    before_ns = clock.now_ns()
+    assert abs(before_ns - time.time_ns()) < NS_PER_S
+    wall.set_by_ns = int(step_s * NS_PER_S)
+    assert 0 <= clock.now_ns() - before_ns < NS_PER_S // 10
+    assert watch.step_ns() == pytest.approx(step_s * NS_PER_S, abs=1e7)
+    assert watch.step_ns() == 0
+
+
+def test_a_step_is_a_notice_and_ticks_go_on(wall: WallClock) -> None:
+    notices: list[Notice] = []
+    ticks: list[int] = []
+
+    class Sink:
+        def event(self, event: object) -> None:
+            if isinstance(event, Tick):
+                ticks.append(event.t_ns)
+
+        def effect(self, _t_ns: int, effect: object) -> None:
+            if isinstance(effect, Notice):
+                notices.append(effect)
+
+    async def serve(bus: Bus) -> None:
+        links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1], load("prescribed").local_frame)
+        service = Service(load("prescribed"), 1, links, bus)
+        service.sinks.append(Sink())
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+        loop.call_later(0.5, setattr, wall, "set_by_ns", -600 * NS_PER_S)
+        loop.call_later(1.5, stop.set)
+        await asyncio.wait_for(service.run(RunClock(), stop), 10.0)
+
+    with Bus(listen=free_endpoint()) as bus:
+        asyncio.run(serve(bus))
+    assert [notice.text for notice in notices if "-600.0 s" in notice.text]
+    assert max(later - earlier for earlier, later in pairwise(ticks)) < 0.6 * NS_PER_S
+    assert ticks[-1] - ticks[0] > 1.0 * NS_PER_S
+
+
+def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
+    wall: WallClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started, ended = threading.Event(), threading.Event()
+
+    class Started(ClockWatch):
+        def __init__(self) -> None:
+            super().__init__()
+            started.set()
+
+    def set_the_clock() -> None:
+        started.wait()
+        for step_s in STEPS_S:
+            if ended.wait(1.0):
+                return
+            wall.set_by_ns += int(step_s * NS_PER_S)
+
+    monkeypatch.setattr("gcs.app.ClockWatch", Started)
+    setter = threading.Thread(target=set_the_clock, daemon=True)
+    setter.start()
+    folder = tmp_path / "run"
+    options = DemoOptions("deterministic", 1, SPEED, None, 0.0, 1, True, False, folder)
+    try:
+        with (tmp_path / "lines").open("w") as lines:
+            code = run_demo(options, Console(file=lines, width=200))
+    finally:
+        started.set()
+        ended.set()
+        setter.join()
+    assert code == 0, (tmp_path / "lines").read_text()[-3000:]
+    records = [(record.t_ns, record.value) for record in read(folder)]
+    assert sum(isinstance(value, ClockStep) for _, value in records) == len(STEPS_S)
+    assert not [value for _, value in records if isinstance(value, Fate) and value.fate == "dead"]
+    assert sum(isinstance(value, MissionEnded) for _, value in records) == 1
+    plans = [value for _, value in records if isinstance(value, Plan)]
+    assert not [plan for plan in plans[1:] if plan.changed], "a step of the clock re-tasks nobody"
+    beats: dict[str, list[int]] = {}
+    for t_ns, value in records:
+        if isinstance(value, Send) and any(frame.message_id == 0 for frame in scan(value.data).frames):
+            beats.setdefault(value.peer, []).append(t_ns)
+    assert len(beats) == 4
+    for times_ns in beats.values():
+        assert max(later - earlier for earlier, later in pairwise(times_ns)) <= 1.2 * NS_PER_S
