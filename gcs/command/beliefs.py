@@ -11,7 +11,7 @@ once, and one that looks elsewhere does not count at all.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -32,12 +32,17 @@ class Beliefs:
         self._row_before: dict[Label, int] = {}
         """The same before the moment `_t_ns`."""
         self._tracks: dict[Label, Track] = {}
-        self._alive: set[Label] = set()
+        self._alive: dict[Label, Track] = {}
 
     @property
     def tracks(self) -> Mapping[Label, Track]:
         """Believed tracks by label, as of the last picture."""
         return self._tracks
+
+    @property
+    def alive(self) -> Collection[Track]:
+        """Tracks that are not dead, believed or not."""
+        return self._alive.values()
 
     def is_dead(self, label: Label) -> bool:
         """Whether a track's existence probability is below `dead_existence`, or it is gone altogether."""
@@ -54,7 +59,7 @@ class Beliefs:
             track.label: self._next(track) if looked else self._row.get(track.label, 0)
             for track, looked in zip(tracks, looked_at, strict=True)
         }
-        self._alive = {track.label for track in tracks if track.existence >= self._dead_existence}
+        self._alive = {track.label: track for track in tracks if track.existence >= self._dead_existence}
         self._tracks = {track.label: track for track in tracks if self._is_believed(track)}
 
     def _next(self, track: Track) -> int:

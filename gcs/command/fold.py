@@ -348,8 +348,9 @@ class Command:
     def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
         away = self.away()
-        ours = [v for v in self.fates.flying() if v not in away and labels.get(v) in agents]
-        flying = {vehicle: agents[labels[vehicle]] for vehicle in ours}
+        tracks = {v: agents[label] for v, label in labels.items() if label in agents}
+        tracks |= {v: track for v, track in self.ties.beside.items() if v in self.replanner.planned}
+        flying = {v: tracks[v] for v in self.fates.flying() if v not in away and v in tracks}
         return Situation(
             t_ns=t_ns,
             picture_t_ns=picture_t_ns,

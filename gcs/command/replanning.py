@@ -83,6 +83,11 @@ class Replanner:
         return {vehicle: route.target for vehicle, route in self.routes.items()}
 
     @property
+    def planned(self) -> Container[int]:
+        """Vehicles that the last plan was made for."""
+        return self._planned_agents
+
+    @property
     def _newest(self) -> dict[int, Route]:
         """Of each vehicle what was last decided or proposed."""
         return self.routes | self.proposed

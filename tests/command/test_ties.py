@@ -155,6 +155,48 @@ def test_a_vehicle_is_not_tied_to_a_track_that_another_vehicle_has():
     assert ties.labels == {1: A, 2: B}
 
 
+def test_tracks_that_changed_their_vehicles_in_a_ring_are_tied_anew_though_ties_break_one_by_one():
+    ties, places = new_ties(), {1: WEST, 2: EAST, 3: (500.0, 500.0)}
+    labels = {1: A, 2: B, 3: (0, 2)}
+    beliefs = believed(*(track(labels[v], places[v]) for v in places))
+    ties.update(beliefs, at(0), [state(v, place) for v, place in places.items()])
+    turned = believed(track(A, places[2]), track(B, places[3]), track((0, 2), places[1]))
+    for t_s in (1, 2, 3):  # vehicle 3 is not heard before the last moment
+        heard = places if t_s == 3 else {1: WEST, 2: EAST}
+        ties.update(turned, at(t_s), [state(v, place, t_s) for v, place in heard.items()])
+    assert ties.labels == {1: (0, 2), 2: A, 3: B}
+
+
+def test_a_vehicle_that_reports_while_its_track_dies_takes_the_one_that_has_its_object_now():
+    ties, successor = tied_pair(), (5, 0)
+    beliefs = believed(track(A, WEST), track(B, EAST))
+    for _ in range(2):
+        beliefs.update(picture(track(A, WEST, existence=0.2), track(B, EAST), track(successor, WEST)))
+    ties.update(beliefs, at(2), [state(1, WEST, 2), state(2, EAST, 2)])
+    beliefs.update(picture(track(B, EAST), track(successor, WEST)))
+    ties.update(beliefs, at(3), [state(1, WEST, 3), state(2, EAST, 3)])
+    assert ties.labels == {1: successor, 2: B}
+
+
+def test_a_vehicle_that_reports_beside_a_track_which_is_not_believed_yet_is_untied_and_seen_there():
+    ties, successor = tied_pair(), (5, 0)
+    beliefs = believed(track(A, WEST), track(B, EAST))
+    beliefs.update(picture(track(B, EAST), track(successor, WEST)))
+    ties.update(beliefs, at(1), [state(1, WEST, 1), state(2, EAST, 1)])
+    assert ties.labels == {2: B}
+    assert {vehicle: one.label for vehicle, one in ties.beside.items()} == {1: successor}
+
+
+def test_of_two_at_one_place_whose_track_died_the_silent_one_is_gone():
+    ties, beside = new_ties(), (3.0, 0.0)
+    beliefs = believed(track(A, WEST), track(B, beside))
+    ties.update(beliefs, at(0), [state(1, WEST), state(2, beside)])
+    beliefs.update(picture(track(B, beside)))
+    ties.update(beliefs, at(2), [state(1, WEST, 2)])
+    assert ties.labels == {1: B, 2: A}
+    assert beliefs.is_dead(A)
+
+
 @pytest.mark.parametrize("place", [(math.nan, 0.0), (math.inf, 0.0), (1e300, -1e300)])
 def test_a_senseless_report_ties_nothing_and_raises_nothing(place):
     ties = new_ties()
