@@ -14,11 +14,12 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from gcs.command.checks import Check
+from gcs.command.checks import Check, Level
 from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.command.vehicle_checks import envelope_of, vehicle_checks
 from gcs.config import Config, load
 from gcs.edge.entrance import entrance_of
+from gcs.edge.mavsdk_uploader import REMEDY, mavsdk_problem
 from gcs.edge.scans import decode_scan
 from gcs.edge.visit import Visit
 from gcs.edge.wire import sensor_scan_keys
@@ -149,6 +150,11 @@ async def _checked(config: Config, options: PreflightOptions, ears: Ears, consol
         Check(None, "link", "ok" if level == "info" else "warning", f"{name}: {text}")
         for name, level, text in dict.fromkeys(visit.news)
     ]
+    if config.mission.uploader == "mavsdk":
+        problem = mavsdk_problem()
+        level: Level = "refused" if problem else "ok"
+        text = problem or "starts"
+        checks.append(Check(None, "MAVSDK", level, text, "starts", REMEDY))
     if options.sensors:
         checks += sensor_checks(ears.scans, ears.problems, waited_s)
     return checks

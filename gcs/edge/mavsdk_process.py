@@ -6,6 +6,8 @@ upload, ``{"vehicle": 1, "mission_id": 7, "frames": "<base64 of MISSION_ITEM_INT
 standard output answers, ``{"vehicle": 1, "mission_id": 7, "ok": true, "detail": ""}``. It ends when standard
 input closes.
 
+``python -m gcs.edge.mavsdk_process --check`` starts MAVSDK, ends it, and exits with 0 when that went well.
+
 It is a process of its own because MAVSDK's library has been seen to abort its process; ours must not.
 """
 
@@ -69,15 +71,26 @@ async def _upload(client: Any, request: dict[str, Any]) -> None:
     sys.stdout.flush()
 
 
-async def _serve(port: int) -> None:
+def _client() -> Any:
     import mavsdk
     from mavsdk.asyncio import Mavsdk
 
+    return Mavsdk(mavsdk.Configuration.create_manual(SYSTEM_ID, COMPONENT_ID, True))
+
+
+async def _check() -> None:
+    from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync  # noqa: F401  must be there
+    from mavsdk.plugins.mission_raw import MissionItem  # noqa: F401
+
+    async with _client():
+        pass
+
+
+async def _serve(port: int) -> None:
     loop = asyncio.get_running_loop()
     lines = asyncio.StreamReader()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
-    configuration = mavsdk.Configuration.create_manual(SYSTEM_ID, COMPONENT_ID, True)
-    async with Mavsdk(configuration) as client:
+    async with _client() as client:
         await client.add_any_connection(f"udpout://127.0.0.1:{port}")
         tasks: set[asyncio.Task[None]] = set()
         while line := await lines.readline():
@@ -87,4 +100,4 @@ async def _serve(port: int) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(_serve(int(sys.argv[1])))
+    asyncio.run(_check() if sys.argv[1] == "--check" else _serve(int(sys.argv[1])))

@@ -15,6 +15,7 @@ import contextlib
 import importlib.util
 import json
 import socket
+import subprocess
 import sys
 from collections.abc import Callable
 from typing import Final
@@ -31,10 +32,31 @@ _MISSION_MESSAGES: Final = frozenset(
 _QUESTIONS: Final = frozenset(
     {dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES}
 )
+_CHECK_S: Final = 30.0
 _FIRST_WAIT_S: Final = 1.0
 _LONGEST_WAIT_S: Final = 30.0
 _LASTED_S: Final = 60.0
 _LARGEST: Final = 65_535
+
+
+REMEDY: Final = "pip install 'swarm-gcs[mavsdk]' (mavsdk 4), or set mission.uploader = \"own\""
+
+
+def mavsdk_problem() -> str:
+    """Start MAVSDK once and end it; return why that fails, empty when it does not."""
+    if importlib.util.find_spec("mavsdk") is None:
+        return "is not installed"
+    command = [sys.executable, "-P", "-m", "gcs.edge.mavsdk_process", "--check"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_CHECK_S, check=False)  # noqa: S603
+    except subprocess.TimeoutExpired:
+        return f"did not start within {_CHECK_S:.0f} s"
+    if done.returncode == 0:
+        return ""
+    lines = done.stderr.strip().splitlines()
+    if done.returncode < 0:
+        return f"cannot start: its library ended the process with signal {-done.returncode}"
+    return f"cannot start: {lines[-1] if lines else f'exit code {done.returncode}'}"
 
 
 class MavsdkUploader:
@@ -54,7 +76,7 @@ class MavsdkUploader:
     Raises
     ------
     LinkError
-        MAVSDK is not installed.
+        MAVSDK cannot be started.
     """
 
     def __init__(
@@ -64,10 +86,8 @@ class MavsdkUploader:
         tell: Callable[[str], None],
         now_ns: Callable[[], int],
     ) -> None:
-        if importlib.util.find_spec("mavsdk") is None:
-            raise LinkError(
-                "mavsdk", "is not installed: pip install 'swarm-gcs[mavsdk]', or set uploader = \"own\""
-            )
+        if problem := mavsdk_problem():
+            raise LinkError("mavsdk", f"{problem}: {REMEDY}")
         self._send, self._answer, self._tell, self._now_ns = send, answer, tell, now_ns
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from gcs.errors import LinkError
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Encoder, decode
 from gcs.mavlink.items import Home
@@ -15,12 +16,32 @@ from gcs.model import Mission, Upload, Waypoint
 from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 
 pytest.importorskip("mavsdk", reason="MAVSDK is not installed: pip install 'swarm-gcs[mavsdk]'")
-from gcs.edge.mavsdk_uploader import MavsdkUploader
+from gcs.edge.mavsdk_uploader import MavsdkUploader, mavsdk_problem
 
 HOME = Home(33.2, -87.6, 70.0)
 ROUTE = tuple(Waypoint(33.2 + n * 1e-3, -87.6, 100.0, 10.0) for n in range(6))
 ITEMS = ARDUPLANE.items(Mission(1, 7, ROUTE), HOME)
 FRAMES = b"".join(map(Encoder(), (item.message(seq, 7, 1) for seq, item in enumerate(ITEMS))))
+
+
+@pytest.mark.parametrize(
+    ("library", "words"),
+    [
+        ("", "No module named 'mavsdk.asyncio'"),  # MAVSDK 3
+        ("import os; os.abort()", "signal 6"),
+    ],
+)
+def test_a_mavsdk_that_cannot_start_is_found_before_the_flight(tmp_path, monkeypatch, library, words):
+    (tmp_path / "mavsdk").mkdir()
+    (tmp_path / "mavsdk" / "__init__.py").write_text(library)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert words in mavsdk_problem()
+    with pytest.raises(LinkError, match=r"swarm-gcs\[mavsdk\].*uploader"):
+        MavsdkUploader(print, print, print, time.time_ns)
+
+
+def test_a_mavsdk_that_starts_is_no_problem():
+    assert mavsdk_problem() == ""
 
 
 async def scene():
