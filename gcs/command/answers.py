@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
-from gcs.model import AnswerState, Order, OrderAnswer, vehicle_name
+from gcs.model import AnswerState, Order, OrderAnswer, Proposal, vehicle_name
 
 
 class Ongoing:
@@ -22,6 +23,11 @@ class Ongoing:
         return OrderAnswer(
             t_ns, order.order_id, order.action, state, detail, vehicle, tuple(sorted(self.waiting))
         )
+
+    def showing(self, proposal: Proposal) -> OrderAnswer:
+        """Answer with the plan that waits."""
+        detail = f"plan {proposal.plan_id} waits to be confirmed: {proposal.reason}"
+        return replace(self.answer(proposal.t_ns, "done", detail), proposal=proposal)
 
 
 def named(vehicles: Iterable[int]) -> str:

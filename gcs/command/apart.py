@@ -11,7 +11,7 @@ from gcs.command.aims import place_of
 from gcs.config import Config
 from gcs.model import Route, Track, vehicle_name
 from gcs.planning.progress import CORRIDOR_M, next_point
-from gcs.planning.separation import Conflict, Flight, separate
+from gcs.planning.separation import Conflict, Flight, least_separation_m, separate
 
 
 def lane_count(config: Config) -> int:
@@ -50,8 +50,7 @@ class Lanes:
         Routes of vehicles that are not in `changed` are flown already. Who has arrived circles where
         its last route led it.
         """
-        flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
-        flights += [self._circling(self._newest[v]) for v in arrived if v in self._newest]
+        flights = self._flights(routes, changed, agents, arrived)
         lanes, conflicts = separate(flights, self._count, self._least_m)
         given = [
             replace(route, lane=lanes[route.vehicle]) if route.vehicle in changed else route
@@ -60,6 +59,30 @@ class Lanes:
         self._newest |= {route.vehicle: route for route in given}
         self._lane |= {route.vehicle: route.lane for route in given}
         return given, [_words(conflict) for conflict in conflicts]
+
+    def separation_m(
+        self,
+        routes: Sequence[Route],
+        proposed: Collection[int],
+        agents: Mapping[int, Track],
+        arrived: Collection[int],
+    ) -> dict[int, float]:
+        """Return how near each vehicle comes to another of its lane, with routes in the lanes they have."""
+        flights = [
+            replace(flight, lane=route.lane)
+            for flight, route in zip(self._flights(routes, proposed, agents, ()), routes, strict=True)
+        ]
+        return least_separation_m([*flights, *self._flights((), (), agents, arrived)])
+
+    def _flights(
+        self,
+        routes: Sequence[Route],
+        changed: Collection[int],
+        agents: Mapping[int, Track],
+        arrived: Collection[int],
+    ) -> list[Flight]:
+        flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
+        return flights + [self._circling(self._newest[v]) for v in arrived if v in self._newest]
 
     def _flight(self, route: Route, agent: Track, is_flown: bool) -> Flight:
         place = place_of(agent)

@@ -113,7 +113,7 @@ class Command:
             self.takeoffs,
         )
         self.trespass = Trespass(self.tasking)
-        self.approval = Approval(self.replanner)
+        self.approval = Approval(config, self.replanner)
         self.dispatch = Dispatch(self.replanner, self.approval, self.tasking, self.delays, self.guests)
         self.silence = Silence(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
         self.orders = Orders(self.fleet, self.tasking, self.replanner, self._outlook)
@@ -212,8 +212,11 @@ class Command:
         effects: list[Effect]
         match event.action:
             case "confirm" | "reject":
-                effects, routes = self.approval.take(event)
+                situation = self._situation(event.t_ns, self._measured_t_ns)
+                effects, routes = self.approval.take(event, situation)
                 effects += self.dispatch.send(routes, event.t_ns)
+            case "plan":
+                effects = self.approval.tell(event)
             case "keep-out":
                 effects = self._close(event)
             case _:
@@ -327,6 +330,7 @@ class Command:
         if fate.fate == "dead":
             self.ties.forget(fate.vehicle)
             self.tasking.cancel(fate.vehicle, fate.t_ns)
+            self.approval.hurry()
             return [*self.approval.end(fate.vehicle, fate.t_ns, "the agent is lost")]
         return []
 
@@ -336,14 +340,19 @@ class Command:
             return []
         if not self.replanner.is_due(t_ns):
             return []
-        plan = self.replanner.check(self._situation(t_ns, picture_t_ns))
-        notes: list[Effect] = [Notice(t_ns, "warning", note) for note in self.replanner.notes]
+        situation = self._situation(t_ns, picture_t_ns)
+        if self._needs_word:
+            proposed = self.approval.look(situation)
+            return [*self._notes(t_ns), *proposed]
+        plan, notes = self.replanner.check(situation), self._notes(t_ns)
         if plan is None:
             return notes
-        if self._needs_word:
-            return [*notes, *self.approval.propose(plan)]
         routes = [route for route in plan.routes if route.vehicle in plan.changed]
         return [plan, *notes, *self.dispatch.send(routes, plan.t_ns, hurried)]
+
+    def _notes(self, t_ns: int) -> list[Effect]:
+        """What the last look has to say besides a plan."""
+        return [Notice(t_ns, "warning", note) for note in self.replanner.notes]
 
     def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels

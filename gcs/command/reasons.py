@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from gcs.model import Cause, Label
 
@@ -15,6 +15,10 @@ class Reason(NamedTuple):
     text: str
 
 
+URGENT: Final[frozenset[Cause]] = frozenset(
+    {"taken up again", "map changed", "agent set aside", "agent in danger", "approved plan changed"}
+)
+"""Reasons that do not wait until an operator could read the plan before."""
 FIRST_PLAN = Reason("first plan", "first plan")
 TAKEN_UP = Reason("taken up again", "taken up again")
 
@@ -64,6 +68,11 @@ def moved(target: Label, moved_m: float) -> Reason:
 def map_changed(news: str) -> Reason:
     """Tell what was closed or opened, in words."""
     return Reason("map changed", news)
+
+
+def approved_changed(what: str) -> Reason:
+    """Tell why a plan that an operator confirmed is not the one that would be flown now."""
+    return Reason("approved plan changed", what)
 
 
 def in_words(reasons: Iterable[Reason]) -> str:

@@ -72,6 +72,15 @@ class Replanner:
         self._news: list[Reason] = []
         self._given_t_ns: dict[int, int] = {}
         """When each vehicle's newest route was made."""
+        self.short: frozenset[int] = frozenset()
+        """Vehicles whose newest routes end before their targets."""
+        self.unrouted: frozenset[int] = frozenset()
+        """Vehicles whose proposed routes could not be planned anew the last time."""
+
+    @property
+    def grid(self) -> Grid:
+        """The map that plans are made by."""
+        return self._grid
 
     def layer(self, vehicle: int) -> int:
         """Altitude layer that a vehicle has, or gets if it can."""
@@ -164,8 +173,11 @@ class Replanner:
     def _is_regular(self, t_ns: int) -> bool:
         return self._next_check_t_ns is None or t_ns >= self._next_check_t_ns
 
-    def check(self, situation: Situation) -> Plan | None:
-        """Look whether something changed; if so, plan. What else there is to say stands in `notes`."""
+    def check(self, situation: Situation, *, urgent_only: bool = False) -> Plan | None:
+        """Look whether something changed; if so, plan. What else there is to say stands in `notes`.
+
+        With `urgent_only` nothing is planned for reasons that can wait; they stand until the next look.
+        """
         self.notes = []
         if self._next_check_t_ns is None:
             return self._first_plan(situation)
@@ -177,10 +189,48 @@ class Replanner:
             wants = self._idle(situation) + wants + self._astray(situation) + self._missed(situation)
         if not changes and not wants:
             return None
+        if urgent_only and not any(reason.cause in reasons.URGENT for reason in (*changes, *wants)):
+            return None
         plan = self._plan(situation, [*changes, *wants])
         # A target over an obstacle "moves" at every look, though no route gets nearer, and an agent with no
         # way to any target wants a route at every look: that is no news.
         return plan if changes or plan.changed else None
+
+    def plan_anew(self, situation: Situation, why: str) -> Plan:
+        """Plan whatever changed or not: an operator confirmed a plan that cannot be flown as it was shown."""
+        return self._plan(situation, [reasons.approved_changed(why)])
+
+    def renew(self, assignment: Mapping[int, Label], situation: Situation) -> dict[int, Route]:
+        """Plan proposed routes anew from where their vehicles are now, each to the target that it has.
+
+        Vehicles, targets and ways that are not there now have none; `unrouted` says whose way is missing.
+        """
+        there = {
+            vehicle: label
+            for vehicle, label in assignment.items()
+            if vehicle in situation.agents and label in situation.targets
+        }
+        starts = {vehicle: self._start(vehicle, situation) for vehicle in there}
+        result = self._routed(starts, set(there.values()), there, situation, fixed=True)
+        renewed = [
+            self._taken_up(route, situation)
+            for route in result.routes
+            if route.target == there[route.vehicle]
+        ]
+        vehicles = {route.vehicle for route in renewed}
+        others = [r for v, r in self._newest.items() if v in situation.agents and v not in vehicles]
+        given, _ = self._lanes.give([*others, *renewed], vehicles, situation.agents, situation.arrived)
+        self.short = self.short - vehicles | result.short & vehicles
+        self.unrouted = frozenset(there.keys() - vehicles)
+        routes = {route.vehicle: route for route in given if route.vehicle in vehicles}
+        self.proposed |= routes
+        self._given_t_ns |= dict.fromkeys(vehicles, situation.t_ns)
+        return routes
+
+    def separation_m(self, situation: Situation) -> dict[int, float]:
+        """Return how near each vehicle will come to another at its altitude; infinite: no other is there."""
+        routes = [route for v, route in sorted(self._newest.items()) if v in situation.agents]
+        return self._lanes.separation_m(routes, self.proposed, situation.agents, situation.arrived)
 
     def _first_plan(self, situation: Situation) -> Plan | None:
         """Plan as soon as everybody expected is there, or after a short wait with whoever is."""
@@ -298,14 +348,15 @@ class Replanner:
             if route.vehicle in self.blocked:
                 flown = None
             short = route.vehicle in result.short
-            if flown is not None and self._is_still_good(flown, route, situation, short):
+            if shown is not None and self._is_still_good(shown, route, situation, short):
+                kept.append(shown)  # what waits to be confirmed stays as long as it is good
+            elif flown is not None and self._is_still_good(flown, route, situation, short):
                 kept.append(flown)
-            elif shown is not None and self._is_still_good(shown, route, situation, short):
-                kept.append(shown)
             else:
                 kept.append(self._taken_up(route, situation))
                 changed.append(route.vehicle)
                 self._given_t_ns[route.vehicle] = situation.t_ns
+        self.short = self.short - set(changed) | result.short & set(changed)
         kept, near = self._lanes.give(kept, changed, situation.agents, situation.arrived)
         notes = (*result.notes, *near)
         self.notes = [note for note in notes if note not in self._noted]
@@ -328,19 +379,25 @@ class Replanner:
         labels: Iterable[Label],
         flown: Mapping[int, Label],
         situation: Situation,
+        *,
+        fixed: bool = False,
     ) -> PlanResult:
-        """Plan for some agents and some targets."""
+        """Plan for some agents and some targets; `fixed`: each agent to the target that it flies to."""
         targets = {label: situation.targets[label] for label in labels}
+        counts = Counter(flown.values())
+        terms = {
+            label: self.aims.terms(label, track, situation.at_targets.get(label, 0))
+            for label, track in targets.items()
+        }
+        if fixed:
+            terms = {label: replace(one, agents=counts[label]) for label, one in terms.items()}
         return plan_routes(
             self._grid,
             starts,
             {label: self._place(track, situation) for label, track in targets.items()},
             flown,
-            self._options,
-            terms={
-                label: self.aims.terms(label, track, situation.at_targets.get(label, 0))
-                for label, track in targets.items()
-            },
+            replace(self._options, switch_gain_m=math.inf) if fixed else self._options,
+            terms=terms,
         )
 
     def _taken_up(self, route: Route, situation: Situation) -> Route:

@@ -23,7 +23,7 @@ from gcs.errors import GcsError, LinkError
 
 if TYPE_CHECKING:
     from gcs.edge.order_wire import AreaMessage, OrderMessage
-    from gcs.model import OrderAnswer
+    from gcs.model import OrderAnswer, Proposal
 
 app = typer.Typer(
     help="""Orders to a running service (`gcs run`, `gcs demo`): to vehicles, about plans, about the map.
@@ -106,17 +106,47 @@ for _action, _what in _ASKED.items():
     _add_asked(_action, _what)
 
 
+@app.command(name="plan")
+def show_plan(
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Print the plan that waits: who flies where and why, lengths, times, separation, clearance, age."""
+    _give("plan", "all", mission, zenoh, timeout, as_json)
+
+
 @app.command()
 def confirm(
-    plan: PlanArgument,
+    plan: Annotated[
+        int | None,
+        typer.Argument(
+            min=1,
+            help="Number of the plan that is shown.  [default: the one that is printed]",
+            metavar="[PLAN]",
+        ),
+    ] = None,
     vehicle: VehicleOption = None,
+    yes: YesOption = False,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
     timeout: TimeoutOption = 330.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Let a plan that waits be flown, whole or for some vehicles (`planning.retask = "confirm"`)."""
-    _give("confirm", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan)
+    """Let a plan that waits be flown, whole or for some vehicles (`planning.retask = "confirm"`).
+
+    Without a number it prints the plan and confirms what it printed; at a terminal it asks first.
+    Routes begin where the vehicles are by then. A plan that is another one by then is refused.
+    """
+    printed = None
+    if plan is None:
+        printed = _printed(mission, zenoh, timeout, as_json)
+        plan = printed.plan_id
+        if sys.stdin.isatty() and not yes:
+            whom = f" for {names(vehicle)}" if vehicle else ""
+            typer.confirm(f"confirm plan {plan}{whom}?", abort=True, err=True)
+    _give("confirm", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan, printed=printed)
 
 
 @app.command()
@@ -203,8 +233,19 @@ def _to_vehicles(
     _give(action, "all" if vehicle is None else vehicle, mission, zenoh, timeout_s, as_json)
 
 
+def _printed(mission: str | None, zenoh: str | None, timeout_s: float, as_json: bool) -> Proposal:
+    """Print the plan that waits and return it. Without one the command ends here, with exit code 1."""
+    answers, problem = _ask(_order("plan", "all"), mission, zenoh, timeout_s, as_json)
+    proposal = next((answer.proposal for answer in answers if answer.proposal is not None), None)
+    if proposal is not None:
+        return proposal
+    if as_json:
+        _print_result("plan", "", answers, problem)
+    raise typer.Exit(1)
+
+
 def _give(
-    action: VehicleAction | Literal["confirm", "reject", "keep-out"],
+    action: VehicleAction | Literal["plan", "confirm", "reject", "keep-out"],
     vehicles: list[int] | Literal["all"],
     mission: str | None,
     zenoh: str | None,
@@ -213,10 +254,25 @@ def _give(
     *,
     plan_id: int | None = None,
     keep_out: AreaMessage | None = None,
+    printed: Proposal | None = None,
 ) -> None:
+    order = _order(action, vehicles, plan_id, keep_out)
+    answers, problem = _ask(order, mission, zenoh, timeout_s, as_json)
+    ok = _is_ok(answers, problem)
+    if as_json:
+        _print_result(action, order.order_id, answers, problem, printed)
+    raise typer.Exit(0 if ok else 1)
+
+
+def _order(
+    action: VehicleAction | Literal["plan", "confirm", "reject", "keep-out"],
+    vehicles: list[int] | Literal["all"],
+    plan_id: int | None = None,
+    keep_out: AreaMessage | None = None,
+) -> OrderMessage:
     from gcs.edge.order_wire import OrderMessage
 
-    order = OrderMessage(
+    return OrderMessage(
         order_id=f"{action}-{secrets.token_hex(6)}",
         action=action,
         vehicles=vehicles,
@@ -224,20 +280,38 @@ def _give(
         keep_out=keep_out,
         origin=f"{_user()}@{socket.gethostname()}, process {os.getpid()}",
     )
-    console = console_for(stderr=as_json)
+
+
+def _ask(
+    order: OrderMessage, mission: str | None, zenoh: str | None, timeout_s: float, as_json: bool
+) -> tuple[list[OrderAnswer], str]:
+    """Give an order and print its answers; return them, and what went wrong on the way."""
     answers: list[OrderAnswer] = []
-    problem = ""
     try:
-        _collect(order, mission, zenoh, timeout_s, console, answers)
+        _collect(order, mission, zenoh, timeout_s, console_for(stderr=as_json), answers)
     except GcsError as error:
-        problem = str(error)
         complain(error)
-    ok = not problem and all(answer.state in ("accepted", "done") for answer in answers)
-    if as_json:
-        rows = [{"vehicle": a.vehicle, "state": a.state, "detail": a.detail} for a in answers]
-        result = {"order_id": order.order_id, "action": action, "ok": ok, "problem": problem, "answers": rows}
-        print(json.dumps(result), flush=True)  # noqa: T201  the promised last line
-    raise typer.Exit(0 if ok else 1)
+        return answers, str(error)
+    return answers, ""
+
+
+def _is_ok(answers: list[OrderAnswer], problem: str) -> bool:
+    return not problem and all(answer.state in ("accepted", "done") for answer in answers)
+
+
+def _print_result(
+    action: str, order_id: str, answers: list[OrderAnswer], problem: str, printed: Proposal | None = None
+) -> None:
+    """Print the promised last line: one JSON object."""
+    rows = [{"vehicle": a.vehicle, "state": a.state, "detail": a.detail} for a in answers]
+    result: dict[str, object] = {"order_id": order_id, "action": action, "ok": _is_ok(answers, problem)}
+    result |= {"problem": problem, "answers": rows}
+    shown = next((a.proposal for a in answers if a.proposal is not None), printed)
+    if shown is not None:
+        from gcs.edge.wire import encode
+
+        result["proposal"] = json.loads(encode(shown))
+    print(json.dumps(result), flush=True)  # noqa: T201  the promised last line
 
 
 def _collect(
@@ -249,6 +323,7 @@ def _collect(
     answers: list[OrderAnswer],
 ) -> None:
     from gcs.edge.ordering import give
+    from gcs.edge.proposal_view import proposal_title, route_lines
     from gcs.edge.terminal import answer_line
     from gcs.edge.whereabouts import the_service
 
@@ -260,6 +335,8 @@ def _collect(
     for answer in give(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):
         answers.append(answer)
         text, level = answer_line(answer)
+        if answer.proposal is not None:
+            text = "\n  ".join([proposal_title(answer.proposal), *route_lines(answer.proposal)])
         style = {"info": "", "warning": "yellow", "alarm": "bold red"}[level]
         console.print(text, style=style, highlight=False, soft_wrap=True, markup=False)
 

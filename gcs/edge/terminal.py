@@ -23,6 +23,7 @@ from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.links import Links
 from gcs.edge.linkview import link_rows, link_table
+from gcs.edge.proposal_view import MAX_ROUTES, ProposalLog, proposal_title, route_lines
 from gcs.model import (
     NS_PER_S,
     Effect,
@@ -97,10 +98,8 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
         case Proposal(routes=()):
             return None
         case Proposal():
-            routes = ", ".join(
-                f"{vehicle_name(route.vehicle)} → {label_text(route.target)}" for route in effect.routes
-            )
-            return f"plan {effect.plan_id} waits to be confirmed: {effect.reason}; {routes}", "warning"
+            routes = "; ".join(route_lines(effect, MAX_ROUTES))
+            return f"{proposal_title(effect)}: {routes}", "warning"
         case MissionEnded():
             spare = f", {len(effect.spare)} to spare" if effect.spare else ""
             return f"mission ended: {len(effect.arrived)} arrived, {len(effect.dead)} lost{spare}", "info"
@@ -120,6 +119,7 @@ class PlainLines:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._start_t_ns: int | None = None
+        self._proposals = ProposalLog()
 
     def event(self, event: Event) -> None:
         """Remember when the run began."""
@@ -128,6 +128,8 @@ class PlainLines:
 
     def effect(self, t_ns: int, effect: Effect) -> None:
         """Print what there is to say of an effect."""
+        if isinstance(effect, Proposal) and not self._proposals.is_news(effect):
+            return
         line = effect_line(effect)
         if line is not None:
             seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
@@ -161,19 +163,25 @@ class LiveView:
             self._pictures[effect.kind] = effect
         elif isinstance(effect, UploadReport):
             self._uploads[effect.vehicle] = "verified" if effect.ok else "failed"
-        line = None if isinstance(effect, Notice) and effect.level == "info" else effect_line(effect)
+        is_quiet = isinstance(effect, Notice) and effect.level == "info"
+        if is_quiet or isinstance(effect, Proposal):  # a plan that waits has a panel of its own
+            return
+        line = effect_line(effect)
         if line is not None:
             seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
             self._log.append(Text(f"{seconds:6.1f} s  {line[0]}", style=_STYLE[line[1]]))
 
     def __rich_console__(self, _console: Console, options: ConsoleOptions) -> RenderResult:
         narrow = options.max_width < self._tables_width()
-        rows = max(_MIN_MAP_ROWS, (options.height or options.size.height) - _ROWS_AROUND_MAP)
+        waits = self._waiting()
+        around = _ROWS_AROUND_MAP + (len(waits) + 1 if waits else 0)
+        rows = max(_MIN_MAP_ROWS, (options.height or options.size.height) - around)
         columns = min(2 * rows, (options.max_width - self._tables_width()))
         layout = Layout()
-        layout.split_column(
-            Layout(self._header(), size=3), Layout(name="body"), Layout(self._events(), size=_EVENT_ROWS + 2)
-        )
+        below = [Layout(self._events(), size=_EVENT_ROWS + 2)]
+        if waits:
+            below.insert(0, Layout(self._proposal(waits), size=len(waits) + 1))
+        layout.split_column(Layout(self._header(), size=3), Layout(name="body"), *below)
         links = link_table(link_rows(self._command.fleet, self._links, self._t_ns))
         tables = Layout(Group(self._agents(narrow), self._targets(), links))
         if columns >= _MIN_MAP_ROWS:
@@ -269,13 +277,21 @@ class LiveView:
         return {} if picture is None else {track.label: track for track in picture.tracks}
 
     def _events(self) -> Panel:
+        return Panel(Group(*list(self._log)[-_EVENT_ROWS:]), title=Text("Events"), title_align="left")
+
+    def _waiting(self) -> list[str]:
+        """Return the plan that waits, if one does: a title, and a line for each route."""
         pending = self._command.approval.pending
-        title = Text("Events")
-        if pending is not None:
-            routes = ", ".join(f"{route.vehicle} → {label_text(route.target)}" for route in pending.routes)
-            waits = f"plan {pending.plan_id} waits: {routes} (gcs order confirm {pending.plan_id})"
-            title = Text(waits, style="bold yellow")
-        return Panel(Group(*list(self._log)[-_EVENT_ROWS:]), title=title, title_align="left")
+        if pending is None:
+            return []
+        title = f"{proposal_title(pending, self._t_ns)} (gcs order confirm {pending.plan_id})"
+        return [title, *route_lines(pending, MAX_ROUTES)]
+
+    def _proposal(self, waits: Sequence[str]) -> Panel:
+        """Draw the plan that waits apart from the events: however long it is, no alarm gives way to it."""
+        title, *routes = waits
+        lines = (Text(line, no_wrap=True, overflow="ellipsis") for line in routes)
+        return Panel(Group(*lines), title=Text(title, style="bold yellow"), title_align="left")
 
     def _map(self, rows: int, columns: int) -> Panel:
         """A map in characters, north up: obstacles, routes, agents by id, targets."""

@@ -11,8 +11,8 @@ from gcs.model.basics import NS_PER_S, FloatArray, Kind, Label, Level, read_only
 from gcs.model.effects import Effect, Fate, MissionEnded, Notice, Send, Upload, UploadReport
 from gcs.model.events import BadInput, ClockStep, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
 from gcs.model.memory import Aside, CustodyMemory, GuestMission, Memory, VehicleMemory
-from gcs.model.names import network_of, system_of, vehicle_id, vehicle_name, vehicle_of
-from gcs.model.orders import Action, AnswerState, KeepOut, Order, OrderAnswer, Proposal
+from gcs.model.names import network_of, system_of, target_name, vehicle_id, vehicle_name, vehicle_of
+from gcs.model.orders import Action, AnswerState, KeepOut, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
 from gcs.model.scans import Polar, Scan, Sensor
@@ -51,6 +51,7 @@ __all__ = [
     "Proposal",
     "Resumed",
     "Route",
+    "RouteFigures",
     "Scan",
     "Send",
     "Sensor",
@@ -67,6 +68,7 @@ __all__ = [
     "network_of",
     "read_only",
     "system_of",
+    "target_name",
     "vehicle_id",
     "vehicle_name",
     "vehicle_of",

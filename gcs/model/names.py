@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from gcs.model.basics import Label
+
 
 def vehicle_id(network: int, system_id: int) -> int:
     """Return the number that a vehicle is called by: its MAVLink network times 256, plus its system id."""
@@ -22,6 +24,11 @@ def vehicle_name(vehicle: int) -> str:
     """Write a vehicle as people do: "17", or "2:17" on network 2."""
     network, system_id = network_of(vehicle), system_of(vehicle)
     return f"{network}:{system_id}" if network else str(system_id)
+
+
+def target_name(label: Label) -> str:
+    """Write a target's track label as people do: "T12.3", born in scan 12 at place 3 (or the third there)."""
+    return f"T{label[0]}.{label[1]}"
 
 
 def vehicle_of(text: str) -> int:

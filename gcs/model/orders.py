@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from gcs.model.basics import NS_PER_S
 from gcs.model.plans import Route
 
-Action: TypeAlias = Literal["hold", "resume", "return", "arm", "disarm", "confirm", "reject", "keep-out"]
+Action: TypeAlias = Literal[
+    "hold", "resume", "return", "arm", "disarm", "plan", "confirm", "reject", "keep-out"
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,50 @@ class Order:
     """Who gave it, in words."""
 
 
+@dataclass(frozen=True, slots=True)
+class RouteFigures:
+    """What an operator judges a proposed route by. It is planned from where the vehicle is now."""
+
+    vehicle: int
+    length_m: float
+    """From where the vehicle is now."""
+    shown_length_m: float
+    """The same when the number of the plan was first shown."""
+    arrival_s: float
+    """Seconds of flight until it reaches the target, at its airspeed."""
+    separation_m: float | None = None
+    """Least distance to the other vehicles of its altitude layer as planned; None: it has none there."""
+    clearance_m: float | None = None
+    """Least distance to obstacles, at most the clearance asked for; None: none is asked for."""
+    is_short: bool = False
+    """True if the route ends before the target, because no clear one leads past it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A plan that waits for an operator's word; without routes: nothing waits any more.
+
+    It comes again whenever its routes are planned anew from where the vehicles are by then. Its number stands
+    for its vehicles and their targets, and for routes about as long and as far apart as when it was new.
+    """
+
+    t_ns: int
+    plan_id: int
+    """Counts up: a newer proposal replaces the one before, and its id with it."""
+    routes: tuple[Route, ...]
+    """Those that are not flown until they are confirmed, ordered by vehicle."""
+    reason: str
+    shown_t_ns: int = 0
+    """When its number was first shown."""
+    figures: tuple[RouteFigures, ...] = ()
+    """One for each of `routes`, in the same order; recordings of earlier versions have none."""
+
+    @property
+    def age_s(self) -> float:
+        """How long its number has been shown."""
+        return (self.t_ns - self.shown_t_ns) / NS_PER_S if self.shown_t_ns else 0.0
+
+
 AnswerState: TypeAlias = Literal["accepted", "done", "refused", "failed"]
 
 
@@ -57,15 +104,5 @@ class OrderAnswer:
     """None: about the order as a whole."""
     waiting: tuple[int, ...] = ()
     """Vehicles whose answer is still to come; the order is over when nobody is left."""
-
-
-@dataclass(frozen=True, slots=True)
-class Proposal:
-    """A plan that waits for an operator's word; without routes: nothing waits any more."""
-
-    t_ns: int
-    plan_id: int
-    """Counts up: a newer proposal replaces the one before, and its id with it."""
-    routes: tuple[Route, ...]
-    """Those that are not flown until they are confirmed, ordered by vehicle."""
-    reason: str
+    proposal: Proposal | None = None
+    """The plan that waits, for an order that asks for it."""

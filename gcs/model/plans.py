@@ -76,6 +76,7 @@ Cause: TypeAlias = Literal[
     "target appeared",
     "target lost",
     "target moved",
+    "approved plan changed",
 ]
 """Why a plan was made, in kinds: what pictures and counts go by."""
 

@@ -88,6 +88,16 @@ def separate(
     return {flight.vehicle: lane for flight, lane in zip(order, found, strict=True)}, tuple(conflicts)
 
 
+def least_separation_m(flights: Sequence[Flight]) -> dict[int, float]:
+    """Return how near each vehicle comes to another of its lane; infinite where it is alone in it."""
+    if not flights:
+        return {}
+    gap_m, _ = _nearest(_places(flights), 0.0)
+    lanes = np.array([flight.lane for flight in flights])
+    gap_m = np.where(lanes[:, None] == lanes[None, :], np.minimum(gap_m, gap_m.T), np.inf)
+    return {flight.vehicle: float(gap_m[i].min()) for i, flight in enumerate(flights)}
+
+
 def _places(flights: Sequence[Flight]) -> FloatArray:
     """Where everybody is at each step, (n, steps, 2), until the last has ended."""
     ways = [np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(f.points_m, axis=0).T)))) for f in flights]

@@ -27,6 +27,7 @@ COLOURS: Final[dict[str, str]] = {
     "target moved": "#8c6d31",
     "map changed": "#2f855a",
     "taken up again": "#4a5568",
+    "approved plan changed": "#b7950b",
     "other": "#718096",
 }
 """Of every cause, in the order of rows; "other" are words of earlier versions that name none."""

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from gcs.app import Service
 from gcs.cli import app
+from gcs.command.fold import Command
 from gcs.config import load
 from gcs.edge.clock import RunClock
 from gcs.edge.links import Links
@@ -22,7 +23,7 @@ from gcs.edge.whereabouts import Whereabouts, announced, services, the_service
 from gcs.edge.zenoh_bus import Bus, free_endpoint, service_bus
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError
-from gcs.model import Order
+from gcs.model import Order, Proposal, Route, RouteFigures, read_only
 
 
 def loopback(port: int = 0) -> Links:
@@ -35,6 +36,7 @@ class Events:
 
     def __init__(self) -> None:
         self.orders: list[Order] = []
+        self.command: Command | None = None
 
     def event(self, event) -> None:
         if isinstance(event, Order):
@@ -51,7 +53,7 @@ def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture(params=["listen", "connect"])
-def taken(runtime: Path, request: pytest.FixtureRequest) -> Iterator[list[Order]]:
+def serving(runtime: Path, request: pytest.FixtureRequest) -> Iterator[Events]:
     """A service that runs and listens, or connects to a sensor that does, and the orders that it took."""
     events, endpoint = Events(), free_endpoint()
     ready = threading.Event()
@@ -60,6 +62,7 @@ def taken(runtime: Path, request: pytest.FixtureRequest) -> Iterator[list[Order]
     async def serve(bus: Bus) -> None:
         service, stop = Service(load("prescribed"), 1, loopback(), bus), asyncio.Event()
         service.sinks.append(events)
+        events.command = service.command
         ending.append((asyncio.get_running_loop(), stop))
         asyncio.get_running_loop().call_soon(ready.set)
         await service.run(RunClock(), stop)
@@ -72,10 +75,16 @@ def taken(runtime: Path, request: pytest.FixtureRequest) -> Iterator[list[Order]
         thread = threading.Thread(target=lambda: asyncio.run(serve(bus)))
         thread.start()
         assert ready.wait(10.0)
-        yield events.orders
+        yield events
         loop, stop = ending[0]
         loop.call_soon_threadsafe(stop.set)
         thread.join(10.0)
+
+
+@pytest.fixture
+def taken(serving: Events) -> list[Order]:
+    """The orders that it took."""
+    return serving.orders
 
 
 def test_an_order_reaches_the_service_once_and_its_answer_comes_back(taken: list[Order]) -> None:
@@ -88,6 +97,30 @@ def test_an_order_reaches_the_service_once_and_its_answer_comes_back(taken: list
     assert "agent 1 refused: never heard" in refused.output
     assert "agent 7 refused: no vehicle of this mission" in refused.output
     assert [order.action for order in taken] == ["keep-out", "hold"]
+
+
+def test_confirm_without_a_number_prints_the_plan_and_confirms_that_one(serving: Events) -> None:
+    none = CliRunner().invoke(app, ["order", "confirm"])
+    assert (none.exit_code, "no plan waits" in none.output) == (1, True)
+    route = Route(3, (0, 1), read_only([[900.0, 500.0]]), 1480.0)
+    figures = RouteFigures(3, 1480.0, 1350.0, 98.7, 212.0, 40.0)
+    assert serving.command is not None
+    serving.command.replanner.proposed[3] = route
+    serving.command.approval.count = 7
+    serving.command.approval.pending = Proposal(1, 7, (route,), "target T0.1 moved 66 m", 1, (figures,))
+    printed = CliRunner().invoke(app, ["order", "plan", "--json"])
+    shown = json.loads(printed.stdout.strip().splitlines()[-1])["proposal"]
+    assert (shown["plan_id"], shown["figures"][0]["shown_length_m"]) == (7, 1350.0)
+    done = CliRunner().invoke(app, ["order", "confirm"])
+    assert (
+        "agent 3 → T0.1: 1480 m (was 1350 m), arrives in 99 s, separation 212 m, clearance 40 m"
+        in done.output
+    )
+    assert "plan 7 waits to be confirmed, shown" in done.output
+    assert "target T0.1 moved 66 m" in done.output
+    assert [(o.action, o.plan_id) for o in serving.orders][-2:] == [("plan", None), ("confirm", 7)]
+    assert "agent 3 is not seen by any sensor now" in done.output  # nobody flies here
+    assert done.exit_code == 1
 
 
 def test_nobody_there_is_said_clearly(runtime: Path) -> None:
@@ -108,7 +141,7 @@ def test_nobody_there_is_said_clearly(runtime: Path) -> None:
         (["arm", "-v", "1"], "--yes"),
         (["keep-out", "fire"], "expected one of"),
         (["keep-out", "fire", "--circle", "1,2"], "3 numbers"),
-        (["confirm"], "Missing argument"),
+        (["reject"], "Missing argument"),
     ],
 )
 def test_mistakes_in_the_arguments_are_named(runtime: Path, arguments: list[str], words: str) -> None:

@@ -1,0 +1,118 @@
+"""What an operator judges a proposed plan by, and when it is no longer the plan that was shown.
+
+A number stands for vehicles, their targets, and routes about as long and as far apart as when it was first
+shown. Routes are planned anew underneath while vehicles fly on. What differs by more than is said here is
+another plan: it gets another number, and a confirmation of the old one is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from gcs.config import Config
+from gcs.model import Route, RouteFigures, target_name, vehicle_name
+from gcs.planning.grid import Grid, Point
+from gcs.planning.sight import line_of_sight
+
+LONGER_FRACTION = 0.25
+"""A route that is longer by less is about as long; by less than a full turn, too."""
+NEARER_M = 5.0
+"""A distance that is less by no more is about the same."""
+_HALVINGS = 6
+
+
+class Figures:
+    """Lengths, times, separations and clearances of proposed routes.
+
+    Parameters
+    ----------
+    config : Config
+        The mission: airspeeds, and the separation and clearance that it asks for.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
+        self._clearance_m = config.planning.clearance_m
+        self._separation_m = config.planning.separation_m
+        self._full_turn_m = 2.0 * math.pi * config.airframe.planned_radius_m
+
+    def of(
+        self,
+        routes: Sequence[Route],
+        shown: Mapping[int, RouteFigures],
+        grid: Grid,
+        places: Mapping[int, Point],
+        separation_m: Mapping[int, float],
+        short: Container[int],
+    ) -> tuple[RouteFigures, ...]:
+        """Return the figures of routes.
+
+        Parameters
+        ----------
+        shown
+            Those of each vehicle when the number of the plan was first shown; none for a new number.
+        places
+            Where vehicles are, east and north in metres.
+        separation_m
+            Least distance of each vehicle to another of its altitude layer.
+        short
+            Vehicles whose routes end before their targets.
+        """
+        found = []
+        for route in routes:
+            vehicle, apart_m = route.vehicle, separation_m.get(route.vehicle, math.inf)
+            before = shown.get(vehicle)
+            found.append(
+                RouteFigures(
+                    vehicle,
+                    route.length_m,
+                    before.shown_length_m if before is not None else route.length_m,
+                    route.length_m / self._speeds_m_s[vehicle],
+                    apart_m if math.isfinite(apart_m) else None,
+                    self._kept_m(grid, route, places.get(vehicle)),
+                    vehicle in short,
+                )
+            )
+        return tuple(found)
+
+    def _kept_m(self, grid: Grid, route: Route, place: Point | None) -> float | None:
+        """Return how far a route stays from obstacles, up to the clearance asked for."""
+        if self._clearance_m <= 0.0:
+            return None
+        points = [(float(east_m), float(north_m)) for east_m, north_m in route.flown_m]
+        points = [place or points[0], *points]
+
+        def is_kept(metres: float) -> bool:
+            return all(line_of_sight(grid, a, b, metres) for a, b in pairwise(points))
+
+        low_m, high_m = 0.0, self._clearance_m
+        if is_kept(high_m):
+            return high_m
+        for _ in range(_HALVINGS):
+            middle_m = 0.5 * (low_m + high_m)
+            low_m, high_m = (middle_m, high_m) if is_kept(middle_m) else (low_m, middle_m)
+        return float(np.round(low_m))
+
+    def change(self, route: Route, now: RouteFigures, shown: RouteFigures) -> str:
+        """Say what makes a route another one than the one that was shown; empty: it is about the same."""
+        agent = f"agent {vehicle_name(now.vehicle)}"
+        if now.is_short and not shown.is_short:
+            return f"no clear way leads {agent} past target {target_name(route.target)} any more"
+        longer_m = now.length_m - shown.length_m
+        if longer_m > max(LONGER_FRACTION * shown.length_m, self._full_turn_m):
+            return f"the route of {agent} is {longer_m:.0f} m longer than shown ({shown.length_m:.0f} m)"
+        if _is_nearer(now.separation_m, shown.separation_m, self._separation_m):
+            return f"{agent} would come within {now.separation_m:.0f} m of another at its altitude"
+        if _is_nearer(now.clearance_m, shown.clearance_m, self._clearance_m):
+            return f"{agent} would come within {now.clearance_m:.0f} m of an obstacle"
+        return ""
+
+
+def _is_nearer(now_m: float | None, shown_m: float | None, asked_m: float) -> bool:
+    if now_m is None or now_m >= asked_m:
+        return False
+    return shown_m is None or now_m < shown_m - NEARER_M
