@@ -93,7 +93,7 @@ def fence_of(config: Config, source: str = "") -> Fence:
     ConfigError
         When an area is not one, when there are several to stay in, or when a rally point lies outside.
     """
-    areas = [*(_from_map(config) if config.fence.from_map else ()), *drawn_areas(config, source)]
+    areas = areas_of(config, source)
     if sum(area.stay_in for area in areas) > 1:
         raise ConfigError(
             source,
@@ -104,6 +104,17 @@ def fence_of(config: Config, source: str = "") -> Fence:
     fence = Fence(tuple(areas), config.fence.max_alt_rel_m)
     _check(fence, config, source)
     return fence
+
+
+def areas_of(config: Config, source: str = "") -> list[Area]:
+    """Return the areas of a mission's fence, those of its map among them.
+
+    Raises
+    ------
+    ConfigError
+        As `drawn_areas`.
+    """
+    return [*(_from_map(config) if config.fence.from_map else ()), *drawn_areas(config, source)]
 
 
 def drawn_areas(config: Config, source: str = "") -> list[Area]:

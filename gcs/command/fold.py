@@ -24,6 +24,7 @@ from gcs.command.grounded import Grounded
 from gcs.command.guests import Guests
 from gcs.command.homing import Homing
 from gcs.command.keepouts import KeepOuts
+from gcs.command.last_check import LastCheck
 from gcs.command.motions import Motions
 from gcs.command.orders import Orders
 from gcs.command.recovery import Recovery
@@ -111,6 +112,7 @@ class Command:
             config.links.max_parallel_uploads,
             self.homing,
             self.takeoffs,
+            LastCheck(config, self.grid),
         )
         self.trespass = Trespass(self.tasking)
         self.approval = Approval(config, self.replanner)

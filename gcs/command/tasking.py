@@ -17,9 +17,11 @@ from collections.abc import Container
 from dataclasses import dataclass
 from typing import Final
 
+from gcs.command.first_legs import FirstLegs
 from gcs.command.holding import Flown, Holding
 from gcs.command.homing import Homing
 from gcs.command.lanes import Lane
+from gcs.command.last_check import LastCheck
 from gcs.command.missions import Missions, points_passed
 from gcs.command.takeoffs import Takeoffs
 from gcs.command.waiting import Waiting
@@ -79,6 +81,8 @@ class Tasking:
         Addresses and sequences.
     max_parallel : int
         Transfers at a time over one link, at the most.
+    last_check : LastCheck or None
+        Refuses missions with an item outside the map or the fence; None: none is refused.
     homing : Homing or None
         Plans the ways home of vehicles that land at their missions' ends; None: they fly straight.
     takeoffs : Takeoffs or None
@@ -94,15 +98,18 @@ class Tasking:
         max_parallel: int = 32,
         homing: Homing | None = None,
         takeoffs: Takeoffs | None = None,
+        last_check: LastCheck | None = None,
     ) -> None:
         self._table, self._homing, self._takeoffs = table, homing, takeoffs
-        self._grounded: set[int] = set()
-        """Vehicles whose take-offs were refused."""
+        self._last_check = last_check
+        self._refusals: dict[int, str] = {}
+        """Why the newest missions of vehicles are not uploaded."""
         self._missions = Missions(table, airframe, frame)
         self._fleet = fleet
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
         self._deliveries: dict[int, _Delivery] = {}
         self._holding = Holding(fleet, stays=table.end == "loiter")
+        self._first_legs = FirstLegs(fleet)
         self._waiting = Waiting(self._wait_s)
         self._lanes: defaultdict[str, Lane] = defaultdict(lambda: Lane(max_parallel))
         self._busy: defaultdict[str, int] = defaultdict(int)
@@ -203,6 +210,7 @@ class Tasking:
 
     def overwritten(self, vehicle: int) -> None:
         """Forget what a vehicle holds: somebody else writes a mission to it."""
+        self._first_legs.end(vehicle)
         self._holding.forget(vehicle)
         self._mixed.discard(vehicle)
 
@@ -254,6 +262,7 @@ class Tasking:
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Take a vehicle's message: for its transfer, and for what it tells of the vehicle."""
         effects = self._watch(vehicle, message, t_ns)
+        effects += self._first_legs.receive(vehicle, message, t_ns)
         delivery = self._deliveries.get(vehicle)
         if delivery is not None:
             effects += self._worked(vehicle, delivery.task.receive(message, t_ns))
@@ -264,6 +273,7 @@ class Tasking:
         effects: list[Effect] = []
         for vehicle, delivery in list(self._deliveries.items()):
             effects += self._worked(vehicle, delivery.task.poll(t_ns))
+        effects += self._first_legs.poll(t_ns)
         return effects + self._admit(t_ns)
 
     def answered(self, answer: UploadAnswer) -> list[Effect]:
@@ -307,6 +317,7 @@ class Tasking:
         """Begin a transfer again: what the vehicle stores and flies must be learned anew."""
         self._boots[vehicle] = self._fleet.boots(vehicle)
         self._custody[vehicle].rebooted()
+        self._first_legs.end(vehicle)
         self._holding.forget(vehicle)
         self._holding.select(vehicle)
         delivery = self._deliveries.get(vehicle)
@@ -347,15 +358,13 @@ class Tasking:
         if climb is not None and self._takeoffs is not None:
             problem = self._takeoffs.problem(vehicle, climb, route.points_m)
             if problem:
-                return self._refused(vehicle, problem, t_ns)
-        self._grounded.discard(vehicle)
+                return self._refused(vehicle, f"the take-off is not clear: {problem}", t_ns)
         self._mission_count += 1
         home = fleet.home(vehicle) or self._home
         way_home = None if self._homing is None else self._homing.way(route, state, home[:2])
         mission = self._missions.of(route, self._mission_count, state, way_home, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
         old, mixed = self._holding.of(vehicle), vehicle in self._mixed
-        self._mixed.discard(vehicle)
         link = fleet.link(vehicle)
         round_trip_s = self._lanes[link].round_trip_s
         task = MissionTask(
@@ -379,6 +388,13 @@ class Tasking:
             pace=Pace(round_trip_s),
             room=lambda: max(1, _ITEMS_ON_THEIR_WAY // self._busy[link]),
         )
+        if self._last_check is not None:
+            problem = self._last_check.problem(task.items[profile.home_items :], state)
+            if problem:
+                return self._refused(vehicle, f"{problem}; the vehicle keeps what it holds", t_ns)
+        self._refusals.pop(vehicle, None)
+        self._mixed.discard(vehicle)
+        self._first_legs.end(vehicle)
         flown = Flown(route, task.items, profile.home_items + int(from_ground))
         self._deliveries[vehicle] = _Delivery(task, link, t_ns, flown)
         self._busy[link] += 1
@@ -399,16 +415,14 @@ class Tasking:
             *self._ended(vehicle, t_ns, ok=False),
         ]
 
-    def _refused(self, vehicle: int, problem: str, t_ns: int) -> list[Effect]:
-        """Say, once, that a vehicle's take-off is not clear: its mission is not uploaded."""
+    def _refused(self, vehicle: int, why: str, t_ns: int) -> list[Effect]:
+        """Say why a mission is not uploaded; once, unless the reason changes."""
         effects: list[Effect] = []
-        if vehicle not in self._grounded:
-            text = f"its mission is not uploaded, the take-off is not clear: {problem}"
-            effects.append(Notice(t_ns, "alarm", text, vehicle))
-        self._grounded.add(vehicle)
+        if self._refusals.get(vehicle) != why:
+            effects.append(Notice(t_ns, "alarm", f"its mission is not uploaded, {why}", vehicle))
+        self._refusals[vehicle] = why
         self._mission_count += 1
         self._waiting.ended(vehicle, t_ns, ok=False)
-        why = f"the take-off is not clear: {problem}"
         return [*effects, UploadReport(t_ns, vehicle, self._mission_count, 0, False, why, 0.0, 0)]
 
     def _is_climbing(self, vehicle: int) -> bool:
@@ -430,6 +444,7 @@ class Tasking:
         profile = self._fleet.profile(vehicle)
         assert profile is not None  # its heartbeat was just taken
         self._mixed.discard(vehicle)
+        self._first_legs.end(vehicle)
         task = MissionTask(
             self._missions.nothing(vehicle),
             self._home,
@@ -464,6 +479,10 @@ class Tasking:
             self.suspect(vehicle)
         elif result.holds == "equal" and delivery.flown is not None:
             self._holding.note(delivery.flown)
+            if result.ok:
+                self._first_legs.begin(
+                    delivery.flown, delivery.task.first, delivery.task.leg_t_ns, result.t_ns
+                )
         elif result.holds != "old":
             self._holding.forget(vehicle)
         return delivery

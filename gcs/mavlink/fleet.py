@@ -41,7 +41,7 @@ from gcs.mavlink.counters import LinkCounters, Stranger, Strangers, total
 from gcs.mavlink.heartbeats import heartbeat, is_heartbeat, is_vehicles
 from gcs.mavlink.items import Home
 from gcs.mavlink.profiles import Profile
-from gcs.mavlink.row import ADDRESS, DUE_NS, HEARD_NS, NOBODY, SIGNS, new_row
+from gcs.mavlink.row import ADDRESS, DUE_NS, HEARD_NS, LEG, NOBODY, SIGNS, new_row
 from gcs.mavlink.telling import Telling
 from gcs.mavlink.vehicle import Address, Health, Tell, Vehicle
 from gcs.mavlink.wants import Wants
@@ -62,6 +62,7 @@ _NEEDED: Final = frozenset(
         dialect.MAVLINK_MSG_ID_STATUSTEXT,
         dialect.MAVLINK_MSG_ID_COMMAND_ACK,
         dialect.MAVLINK_MSG_ID_MISSION_CURRENT,
+        dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT,
         dialect.MAVLINK_MSG_ID_MISSION_ITEM_REACHED,
         dialect.MAVLINK_MSG_ID_MISSION_COUNT,
         dialect.MAVLINK_MSG_ID_MISSION_REQUEST,
@@ -357,6 +358,10 @@ class Fleet:
     def attend(self, system_id: int) -> None:
         """Have `receive` give the vehicle's next heartbeat, even if it says what the last one said."""
         self._vehicles[system_id].attend()
+
+    def watch_leg(self, system_id: int, *, watched: bool) -> None:
+        """Have `receive` give the vehicle's NAV_CONTROLLER_OUTPUT, or no longer."""
+        self._vehicles[system_id].row[LEG] = watched
 
     def encoder(self, system_id: int) -> Callable[[Message], bytes]:
         """Message to frame for one vehicle, in its own sequence; for its mission task."""

@@ -43,6 +43,7 @@ from gcs.mavlink.row import (
     HEARD_NS,
     LAST_SEQUENCE,
     LAT_1E7DEG,
+    LEG,
     LON_1E7DEG,
     LOST,
     NOBODY,
@@ -62,6 +63,7 @@ _POSITION: Final[int] = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _SYS_STATUS: Final[int] = dialect.MAVLINK_MSG_ID_SYS_STATUS
 _HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _GPS: Final[int] = dialect.MAVLINK_MSG_ID_GPS_RAW_INT
+_NAVIGATION: Final[int] = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
 _FIX_3D: Final[int] = dialect.GPS_FIX_TYPE_3D_FIX
 _AUTOPILOT: Final = AUTOPILOT_COMPONENT_ID
 _BOOT_WRAP_MS: Final = 1 << 32
@@ -225,6 +227,9 @@ def _fold_on(data, frames, at, address, t_ns, rows_of, table, origin):  # type: 
             elif message_id == _HEARTBEAT:
                 beat = _number(data, begin, 0, size, 8)
                 if beat == NONE or beat != row[BEAT]:
+                    break
+            elif message_id == _NAVIGATION:
+                if row[LEG]:
                     break
             else:
                 break

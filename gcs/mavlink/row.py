@@ -37,9 +37,10 @@ Row = npt.NDArray[np.int64]
     PLACES,  # number of positions believed
     WATCHED,  # whether the next position must be held against more than the one before
     DUE_NS,  # before then there is nothing to send to it by the clock
+    LEG,  # whether somebody looks how it flies its leg: NAV_CONTROLLER_OUTPUT is not quiet then
     BEAT,  # the first eight bytes of its last heartbeat; NONE when the next one matters whatever it says
     WIDTH,
-) = range(24)
+) = range(25)
 
 NONE: Final = -1
 NOBODY: Final = -1

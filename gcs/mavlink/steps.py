@@ -120,7 +120,10 @@ class Steps:
         self._current = current
         self._current_before = current
         self._refusals = 0
-        self._first = self._mark = profile.home_items
+        self.first = self._mark = profile.home_items
+        """Item that the mission begins with; final when it was selected."""
+        self.leg_t_ns = 0
+        """When the vehicle may have begun to fly to that item."""
         self._refused = False
         """True if a whole mission is stored that must not be flown: it reads back differently, or the
         vehicle's navigator rejects it."""
@@ -202,10 +205,13 @@ class Steps:
 
     def _select(self, t_ns: int) -> None:
         self._current_before = self._current
-        self._first = self._begin_at()
-        self._enter("select", t_ns, select(self.mission.vehicle, self._profile, self._first))
+        self.first = self._begin_at()
+        self.leg_t_ns = t_ns
+        self._enter("select", t_ns, select(self.mission.vehicle, self._profile, self.first))
 
     def _start_mode(self, t_ns: int) -> None:
+        if self._custody.mode != AUTO:
+            self.leg_t_ns = t_ns
         self._selected = True
         if self._custody.taken:
             self._leave(t_ns)

@@ -332,14 +332,14 @@ class MissionTask(Steps):
         self._no_mission = message.mission_state == dialect.MISSION_STATE_NO_MISSION
         if self._current_before is None:
             self._current_before = message.seq
-        is_echo = self.stage == "select" and self._first == self._profile.home_items
+        is_echo = self.stage == "select" and self.first == self._profile.home_items
         is_echo = is_echo and message.seq == 0 != self._current_before
-        self._current = self._first if is_echo else message.seq
+        self._current = self.first if is_echo else message.seq
         if self.stage == "mode" and self._no_mission and self._in_doubt_t_ns is not None:
             self._reject(t_ns)
         elif self.stage == "mode" and self._in_doubt_t_ns is not None:
             self._leave(t_ns)
-        elif self.stage == "select" and self._current == self._first and self._is_news(message.seq, t_ns):
+        elif self.stage == "select" and self._current == self.first and self._is_news(message.seq, t_ns):
             self._start_mode(t_ns)
 
     def _is_news(self, seq: int, t_ns: int) -> bool:

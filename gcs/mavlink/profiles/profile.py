@@ -124,6 +124,8 @@ class Profile:
     window: int
     """Items of a mission that may be on their way at a time: sent without a request after a silence, or asked
     for in a read-back; 1 where the order matters."""
+    tracks_old_leg: bool
+    """True if a leg may start at the waypoint that was flown to before, not where the vehicle is."""
     marks_current: bool
     """Whether `current` on an uploaded item makes the mission begin there."""
     ends_in: str

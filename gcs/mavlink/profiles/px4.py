@@ -124,6 +124,7 @@ PX4: Final = Profile(
     home_items=0,
     atomic=True,
     window=1,
+    tracks_old_leg=False,
     marks_current=True,
     ends_in=LOITER,
     unused=math.nan,
