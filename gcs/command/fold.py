@@ -224,7 +224,7 @@ class Command:
             case _:
                 targets = self.trackers.targets.beliefs.tracks
                 effects = self.dispatch.settle(self.orders.take(event, targets, self.away(), self._take_back))
-        return effects + self.approval.refresh(event.t_ns, self.away())
+        return effects + self.approval.refresh(event.t_ns, self._not_tasked())
 
     def _outlook(self, vehicle: int) -> str:
         """What a vehicle that is ours again and waits in LOITER can expect, in words."""
@@ -257,7 +257,7 @@ class Command:
         through = self.replanner.change_map(event.t_ns, self.grid, closed, places, news, homeless)
         arrived = self.fates.arrived() & homeless
         returning = [s.system_id for s in self.fleet.states() if s.armed and s.system_id in arrived]
-        effects: list[Effect] = []
+        effects: list[Effect] = [*self._watch_takeoffs(event.t_ns)]
         if self.silence.scan_t_ns is not None:
             effects += self._plan(event.t_ns, self._measured_t_ns, through)
         still = set(through) - set(self.replanner.routes) | set(self.replanner.blocked)
@@ -317,7 +317,8 @@ class Command:
         for fate in self.fates.update(*moment, agents, targets, ties, assigned, reporting):
             effects.append(fate)
             effects += self._follow(fate)
-        effects += self.approval.refresh(event.t_ns, self.away())
+        effects += self._watch_takeoffs(event.t_ns)
+        effects += self.approval.refresh(event.t_ns, self._not_tasked())
         effects += self._plan(event.t_ns, event.measured_t_ns)
         if self.keep_outs.closed:
             effects += self.trespass.look(event.t_ns, states, self.keep_outs.closed)
@@ -358,7 +359,7 @@ class Command:
 
     def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
-        away = self.away()
+        away = self._not_tasked()
         tracks = {v: agents[label] for v, label in labels.items() if label in agents}
         tracks |= {v: track for v, track in self.ties.beside.items() if v in self.replanner.planned}
         flying = {v: tracks[v] for v in self.fates.flying() if v not in away and v in tracks}
@@ -405,6 +406,19 @@ class Command:
         }
         others = self.guests.away() | self.rereading.away()
         return modes | self.tasking.taken() | others | self.orders.away()
+
+    def _not_tasked(self) -> dict[int, str]:
+        """Vehicles that get no mission now: those that are away, and those that cannot take off."""
+        grounded = dict.fromkeys(self.takeoffs.blocked, "stands where its take-off is not clear")
+        return grounded | self.away()
+
+    def _watch_takeoffs(self, t_ns: int) -> list[Notice]:
+        """Judge the climbs of vehicles on the ground that might get a mission, or have one."""
+        away = self.away()
+        notices = self.takeoffs.watch(self._climbs(v for v in self.fates.flying() if v not in away), t_ns)
+        for vehicle in self.takeoffs.blocked:
+            self.replanner.drop(vehicle)
+        return notices
 
     def _end(self, t_ns: int) -> list[Effect]:
         spare = self.fates.flying()

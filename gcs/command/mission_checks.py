@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,9 +13,12 @@ from gcs.command.aims import plan_options
 from gcs.command.apart import lane_count, own_lanes
 from gcs.command.area import mission_grid
 from gcs.command.checks import Check, Level
+from gcs.command.takeoffs import Takeoffs
 from gcs.config import Config
 from gcs.fence import fence_of
+from gcs.mavlink.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
+from gcs.planning.climb import Climb
 from gcs.planning.routes import PlanResult, plan_routes
 from gcs.planning.separation import Flight, separate
 from gcs.planning.task import AgentStart
@@ -29,13 +33,37 @@ class Rehearsal:
     plan: PlanResult
     ways_m: Mapping[int, tuple[FloatArray, ...]]
     """(n, 2) east/north of each vehicle's route, from where it is."""
+    climbs: Mapping[int, Climb] = field(default_factory=dict)
+    """Climbs of vehicles that stand on the ground."""
+    refused: Mapping[int, str] = field(default_factory=dict)
+    """Vehicles whose take-offs are not clear, and why."""
 
 
-def rehearse(config: Config, seed: int, places_m: Mapping[int, tuple[float, float]]) -> Rehearsal:
-    """Plan from where vehicles are; who has not told begins where the mission file says."""
+def rehearse(
+    config: Config, seed: int, places_m: Mapping[int, tuple[float, float]], fleet: Fleet | None = None
+) -> Rehearsal:
+    """Plan from where vehicles are, or from the ends of their climbs.
+
+    A vehicle that has not told begins where the mission file says.
+
+    Parameters
+    ----------
+    config : Config
+        The mission.
+    seed : int
+        Makes the random obstacles of its map.
+    places_m : mapping of int to (float, float)
+        East and north of vehicles.
+    fleet : Fleet or None
+        Knows which of them stand on the ground; None: none does.
+    """
     starts = {
         agent.vehicle: places_m.get(agent.vehicle, (agent.east_m, agent.north_m)) for agent in config.agents
     }
+    grid = mission_grid(config, seed)
+    takeoffs = None if fleet is None else Takeoffs(config, grid, fleet)
+    found = {} if takeoffs is None else {v: takeoffs.climb(v, lane) for v, lane in own_lanes(config).items()}
+    climbs = {vehicle: climb for vehicle, climb in found.items() if climb is not None}
     targets: dict[Label, tuple[float, float]] = {
         (0, index): (birth.east_m, birth.north_m) for index, birth in enumerate(config.births)
     }
@@ -43,11 +71,22 @@ def rehearse(config: Config, seed: int, places_m: Mapping[int, tuple[float, floa
         area = config.map
         targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
     agents = {v: AgentStart(*place, None, config.speed_m_s(v)) for v, place in starts.items()}
-    plan = plan_routes(mission_grid(config, seed), agents, targets, {}, plan_options(config))
-    ways = {
-        route.vehicle: (np.concatenate(([starts[route.vehicle]], route.flown_m)),) for route in plan.routes
-    }
-    return Rehearsal(plan, ways)
+    for vehicle, climb in climbs.items():
+        turns = climb.motion
+        agents[vehicle] = AgentStart(*turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns)
+    plan = plan_routes(grid, agents, targets, {}, plan_options(config))
+    ways, refused = {}, {}
+    for route in plan.routes:
+        vehicle, before = route.vehicle, [starts[route.vehicle]]
+        if vehicle in climbs:
+            before.append(climbs[vehicle].latest_end_m)
+        ways[vehicle] = (np.concatenate((before, route.flown_m)),)
+    points = {route.vehicle: route.points_m for route in plan.routes}
+    for vehicle, climb in climbs.items():
+        problem = "" if takeoffs is None else takeoffs.problem(vehicle, climb, points.get(vehicle))
+        if problem:
+            refused[vehicle] = problem
+    return Rehearsal(plan, ways, climbs, refused)
 
 
 def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
@@ -58,7 +97,22 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
     ConfigError
         When the fence makes no sense.
     """
-    return [_routes(rehearsal.plan), _separation(config, rehearsal), _fence(config, rehearsal)]
+    takeoffs = [_takeoff(vehicle, rehearsal) for vehicle in sorted(rehearsal.climbs)]
+    return [*takeoffs, _routes(rehearsal.plan), _separation(config, rehearsal), _fence(config, rehearsal)]
+
+
+def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
+    """Say where a vehicle's climb leads, and whether it and the first turn are clear."""
+    climb, problem = rehearsal.climbs[vehicle], rehearsal.refused.get(vehicle, "")
+    (east_m, north_m), heading_deg = climb.end_m, math.degrees(climb.heading_rad) % 360.0
+    value = (
+        f"{climb.length_m:.0f} m along {heading_deg:.0f} degrees to {climb.altitude_rel_m:g} m, "
+        f"there at ({east_m:.0f}, {north_m:.0f}) m"
+    )
+    if not problem:
+        return Check(vehicle, "take-off", "ok", value)
+    what, _, remedy = problem.rpartition("; ")
+    return Check(vehicle, "take-off", "refused", f"{value}; {what}", "a clear climb and first turn", remedy)
 
 
 def _routes(plan: PlanResult) -> Check:

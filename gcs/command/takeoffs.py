@@ -8,18 +8,21 @@ and its first turn are clear. A vehicle in its climb gets no other mission befor
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from gcs.command.aims import plan_options
 from gcs.config import Config
 from gcs.geo import wrap_pi
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.profiles.profile import is_on_ground
-from gcs.model import FloatArray
+from gcs.model import FloatArray, Notice
 from gcs.planning.climb import Climb, climb_problem, turn_problem
 from gcs.planning.grid import Grid
 
 _ASTRAY_RAD = math.radians(15.0)
 """A vehicle whose nose points farther off the runway than this stands wrong."""
+_HYSTERESIS_M = 10.0
+"""A take-off that was not clear must be clear by so much more: reports of place and heading are noisy."""
 _REMEDY = "lower takeoff.altitude_rel_m, or take off from elsewhere or in another direction"
 
 
@@ -39,10 +42,13 @@ class Takeoffs:
     ----------
     grid : Grid
         The map of the moment.
+    blocked : dict of int to str
+        Vehicles on the ground whose climbs are not clear, and why: they get no mission.
     """
 
     def __init__(self, config: Config, grid: Grid, fleet: Fleet) -> None:
         self.grid = grid
+        self.blocked: dict[int, str] = {}
         self._config, self._options, self._fleet = config, plan_options(config), fleet
 
     def climb(self, vehicle: int, layer: int, *, in_takeoff: bool = False) -> Climb | None:
@@ -74,22 +80,50 @@ class Takeoffs:
         length_m = table.length_m(left_m) - table.ground_run_m
         return Climb(place_m, course_rad, 0.0, length_m, altitude_rel_m, speed_m_s)
 
-    def problem(self, vehicle: int, climb: Climb, points_m: FloatArray | None) -> str:
+    def watch(self, climbs: Mapping[int, Climb], t_ns: int) -> list[Notice]:
+        """Judge the climbs of vehicles on the ground; tell which are not clear, and which are clear again.
+
+        Parameters
+        ----------
+        climbs : mapping of int to Climb
+            Of all vehicles that might get a mission.
+        t_ns : int
+            Now.
+        """
+        standing = {
+            v: climb for v, climb in climbs.items() if is_on_ground(self._fleet.state(v), self._fleet.home(v))
+        }
+        problems = {
+            v: self.problem(v, climb, None, _HYSTERESIS_M if v in self.blocked else 0.0)
+            for v, climb in standing.items()
+        }
+        before, self.blocked = self.blocked, {v: why for v, why in problems.items() if why}
+        notices = [
+            Notice(t_ns, "alarm", f"its take-off is not clear, it gets no mission: {why}", v)
+            for v, why in self.blocked.items()
+            if v not in before
+        ]
+        clear = [v for v in before if v in standing and v not in self.blocked]
+        return notices + [Notice(t_ns, "info", "its take-off is clear again", v) for v in clear]
+
+    def problem(self, vehicle: int, climb: Climb, points_m: FloatArray | None, more_m: float = 0.0) -> str:
         """Say what stands against a take-off: what, where, and what to do; empty when it is clear.
 
         Parameters
         ----------
         points_m : ndarray, shape (k, 2), or None
             East and north of the route that follows; None: the climb alone is judged.
+        more_m : float
+            Distance to keep beyond the clearance.
         """
         options, state = self._options, self._fleet.state(vehicle)
         course_rad = climb.heading_rad if state is None else state.course_rad
         if abs(wrap_pi(course_rad - climb.heading_rad)) > _ASTRAY_RAD:
             return (
                 f"its nose points to {math.degrees(course_rad) % 360.0:.0f} degrees, takeoff.heading_deg is "
-                f"{math.degrees(climb.heading_rad):.0f}: turn it along the runway, or correct the key"
+                f"{math.degrees(climb.heading_rad):.0f}; turn it along the runway, or correct the key"
             )
-        problem = climb_problem(self.grid, climb, options.clearance_m)
+        problem = climb_problem(self.grid, climb, options.clearance_m + more_m)
         if not problem and points_m is not None:
             points = [(east_m, north_m) for east_m, north_m in points_m.tolist()]
             problem = turn_problem(self.grid, climb, points, options.turn_radius_m, options.clearance_m)

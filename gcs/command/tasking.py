@@ -103,7 +103,7 @@ class Tasking:
         self._table, self._homing, self._takeoffs = table, homing, takeoffs
         self._last_check = last_check
         self._refusals: dict[int, str] = {}
-        """Why the newest missions of vehicles are not uploaded."""
+        """Why the newest missions of vehicles are not uploaded, without figures: places are noisy."""
         self._missions = Missions(table, airframe, frame)
         self._fleet = fleet
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
@@ -416,11 +416,12 @@ class Tasking:
         ]
 
     def _refused(self, vehicle: int, why: str, t_ns: int) -> list[Effect]:
-        """Say why a mission is not uploaded; once, unless the reason changes."""
+        """Say why a mission is not uploaded; once, unless the reason changes by more than its figures."""
         effects: list[Effect] = []
-        if self._refusals.get(vehicle) != why:
+        kind = "".join(letter for letter in why if not letter.isdigit())
+        if self._refusals.get(vehicle) != kind:
             effects.append(Notice(t_ns, "alarm", f"its mission is not uploaded, {why}", vehicle))
-        self._refusals[vehicle] = why
+        self._refusals[vehicle] = kind
         self._mission_count += 1
         self._waiting.ended(vehicle, t_ns, ok=False)
         return [*effects, UploadReport(t_ns, vehicle, self._mission_count, 0, False, why, 0.0, 0)]

@@ -136,7 +136,7 @@ async def _checked(config: Config, options: PreflightOptions, ears: Ears, consol
             s.system_id: (min(max(s.east_m, 0.0), area.width_m), min(max(s.north_m, 0.0), area.height_m))
             for s in states
         }
-        rehearsal = rehearse(config, options.seed, places)
+        rehearsal = rehearse(config, options.seed, places, visit.fleet)
     checks = vehicle_checks(
         talks,
         visit.fleet,

@@ -1,5 +1,6 @@
 """A user would take off with a vehicle, or a mission, that should have stayed on the ground."""
 
+import math
 import re
 from collections import deque
 from dataclasses import replace
@@ -183,7 +184,7 @@ def test_clocks_that_differ_and_batteries_that_are_low_are_told():
 
 def test_a_vehicle_that_is_not_there_is_refused_and_nothing_else_is_said_of_it():
     config = mission()
-    fleet = Fleet([1], config.local_frame)
+    fleet = Fleet([a.vehicle for a in config.agents], config.local_frame)
     talk = Inspection(1, envelope_of(config), Encoder())
     assert talk.poll(START_NS) == []
     (row,) = VehicleJudge(talk, fleet, config, (), START_NS).checks()
@@ -271,3 +272,36 @@ def test_an_inspection_changes_nothing_on_the_vehicle():
         )
         assert is_request or message.get_type() in harmless
     assert {message.get_type() for message in asked} >= {"COMMAND_LONG", "PARAM_REQUEST_READ"}
+
+
+def test_a_take_off_into_an_obstacle_is_refused_before_it_is_flown():
+    """A vehicle on the ground climbs along the runway first, whatever the route says."""
+    config = mission("planning.clearance_m=40")
+    for course_deg, level in ((90.0, "ok"), (180.0, "refused")):
+        fleet = grounded(config, math.radians(course_deg))
+        rows = [row for row in mission_checks(config, rehearse(config, 1, {}, fleet)) if row.vehicle == 1]
+        assert [(row.name, row.level) for row in rows] == [("take-off", level)]
+        assert f"along {course_deg:.0f} degrees to 100 m" in rows[0].value
+    assert "the climb leaves the map, 33" in rows[0].value
+    assert "lower takeoff.altitude_rel_m" in rows[0].remedy
+
+
+def grounded(config, course_rad):
+    """A fleet whose vehicle 1 stands where the mission file says, and has told that."""
+    agent = config.agents[0]
+    spec = VehicleSpec(
+        system_id=1, east_m=agent.east_m, north_m=agent.north_m, course_rad=course_rad, alt_rel_m=0.0,
+        forward_speed_m_s=15.0, airborne=False, gps_noise_std_m=0.0,
+    )  # fmt: skip
+    plane, fleet = (
+        SimVehicle(spec, config.local_frame, START_NS),
+        Fleet([a.vehicle for a in config.agents], config.local_frame),
+    )
+    for step in range(1000):
+        t_ns = START_NS + step * S // 20
+        for data in plane.datagrams_to_send(t_ns):
+            list(fleet.receive(Datagram(t_ns, "udp", "plane", data)))
+        for send in fleet.poll(t_ns):
+            if isinstance(send, Send):
+                plane.receive_datagram(send.data, t_ns)
+    return fleet
