@@ -25,6 +25,7 @@ from gcs.command.guests import Guests
 from gcs.command.homing import Homing
 from gcs.command.keepouts import KeepOuts
 from gcs.command.last_check import LastCheck
+from gcs.command.mission_ends import MissionEnds
 from gcs.command.motions import Motions
 from gcs.command.orders import Orders
 from gcs.command.recovery import Recovery
@@ -115,6 +116,7 @@ class Command:
             LastCheck(config, self.grid),
         )
         self.trespass = Trespass(self.tasking)
+        self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
         self.approval = Approval(config, self.replanner)
         self.dispatch = Dispatch(self.replanner, self.approval, self.tasking, self.delays, self.guests)
         self.silence = Silence(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
@@ -318,6 +320,7 @@ class Command:
             effects.append(fate)
             effects += self._follow(fate)
         effects += self._watch_takeoffs(event.t_ns)
+        effects += self.mission_ends.look(event.t_ns, self.fates.flying())
         effects += self.approval.refresh(event.t_ns, self._not_tasked())
         effects += self._plan(event.t_ns, event.measured_t_ns)
         if self.keep_outs.closed:
@@ -371,7 +374,7 @@ class Command:
             late_s={vehicle: self.delays.late_s(vehicle) for vehicle in flying},
             left_s=self._left_s(flying, t_ns),
             climbs=self._climbs(flying),
-            passed=frozenset(filter(self.tasking.has_passed, flying)),
+            passed=frozenset(filter(self.mission_ends.has_missed, flying)),
             targets=self._open_targets(),
             at_targets=self.fates.at_targets(),
             arrived=self.fates.arrived(),

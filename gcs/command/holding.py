@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal, TypeAlias
 
-from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_TAKEOFF
+from pymavlink.dialects.v20.ardupilotmega import (
+    MAV_CMD_NAV_LAND,
+    MAV_CMD_NAV_LOITER_UNLIM,
+    MAV_CMD_NAV_TAKEOFF,
+)
 
 from gcs.command.delays import DELIVERY_S
 from gcs.mavlink.fleet import Fleet
@@ -22,6 +26,9 @@ from gcs.mavlink.task import Timing
 from gcs.model import NS_PER_S, Route
 from gcs.planning.prediction import Ahead, Circle
 from gcs.planning.progress import time_to_point_s
+
+Ending: TypeAlias = Literal["", "circle", "circle elsewhere", "way home", "landing"]
+"""What a mission has behind its route."""
 
 _PAST_S: Final = 0.3
 """Until a vehicle that should have turned to its next item says so."""
@@ -112,6 +119,18 @@ class Holding:
             return False
         passed = 0 if state is None or state.mode != AUTO else state.mission_seq - flown.first_point
         return passed >= len(flown.route.points_m)
+
+    def ending(self, vehicle: int) -> Ending:
+        """Return what a vehicle in AUTO flies behind the last point of its route; empty before that."""
+        flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
+        if flown is None or state is None or state.mode != AUTO or vehicle in self._unselected:
+            return ""
+        seq = state.mission_seq
+        if not state.armed or not flown.first_point + len(flown.route.points_m) <= seq < len(flown.items):
+            return ""
+        if flown.items[seq].command == MAV_CMD_NAV_LOITER_UNLIM:
+            return "circle" if flown.route.wait_m is None else "circle elsewhere"
+        return "landing" if flown.items[seq].command == MAV_CMD_NAV_LAND else "way home"
 
     def is_at_end(self, vehicle: int, profile: Profile) -> bool:
         """Whether a LOITER of a vehicle is its mission's end."""

@@ -17,8 +17,10 @@ from collections.abc import Container
 from dataclasses import dataclass
 from typing import Final
 
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
 from gcs.command.first_legs import FirstLegs
-from gcs.command.holding import Flown, Holding
+from gcs.command.holding import Ending, Flown, Holding
 from gcs.command.homing import Homing
 from gcs.command.lanes import Lane
 from gcs.command.last_check import LastCheck
@@ -33,6 +35,7 @@ from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Home
 from gcs.mavlink.modes import LOITER
 from gcs.mavlink.pace import Pace
+from gcs.mavlink.profiles import Profile
 from gcs.mavlink.profiles.profile import is_on_ground
 from gcs.mavlink.task import Timing
 from gcs.mavlink.transfer import MissionTask
@@ -51,6 +54,8 @@ from gcs.planning.climb import Climb
 from gcs.planning.homing import WayHome
 from gcs.planning.prediction import Ahead
 
+_NO_ITEMS: Final = 0xFFFF
+"""What PX4 gives as the number of items of no mission."""
 _ITEMS_ON_THEIR_WAY: Final = 12
 """Over one link at a time; each of its transfers has one of them at least."""
 
@@ -118,6 +123,8 @@ class Tasking:
         """Vehicles that tell first what they hold."""
         self._mixed: set[int] = set()
         """Vehicles that may hold a mix."""
+        self._mission_state: dict[int, int] = {}
+        """MISSION_CURRENT's, as it was heard last."""
         self._boots: dict[int, int] = {}
         self._mission_count = 0
         self._home_problems: dict[int, str] = {}
@@ -165,6 +172,10 @@ class Tasking:
     def has_passed(self, vehicle: int) -> bool:
         """Whether a vehicle has its route's last point behind it, on a circle elsewhere."""
         return self._holding.has_passed(vehicle)
+
+    def ending(self, vehicle: int) -> Ending:
+        """Return what a vehicle flies behind the last point of its route; empty before that."""
+        return self._holding.ending(vehicle)
 
     def points_ahead(self, vehicle: int) -> tuple[tuple[float, float], ...]:
         """Points that a vehicle in AUTO flies to by what it holds, the next one first."""
@@ -303,7 +314,11 @@ class Tasking:
         if self._fleet.boots(vehicle) != self._boots.setdefault(vehicle, 0):
             return self._rebooted(vehicle, t_ns)
         profile = self._fleet.profile(vehicle)
-        if message.get_type() != "HEARTBEAT" or profile is None:
+        if profile is None:
+            return []
+        if message.get_type() == "MISSION_CURRENT":
+            return self._rejected(vehicle, profile, message, t_ns)
+        if message.get_type() != "HEARTBEAT":
             return []
         custody = self._custody[vehicle]
         custody.heard(
@@ -312,6 +327,25 @@ class Tasking:
         if vehicle in self._mixed and vehicle not in self._deliveries:
             return self._clean(vehicle, t_ns)
         return []
+
+    def _rejected(self, vehicle: int, profile: Profile, message: Message, t_ns: int) -> list[Effect]:
+        """Take a vehicle back that is in LOITER because its navigator rejects the mission that it holds.
+
+        A transfer under way sees to that itself.
+        """
+        before, self._mission_state[vehicle] = self._mission_state.get(vehicle), message.mission_state
+        is_rejected = (
+            message.mission_state == dialect.MISSION_STATE_NO_MISSION
+            and before == dialect.MISSION_STATE_ACTIVE  # paused: somebody chose to hold it
+            and 0 < message.total < _NO_ITEMS  # none: somebody cleared it
+            and profile.atomic
+        )
+        if not is_rejected or vehicle in self._deliveries or self._custody[vehicle].taken != LOITER:
+            return []
+        self._custody[vehicle].rejected()
+        self._holding.forget(vehicle)
+        text = "its navigator rejects the mission that it holds (no valid mission): it waits where it is"
+        return [Notice(t_ns, "alarm", text, vehicle), *self._unsent(vehicle, text, t_ns)]
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Begin a transfer again: what the vehicle stores and flies must be learned anew."""
@@ -505,8 +539,9 @@ class Tasking:
         if not is_clearing:
             effects.append(task.report())
             effects += self._ended(vehicle, result.t_ns, ok=result.ok)
-        if not result.ok and (result.held or self._custody[vehicle].taken or is_clearing):
+        is_cleared = result.holds == "cleared"
+        if not result.ok and (result.held or self._custody[vehicle].taken or is_clearing or is_cleared):
             said = "was told to hold" if result.held else "is not ours now"
-            said = "holds no mission now" if result.holds == "cleared" else said
+            said = "holds no mission now" if is_cleared else said
             effects.append(Notice(result.t_ns, "alarm", f"{said}: {result.detail}", vehicle))
         return effects

@@ -213,7 +213,9 @@ class Steps:
         if self._custody.mode != AUTO:
             self.leg_t_ns = t_ns
         self._selected = True
-        if self._custody.taken:
+        if self._custody.taken == LOITER and self._no_mission and self._profile.atomic:
+            self._reject(t_ns)
+        elif self._custody.taken:
             self._leave(t_ns)
         else:
             self._enter("mode", t_ns, self._mode_command(AUTO))
@@ -223,6 +225,13 @@ class Steps:
         stored = "read back equal, not started" if self._holds == "equal" else self._reason or "not begun"
         self._reason = f"{stored}: {self._custody.taken} was chosen meanwhile"
         self._finish(ok=False, t_ns=t_ns)
+
+    def _reject(self, t_ns: int) -> None:
+        """Take note that the vehicle stores the mission, and will not fly it: nobody chose its mode."""
+        self._custody.rejected()
+        self._reason = "the vehicle's navigator rejects the mission (no valid mission)"
+        self._refused = True
+        self._hold(t_ns)
 
     def _give_back(self, t_ns: int) -> None:
         """End as failed; a vehicle that was held, and still has a whole mission, goes on with it."""

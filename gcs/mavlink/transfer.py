@@ -351,13 +351,6 @@ class MissionTask(Steps):
         is_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
         return self._profile.atomic or seq != self._current_before or is_late
 
-    def _reject(self, t_ns: int) -> None:
-        """Take note that the vehicle stores the mission, and will not fly it."""
-        self._custody.rejected()
-        self._reason = "the vehicle's navigator rejects the mission (no valid mission)"
-        self._refused = True
-        self._hold(t_ns)
-
     def _on_command_ack(self, message: Message, t_ns: int) -> None:
         mine = message.target_system in (0, self._own[0]) and message.target_component in (0, self._own[1])
         if not mine or self.stage != "mode" or message.command != SET_MODE:

@@ -2,6 +2,7 @@
 
 import numpy as np
 from plane_double import AUTO, LOITER, MANUAL, Plane, S
+from px4_double import HOLD, Px4
 
 from gcs.command.tasking import Tasking
 from gcs.config.tables import AirframeTable, MissionTable
@@ -228,3 +229,50 @@ def test_after_failures_a_vehicle_is_tasked_again_ever_more_slowly_and_the_opera
     swarm.planes[1].ignores.clear()
     swarm.run(60.0)
     assert swarm.reports()[-1].ok
+
+
+def px4_swarm(**options):
+    swarm = Swarm(0)
+    swarm.planes = {1: Px4(1, **options)}
+    swarm.fleet = Fleet(swarm.planes, FRAME)
+    swarm.tasking = Tasking(MissionTable(), AirframeTable(), FRAME, swarm.fleet)
+    swarm.run(2.0)
+    return swarm
+
+
+def alarms(swarm):
+    return [one.text for one in swarm.effects if isinstance(one, Notice) and one.level == "alarm"]
+
+
+def test_a_refused_mission_that_is_taken_off_a_px4_is_told():
+    swarm = px4_swarm(tamper=lambda fields: (*fields[:5], fields[5] + 1.0, *fields[6:]))
+    swarm.task(1)
+    swarm.run(60.0)
+    assert swarm.planes[1].store == []
+    assert any(text.startswith("holds no mission now: read-back differs") for text in alarms(swarm))
+
+
+def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
+    """Its fence or home changed: it is in Hold by itself, and must not be left alone there for ever."""
+    swarm = px4_swarm()
+    swarm.task(1)
+    swarm.run(5.0)
+    px4 = swarm.planes[1]
+    assert swarm.reports()[-1].ok
+    px4.valid, px4.mode = False, HOLD
+    swarm.run(3.0)
+    assert swarm.tasking.taken() == {}
+    assert not swarm.reports()[-1].ok
+    assert any("its navigator rejects the mission that it holds" in text for text in alarms(swarm))
+
+
+def test_a_px4_that_somebody_holds_and_clears_is_theirs():
+    swarm = px4_swarm()
+    swarm.task(1)
+    swarm.run(5.0)
+    px4 = swarm.planes[1]
+    px4.mode = HOLD
+    swarm.run(2.0)
+    px4.store, px4.valid = [], False
+    swarm.run(3.0)
+    assert 1 in swarm.tasking.taken()

@@ -1,0 +1,67 @@
+"""A vehicle would fly home, or circle for ever, without having reached its target, and nobody would know."""
+
+import pytest
+from staging import at, mission
+from test_holding import CONFIG, FRAME, Fleet
+
+from gcs.command.holding import Flown, Holding
+from gcs.command.mission_ends import MissionEnds
+from gcs.command.missions import Missions
+from gcs.mavlink.items import Home
+from gcs.mavlink.profiles import ARDUPLANE
+from gcs.model import Route, read_only
+
+
+class Tasking:
+    """Two points, then what the mission's end is; items from 1 on."""
+
+    def __init__(self, end, loiter_radius_m=30.0, wait_m=None):
+        route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0, wait_m=wait_m)
+        table = mission(tables=f'[mission]\nend = "{end}"\nloiter_radius_m = {loiter_radius_m}').mission
+        planned = Missions(table, CONFIG.airframe, FRAME).of(route, 1, None)
+        self.fleet = Fleet(1)
+        self.fleet.one.armed = True
+        self._holding = Holding(self.fleet, stays=end == "loiter")
+        self._holding.note(Flown(route, ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0)), first_point=1))
+
+    def flown(self, vehicle):
+        return self._holding.of(vehicle)
+
+    def ending(self, vehicle):
+        return self._holding.ending(vehicle)
+
+    def has_passed(self, vehicle):
+        return self._holding.has_passed(vehicle)
+
+
+def looked(tasking, seq, seconds, active=(1,)):
+    ends = MissionEnds(tasking, 40.0)
+    tasking.fleet.one.mission_seq = seq
+    told = [notice.text for second in range(seconds) for notice in ends.look(at(float(second)), active)]
+    return told, ends.has_missed(1)
+
+
+def test_flight_g4_a_vehicle_that_flies_home_without_its_target_is_told_and_tasked_again():
+    told, missed = looked(Tasking("land"), seq=3, seconds=20)
+    assert told == ["ended its route without having reached its target: it flies home to land"]
+    assert missed
+
+
+def test_a_vehicle_on_final_is_told_and_let_land():
+    told, missed = looked(Tasking("land"), seq=4, seconds=20)
+    assert told == [
+        "ended its route without having reached its target: it lands, and gets no other mission before that"
+    ]
+    assert not missed
+
+
+@pytest.mark.parametrize(("radius_m", "is_missed"), [(80.0, True), (30.0, False)])
+def test_a_circle_that_never_comes_within_reach_is_no_arrival(radius_m, is_missed):
+    told, missed = looked(Tasking("loiter", radius_m), seq=3, seconds=20)
+    assert told == ["ended its route without having reached its target: it circles at its route's end"]
+    assert missed == is_missed
+
+
+@pytest.mark.parametrize(("seq", "seconds", "active"), [(2, 60, (1,)), (3, 4, (1,)), (3, 60, ())])
+def test_a_vehicle_on_its_way_about_to_arrive_or_arrived_is_not_told_of(seq, seconds, active):
+    assert looked(Tasking("land"), seq, seconds, active) == ([], False)

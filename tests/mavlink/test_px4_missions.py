@@ -1,0 +1,88 @@
+"""A PX4 would stay armed with a mission that was refused, or be given up as an operator's."""
+
+import pytest
+from plane_double import Channel, Joined
+from px4_double import AUTO, HOLD, Px4
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.codec import Encoder
+from gcs.mavlink.custody import Custody
+from gcs.mavlink.items import Home
+from gcs.mavlink.profiles import PX4
+from gcs.mavlink.transfer import MissionTask
+from gcs.model import Mission, Waypoint
+
+HOME = Home(-35.3632621, 149.165237, 584.09)
+MISSION = Mission(1, 1, tuple(Waypoint(-35.36 + n * 1e-3, 149.16, 100.0, 10.0) for n in range(4)))
+NAMES = {AUTO: "AUTO", HOLD: "LOITER"}
+
+
+def joined(px4, *, loss=0.0, **options):
+    options.setdefault("custody", Custody(NAMES[px4.mode]))
+    task = MissionTask(MISSION, HOME, Encoder(), profile=PX4, **options)
+    way = {"loss": loss, "delay_s": (0.02, 0.02)}
+    return Joined(task, px4, Channel(1, **way), Channel(2, **way))
+
+
+def test_a_take_off_reads_back_equal_though_px4_keeps_no_pitch():
+    """All eight uploads were refused, and no PX4 got off the ground."""
+    px4 = Px4()
+    link = joined(px4, from_ground=True)
+    result = link.run()
+    assert (result.ok, px4.uploads) == (True, 1)
+    assert px4.store[0].command == 22
+
+
+@pytest.mark.parametrize("mode", [AUTO, HOLD])
+def test_a_mission_that_reads_back_differently_is_held_and_cleared(mode):
+    px4 = Px4(mode=mode, tamper=lambda fields: (*fields[:5], fields[5] + 1.0, *fields[6:]))
+    result = joined(px4).run()
+    assert (result.ok, result.holds) == (False, "cleared")
+    assert "param2 is 11 instead of 10" in result.detail
+    assert px4.store == []
+    assert px4.mode == HOLD
+
+
+def test_an_old_mission_that_is_still_there_is_kept():
+    px4 = Px4(mode=AUTO)
+    old = PX4.items(Mission(2, 1, MISSION.waypoints[:2]), HOME)
+    px4.store, px4.valid = [item.message(seq, 1, 1) for seq, item in enumerate(old)], True
+    px4._on_mission_count = lambda _message, sender: [px4_refusal(sender)]
+    result = joined(px4, old=old).run()
+    assert (result.ok, result.holds) == (False, "old")
+    assert len(px4.store) == len(old)
+    assert px4.mode == AUTO
+
+
+def px4_refusal(sender):
+    return dialect.MAVLink_mission_ack_message(*sender, dialect.MAV_MISSION_DENIED, 0)
+
+
+@pytest.mark.parametrize("mode", [AUTO, HOLD])
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_a_mission_that_the_navigator_rejects_is_no_operators_doing(mode, loss):
+    """It was acknowledged; then the vehicle is in Hold, which looks as if somebody had chosen it."""
+    px4, custody = Px4(mode=mode, rejects=True), Custody(NAMES[mode])
+    result = joined(px4, custody=custody, loss=loss).run()
+    assert not result.ok
+    assert "navigator rejects the mission" in result.detail
+    assert custody.taken == ""
+    assert (result.holds, px4.store) == ("cleared", [])
+
+
+def test_a_hold_that_somebody_chooses_is_still_theirs():
+    px4, custody = Px4(mode=AUTO), Custody("AUTO")
+    link = joined(px4, custody=custody)
+    obey = px4._on_command_long
+
+    def taken(message, sender):
+        answers = obey(message, sender)
+        if message.command == 176:
+            px4.choose(HOLD)
+            answers = [px4._heartbeat()]
+        return answers
+
+    px4._on_command_long = taken
+    result = link.run()
+    assert (result.ok, custody.taken, result.holds) == (False, "LOITER", "equal")
+    assert px4.store
