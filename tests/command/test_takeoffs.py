@@ -55,6 +55,7 @@ parameters = { ARMING_DELAY_S = 1.0 }
 east_m = 2600.0
 north_m = 2500.0
 """
+BOX = "boxes_m = [[1410.0, 1240.0, 1510.0, 1340.0]]"
 CLEAR_M = (1800.0, 1000.0)
 ORDERS = ((3.0, "hold"), (6.0, "resume"), (15.0, "arm"))
 
@@ -62,8 +63,8 @@ ORDERS = ((3.0, "hold"), (6.0, "resume"), (15.0, "arm"))
 class Flight:
     """A virtual flight of one vehicle from the ground."""
 
-    def __init__(self, tables="", orders=ORDERS, *, px4=False, place_m=None):
-        scenario = parse_scenario(FIELD + tables, "runway.toml")
+    def __init__(self, tables="", orders=ORDERS, *, px4=False, place_m=None, boxes=BOX):
+        scenario = parse_scenario(FIELD.replace(BOX, boxes) + tables, "runway.toml")
         self.effects, self.way = [], []
         orders = [
             Order(START_T_NS + round(at * S), f"{what}-{at}", what, None, None, *area)
@@ -152,3 +153,13 @@ def test_an_area_closed_ahead_of_the_runway_takes_the_mission_away():
     assert [report.ok for report in flight.all(UploadReport)] == [True]
     assert any("its take-off is not clear" in text for text in flight.texts("alarm"))
     assert flight.way[-1][2] == 0.0
+
+
+def test_a_first_turn_into_an_obstacle_is_refused_once():
+    """The climb ends 60 m before a wall: too near to turn."""
+    wall = "boxes_m = [[1560.0, 1400.0, 1960.0, 1440.0]]"
+    flight = Flight(place_m=CLEAR_M, boxes=wall).run(40.0)
+    (alarm,) = flight.texts("alarm")
+    assert alarm.startswith("its mission is not uploaded, the take-off is not clear: the first turn")
+    assert len(flight.all(UploadReport)) > 1
+    assert not flight.items()
