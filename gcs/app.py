@@ -26,7 +26,7 @@ from gcs.edge.mavsdk_uploader import MavsdkUploader
 from gcs.edge.order_wire import decode_order, order_key
 from gcs.edge.recorder import Recorder
 from gcs.edge.scans import decode_scan
-from gcs.edge.wire import effect_key, encode_effect, sensor_scan_keys
+from gcs.edge.wire import effect_key, encode_effect, sensor_of, sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
 from gcs.errors import GcsError, RecordingError, WireError
 from gcs.model import (
@@ -232,7 +232,7 @@ class Service:
         try:
             self._put(decode_scan(key, payload, t_ns, self.config.local_frame))
         except WireError as error:
-            self._put(BadInput(t_ns, key, str(error)))
+            self._put(BadInput(t_ns, key, str(error), sensor_of(key)))
 
     def _on_order(self, key: str, payload: bytes) -> None:
         t_ns = self.clock.now_ns()

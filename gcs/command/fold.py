@@ -23,6 +23,7 @@ from gcs.command.fates import Fates
 from gcs.command.grounded import Grounded
 from gcs.command.guests import Guests
 from gcs.command.homing import Homing
+from gcs.command.input_errors import InputErrors
 from gcs.command.keepouts import KeepOuts
 from gcs.command.last_check import LastCheck
 from gcs.command.mission_ends import MissionEnds
@@ -31,14 +32,17 @@ from gcs.command.orders import Orders
 from gcs.command.recovery import Recovery
 from gcs.command.reordering import Reordering
 from gcs.command.replanning import Replanner
+from gcs.command.report_history import ReportHistory
 from gcs.command.rereading import Rereading
-from gcs.command.silence import Silence
+from gcs.command.scan_timing import ScanTiming
+from gcs.command.sensor_watchdog import SensorWatchdog
 from gcs.command.situation import Situation
 from gcs.command.takeoffs import Takeoffs
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers
 from gcs.command.trespass import Trespass
+from gcs.command.vehicle_watchdog import VehicleWatchdog
 from gcs.command.witness import Witness
 from gcs.config import Config
 from gcs.mavlink.fleet import Fleet, FleetSettings
@@ -64,8 +68,6 @@ from gcs.model import (
 )
 from gcs.planning.climb import Climb
 
-_BAD_INPUT_NOTICES = 20
-"""After so many from one run, bad input is counted only: noise must not drown what matters."""
 _TASKABLE_MODES = ("", "AUTO", "LOITER")
 """Before the first heartbeat, on a mission, and waiting for one."""
 
@@ -119,7 +121,10 @@ class Command:
         self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
         self.approval = Approval(config, self.replanner)
         self.dispatch = Dispatch(self.replanner, self.approval, self.tasking, self.delays, self.guests)
-        self.silence = Silence(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
+        self.scan_timing, self.report_history = ScanTiming(), ReportHistory()
+        self.sensor_watchdog = SensorWatchdog()
+        self.vehicle_watchdog = VehicleWatchdog(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
+        self.input_errors = InputErrors()
         self.orders = Orders(self.fleet, self.tasking, self.replanner, self._outlook)
         self.grounded = Grounded(self.fleet, self.tasking, self.orders)
         self.rereading = Rereading(self.fleet, self.tasking, self.replanner, self.orders)
@@ -133,7 +138,6 @@ class Command:
             self.guests,
             self.rereading,
         )
-        self.bad_input = 0
         self._expected_targets = len(config.births)
         self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._needs_word = config.planning.retask == "confirm"
@@ -150,10 +154,11 @@ class Command:
             case Tick():
                 return self._tick(event)
             case BadInput():
-                return self._bad(event)
+                return self._bad_input(event)
             case LinkNews():
                 return [Notice(event.t_ns, event.level, f"{event.link}: {event.text}")]
             case ClockStep():
+                self.scan_timing.step(event)
                 return [self._clock_notice(event)]
             case Order():
                 return self._order(event)
@@ -260,7 +265,7 @@ class Command:
         arrived = self.fates.arrived() & homeless
         returning = [s.system_id for s in self.fleet.states() if s.armed and s.system_id in arrived]
         effects: list[Effect] = [*self._watch_takeoffs(event.t_ns)]
-        if self.silence.scan_t_ns is not None:
+        if self.sensor_watchdog.scan_t_ns is not None:
             effects += self._plan(event.t_ns, self._measured_t_ns, through)
         still = set(through) - set(self.replanner.routes) | set(self.replanner.blocked)
         led = set(through) - still
@@ -276,7 +281,10 @@ class Command:
 
     def _tick(self, event: Tick) -> list[Effect]:
         effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
-        effects += self.silence.poll(event.t_ns)
+        effects += self.sensor_watchdog.poll(event.t_ns) + self.vehicle_watchdog.poll(event.t_ns)
+        effects += self.input_errors.poll(event.t_ns)
+        if self.report_history.is_due(event.t_ns):
+            self.report_history.take(event.t_ns, self.fleet.states())
         effects += self._due_scans(event.t_ns)
         effects += self.dispatch.withdraw(event.t_ns)
         effects += self.dispatch.settle(self.tasking.poll(event.t_ns))
@@ -287,16 +295,17 @@ class Command:
         return effects
 
     def _scan(self, event: Scan) -> list[Effect]:
-        seen = self.silence.scan(event.t_ns)
-        refusal = self.trackers.refusal(event)
+        scan, refusal, effects = self.scan_timing.corrected(event)
+        refusal = refusal or self.trackers.refusal(scan)
         if refusal:
-            return [*seen, *self._refuse(event, refusal)]
-        self.reordering.hold(event)
-        return [*seen, *self._due_scans(event.t_ns)]
+            return [*effects, *self._refuse(scan, refusal)]
+        self.reordering.hold(scan)
+        return [*effects, *self._due_scans(event.t_ns)]
 
     def _refuse(self, scan: Scan, refusal: str) -> list[Effect]:
         name = scan.sensor.name
-        return self._bad(BadInput(scan.t_ns, name, f"scan of {name} {refusal}"))
+        self.sensor_watchdog.refused(name, scan.t_ns, refusal)
+        return self.input_errors.take(BadInput(scan.t_ns, name, f"scan of {name} {refusal}"))
 
     def _due_scans(self, t_ns: int) -> list[Effect]:
         """Work the scans that have waited long enough for those measured before them."""
@@ -307,14 +316,18 @@ class Command:
         if refusal:
             return self._refuse(event, refusal)
         self._measured_t_ns = event.measured_t_ns
-        states = self.fleet.states()
-        effects: list[Effect] = [*self.trackers.scan(event, states)]
+        newest = self.fleet.states()
+        self.report_history.take(event.t_ns, newest)
+        states = self.report_history.at(event.measured_t_ns, newest)
+        effects: list[Effect] = [*self.sensor_watchdog.processed(event.sensor.name, event.t_ns)]
+        effects += self.trackers.scan(event, states)
         agents, targets = self.trackers.agents.beliefs, self.trackers.targets.beliefs
         self.ties.update(agents, event.measured_t_ns, states)
-        self.motions.take(states)
+        self.motions.take(newest)
         effects += self.witness.take(event, states, self.ties.labels, agents.tracks, targets.tracks.values())
-        reporting = {s.system_id for s in states if abs(event.t_ns - s.t_ns) <= self._report_age_ns}
+        reporting = {s.system_id for s in newest if abs(event.t_ns - s.t_ns) <= self._report_age_ns}
         ties, assigned = self.ties.labels, self.replanner.assigned
+        effects += self.sensor_watchdog.associated(event.t_ns, reporting, ties)
         moment = event.t_ns, event.measured_t_ns
         for fate in self.fates.update(*moment, agents, targets, ties, assigned, reporting):
             effects.append(fate)
@@ -324,7 +337,7 @@ class Command:
         effects += self.approval.refresh(event.t_ns, self._not_tasked())
         effects += self._plan(event.t_ns, event.measured_t_ns)
         if self.keep_outs.closed:
-            effects += self.trespass.look(event.t_ns, states, self.keep_outs.closed)
+            effects += self.trespass.look(event.t_ns, newest, self.keep_outs.closed)
         effects += self._end(event.t_ns)
         for is_contradiction, text in self.trackers.findings:
             effects.append(Notice(event.t_ns, "warning" if is_contradiction else "info", text))
@@ -438,8 +451,7 @@ class Command:
         reached = len(self.fates.at_targets())
         return reached >= max(1, self._expected_targets) and not self._open_targets()
 
-    def _bad(self, event: BadInput) -> list[Effect]:
-        self.bad_input += 1
-        if self.bad_input > _BAD_INPUT_NOTICES:
-            return []
-        return [Notice(event.t_ns, "warning", f"bad input: {event.problem}")]
+    def _bad_input(self, event: BadInput) -> list[Effect]:
+        if event.sensor:
+            self.sensor_watchdog.refused(event.sensor, event.t_ns, event.problem)
+        return self.input_errors.take(event)

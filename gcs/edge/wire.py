@@ -108,6 +108,12 @@ def scan_key(mission: str, sensor: str) -> str:
     return f"swarm/{mission}/sensor/{sensor}/scan"
 
 
+def sensor_of(key: str) -> str:
+    """Return the name of the sensor that publishes on a scan's key; empty for another key."""
+    parts = key.split("/")
+    return parts[3] if len(parts) == 5 and parts[4] == "scan" else ""
+
+
 def sensor_scan_keys(mission: str) -> str:
     """Key expression of the scans of every sensor of a mission."""
     return scan_key(mission, "*")

@@ -35,6 +35,8 @@ class BadInput:
     t_ns: int
     source: str
     problem: str
+    sensor: str = ""
+    """Name of the sensor whose scan it was; empty for other input."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,119 @@
+"""Sensors whose scans are not processed: silent ones, and those whose scans are all refused.
+
+Agents are seen to be lost, and targets to move, by processed scans alone. A scan that arrives and is refused
+keeps nobody informed, so the time-out counts from the last scan that was *processed*, for each sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Container
+from dataclasses import dataclass
+
+from gcs.model import NS_PER_S, Effect, Notice
+
+BLIND_AFTER_NS = 5 * NS_PER_S
+"""Without a processed scan; at least three periods of a slow sensor."""
+UNASSOCIATED_AFTER_NS = 10 * NS_PER_S
+_PERIODS = 3
+_MAX_SENSORS = 256
+
+
+@dataclass(slots=True)
+class _Sensor:
+    """One sensor that was heard."""
+
+    first_t_ns: int
+    processed_t_ns: int | None = None
+    period_ns: int = 0
+    """Longest time lately between two scans that were processed."""
+    refused: int = 0
+    """Scans refused since the last one that was processed."""
+    reason: str = ""
+    alarmed: bool = False
+
+
+class SensorWatchdog:
+    """Raises an alarm once for each sensor, and for all of them together, and tells when it is over."""
+
+    def __init__(self) -> None:
+        self.scan_t_ns: int | None = None
+        """When the last scan was processed; None before the first."""
+        self._sensors: dict[str, _Sensor] = {}
+        self._start_t_ns: int | None = None
+        self._blind = self._is_unassociated = False
+        self._unassociated_t_ns: int | None = None
+
+    def processed(self, sensor: str, t_ns: int) -> list[Effect]:
+        """Note that a scan was processed; the first one after an alarm ends it."""
+        effects: list[Effect] = []
+        entry = self._entry(sensor, t_ns)
+        if entry.processed_t_ns is not None and not entry.alarmed:
+            entry.period_ns = max(t_ns - entry.processed_t_ns, entry.period_ns - entry.period_ns // 8)
+        if entry.alarmed:
+            since_ns = t_ns - (entry.processed_t_ns or entry.first_t_ns)
+            text = f"scans of sensor {sensor} are processed again after {since_ns / NS_PER_S:.0f} s"
+            effects.append(Notice(t_ns, "info", text))
+        elif self._blind:
+            since_ns = t_ns - (self.scan_t_ns or self._start_t_ns or t_ns)
+            text = f"scans are processed after {since_ns / NS_PER_S:.0f} s without one"
+            effects.append(Notice(t_ns, "info", text))
+        entry.processed_t_ns, entry.refused, entry.alarmed, entry.reason = t_ns, 0, False, ""
+        self.scan_t_ns, self._blind = t_ns, False
+        return effects
+
+    def refused(self, sensor: str, t_ns: int, reason: str) -> None:
+        """Note that a scan arrived and could not be processed."""
+        entry = self._entry(sensor, t_ns)
+        entry.refused += 1
+        entry.reason = reason
+
+    def poll(self, t_ns: int) -> list[Effect]:
+        """Let time pass; return the alarms that are due."""
+        if self._start_t_ns is None:
+            self._start_t_ns = t_ns
+        effects: list[Effect] = []
+        for name, entry in self._sensors.items():
+            since_t_ns = entry.first_t_ns if entry.processed_t_ns is None else entry.processed_t_ns
+            limit_ns = max(BLIND_AFTER_NS, _PERIODS * entry.period_ns)
+            if not entry.alarmed and t_ns - since_t_ns >= limit_ns:
+                entry.alarmed = True
+                effects.append(Notice(t_ns, "alarm", _text(name, entry, (t_ns - since_t_ns) / NS_PER_S)))
+        since_t_ns = self._start_t_ns if self.scan_t_ns is None else self.scan_t_ns
+        if not self._sensors and not self._blind and t_ns - since_t_ns >= BLIND_AFTER_NS:
+            self._blind = True
+            since_s = (t_ns - since_t_ns) / NS_PER_S
+            effects.append(Notice(t_ns, "alarm", f"no scan for {since_s:.0f} s: is the sensor there?"))
+        return effects
+
+    def associated(self, t_ns: int, reporting: Collection[int], associated: Container[int]) -> list[Effect]:
+        """Return an alarm when no vehicle that reports has been associated with a track for long."""
+        is_lost = bool(reporting) and not any(vehicle in associated for vehicle in reporting)
+        was_told, since_t_ns = self._is_unassociated, self._unassociated_t_ns
+        if not is_lost:
+            self._unassociated_t_ns, self._is_unassociated = None, False
+            return [Notice(t_ns, "info", "vehicles are associated with tracks again")] if was_told else []
+        if since_t_ns is None:
+            self._unassociated_t_ns = t_ns
+        elif not was_told and t_ns - since_t_ns >= UNASSOCIATED_AFTER_NS:
+            self._is_unassociated = True
+            since_s = (t_ns - since_t_ns) / NS_PER_S
+            text = (
+                f"vehicles report and scans arrive, but no vehicle has been associated with a track for "
+                f"{since_s:.0f} s, so nothing is planned: compare the sensors' clocks, origin and field of "
+                "view with the vehicles' positions"
+            )
+            return [Notice(t_ns, "alarm", text)]
+        return []
+
+    def _entry(self, sensor: str, t_ns: int) -> _Sensor:
+        entry = self._sensors.setdefault(sensor, _Sensor(t_ns))
+        if len(self._sensors) > _MAX_SENSORS:  # invented names do not fill the memory
+            del self._sensors[next(iter(self._sensors))]
+        return entry
+
+
+def _text(name: str, entry: _Sensor, since_s: float) -> str:
+    if not entry.refused:
+        return f"no scan of sensor {name} for {since_s:.0f} s: is the sensor there?"
+    count, reason = entry.refused, entry.reason
+    return f"no scan of sensor {name} was processed for {since_s:.0f} s, {count} were refused: {reason}"
