@@ -21,11 +21,14 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from gcs.model import FloatArray, read_only
+
+if TYPE_CHECKING:
+    from sim_vehicles.guidance import Goal, Tuning
 
 STEP_NS = 10_000_000
 STEP_S = 0.01
@@ -133,6 +136,7 @@ class Airframe:
         "climb_m_s",
         "east_m",
         "heading_rad",
+        "is_climbing_out",
         "north_m",
         "roll_rad",
         "roll_rate_rad_s",
@@ -158,6 +162,8 @@ class Airframe:
         self.wind_east_m_s = self.wind_north_m_s = 0.0
         """How the air moves that it flies in."""
         self.climb_m_s = 0.0
+        self.is_climbing_out = False
+        """True during a take-off; the paper's model knows no full power."""
         self.sideslip_m_s = 0.0
         self.roll_rate_rad_s = 0.0
         self.yaw_rate_rad_s = 0.0
@@ -195,6 +201,11 @@ class Airframe:
         if u != speed_command_m_s:
             change = ACCELERATION_M_S2 * STEP_S
             self.speed_m_s = min(max(speed_command_m_s, u - change), u + change)
+
+    def command_for(self, goal: Goal, tuning: Tuning) -> float:
+        """Return the next command of `step`: here a heading error."""
+        del tuning  # of ArduPlane's controller; the paper's needs none
+        return goal.heading_error_rad(self)
 
     def rest(self) -> None:
         """Stand still on the ground, whatever the wind."""

@@ -8,11 +8,19 @@ What it shares with ArduPlane, because ground stations trip over it:
 - A mission that ends goes to RTL, and so does AUTO without a mission.
 - Entering AUTO resumes at the current item (from the first, when the mission had been completed or shortened
   below it).
-- Arming is refused for a while after boot, and while a pre-arm check fails.
+- A leg begins at the waypoint before, and its line is followed. A leg that is begun by a mode change, or after
+  a take-off, is flown straight from where the vehicle is.
+- ``DO_SET_MISSION_CURRENT`` in flight begins the new leg at the OLD waypoint: the firmware starts the item and
+  only then clears the flag that says where legs begin. So the second such command, and the leg after the
+  first one, begin where the vehicle is. The message ``MISSION_SET_CURRENT`` clears the flag first.
+- A waypoint is passed within its radius, or beyond the finish line of its leg, however far off.
+- A take-off holds the heading of the runway up to its altitude.
+- Arming is refused for a while after boot, while a pre-arm check fails, and in RTL.
+
+Guidance and checks run at 10 Hz, as ArduPlane's do; the airframe runs at 100 Hz.
 
 What it leaves out: stick input (MANUAL, FBWA and their like hold heading and altitude), glide slopes between
-items, and any item but waypoint, unlimited loiter, take-off, landing and
-return.
+items, and any item but waypoint, unlimited loiter, take-off, landing and return.
 
 Positions are local east/north metres; altitudes are metres above the local frame's origin.
 """
@@ -20,6 +28,7 @@ Positions are local east/north metres; altitudes are metres above the local fram
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -28,19 +37,19 @@ from sim_vehicles.airframe import Airframe
 from sim_vehicles.autopilot_state import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
 from sim_vehicles.fence import FenceGuard
 from sim_vehicles.geodesy import Geodesy
-from sim_vehicles.guidance import Circle, Goal, Straight, ToPoint
+from sim_vehicles.failsafe import PlaneFailsafe, Px4Failsafe
+from sim_vehicles.guidance import Circle, Goal, Straight, ToPoint, Tuning, density_ratio
 from sim_vehicles.missions import MISSION, Item, MissionStore
 from sim_vehicles.parameters import Parameters
 from sim_vehicles.personality import ARDUPLANE, Mode, Personality
 
 _CHECK_NS = NS_PER_S // 10
-_FENCE_RTL = 1
 _GLIDE_SLOPE = 0.1
 _TOUCHDOWN_M = 0.5
 _ALT_REACHED_M = 1.0
 
 
-_LAUNCHING = frozenset({Mode.AUTO, Mode.TAKEOFF})
+_NOT_ARMABLE = frozenset({Mode.RTL})
 _MANUAL_LIKE = frozenset(
     {Mode.MANUAL, Mode.STABILIZE, Mode.TRAINING, Mode.ACRO, Mode.FBWA, Mode.FBWB, Mode.CRUISE}
 )
@@ -79,7 +88,6 @@ class Autopilot:
         self._first = personality.home_items
         self.mission = MissionStore(MISSION, self.mission_home if self._first else None)
         self.fence = FenceGuard(parameters, geodesy)
-        self._breached = False
         self.notices: deque[StatusText | ItemReached] = deque()
         self.home = Home(airframe.east_m, airframe.north_m, 0.0)
         self.mode = Mode.MANUAL
@@ -88,12 +96,16 @@ class Autopilot:
         """Item that is flown, 0 before any; as ArduPlane reports it, even beyond a shortened mission."""
         self.goal: Goal = Straight(airframe.heading_rad)
         self.alt_command_m = airframe.alt_rel_m
-        self.failsafe = False
+        self._command = 0.0
+        self._point = (airframe.east_m, airframe.north_m)
+        """Where the last leg led to: the next one may begin there."""
+        self._legs_join = False
+        """True if the next leg begins where the last one led to; otherwise where the vehicle is."""
+        self.failsafe = (Px4Failsafe if personality.atomic else PlaneFailsafe)(self)
         self._mission_running = False
         self._mission_complete = False
         self._item: Item | None = None
         self._landing = False
-        self._gcs_heard_ns: int | None = None
         self._check_ns = boot_t_ns
         # An airborne start has its ground checks behind it.
         self._checks_done_ns = (
@@ -112,6 +124,8 @@ class Autopilot:
         self._landing = False
         self.mode = mode
         airframe = self.airframe
+        airframe.is_climbing_out = False
+        self._leave_path()
         if mode is Mode.AUTO:
             self._resume_mission()
         elif mode is Mode.RTL:
@@ -119,6 +133,7 @@ class Autopilot:
         elif mode in _MANUAL_LIKE:
             self._fly(Straight(airframe.heading_rad), airframe.alt_rel_m)
         elif mode is Mode.TAKEOFF:
+            airframe.is_climbing_out = True
             self._fly(
                 Straight(airframe.heading_rad),
                 max(self.home.alt_m + self.parameters["TKOFF_ALT"], airframe.alt_rel_m),
@@ -128,6 +143,8 @@ class Autopilot:
 
     def prearm_failure(self, t_ns: int) -> str | None:
         """Why it cannot arm now, in ArduPilot's words."""
+        if self.mode in _NOT_ARMABLE:
+            return f"{self.mode.name} mode not armable"
         if int(self.parameters["ARMING_CHECK"]) == 0 or t_ns >= self._checks_done_ns:
             return None
         return "Gyros inconsistent"
@@ -136,7 +153,7 @@ class Autopilot:
         """Say as a status text why it cannot arm now; return True if there is a reason."""
         failure = self.prearm_failure(t_ns)
         if failure is not None:
-            self._tell(mavlink.MAV_SEVERITY_CRITICAL, f"PreArm: {failure}")
+            self.tell(mavlink.MAV_SEVERITY_CRITICAL, f"PreArm: {failure}")
         return failure is not None
 
     def is_position_known(self, t_ns: int) -> bool:
@@ -151,7 +168,7 @@ class Autopilot:
             return False
         self.armed = True
         self.home = Home(self.airframe.east_m, self.airframe.north_m, self.airframe.alt_rel_m)
-        self._tell(mavlink.MAV_SEVERITY_INFO, "Throttle armed")
+        self.tell(mavlink.MAV_SEVERITY_INFO, "Throttle armed")
         return True
 
     def disarm(self) -> bool:
@@ -160,19 +177,29 @@ class Autopilot:
             return False
         if self.armed:
             self.armed = False
-            self._tell(mavlink.MAV_SEVERITY_INFO, "Throttle disarmed")
+            self.tell(mavlink.MAV_SEVERITY_INFO, "Throttle disarmed")
         return True
 
-    def set_current(self, seq: int) -> bool:
-        """Fly item `seq` as it is stored now (in AUTO at once, else next time); False when there is none."""
+    def set_current(self, seq: int, by_message: bool = False) -> bool:
+        """Fly item `seq` as it is stored now (in AUTO at once, else next time); False when there is none.
+
+        Parameters
+        ----------
+        by_message
+            True if ``MISSION_SET_CURRENT`` said so, not the command ``DO_SET_MISSION_CURRENT``. See the
+            module's docstring for what the difference is in flight.
+        """
         seq = max(seq, self._first)
+        if by_message:
+            self._legs_join = False
         if seq >= len(self.mission):
             return False
         self._mission_complete = False
         if self._mission_running:
-            self._start_item(seq, (self.airframe.east_m, self.airframe.north_m))
+            self._start_item(seq)
         else:
             self.seq = seq
+        self._legs_join = self._legs_join and by_message
         return True
 
     def mission_cleared(self) -> None:
@@ -186,23 +213,28 @@ class Autopilot:
         self._mission_complete = False
         self.seq = first if first is not None else self.seq if self.seq < len(self.mission) else self._first
         if self._mission_running:
-            self._start_item(self.seq, (self.airframe.east_m, self.airframe.north_m))
+            self._leave_path()
+            self._start_item(self.seq)
 
     def guide_to(self, east_m: float, north_m: float, alt_m: float | None, radius_m: float = 0.0) -> bool:
         """In GUIDED: go to a place and circle it. False in any other mode."""
         if self.mode is not Mode.GUIDED:
             return False
         self._fly(
-            Circle(east_m, north_m, radius_m or self.parameters["WP_LOITER_RAD"]),
-            self.alt_command_m if alt_m is None else alt_m,
+            self._circle(east_m, north_m, radius_m), self.alt_command_m if alt_m is None else alt_m
         )
         return True
 
     def heard_gcs(self, system_id: int, t_ns: int) -> None:
-        """A ground station's heartbeat arrived."""
+        """Take a ground station's heartbeat."""
         if system_id == int(self.parameters["SYSID_MYGCS"]):
-            self._gcs_heard_ns = t_ns
-            self.failsafe = False
+            self.failsafe.heard(t_ns)
+
+    @property
+    def is_landing(self) -> bool:
+        """True if the item that is flown is a landing."""
+        item = self._item
+        return self._mission_running and item is not None and item.command == mavlink.MAV_CMD_NAV_LAND
 
     @property
     def mission_state(self) -> MissionState:
@@ -219,24 +251,47 @@ class Autopilot:
         """Guide and move the airframe by one step of 10 ms; `t_ns` is its end."""
         if t_ns >= self._check_ns:
             self._check_ns = t_ns + _CHECK_NS
-            self._check_failsafe(t_ns)
-            self._check_fence()
-        airframe = self.airframe
+            self._check(t_ns)
         if not self.flying:
-            if not (self.armed and self.mode in _LAUNCHING):
+            return
+        airframe = self.airframe
+        speed = self.forward_speed_m_s
+        if self.is_landing:
+            speed *= self._approach_fraction()
+            if self._landing and airframe.alt_rel_m <= self.home.alt_m + _TOUCHDOWN_M:
+                speed = 0.0
+                if airframe.speed_m_s == 0.0:
+                    self._landed()
+                    return
+        airframe.step(self._command, self.alt_command_m, speed)
+
+    def _check(self, t_ns: int) -> None:
+        """What is done at 10 Hz: failsafes, fence, mission, guidance."""
+        self.failsafe.check(t_ns)
+        if not self.flying:
+            if not (self.armed and self._is_launching()):
                 return
             self.flying = True
+        self._check_fence()
         if self._mission_running:
             self._watch_item()
         elif self.mode is Mode.TAKEOFF and isinstance(self.goal, Straight) and self._is_alt_reached():
             self._circle_here()
-        speed = self.forward_speed_m_s
-        if self._landing and airframe.alt_rel_m <= self.home.alt_m + _TOUCHDOWN_M:
-            speed = 0.0
-            if airframe.speed_m_s == 0.0:
-                self._landed()
-                return
-        airframe.step(self.goal.heading_error_rad(airframe), self.alt_command_m, speed)
+        parameters = self.parameters
+        tuning = Tuning(parameters["NAVL1_PERIOD"], parameters["NAVL1_DAMPING"])
+        self._command = self.airframe.command_for(self.goal, tuning)
+
+    def _is_launching(self) -> bool:
+        """True if the vehicle leaves the ground by itself; ArduPlane does for a take-off alone."""
+        if self.mode is Mode.TAKEOFF:
+            return True
+        if self.mode is not Mode.AUTO or self._item is None:
+            return False
+        return self.personality.atomic or self._item.command == mavlink.MAV_CMD_NAV_TAKEOFF
+
+    def _approach_fraction(self) -> float:
+        """Approach speed as a fraction of the cruising speed: ArduPlane's mean of cruise and minimum."""
+        return 0.5 + 0.5 * min(self.parameters["AIRSPEED_MIN"] / self.parameters["AIRSPEED_CRUISE"], 1.0)
 
     def _is_alt_reached(self) -> bool:
         return self.airframe.alt_rel_m >= self.alt_command_m - _ALT_REACHED_M
@@ -252,8 +307,10 @@ class Autopilot:
             if goal.is_reached(airframe):
                 self._waypoint_reached(item, goal)
         elif item.command == mavlink.MAV_CMD_NAV_TAKEOFF and self._is_alt_reached():
-            self._tell(mavlink.MAV_SEVERITY_INFO, f"Takeoff complete at {airframe.alt_rel_m:.2f}m")
-            self._next_item((airframe.east_m, airframe.north_m))
+            self.tell(mavlink.MAV_SEVERITY_INFO, f"Takeoff complete at {airframe.alt_rel_m:.2f}m")
+            airframe.is_climbing_out = False
+            self._leave_path()
+            self._next_item()
 
     def _waypoint_reached(self, item: Item, goal: ToPoint) -> None:
         distance_m = goal.distance_m(self.airframe)
@@ -262,8 +319,8 @@ class Autopilot:
             self._fly(Straight(self.airframe.heading_rad), self.home.alt_m)
             return
         word = "Reached" if distance_m <= goal.accept_radius_m else "Passed"
-        self._tell(mavlink.MAV_SEVERITY_INFO, f"{word} waypoint #{self.seq} dist {distance_m:.0f}m")
-        self._next_item((goal.east_m, goal.north_m))
+        self.tell(mavlink.MAV_SEVERITY_INFO, f"{word} waypoint #{self.seq} dist {distance_m:.0f}m")
+        self._next_item()
 
     def _landed(self) -> None:
         self.airframe.rest()
@@ -272,17 +329,17 @@ class Autopilot:
         self._mission_running, self._mission_complete = False, True
         self.disarm()
 
-    def _next_item(self, leg_from_m: tuple[float, float]) -> None:
+    def _next_item(self) -> None:
         self.notices.append(ItemReached(self.seq))
         if self.seq + 1 < len(self.mission):
-            self._start_item(self.seq + 1, leg_from_m)
+            self._start_item(self.seq + 1)
         else:
             self._end_mission()
 
     def _end_mission(self) -> None:
         self._mission_complete = True
         mode = self.personality.ends_in
-        self._tell(mavlink.MAV_SEVERITY_INFO, f"Mission complete, changing mode to {mode.name}")
+        self.tell(mavlink.MAV_SEVERITY_INFO, f"Mission complete, changing mode to {mode.name}")
         self.set_mode(mode)
 
     def _resume_mission(self) -> None:
@@ -291,18 +348,20 @@ class Autopilot:
             return
         first = self._mission_complete or not self._first <= self.seq < len(self.mission)
         self._mission_running, self._mission_complete = True, False
-        self._start_item(self._first if first else self.seq, (self.airframe.east_m, self.airframe.north_m))
+        self._start_item(self._first if first else self.seq)
 
-    def _start_item(self, seq: int, leg_from_m: tuple[float, float]) -> None:
+    def _start_item(self, seq: int) -> None:
         item = self.mission[seq]
         self.seq, self._item, self._landing = seq, item, False
         airframe = self.airframe
         east_m, north_m = self._place(item)
         alt_m = self._alt_m(item)
-        self._tell(mavlink.MAV_SEVERITY_INFO, f"Mission: {seq} {ITEM_NAMES[item.command]}")
+        self.tell(mavlink.MAV_SEVERITY_INFO, f"Mission: {seq} {ITEM_NAMES[item.command]}")
         if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
-            self._fly(Circle(east_m, north_m, item.param3 or self.parameters["WP_LOITER_RAD"]), alt_m)
+            leg = self._begin_leg(east_m, north_m, 0.0)
+            self._fly(self._circle(east_m, north_m, item.param3, leg), alt_m)
         elif item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            airframe.is_climbing_out = True
             self._fly(Straight(airframe.heading_rad), alt_m)
         elif item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self.set_mode(Mode.RTL)
@@ -310,11 +369,24 @@ class Autopilot:
             # A landing glides down from wherever it is.
             is_landing = item.command == mavlink.MAV_CMD_NAV_LAND
             radius_m = 0.0 if is_landing else item.param2
-            leg = ToPoint(
-                east_m, north_m, east_m - leg_from_m[0], north_m - leg_from_m[1],
-                radius_m or self.parameters["WP_RADIUS"],
-            )  # fmt: skip
+            leg = self._begin_leg(east_m, north_m, radius_m or self.parameters["WP_RADIUS"])
             self._fly(leg, airframe.alt_rel_m if is_landing else alt_m)
+
+    def _begin_leg(self, east_m: float, north_m: float, accept_radius_m: float) -> ToPoint:
+        here = self.airframe.east_m, self.airframe.north_m
+        is_tracked, self._legs_join = self._legs_join, True
+        begin = self._point if is_tracked else here
+        leg = ToPoint(
+            east_m, north_m, east_m - begin[0], north_m - begin[1], accept_radius_m, is_tracked
+        )  # fmt: skip
+        if leg.is_past(self.airframe):  # it would be over at once
+            leg = replace(leg, leg_east_m=east_m - here[0], leg_north_m=north_m - here[1])
+        self._point = east_m, north_m
+        return leg
+
+    def _leave_path(self) -> None:
+        """Let the next leg begin where the vehicle is."""
+        self._point, self._legs_join = (self.airframe.east_m, self.airframe.north_m), False
 
     def _place(self, item: Item) -> tuple[float, float]:
         if item.x == 0 and item.y == 0:  # ArduPilot takes this as "here"
@@ -340,50 +412,42 @@ class Autopilot:
 
     def _return(self) -> None:
         altitude_m = self.parameters["RTL_ALTITUDE"]
-        radius_m = self.parameters["RTL_RADIUS"] or self.parameters["WP_LOITER_RAD"]
+        radius_m = self.parameters["RTL_RADIUS"]
         rally = self.fence.returns_to((self.airframe.east_m, self.airframe.north_m))
         if rally is not None:
-            self._fly(Circle(rally[0], rally[1], radius_m), self.home.alt_m + rally[2])
+            self._fly(self._circle(rally[0], rally[1], radius_m), self.home.alt_m + rally[2])
             return
         self._fly(
-            Circle(self.home.east_m, self.home.north_m, radius_m),
+            self._circle(self.home.east_m, self.home.north_m, radius_m),
             self.airframe.alt_rel_m if altitude_m < 0.0 else self.home.alt_m + altitude_m,
         )
 
     def _circle_here(self) -> None:
         airframe = self.airframe
-        self._fly(
-            Circle(airframe.east_m, airframe.north_m, self.parameters["WP_LOITER_RAD"]), airframe.alt_rel_m
-        )
+        airframe.is_climbing_out = False
+        self._fly(self._circle(airframe.east_m, airframe.north_m), airframe.alt_rel_m)
+
+    def _circle(
+        self, east_m: float, north_m: float, radius_m: float = 0.0, leg: ToPoint | None = None
+    ) -> Circle:
+        """Return a circle; ArduPlane widens its radius as the air grows thin."""
+        radius_m = radius_m or self.parameters["WP_LOITER_RAD"]
+        if not self.personality.atomic:
+            radius_m /= density_ratio(self.geodesy.frame.alt_msl_m + self.airframe.alt_rel_m)
+        return Circle(east_m, north_m, radius_m, leg)
 
     def _fly(self, goal: Goal, alt_m: float) -> None:
         self.goal, self.alt_command_m = goal, alt_m
 
-    def _check_failsafe(self, t_ns: int) -> None:
-        if self.failsafe or self._gcs_heard_ns is None or int(self.parameters["FS_GCS_ENABL"]) == 0:
-            return
-        if not self.flying or t_ns - self._gcs_heard_ns < self.parameters["FS_LONG_TIMEOUT"] * NS_PER_S:
-            return
-        self.failsafe = True
-        self._tell(mavlink.MAV_SEVERITY_WARNING, "GCS failsafe")
-        keeps_on = (
-            self.mode in (Mode.AUTO, Mode.GUIDED, Mode.LOITER) and int(self.parameters["FS_LONG_ACTN"]) == 0
-        )
-        if not keeps_on:
-            self.set_mode(Mode.RTL)
-
     def _check_fence(self) -> None:
-        if not self.flying or int(self.parameters["FENCE_ACTION"]) != _FENCE_RTL:
-            return
         airframe, home = self.airframe, self.home
         place, home_m = (airframe.east_m, airframe.north_m), (home.east_m, home.north_m)
-        kind = self.fence.breach(place, home_m, airframe.alt_rel_m - home.alt_m)
-        if kind and not self._breached:
-            self._tell(mavlink.MAV_SEVERITY_WARNING, f"{kind} fence breached")
+        text, returns = self.fence.check(place, home_m, airframe.alt_rel_m - home.alt_m)
+        if text:
+            self.tell(mavlink.MAV_SEVERITY_WARNING, text)
+        if returns:
             self.set_mode(Mode.RTL)
-        elif self._breached and not kind:
-            self._tell(mavlink.MAV_SEVERITY_INFO, "Fence breach cleared")
-        self._breached = bool(kind)
 
-    def _tell(self, severity: int, text: str) -> None:
+    def tell(self, severity: int, text: str) -> None:
+        """Say something to the ground."""
         self.notices.append(StatusText(severity, text))

@@ -20,6 +20,7 @@ from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.missions import FENCE, RALLY, Item, MissionStore
 from sim_vehicles.parameters import Parameters
 
+_RTL = 1
 _HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
 
 
@@ -31,6 +32,25 @@ class FenceGuard:
         self._parameters, self._geodesy = parameters, geodesy
         self._items: tuple[Item, ...] = ()
         self._areas: tuple[Area, ...] = ()
+        self._breached = ""
+
+    @property
+    def is_enabled(self) -> bool:
+        """True if the fence is watched."""
+        return bool(self._parameters["FENCE_ENABLE"])
+
+    @property
+    def is_breached(self) -> bool:
+        """True if the vehicle was beyond its enabled fence at the last check."""
+        return bool(self._breached)
+
+    def check(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> tuple[str, bool]:
+        """Return what to tell of the fence, if anything, and True if the vehicle is to return now."""
+        kind, was = self.breach(place_m, home_m, alt_m), self._breached
+        self._breached = kind
+        if kind and not was:
+            return f"{kind} fence breached", int(self._parameters["FENCE_ACTION"]) == _RTL
+        return ("Fence breach cleared" if was and not kind else ""), False
 
     def breach(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
         """Say which kind of fence is breached; empty while none is, or when the fence is off.
@@ -41,7 +61,7 @@ class FenceGuard:
             Above home.
         """
         parameters = self._parameters
-        if not parameters["FENCE_ENABLE"]:
+        if not self.is_enabled:
             return ""
         kinds = int(parameters["FENCE_TYPE"])
         if kinds & _HEIGHT and alt_m > parameters["FENCE_ALT_MAX"]:

@@ -186,7 +186,7 @@ class VehicleLink:
 
     def _set_current(self, message: Any, t_ns: int) -> None:
         # No ACK, and no word of a failure; the number is said as it was sent: as ArduPlane.
-        if not self._missions.is_busy and self._autopilot.set_current(message.seq):
+        if not self._missions.is_busy and self._autopilot.set_current(message.seq, by_message=True):
             answer = self._telemetry.mission_current(t_ns)
             answer.seq = message.seq
             self.outbox.send(answer)

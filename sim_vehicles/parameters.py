@@ -77,8 +77,8 @@ _TABLE: tuple[tuple[str, Kind, float], ...] = (
     ("ROLL_LIMIT_DEG", Kind.REAL32, 45),
     ("PTCH_LIM_MAX_DEG", Kind.REAL32, 20),
     ("PTCH_LIM_MIN_DEG", Kind.REAL32, -25),
-    ("NAVL1_PERIOD", Kind.REAL32, 17),
-    ("NAVL1_DAMPING", Kind.REAL32, 0.75),
+    ("NAVL1_PERIOD", Kind.REAL32, 15),  # used
+    ("NAVL1_DAMPING", Kind.REAL32, 0.75),  # used
     ("FLTMODE_CH", Kind.INT8, 8),
     ("FLTMODE1", Kind.INT8, 11),
     ("FLTMODE2", Kind.INT8, 11),

@@ -96,6 +96,7 @@ class Simulation(Table, frozen=True, kw_only=True):
     """The `[simulation]` table."""
 
     forward_speed_m_s: Positive
+    airframe: Literal["paper", "banked"] = "paper"
     gps_noise_std_m: NotNegative = 1.0
     px4: list[SystemId] = []
     parameters: dict[str, float] = {}

@@ -21,6 +21,7 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
             alt_rel_m=mission.altitude_rel_m,
             forward_speed_m_s=agent.speed_m_s or simulation.forward_speed_m_s,
             airborne=True,
+            airframe=simulation.airframe,
             autopilot="px4" if agent.system_id in simulation.px4 else "ardupilot",
             survival_probability=simulation.death.survival_probability,
             death_check_period_s=simulation.death.check_period_s,

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilot import Autopilot
-from sim_vehicles.guidance import Circle, ToPoint
+from sim_vehicles.guidance import REFERENCE_S, Straight
 from sim_vehicles.missions import NEVER_NS
 from sim_vehicles.personality import PX4, Mode
 
@@ -40,6 +40,7 @@ _SENSORS = (
     | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
 )
 _GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
+_GEOFENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
 _PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
 _EKF_READY = (
     mavlink.EKF_ATTITUDE
@@ -60,6 +61,10 @@ _MODE_BITS = {
     Mode.CIRCLE: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
 }
 _ENDURANCE_S = 3600.0
+
+
+def _signed_deg(angle_deg: float) -> int:
+    return int((angle_deg + 180.0) % 360.0 - 180.0)
 
 
 class Telemetry:
@@ -122,7 +127,7 @@ class Telemetry:
         if autopilot.armed:
             base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         status = mavlink.MAV_STATE_ACTIVE if autopilot.flying else mavlink.MAV_STATE_STANDBY
-        if autopilot.failsafe:
+        if autopilot.failsafe.is_on:
             status = mavlink.MAV_STATE_CRITICAL
         return mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_FIXED_WING,
@@ -145,10 +150,13 @@ class Telemetry:
         known = self._autopilot.is_position_known(t_ns)
         ready = self._autopilot.prearm_failure(t_ns) is None
         present = _SENSORS | _GPS | _PREARM
-        health = _SENSORS | (_GPS if known else 0) | (_PREARM if ready else 0)
+        fence = self._autopilot.fence
+        enabled = present | (_GEOFENCE if fence.is_enabled else 0)
+        present |= _GEOFENCE
+        health = (0 if fence.is_breached else _GEOFENCE) | _SENSORS | (_GPS if known else 0) | (_PREARM if ready else 0)
         return mavlink.MAVLink_sys_status_message(
             present,
-            present,
+            enabled,
             health,
             180,
             self._battery_mv(t_ns),
@@ -211,13 +219,18 @@ class Telemetry:
         )  # fmt: skip
 
     def nav_controller_output(self, _t_ns: int) -> Any:
-        """Bearing and distance to the goal."""
+        """Wanted course, bearing and distance of the waypoint, distance off the path."""
         a, goal = self._airframe, self._autopilot.goal
-        bearing = math.degrees(a.heading_rad + goal.heading_error_rad(a)) % 360.0
-        distance_m = goal.distance_m(a) if isinstance(goal, ToPoint | Circle) else 0.0
+        nav_deg, point_deg, distance_m, off_m = 0.0, 0.0, 0.0, 0.0
+        if isinstance(goal, Straight):
+            nav_deg = point_deg = math.degrees(goal.heading_rad)
+        else:
+            nav_deg = math.degrees(goal.bearing_rad(a, REFERENCE_S * a.speed_m_s))
+            point_deg = math.degrees(math.atan2(goal.east_m - a.east_m, goal.north_m - a.north_m))
+            distance_m, off_m = goal.distance_m(a), goal.cross_track_m(a)
         return mavlink.MAVLink_nav_controller_output_message(
-            math.degrees(a.roll_rad), 0.0, int(math.degrees(a.heading_rad) % 360.0), int(bearing),
-            min(round(distance_m), 65535), self._autopilot.alt_command_m - a.alt_rel_m, 0.0, 0.0,
+            math.degrees(a.roll_rad), 0.0, _signed_deg(nav_deg), _signed_deg(point_deg),
+            min(round(distance_m), 65535), self._autopilot.alt_command_m - a.alt_rel_m, 0.0, off_m,
         )  # fmt: skip
 
     def vfr_hud(self, _t_ns: int) -> Any:

@@ -22,6 +22,7 @@ from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
 from sim_vehicles.airframe import STEP_NS, Airframe
 from sim_vehicles.autopilot import Autopilot
+from sim_vehicles.banked import BankedAirframe
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.ground import GroundContact
 from sim_vehicles.link import VehicleLink
@@ -29,6 +30,9 @@ from sim_vehicles.missions import NEVER_NS
 from sim_vehicles.parameters import Parameters
 from sim_vehicles.personality import PERSONALITIES
 from sim_vehicles.wind import Wind
+
+
+AIRFRAMES: dict[str, type[Airframe]] = {"paper": Airframe, "banked": BankedAirframe}
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +60,8 @@ class VehicleSpec:
     accept_radius_m: float = 10.0
     """Of waypoints that name none."""
     gps_noise_std_m: float = 1.0
+    airframe: str = "paper"
+    """What it flies: "paper" (`sim_vehicles.airframe`) or "banked" (`sim_vehicles.banked`)."""
     autopilot: str = "ardupilot"
     """Which one it plays: "ardupilot" or "px4"."""
     wind_east_m_s: float = 0.0
@@ -108,7 +114,7 @@ class SimVehicle:
         self.spec = spec
         self.system_id = spec.system_id
         self.alive = True
-        self.airframe = Airframe(
+        self.airframe = AIRFRAMES[spec.airframe](
             spec.east_m,
             spec.north_m,
             spec.alt_rel_m if spec.airborne else 0.0,

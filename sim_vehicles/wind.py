@@ -3,6 +3,8 @@
 Gusts are a first-order Gauss-Markov process on each of east and north: ``g+ = a g + s sqrt(1 - a^2) n``,
 with ``a = exp(-dt / T)``; s is their standard deviation and T their correlation time. This is Dryden's
 longitudinal spectrum (MIL-F-8785C) at a fixed airspeed. They are stepped at 10 Hz.
+
+Near the ground there is less wind: it grows linearly with height up to 60 m, as in ArduPlane's simulation.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from sim_vehicles.airframe import Airframe
 
 _STEP_NS = NS_PER_S // 10
 _DRAWN = 256
+_WHOLE_ABOVE_M = 60.0
 
 
 class Wind:
@@ -56,5 +59,6 @@ class Wind:
                 self._drawn = self._rng.standard_normal(_DRAWN).tolist()
             for axis in range(2):
                 self._gust[axis] = self._decay * self._gust[axis] + self._kick * self._drawn.pop()
-            airframe.wind_east_m_s = self._steady[0] + self._gust[0]
-            airframe.wind_north_m_s = self._steady[1] + self._gust[1]
+            share = min(max(airframe.alt_rel_m / _WHOLE_ABOVE_M, 0.0), 1.0)
+            airframe.wind_east_m_s = share * (self._steady[0] + self._gust[0])
+            airframe.wind_north_m_s = share * (self._steady[1] + self._gust[1])
