@@ -8,11 +8,11 @@ What it shares with ArduPlane, because ground stations trip over it:
 - A mission that ends goes to RTL, and so does AUTO without a mission.
 - Entering AUTO resumes at the current item (from the first, when the mission had been completed or shortened
   below it).
-- A leg begins at the waypoint before, and its line is followed. A leg that is begun by a mode change, or after
-  a take-off, is flown straight from where the vehicle is.
-- ``DO_SET_MISSION_CURRENT`` in flight begins the new leg at the OLD waypoint: the firmware starts the item and
-  only then clears the flag that says where legs begin. So the second such command, and the leg after the
-  first one, begin where the vehicle is. The message ``MISSION_SET_CURRENT`` clears the flag first.
+- A leg begins at the waypoint before, and its line is followed. A leg that is begun by a mode change, or
+  after a take-off, is flown straight from where the vehicle is.
+- ``DO_SET_MISSION_CURRENT`` in flight begins the new leg at the OLD waypoint: the firmware starts the item,
+  and only then clears the flag that says where legs begin. So the second such command, and the leg after
+  the first one, begin where the vehicle is. The message ``MISSION_SET_CURRENT`` clears the flag first.
 - A waypoint is passed within its radius, or beyond the finish line of its leg, however far off.
 - A take-off holds the heading of the runway up to its altitude.
 - Arming is refused for a while after boot, while a pre-arm check fails, and in RTL.
@@ -35,9 +35,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.model import NS_PER_S
 from sim_vehicles.airframe import Airframe
 from sim_vehicles.autopilot_state import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
+from sim_vehicles.failsafe import PlaneFailsafe, Px4Failsafe
 from sim_vehicles.fence import FenceGuard
 from sim_vehicles.geodesy import Geodesy
-from sim_vehicles.failsafe import PlaneFailsafe, Px4Failsafe
 from sim_vehicles.guidance import Circle, Goal, Straight, ToPoint, Tuning, density_ratio
 from sim_vehicles.missions import MISSION, Item, MissionStore
 from sim_vehicles.parameters import Parameters
@@ -220,9 +220,7 @@ class Autopilot:
         """In GUIDED: go to a place and circle it. False in any other mode."""
         if self.mode is not Mode.GUIDED:
             return False
-        self._fly(
-            self._circle(east_m, north_m, radius_m), self.alt_command_m if alt_m is None else alt_m
-        )
+        self._fly(self._circle(east_m, north_m, radius_m), self.alt_command_m if alt_m is None else alt_m)
         return True
 
     def heard_gcs(self, system_id: int, t_ns: int) -> None:

@@ -44,7 +44,9 @@ class FenceGuard:
         """True if the vehicle was beyond its enabled fence at the last check."""
         return bool(self._breached)
 
-    def check(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> tuple[str, bool]:
+    def check(
+        self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float
+    ) -> tuple[str, bool]:
         """Return what to tell of the fence, if anything, and True if the vehicle is to return now."""
         kind, was = self.breach(place_m, home_m, alt_m), self._breached
         self._breached = kind

@@ -66,7 +66,7 @@ class Tuning:
 
 def density_ratio(alt_msl_m: float) -> float:
     """Density of the air relative to that at sea level, in the standard atmosphere below 11 km."""
-    return (1.0 - 2.25577e-5 * alt_msl_m) ** 4.25588
+    return math.pow(1.0 - 2.25577e-5 * alt_msl_m, 4.25588)
 
 
 def _ground_velocity(airframe: Airframe) -> tuple[float, float, float]:

@@ -153,7 +153,12 @@ class Telemetry:
         fence = self._autopilot.fence
         enabled = present | (_GEOFENCE if fence.is_enabled else 0)
         present |= _GEOFENCE
-        health = (0 if fence.is_breached else _GEOFENCE) | _SENSORS | (_GPS if known else 0) | (_PREARM if ready else 0)
+        health = (
+            (0 if fence.is_breached else _GEOFENCE)
+            | _SENSORS
+            | (_GPS if known else 0)
+            | (_PREARM if ready else 0)
+        )
         return mavlink.MAVLink_sys_status_message(
             present,
             enabled,

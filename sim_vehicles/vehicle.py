@@ -31,7 +31,6 @@ from sim_vehicles.parameters import Parameters
 from sim_vehicles.personality import PERSONALITIES
 from sim_vehicles.wind import Wind
 
-
 AIRFRAMES: dict[str, type[Airframe]] = {"paper": Airframe, "banked": BankedAirframe}
 
 

@@ -34,10 +34,10 @@ PARAMETERS = {
     "NAVL1_PERIOD": 15, "WP_LOITER_RAD": 80, "WP_RADIUS": 50, "FS_GCS_ENABL": 1, "AIRSPEED_MIN": 10,
     "AIRSPEED_CRUISE": 22, "ROLL_LIMIT_DEG": 65, "ARMING_DELAY_S": 0,
 }  # fmt: skip
-_TOLD = frozenset(
-    "HEARTBEAT COMMAND_LONG COMMAND_INT SET_MODE MISSION_COUNT MISSION_ITEM_INT MISSION_ITEM MISSION_SET_CURRENT "
-    "MISSION_CLEAR_ALL".split()
-)
+_TOLD = frozenset({
+    "HEARTBEAT", "COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MISSION_COUNT", "MISSION_ITEM_INT",
+    "MISSION_ITEM", "MISSION_SET_CURRENT", "MISSION_CLEAR_ALL",
+})  # fmt: skip
 _IGNORED = frozenset({mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE})
 _WINDOW_S = 10.0
 
@@ -120,15 +120,16 @@ def _flight(name, system_id, rows, began, told, ordered, period_s) -> Flight:
                 ends_s = min(ends_s, t_s)
                 break
             mode = now
-    east_m, north_m, alt_m, v_east, v_north, roll_deg = states[start, 1:]
+    v_east, v_north, roll_deg = states[start, 4:]
     on_ground = math.hypot(v_east, v_north) < 1.0
     keep, last = [], -math.inf
     for row in states[start:]:
         if row[0] <= ends_s and row[0] - last >= period_s - 0.01:
             keep.append(row[:4])
             last = row[0]
+    wind_m_s = WINDS_M_S.get(name, (0.0, 0.0))
     return Flight(
-        name, system_id, (0.0, 0.0, 0.0), (1500.0, 1000.0), math.atan2(v_east, v_north), WINDS_M_S.get(name, (0.0, 0.0)),
+        name, system_id, (0.0, 0.0, 0.0), (1500.0, 1000.0), math.atan2(v_east, v_north), wind_m_s,
         float(states[start, 0]), float(ends_s), np.array(keep),
         (0.0, 0.0) if on_ground else (float(v_east), float(v_north)), math.radians(roll_deg),
         int(Mode[modes[start]]), [(t, d) for t, d in told if states[start, 0] - 1.0 <= t <= ends_s],
@@ -142,8 +143,9 @@ def fly(flight: Flight, period_s: float = 0.2, **spec) -> np.ndarray:
     wind = flight.wind_m_s
     values = {
         "system_id": flight.system_id, "east_m": east_m, "north_m": north_m, "course_rad": flight.heading_rad,
-        "alt_rel_m": 0.0 if on_ground else alt_m, "forward_speed_m_s": AIRSPEED_M_S, "airborne": not on_ground,
-        "gps_noise_std_m": 0.0, "airframe": "banked", "parameters": dict(PARAMETERS),
+        "alt_rel_m": 0.0 if on_ground else alt_m, "forward_speed_m_s": AIRSPEED_M_S,
+        "airborne": not on_ground, "gps_noise_std_m": 0.0, "airframe": "banked",
+        "parameters": dict(PARAMETERS),
         "wind_east_m_s": wind[0], "wind_north_m_s": wind[1],
     } | spec  # fmt: skip
     start_ns = int(flight.begins_s * NS_PER_S)
@@ -169,7 +171,9 @@ def fly(flight: Flight, period_s: float = 0.2, **spec) -> np.ndarray:
         vehicle.advance(int(t_s * NS_PER_S))
         vehicle.datagrams_to_send(int(t_s * NS_PER_S))
         off_m = autopilot.goal.cross_track_m(airframe) if hasattr(autopilot.goal, "cross_track_m") else 0.0
-        path.append((t_s, airframe.east_m, airframe.north_m, airframe.alt_rel_m - autopilot.home.alt_m, off_m))
+        path.append(
+            (t_s, airframe.east_m, airframe.north_m, airframe.alt_rel_m - autopilot.home.alt_m, off_m)
+        )
         t_s += period_s
     return np.array(path)
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from recorded_flights import fly, load, off_path_m
 
 FLIGHTS = {flight.key: flight for flight in load(Path(__file__).parent / "data/arduplane_flights.json.gz")}
