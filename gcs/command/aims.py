@@ -14,6 +14,8 @@ from gcs.planning.prediction import Motion
 from gcs.planning.progress import CORRIDOR_M, to_go_m
 from gcs.planning.task import AgentStart, PlanOptions, Terms, Wait
 
+LAST_M = 50.0
+"""An agent this near to its target, and closing in, keeps it, and its route."""
 _CLOSE_FRACTION = 0.25
 _UNKNOWN_RADIUS_M = 80.0
 """Of circles that are left to autopilots: PX4's NAV_LOITER_RAD, more than ArduPlane's WP_LOITER_RAD of 60."""
@@ -103,6 +105,13 @@ class Aims:
         if planning.aim == "intercept":
             most_m = max(most_m, _FAR_FRACTION * beeline_m)
         return min(most_m, max(0.5 * planning.capture_radius_m, _CLOSE_FRACTION * beeline_m))
+
+
+def is_arriving(agent: Track, target: Track) -> bool:
+    """Return True if an agent closes in on a target over its last `LAST_M`: no mission gets there in time."""
+    (east_m, north_m), (v_east, v_north) = target.mean[:2] - agent.mean[:2], agent.mean[2:4]
+    is_closing = east_m * v_east + north_m * v_north > 0.0
+    return bool(is_closing and math.hypot(east_m, north_m) <= LAST_M)
 
 
 def place_of(track: Track) -> Point:

@@ -38,6 +38,7 @@ from gcs.command.scan_timing import ScanTiming
 from gcs.command.sensor_watchdog import SensorWatchdog
 from gcs.command.situation import Situation
 from gcs.command.takeoffs import Takeoffs
+from gcs.command.takeovers import Takeovers, Unattended
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers
@@ -127,6 +128,7 @@ class Command:
         self.input_errors = InputErrors()
         self.orders = Orders(self.fleet, self.tasking, self.replanner, self._outlook)
         self.grounded = Grounded(self.fleet, self.tasking, self.orders)
+        self.takeovers, self.unattended = Takeovers(), Unattended()
         self.rereading = Rereading(self.fleet, self.tasking, self.replanner, self.orders)
         self.recovery = Recovery(
             self.fleet,
@@ -290,6 +292,8 @@ class Command:
         effects += self.dispatch.settle(self.tasking.poll(event.t_ns))
         effects += self.guests.poll(event.t_ns)
         effects += self.orders.poll(event.t_ns) + self.rereading.poll(event.t_ns)
+        aside = self.orders.aside.keys() | self.orders.commanded
+        effects += self.takeovers.poll(event.t_ns, self.tasking.taken_modes(), aside)
         if not self.recovery.is_under_way:
             effects += self.grounded.poll(event.t_ns, self.away)
         return effects
@@ -338,6 +342,7 @@ class Command:
         effects += self._plan(event.t_ns, event.measured_t_ns)
         if self.keep_outs.closed:
             effects += self.trespass.look(event.t_ns, newest, self.keep_outs.closed)
+        effects += self.unattended.look(event.t_ns, self._open_targets(), ended=self._ended)
         effects += self._end(event.t_ns)
         for is_contradiction, text in self.trackers.findings:
             effects.append(Notice(event.t_ns, "warning" if is_contradiction else "info", text))

@@ -18,7 +18,7 @@ the vehicle reports that it stands on the ground, and it is never forced: the au
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Mapping, Set
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -90,9 +90,9 @@ class Orders:
         return waiting | {vehicle: _WORDS[why] for vehicle, why in self.aside.items()}
 
     @property
-    def commanded(self) -> Container[int]:
+    def commanded(self) -> Set[int]:
         """Vehicles that are being told what to do, and have not shown it."""
-        return self._errands
+        return self._errands.keys()
 
     def take(
         self,

@@ -18,7 +18,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from gcs.command import reasons
-from gcs.command.aims import Aims, plan_options
+from gcs.command.aims import Aims, is_arriving, plan_options
 from gcs.command.apart import Lanes
 from gcs.command.delays import DELIVERY_S
 from gcs.command.missions import corners_of
@@ -281,6 +281,7 @@ class Replanner:
             reasons.moved(route.target, moved_m)
             for vehicle, route, agent in self._flown(situation)
             if self._is_settled(vehicle, situation)
+            and not self._is_arriving(route, situation)
             and (moved_m := self._off_m(vehicle, route, situation))
             > times * self.aims.tolerance_m(agent, route)
         ]
@@ -335,13 +336,28 @@ class Replanner:
         is_clear, last = flies_clear(self._grid, motion, look_s, self._lag_s, options.clearance_m)
         return not is_clear and bool(last.ahead.points_m)
 
+    def _is_arriving(self, route: Route, situation: Situation) -> bool:
+        """Whether a vehicle is about to reach its target by the route that it flies: it keeps both."""
+        vehicle = route.vehicle
+        if self.routes.get(vehicle) is not route or vehicle in self.blocked or vehicle in situation.passed:
+            return False
+        if vehicle not in situation.agents or route.target not in situation.targets:
+            return False
+        agent, target = situation.agents[vehicle], situation.targets[route.target]
+        return is_arriving(agent, target) and not self._is_astray(vehicle, situation)
+
     def _plan(self, situation: Situation, why: Sequence[Reason]) -> Plan:
-        starts = {vehicle: self._start(vehicle, situation) for vehicle in situation.agents}
-        pursued = {vehicle: route.target for vehicle, route in self._newest.items()}
-        result = self._routed(starts, situation.targets, pursued, situation)
+        arriving = [route for _, route in sorted(self.routes.items()) if self._is_arriving(route, situation)]
+        keeping = {route.vehicle for route in arriving}
+        there = Counter(situation.at_targets) + Counter(route.target for route in arriving)
+        kept_targets = {r.target for r in arriving if there[r.target] >= self.aims.needed(r.target)}
+        starts = {v: self._start(v, situation) for v in situation.agents if v not in keeping}
+        open_targets = [label for label in situation.targets if label not in kept_targets]
+        pursued = {v: route.target for v, route in self._newest.items() if v not in keeping}
+        result = self._routed(starts, open_targets, pursued, replace(situation, at_targets=there))
         self._planned_agents = frozenset(situation.agents)
         self._planned_targets = frozenset(situation.targets)
-        kept: list[Route] = []
+        kept: list[Route] = arriving
         changed: list[int] = []
         for route in result.routes:
             flown, shown = self.routes.get(route.vehicle), self.proposed.get(route.vehicle)
@@ -357,6 +373,7 @@ class Replanner:
                 changed.append(route.vehicle)
                 self._given_t_ns[route.vehicle] = situation.t_ns
         self.short = self.short - set(changed) | result.short & set(changed)
+        kept.sort(key=lambda route: route.vehicle)
         kept, near = self._lanes.give(kept, changed, situation.agents, situation.arrived)
         notes = (*result.notes, *near)
         self.notes = [note for note in notes if note not in self._noted]

@@ -213,11 +213,17 @@ class Tasking:
 
     def taken(self) -> dict[int, str]:
         """Vehicles that are not ours to task, and why, in words."""
-        reasons = {v: f"is in {c.taken} and left alone" for v, c in self._custody.items() if c.taken}
+        reasons = {v: f"is in {mode} and left alone" for v, mode in self.taken_modes().items()}
+        landing = [v for v in self._custody if self._holding.ending(v) == "landing"]
+        reasons |= dict.fromkeys(landing, "is landing and left alone")
         for vehicle in self._custody:
             if self._fleet.link(vehicle) and self._fleet.profile(vehicle) is None:
                 reasons[vehicle] = "has a firmware that is not known here"
         return reasons
+
+    def taken_modes(self) -> dict[int, str]:
+        """Modes that somebody else chose, by vehicle."""
+        return {v: custody.taken for v, custody in self._custody.items() if custody.taken}
 
     def overwritten(self, vehicle: int) -> None:
         """Forget what a vehicle holds: somebody else writes a mission to it."""

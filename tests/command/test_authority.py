@@ -5,16 +5,32 @@ A vehicle is played message by message, as ArduPlane or as PX4.
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from staging import RADAR, at, mission
 from test_guests import AIR, MISSION, S
 
 from gcs.command.fold import Command
+from gcs.command.holding import Flown
+from gcs.command.missions import Missions
 from gcs.config import parse
 from gcs.mavlink.codec import Encoder
 from gcs.mavlink.codec import decode as decode_frames
+from gcs.mavlink.items import Home
 from gcs.mavlink.profiles import profile_of
-from gcs.model import Datagram, Notice, Order, OrderAnswer, Send, Tick
+from gcs.model import (
+    Datagram,
+    MissionEnded,
+    Notice,
+    Order,
+    OrderAnswer,
+    Route,
+    Scan,
+    Send,
+    Tick,
+    read_only,
+)
 
 ARDUPLANE, PX4 = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, dialect.MAV_AUTOPILOT_PX4
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPLANE, PX4])
@@ -197,3 +213,63 @@ def test_a_vehicle_that_stands_in_rtl_is_resumed_into_hold_and_never_into_auto(a
     assert profile is not None
     modes = {(m.param2, m.param3) for m in stage.commands(SET_MODE)}
     assert modes == {profile.mode_numbers("LOITER")}
+
+
+# ---------------------------------------------------------------- landing
+
+
+@BOTH
+def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
+    stage = airborne(autopilot, "AUTO", height_m=60.0)
+    config, profile = mission(tables='[mission]\nend = "land"\n'), profile_of(autopilot)
+    assert profile is not None
+    route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
+    planned = Missions(config.mission, config.airframe, config.local_frame).of(route, 1, None)
+    items = profile.items(planned, Home(33.0, -87.0, 70.0))
+    stage.command.tasking.found(Flown(route, items, profile.home_items))
+    stage.hear(dialect.MAVLink_mission_current_message(len(items) - 2))
+    stage.wait(1.0)
+    assert stage.command.away() == {}
+    stage.hear(dialect.MAVLink_mission_current_message(len(items) - 1))
+    stage.wait(1.0)
+    assert stage.command.away() == {1: "is landing and left alone"}
+    stage.height_m, stage.speed_m_s = 0.5, 1.0
+    stage.wait(1.0)
+    assert stage.command.away() == {1: "is landing and left alone"}, "it rolls out: no new take-off"
+
+
+# ---------------------------------------------------------------- what the operator is told
+
+
+@BOTH
+@pytest.mark.parametrize("mode", ["RTL", "MANUAL"])
+def test_a_mode_that_is_not_ours_is_told_at_the_start_with_what_to_do(autopilot: int, mode: str) -> None:
+    stage = airborne(autopilot, mode)
+    told = [text for text in stage.notices() if "not by this service" in text]
+    assert len(told) == 1
+    assert told[0].startswith(f"is in {mode}")
+    assert "`gcs order resume --vehicle 1`" in told[0]
+    stage.wait(20.0)
+    assert len([text for text in stage.notices() if "not by this service" in text]) == 1
+    stage.mode = "AUTO"
+    stage.wait(2.0)
+    assert "is ours to task again" in stage.notices()
+
+
+def test_a_mode_that_an_operator_ordered_here_is_not_told_as_somebody_elses() -> None:
+    stage = airborne(ARDUPLANE, "AUTO")
+    stage.order("return")
+    stage.mode = "RTL"
+    stage.wait(5.0)
+    assert not [text for text in stage.notices() if "not by this service" in text]
+
+
+def test_targets_that_appear_after_the_missions_end_are_told_once_with_what_to_do() -> None:
+    command, effects = Command(mission(agents=[(100.0, 200.0)], births=[(1500.0, 200.0)]), 1), []
+    for t_s in range(60):  # the agent never shows up: it is given up after 20 s
+        place = [(1500.0, 200.0)] if t_s > 30 else []
+        scan = Scan(at(t_s), at(t_s), RADAR, read_only(np.reshape(place, (-1, 2))))
+        effects += command.step(scan) + command.step(Tick(at(t_s)))
+    assert any(isinstance(effect, MissionEnded) for effect in effects)
+    (told,) = [e.text for e in effects if isinstance(e, Notice) and "after the mission ended" in e.text]
+    assert told.endswith("nobody is sent there; start the service with --no-resume to fly on")

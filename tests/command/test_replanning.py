@@ -30,7 +30,7 @@ class Desk:
         self.grid = mission_grid(config, 0)
         self.replanner = Replanner(config, self.grid)
         self.agents, self.targets, self.arrived = dict(agents), dict(targets), set()
-        self.plans = []
+        self.velocities, self.plans = {}, []
 
     def look(self, t_s):
         """Check if a look is due; return the plan."""
@@ -39,7 +39,10 @@ class Desk:
         situation = Situation(
             at(t_s),
             at(t_s),
-            {v: track((0, v), place) for v, place in sorted(self.agents.items())},
+            {
+                v: track((0, v), place, self.velocities.get(v, (0.0, 0.0)))
+                for v, place in sorted(self.agents.items())
+            },
             {label: track(label, place) for label, place in sorted(self.targets.items())},
             frozenset(self.arrived),
         )
@@ -470,3 +473,40 @@ def test_who_passed_its_target_and_was_not_seen_to_reach_it_tries_again():
     plan, flown, now = close_to_a_corner((1510.0, 300.0), passed=[1])
     assert (plan.reason, plan.changed) == ("agent 1 passed target 0.0", (1,))
     assert now is not flown
+
+
+# ---------------------------------------------------------------- the last metres
+
+
+def arriving(metres=40.0, velocity=(15.0, 0.0), **changes):
+    """Agent 1 so far before its target, agent 2 on its way."""
+    desk = pair(**changes)
+    desk.agents |= {1: (1500.0 - metres, 200.0), 2: (1000.0, 800.0)}
+    desk.velocities = {1: velocity, 2: (15.0, 0.0)}
+    return desk
+
+
+def test_an_agent_on_its_last_metres_is_not_led_to_where_its_target_jitters():
+    desk = arriving()
+    desk.targets[A] = (1500.0, 224.0)
+    assert desk.look(60.0) is None
+    further = arriving(metres=120.0)
+    further.targets[A] = (1500.0, 260.0)
+    assert further.look(60.0).changed == (1,)
+
+
+def test_an_agent_on_its_last_metres_is_not_sent_elsewhere_for_a_better_whole():
+    desk = arriving(tables="[planning]\nswitch_gain_m = 0.0\n")
+    desk.agents[2] = (1650.0, 200.0)  # beyond 1's target; what appears lies behind 1
+    desk.targets = {A: (1500.0, 200.0), C: (1200.0, 200.0)}
+    plan = desk.look(60.0)
+    assert 1 not in plan.changed
+    assert desk.assigned == {1: A, 2: C}
+    assert [route.vehicle for route in plan.routes] == [1, 2]
+    assert plan.unassigned_targets == ()
+
+
+def test_an_agent_that_has_its_target_behind_it_is_not_left_to_it():
+    desk = arriving(velocity=(-15.0, 0.0))
+    desk.targets[A] = (1500.0, 245.0)
+    assert desk.look(60.0).changed == (1,)
