@@ -346,6 +346,7 @@ class Command:
         effects += self._end(event.t_ns)
         for is_contradiction, text in self.trackers.findings:
             effects.append(Notice(event.t_ns, "warning" if is_contradiction else "info", text))
+        effects += self.trackers.untracked.notices(event.t_ns)
         return effects
 
     def _follow(self, fate: Fate) -> list[Effect]:

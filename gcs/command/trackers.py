@@ -32,6 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.command.beliefs import Beliefs
+from gcs.command.untracked import Untracked
 from gcs.config import Config
 from gcs.config.tables import KindTracking
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
@@ -191,6 +192,7 @@ class Trackers:
         self._corrects = tracking.correct_sensors
         self.findings: list[Finding] = []
         """News of the last scan about whether its sensor is what it says."""
+        self.untracked = Untracked(config)
         self.agents = KindTracker("agents", config, tracking.agents, starts, tracking.seed)
         self.targets = KindTracker("targets", config, tracking.targets, places, tracking.seed + 1)
 
@@ -252,6 +254,7 @@ class Trackers:
         explained = 1.0 - (1.0 - ours.explained) * (1.0 - theirs.explained)
         for kind in (self.agents, self.targets):
             kind.unknown.take(t_ns, scan.z_m, sensor, explained)
+        self.untracked.take(t_ns, scan.z_m, sensor, explained)
         detected, in_view = ours.detected + theirs.detected, ours.in_view + theirs.in_view
         calibration.take(float((1.0 - explained).sum()), detected, in_view)
         self.findings = calibration.findings(scan.sensor)

@@ -294,3 +294,46 @@ def test_distances_are_those_of_the_textbook_for_each_pair():
         for j in range(2):
             d = places[i] - means[j]
             assert found[i, j] == pytest.approx(d @ np.linalg.solve(S_[j], d))
+
+
+# ---------------------------------------------------------------- seen and not tracked
+
+
+def said(sky, seconds, *things):
+    """What the operator is told, scan by scan, while `things` are seen."""
+    news = []
+    for t_s in seconds:
+        sky.look(t_s, *things)
+        news += [(t_s, notice.level, notice.text) for notice in sky.trackers.untracked.notices(at(t_s))]
+    return news
+
+
+def test_the_operator_is_told_where_detections_persist_that_no_track_takes():
+    sky = Sky(mission(agents=[START], births=[GOAL]))
+    news = said(sky, range(12), START, GOAL, (1200.0, 900.0))
+    assert [level for _, level, _ in news] == ["alarm"]
+    (t_s, _, text) = news[0]
+    assert t_s <= 8
+    assert "detections persist at east 1" in text
+    assert "add [[births]] there, or set tracking.targets.anywhere.per_s" in text
+    lat, lon = (float(part) for part in text[text.index("(") + 1 : text.index(")")].split(","))
+    frame = mission(agents=[START], births=[GOAL]).local_frame
+    assert math.dist(frame.to_local(lat, lon), (1200.0, 900.0)) < 15.0
+    gone = said(sky, range(12, 40), START, GOAL)
+    assert [level for _, level, _ in gone] == ["info"]
+
+
+def test_nothing_is_said_of_what_is_tracked_or_of_a_few_detections():
+    sky = Sky(mission(agents=[START], births=[GOAL]))
+    assert said(sky, range(20), START, GOAL) == []
+    assert said(sky, range(20, 22), START, GOAL, (1200.0, 900.0)) == []
+    assert said(sky, range(22, 40), START, GOAL) == []
+
+
+def test_many_untracked_objects_make_one_alarm():
+    sky = Sky(mission(agents=[START], births=[GOAL]))
+    crowd = [(300.0 + 250.0 * i, 1500.0) for i in range(6)]
+    news = said(sky, range(10), START, GOAL, *crowd)
+    assert [level for _, level, _ in news] == ["alarm"]
+    assert news[0][2].count("(") <= 3
+    assert "more place" in news[0][2]

@@ -17,6 +17,7 @@ from gcs.model import (
     Event,
     Fate,
     MissionEnded,
+    Notice,
     Plan,
     Scan,
     Send,
@@ -25,7 +26,7 @@ from gcs.model import (
     UploadReport,
 )
 from gcs.report.judge import Judge, Summary
-from sim_vehicles.scenario import load
+from sim_vehicles.scenario import load, parse_scenario
 from sim_vehicles.vehicle import SimVehicle
 from sim_vehicles.virtual import START_T_NS, STEP_NS, VirtualRun
 
@@ -318,3 +319,34 @@ def test_a_vehicle_that_somebody_sent_home_is_left_alone() -> None:
     assert any("agent 1 is in RTL and left alone" in plan.reason for plan in plans)
     assert not any(isinstance(effect, UploadReport) and effect.vehicle == 1 for effect in later)
     assert any(isinstance(effect, UploadReport) and effect.vehicle == 4 for effect in later)
+
+
+def begun_50_s_ago(text: str) -> str:
+    """A scenario whose targets have moved for 50 s when it starts."""
+    head, *tables = text.split("[[simulation.targets]]\n")
+    moved = []
+    for table in tables:
+        values = {key: float(value) for key, _, value in (row.partition(" = ") for row in numbers(table))}
+        east, north = (values[f"{axis}_m"] + 50.0 * values[f"v_{axis}_m_s"] for axis in ("east", "north"))
+        velocity = f"v_east_m_s = {values['v_east_m_s']}\nv_north_m_s = {values['v_north_m_s']}\n"
+        moved.append(f"east_m = {east}\nnorth_m = {north}\n{velocity}\n")
+    return "[[simulation.targets]]\n".join([head, *moved])
+
+
+def numbers(table: str) -> list[str]:
+    return [row.split("#")[0].strip() for row in table.splitlines() if "=" in row]
+
+
+@pytest.mark.parametrize("births_anywhere", [True, False])
+def test_targets_that_left_their_places_of_birth_are_found_or_told_of(births_anywhere):
+    text = begun_50_s_ago(load("prescribed").text)
+    if not births_anywhere:
+        text = text.replace("per_s = 0.0005", "per_s = 0.0")
+    run = VirtualRun(parse_scenario(text, "begun"), seed=1)
+    effects: list[Effect] = []
+    run.on_effect = lambda _, effect: effects.append(effect)
+    run.run(20.0)
+    targets = run.command.trackers.targets.beliefs.tracks
+    alarms = [one.text for one in effects if isinstance(one, Notice) and "detections persist" in one.text]
+    assert len(targets) == (5 if births_anywhere else 1)  # one moves so slowly that it is near its place
+    assert len(alarms) in ([0] if births_anywhere else [1, 2])
