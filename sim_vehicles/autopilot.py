@@ -35,7 +35,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.model import NS_PER_S
 from sim_vehicles.airframe import Airframe
 from sim_vehicles.autopilot_state import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
-from sim_vehicles.failsafe import PlaneFailsafe, Px4Failsafe
+from sim_vehicles.failsafe import Failsafe, PlaneFailsafe
 from sim_vehicles.fence import FenceGuard
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.guidance import Circle, Goal, Straight, ToPoint, Tuning, density_ratio
@@ -69,6 +69,9 @@ class Autopilot:
         When it was switched on.
     """
 
+    _widens_circles = True
+    _failsafe: type[Failsafe] = PlaneFailsafe
+
     def __init__(
         self,
         airframe: Airframe,
@@ -87,7 +90,7 @@ class Autopilot:
         self.personality = personality
         self._first = personality.home_items
         self.mission = MissionStore(MISSION, self.mission_home if self._first else None)
-        self.fence = FenceGuard(parameters, geodesy)
+        self.fence = FenceGuard(parameters, geodesy, px4=personality.atomic)
         self.notices: deque[StatusText | ItemReached] = deque()
         self.home = Home(airframe.east_m, airframe.north_m, 0.0)
         self.mode = Mode.MANUAL
@@ -101,7 +104,7 @@ class Autopilot:
         """Where the last leg led to: the next one may begin there."""
         self._legs_join = False
         """True if the next leg begins where the last one led to; otherwise where the vehicle is."""
-        self.failsafe = (Px4Failsafe if personality.atomic else PlaneFailsafe)(self)
+        self.failsafe = self._failsafe(self)
         self._mission_running = False
         self._mission_complete = False
         self._item: Item | None = None
@@ -280,12 +283,12 @@ class Autopilot:
         self._command = self.airframe.command_for(self.goal, tuning)
 
     def _is_launching(self) -> bool:
-        """True if the vehicle leaves the ground by itself; ArduPlane does for a take-off alone."""
+        """True if an armed vehicle leaves the ground by itself: for a take-off alone."""
         if self.mode is Mode.TAKEOFF:
             return True
         if self.mode is not Mode.AUTO or self._item is None:
             return False
-        return self.personality.atomic or self._item.command == mavlink.MAV_CMD_NAV_TAKEOFF
+        return bool(self._item.command == mavlink.MAV_CMD_NAV_TAKEOFF)
 
     def _approach_fraction(self) -> float:
         """Approach speed as a fraction of the cruising speed: ArduPlane's mean of cruise and minimum."""
@@ -430,7 +433,7 @@ class Autopilot:
     ) -> Circle:
         """Return a circle; ArduPlane widens its radius as the air grows thin."""
         radius_m = radius_m or self.parameters["WP_LOITER_RAD"]
-        if not self.personality.atomic:
+        if self._widens_circles:
             radius_m /= density_ratio(self.geodesy.frame.alt_msl_m + self.airframe.alt_rel_m)
         return Circle(east_m, north_m, radius_m, leg)
 
@@ -440,11 +443,12 @@ class Autopilot:
     def _check_fence(self) -> None:
         airframe, home = self.airframe, self.home
         place, home_m = (airframe.east_m, airframe.north_m), (home.east_m, home.north_m)
-        text, returns = self.fence.check(place, home_m, airframe.alt_rel_m - home.alt_m)
+        fence = self.fence
+        text, reaction = fence.check(place, home_m, airframe.alt_rel_m - home.alt_m), fence.reaction
         if text:
             self.tell(mavlink.MAV_SEVERITY_WARNING, text)
-        if returns:
-            self.set_mode(Mode.RTL)
+            if fence.is_breached and reaction is not None:
+                self.set_mode(reaction)
 
     def tell(self, severity: int, text: str) -> None:
         """Say something to the ground."""

@@ -15,12 +15,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_vehicles.autopilot import Autopilot
 from sim_vehicles.autopilot_state import Home, MissionState
-from sim_vehicles.personality import Mode
+from sim_vehicles.personality import PX4, Mode
 from sim_vehicles.telemetry import Streams, Telemetry
 
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
 _FAILED: int = mavlink.MAV_RESULT_FAILED
+_TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
 _FORCE = 2989
 _NO_MISSION = MissionState.NO_MISSION
@@ -123,7 +124,8 @@ class Commands:
         if mode is None:
             return _FAILED
         if mode is Mode.AUTO and autopilot.personality.atomic and autopilot.mission_state is _NO_MISSION:
-            return _DENIED  # PX4 does not enter a mission that is not there; ArduPlane does, and returns home
+            # PX4 does not enter a mission that is not there, or that it rejects; ArduPlane returns home.
+            return _TEMPORARILY_REJECTED
         autopilot.set_mode(mode)
         return _ACCEPTED
 
@@ -212,6 +214,8 @@ class Commands:
         message_id = _whole(command.p1)
         if message_id not in self._telemetry or not math.isfinite(command.p2):
             return _FAILED
+        if self._autopilot.personality is PX4 and message_id == mavlink.MAVLINK_MSG_ID_MISSION_CURRENT:
+            return _FAILED  # it comes once a second whatever is asked
         self._streams.set_interval(message_id, round(command.p2), t_ns)
         return _ACCEPTED
 

@@ -10,6 +10,7 @@ NAV_DLL_ACT 2 it returns 5 s later, even if the link is back by then.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -27,8 +28,10 @@ _HOLD_NS: Final = 5_100_000_000
 _PX4_RETURNS = 2
 
 
-class PlaneFailsafe:
-    """ArduPlane's."""
+class Failsafe(ABC):
+    """What a loss of the ground station does."""
+
+    over_text = ""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot = autopilot
@@ -41,7 +44,17 @@ class PlaneFailsafe:
         self._heard_ns = t_ns
         if self.is_on:
             self.is_on = False
-            self._autopilot.tell(mavlink.MAV_SEVERITY_WARNING, "GCS Failsafe Off")
+            self._autopilot.tell(mavlink.MAV_SEVERITY_WARNING, self.over_text)
+
+    @abstractmethod
+    def check(self, t_ns: int) -> None:
+        """Act when the ground station has been silent for too long."""
+
+
+class PlaneFailsafe(Failsafe):
+    """ArduPlane's."""
+
+    over_text = "GCS Failsafe Off"
 
     def check(self, t_ns: int) -> None:
         """Act when the ground station has been silent for too long."""
@@ -57,22 +70,11 @@ class PlaneFailsafe:
         autopilot.tell(mavlink.MAV_SEVERITY_WARNING, f"GCS Failsafe On: {autopilot.mode.name}")
 
 
-class Px4Failsafe:
+class Px4Failsafe(Failsafe):
     """PX4's."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
-        self._autopilot = autopilot
-        self._heard_ns: int | None = None
-        self._returns_ns: int | None = None
-        self.is_on = False
-        """True from the loss of the ground station until it is heard again."""
-
-    def heard(self, t_ns: int) -> None:
-        """Take a heartbeat of the ground station."""
-        self._heard_ns = t_ns
-        if self.is_on:
-            self.is_on = False
-            self._autopilot.tell(mavlink.MAV_SEVERITY_INFO, "GCS connection regained")
+    over_text = "GCS connection regained"
+    _returns_ns: int | None = None
 
     def check(self, t_ns: int) -> None:
         """Act when the ground station has been silent for too long."""

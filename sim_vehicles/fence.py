@@ -2,8 +2,9 @@
 
 As ArduPlane with FENCE_ACTION 1: a breach of an enabled fence changes the mode to RTL, once, and is told. Of
 the kinds of fence (FENCE_TYPE) there are the greatest height (bit 0), the circle round home (bit 1) and the
-uploaded areas (bit 2). RTL goes to the nearest rally point within RALLY_LIMIT_KM; home counts as one of them
-only when there is no other.
+uploaded areas (bit 2). PX4 has no switch: it watches GF_MAX_VER_DIST, GF_MAX_HOR_DIST and uploaded areas, and
+a breach does what GF_ACTION says (2 Hold, 3 return). RTL goes to the nearest rally point within
+RALLY_LIMIT_KM; home counts as one of them only when there is no other.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from gcs.mavlink.items import Item as MissionItem
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.missions import FENCE, RALLY, Item, MissionStore
 from sim_vehicles.parameters import Parameters
+from sim_vehicles.personality import Mode
 
+_PX4_REACTIONS = {2: Mode.LOITER, 3: Mode.RTL}
 _RTL = 1
 _HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
 
@@ -27,7 +30,8 @@ _HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
 class FenceGuard:
     """What the autopilot knows of its fence and its rally points."""
 
-    def __init__(self, parameters: Parameters, geodesy: Geodesy) -> None:
+    def __init__(self, parameters: Parameters, geodesy: Geodesy, px4: bool = False) -> None:
+        self._px4 = px4
         self.stores = {FENCE: MissionStore(FENCE), RALLY: MissionStore(RALLY)}
         self._parameters, self._geodesy = parameters, geodesy
         self._items: tuple[Item, ...] = ()
@@ -37,22 +41,27 @@ class FenceGuard:
     @property
     def is_enabled(self) -> bool:
         """True if the fence is watched."""
-        return bool(self._parameters["FENCE_ENABLE"])
+        return self._px4 or bool(self._parameters["FENCE_ENABLE"])
 
     @property
     def is_breached(self) -> bool:
         """True if the vehicle was beyond its enabled fence at the last check."""
         return bool(self._breached)
 
-    def check(
-        self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float
-    ) -> tuple[str, bool]:
-        """Return what to tell of the fence, if anything, and True if the vehicle is to return now."""
+    def check(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
+        """Return what to tell of the fence, if anything; `is_breached` says more."""
         kind, was = self.breach(place_m, home_m, alt_m), self._breached
         self._breached = kind
         if kind and not was:
-            return f"{kind} fence breached", int(self._parameters["FENCE_ACTION"]) == _RTL
-        return ("Fence breach cleared" if was and not kind else ""), False
+            return f"{kind} fence breached"
+        return "Fence breach cleared" if was and not kind else ""
+
+    @property
+    def reaction(self) -> Mode | None:
+        """Mode that a breach changes to; None for none."""
+        if self._px4:
+            return _PX4_REACTIONS.get(int(self._parameters["GF_ACTION"]))
+        return Mode.RTL if int(self._parameters["FENCE_ACTION"]) == _RTL else None
 
     def breach(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
         """Say which kind of fence is breached; empty while none is, or when the fence is off.
@@ -63,6 +72,8 @@ class FenceGuard:
             Above home.
         """
         parameters = self._parameters
+        if self._px4:
+            return self._px4_breach(place_m, home_m, alt_m)
         if not self.is_enabled:
             return ""
         kinds = int(parameters["FENCE_TYPE"])
@@ -71,6 +82,14 @@ class FenceGuard:
         if kinds & _CIRCLE and math.dist(place_m, home_m) > parameters["FENCE_RADIUS"]:
             return "Circle"
         return "Polygon" if kinds & _AREAS and self._is_beyond(place_m) else ""
+
+    def _px4_breach(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
+        ceiling_m, radius_m = (self._parameters[f"GF_MAX_{axis}_DIST"] for axis in ("VER", "HOR"))
+        if 0.0 < ceiling_m < alt_m:
+            return "Max Alt"
+        if 0.0 < radius_m < math.dist(place_m, home_m):
+            return "Circle"
+        return "Polygon" if self._is_beyond(place_m) else ""
 
     def _is_beyond(self, place_m: tuple[float, float]) -> bool:
         items = tuple(self.stores[FENCE])

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.mavlink.parameters import carried, value_of
 from sim_vehicles.autopilot import Autopilot
-from sim_vehicles.autopilot_state import ItemReached
+from sim_vehicles.autopilot_state import ItemReached, StatusText
 from sim_vehicles.commands import Commands
 from sim_vehicles.frames import FrameReader, Outbox
 from sim_vehicles.missions import MISSION, NEVER_NS, MissionServer
@@ -25,6 +25,8 @@ from sim_vehicles.signing import Signing
 from sim_vehicles.telemetry import Streams, Telemetry
 
 _LISTING_NS = 40_000_000
+_CHUNK = 50
+"""Of a STATUSTEXT, in bytes."""
 _LISTED_AT_ONCE = 4
 
 _FTP_TERMINATE, _FTP_RESET, _FTP_OPEN_TO_READ = 1, 2, 4
@@ -73,6 +75,7 @@ class VehicleLink:
         self._streams = Streams(start_t_ns)
         self._commands = Commands(autopilot, self._telemetry, self._streams, self.outbox.send)
         self._missions = _mission_server(autopilot, self.outbox.send)
+        self._text_id = 0
         self._list_at: int | None = None
         self._list_due_ns = NEVER_NS
         self._handlers: dict[str, Callable[[Any, int], None]] = {
@@ -133,9 +136,21 @@ class VehicleLink:
                 self.outbox.send(mavlink.MAVLink_mission_item_reached_message(notice.seq))
                 self.outbox.send(self._telemetry.mission_current(t_ns))
             else:
-                self.outbox.send(
-                    mavlink.MAVLink_statustext_message(notice.severity, notice.text[:50].encode("ascii"))
-                )
+                self._tell(notice)
+
+    def _tell(self, notice: StatusText) -> None:
+        """Send a text: ArduPlane's is cut off, PX4's goes in chunks that bear one id."""
+        if self._autopilot.personality is not PX4:
+            text = notice.text[:_CHUNK].encode("ascii")
+            self.outbox.send(mavlink.MAVLink_statustext_message(notice.severity, text))
+            return
+        self._text_id = self._text_id % 65535 + 1
+        text = f"{notice.text}\t".encode("ascii")
+        for number, begin in enumerate(range(0, len(text), _CHUNK)):
+            chunk = text[begin : begin + _CHUNK]
+            self.outbox.send(
+                mavlink.MAVLink_statustext_message(notice.severity, chunk, self._text_id, number)
+            )
 
     # ------------------------------------------------------------ handlers
 

@@ -5,7 +5,8 @@
 - Items are asked for with ``MISSION_REQUEST_INT``, again after 250 ms; after 5 s without an item it is given
   up without a word. An item whose turn it is not is ignored; the last one, come twice, is acknowledged twice.
 - ``current`` on an item makes the new mission begin there.
-- Parameters are kept as floats, NaN too. What is read back has the frames of MISSION_ITEM_INT.
+- Parameters are kept as floats, NaN too, but not all of them: of a take-off the heading alone, and not its
+  pitch. The others read back as 0. What is read back has the frames of MISSION_ITEM_INT.
 - One conversation at a time, whatever it is about. A ``MISSION_COUNT`` in the midst of one gets ACK 1 and
   changes nothing; ``MISSION_ACK`` 15 ends an upload; clearing and ``MISSION_SET_CURRENT`` are not heard.
 - A read-back goes in order: the next item, or the last one again. Any other ends it with ACK 1, and 5 s of
@@ -34,6 +35,13 @@ from sim_vehicles.missions import (
 
 _FRAMES = {0: 5, 5: 5, 3: 6, 6: 6}
 _CAPACITY = 2000
+_KEPT = {
+    mavlink.MAV_CMD_NAV_WAYPOINT: (1, 2, 4),
+    mavlink.MAV_CMD_NAV_LOITER_UNLIM: (3, 4),
+    mavlink.MAV_CMD_NAV_TAKEOFF: (4,),
+    mavlink.MAV_CMD_NAV_LAND: (2, 4),
+}
+"""Parameters that are stored, of those that an item brings; fences keep the first."""
 
 
 @dataclass(slots=True)
@@ -191,8 +199,10 @@ def _stored(message: Any) -> Item:
     if not math.isfinite(message.z):
         raise Refused(mavlink.MAV_MISSION_INVALID_PARAM7)
     x, y = taken_place(message)
-    params = (message.param1, message.param2, message.param3, message.param4)
-    return Item(message.command, frame, *params, x, y, message.z)
+    sent = (message.param1, message.param2, message.param3, message.param4)
+    kept = _KEPT.get(message.command, (1,))
+    p1, p2, p3, p4 = (value if number in kept else 0.0 for number, value in enumerate(sent, 1))
+    return Item(message.command, frame, p1, p2, p3, p4, x, y, message.z)
 
 
 def _equal(a: list[Item], b: list[Item]) -> bool:

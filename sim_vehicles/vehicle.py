@@ -29,6 +29,7 @@ from sim_vehicles.link import VehicleLink
 from sim_vehicles.missions import NEVER_NS
 from sim_vehicles.parameters import Parameters
 from sim_vehicles.personality import PERSONALITIES
+from sim_vehicles.px4_autopilot import Px4Autopilot
 from sim_vehicles.wind import Wind
 
 AIRFRAMES: dict[str, type[Airframe]] = {"paper": Airframe, "banked": BankedAirframe}
@@ -131,7 +132,7 @@ class SimVehicle:
             if name in spec.parameters:
                 parameters.store(name, spec.parameters[name])
         self.geodesy = Geodesy(frame)
-        self.autopilot = Autopilot(
+        self.autopilot = (Px4Autopilot if spec.autopilot == "px4" else Autopilot)(
             self.airframe,
             parameters,
             self.geodesy,

@@ -10,6 +10,7 @@ from gcs.geo import LocalFrame
 from sim_vehicles.airframe import Airframe
 from sim_vehicles.autopilot import Autopilot
 from sim_vehicles.autopilot_state import ItemReached, StatusText
+from sim_vehicles.banked import BankedAirframe
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.guidance import Circle
 from sim_vehicles.missions import Item
@@ -28,8 +29,15 @@ def waypoint(east_m: float, north_m: float, command: int = 16, z: float = 100.0,
 class Pilot:
     """An autopilot with its airframe and a clock, and everything that it has told."""
 
-    def __init__(self, *items: Item, airborne: bool = True, speed: float = 15.0, **parameters: float) -> None:
-        self.airframe = Airframe(0, 0, 100.0 if airborne else 0.0, math.pi / 2, speed if airborne else 0.0)
+    def __init__(
+        self,
+        *items: Item,
+        airborne: bool = True,
+        speed: float = 15.0,
+        airframe: type[Airframe] = Airframe,
+        **parameters: float,
+    ) -> None:
+        self.airframe = airframe(0, 0, 100.0 if airborne else 0.0, math.pi / 2, speed if airborne else 0.0)
         self.autopilot = Autopilot(
             self.airframe, Parameters(**parameters), Geodesy(FRAME), speed, 0, airborne
         )
@@ -228,20 +236,99 @@ def test_disarming_in_the_air_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("enabled", "action", "expected"), [(0, 1, Mode.AUTO), (1, 0, Mode.AUTO), (1, 1, Mode.RTL)]
-)
-def test_losing_the_ground_station_in_auto(enabled, action, expected):
-    pilot = Pilot(waypoint(5000, 0), FS_GCS_ENABL=enabled, FS_LONG_ACTN=action)
-    pilot.autopilot.set_mode(Mode.AUTO)
+    ("mode", "action", "expected"),
+    [
+        (Mode.AUTO, 0, Mode.AUTO), (Mode.GUIDED, 0, Mode.GUIDED), (Mode.AUTO, 1, Mode.RTL),
+        (Mode.GUIDED, 1, Mode.RTL), (Mode.LOITER, 0, Mode.RTL), (Mode.CRUISE, 0, Mode.RTL),
+        (Mode.FBWA, 0, Mode.RTL), (Mode.MANUAL, 0, Mode.RTL),
+    ],
+)  # fmt: skip
+def test_losing_the_ground_station_goes_by_the_mode(mode, action, expected):
+    pilot = Pilot(waypoint(5000, 0), FS_GCS_ENABL=1, FS_LONG_ACTN=action)
+    pilot.autopilot.set_mode(mode)
     pilot.fly(10)
-    assert pilot.autopilot.mode is Mode.AUTO  # one that was never heard cannot be lost
+    assert pilot.autopilot.mode is mode  # one that was never heard cannot be lost
     for _ in range(8):
         pilot.autopilot.heard_gcs(255, pilot.t_ns)
         pilot.fly(1)
     pilot.fly(3.5)
-    assert pilot.autopilot.mode is Mode.AUTO
+    assert pilot.autopilot.mode is mode
     pilot.fly(1)
     assert pilot.autopilot.mode is expected
+
+
+def test_without_the_failsafe_a_loss_of_the_ground_station_changes_nothing():
+    pilot = Pilot(FS_GCS_ENABL=0, FS_LONG_ACTN=1)
+    pilot.autopilot.heard_gcs(255, pilot.t_ns)
+    pilot.fly(20)
+    assert pilot.autopilot.mode is Mode.LOITER
+
+
+def test_silence_on_the_ground_leaves_a_vehicle_in_rtl_and_so_unarmable():
+    """The field guide's commands, a minute apart, end here: arming fails until the mode is changed."""
+    pilot = Pilot(airborne=False, FS_GCS_ENABL=1, ARMING_DELAY_S=0)
+    pilot.autopilot.heard_gcs(255, pilot.t_ns)
+    pilot.fly(6)
+    assert pilot.autopilot.mode is Mode.RTL
+    assert not pilot.autopilot.arm(pilot.t_ns)
+    pilot.fly(0.01)
+    assert any(isinstance(n, StatusText) and "RTL mode not armable" in n.text for n in pilot.notices)
+    pilot.autopilot.set_mode(Mode.LOITER)
+    assert pilot.autopilot.arm(pilot.t_ns)
+
+
+@pytest.mark.parametrize("airframe", [Airframe, BankedAirframe])
+@pytest.mark.parametrize(
+    ("how", "far_off"), [(["command"], True), (["command", "command"], False), (["message"], False)]
+)
+def test_how_an_item_is_selected_in_flight_decides_where_its_leg_begins(airframe, how, far_off):
+    """`select_current.txt`: -1130 m off at once by the command sent once, nothing otherwise."""
+    pilot = Pilot(waypoint(0, 400, param2=30.0), waypoint(0, 1500), airframe=airframe)
+    pilot.autopilot.set_mode(Mode.AUTO)
+    pilot.until(lambda: pilot.autopilot.seq == 2)
+    pilot.store(waypoint(800, 1200), waypoint(800, 3000))
+    for way in how:
+        assert pilot.autopilot.set_current(1, by_message=way == "message")
+    pilot.fly(1)
+    off_m = pilot.autopilot.goal.cross_track_m(pilot.airframe)
+    assert off_m < -900.0 if far_off else off_m == 0.0
+    pilot.until(lambda: pilot.autopilot.seq == 2)
+    passed_m = pilot.distance_m(800, 1200)
+    assert passed_m > 200.0 if far_off else passed_m <= 11.0
+    pilot.fly(5)
+    if how == ["command"]:  # the flag that was cleared too late: this leg begins where the vehicle is
+        assert pilot.autopilot.goal.cross_track_m(pilot.airframe) == 0.0
+
+
+@pytest.mark.parametrize(("airframe", "most_m"), [(Airframe, 4.0), (BankedAirframe, 3.0)])
+def test_a_leg_s_line_is_followed_from_the_waypoint_before(airframe, most_m):
+    pilot = Pilot(waypoint(400, 0, param2=40.0), waypoint(800, 400, param2=40.0), airframe=airframe)
+    pilot.autopilot.set_mode(Mode.AUTO)
+    pilot.until(lambda: pilot.autopilot.seq == 2)
+    pilot.fly(18)
+    assert abs(pilot.autopilot.goal.cross_track_m(pilot.airframe)) < most_m
+    assert pilot.autopilot.goal.is_tracked
+
+
+def test_a_take_off_holds_its_heading_to_its_altitude_then_turns():
+    pilot = Pilot(
+        waypoint(0, 0, command=22, z=90.0), waypoint(-500, 0), airborne=False, ARMING_DELAY_S=0,
+        airframe=BankedAirframe, speed=23.5,
+    )  # fmt: skip
+    pilot.autopilot.arm(pilot.t_ns)
+    pilot.autopilot.set_mode(Mode.AUTO)
+    pilot.until(lambda: pilot.autopilot.seq == 2)
+    assert pilot.airframe.east_m == pytest.approx(270.0, abs=30.0)
+    assert abs(pilot.airframe.north_m) < 1.0
+
+
+def test_a_landed_vehicle_that_is_armed_in_auto_stays_on_the_ground():
+    pilot = Pilot(waypoint(300, 0), waypoint(600, 0, command=21, z=0.0))
+    pilot.autopilot.set_mode(Mode.AUTO)
+    pilot.until(lambda: not pilot.autopilot.armed)
+    assert pilot.autopilot.arm(pilot.t_ns)
+    pilot.fly(20)
+    assert pilot.airframe.alt_rel_m < 1.0
 
 
 def test_another_ground_station_s_heartbeat_does_not_feed_the_failsafe():

@@ -296,3 +296,46 @@ def test_whatever_arrives_the_vehicle_flies_on(ground, pieces, data):
     g = ground()
     g.vehicle.receive_datagram(bytes(datagram), g.t_ns)
     assert of(g.fly(1.5), "HEARTBEAT")
+
+
+def test_the_health_of_the_fence_is_good_without_one_and_bad_beyond_one(ground):
+    """Without the bit MAVProxy says "fence breach" of every vehicle."""
+    fence = mavlink.MAV_SYS_STATUS_GEOFENCE
+    g = ground()
+    status = [m for m in g.fly(1.1) if m.get_type() == "SYS_STATUS"][-1]
+    assert status.onboard_control_sensors_health & fence
+    assert not status.onboard_control_sensors_enabled & fence
+    g.vehicle.autopilot.parameters.store("FENCE_ENABLE", 1)
+    g.vehicle.autopilot.parameters.store("FENCE_TYPE", 1)
+    g.vehicle.autopilot.parameters.store("FENCE_ALT_MAX", 50)
+    status = [m for m in g.fly(1.1) if m.get_type() == "SYS_STATUS"][-1]
+    assert status.onboard_control_sensors_enabled & fence
+    assert not status.onboard_control_sensors_health & fence
+
+
+def test_the_current_item_comes_once_a_second_and_at_once_when_asked_for(ground, item):
+    g = ground()
+    g.upload(item(0, 0.0, 0.0), item(1, 500.0, 0.0))
+    assert len([m for m in g.fly(5.0) if m.get_type() == "MISSION_CURRENT"]) == 5
+    g.fly(0.3)
+    result, replies = g.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 42)
+    assert result == mavlink.MAV_RESULT_ACCEPTED
+    assert [m.get_type() for m in replies] == ["COMMAND_ACK", "MISSION_CURRENT"]
+
+
+@pytest.mark.parametrize(("by_message", "off_m"), [(False, -1000.0), (True, 0.0)])
+def test_the_cross_track_error_of_a_first_leg_is_reported_as_the_firmware_does(
+    ground, item, by_message, off_m
+):
+    g = ground(course_rad=0.0)
+    g.upload(item(0, 0.0, 0.0), item(1, 0.0, 1500.0))
+    g.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 10)
+    g.fly(1.0)
+    g.upload(item(0, 0.0, 0.0), item(1, 800.0, 1200.0))
+    if by_message:
+        g.send(mavlink.MAVLink_mission_set_current_message(7, 1, 1))
+    else:
+        assert g.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 1)[0] == mavlink.MAV_RESULT_ACCEPTED
+    nav = [m for m in g.fly(1.1) if m.get_type() == "NAV_CONTROLLER_OUTPUT"][-1]
+    assert nav.xtrack_error < off_m if off_m else nav.xtrack_error == 0.0
+    assert nav.wp_dist == pytest.approx(math.dist((g.vehicle.east_m, g.vehicle.north_m), (800, 1200)), abs=20)

@@ -13,6 +13,7 @@ from sim_vehicles.scenario import load
 from sim_vehicles.virtual import VirtualRun
 
 AUTO, LOITER = 4 << 16 | 4 << 24, 4 << 16 | 3 << 24
+ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 SET_MODE, SET_CURRENT = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
 
 
@@ -86,7 +87,7 @@ def test_a_read_back_goes_in_order_or_ends(px4, item):
 
 
 def test_a_mission_begins_where_current_says_and_ends_in_hold(px4, item):
-    assert px4.command(SET_MODE, 1, 4, 4)[0] == mavlink.MAV_RESULT_DENIED
+    assert px4.command(SET_MODE, 1, 4, 4)[0] == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
     put(px4, item(0, 900.0, 0.0), item(1, 60.0, 0.0, current=1))
     assert px4.command(SET_CURRENT, 1)[0] == mavlink.MAV_RESULT_UNSUPPORTED
     assert px4.command(SET_MODE, 1, 4, 4)[0] == 0
@@ -101,6 +102,110 @@ def test_a_new_mission_is_flown_at_once(px4, item):
     put(px4, item(0, -900.0, 0.0), item(1, -900.0, 300.0))
     px4.fly(30.0)
     assert px4.vehicle.east_m < -100.0
+
+
+def takeoff(item, **fields):
+    return item(0, 0.0, 200.0, 60.0, command=mavlink.MAV_CMD_NAV_TAKEOFF, **fields)
+
+
+def test_of_a_take_off_it_keeps_the_heading_and_not_the_pitch(px4, item):
+    put(px4, takeoff(item, param1=15.0, param4=math.nan), item(1, 400.0, 0.0, param3=9.0))
+    back = px4.download()
+    assert [m.param1 for m in back] == [0.0, 0.0]
+    assert math.isnan(back[0].param4)
+    assert back[1].param3 == 0.0
+
+
+def test_armed_on_the_ground_in_auto_it_takes_off_with_its_old_mission(ground, item):
+    px4 = ground(autopilot="px4", airborne=False, arming_delay_s=0.0)
+    land = item(2, 300.0, 0.0, 0.0, command=mavlink.MAV_CMD_NAV_LAND)
+    put(px4, takeoff(item), item(1, 300.0, 300.0), land)
+    px4.command(SET_MODE, 1, 4, 4)
+    px4.command(ARM, 1)
+    px4.until(lambda: px4.vehicle.alt_rel_m > 50.0)
+    px4.until(lambda: not px4.vehicle.autopilot.armed)
+    px4.fly(20.0)
+    assert px4.vehicle.alt_rel_m < 1.0
+    assert last(px4.fly(1.1), "HEARTBEAT").custom_mode == AUTO
+    assert px4.command(ARM, 1)[0] == 0
+    px4.fly(10.0)
+    assert (px4.vehicle.autopilot.seq, px4.vehicle.autopilot.flying) == (0, True)
+    assert px4.vehicle.alt_rel_m > 20.0
+
+
+@pytest.mark.parametrize(
+    ("wants", "lands", "is_flown"),
+    [(0, False, True), (1, False, False), (1, True, False), (2, False, False), (2, True, True)],
+)
+def test_a_mission_in_the_air_is_judged_by_what_it_must_have(ground, item, wants, lands, is_flown):
+    """1 rejects every re-task in flight; the ACK is 0 all the same."""
+    px4 = ground(autopilot="px4")
+    put(px4, item(0, 900.0, 0.0))
+    px4.command(SET_MODE, 1, 4, 4)
+    px4.vehicle.autopilot.parameters.store("MIS_TKO_LAND_REQ", wants)
+    command = mavlink.MAV_CMD_NAV_LAND if lands else mavlink.MAV_CMD_NAV_WAYPOINT
+    _, result = put(px4, item(0, -900.0, 0.0), item(1, -900.0, 300.0, command=command))
+    assert result == mavlink.MAV_MISSION_ACCEPTED
+    heard = px4.fly(1.1)
+    assert (last(heard, "HEARTBEAT").custom_mode == AUTO) is is_flown
+    assert last(heard, "MISSION_CURRENT").mission_state == (3 if is_flown else 1)
+    if not is_flown:
+        texts = "".join(m.text for m in px4.heard if m.get_type() == "STATUSTEXT")
+        assert "No valid mission available, loitering" in texts
+        assert px4.command(SET_MODE, 1, 4, 4)[0] == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+
+
+def test_a_long_text_comes_in_chunks_that_bear_one_id(px4):
+    px4.vehicle.autopilot.tell(6, "Airspeed sensor Nr. 1 ASPD_SCALE updated: 1.0000 --> 1.0020")
+    px4.vehicle.autopilot.tell(6, "Takeoff detected")
+    texts = [m for m in px4.fly(0.1) if m.get_type() == "STATUSTEXT"]
+    assert [(m.id, m.chunk_seq) for m in texts] == [(1, 0), (1, 1), (2, 0)]
+    assert [len(m.text) for m in texts] == [50, 10, 17]
+
+
+def test_it_returns_at_its_return_altitude_above_the_rally_point(px4, item):
+    px4.vehicle.autopilot.parameters.store("RTL_RETURN_ALT", 100.0)
+    rally = item(0, 500.0, 0.0, 90.0, command=mavlink.MAV_CMD_NAV_RALLY_POINT, mission_type=2)
+    px4.send(mavlink.MAVLink_mission_count_message(7, 1, 1, 2))
+    px4.send(rally)
+    px4.command(SET_MODE, 1, 4, 5)
+    px4.fly(60.0)
+    assert px4.vehicle.alt_rel_m == pytest.approx(190.0, abs=1.0)
+
+
+def test_a_return_through_the_fence_s_ceiling_ends_in_hold(px4):
+    px4.vehicle.autopilot.parameters.store("RTL_RETURN_ALT", 190.0)
+    px4.vehicle.autopilot.parameters.store("GF_MAX_VER_DIST", 140.0)
+    px4.command(SET_MODE, 1, 4, 5)
+    assert last(px4.fly(30.0), "HEARTBEAT").custom_mode == LOITER
+
+
+@pytest.mark.parametrize(("timeout_s", "hold_s", "return_s"), [(5, 7.2, 12.3), (10, 12.6, 17.7)])
+def test_without_a_ground_station_it_holds_then_returns_even_if_the_link_is_back(
+    px4, item, timeout_s, hold_s, return_s
+):
+    parameters = px4.vehicle.autopilot.parameters
+    parameters.store("NAV_DLL_ACT", 2)
+    parameters.store("COM_DL_LOSS_T", timeout_s)
+    put(px4, item(0, 9000.0, 0.0))
+    px4.command(SET_MODE, 1, 4, 4)
+    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    px4.send(beat)
+    modes = []
+    for _ in range(200):
+        px4.fly(0.1)
+        modes.append(px4.vehicle.autopilot.mode.name)
+        if len(modes) == round(hold_s * 10) + 10:
+            px4.send(beat)
+    assert modes.index("LOITER") / 10 == pytest.approx(hold_s, abs=0.5)
+    assert modes.index("RTL") / 10 == pytest.approx(return_s, abs=0.5)
+
+
+def test_its_mission_current_comes_once_a_second_and_at_no_other_rate(px4, item):
+    put(px4, item(0, 900.0, 0.0))
+    interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+    assert px4.command(interval, 42, 250_000)[0] == mavlink.MAV_RESULT_FAILED
+    assert len([m for m in px4.fly(5.0) if m.get_type() == "MISSION_CURRENT"]) == 5
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.1])

@@ -34,6 +34,15 @@ def test_every_recorded_flight_is_flown_within_15_m_in_the_median_and_40_m_at_95
     assert np.quantile(everything, 0.95) < 20.0
 
 
+def test_a_take_off_holds_the_heading_of_the_runway_whatever_stands_there():
+    """Flight F: 45 m deep through the obstacle 240 m ahead, since the mission's first point counts later."""
+    path = fly(compared("F1"))
+    places = path[path[:, 0] < 66.0, 1:3]
+    box_m = np.array([[1410.0, 1240.0], [1510.0, 1340.0]])
+    depth_m = np.minimum(places - box_m[0], box_m[1] - places).min(axis=1)
+    assert depth_m.max() > 40.0
+
+
 REPORTED_M = [
     ("G31", 13.0, 1340.0), ("G31", 63.0, 293.0), ("G32", 17.0, -753.0), ("G32", 48.0, -416.0),
     ("C2", 103.0, -419.0), ("G41", 57.0, -463.0), ("G42", 57.0, 426.0),
