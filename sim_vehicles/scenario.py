@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from gcs.config import Config, Table, convert, parse, read_text
+from gcs.config import Config, Table, convert, local_places, parse, read_text
 from gcs.config.tables import Box, NotNegative, Positive, Probability, SystemId
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
@@ -149,7 +149,10 @@ def parse_scenario(text: str, source: str) -> Scenario:
             "simulation",
             "the table is missing: this file describes a mission, but no world to simulate",
         )
-    simulation = convert(config.simulation, Simulation, source, "simulation")
+    raw = dict(config.simulation)
+    if isinstance(raw.get("targets"), list):
+        raw["targets"] = local_places(raw["targets"], config.local_frame, source, "simulation.targets")
+    simulation = convert(raw, Simulation, source, "simulation")
     _cross_check(config, simulation, source)
     return Scenario(config, simulation, source, text)
 

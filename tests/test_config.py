@@ -1,11 +1,16 @@
 """A mission file's mistakes are named: file, key, what was expected."""
 
+import re
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from gcs.cli import app
 from gcs.config import load, parse, read_text, scenario_names
 from gcs.errors import ConfigError
+from gcs.geo import LocalFrame
+from sim_vehicles.scenario import parse_scenario
 
 GOOD = """
 name = "x"
@@ -120,3 +125,82 @@ def test_broken_toml_and_missing_files_say_so(tmp_path: Path) -> None:
     binary.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="cannot be read as text"):
         read_text(str(binary))
+
+
+# ---------------------------------------------------------------- places by latitude and longitude
+
+SIMULATED = """
+[simulation]
+forward_speed_m_s = 15.0
+[[simulation.targets]]
+east_m = 700.0
+north_m = 900.0
+"""
+BORN = GOOD + "[[births]]\neast_m = 700.0\nnorth_m = 900.0\n"
+
+
+def in_degrees(text: str) -> str:
+    """The same file with every place by latitude and longitude."""
+    frame = LocalFrame(33.0, -87.0, 70.0)
+
+    def place(match: re.Match[str]) -> str:
+        lat_deg, lon_deg = frame.to_geodetic(float(match[1]), float(match[2]))
+        return f"lat_deg = {lat_deg:.9f}\nlon_deg = {lon_deg:.9f}"
+
+    return re.sub(r"east_m = ([\d.]+)\nnorth_m = ([\d.]+)", place, text)
+
+
+def test_places_may_be_given_by_latitude_and_longitude() -> None:
+    text = in_degrees(BORN + SIMULATED)
+    assert "east_m" not in text
+    metres, degrees = parse(BORN, "m.toml"), parse(text, "m.toml")
+    for one, other in ((metres.agents, degrees.agents), (metres.births, degrees.births)):
+        assert [(row.east_m, row.north_m) for row in one] == [(row.east_m, row.north_m) for row in other]
+    (target,) = parse_scenario(text, "m.toml").simulation.targets
+    assert (target.east_m, target.north_m) == (700.0, 900.0)
+
+
+def test_check_prints_places_that_a_mission_file_takes(tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(BORN)
+    told = CliRunner().invoke(app, ["check", str(tmp_path / "m.toml")], env={"COLUMNS": "140"})
+    assert told.exit_code == 0, told.output
+    (agent, birth) = re.findall(r"(-?[\d.]+)°, (-?[\d.]+)° \(east", told.output)
+    text = BORN
+    for (east, north), (lat, lon) in (((100.0, 100.0), agent), ((700.0, 900.0), birth)):
+        text = text.replace(f"east_m = {east}\nnorth_m = {north}", f"lat_deg = {lat}\nlon_deg = {lon}")
+    again = parse(text, "m.toml")
+    assert again.agents[0].east_m == pytest.approx(100.0, abs=0.02)
+    assert again.births[0].north_m == pytest.approx(900.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("place", "key", "words"),
+    [
+        ("lat_deg = 33.001", "agents[0]", "the key `lon_deg` is missing"),
+        ("lon_deg = -87.0", "agents[0]", "the key `lat_deg` is missing"),
+        (
+            "lat_deg = 33.001\nlon_deg = -87.0\neast_m = 1.0",
+            "agents[0]",
+            "got east_m and lat_deg and lon_deg",
+        ),
+        ("lat_deg = 33.001\nnorth_m = 1.0", "agents[0]", "expected either"),
+        ("lat_deg = 133.0\nlon_deg = -87.0", "agents[0].lat_deg", "<= 90"),
+        ('lat_deg = "33 N"\nlon_deg = -87.0', "agents[0].lat_deg", "a number"),
+        ("lat_deg = -87.0\nlon_deg = 33.0", "agents[0]", "swapped?"),
+        ("lat_deg = -33.0\nlon_deg = 93.0", "agents[0]", "swapped?"),
+        ("lat_deg = nan\nlon_deg = -87.0", "agents[0].lat_deg", ""),
+        ("lat_deg = 33.5\nlon_deg = -87.0", "agents[0]", "outside the map"),
+    ],
+)
+def test_a_place_given_wrongly_is_named(place: str, key: str, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse(GOOD.replace("east_m = 100.0\nnorth_m = 100.0", place), "m.toml")
+    assert caught.value.key == key
+    assert words in str(caught.value)
+
+
+def test_a_target_of_the_simulation_given_in_both_ways_is_named() -> None:
+    text = GOOD + SIMULATED.replace("east_m = 700.0", "east_m = 700.0\nlat_deg = 33.0")
+    with pytest.raises(ConfigError) as caught:
+        parse_scenario(text, "m.toml")
+    assert caught.value.key == "simulation.targets[0]"

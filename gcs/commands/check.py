@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.command.area import mission_grid
-from gcs.config import load
+from gcs.config import Config, load
+from gcs.config.tables import AgentTable, BirthTable
 from gcs.fence import fence_of, rally_of
 from gcs.model import vehicle_name
 
@@ -55,11 +56,11 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         )
     table.add_row(
         "agents",
-        ", ".join(f"{vehicle_name(a.vehicle)} at ({a.east_m:.0f}, {a.north_m:.0f}) m" for a in config.agents),
+        "\n".join(f"{vehicle_name(a.vehicle)} at {_place(config, a)}" for a in config.agents),
     )
     table.add_row(
         "target births",
-        ", ".join(f"({b.east_m:.0f}, {b.north_m:.0f}) ± {b.std_m:.0f} m" for b in config.births) or "none",
+        "\n".join(f"{_place(config, b)} ± {b.std_m:.0f} m" for b in config.births) or "none",
     )
     table.add_row(
         "tracking",
@@ -88,3 +89,9 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         "yes: `gcs demo` can fly it (its keys are checked by `sim-vehicles`)" if config.simulation else "no",
     )
     console.print(table)
+
+
+def _place(config: Config, row: AgentTable | BirthTable) -> str:
+    """Return a place in both forms that a mission file takes."""
+    lat_deg, lon_deg = config.local_frame.to_geodetic(row.east_m, row.north_m)
+    return f"{lat_deg:.7f}°, {lon_deg:.7f}° (east {row.east_m:.1f} m, north {row.north_m:.1f} m)"

@@ -14,11 +14,12 @@ import msgspec
 
 from gcs.config import contradictions
 from gcs.config.mission import Config
+from gcs.config.places import local_places, with_local_places
 from gcs.config.text import read_text, scenario_names
 from gcs.config.validation import Table, convert
 from gcs.errors import ConfigError
 
-__all__ = ["Config", "Table", "convert", "load", "parse", "read_text", "scenario_names"]
+__all__ = ["Config", "Table", "convert", "load", "local_places", "parse", "read_text", "scenario_names"]
 
 
 def parse(text: str, source: str) -> Config:
@@ -33,7 +34,7 @@ def parse(text: str, source: str) -> Config:
         raw = msgspec.toml.decode(text)
     except (msgspec.DecodeError, ValueError) as error:
         raise ConfigError(source, "", f"not valid TOML: {error}") from None
-    config = convert(raw, Config, source)
+    config = convert(with_local_places(raw, source), Config, source)
     contradictions.check(config, source)
     return config
 

@@ -1,0 +1,80 @@
+"""Places of a mission file by latitude and longitude, put into the local frame before tables are validated.
+
+A place is `east_m` and `north_m`, or `lat_deg` and `lon_deg`; every table behind this module has metres.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from gcs.config.tables import FrameTable, Latitude, Longitude
+from gcs.config.validation import Table, convert
+from gcs.errors import ConfigError
+from gcs.geo import LocalFrame
+
+_DEGREES, _METRES = ("lat_deg", "lon_deg"), ("east_m", "north_m")
+_MAX_DISTANCE_M = 100_000.0
+"""From the origin: a tangent plane is no map of what lies farther."""
+_DIGITS = 3
+"""Millimetres: a corner of the map is not outside of it by rounding."""
+
+
+class _Degrees(Table, frozen=True, kw_only=True):
+    lat_deg: Latitude
+    lon_deg: Longitude
+
+
+def with_local_places(raw: object, source: str) -> object:
+    """Return the plain data of a mission file in which agents and births are given in metres.
+
+    Raises
+    ------
+    ConfigError
+        For a place that is given in both ways or in half of one, or far from the frame's origin.
+    """
+    if not isinstance(raw, dict) or not isinstance(raw.get("frame"), dict):
+        return raw  # which the tables refuse
+    rows = {name: raw[name] for name in ("agents", "births") if isinstance(raw.get(name), list)}
+    if not any(_is_in_degrees(row) for some in rows.values() for row in some):
+        return raw
+    table = convert(raw["frame"], FrameTable, source, "frame")
+    frame = LocalFrame(table.lat_deg, table.lon_deg, table.alt_msl_m)
+    return raw | {name: local_places(some, frame, source, name) for name, some in rows.items()}
+
+
+def local_places(rows: list[Any], frame: LocalFrame, source: str, key: str) -> list[Any]:
+    """Return rows of a list of tables with `east_m` and `north_m` in place of `lat_deg` and `lon_deg`.
+
+    Raises
+    ------
+    ConfigError
+        As `with_local_places`.
+    """
+    return [_local(row, frame, source, f"{key}[{index}]") for index, row in enumerate(rows)]
+
+
+def _is_in_degrees(row: object) -> bool:
+    return isinstance(row, dict) and any(name in row for name in _DEGREES)
+
+
+def _local(row: Any, frame: LocalFrame, source: str, key: str) -> Any:
+    if not _is_in_degrees(row):
+        return row
+    metres = [name for name in _METRES if name in row]
+    if metres:
+        given = " and ".join([*metres, *(name for name in _DEGREES if name in row)])
+        expected = "expected either `east_m` and `north_m`, or `lat_deg` and `lon_deg`"
+        raise ConfigError(source, key, f"{expected}, got {given}")
+    place = convert({name: row[name] for name in _DEGREES if name in row}, _Degrees, source, key)
+    east_m, north_m = frame.to_local(place.lat_deg, place.lon_deg)
+    distance_m = math.hypot(east_m, north_m)
+    if distance_m > _MAX_DISTANCE_M or math.cos(math.radians(place.lon_deg - frame.lon_deg)) < 0.0:
+        raise ConfigError(
+            source,
+            key,
+            f"{place.lat_deg}°, {place.lon_deg}° lies far from the frame's origin "
+            f"({frame.lat_deg:.3f}°, {frame.lon_deg:.3f}°); are latitude and longitude swapped?",
+        )
+    rest = {name: value for name, value in row.items() if name not in _DEGREES}
+    return rest | {"east_m": round(east_m, _DIGITS), "north_m": round(north_m, _DIGITS)}
