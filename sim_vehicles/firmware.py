@@ -117,10 +117,12 @@ def px4_command(
         "FW_AIRSPD_TRIM": spec.forward_speed_m_s,
         "RTL_RETURN_ALT": spec.alt_rel_m,
         "NAV_LOITER_RAD": 40.0,
+        "RTL_LOITER_RAD": 40.0,
         **spec.parameters,
     }
     environment = {
         "PX4_SIM_MODEL": "sihsim_airplane",
+        "PX4_SYS_AUTOSTART": "10041",
         "PX4_SIM_SPEED_FACTOR": f"{speed:g}",
         "PX4_HOME_LAT": f"{lat_deg:.8f}",
         "PX4_HOME_LON": f"{lon_deg:.8f}",
@@ -207,7 +209,10 @@ class Launch:
 
     def _set_mode(self, mode: Mode) -> Any:
         flag = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        return self._command(mavlink.MAV_CMD_DO_SET_MODE, flag, self._personality.custom_mode(mode))
+        custom_mode = self._personality.custom_mode(mode)
+        is_px4 = self._spec.autopilot == "px4"
+        numbers = (custom_mode >> 16 & 0xFF, custom_mode >> 24) if is_px4 else (custom_mode,)
+        return self._command(mavlink.MAV_CMD_DO_SET_MODE, flag, *numbers)
 
     def _interval(self, message_id: int, rate_hz: float) -> Any:
         return self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
