@@ -196,6 +196,8 @@ class Launch:
         match self.stage:
             case Stage.WAITING:
                 commands = [self._interval(number, rate_hz) for number, rate_hz in _STREAMS_HZ.items()]
+                if self._spec.autopilot == "px4":
+                    commands.append(self._accept_missions_without_landing())
                 if self._is_ready:
                     commands.append(self._set_mode(Mode.TAKEOFF))
                 if self._mode is Mode.TAKEOFF:
@@ -206,6 +208,12 @@ class Launch:
             case Stage.LOITERING:
                 return [self._set_mode(Mode.LOITER)]
         return []
+
+    def _accept_missions_without_landing(self) -> Any:
+        """Set MIS_TKO_LAND_REQ to 0. The start script's default of 2 goes before the environment's value."""
+        return mavlink.MAVLink_param_set_message(
+            self._spec.system_id, 1, b"MIS_TKO_LAND_REQ", 0.0, mavlink.MAV_PARAM_TYPE_INT32
+        )
 
     def _set_mode(self, mode: Mode) -> Any:
         flag = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED

@@ -84,14 +84,17 @@ def test_only_the_simulations_own_messages_are_the_truth() -> None:
     assert true_place(vehicle.truth_messages(0)[0]) is None
 
 
-@pytest.mark.skipif("ARDUPLANE" not in os.environ, reason="ARDUPLANE names no ArduPlane SITL binary")
-@pytest.mark.timeout(400)
-def test_arduplane_flies_a_mission(tmp_path: Path) -> None:
-    firmware = "arduplane=" + os.environ["ARDUPLANE"]
+@pytest.mark.parametrize("name", ["arduplane", "px4"])
+@pytest.mark.timeout(600)
+def test_real_firmware_flies_a_mission(tmp_path: Path, name: str) -> None:
+    binary = os.environ.get(name.upper())
+    if not binary:
+        pytest.skip(f"{name.upper()} names no firmware binary")
     done = subprocess.run(
         [sys.executable, "-P", "-c", "from gcs.cli import main; main()", "demo", "prescribed", "--headless",
-         "--speed", "4", "--json", "--out", str(tmp_path / "run"), "--sitl", firmware],
-        capture_output=True, text=True, timeout=350, check=False,
+         "--speed", "4" if name == "arduplane" else "1.5", "--json", "--out", str(tmp_path / "run"),
+         "--sitl", f"{name}={binary}"],
+        capture_output=True, text=True, timeout=550, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     result = json.loads(done.stdout.strip().splitlines()[-1])
