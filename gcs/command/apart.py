@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from gcs.command.aims import place_of
+from gcs.command.situation import Bystander
 from gcs.config import Config
 from gcs.model import Route, Track, vehicle_name
+from gcs.planning.grid import Point
 from gcs.planning.progress import CORRIDOR_M, next_point
 from gcs.planning.separation import Conflict, Flight, least_separation_m, separate
 
@@ -33,6 +35,9 @@ class Lanes:
         self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
         self._lane = own_lanes(config)
         self._newest: dict[int, Route] = {}
+        self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.lane_step_m
+        self.aside: tuple[Bystander, ...] = ()
+        """Vehicles in the air that have no route here: they keep the layer that they are in."""
 
     def of(self, vehicle: int) -> int:
         """Layer that a vehicle has, or gets if it can."""
@@ -50,7 +55,8 @@ class Lanes:
         Routes of vehicles that are not in `changed` are flown already. Who has arrived circles where
         its last route led it.
         """
-        flights = self._flights(routes, changed, agents, arrived)
+        flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
+        flights += self._others(routes, arrived)
         lanes, conflicts = separate(flights, self._count, self._least_m)
         given = [
             replace(route, lane=lanes[route.vehicle]) if route.vehicle in changed else route
@@ -69,27 +75,48 @@ class Lanes:
     ) -> dict[int, float]:
         """Return how near each vehicle comes to another of its lane, with routes in the lanes they have."""
         flights = [
-            replace(flight, lane=route.lane)
-            for flight, route in zip(self._flights(routes, proposed, agents, ()), routes, strict=True)
+            replace(self._flight(r, agents[r.vehicle], r.vehicle not in proposed), lane=r.lane)
+            for r in routes
         ]
-        return least_separation_m([*flights, *self._flights((), (), agents, arrived)])
+        return least_separation_m([*flights, *self._others(routes, arrived)])
 
-    def _flights(
-        self,
-        routes: Sequence[Route],
-        changed: Collection[int],
-        agents: Mapping[int, Track],
-        arrived: Collection[int],
-    ) -> list[Flight]:
-        flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
-        return flights + [self._circling(self._newest[v]) for v in arrived if v in self._newest]
+    def _others(self, routes: Sequence[Route], arrived: Collection[int]) -> list[Flight]:
+        """What vehicles in the air without a route among these fly: they circle, or return."""
+        planned, aside = {route.vehicle for route in routes}, {one.vehicle for one in self.aside}
+        circling = [self._newest[v] for v in arrived if v in self._newest and v not in aside]
+        flights = [self._beside(one, layer) for one, layer in self._layers() if one.vehicle not in planned]
+        return flights + [self._circling(route) for route in circling]
+
+    def is_clear(self, route: Route, routes: Sequence[Route], places: Mapping[int, Point]) -> bool:
+        """Return True if a route keeps clear, in its layer, of others that are flown from where these are."""
+        flights = [self._beside(one, layer) for one, layer in self._layers() if one.vehicle != route.vehicle]
+        flown = [one for one in (*routes, route) if one.vehicle in places]
+        flights += [self._from(one, places[one.vehicle]) for one in flown]
+        _, conflicts = separate(flights, self._count, self._least_m)
+        return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
+
+    def _layers(self) -> Iterator[tuple[Bystander, int]]:
+        """Yield vehicles aside whose heights lie in a layer, with that."""
+        for one in self.aside:
+            layer = round((one.height_m - self._base_m) / self._step_m) if self._count > 1 else 0
+            if 0 <= layer < self._count:
+                yield one, layer
+
+    def _beside(self, one: Bystander, layer: int) -> Flight:
+        points_m = np.array((one.place_m, one.to_m))
+        return Flight(one.vehicle, points_m, self._speeds_m_s[one.vehicle], layer, True)
 
     def _flight(self, route: Route, agent: Track, is_flown: bool) -> Flight:
         place = place_of(agent)
-        first = next_point(route.flown_m, place, CORRIDOR_M) if is_flown else 0
-        points_m = np.vstack((place, route.flown_m[first:]))
-        lane = route.lane if is_flown else self.of(route.vehicle)
-        return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], lane, is_flown)
+        if is_flown:
+            return self._from(route, place)
+        points_m, lane = np.vstack((place, route.flown_m)), self.of(route.vehicle)
+        return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], lane)
+
+    def _from(self, route: Route, place: Point) -> Flight:
+        """What is left of a route that is flown, from where its vehicle is."""
+        points_m = np.vstack((place, route.flown_m[next_point(route.flown_m, place, CORRIDOR_M) :]))
+        return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], route.lane, True)
 
     def _circling(self, route: Route) -> Flight:
         return Flight(

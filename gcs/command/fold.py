@@ -36,7 +36,7 @@ from gcs.command.report_history import ReportHistory
 from gcs.command.rereading import Rereading
 from gcs.command.scan_timing import ScanTiming
 from gcs.command.sensor_watchdog import SensorWatchdog
-from gcs.command.situation import Situation
+from gcs.command.situation import Bystander, Situation
 from gcs.command.takeoffs import Takeoffs
 from gcs.command.takeovers import Takeovers, Unattended
 from gcs.command.tasking import Tasking
@@ -47,6 +47,8 @@ from gcs.command.vehicle_watchdog import VehicleWatchdog
 from gcs.command.witness import Witness
 from gcs.config import Config
 from gcs.mavlink.fleet import Fleet, FleetSettings
+from gcs.mavlink.modes import RTL
+from gcs.mavlink.profiles.profile import is_on_ground
 from gcs.model import (
     NS_PER_S,
     BadInput,
@@ -143,7 +145,7 @@ class Command:
         self._expected_targets = len(config.births)
         self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._needs_word = config.planning.retask == "confirm"
-        self._ended = False
+        self._ended, self._frame = False, config.local_frame
         self._measured_t_ns = 0
 
     def step(self, event: Event) -> list[Effect]:
@@ -397,6 +399,7 @@ class Command:
             late_s={vehicle: self.delays.late_s(vehicle) for vehicle in flying},
             left_s=self._left_s(flying, t_ns),
             climbs=self._climbs(flying),
+            aside=self._bystanders(flying),
             passed=frozenset(filter(self.mission_ends.has_missed, flying)),
             targets=self._open_targets(),
             at_targets=self.fates.at_targets(),
@@ -404,6 +407,21 @@ class Command:
             lost=self.fates.lost(),
             away=away,
         )
+
+    def _bystanders(self, planned: Container[int]) -> tuple[Bystander, ...]:
+        """Vehicles in the air that are not planned for now."""
+        away, found = self.away(), []
+        for state in self.fleet.states():
+            vehicle, home = state.system_id, self.fleet.home(state.system_id)
+            is_there = vehicle in away and self.fates.by_vehicle[vehicle].fate != "dead"
+            if vehicle in planned or not is_there or is_on_ground(state, home):
+                continue
+            place_m = (state.east_m, state.north_m)
+            to_m = place_m
+            if state.mode == RTL and home is not None:
+                to_m = self._frame.to_local(home.lat_deg, home.lon_deg)
+            found.append(Bystander(vehicle, place_m, to_m, self.tasking.height_m(state)))
+        return tuple(found)
 
     def _left_s(self, vehicles: Iterable[int], t_ns: int) -> dict[int, float]:
         """Until vehicles fly the missions that are under way to them."""

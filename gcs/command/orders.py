@@ -163,6 +163,8 @@ class Orders:
         if vehicle in self._errands or state is None or not is_heard:
             return ""
         match order.action:
+            case "resume" if state.mode == LOITER and self._tasking.has_failed(vehicle):
+                return ""  # its next mission need not wait any more
             case "resume" if vehicle not in away:
                 return f"was not set aside, and is in {state.mode or 'a mode that it has not told'}"
             case "hold" | "return" if (self.aside.get(vehicle), state.mode) == (
@@ -263,6 +265,9 @@ class Orders:
             taken = self._replanner.assigned.values()
             if route is None or route.target not in targets or route.target in taken:
                 return LOITER
+            places = {state.system_id: (state.east_m, state.north_m) for state in self._fleet.states()}
+            if not self._replanner.keeps_apart(route, places):
+                return LOITER  # the next plan has a layer for it
             self._replanner.routes[vehicle] = route
         if self.may_fly(vehicle):
             return AUTO

@@ -227,6 +227,7 @@ class Replanner:
         ]
         vehicles = {route.vehicle for route in renewed}
         others = [r for v, r in self._newest.items() if v in situation.agents and v not in vehicles]
+        self._lanes.aside = situation.aside
         given, _ = self._lanes.give([*others, *renewed], vehicles, situation.agents, situation.arrived)
         self.short = self.short - vehicles | result.short & vehicles
         self.unrouted = frozenset(there.keys() - vehicles)
@@ -234,6 +235,13 @@ class Replanner:
         self.proposed |= routes
         self._given_t_ns |= dict.fromkeys(vehicles, situation.t_ns)
         return routes
+
+    def keeps_apart(self, route: Route, places: Mapping[int, Point]) -> bool:
+        """Return True if a route that is flown again keeps clear of those that are flown now.
+
+        `places` (east, north) are where vehicles are.
+        """
+        return self._lanes.is_clear(route, list(self.routes.values()), places)
 
     def separation_m(self, situation: Situation) -> dict[int, float]:
         """Return how near each vehicle will come to another at its altitude; infinite: no other is there."""
@@ -382,6 +390,7 @@ class Replanner:
                 self._given_t_ns[route.vehicle] = situation.t_ns
         self.short = self.short - set(changed) | result.short & set(changed)
         kept.sort(key=lambda route: route.vehicle)
+        self._lanes.aside = situation.aside
         kept, near = self._lanes.give(kept, changed, situation.agents, situation.arrived)
         notes = (*result.notes, *near)
         self.notes = [note for note in notes if note not in self._noted]

@@ -8,7 +8,20 @@ from dataclasses import dataclass, field
 from gcs.command.motions import motion_of
 from gcs.model import Label, Track
 from gcs.planning.climb import Climb
+from gcs.planning.grid import Point
 from gcs.planning.prediction import Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Bystander:
+    """A vehicle in the air that is held, returns, or is flown by somebody else."""
+
+    vehicle: int
+    place_m: Point
+    to_m: Point
+    """Where it flies: home when it returns, else where it is."""
+    height_m: float
+    """Above home."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +50,8 @@ class Situation:
     """Until vehicles fly the mission that is under way to them."""
     climbs: Mapping[int, Climb] = field(default_factory=dict)
     """What agents on the ground, or in their take-off, fly before their routes."""
+    aside: tuple[Bystander, ...] = ()
+    """Vehicles in the air that are not planned for: routes of others keep clear of them."""
     passed: frozenset[int] = frozenset()
     """Vehicles that wait where their routes led them after they passed their targets."""
 

@@ -236,6 +236,10 @@ class Tasking:
         self._custody[vehicle].release()
         self._waiting.forgive(vehicle)
 
+    def has_failed(self, vehicle: int) -> bool:
+        """True if a vehicle did not get or take its last mission: the next one may have to wait."""
+        return self._waiting.has_failed(vehicle)
+
     @property
     def altitude_rel_m(self) -> float:
         """Height above home of the lowest altitude lane."""

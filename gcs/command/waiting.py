@@ -101,6 +101,10 @@ class Waiting:
         self._paused_until_ns[vehicle] = t_ns + pause_ns
         return pause_ns / NS_PER_S
 
+    def has_failed(self, vehicle: int) -> bool:
+        """True if a vehicle's last transfer failed: the next one may have to wait."""
+        return vehicle in self._failures
+
     def forgive(self, vehicle: int) -> None:
         """Forget what went wrong with a vehicle before: it is another case now."""
         for noted in (self._failures, self._paused_until_ns, self._first_began_ns):

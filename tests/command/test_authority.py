@@ -215,6 +215,22 @@ def test_a_vehicle_that_stands_in_rtl_is_resumed_into_hold_and_never_into_auto(a
     assert modes == {profile.mode_numbers("LOITER")}
 
 
+def test_resume_lets_a_px4_that_rejected_its_mission_have_the_next_one_at_once() -> None:
+    stage = airborne(PX4, "AUTO")
+    active, none = dialect.MISSION_STATE_ACTIVE, dialect.MISSION_STATE_NO_MISSION
+    stage.hear(dialect.MAVLink_mission_current_message(1, 4, active))
+    stage.mode = "LOITER"
+    stage.show()
+    stage.hear(dialect.MAVLink_mission_current_message(1, 4, none))
+    assert any("navigator rejects" in text for text in stage.notices())
+    assert stage.order("resume")[0].state == "accepted"
+    stage.wait(3.0)
+    (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
+    assert answer.detail == "LOITER, armed: waits for its next mission"
+    assert not stage.command.tasking.has_failed(1)
+    assert stage.command.away() == {}
+
+
 # ---------------------------------------------------------------- landing
 
 
