@@ -25,6 +25,7 @@ class TextChunks:
         """Return the texts that a STATUSTEXT completes: none while pieces of it are to come.
 
         A text whose end was lost is returned when the next text begins, a lost piece is shown as [...].
+        PX4 ends some of its texts with a tab, which is taken off.
         """
         texts: list[str] = []
         if message.id != self._id:
@@ -33,13 +34,13 @@ class TextChunks:
             self._id, self._said = message.id, []
         text = str(message.text)
         if not message.id:
-            return [*texts, text]
+            return [*texts, text.rstrip()]
         if message.chunk_seq > len(self._said):
             self._said += [_MISSING] * (message.chunk_seq - len(self._said))
         elif message.chunk_seq < len(self._said):
             return texts  # a piece that came twice
         self._said.append(text)
         if len(text) < _CHUNK:
-            texts.append("".join(self._said))
+            texts.append("".join(self._said).rstrip())
             self._id, self._said = 0, []
         return texts

@@ -22,6 +22,7 @@ def joined(messages):
 def test_a_long_text_is_said_once_and_whole():
     assert joined([*pieces(LONG, 3), *pieces("short", 0)]) == [LONG, "short"]
     assert joined(pieces("x" * 100, 4)) == ["x" * 100]
+    assert joined(pieces("Takeoff detected\t", 0)) == ["Takeoff detected"]
 
 
 def test_a_text_of_which_a_piece_was_lost_is_said_with_a_gap():
