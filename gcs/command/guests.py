@@ -12,7 +12,7 @@ Every other word of a guest to a vehicle is told to the operator, now and then.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -52,9 +52,17 @@ class Guests:
         Every MAVLink endpoint.
     vehicles : collection of int
         Ours.
+    is_atomic : callable
+        True for a vehicle whose firmware replaces its mission as a whole, or not at all.
     """
 
-    def __init__(self, links: Iterable[Link], vehicles: Collection[int]) -> None:
+    def __init__(
+        self,
+        links: Iterable[Link],
+        vehicles: Collection[int],
+        is_atomic: Callable[[int], bool] = lambda _vehicle: False,
+    ) -> None:
+        self._is_atomic = is_atomic
         self._networks = {link.name: link.network for link in links if link.role != "vehicles"}
         self._vehicles = frozenset(vehicles)
         self._uploads: dict[int, _Upload] = {}
@@ -129,7 +137,9 @@ class Guests:
         return effects
 
     def _broken(self, vehicle: int, upload: _Upload, t_ns: int, how: str) -> Notice:
-        text = f"the upload of {upload.words} {how}: it may hold a mix of two missions; order it to resume, "
+        is_whole = self._is_atomic(vehicle)
+        left = "it keeps the mission before that" if is_whole else "it may hold a mix of two missions"
+        text = f"the upload of {upload.words} {how}: {left}; order it to resume, "
         return Notice(t_ns, "alarm", text + "and it gets a new one of ours", vehicle)
 
     def _write(

@@ -150,7 +150,7 @@ class Recovery:
                 flown = Flown(one.route, tuple(_item(row) for row in one.items), one.first_point)
                 if not one.spare:
                     self._asked.add(vehicle)
-                self._rereading.begin(flown, t_ns, self._take_up)
+                self._rereading.begin(flown, t_ns, self._take_up, known_t_ns=memory.t_ns)
         return effects
 
     @property

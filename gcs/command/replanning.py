@@ -200,14 +200,6 @@ class Replanner:
         """Plan whatever changed or not: an operator confirmed a plan that cannot be flown as it was shown."""
         return self._plan(situation, [reasons.approved_changed(why)])
 
-    def withdraw_arriving(self, situation: Situation) -> None:
-        """Propose nothing to vehicles that are about to reach their targets by the routes that they fly."""
-        self.proposed = {
-            vehicle: route
-            for vehicle, route in self.proposed.items()
-            if vehicle not in self.routes or not self._is_arriving(self.routes[vehicle], situation)
-        }
-
     def renew(self, assignment: Mapping[int, Label], situation: Situation) -> dict[int, Route]:
         """Plan proposed routes anew from where their vehicles are now, each to the target that it has.
 
@@ -271,7 +263,7 @@ class Replanner:
         came_targets = set(situation.targets) - self._planned_targets
         return [
             *news,
-            *(reasons.gone(v, situation.away.get(v), is_lost=v in situation.lost) for v in sorted(gone)),
+            *(reasons.gone(v, situation.away.get(v)) for v in sorted(gone)),
             *(reasons.joined(v) for v in sorted(came)),
             *(reasons.appeared(t) for t in sorted(came_targets)),
             *(reasons.lost(t) for t in sorted(gone_targets)),

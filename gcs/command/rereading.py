@@ -6,6 +6,10 @@ mission from us: equal, it is as if nothing had happened; different, it is set a
 gave a mission: the operator is told, and it is left alone until he orders it to resume. One that does not
 tell is not tasked either, and asked on.
 
+A vehicle that rebooted is asked, too. It may have lost its mission: one that holds none, and has booted since
+it was known to hold one, stays ours and is planned for again. One that holds none and has not booted was
+cleared by somebody, and is set aside.
+
 Not seen: a mission that somebody wrote to a vehicle while it was heard here all the time, by a link that does
 not pass here. It shows in the next read-back of a transfer at the latest, which then is of ours.
 """
@@ -29,14 +33,18 @@ from gcs.mavlink.pace import Pace
 from gcs.model import Effect, Notice, system_of
 
 _LATE_NS: Final = ns(25.0)
+_BOOT_SLACK_NS: Final = ns(5.0)
+"""A reboot is recognised only after some reports; until then the vehicle was heard."""
 _MISSION: Final[int] = dialect.MAV_MISSION_TYPE_MISSION
 
 
 class _Check:
     """One vehicle's."""
 
-    def __init__(self, flown: Flown, t_ns: int, then: Callable[[Flown], None]) -> None:
+    def __init__(self, flown: Flown, t_ns: int, then: Callable[[Flown], None], known_t_ns: int) -> None:
         self.flown, self.began_t_ns, self.then = flown, t_ns, then
+        self.known_t_ns = known_t_ns
+        """When it was last known to hold this."""
         self.is_late = False
         self.begin(t_ns)
 
@@ -58,6 +66,7 @@ class Rereading:
         self._fleet, self._tasking, self._replanner, self._orders = fleet, tasking, replanner, orders
         self._checks: dict[int, _Check] = {}
         self._returns: dict[int, int] = {}
+        self._heard_t_ns: dict[int, int] = {}
 
     @property
     def hurries(self) -> bool:
@@ -75,10 +84,17 @@ class Rereading:
             v: "does not tell which mission it holds" for v, check in self._checks.items() if check.is_late
         }
 
-    def begin(self, flown: Flown, t_ns: int, then: Callable[[Flown], None] = lambda _flown: None) -> None:
-        """Ask a vehicle whether it still holds this; `then` when it does."""
+    def begin(
+        self,
+        flown: Flown,
+        t_ns: int,
+        then: Callable[[Flown], None] = lambda _flown: None,
+        *,
+        known_t_ns: int,
+    ) -> None:
+        """Ask a vehicle whether it still holds what it held at `known_t_ns`; `then` when it does."""
         vehicle = flown.route.vehicle
-        self._checks[vehicle] = _Check(flown, t_ns, then)
+        self._checks[vehicle] = _Check(flown, t_ns, then, known_t_ns)
         self._tasking.hold_back(vehicle)
 
     def release(self, vehicles: Iterable[int]) -> None:
@@ -88,11 +104,16 @@ class Rereading:
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Take a vehicle's message: part of its answer, perhaps, or the first after a silence."""
+        flown = self._tasking.held_before_boot(vehicle)
         if self._fleet.returns(vehicle) != self._returns.setdefault(vehicle, 0):
             self._returns[vehicle] = self._fleet.returns(vehicle)
-            flown = self._tasking.flown(vehicle)
-            if flown is not None and vehicle not in self._checks and not self._tasking.may_be_mixed(vehicle):
-                self.begin(flown, t_ns)
+            flown = flown or self._tasking.flown(vehicle)
+        known_t_ns = self._heard_t_ns.get(vehicle, t_ns)
+        self._heard_t_ns[vehicle] = t_ns
+        is_being_told = self._tasking.under_way_s(vehicle, t_ns) is not None
+        is_free = vehicle not in self._checks and not is_being_told
+        if flown is not None and is_free and not self._tasking.may_be_mixed(vehicle):
+            self.begin(flown, t_ns, known_t_ns=known_t_ns)
         check = self._checks.get(vehicle)
         if check is None or getattr(message, "mission_type", None) != _MISSION:
             return []
@@ -130,7 +151,17 @@ class Rereading:
         profile = self._fleet.profile(vehicle)
         assert profile is not None  # nothing is asked before it is known
         difference = profile.difference(check.flown.items, check.reading.items)
+        booted_t_ns = self._fleet.booted_t_ns(vehicle)
+        is_empty = len(check.reading.items) <= profile.home_items
+        if is_empty and booted_t_ns is None:
+            check.begin(t_ns)  # until it tells since when it runs
+            return []
         self._end(vehicle)
+        if is_empty and booted_t_ns is not None and booted_t_ns > check.known_t_ns - _BOOT_SLACK_NS:
+            self._tasking.lost_mission(vehicle, booted_t_ns)
+            self._replanner.undelivered(vehicle)
+            text = "holds no mission since it rebooted: it stays ours, and gets a new one"
+            return [Notice(t_ns, "warning", text, vehicle)]
         if difference:
             self._orders.aside[vehicle] = "found"
             self._replanner.drop(vehicle)

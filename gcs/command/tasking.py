@@ -56,6 +56,8 @@ from gcs.planning.prediction import Ahead
 
 _NO_ITEMS: Final = 0xFFFF
 """What PX4 gives as the number of items of no mission."""
+_BOOT_NS: Final = 10 * NS_PER_S
+"""So soon after a boot a mode is the one that the vehicle came up in."""
 _ITEMS_ON_THEIR_WAY: Final = 12
 """Over one link at a time; each of its transfers has one of them at least."""
 
@@ -126,6 +128,9 @@ class Tasking:
         self._mission_state: dict[int, int] = {}
         """MISSION_CURRENT's, as it was heard last."""
         self._boots: dict[int, int] = {}
+        self._before_boot: dict[int, Flown] = {}
+        self._taken_t_ns: dict[int, int] = {}
+        """When the mode was heard by which somebody took a vehicle."""
         self._mission_count = 0
         self._home_problems: dict[int, str] = {}
 
@@ -182,8 +187,20 @@ class Tasking:
         return self._holding.points_ahead(vehicle)
 
     def may_be_mixed(self, vehicle: int) -> bool:
-        """Whether a transfer is under way to a vehicle, or left a mix behind."""
-        return vehicle in self._deliveries or vehicle in self._mixed
+        """Whether a transfer is under way, or left a mix behind; never where uploads are atomic."""
+        is_unsure = vehicle in self._deliveries or vehicle in self._mixed
+        return is_unsure and not self._fleet.is_atomic(vehicle)
+
+    def lost_mission(self, vehicle: int, booted_t_ns: int) -> None:
+        """Note that a vehicle lost its mission when it booted; a LOITER that it came up in, nobody chose."""
+        self.overwritten(vehicle)
+        heard_t_ns = self._taken_t_ns.get(vehicle, booted_t_ns)
+        if -NS_PER_S < heard_t_ns - booted_t_ns < _BOOT_NS:
+            self._custody[vehicle].rejected()
+
+    def held_before_boot(self, vehicle: int) -> Flown | None:
+        """Return, once, what a vehicle held when it rebooted; None where a transfer finds that out."""
+        return self._before_boot.pop(vehicle, None)
 
     def found(self, flown: Flown) -> None:
         """Note what a vehicle was found to hold."""
@@ -331,9 +348,14 @@ class Tasking:
         if message.get_type() != "HEARTBEAT":
             return []
         custody = self._custody[vehicle]
+        before = custody.taken
         custody.heard(
             profile.mode_name(message.custom_mode), at_end=self._holding.is_at_end(vehicle, profile)
         )
+        if custody.taken != before:
+            self._taken_t_ns[vehicle] = t_ns
+        if profile.atomic:
+            self._mixed.discard(vehicle)
         if vehicle in self._mixed and vehicle not in self._deliveries:
             return self._clean(vehicle, t_ns)
         return []
@@ -362,9 +384,11 @@ class Tasking:
         self._boots[vehicle] = self._fleet.boots(vehicle)
         self._custody[vehicle].rebooted()
         self._first_legs.end(vehicle)
+        flown, delivery = self._holding.of(vehicle), self._deliveries.get(vehicle)
+        if flown is not None and delivery is None:
+            self._before_boot[vehicle] = flown
         self._holding.forget(vehicle)
         self._holding.select(vehicle)
-        delivery = self._deliveries.get(vehicle)
         return [] if delivery is None else self._worked(vehicle, delivery.task.restart(t_ns))
 
     def _wait_s(self, vehicle: int, t_ns: int) -> float:
@@ -410,7 +434,7 @@ class Tasking:
         from_ground = is_on_ground(state, fleet.home(vehicle))
         old, mixed = self._holding.of(vehicle), vehicle in self._mixed
         link = fleet.link(vehicle)
-        round_trip_s = self._lanes[link].round_trip_s
+        round_trip_s = self._lanes[link].round_trip_s or fleet.round_trip_s(vehicle)
         task = MissionTask(
             mission,
             home,

@@ -35,6 +35,8 @@ _LIST_TRIES: Final = 24
 _TRIES: Final = 20
 _TRIES_IN_ORDER: Final = 10
 """Then the vehicle has ended the conversation."""
+_ANSWER_S: Final = 15.0
+"""The same without an order, and so long at the least."""
 _BEGINNINGS: Final = 10
 
 
@@ -96,7 +98,7 @@ class ReadBack:
         if again and t_ns - self._heard_t_ns >= ns(self._pace.wait_s):  # nothing comes: more than a loss
             self._heard_t_ns = t_ns
             self._pace.late()
-        return [one.question for one in due]
+        return [one.question for one in due for _ in range(self._pace.copies if one.sent > 1 else 1)]
 
     def unanswered(self, t_ns: int) -> bool:
         """Whether it is in vain."""
@@ -141,14 +143,16 @@ class ReadBack:
         self._items.clear()
         self._asked.clear()
         question = dialect.MAVLink_mission_request_list_message(*self._to, self._type)
-        self._list = Asking(question, self._pace.patience(_LIST_TRIES), t_ns)
+        self._list = Asking(question, self._pace.patience(_LIST_TRIES, _ANSWER_S), t_ns)
 
     def _fill(self, t_ns: int) -> None:
         assert self.count is not None
-        window, tries = (1, _TRIES_IN_ORDER) if self._window is None else (self._window(), _TRIES)
+        window, patience = 1, self._pace.patience(_TRIES_IN_ORDER)
+        if self._window is not None:
+            window, patience = self._window(), self._pace.patience(_TRIES, _ANSWER_S)
         while len(self._asked) < window and self._next < self.count:
             question = dialect.MAVLink_mission_request_int_message(*self._to, self._next, self._type)
-            self._asked[self._next] = Asking(question, self._pace.patience(tries), t_ns)
+            self._asked[self._next] = Asking(question, patience, t_ns)
             self._next += 1
 
 
@@ -157,6 +161,9 @@ class Sending:
 
     A request that runs ahead of what was sent belongs to an older session whose MISSION_COUNT was ours too,
     and is not answered.
+
+    With `last_when_asked` the last item is not sent unasked: to a PX4 that has all of them, any other item
+    that comes again is an error, which it tells the operator.
     """
 
     def __init__(
@@ -166,7 +173,10 @@ class Sending:
         pace: Pace,
         window: Callable[[], int] = lambda: 1,
         mission_type: int = _MISSION,
+        *,
+        last_when_asked: bool = False,
     ) -> None:
+        self._last_when_asked = last_when_asked
         self.next = 0
         """Items sent so far."""
         self.acked = False
@@ -207,8 +217,10 @@ class Sending:
         if self._quiet_t_ns is None or t_ns < self._quiet_t_ns:
             return []
         self._pace.late()
-        end = min(self.next + 1, self._asked + self._window(), len(self._items))
-        return self._sent(self._asked, end, t_ns, current)
+        last = len(self._items) - 1
+        most = len(self._items) if self._asked == last or not self._last_when_asked else last
+        end = min(self.next + 1, self._asked + self._window(), most)
+        return self._sent(self._asked, end, t_ns, current) * self._pace.copies
 
     def _sent(self, first: int, end: int, t_ns: int, current: int) -> list[Message]:
         for seq in range(first, end):

@@ -41,7 +41,7 @@ from gcs.mavlink.counters import LinkCounters, Stranger, Strangers, total
 from gcs.mavlink.heartbeats import heartbeat, is_heartbeat, is_vehicles
 from gcs.mavlink.items import Home
 from gcs.mavlink.profiles import Profile
-from gcs.mavlink.row import ADDRESS, DUE_NS, HEARD_NS, LEG, NOBODY, SIGNS, new_row
+from gcs.mavlink.row import ADDRESS, BOOT_OFFSET_NS, DUE_NS, HEARD_NS, LEG, NOBODY, PLACES, SIGNS, new_row
 from gcs.mavlink.telling import Telling
 from gcs.mavlink.vehicle import Address, Health, Tell, Vehicle
 from gcs.mavlink.wants import Wants
@@ -231,8 +231,8 @@ class Fleet:
         if message is None and frame.message_id in self._needed:
             message = frame.message()
         silent_ns = t_ns - vehicle.heard_t_ns
-        if vehicle.liveness in ("stale", "down"):
-            if vehicle.liveness == "down":
+        if vehicle.liveness in ("stale", "lost"):
+            if vehicle.liveness == "lost":
                 vehicle.returns += 1
                 vehicle.attend()
                 self._contact(vehicle, address)
@@ -336,8 +336,8 @@ class Fleet:
         """Say who falls silent, who is lost, and whose id nobody else claims any more."""
         tell, silent_ns = self._teller(t_ns, vehicle.system_id), t_ns - vehicle.heard_t_ns
         if vehicle.liveness in ("alive", "stale") and silent_ns > self._lost_after_ns:
-            vehicle.liveness, vehicle.row[ADDRESS] = "down", NOBODY
-            tell("alarm", f"link down: not heard for {silent_ns / NS_PER_S:.1f} s")
+            vehicle.liveness, vehicle.row[ADDRESS] = "lost", NOBODY
+            tell("alarm", f"not heard for {silent_ns / NS_PER_S:.1f} s: lost")
         elif vehicle.liveness == "alive" and silent_ns > self._stale_after_ns:
             vehicle.liveness, vehicle.row[ADDRESS] = "stale", NOBODY
             tell("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
@@ -391,9 +391,23 @@ class Fleet:
         """Profile of the vehicle's firmware; None when it has not been heard or is not known here."""
         return self._vehicles[system_id].profile
 
+    def is_atomic(self, system_id: int) -> bool:
+        """Return True if the vehicle's firmware is known to replace a mission as a whole, or not at all."""
+        profile = self._vehicles[system_id].profile
+        return profile is not None and profile.atomic
+
+    def booted_t_ns(self, system_id: int) -> int | None:
+        """Return when the vehicle booted, by its newest position; None before the first."""
+        row = self._vehicles[system_id].row
+        return row.item(BOOT_OFFSET_NS) if row[PLACES] else None
+
     def returns(self, system_id: int) -> int:
         """Times that the vehicle was heard again after it had been lost."""
         return self._vehicles[system_id].returns
+
+    def round_trip_s(self, system_id: int) -> float:
+        """Return how long the vehicle takes to answer a command; 0 before that was measured."""
+        return self._vehicles[system_id].wants.round_trip_s
 
     def boots(self, system_id: int) -> int:
         """Reboots of the vehicle seen so far."""

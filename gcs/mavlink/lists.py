@@ -32,6 +32,8 @@ class ListTiming:
     """Bounds of each step, as `gcs.mavlink.task.Timing`."""
 
     tries: int = 6
+    answer_s: float = 6.0
+    """For at least so long a question is repeated."""
     silence_s: float = 8.5
     last_ack_s: float = 2.5
     settle_s: float = 1.2
@@ -142,7 +144,7 @@ class ListTask:
         self._reading = ReadBack(self._to, self._pace, t_ns, mission_type=self.mission_type)
 
     def _ask(self, question: Message, t_ns: int) -> None:
-        self._asking = Asking(question, self._pace.patience(self._timing.tries), t_ns)
+        self._asking = Asking(question, self._pace.patience(self._timing.tries, self._timing.answer_s), t_ns)
 
     def _again(self, reason: str, t_ns: int) -> None:
         if self._uploads >= self._timing.uploads:

@@ -109,7 +109,9 @@ class Steps:
         self._verdict: tuple[int, str] | None = None
         self._pace = pace or Pace()
         self._window = lambda: min(profile.window, room())
-        self._sending = Sending(self.items, self._to, self._pace, self._window)
+        self._sending = Sending(
+            self.items, self._to, self._pace, self._window, last_when_asked=profile.in_order
+        )
         self._reading: ReadBack | None = None
         self._cleared = False
         self._was_mixed = mixed
@@ -162,7 +164,7 @@ class Steps:
         self._ask(question, t_ns + ns(pause_s), patience)
 
     def _ask(self, question: Message | None, t_ns: int, patience: Patience | None = None) -> None:
-        patience = patience or self._pace.patience(self._timing.tries)
+        patience = patience or self._pace.patience(self._timing.tries, self._timing.answer_s)
         self._asking = Asking(question, patience, t_ns) if question is not None else None
 
     def _park(self, t_ns: int) -> None:
@@ -197,7 +199,7 @@ class Steps:
 
     def _read(self, t_ns: int) -> None:
         self._asking = None
-        window = self._window if self._profile.window > 1 else None
+        window = None if self._profile.in_order else self._window
         self._reading = ReadBack(self._to, self._pace, t_ns, window)
 
     def _begin_at(self) -> int:
@@ -314,9 +316,10 @@ class Steps:
                 self._out.append(
                     self._ack(dialect.MAV_MISSION_ACCEPTED)
                 )  # without it PX4 would not hear the question for 5 s
-            self._out.append(self._asking.question)
+            copies = self._pace.copies if self._asking.sent > 1 else 1
+            self._out += [self._asking.question] * copies
             if self.stage == "select":
-                self._out.append(self._current_please())
+                self._out += [self._current_please()] * copies
         if self._reading is not None:
             self._out += self._reading.due(t_ns)
         out, self._out = self._out, []

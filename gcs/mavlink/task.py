@@ -23,6 +23,8 @@ class Timing:
 
     tries: int = 24
     """Times that MISSION_COUNT, MISSION_CLEAR_ALL or a command is sent."""
+    answer_s: float = 20.0
+    """For at least so long."""
     hold: Patience = field(default_factory=lambda: Patience(wait_s=0.25, wait_max_s=1.0, tries=40))
     """LOITER, on which a vehicle's safety may hang."""
     silence_s: float = 8.5

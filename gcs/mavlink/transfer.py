@@ -108,7 +108,7 @@ class MissionTask(Steps):
             self._silent(t_ns)
         elif any(one is not None and one.unanswered(t_ns) for one in (self._asking, self._reading)):
             self._unanswered(t_ns)
-        elif self.stage == "upload":
+        elif self.stage == "upload" and self._verdict is None:
             self._out += self._sending.due(t_ns, self._mark)
         return self._sent(t_ns)
 

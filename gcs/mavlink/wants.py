@@ -70,6 +70,10 @@ class Wants:
         self._asking: dict[int, tuple[_Want, Asking]] = {}
         self.idle_until_ns = 0
         """Before then nothing is due, unless something is heard."""
+        self.round_trip_s = 0.0
+        """From a rate's question to its ACK; 0 before that was measured."""
+        self._is_plain = True
+        """True if no rate was asked for twice, so that an ACK answers the question on its way."""
 
     def begin(self) -> None:
         """Ask for everything: on contact, after a reboot, after a silence."""
@@ -115,12 +119,19 @@ class Wants:
                     self._met(want)
 
     def acknowledged(self, ack: Message, t_ns: int) -> str:
-        """Take a COMMAND_ACK; returns the message type that the vehicle finally refuses to give."""
+        """Take a COMMAND_ACK; returns the message type that the vehicle finally refuses to give.
+
+        Not one that comes all the same: PX4 refuses a rate for MISSION_CURRENT, and sends it once a second.
+        """
         number, result = ack.command, ack.result
-        want, _ = self._asking.get(number, (None, None))
+        want, asking = self._asking.get(number, (None, None))
         ours = ack.target_system in (0, self._own[0]) and ack.target_component in (0, self._own[1])
         if want is None or not ours or result == dialect.MAV_RESULT_IN_PROGRESS:
             return ""
+        if asking is not None and number == MESSAGE_INTERVAL:
+            took_s = asking.took_s(t_ns)
+            self._is_plain &= took_s is not None
+            self.round_trip_s = took_s if took_s and self._is_plain else self.round_trip_s
         if result == dialect.MAV_RESULT_ACCEPTED:
             if number == MESSAGE_INTERVAL:
                 want.seen_t_ns = t_ns
@@ -132,7 +143,8 @@ class Wants:
         if want.refusals < _REFUSALS:
             return ""
         self._met(want)
-        return want.shows
+        comes_by_itself = want.seen_t_ns > 0 and t_ns - want.seen_t_ns <= want.dry_ns
+        return "" if comes_by_itself else want.shows
 
     def _met(self, want: _Want) -> None:
         want.met = True

@@ -68,7 +68,6 @@ Cause: TypeAlias = Literal[
     "taken up again",
     "map changed",
     "agent lost",
-    "agent not tracked",
     "agent set aside",
     "agent joined",
     "agent idle",

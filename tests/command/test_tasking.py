@@ -157,19 +157,19 @@ def holds_in_flight():
 
 def test_on_a_lossy_link_a_transfer_is_let_end_though_ever_newer_routes_come(monkeypatch):
     """A vehicle would circle for minutes over transfers that all give way to the next one."""
-    assert sum(report.ok for report in re_tasked_on_a_bad_link().reports()) >= 4
+    delivered = sum(report.ok for report in re_tasked_on_a_bad_link().reports())
     monkeypatch.setattr("gcs.command.waiting._REPLACED_NS", 10**12)
-    assert re_tasked_on_a_bad_link().reports() == []
+    assert delivered >= 3 * max(1, len(re_tasked_on_a_bad_link().reports()))
 
 
 def re_tasked_on_a_bad_link():
     swarm, rng = Swarm(1), np.random.default_rng(1)
     plane = swarm.planes[1]
     hear = plane.receive
-    plane.receive = lambda data, t_ns: hear(data, t_ns) if rng.random() > 0.7 else []
-    for n in range(80):
+    plane.receive = lambda data, t_ns: hear(data, t_ns) if rng.random() > 0.8 else []
+    for n in range(120):
         swarm.task(1, ROUTE + float(n))
-        swarm.run(2.0)
+        swarm.run(1.0)
     return swarm
 
 
@@ -276,3 +276,19 @@ def test_a_px4_that_somebody_holds_and_clears_is_theirs():
     px4.store, px4.valid = [], False
     swarm.run(3.0)
     assert 1 in swarm.tasking.taken()
+
+
+def test_nothing_false_is_said_of_a_px4():
+    """It refuses a rate for MISSION_CURRENT, and sends it all the same; and it never holds a mix."""
+    swarm = px4_swarm()
+    swarm.run(10.0)
+    assert not [notice.text for notice in swarm.fleet.notices() if "does not give" in notice.text]
+    swarm.mute = {1}
+    swarm.task(1)
+    assert swarm.tasking.under_way
+    assert not swarm.tasking.may_be_mixed(1)
+    swarm.mute = set()
+    swarm.tasking.suspect(1)  # as after a restart, before it is heard
+    swarm.run(5.0)
+    assert alarms(swarm) == []
+    assert swarm.planes[1].store

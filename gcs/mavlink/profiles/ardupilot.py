@@ -179,6 +179,7 @@ ARDUPLANE: Final = Profile(
     home_items=1,
     atomic=False,
     window=6,
+    in_order=False,
     tracks_old_leg=True,
     marks_current=False,
     ends_in=RTL,

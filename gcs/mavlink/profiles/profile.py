@@ -123,7 +123,10 @@ class Profile:
     """Whether an upload replaces the old mission as a whole, at its end; otherwise item by item, in place."""
     window: int
     """Items of a mission that may be on their way at a time: sent without a request after a silence, or asked
-    for in a read-back; 1 where the order matters."""
+    for in a read-back."""
+    in_order: bool
+    """True if a read-back must ask for one item after the other, and an upload's last item must have been
+    asked for."""
     tracks_old_leg: bool
     """True if a leg may start at the waypoint that was flown to before, not where the vehicle is."""
     marks_current: bool

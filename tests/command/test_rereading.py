@@ -1,0 +1,53 @@
+"""A vehicle would circle without a mission for ever, or one that somebody cleared would be sent out again."""
+
+from collections.abc import Callable
+
+import pytest
+from test_recovery import SEED, standing, through_the_journal
+
+from gcs.model import Effect, Notice, UploadReport
+from sim_vehicles.personality import Mode
+from sim_vehicles.virtual import VirtualRun
+
+S = 1_000_000_000
+
+
+def emptied(run: VirtualRun, *, reboots: bool) -> None:
+    """Leave vehicle 3 in LOITER without a mission."""
+    autopilot = run.vehicles["vehicle:3"].autopilot
+    autopilot.set_mode(Mode.LOITER)
+    autopilot.mission._items = []
+    autopilot.mission_cleared()
+    if reboots:
+        autopilot.boot_t_ns = run.t_ns
+
+
+def flown(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[VirtualRun, list[Effect]]:
+    effects: list[Effect] = []
+    run = VirtualRun(standing(), SEED)
+    run.run(40.0)
+    run.on_effect = lambda _t_ns, effect: effects.append(effect)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    then(run)
+    if restarts:
+        run.restart(4.0, memory)
+    run.run(80.0)
+    return run, [effect for effect in effects if getattr(effect, "vehicle", None) == 3]
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(restarts: bool) -> None:
+    run, effects = flown(lambda run: emptied(run, reboots=True), restarts=restarts)
+    told = [effect.text for effect in effects if isinstance(effect, Notice)]
+    assert "holds no mission since it rebooted: it stays ours, and gets a new one" in told
+    assert 3 not in run.command.away()
+    assert any(effect.ok for effect in effects if isinstance(effect, UploadReport))
+    assert run.vehicles["vehicle:3"].autopilot.mode is Mode.AUTO
+
+
+def test_a_vehicle_that_somebody_cleared_while_nobody_watched_is_left_alone() -> None:
+    run, effects = flown(lambda run: emptied(run, reboots=False), restarts=True)
+    told = [effect.text for effect in effects if isinstance(effect, Notice)]
+    assert any("holds another mission than the one it was given" in text for text in told)
+    assert run.command.orders.aside == {3: "found"}
+    assert not [effect for effect in effects if isinstance(effect, UploadReport)]
