@@ -8,11 +8,9 @@ What it shares with ArduPlane, because ground stations trip over it:
 - A mission that ends goes to RTL, and so does AUTO without a mission.
 - Entering AUTO resumes at the current item (from the first, when the mission had been completed or shortened
   below it).
-- A leg begins at the waypoint before, and its line is followed. A leg that is begun by a mode change, or
-  after a take-off, is flown straight from where the vehicle is.
-- ``DO_SET_MISSION_CURRENT`` in flight begins the new leg at the OLD waypoint: the firmware starts the item,
-  and only then clears the flag that says where legs begin. So the second such command, and the leg after
-  the first one, begin where the vehicle is. The message ``MISSION_SET_CURRENT`` clears the flag first.
+- A leg begins at the waypoint before, and its line is followed (`sim_vehicles.legs`). An item that
+  ``DO_SET_MISSION_CURRENT`` selects in flight begins at the OLD waypoint; by the second such command, or by
+  ``MISSION_SET_CURRENT``, it begins where the vehicle is.
 - A waypoint is passed within its radius, or beyond the finish line of its leg, however far off.
 - A take-off holds the heading of the runway up to its altitude.
 - Arming is refused for a while after boot, while a pre-arm check fails, and in RTL.
@@ -28,7 +26,6 @@ Positions are local east/north metres; altitudes are metres above the local fram
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -39,6 +36,7 @@ from sim_vehicles.failsafe import Failsafe, PlaneFailsafe
 from sim_vehicles.fence import FenceGuard
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.guidance import Circle, Goal, Straight, ToPoint, Tuning, density_ratio
+from sim_vehicles.legs import Legs
 from sim_vehicles.missions import MISSION, Item, MissionStore
 from sim_vehicles.parameters import Parameters
 from sim_vehicles.personality import ARDUPLANE, Mode, Personality
@@ -100,10 +98,7 @@ class Autopilot:
         self.goal: Goal = Straight(airframe.heading_rad)
         self.alt_command_m = airframe.alt_rel_m
         self._command = 0.0
-        self._point = (airframe.east_m, airframe.north_m)
-        """Where the last leg led to: the next one may begin there."""
-        self._legs_join = False
-        """True if the next leg begins where the last one led to; otherwise where the vehicle is."""
+        self.legs = Legs(airframe)
         self.failsafe = self._failsafe(self)
         self._mission_running = False
         self._mission_complete = False
@@ -128,7 +123,7 @@ class Autopilot:
         self.mode = mode
         airframe = self.airframe
         airframe.is_climbing_out = False
-        self._leave_path()
+        self.legs.leave()
         if mode is Mode.AUTO:
             self._resume_mission()
         elif mode is Mode.RTL:
@@ -194,7 +189,7 @@ class Autopilot:
         """
         seq = max(seq, self._first)
         if by_message:
-            self._legs_join = False
+            self.legs.do_join = False
         if seq >= len(self.mission):
             return False
         self._mission_complete = False
@@ -202,7 +197,7 @@ class Autopilot:
             self._start_item(seq)
         else:
             self.seq = seq
-        self._legs_join = self._legs_join and by_message
+        self.legs.do_join = self.legs.do_join and by_message
         return True
 
     def mission_cleared(self) -> None:
@@ -216,7 +211,7 @@ class Autopilot:
         self._mission_complete = False
         self.seq = first if first is not None else self.seq if self.seq < len(self.mission) else self._first
         if self._mission_running:
-            self._leave_path()
+            self.legs.leave()
             self._start_item(self.seq)
 
     def guide_to(self, east_m: float, north_m: float, alt_m: float | None, radius_m: float = 0.0) -> bool:
@@ -301,17 +296,18 @@ class Autopilot:
         item, goal, airframe = self._item, self.goal, self.airframe
         if item is None or self._landing:
             return
-        if isinstance(goal, ToPoint):
+        if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            if self._is_alt_reached():
+                self.tell(mavlink.MAV_SEVERITY_INFO, f"Takeoff complete at {airframe.alt_rel_m:.2f}m")
+                airframe.is_climbing_out = False
+                self.legs.leave()
+                self._next_item()
+        elif isinstance(goal, ToPoint):
             if item.command == mavlink.MAV_CMD_NAV_LAND:
                 glide_m = self.home.alt_m + _GLIDE_SLOPE * goal.distance_m(airframe)
                 self.alt_command_m = min(self.alt_command_m, glide_m)
             if goal.is_reached(airframe):
                 self._waypoint_reached(item, goal)
-        elif item.command == mavlink.MAV_CMD_NAV_TAKEOFF and self._is_alt_reached():
-            self.tell(mavlink.MAV_SEVERITY_INFO, f"Takeoff complete at {airframe.alt_rel_m:.2f}m")
-            airframe.is_climbing_out = False
-            self._leave_path()
-            self._next_item()
 
     def _waypoint_reached(self, item: Item, goal: ToPoint) -> None:
         distance_m = goal.distance_m(self.airframe)
@@ -359,35 +355,23 @@ class Autopilot:
         alt_m = self._alt_m(item)
         self.tell(mavlink.MAV_SEVERITY_INFO, f"Mission: {seq} {ITEM_NAMES[item.command]}")
         if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
-            leg = self._begin_leg(east_m, north_m, 0.0)
+            leg = self.legs.begin(east_m, north_m, 0.0)
             self._fly(self._circle(east_m, north_m, item.param3, leg), alt_m)
         elif item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             airframe.is_climbing_out = True
-            self._fly(Straight(airframe.heading_rad), alt_m)
+            self._fly(self._climb_goal(item), alt_m)
         elif item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self.set_mode(Mode.RTL)
         else:
             # A landing glides down from wherever it is.
             is_landing = item.command == mavlink.MAV_CMD_NAV_LAND
             radius_m = 0.0 if is_landing else item.param2
-            leg = self._begin_leg(east_m, north_m, radius_m or self.parameters["WP_RADIUS"])
+            leg = self.legs.begin(east_m, north_m, radius_m or self.parameters["WP_RADIUS"])
             self._fly(leg, airframe.alt_rel_m if is_landing else alt_m)
 
-    def _begin_leg(self, east_m: float, north_m: float, accept_radius_m: float) -> ToPoint:
-        here = self.airframe.east_m, self.airframe.north_m
-        is_tracked, self._legs_join = self._legs_join, True
-        begin = self._point if is_tracked else here
-        leg = ToPoint(
-            east_m, north_m, east_m - begin[0], north_m - begin[1], accept_radius_m, is_tracked
-        )  # fmt: skip
-        if leg.is_past(self.airframe):  # it would be over at once
-            leg = replace(leg, leg_east_m=east_m - here[0], leg_north_m=north_m - here[1])
-        self._point = east_m, north_m
-        return leg
-
-    def _leave_path(self) -> None:
-        """Let the next leg begin where the vehicle is."""
-        self._point, self._legs_join = (self.airframe.east_m, self.airframe.north_m), False
+    def _climb_goal(self, _item: Item) -> Goal:
+        """Where a take-off goes: along the runway, whatever place it names."""
+        return Straight(self.airframe.heading_rad)
 
     def _place(self, item: Item) -> tuple[float, float]:
         if item.x == 0 and item.y == 0:  # ArduPilot takes this as "here"

@@ -7,6 +7,7 @@ Seen on PX4 1.17-dev (SIH airplane), and read in its navigator:
   ``mission_state`` NO_MISSION. AUTO is TEMPORARILY_REJECTED then, and arming in AUTO is refused.
 - Armed on the ground in AUTO, it takes off with its stored mission from item 0, landed before or not.
 - A mission that is stored in AUTO is flown at once, from where the vehicle is.
+- A take-off flies towards its place while it climbs.
 - It returns at RTL_RETURN_ALT above its rally point or home, and no lower than it is.
 """
 
@@ -17,6 +18,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_vehicles.autopilot import Autopilot
 from sim_vehicles.autopilot_state import MissionState
 from sim_vehicles.failsafe import Px4Failsafe
+from sim_vehicles.guidance import Goal
+from sim_vehicles.missions import Item
 from sim_vehicles.personality import Mode
 
 _TAKE_OFF, _LANDING, _BOTH, _BOTH_OR_NEITHER, _LANDING_IN_AIR = 1, 2, 3, 4, 5
@@ -87,6 +90,9 @@ class Px4Autopilot(Autopilot):
             self._mission_complete = True
             self._resume_mission()
         return True
+
+    def _climb_goal(self, item: Item) -> Goal:
+        return self.legs.begin(*self._place(item), 0.0)
 
     def _is_launching(self) -> bool:
         return self.mode is Mode.TAKEOFF or (self.mode is Mode.AUTO and self._mission_running)

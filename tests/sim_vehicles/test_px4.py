@@ -133,6 +133,15 @@ def test_armed_on_the_ground_in_auto_it_takes_off_with_its_old_mission(ground, i
     assert px4.vehicle.alt_rel_m > 20.0
 
 
+def test_its_take_off_flies_towards_its_place(ground, item):
+    px4 = ground(autopilot="px4", airborne=False, arming_delay_s=0.0)  # heading east
+    put(px4, takeoff(item), item(1, 300.0, 300.0))
+    px4.command(SET_MODE, 1, 4, 4)
+    px4.command(ARM, 1)
+    px4.fly(10.0)
+    assert px4.vehicle.north_m > 50.0
+
+
 @pytest.mark.parametrize(
     ("wants", "lands", "is_flown"),
     [(0, False, True), (1, False, False), (1, True, False), (2, False, False), (2, True, True)],

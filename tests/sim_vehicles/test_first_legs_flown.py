@@ -1,0 +1,53 @@
+"""How the service selects a mission in flight decides how its first leg is flown; here it is flown."""
+
+from __future__ import annotations
+
+import pytest
+
+from gcs.mavlink import commands, steps
+from gcs.model import Fate, Notice
+from sim_vehicles.guidance import ToPoint
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import VirtualRun
+
+
+def by_one_command(vehicle, profile, item):
+    """As the service selected once: DO_SET_MISSION_CURRENT, sent once."""
+    return commands.command(vehicle, 224, max(item, profile.home_items))
+
+
+def flown(seconds=300.0):
+    """Fly `prescribed`; return the largest cross-track error in metres, notices of first legs, arrivals."""
+    notices, arrived, most_m = [], set(), 0.0
+
+    def keep(_t_ns, effect):
+        if isinstance(effect, Notice) and "off its line" in effect.text:
+            notices.append(effect.text)
+        elif isinstance(effect, Fate) and effect.fate == "arrived":
+            arrived.add(effect.vehicle)
+
+    run = VirtualRun(load("prescribed"), 1, on_effect=keep)
+    t_s = run.run(10.0)
+    while not run.ended and t_s < seconds:
+        t_s = run.run(t_s + 0.5)
+        for vehicle in run.vehicles.values():
+            goal = vehicle.autopilot.goal
+            if vehicle.alive and isinstance(goal, ToPoint):
+                most_m = max(most_m, abs(goal.cross_track_m(vehicle.airframe)))
+    return most_m, notices, arrived
+
+
+def test_re_tasked_vehicles_stay_near_the_lines_of_their_missions():
+    most_m, notices, arrived = flown()
+    assert most_m < 60.0
+    assert not notices
+    assert arrived == {1, 3, 4}
+
+
+def test_the_command_sent_once_starts_first_legs_hundreds_of_metres_off_and_it_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr(steps, "select", by_one_command)
+    most_m, notices, _ = flown()
+    assert most_m > 200.0
+    assert notices
