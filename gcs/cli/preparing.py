@@ -32,6 +32,37 @@ def scenarios() -> None:
 
 
 @app.command(rich_help_panel=PANEL)
+def init(
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            help="A .plan of QGroundControl, a .kml, a .tlog or raw MAVLink, or a recording of ours.",
+            show_default=False,
+        ),
+    ] = None,
+    listen: Annotated[
+        str | None,
+        typer.Option(metavar="ENDPOINT", help="Take the vehicles heard there, such as udpin:0.0.0.0:14550."),
+    ] = None,
+    wait: Annotated[float, typer.Option(min=1.0, max=600.0, help="Seconds to listen.")] = 10.0,
+    name: Annotated[str | None, typer.Option(help="Of the mission.  [default: that of the file]")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to write.  [default: NAME.toml]")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+) -> None:
+    """Write a first mission file: vehicles, targets and fence from the source, and comments on the rest.
+
+    Waypoints of a plan and points of a KML become places of birth; points called "agent" or "vehicle" become
+    starts, polygons a fence. A log and a link give the vehicles. Nothing on a vehicle is changed.
+    """
+    from gcs.commands.init import InitOptions, run_init
+
+    with errors_shown():
+        run_init(InitOptions(source, listen, wait, name, out, force), console_for())
+
+
+@app.command(rich_help_panel=PANEL)
 def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
     """Validate a mission file and say what it would do.
 

@@ -37,7 +37,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     table.add_column()
     table.add_row(
         "place",
-        f"{config.frame.lat_deg:.4f}°, {config.frame.lon_deg:.4f}°, {config.frame.alt_msl_m:.0f} m AMSL",
+        f"{config.frame.lat_deg:.7f}°, {config.frame.lon_deg:.7f}°, {config.frame.alt_msl_m:.0f} m AMSL",
     )
     table.add_row(
         "map",
