@@ -15,6 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 from gcs.command.answers import named
@@ -24,7 +25,7 @@ from gcs.edge.clock import ClockWatch, RunClock
 from gcs.edge.links import Links
 from gcs.edge.mavsdk_uploader import MavsdkUploader
 from gcs.edge.order_wire import decode_order, order_key
-from gcs.edge.recorder import Recorder
+from gcs.edge.output import QueuedText, Writer
 from gcs.edge.scans import decode_scan
 from gcs.edge.wire import effect_key, encode_effect, sensor_of, sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
@@ -59,9 +60,25 @@ _ORDERS_REMEMBERED = 1000
 _FINISH_S = 30.0
 """How long the end waits for missions on their way: as long as one takes where a third of all is lost."""
 _TIMES_KEPT = 10_000
+_MAX_UNPUBLISHED = 1000
+_PUBLISH_S = 5.0
+"""How long the end waits for subscribers that take nothing: zenoh gives them up after as long."""
 LAG_WARNING_NS = NS_PER_S // 2
 LAG_TEXT = "this machine cannot keep up"
 """Begins the one notice that is the service's own: it is recorded, and no replay gives it."""
+
+
+class Recording(Protocol):
+    """Takes what a recording is made of; every method may raise `RecordingError`."""
+
+    def event(self, event: Event) -> None:
+        """Record what goes into the fold."""
+
+    def effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
+        """Record what came out of the fold."""
+
+    def truth(self, truth: Truth) -> None:
+        """Record the truth of a simulated world."""
 
 
 class Sink(Protocol):
@@ -108,9 +125,12 @@ class Service:
         self.clock = RunClock()
         self.links = links
         self._bus = bus
-        self.recorder: Recorder | None = None
+        self.recorder: Recording | None = None
         self.sinks: list[Sink] = []
         """View, judge, journal: what is here when an event is taken sees it."""
+        self._publisher = Writer("zenoh", _MAX_UNPUBLISHED)
+        self.outputs: list[Writer] = [self._publisher]
+        """Told of when one fails or stops taking anything."""
         self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
         self._orders_taken: dict[str, None] = {}
         self._memory: Memory | None = None
@@ -173,6 +193,7 @@ class Service:
             failure = _first(failures)
         finally:
             self.links.close()
+            self._publisher.drain(_PUBLISH_S)
         if failure is not None:
             raise failure
 
@@ -267,11 +288,18 @@ class Service:
                 self._tick_waits = False
                 self.links.tick(event.t_ns)
                 self._tell_keyless()
+                self._tell_outputs()
             self._watch_lag(self.clock.now_ns() - event.t_ns)
             ended = self._work(event)
             if ended and end_with_mission:
                 stop.set()
                 return
+
+    def _tell_outputs(self) -> None:
+        for output in self.outputs:
+            news = output.news()
+            if news is not None:
+                self.on_link_news(output.name, *news)
 
     def _tell_keyless(self) -> None:
         """Say once of each vehicle that signs its frames that there is no key for it here."""
@@ -314,7 +342,7 @@ class Service:
             if isinstance(effect, Picture):
                 self.links.picture(effect)
             payload = encode_effect(effect)
-            self._bus.publish(effect_key(self.config.name, effect), payload)
+            self._publisher.put(partial(self._bus.publish, effect_key(self.config.name, effect), payload))
         self._record(lambda recorder: recorder.effect(t_ns, effect, payload))
         for sink in self.sinks:
             sink.effect(t_ns, effect)
@@ -323,7 +351,7 @@ class Service:
         """Record the truth of a simulated world."""
         self._record(lambda recorder: recorder.truth(truth))
 
-    def _record(self, write: Callable[[Recorder], None]) -> None:
+    def _record(self, write: Callable[[Recording], None]) -> None:
         """Record; whoever is in the air needs us more than a recording that cannot be written."""
         if self.recorder is None:
             return
@@ -364,6 +392,13 @@ def on_loop(
     """Hand a message from a thread of zenoh's to the loop; what comes after the loop's end is dropped."""
     with contextlib.suppress(RuntimeError):
         loop.call_soon_threadsafe(callback, key, payload)
+
+
+def fly_on_after_hangup(view: QueuedText) -> Callable[[], object]:
+    """Let go of the terminal on SIGHUP, and fly on without it; return what undoes that."""
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGHUP, view.hang_up)
+    return lambda: loop.remove_signal_handler(signal.SIGHUP)
 
 
 def wait_for_interrupt(*stops: asyncio.Event) -> Callable[[], None]:

@@ -20,13 +20,15 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from gcs.app import Health, Service, on_loop, wait_for_interrupt
+from gcs.app import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 from gcs.commands.sinks import JudgeSink, draw_recording, open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.edge.clock import RunClock
 from gcs.edge.links import Links
 from gcs.edge.linkview import link_rows
-from gcs.edge.recorder import Recorder, Run
+from gcs.edge.output import QueuedText, off_loop
+from gcs.edge.recorder import Run
+from gcs.edge.recorder_thread import RecorderThread
 from gcs.edge.signing import Signing
 from gcs.edge.whereabouts import announced
 from gcs.edge.wire import decode_truth, truth_key
@@ -75,13 +77,24 @@ def run_demo(options: DemoOptions, console: Console) -> int:
         parse_endpoint(endpoint)
         text += f'\n[[links.forward]]  # by --forward\nendpoint = "{endpoint}"\n'
     config = parse(text, source)
+    with off_loop(console) as view:
+        code, summary = _flown(options, config, text, source, console, view)
+    if options.as_json:
+        print(summary_json(summary), flush=True)  # noqa: T201  the promised last line
+    return code
+
+
+def _flown(
+    options: DemoOptions, config: Config, text: str, source: str, console: Console, view: QueuedText
+) -> tuple[int, Summary]:
+    """Fly it; return the exit code and the summary."""
     warm_up(console)
     judge = judge_of(config)
     run = Run(config.name, options.seed)
     name, rotate_mb = f"{config.name}-{options.seed}", config.recording.rotate_mb
     with open_recorder(options.out, name, text, run, rotate_mb) as recorder:
         health, links, duration_s, interrupted = asyncio.run(
-            _fly(config, config.links.key_file(source), options, recorder, judge, console)
+            _fly(config, config.links.key_file(source), options, recorder, judge, console, view)
         )
         folder = recorder.folder
     summary = judge.summary(
@@ -93,7 +106,7 @@ def run_demo(options: DemoOptions, console: Console) -> int:
         recording=str(folder),
     )
     summary = replace(summary, links=links)
-    return _show(config, options, summary, folder, console, interrupted=interrupted)
+    return _show(config, options, summary, folder, console, interrupted=interrupted), summary
 
 
 def _show(
@@ -115,8 +128,6 @@ def _show(
     print_summary(summary, console, picture=picture)
     if problem:
         console.print(problem, style="yellow", highlight=False, markup=False, soft_wrap=True)
-    if options.as_json:
-        print(summary_json(summary), flush=True)  # noqa: T201  the promised last line
     if interrupted:
         return 130
     return 0 if summary.outcome == "complete" else 1
@@ -131,9 +142,10 @@ async def _fly(
     config: Config,
     keys: Path | None,
     options: DemoOptions,
-    recorder: Recorder,
+    recorder: RecorderThread,
     judge: Judge,
     console: Console,
+    view: QueuedText,
 ) -> tuple[Health, tuple[dict[str, Any], ...], float, bool]:
     """Fly from start to end; return health, links, run time in seconds, and whether it was interrupted."""
     guests = [link for link in config.mavlink_links if link.role != "vehicles"]
@@ -152,12 +164,13 @@ async def _fly(
     with Bus(listen=endpoint) as bus, announced(config.name, endpoint):
         service = Service(config, options.seed, links, bus)
         service.recorder = recorder
+        service.outputs += [view.writer, recorder.writer]
         service.sinks.append(JudgeSink(judge))
         bus.subscribe(
             truth_key(config.name),
             lambda key, payload: on_loop(loop, take_truth, key, payload),
         )
-        undo = wait_for_interrupt(interrupt)
+        undo, undo_hangup = wait_for_interrupt(interrupt), fly_on_after_hangup(view)
         relay = asyncio.create_task(_relay(interrupt, stop))
         try:
             console.print(
@@ -173,6 +186,7 @@ async def _fly(
         finally:
             relay.cancel()
             undo()
+            undo_hangup()
     rows = tuple(link_rows(service.command.fleet, links, service.now_ns()))
     return service.health, rows, duration_s, interrupt.is_set()
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
 from gcs.app import Service
 from gcs.edge.journal import Journal
+from gcs.edge.output import Writer
 from gcs.errors import JournalError
 from gcs.model import (
     NS_PER_S,
@@ -24,6 +26,7 @@ from gcs.model import (
 
 _EVERY_NS = 5 * NS_PER_S
 _NEWS_NS = NS_PER_S // 2
+_CLOSE_S = 5.0
 _STALE_S = 900.0
 """An older journal is taken up only when `--resume` asks for it."""
 
@@ -80,10 +83,13 @@ def take_up(service: Service, journal: Journal, resume: bool | None, now_ns: int
 
 
 class JournalSink:
-    """Writes the journal: before the first message of a new plan goes out, and soon after other news."""
+    """Writes the journal, on a thread of its own: at once for a new plan, and soon after other news."""
 
     def __init__(self, service: Service, journal: Journal) -> None:
         self._service, self._command, self._journal = service, service.command, journal
+        self.writer = Writer("journal", 2, "alarm")
+        self._outcome: JournalError | None = None
+        """Of the last attempt to write."""
         self._written_t_ns: int | None = None
         self._news = False
         self._looked_t_ns = 0
@@ -94,6 +100,7 @@ class JournalSink:
         """Write when it is time to."""
         if not isinstance(event, Tick):
             return
+        self._tell()
         if event.t_ns - self._looked_t_ns >= _NEWS_NS:
             self._looked_t_ns, before = event.t_ns, self._away
             self._away = self._command.away()  # somebody else may have taken a vehicle
@@ -104,23 +111,40 @@ class JournalSink:
 
     def effect(self, t_ns: int, effect: Effect) -> None:
         """Note what must be remembered."""
-        if isinstance(effect, Plan):  # comes before the messages that carry it out
+        if isinstance(
+            effect, Plan
+        ):  # comes before the messages that carry it out: it need not be done by then,
+            # for what is taken up counts only when the vehicle reads back the same
             self.write(t_ns)
         elif isinstance(effect, Fate | UploadReport | OrderAnswer | Proposal | MissionEnded):
             self._news = True
 
     def write(self, t_ns: int) -> None:
-        """Write what is known now; a failure is told, the flight goes on, and it is tried again."""
-        self._written_t_ns, self._news = t_ns, False
+        """Have written what is known now; a failure is told, the flight goes on, and it is tried again."""
+        self._written_t_ns = t_ns
+        data = self._journal.encode(self._command.memory(t_ns))
+        self._news = not self.writer.put(partial(self._store, data))
+
+    def close(self) -> None:
+        """Wait until it is written, for 5 s at most, and tell how it went."""
+        self.writer.drain(_CLOSE_S)
+        self._tell()
+
+    def _store(self, data: bytes) -> None:
         try:
-            self._journal.write(self._command.memory(t_ns))
+            self._journal.store(data)
         except JournalError as error:
-            if not self._failed:
-                self._failed = True
-                self._service.on_link_news(
-                    "journal", "alarm", f"{error}: a restart would begin from older news"
-                )
+            self._outcome = error
+        else:
+            self._outcome = None
+
+    def _tell(self) -> None:
+        error = self._outcome
+        if (error is not None) is self._failed:
             return
-        if self._failed:
-            self._failed = False
+        self._failed = error is not None
+        if error is not None:
+            text = f"{error}: a restart would begin from older news"
+            self._service.on_link_news("journal", "alarm", text)
+        else:
             self._service.on_link_news("journal", "info", "is written again")

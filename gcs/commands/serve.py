@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from gcs.app import Service, wait_for_interrupt
+from gcs.app import Service, fly_on_after_hangup, wait_for_interrupt
 from gcs.commands.resuming import JournalSink, default_path, take_up
 from gcs.commands.sinks import open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
@@ -17,7 +17,9 @@ from gcs.edge.clock import RunClock
 from gcs.edge.journal import Journal, fingerprint
 from gcs.edge.links import Links
 from gcs.edge.linkview import link_rows, link_table
-from gcs.edge.recorder import Recorder, Run
+from gcs.edge.output import QueuedText, off_loop
+from gcs.edge.recorder import Run
+from gcs.edge.recorder_thread import RecorderThread
 from gcs.edge.signing import Signing
 from gcs.edge.whereabouts import announced
 from gcs.edge.zenoh_bus import service_bus
@@ -48,12 +50,15 @@ def serve(options: ServeOptions, console: Console) -> None:
     config = parse(text, source)
     warm_up(console)
     name, run = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}", Run(config.name, options.seed)
-    with open_recorder(options.out, name, text, run, config.recording.rotate_mb) as recorder:
+    with (
+        off_loop(console) as view,
+        open_recorder(options.out, name, text, run, config.recording.rotate_mb) as recorder,
+    ):
         journal = Journal(
             options.journal or default_path(config.name), config.name, fingerprint(text, options.seed)
         )
         signing = Signing(config.mavlink_links, config.links.key_file(source), kernel=True)
-        asyncio.run(_serve(config, options, signing, recorder, journal, console))
+        asyncio.run(_serve(config, options, signing, recorder, journal, console, view))
         console.print(f"recording: {recorder.folder}", highlight=False, markup=False, soft_wrap=True)
 
 
@@ -61,20 +66,22 @@ async def _serve(
     config: Config,
     options: ServeOptions,
     signing: Signing,
-    recorder: Recorder,
+    recorder: RecorderThread,
     journal: Journal,
     console: Console,
+    view: QueuedText,
 ) -> None:
     vehicles = [agent.vehicle for agent in config.agents]
     links = Links(config.mavlink_links, vehicles, config.local_frame, signing)
     stop, at_once = asyncio.Event(), asyncio.Event()
-    undo = wait_for_interrupt(stop, at_once)
+    undo, undo_hangup = wait_for_interrupt(stop, at_once), fly_on_after_hangup(view)
     table = config.links
     with service_bus(table.zenoh_role, table.zenoh) as (bus, door), announced(config.name, door):
         service = Service(config, options.seed, links, bus)
         take_up(service, journal, options.resume, options.clock.now_ns(), console)
         keeper = JournalSink(service, journal)
         service.recorder = recorder
+        service.outputs += [view.writer, recorder.writer, keeper.writer]
         service.sinks.append(keeper)
         console.print(
             f"MAVLink on {', '.join(link.name for link in links.links)}; zenoh on {config.links.zenoh}; "
@@ -84,5 +91,7 @@ async def _serve(
         async with view_for(service, console, speed=options.clock.speed, headless=options.headless):
             await service.run(options.clock, stop, at_once=at_once)
         keeper.write(options.clock.now_ns())
+        keeper.close()
         console.print(link_table(link_rows(service.command.fleet, links, service.now_ns())))
     undo()
+    undo_hangup()

@@ -18,8 +18,10 @@ from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.kernels import load_kernels
 from gcs.edge.links import Links
+from gcs.edge.output import is_busy
 from gcs.edge.reader import read
 from gcs.edge.recorder import Recorder, Run, versions
+from gcs.edge.recorder_thread import RecorderThread
 from gcs.edge.terminal import LiveView, PlainLines
 from gcs.errors import RecordingError
 from gcs.model import Effect, Event
@@ -58,8 +60,8 @@ class Shown(Protocol):
 
 @asynccontextmanager
 async def view_for(run: Shown, console: Console, *, speed: float, headless: bool) -> AsyncIterator[None]:
-    """Show a run while it lasts: live where there is a terminal, plain lines elsewhere."""
-    if headless or not console.is_terminal:
+    """Show a run while it lasts: live where there is a terminal that can draw, plain lines elsewhere."""
+    if headless or not console.is_terminal or console.is_dumb_terminal:
         run.sinks.append(PlainLines(console))
         yield
         return
@@ -74,13 +76,19 @@ async def view_for(run: Shown, console: Console, *, speed: float, headless: bool
 
 
 async def _refresh(live: Live) -> None:
-    """Draw on the event loop, between events: a thread would read state while it changes."""
+    """Draw on the event loop, between events: a thread would read state while it changes.
+
+    A terminal that has not taken the last frame gets no other: it loses frames, and nothing else.
+    """
     while True:
-        live.refresh()
+        if not is_busy(live.console):
+            live.refresh()
         await asyncio.sleep(_REFRESH_S)
 
 
-def open_recorder(out: Path | None, name: str, config_text: str, run: Run, rotate_mb: float) -> Recorder:
+def open_recorder(
+    out: Path | None, name: str, config_text: str, run: Run, rotate_mb: float
+) -> RecorderThread:
     """Start a recording in `out`, or in a new folder under ``runs/``; parts are of `rotate_mb`.
 
     Raises
@@ -89,7 +97,7 @@ def open_recorder(out: Path | None, name: str, config_text: str, run: Run, rotat
         When the folder cannot be written, or holds a recording already.
     """
     folder = out if out is not None else new_folder(Path("runs"), name)
-    return Recorder(folder, config_text, versions(), run, int(rotate_mb * 1e6))
+    return RecorderThread(Recorder(folder, config_text, versions(), run, int(rotate_mb * 1e6)))
 
 
 def new_folder(parent: Path, name: str) -> Path:

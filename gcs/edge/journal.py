@@ -57,13 +57,11 @@ class Journal:
         self._mission, self._belongs_to = mission, belongs_to
 
     def write(self, memory: Memory) -> None:
-        """Replace what the journal says.
+        """Replace what the journal says: `encode` and `store`."""
+        self.store(self.encode(memory))
 
-        Raises
-        ------
-        JournalError
-            When it cannot be written; the one before stays.
-        """
+    def encode(self, memory: Memory) -> bytes:
+        """Return the file that says this."""
         body = encode(Resumed(memory.t_ns, memory))
         head = _Head(
             journal=VERSION,
@@ -71,11 +69,21 @@ class Journal:
             fingerprint=self._belongs_to,
             checksum=hashlib.sha256(body).hexdigest(),
         )
+        return msgspec.json.encode(head) + b"\n" + body + b"\n"
+
+    def store(self, data: bytes) -> None:
+        """Replace the file, and wait for the disk.
+
+        Raises
+        ------
+        JournalError
+            When it cannot be written; the one before stays.
+        """
         beside = self.path.with_name(f"{self.path.name}.{os.getpid()}.new")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with beside.open("wb") as file:
-                file.write(msgspec.json.encode(head) + b"\n" + body + b"\n")
+                file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(self.path)

@@ -17,7 +17,8 @@ the above in it. That also bounds the memory: an MCAP's index is kept until its 
 
 Messages gather in a compressed chunk, of a megabyte at most, that `flush` writes: called once a second, it
 leaves all but the last second readable after SIGKILL or on a full disk. It does not wait for the disk itself
-(no fsync): a power cut may cost more.
+(no fsync): a power cut may cost more. A write may block all the same: a service records on a thread
+(`gcs.edge.recorder_thread`).
 """
 
 from __future__ import annotations
@@ -57,7 +58,8 @@ _LEVEL = 1
 _BUFFER_BYTES = 256 * 1024
 _WAITING = 512
 """Records that are written at once, unless a flush comes before; then there is a look at the size."""
-_FLUSH_PERIOD_S = 1.0
+_FLUSH_PERIOD_S = 0.8
+"""With the time until a record gets here, less than the second that a crash may cost."""
 _PART = re.compile(r"run-(\d+)\.mcap")
 _LIBRARIES = (
     "swarm-gcs", "numpy", "scipy", "numba", "llvmlite", "pymavlink", "eclipse-zenoh", "mcap",
@@ -186,7 +188,7 @@ class Recorder:
         self._add(truth, truth.t_ns)
 
     def flush(self) -> None:
-        """Hand everything recorded so far to the operating system; `event` does it once a second."""
+        """Hand everything recorded so far to the operating system; `event` does it in time."""
         if self._closed:
             return
         try:

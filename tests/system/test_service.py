@@ -98,9 +98,12 @@ def test_a_journal_that_cannot_be_written_is_told_once_and_tried_again(service, 
     journal = Journal(in_the_way / "m.journal", "m", "")
     keeper = JournalSink(service, journal)
     keeper.write(1)
+    keeper.close()
     keeper.write(2)
+    keeper.close()
     in_the_way.unlink()
     keeper.write(3)
+    keeper.close()
     assert [(name, level) for name, level, _ in told] == [("journal", "alarm"), ("journal", "info")]
     assert "older news" in told[0][2]
     memory = journal.read()

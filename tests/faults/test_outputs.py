@@ -1,0 +1,318 @@
+"""Terminals, pipes and disks stop taking anything in flight: the vehicles do not notice."""
+
+import asyncio
+import contextlib
+import io
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from gcs.app import Service
+from gcs.commands.resuming import JournalSink
+from gcs.commands.sinks import view_for
+from gcs.config import load
+from gcs.edge.clock import RunClock
+from gcs.edge.journal import Journal
+from gcs.edge.links import Links
+from gcs.edge.output import QueuedText, Writer, off_loop
+from gcs.edge.reader import read
+from gcs.edge.recorder import Recorder, Run
+from gcs.edge.recorder_thread import RecorderThread
+from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.endpoints import Link, parse_endpoint
+from gcs.errors import RecordingError
+from gcs.mavlink.codec import scan
+from gcs.model import NS_PER_S, Event, MissionEnded, Notice, Send, Tick
+
+GCS = (sys.executable, "-P", "-c", "from gcs.cli import main; main()")
+SPEED = 8
+MAX_GAP_S = 1.2
+HEARTBEAT = 0
+
+
+class Ticks:
+    """Notes when the loop worked a tick, and what was said."""
+
+    def __init__(self) -> None:
+        self.t_ns: list[int] = []
+        self.notices: list[Notice] = []
+
+    def event(self, event: Event) -> None:
+        if isinstance(event, Tick):
+            self.t_ns.append(event.t_ns)
+
+    def effect(self, _t_ns: int, effect: object) -> None:
+        if isinstance(effect, Notice):
+            self.notices.append(effect)
+
+    def max_gap_s(self) -> float:
+        return max(later - earlier for earlier, later in pairwise(self.t_ns)) / NS_PER_S
+
+    def texts(self, level: str) -> list[str]:
+        return [notice.text for notice in self.notices if notice.level == level]
+
+
+@pytest.fixture
+def service() -> Iterator[Service]:
+    config = load("prescribed")
+    with Bus(listen=free_endpoint()) as bus:
+        links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], config.local_frame)
+        yield Service(config, 1, links, bus)
+
+
+def serve(service: Service, seconds: float, console: Console | None = None) -> Ticks:
+    """Run a service; return what its loop did."""
+    ticks = Ticks()
+    service.sinks.append(ticks)
+
+    async def run() -> None:
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+        loop.call_later(0.1, service.on_link_news, "test", "info", "something to publish")
+        loop.call_later(seconds, stop.set)
+        view = view_for(service, console, speed=1.0, headless=False) if console else contextlib.nullcontext()
+        async with view:
+            await asyncio.wait_for(service.run(RunClock(), stop), 20.0 + seconds)
+
+    asyncio.run(run())
+    return ticks
+
+
+def heartbeat_gaps_s(folder: Path) -> list[float]:
+    """Return the seconds of wall time between the heartbeats to each vehicle."""
+    sent: dict[tuple[str, str], list[int]] = {}
+    for record in read(folder):
+        value = record.value
+        if isinstance(value, Send) and any(f.message_id == HEARTBEAT for f in scan(value.data).frames):
+            sent.setdefault((value.link, value.peer), []).append(record.t_ns)
+    assert len(sent) == 4
+    return [(b - a) / NS_PER_S / SPEED for times in sent.values() for a, b in pairwise(times)]
+
+
+def demo(folder: Path, *arguments: str) -> list[str]:
+    return [*GCS, "demo", "deterministic", "--speed", str(SPEED), "--out", str(folder), *arguments]
+
+
+def assert_flown(folder: Path) -> list[str]:
+    """Check that the mission was flown and no heartbeat was late; return what is said of the view."""
+    values = [record.value for record in read(folder)]
+    assert [value for value in values if isinstance(value, MissionEnded)]
+    assert max(heartbeat_gaps_s(folder)) < MAX_GAP_S
+    notices = [value for value in values if isinstance(value, Notice) and value.text.startswith("view: ")]
+    return [f"{notice.level}: {notice.text}" for notice in notices]
+
+
+# ---------------------------------------------------------------- whole missions, as a user runs them
+
+
+def test_a_terminal_that_nobody_reads_loses_frames_and_nothing_else(tmp_path: Path) -> None:
+    ours, theirs = os.openpty()
+    environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "120", "LINES": "40"}
+    process = subprocess.Popen(
+        demo(tmp_path / "run"), stdin=theirs, stdout=theirs, stderr=theirs, env=environment
+    )
+    try:
+        assert process.wait(110.0) == 0
+    finally:
+        process.kill()
+        os.close(ours)
+        os.close(theirs)
+    (said,) = assert_flown(tmp_path / "run")
+    assert said.startswith("warning: view: takes nothing")
+
+
+def test_a_pipe_that_is_closed_is_an_alarm_and_the_mission_is_flown_to_its_end(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}  # and what it lacks ends nothing either
+    command = demo(tmp_path / "run", "--headless")
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment)
+    assert process.stdout is not None
+    try:
+        line = next(line for line in process.stdout if b"plan: first plan" in line)
+        process.stdout.close()
+        assert process.wait(110.0) == 0
+    finally:
+        process.kill()
+    assert b"1 -> " in line
+    (said,) = assert_flown(tmp_path / "run")
+    assert said.startswith("alarm: view: cannot be written any more")
+
+
+def test_a_terminal_that_hangs_up_is_an_alarm_and_the_mission_is_flown_to_its_end(tmp_path: Path) -> None:
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        demo(tmp_path / "run"),
+        stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,
+        env={**os.environ, "TERM": "xterm"},
+    )  # fmt: skip
+    os.close(theirs)
+    try:
+        shown = b""
+        while b"Agents" not in shown:
+            shown += os.read(ours, 65536)
+        process.send_signal(signal.SIGHUP)
+        os.close(ours)
+        assert process.wait(110.0) == 0
+    finally:
+        process.kill()
+    (said,) = assert_flown(tmp_path / "run")
+    assert said.startswith("alarm: view: cannot be written any more")
+
+
+# ---------------------------------------------------------------- the loop alone, with one output that stops
+
+
+def test_a_live_view_that_nobody_reads_does_not_delay_ticks(service: Service) -> None:
+    ours, theirs = os.openpty()
+    with open(theirs, "w") as terminal:  # noqa: PTH123  a descriptor
+        console = Console(
+            file=terminal, force_terminal=True, width=120, height=40, _environ={"TERM": "xterm"}
+        )
+        with off_loop(console) as view:
+            service.outputs.append(view.writer)
+            ticks = serve(service, 5.0, console)
+            os.read(ours, 4096)  # lets the end be written
+            assert not view.writer.is_idle
+            threading.Thread(target=read_all, args=(ours,), daemon=True).start()
+    assert ticks.max_gap_s() < 0.6
+    assert ["view: takes nothing for" in text for text in ticks.texts("warning")] == [True]
+
+
+def read_all(descriptor: int) -> None:
+    with contextlib.suppress(OSError):
+        while os.read(descriptor, 65536):
+            pass
+
+
+def slow(seconds: float) -> Callable[..., None]:
+    def wait(*_arguments: object) -> None:
+        time.sleep(seconds)
+
+    return wait
+
+
+def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
+    service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gcs.edge.recorder._Part.flush", slow(3.5))
+    monkeypatch.setattr("gcs.edge.journal.os.fsync", slow(3.5))
+    with RecorderThread(Recorder(tmp_path / "run", "", {}, Run("prescribed", 1))) as recorder:
+        keeper = JournalSink(service, Journal(tmp_path / "m.journal", "m", ""))
+        service.recorder = recorder
+        service.outputs += [recorder.writer, keeper.writer]
+        service.sinks.append(keeper)
+        ticks = serve(service, 5.0)
+    assert ticks.max_gap_s() < 0.6
+    assert {text.partition(" for ")[0] for text in ticks.texts("alarm")} >= {
+        "recording: takes nothing",
+        "journal: takes nothing",
+    }
+    recorded = [record.value for record in read(tmp_path / "run")]
+    assert [value.t_ns for value in recorded if isinstance(value, Tick)] == ticks.t_ns
+
+
+def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_flight(
+    service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    released = threading.Event()
+    monkeypatch.setattr("gcs.edge.recorder._Part.flush", lambda _part: released.wait())
+    monkeypatch.setattr("gcs.edge.recorder_thread._MAX_WAITING", 20)
+    service.recorder = recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
+    service.outputs.append(recorder.writer)
+    ticks = serve(service, 3.0)
+    released.set()
+    recorder.close()
+    assert [("the disk takes nothing" in text, "unrecorded" in text) for text in ticks.texts("alarm")] == [
+        (True, True)
+    ]
+    assert ticks.max_gap_s() < 0.6
+
+
+def test_a_subscriber_that_takes_nothing_does_not_delay_ticks(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Bus, "publish", slow(4.0))
+    ticks = serve(service, 5.0)
+    assert ticks.max_gap_s() < 0.6
+    assert [text for text in ticks.texts("warning") if text.startswith("zenoh: takes nothing for")]
+
+
+def test_after_a_crash_at_most_a_second_is_missing(tmp_path: Path) -> None:
+    code = """
+import sys, time
+from pathlib import Path
+from gcs.edge.recorder import Recorder
+from gcs.edge.recorder_thread import RecorderThread
+from gcs.model import Tick
+recorder = RecorderThread(Recorder(Path(sys.argv[1]), "", {}))
+print(flush=True)
+while True:
+    recorder.event(Tick(time.monotonic_ns()))
+    time.sleep(0.01)
+"""
+    command = [sys.executable, "-P", "-c", code, str(tmp_path / "run")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.readline()
+    time.sleep(2.5)
+    process.kill()
+    killed_ns = time.monotonic_ns()
+    process.wait()
+    process.stdout.close()
+    last_ns = max(r.value.t_ns for r in read(tmp_path / "run") if isinstance(r.value, Tick))
+    assert killed_ns - last_ns < 1.5 * NS_PER_S  # half a second for a loaded machine
+
+
+# ---------------------------------------------------------------- one writer
+
+
+def test_a_full_writer_refuses_and_an_error_ends_it() -> None:
+    released, done = threading.Event(), []
+    writer = Writer("x", 2)
+    assert writer.put(released.wait)
+    assert writer.put(lambda: done.append(1))
+    assert not writer.put(lambda: done.append(2))
+    released.set()
+    assert writer.drain(10.0)
+    assert (done, writer.dropped) == ([1], 1)
+
+    def fail() -> None:
+        raise BrokenPipeError(32, "Broken pipe")
+
+    writer.put(fail)
+    assert writer.drain(10.0)
+    assert not writer.put(lambda: done.append(3))
+    assert writer.news() == (
+        "alarm",
+        "cannot be written any more (Broken pipe); the flight goes on without it",
+    )
+    assert writer.news() is None
+
+
+def test_what_an_encoding_lacks_is_written_in_ascii() -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    read_end, write_end = os.pipe()
+    stream.fileno = lambda: write_end  # type: ignore[method-assign]
+    text = QueuedText(stream)
+    text.write("1 → 2.3 – ☃\n")
+    assert text.writer.drain(10.0)
+    assert os.read(read_end, 100) == b"1 -> 2.3 - ?\n"
+
+
+def test_a_recording_that_fails_says_so_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_arguments: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
+    monkeypatch.setattr("gcs.edge.recorder._Part.add", full)
+    recorder.event(Tick(1))
+    with pytest.raises(RecordingError, match="No space left"):
+        recorder.close()
+    recorder.close()
