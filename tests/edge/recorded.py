@@ -12,6 +12,7 @@ from gcs.edge.wire import Recordable, encode
 from gcs.model import (
     NS_PER_S,
     BadInput,
+    ClockStep,
     Datagram,
     Fate,
     KeepOut,
@@ -43,7 +44,7 @@ from gcs.model import (
 T0_NS = 1_767_225_600 * NS_PER_S
 CONFIG = 'name = "demo"  # ünïcode\n'
 VERSIONS = {"swarm-gcs": "0.1.0", "numpy": "2.0"}
-EVENTS = (Datagram, Scan, Tick, BadInput, LinkNews, Order, UploadAnswer, Resumed)
+EVENTS = (Datagram, Scan, Tick, BadInput, LinkNews, ClockStep, Order, UploadAnswer, Resumed)
 
 
 def frames(system_id: int, count: int, first: int = 0) -> bytes:
@@ -65,6 +66,7 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         yield t_ns - 5, Datagram(t_ns - 5, "udp", "127.0.0.1:5000", frames(1, 3, second))
         yield t_ns, BadInput(t_ns, "udp", 'not "MAVLink"')
         yield t_ns, LinkNews(t_ns, "tcp:10.0.0.1:5760", "warning", "connection lost")
+        yield t_ns, ClockStep(t_ns, -20 * NS_PER_S)
         yield t_ns, Truth(t_ns, (TruthObject("agents", 1, float(second), 0.1, second % 2 == 0),))
         yield t_ns, Scan(t_ns, t_ns - 9, sensor, read_only(rng.normal(size=(second % 4, 2))))
         for kind in ("agents", "targets"):
