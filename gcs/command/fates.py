@@ -56,6 +56,10 @@ class Fates:
         """Vehicles that have done their work."""
         return frozenset(vehicle for vehicle, fate in self.by_vehicle.items() if fate.fate == "arrived")
 
+    def lost(self) -> frozenset[int]:
+        """Vehicles that are lost."""
+        return frozenset(vehicle for vehicle, fate in self.by_vehicle.items() if fate.fate == "dead")
+
     def at_targets(self) -> Counter[Label]:
         """How many agents arrived at each target that one arrived at."""
         fates = self.by_vehicle.values()

@@ -278,9 +278,13 @@ class Command:
         entries = self.trespass.entries(states, self.keep_outs.closed)
         remedy = "confirm a plan, or hold or return it" if self._needs_word else "hold or return it"
         said = {entry.vehicle: f"{entry.text}: {remedy}" for entry in entries}
-        said |= {v: f"{named([v])} has no way around {area.name}: {remedy}" for v in still - said.keys()}
-        said |= {v: f"{named([v])} flies home through {area.name}: hold or return it" for v in returning}
-        effects.append(ongoing.answer(event.t_ns, "done", "; ".join([text, *said.values()])))
+        said |= dict.fromkeys(still - said.keys(), f"has no way around {area.name}: {remedy}")
+        said |= dict.fromkeys(returning, f"flies home through {area.name}: hold or return it")
+        effects.append(
+            ongoing.answer(
+                event.t_ns, "done", "; ".join([text, *(f"{named([v])} {word}" for v, word in said.items())])
+            )
+        )
         return [*effects, *(Notice(event.t_ns, "alarm", word, v) for v, word in said.items())]
 
     def _tick(self, event: Tick) -> list[Effect]:
@@ -400,6 +404,7 @@ class Command:
             targets=self._open_targets(),
             at_targets=self.fates.at_targets(),
             arrived=self.fates.arrived(),
+            lost=self.fates.lost(),
             away=away,
         )
 

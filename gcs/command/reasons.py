@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from gcs.model import Cause, Label
+from gcs.model import Cause, Label, target_name, vehicle_name
 
 
 class Reason(NamedTuple):
@@ -23,46 +23,48 @@ FIRST_PLAN = Reason("first plan", "first plan")
 TAKEN_UP = Reason("taken up again", "taken up again")
 
 
-def gone(vehicle: int, away: str | None) -> Reason:
+def gone(vehicle: int, away: str | None, *, is_lost: bool) -> Reason:
     """Tell why an agent is not planned for any more; `away`: why it is not ours to task, in words."""
+    if is_lost:
+        return Reason("agent lost", f"{_agent(vehicle)} lost")
     if away is None:
-        return Reason("agent lost", f"agent {vehicle} lost")
-    return Reason("agent set aside", f"agent {vehicle} {away}")
+        return Reason("agent not tracked", f"{_agent(vehicle)} is not tracked")
+    return Reason("agent set aside", f"{_agent(vehicle)} {away}")
 
 
 def joined(vehicle: int) -> Reason:
     """Tell that an agent is planned for from now on."""
-    return Reason("agent joined", f"agent {vehicle} joined")
+    return Reason("agent joined", f"{_agent(vehicle)} joined")
 
 
 def idle(vehicle: int) -> Reason:
     """Tell that an agent has no route although there are targets to spare."""
-    return Reason("agent idle", f"agent {vehicle} has no route")
+    return Reason("agent idle", f"{_agent(vehicle)} has no route")
 
 
 def in_danger(vehicle: int) -> Reason:
     """Tell that an agent would fly into something."""
-    return Reason("agent in danger", f"agent {vehicle} would hit an obstacle")
+    return Reason("agent in danger", f"{_agent(vehicle)} would hit an obstacle")
 
 
 def passed(vehicle: int, target: Label) -> Reason:
     """Tell that an agent passed its target, and was not seen to reach it."""
-    return Reason("agent passed its target", f"agent {vehicle} passed target {_name(target)}")
+    return Reason("agent passed its target", f"{_agent(vehicle)} passed target {target_name(target)}")
 
 
 def appeared(target: Label) -> Reason:
     """Tell that a target is believed that was not before."""
-    return Reason("target appeared", f"target {_name(target)} appeared")
+    return Reason("target appeared", f"target {target_name(target)} appeared")
 
 
 def lost(target: Label) -> Reason:
     """Tell that a target that somebody flies to is not believed any more."""
-    return Reason("target lost", f"target {_name(target)} lost")
+    return Reason("target lost", f"target {target_name(target)} is not tracked any more")
 
 
 def moved(target: Label, moved_m: float) -> Reason:
     """Tell how far a target is from where its route ends."""
-    return Reason("target moved", f"target {_name(target)} moved {moved_m:.0f} m")
+    return Reason("target moved", f"target {target_name(target)} moved {moved_m:.0f} m")
 
 
 def map_changed(news: str) -> Reason:
@@ -85,5 +87,5 @@ def kinds(reasons: Iterable[Reason]) -> tuple[Cause, ...]:
     return tuple(dict.fromkeys(reason.cause for reason in reasons))
 
 
-def _name(label: Label) -> str:
-    return f"{label[0]}.{label[1]}"
+def _agent(vehicle: int) -> str:
+    return f"agent {vehicle_name(vehicle)}"

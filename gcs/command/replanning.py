@@ -263,7 +263,7 @@ class Replanner:
         came_targets = set(situation.targets) - self._planned_targets
         return [
             *news,
-            *(reasons.gone(v, situation.away.get(v)) for v in sorted(gone)),
+            *(reasons.gone(v, situation.away.get(v), is_lost=v in situation.lost) for v in sorted(gone)),
             *(reasons.joined(v) for v in sorted(came)),
             *(reasons.appeared(t) for t in sorted(came_targets)),
             *(reasons.lost(t) for t in sorted(gone_targets)),

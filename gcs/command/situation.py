@@ -38,6 +38,8 @@ class Situation:
     """Vehicles that have done their work."""
     at_targets: Mapping[Label, int] = field(default_factory=dict)
     """How many of them are at each target that needs more."""
+    lost: frozenset[int] = frozenset()
+    """Vehicles whose status is lost."""
     away: Mapping[int, str] = field(default_factory=dict)
     """Vehicles that fly but are not ours to task, and why, in words."""
     motions: Mapping[int, Motion] = field(default_factory=dict)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from gcs.command.tasking import Tasking
-from gcs.model import Notice, VehicleState, vehicle_name
+from gcs.model import Notice, VehicleState
 from gcs.planning.grid import Grid, Point
 from gcs.planning.sight import line_of_sight
 
@@ -37,12 +37,11 @@ class Entry:
 
     @property
     def text(self) -> str:
-        """In words."""
-        agent = f"agent {vehicle_name(self.vehicle)}"
+        """In words, without who it is."""
         if self.after_s == 0.0:
-            return f"{agent} is inside keep-out {self.area}: hold it, or call it back"
+            return f"is inside keep-out {self.area}: hold it, or call it back"
         return (
-            f"{agent} would fly through keep-out {self.area}: in {self.after_s:.0f} s, on its way to item "
+            f"would fly through keep-out {self.area}: in {self.after_s:.0f} s, on its way to item "
             f"{self.item} of the mission that it holds"
         )
 

@@ -170,7 +170,7 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
         began = now
 
     result = plan_routes(task.grid, task.agents, task.targets, {}, task.options, done)
-    notes = [re.sub(r"target \(0, (\d+)\)", r"target \1", note) for note in result.notes]
+    notes = [re.sub(r"target T0\.(\d+)", r"target \1", note) for note in result.notes]
     own = {vehicle: number for number, vehicle in enumerate(task.agents)}
     flights = [
         Flight(

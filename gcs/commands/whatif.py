@@ -15,8 +15,7 @@ from rich.table import Table
 
 from gcs.config import Config
 from gcs.edge.reader import Record
-from gcs.edge.terminal import label_text
-from gcs.model import NS_PER_S, Effect, Fate, MissionEnded, Plan, UploadReport
+from gcs.model import NS_PER_S, Effect, Fate, MissionEnded, Plan, UploadReport, target_name
 
 _NOTHING: Final = "–"
 
@@ -38,7 +37,9 @@ class Outcome:
         """Follow an effect."""
         match effect:
             case Plan():
-                routes = (f"{r.vehicle} → {label_text(r.target)} ({r.length_m:.0f} m)" for r in effect.routes)
+                routes = (
+                    f"{r.vehicle} → {target_name(r.target)} ({r.length_m:.0f} m)" for r in effect.routes
+                )
                 self.plans.append((effect.t_ns, ", ".join(routes) or "nobody"))
                 self.retasked += len(effect.changed)
             case UploadReport():
@@ -105,7 +106,7 @@ class Comparison:
             found = outcome.fates.get(vehicle)
             if found is None:
                 return "flying"
-            target = f" at {label_text(found.target)}" if found.target is not None else ""
+            target = f" at {target_name(found.target)}" if found.target is not None else ""
             return f"{found.fate}{target}, {at(found.t_ns)}"
 
         def end(outcome: Outcome) -> str:

@@ -39,6 +39,7 @@ from gcs.model import (
     Track,
     UploadReport,
     system_of,
+    target_name,
     vehicle_name,
 )
 
@@ -59,8 +60,12 @@ _LEFT: Final = ("fate", "mode", "signed", "mission")
 
 
 def label_text(label: Label | None) -> str:
-    """A track label as people write it: birth scan and index."""
+    """The label of an agent's track: birth scan and index. Targets have names (`target_name`)."""
     return "–" if label is None else f"{label[0]}.{label[1]}"
+
+
+def _target_text(label: Label | None) -> str:
+    return "–" if label is None else target_name(label)
 
 
 def effect_line(effect: Effect) -> tuple[str, str] | None:
@@ -72,7 +77,7 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
             return f"agent {vehicle_name(vehicle)}: {effect.text}", effect.level
         case Plan():
             routes = ", ".join(
-                f"{vehicle_name(route.vehicle)} → {label_text(route.target)} ({route.length_m:.0f} m)"
+                f"{vehicle_name(route.vehicle)} → {target_name(route.target)} ({route.length_m:.0f} m)"
                 for route in effect.routes
                 if route.vehicle in effect.changed
             )
@@ -88,7 +93,10 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
         case UploadReport():
             return f"agent {vehicle_name(effect.vehicle)}: mission transfer failed: {effect.detail}", "alarm"
         case Fate(fate="arrived"):
-            return f"agent {vehicle_name(effect.vehicle)}: reached target {label_text(effect.target)}", "info"
+            return (
+                f"agent {vehicle_name(effect.vehicle)}: reached target {_target_text(effect.target)}",
+                "info",
+            )
         case Fate(fate="dead"):
             return f"agent {vehicle_name(effect.vehicle)}: lost", "alarm"
         case Fate():
@@ -108,7 +116,7 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
 
 def answer_line(answer: OrderAnswer) -> tuple[str, str]:
     """One line for what became of an order, and its level."""
-    who = "" if answer.vehicle is None else f" agent {answer.vehicle}"
+    who = "" if answer.vehicle is None else f" agent {vehicle_name(answer.vehicle)}"
     level = {"refused": "warning", "failed": "alarm"}.get(answer.state, "info")
     return f"order {answer.action}{who} {answer.state}: {answer.detail}", level
 
@@ -232,7 +240,7 @@ class LiveView:
                 self._signing(vehicle),
                 label_text(label),
                 *_track_cells(track),
-                label_text(target),
+                _target_text(target),
                 to_go,
                 self._command.tasking.under_way.get(vehicle, self._uploads.get(vehicle, "")),
             )
@@ -260,7 +268,7 @@ class LiveView:
 
     def _targets(self) -> Table:
         table = Table(title="Targets", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        for name in ("track", "exist.", "east m", "north m", "m/s", "agent"):
+        for name in ("target", "exist.", "east m", "north m", "m/s", "agent"):
             table.add_column(name, justify="right", no_wrap=True)
         hunters = {
             route.target: vehicle_name(route.vehicle) for route in self._command.replanner.routes.values()
@@ -269,7 +277,7 @@ class LiveView:
         for label, track in self._tracks("targets").items():
             if track.estimated:
                 done = Text("reached", style="green") if label in reached else Text(hunters.get(label, ""))
-                table.add_row(label_text(label), *_track_cells(track), done)
+                table.add_row(target_name(label), *_track_cells(track), done)
         return table
 
     def _tracks(self, kind: str) -> dict[Label, Track]:

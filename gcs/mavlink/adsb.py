@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import Message
-from gcs.model import NS_PER_S, Label, Picture, Track
+from gcs.model import NS_PER_S, Label, Picture, Track, target_name
 
 COMPONENT_ID: Final[int] = dialect.MAV_COMP_ID_ADSB
 _FLAGS: Final[int] = (
@@ -39,7 +39,7 @@ def icao_address(label: Label) -> int:
 
 def callsign(label: Label) -> str:
     """Name on the map: the label as it is written everywhere, or its address when that is too long."""
-    text = f"T{label[0]}.{label[1]}"
+    text = target_name(label)
     return text if len(text) <= _LONGEST_CALLSIGN else f"T{icao_address(label):06X}"
 
 

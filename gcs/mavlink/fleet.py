@@ -231,8 +231,8 @@ class Fleet:
         if message is None and frame.message_id in self._needed:
             message = frame.message()
         silent_ns = t_ns - vehicle.heard_t_ns
-        if vehicle.liveness in ("stale", "lost"):
-            if vehicle.liveness == "lost":
+        if vehicle.liveness in ("stale", "down"):
+            if vehicle.liveness == "down":
                 vehicle.returns += 1
                 vehicle.attend()
                 self._contact(vehicle, address)
@@ -336,8 +336,8 @@ class Fleet:
         """Say who falls silent, who is lost, and whose id nobody else claims any more."""
         tell, silent_ns = self._teller(t_ns, vehicle.system_id), t_ns - vehicle.heard_t_ns
         if vehicle.liveness in ("alive", "stale") and silent_ns > self._lost_after_ns:
-            vehicle.liveness, vehicle.row[ADDRESS] = "lost", NOBODY
-            tell("alarm", f"not heard for {silent_ns / NS_PER_S:.1f} s: lost")
+            vehicle.liveness, vehicle.row[ADDRESS] = "down", NOBODY
+            tell("alarm", f"link down: not heard for {silent_ns / NS_PER_S:.1f} s")
         elif vehicle.liveness == "alive" and silent_ns > self._stale_after_ns:
             vehicle.liveness, vehicle.row[ADDRESS] = "stale", NOBODY
             tell("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")

@@ -49,7 +49,7 @@ from gcs.model import NS_PER_S, Level, VehicleState
 
 Address: TypeAlias = tuple[str, str]
 """(link, peer)."""
-Liveness: TypeAlias = Literal["waiting", "alive", "stale", "lost"]
+Liveness: TypeAlias = Literal["waiting", "alive", "stale", "down"]
 """Not heard yet, heard, silent for a moment, silent for so long that it may be heard from elsewhere."""
 Tell: TypeAlias = Callable[[Level, str], None]
 """Takes a notice about this vehicle."""

@@ -68,6 +68,7 @@ Cause: TypeAlias = Literal[
     "taken up again",
     "map changed",
     "agent lost",
+    "agent not tracked",
     "agent set aside",
     "agent joined",
     "agent idle",

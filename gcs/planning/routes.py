@@ -19,7 +19,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from gcs import compiling
-from gcs.model import FloatArray, Label, Route, read_only
+from gcs.model import FloatArray, Label, Route, read_only, target_name, vehicle_name
 from gcs.planning import canonical, endings, intercept, leaning, matrix, prediction, separation
 from gcs.planning.aiming import Search
 from gcs.planning.assignment import assign
@@ -90,8 +90,10 @@ def plan_routes(
     notes: list[str] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
     labels = [label for label in sorted(targets) if _on_earth(*targets[label])]
-    notes += [f"agent {v}: its position is not on Earth" for v in sorted(set(agents) - set(vehicles))]
-    notes += [f"target {label}: its position is not on Earth" for label in sorted(set(targets) - set(labels))]
+    notes += [f"{_agent(v)}: its position is not on Earth" for v in sorted(set(agents) - set(vehicles))]
+    notes += [
+        f"{_target(label)}: its position is not on Earth" for label in sorted(set(targets) - set(labels))
+    ]
     notes += ["no agents"] * (not agents) + ["no targets"] * (not targets)
     routes: list[Route] = []
     grid_lengths_m: dict[int, float] = {}
@@ -109,12 +111,12 @@ def plan_routes(
             vehicle, label = vehicles[i], labels[j]
             aimed = search.route(i, j)
             grid_lengths_m[vehicle] = aimed.grid_length_m
-            notes += [f"agent {vehicle}: {note.format(label)}" for note in aimed.notes]
+            notes += [f"{_agent(vehicle)}: {note.format(target_name(label))}" for note in aimed.notes]
             route = Route(vehicle, label, aimed.points_m, aimed.length_m)
             route, problem = _ended(grid, route, agents[vehicle], aimed.target_m, options)
             routes.append(route)
             if problem:
-                notes.append(f"agent {vehicle}: {problem.format(label)}")
+                notes.append(f"{_agent(vehicle)}: {problem.format(target_name(label))}")
                 short.add(vehicle)
         done("shaping")
     served = {route.target for route in routes}
@@ -183,6 +185,14 @@ def _ended(
     return route, problem
 
 
+def _agent(vehicle: int) -> str:
+    return f"agent {vehicle_name(vehicle)}"
+
+
+def _target(label: Label) -> str:
+    return f"target {target_name(label)}"
+
+
 def _on_earth(east_m: float, north_m: float) -> bool:
     """Whether an estimate is a place at all: neither NaN nor farther off than the Earth is round."""
     return abs(east_m) + abs(north_m) < 5e7
@@ -202,13 +212,13 @@ def _places_notes(
     notes = []
     for i in np.flatnonzero(starts.inside).tolist():
         east, north = cells(smap, starts.nodes[i, :1])[0] * grid.spacing_m + np.array(grid.origin_m)
-        notes.append(f"agent {vehicles[i]}: inside an obstacle; leaves it by ({east:.0f}, {north:.0f}) m")
+        notes.append(f"{_agent(vehicles[i])}: inside an obstacle; leaves it by ({east:.0f}, {north:.0f}) m")
     reached = np.isfinite(lengths_m)
     notes += [
-        f"agent {vehicles[i]}: no path to any target" for i in np.flatnonzero(~reached.any(axis=1)).tolist()
+        f"{_agent(vehicles[i])}: no path to any target" for i in np.flatnonzero(~reached.any(axis=1)).tolist()
     ]
     notes += [
-        f"target {labels[j]}: no path from any agent" for j in np.flatnonzero(~reached.any(axis=0)).tolist()
+        f"{_target(labels[j])}: no path from any agent" for j in np.flatnonzero(~reached.any(axis=0)).tolist()
     ]
     return notes
 

@@ -17,6 +17,7 @@ from gcs.report.style import RED
 COLOURS: Final[dict[str, str]] = {
     "first plan": "#7a5cc0",
     "agent lost": RED,
+    "agent not tracked": "#f4a582",
     "agent set aside": "#cc3377",
     "agent in danger": "#e69f00",
     "agent passed its target": "#cc79a7",

@@ -153,7 +153,7 @@ def truth_until(axes: Axes, course: Course, until_s: float) -> None:
             colour = agent_colours[number] if kind == "agents" else TARGETS
             width = (2.3 if kind == "agents" else 1.6) * size
             axes.plot(*thin(path.points_m).T, color=colour, lw=width, zorder=5, solid_capstyle="round")
-            text = str(number) if kind == "agents" else f"T{number}"
+            text = str(number) if kind == "agents" else f"target {number}"
             name(axes, text, path.points_m[0 if kind == "agents" else -1], shown, colour)
         starts = np.reshape([path.points_m[0] for path in shown.values()], (-1, 2))
         dots(axes, starts, s=58 * size**2, facecolors="none", edgecolors=RED, linewidths=1.9 * size, zorder=8)

@@ -84,7 +84,7 @@ def draw_plan(drawing: Drawing, path: Path) -> None:
     axes.scatter(targets[:, 0], targets[:, 1], marker="x", color=_INK, **style)
     if few:
         for number, place in drawing.targets.items():
-            _name(axes, f"T{number}", place, _INK)
+            _name(axes, f"target {number}", place, _INK)
     _draw_legend(axes, drawing)
     figure.savefig(path)
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from staging import S
 
 from gcs.command.fold import Command
+from gcs.edge.terminal import effect_line
 from gcs.edge.wire import decode, encode
 from gcs.mavlink.codec import decode as decode_frames
 from gcs.model import (
@@ -254,11 +255,14 @@ def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_miss
     (answer,) = [a for a in flight.all(OrderAnswer) if a.action == "keep-out"]
     for notice in first:
         assert re.fullmatch(
-            r"agent \d would fly through keep-out wall: in \d+ s, on its way to item \d+ "
+            r"would fly through keep-out wall: in \d+ s, on its way to item \d+ "
             r"of the mission that it holds: hold or return it",
             notice.text,
         )
-        assert notice.text in answer.detail
+        assert f"agent {notice.vehicle} {notice.text}" in answer.detail
+        line = effect_line(notice)
+        assert line is not None
+        assert line[0].count("agent") == 1  # not: agent 2: agent 2 would fly through
     vehicles = {n.vehicle for n in first}
     assert vehicles
     soon = {n.vehicle: n for n in alarms if n not in first and "would fly through" in n.text}

@@ -66,4 +66,4 @@ def test_who_is_on_the_way_home_already_is_named():
     flight.run.ended = False
     flight.run.run(flown_s + 1.0)
     said = [notice.text for notice in flight.all(Notice) if notice.vehicle == vehicle]
-    assert f"agent {vehicle} flies home through fire: hold or return it" in said
+    assert "flies home through fire: hold or return it" in said

@@ -85,9 +85,8 @@ class Flight:
 
     def lost(self) -> list[tuple[float, object]]:
         dead = [(t, e.vehicle) for t, e in self.effects if isinstance(e, Fate) and e.fate == "dead"]
-        return dead + [
-            (t, e.reason) for t, e in self.effects if isinstance(e, Plan) and "agent lost" in e.causes
-        ]
+        gone = {"agent lost", "agent not tracked"}
+        return dead + [(t, e.reason) for t, e in self.effects if isinstance(e, Plan) and gone & {*e.causes}]
 
 
 @pytest.mark.parametrize("seed", [2, 9])
@@ -101,7 +100,7 @@ def test_vehicles_that_start_at_one_place_and_report_are_never_called_lost(seed:
 def test_the_one_that_is_gone_is_called_lost_and_not_one_that_reports(seed: int) -> None:
     flight = Flight(seed, gone_s={2: 12.0})
     flight.run(30.0)
-    assert [what for _, what in flight.lost()] == [2, "agent 2 lost"]
+    assert [what for _, what in flight.lost()] == [2, "agent 2 is not tracked"]
     assert all(t_s < 24.0 for t_s, _ in flight.lost())
 
 

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import replace
 
 from rich.console import Console
 
 from gcs.command.fold import Command
+from gcs.command.reasons import in_words, lost, moved, passed
 from gcs.config import load
-from gcs.edge.terminal import LiveView, PlainLines
-from gcs.model import NS_PER_S, Notice, Proposal, Route, RouteFigures, Tick, read_only
+from gcs.edge.terminal import LiveView, PlainLines, effect_line
+from gcs.mavlink.adsb import callsign
+from gcs.model import NS_PER_S, Fate, Notice, Plan, Proposal, Route, RouteFigures, Tick, read_only
+from gcs.planning.grid import free_grid
+from gcs.planning.routes import plan_routes
+from gcs.planning.task import PlanOptions
 
 S = NS_PER_S
 ROUTES = tuple(Route(v, (0, v), read_only([[900.0, 100.0 * v]]), 1000.0 + v) for v in range(1, 9))
@@ -67,3 +73,19 @@ def test_a_log_has_a_plan_once_and_again_when_it_is_another_or_a_minute_has_pass
     assert "plan 1 waits to be confirmed, shown 60 s ago" in again
     assert "plan 2 waits" in second
     assert "agent 1 →" not in left
+
+
+def test_a_target_has_one_name_and_lost_is_said_of_agents_alone() -> None:
+    label = (0, 2)
+    route = Route(3, label, read_only([[900.0, 100.0]]), 800.0)
+    told = [
+        effect_line(Plan(0, 0, (route,), (), (), in_words([moved(label, 60.0), lost(label)]), (3,))),
+        effect_line(Fate(0, 3, "arrived", label)),
+        effect_line(replace(proposal(1, 1.0, 1.0), routes=(route,), reason=in_words([passed(3, label)]))),
+    ]
+    nowhere = plan_routes(free_grid((5, 5), 10.0), {}, {label: (math.inf, 0.0)}, {}, PlanOptions())
+    words = " ".join([*(line[0] for line in told if line is not None), *nowhere.notes, callsign(label)])
+    assert words.count("T0.2") == words.count("0.2") == 8
+    assert "(0, 2)" not in words
+    assert "lost" not in words
+    assert effect_line(Fate(0, 3, "dead")) == ("agent 3: lost", "alarm")

@@ -278,8 +278,8 @@ def test_silence_is_told_once_and_so_is_the_return():
         if n == 6:
             assert air.health().liveness == "stale"
     told = [(notice.level, notice.vehicle, notice.text) for notice in air.fleet.notices()]
-    assert told == [("warning", 1, "not heard for 3.0 s"), ("alarm", 1, "not heard for 6.0 s: lost")]
-    assert [h.liveness for h in air.fleet.health()] == ["lost", "alive"]
+    assert told == [("warning", 1, "not heard for 3.0 s"), ("alarm", 1, "link down: not heard for 6.0 s")]
+    assert [h.liveness for h in air.fleet.health()] == ["down", "alive"]
     air.hear(20, beat())
     assert (1, "heard again after 18.0 s") in air.texts()
     assert air.health().liveness == "alive"

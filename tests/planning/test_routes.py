@@ -212,7 +212,7 @@ def test_a_target_over_an_obstacle_is_approached_to_the_nearest_free_node():
     grid = free_grid((11, 11), 40.0).with_obstacles(cells=[(5, 5)])
     result = plan(grid, {1: (0.0, 200.0)}, {(0, 0): (192.0, 201.0)})
     assert result.routes[0].points_m[-1].tolist() == [160.0, 200.0]
-    assert any("target (0, 0) is over an obstacle" in note for note in result.notes)
+    assert any("target T0.0 is over an obstacle" in note for note in result.notes)
 
 
 def test_behind_a_closed_wall_there_is_no_path_and_the_others_still_fly():
@@ -230,7 +230,7 @@ def test_an_enclosed_target_is_left_out_and_named(cost):
     targets = {(0, 0): (200.0, 200.0), (0, 1): (400.0, 400.0)}
     result = plan(grid, {1: (0.0, 0.0)}, targets, {1: (0, 0)}, PlanOptions(cost, switch_gain_m=1e6))
     assert [r.target for r in result.routes] == [(0, 1)]
-    assert result.notes == ("target (0, 0): no path from any agent",)
+    assert result.notes == ("target T0.0: no path from any agent",)
 
 
 def test_nobody_to_plan_for_is_a_plan_that_says_so():
