@@ -77,14 +77,15 @@ class Approval:
     def look(self, situation: Situation) -> list[Effect]:
         """Propose what the situation asks for, and keep what waits up to date."""
         t_ns = situation.t_ns
+        effects = self._withdraw(situation)
         plan = self._replanner.check(situation, urgent_only=self._is_early(t_ns) and not self._is_urgent)
         self._is_urgent = False
         if plan is not None:
-            return self._propose(plan, situation)
+            return effects + self._propose(plan, situation)
         if self.pending is None or t_ns - self._renewed_t_ns < RENEW_S * NS_PER_S:
-            return []
+            return effects
         renewed = self._renew(self.pending.routes, situation)
-        return self._show(tuple(renewed[r.vehicle] for r in self.pending.routes), situation)
+        return effects + self._show(tuple(renewed[r.vehicle] for r in self.pending.routes), situation)
 
     def refresh(self, t_ns: int, away: Container[int] = ()) -> list[Effect]:
         """Take out of the plan that waits whoever died, was held or taken over since."""
@@ -93,6 +94,11 @@ class Approval:
         shown = self._replanner.proposed
         left = tuple(r for r in self.pending.routes if shown.get(r.vehicle) is r and r.vehicle not in away)
         return [] if len(left) == len(self.pending.routes) else self._left(t_ns, left)
+
+    def _withdraw(self, situation: Situation) -> list[Effect]:
+        """Take out of the plan that waits whoever is about to reach a target by the route that it flies."""
+        self._replanner.withdraw_arriving(situation)
+        return self.refresh(situation.t_ns)
 
     def _is_early(self, t_ns: int) -> bool:
         """Whether nobody can have read the last plan yet."""
@@ -160,9 +166,10 @@ class Approval:
 
     def take(self, order: Order, situation: Situation) -> tuple[list[Effect], list[Route]]:
         """Carry out a confirm or reject; returns what to tell, and the routes to send as missions."""
+        effects = self._withdraw(situation)
         refusal = self._refusal(order)
         if refusal:
-            return [Ongoing(order).answer(order.t_ns, "refused", refusal)], []
+            return [*effects, Ongoing(order).answer(order.t_ns, "refused", refusal)], []
         pending = self.pending
         assert pending is not None
         chosen = [r for r in pending.routes if order.vehicles is None or r.vehicle in order.vehicles]

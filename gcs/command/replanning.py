@@ -200,6 +200,14 @@ class Replanner:
         """Plan whatever changed or not: an operator confirmed a plan that cannot be flown as it was shown."""
         return self._plan(situation, [reasons.approved_changed(why)])
 
+    def withdraw_arriving(self, situation: Situation) -> None:
+        """Propose nothing to vehicles that are about to reach their targets by the routes that they fly."""
+        self.proposed = {
+            vehicle: route
+            for vehicle, route in self.proposed.items()
+            if vehicle not in self.routes or not self._is_arriving(self.routes[vehicle], situation)
+        }
+
     def renew(self, assignment: Mapping[int, Label], situation: Situation) -> dict[int, Route]:
         """Plan proposed routes anew from where their vehicles are now, each to the target that it has.
 

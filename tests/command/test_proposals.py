@@ -50,7 +50,8 @@ class Stage:
         order = Order(at(t_s), f"confirm-{t_s}", "confirm", None, plan_id)
         effects, routes = self.approval.take(order, self.situation(t_s))
         self._keep(effects)
-        return next(e for e in effects if isinstance(e, OrderAnswer)), routes
+        answers = [e for e in effects if isinstance(e, OrderAnswer) and e.order_id == order.order_id]
+        return answers[0], routes
 
     def _keep(self, effects: list[Effect]) -> None:
         self.shown += [e for e in effects if isinstance(e, Proposal)]
@@ -155,6 +156,23 @@ def test_less_separation_than_shown_is_another_plan() -> None:
     answer, _ = stage.confirm(13.0, 1)
     assert answer.state == "refused"
     assert "would come within 10 m of another at its altitude" in answer.detail
+
+
+def test_an_agent_about_to_reach_its_target_is_left_alone_though_a_plan_for_it_is_confirmed() -> None:
+    stage = Stage()
+    stage.look(0.0)
+    stage.confirm(1.0, 1)
+    flown = dict(stage.replanner.routes)
+    stage.targets[A], stage.targets[B] = (1500.0, 290.0), (1500.0, 890.0)
+    stage.agents = {1: (900.0, 200.0), 2: (900.0, 800.0)}
+    pending = stage.look(25.0)
+    assert pending is not None
+    assert [route.vehicle for route in pending.routes] == [1, 2]
+    stage.targets[A], stage.agents[1] = (1500.0, 200.0), (1465.0, 200.0)
+    answer, routes = stage.confirm(40.0, pending.plan_id)
+    assert answer.state == "accepted"
+    assert [route.vehicle for route in routes] == [2]
+    assert stage.replanner.routes[1] is flown[1]
 
 
 # ---------------------------------------------------------------- stable
