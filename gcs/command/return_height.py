@@ -11,8 +11,9 @@ from typing import Final
 from gcs.command.checks import Check
 from gcs.mavlink.profiles import Profile
 
-MARGIN_M: Final = 10.0
-"""Between the highest flight that is planned and a ceiling."""
+MARGIN_M: Final = 15.0
+"""Between the highest flight that is planned and a ceiling: an ArduPlane was seen to climb up to 11.3 m past
+the altitude of its take-off."""
 
 
 def return_height_check(
