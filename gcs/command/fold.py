@@ -96,7 +96,9 @@ class Command:
             vehicles,
             config.local_frame,
             FleetSettings(
-                position_rate_hz=telemetry.rate_hz, max_speed_m_s=config.airframe.max_ground_speed_m_s
+                position_rate_hz=telemetry.rate_hz,
+                max_speed_m_s=config.airframe.max_ground_speed_m_s,
+                checks_signatures=bool(config.links.keys),
             ),
             links=[link for link in links if link.role == "vehicles"],
         )

@@ -16,6 +16,11 @@ STEP_NS = NS_PER_S // 5
 """A wall clock that moved this far against the monotonic one has been set; less is left to NTP's slewing."""
 
 
+def unix_ns() -> int:
+    """Return the Unix time now, for what is kept from one run to the next."""
+    return time.time_ns()
+
+
 def unix_offset_ns() -> int:
     """Return the Unix time less the monotonic time, now."""
     return time.time_ns() - time.monotonic_ns()

@@ -14,7 +14,8 @@ A key file is TOML, for its owner alone (mode 600), and is replaced whole and at
     3 = "..."                              # on its way to that vehicle: it may hold this one already
 
 The time beside it (``keys.toml.time``) must never go back, or vehicles refuse what we sign. It is written
-ahead of the time in use, so that a crash loses nothing.
+ahead of the time in use, so that a crash loses nothing. The streams' times are those of the Unix time beside
+them; after a crash they are taken to have run on since (`TimeFile.read`).
 """
 
 from __future__ import annotations
@@ -31,8 +32,11 @@ import msgspec
 from gcs.config import Table, convert
 from gcs.endpoints import parse_endpoint
 from gcs.errors import ConfigError, LinkError
-from gcs.mavlink.signing import KEY_BYTES, Keys
-from gcs.model import vehicle_id, vehicle_name
+from gcs.mavlink.signing import KEY_BYTES, NS_PER_TICK, Keys
+from gcs.model import NS_PER_S, vehicle_id, vehicle_name
+
+MAX_ADVANCE_NS: Final = 30 * NS_PER_S
+"""How far the streams' times are moved on after a crash at most: three times the time between two savings."""
 
 _HEAD: Final = "# MAVLink signing keys: secret. Whoever has one can command the vehicles that hold it.\n"
 
@@ -47,6 +51,7 @@ class _KeyTable(Table, frozen=True, kw_only=True):
 class _TimeTable(Table, frozen=True, kw_only=True):
     timestamp: int
     streams: dict[str, int] = msgspec.field(default_factory=dict)
+    unix_ns: int = 0
 
 
 @dataclass(slots=True)
@@ -165,8 +170,17 @@ class TimeFile:
     def __init__(self, keys: Path) -> None:
         self.path = keys.with_name(keys.name + ".time")
 
-    def read(self) -> tuple[int, dict[str, int]]:
+    def read(self, unix_ns: int) -> tuple[int, dict[str, int]]:
         """Return the signing time to begin with, and the streams'; zero and none when there is no file.
+
+        After a crash the streams' times are moved on by the time since they were written: whatever was
+        accepted before the crash is older than that, and what a vehicle signs from now on is newer. They are
+        moved by `MAX_ADVANCE_NS` at most, and by that much when the clock was set back meanwhile.
+
+        Parameters
+        ----------
+        unix_ns : int
+            Unix time now, nanoseconds.
 
         Raises
         ------
@@ -182,8 +196,23 @@ class TimeFile:
         except (msgspec.DecodeError, UnicodeDecodeError):
             problem = "is damaged; with a right clock it can be deleted: vehicles follow the later time"
             raise ConfigError(str(self.path), "", problem) from None
-        return table.timestamp, table.streams
+        if not table.unix_ns:
+            return table.timestamp, table.streams
+        passed_ns = unix_ns - table.unix_ns
+        advance = (passed_ns if 0 <= passed_ns <= MAX_ADVANCE_NS else MAX_ADVANCE_NS) // NS_PER_TICK
+        return table.timestamp, {stream: time + advance for stream, time in table.streams.items()}
 
-    def write(self, timestamp: int, streams: Mapping[str, int]) -> None:
-        """Replace it; raises `OSError`."""
-        write_secret(self.path, msgspec.json.encode(_TimeTable(timestamp=timestamp, streams=dict(streams))))
+    def write(self, timestamp: int, streams: Mapping[str, int], unix_ns: int = 0) -> None:
+        """Replace it; raises `OSError`.
+
+        Parameters
+        ----------
+        timestamp : int
+            Signing time to begin with after a restart.
+        streams : mapping
+            Signing time of each stream.
+        unix_ns : int
+            Unix time now, nanoseconds; 0 at the end of a run, when the streams' times are final.
+        """
+        table = _TimeTable(timestamp=timestamp, streams=dict(streams), unix_ns=unix_ns)
+        write_secret(self.path, msgspec.json.encode(table))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.edge.clock import RunClock
+from gcs.edge.clock import RunClock, unix_ns
 from gcs.edge.keyfile import TimeFile
 from gcs.edge.links import TRANSPORTS
 from gcs.endpoints import Endpoint
@@ -73,7 +73,7 @@ class _Run:
     ) -> None:
         self._endpoint, self._wanted, self._times = endpoint, wanted, times
         self._settled, self._news = settled, news
-        self._time, self._streams = times.read()
+        self._time, self._streams = times.read(unix_ns())
         self._pending: dict[int, Installation] = {}
         self._peers: dict[int, str] = {}
         self._encode = Encoder()

@@ -106,7 +106,9 @@ class Links:
             here = [link for link in self.links if link.network == network]
             if len(here) > 1:
                 ids = [system_of(vehicle) for vehicle in vehicles if network_of(vehicle) == network]
-                routers[network] = Router(here, ids, self._busy_on(network))
+                routers[network] = Router(
+                    here, ids, self._busy_on(network), is_keyed=self.signing.gate.is_keyed
+                )
         return routers
 
     def _busy_on(self, network: int) -> Callable[[int], bool]:

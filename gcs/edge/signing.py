@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from gcs.edge.clock import unix_ns
 from gcs.edge.keyfile import TimeFile, read_keys
 from gcs.endpoints import Link
 from gcs.errors import ConfigError
@@ -18,6 +19,8 @@ from gcs.mavlink.signing import TICKS_PER_S, Gate, GateCounters, Keys
 from gcs.model import NS_PER_S, Level
 
 _SAVE_EVERY_NS: Final = 10 * NS_PER_S
+_SAVE_AGAIN_NS: Final = NS_PER_S // 4
+"""Least time between two savings."""
 _AHEAD: Final = 30 * TICKS_PER_S
 """How far ahead of the signing time in use the saved one is."""
 _TELL_AGAIN_NS: Final = 60 * NS_PER_S
@@ -50,18 +53,21 @@ class Signing:
             return
         table = read_keys(keys).keys
         self._time = TimeFile(keys)
-        self.gate = Gate(table, links, *self._time.read(), kernel=kernel)
+        self.gate = Gate(table, links, *self._time.read(unix_ns()), kernel=kernel)
         unknown = sorted(table.links.keys() - {link.name for link in links})
         if unknown:
             raise ConfigError(str(keys), f"links.{unknown[0]}", "the mission file has no such endpoint")
 
     def tick(self, t_ns: int) -> list[tuple[str, Level, str]]:
-        """Save the time now and then; return what is to be said of which link."""
+        """Save the times now and then, and when they run ahead of those saved; return what is to be said."""
         news: list[tuple[str, Level, str]] = []
-        if self._time is not None and not 0 <= t_ns - self._saved_t_ns < _SAVE_EVERY_NS:
+        wait_ns = _SAVE_AGAIN_NS if self.gate.runs_ahead else _SAVE_EVERY_NS
+        if self._time is not None and not 0 <= t_ns - self._saved_t_ns < wait_ns:
             self._saved_t_ns = t_ns
+            streams = self.gate.times_to_save(t_ns)
+            latest = max((self.gate.timestamp, *streams.values()))
             try:
-                self._time.write(self.gate.timestamp + _AHEAD, self.gate.streams)
+                self._time.write(latest + _AHEAD, streams, unix_ns())
             except OSError as error:
                 link = next(iter(self.gate.links))
                 news.append((link, "alarm", f"{self._time.path} cannot be written: {error.strerror}"))

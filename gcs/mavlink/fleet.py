@@ -8,7 +8,8 @@ by its number (`gcs.model.vehicle_id`), which on network 0 is its system id.
 * Where nobody calls us (an endpoint that does not listen) we call: heartbeats, four a second.
 * Its address is learned from a HEARTBEAT of its own autopilot (component 1, a real autopilot type) and kept:
   while the vehicle is heard there, another address that claims its id is a conflict, counted and ignored.
-  After a silence it may move. Nothing is ever sent to an address that has not been learned so.
+  After a silence it may move, and at once to where it signs later than at its address. Nothing is ever
+  sent to an address that has not been learned so.
 * Liveness is the age of the last frame of its autopilot, per system id: never that of a link. A single lost
   heartbeat says little on a bad radio, a silence of seconds on all its messages does.
 * Only ids that somebody here needs are unpacked; the others count for loss and liveness.
@@ -42,6 +43,7 @@ from gcs.mavlink.heartbeats import heartbeat, is_heartbeat, is_vehicles
 from gcs.mavlink.items import Home
 from gcs.mavlink.profiles import Profile
 from gcs.mavlink.row import ADDRESS, BOOT_OFFSET_NS, DUE_NS, HEARD_NS, LEG, NOBODY, PLACES, SIGNS, new_row
+from gcs.mavlink.signing import FRESHER_NS, signed_t_ns
 from gcs.mavlink.telling import Telling
 from gcs.mavlink.vehicle import Address, Health, Tell, Vehicle
 from gcs.mavlink.wants import Wants
@@ -87,6 +89,8 @@ class FleetSettings:
     """Over ground; reports of more are refused, and so are places further away than that."""
     max_distance_m: float = 100_000.0
     """Positions further from the frame's origin are refused."""
+    checks_signatures: bool = False
+    """True if signatures are checked before frames come here."""
     max_strangers: int = 64
     """Strangers that are told apart; more are counted together."""
 
@@ -270,7 +274,9 @@ class Fleet:
         """Whether the frame comes from the vehicle; an autopilot's heartbeat may show where it now is."""
         if vehicle.address == address:
             return not is_heartbeat(frame) or is_vehicles(message)
-        if vehicle.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns:
+        is_heard = vehicle.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns
+        later = is_heard and is_vehicles(message) and self._signs_later(vehicle, frame, t_ns)
+        if vehicle.address is not None and is_heard and not later:
             vehicle.conflicts += 1
             self._claimed_t_ns[vehicle.system_id] = t_ns
             self.links[address[0]].conflicts += 1
@@ -281,9 +287,21 @@ class Fleet:
             self.links[address[0]].ignored += 1
             return False
         moved = "in contact" if vehicle.address is None else "moved"
+        if later and vehicle.address is not None:
+            text = f"{vehicle.address[1]} on {vehicle.address[0]} sent recorded frames with its id"
+            self._telling.tell("alarm", text, t_ns, vehicle.system_id)
         self._contact(vehicle, address)
+        signed_ns = signed_t_ns(frame)
+        vehicle.signed_lead_ns = None if signed_ns is None else signed_ns - t_ns
         self._telling.tell("info", f"{moved}: {address[1]} on {address[0]}", t_ns, vehicle.system_id)
         return True
+
+    def _signs_later(self, vehicle: Vehicle, frame: Frame, t_ns: int) -> bool:
+        """Return True if a checked frame is signed later than frames from the vehicle's address are."""
+        signed_ns, lead_ns = signed_t_ns(frame), vehicle.signed_lead_ns
+        if not self._settings.checks_signatures or signed_ns is None or lead_ns is None:
+            return False
+        return signed_ns - t_ns - lead_ns > FRESHER_NS
 
     def _contact(self, vehicle: Vehicle, address: Address) -> None:
         """Hear a vehicle at an address from now on."""

@@ -8,7 +8,8 @@ its own:
   not to other vehicles: on one radio that grows with the square of the swarm. Guests see vehicles, not each
   other. Frames for somebody go to where that somebody is known, and nowhere else; to nobody when unknown.
 * A vehicle's component has one place, learned from its HEARTBEAT and kept while it is heard there. What
-  claims to come from it at another address is kept out: a duplicate by another way, or an impostor.
+  claims to come from it at another address is kept out: a duplicate by another way, or an impostor. Where
+  signatures are checked, it moves at once to where its heartbeats are signed later.
 * A guest that speaks with a vehicle's system id, or with our own ids, is a loop or an impostor: kept out.
 * A guest's HEARTBEAT stays here: a vehicle's ground-station failsafe watches central command alone.
 * A frame goes never back to where it came from, and a guest's frame that comes again from another address
@@ -34,6 +35,7 @@ from gcs.endpoints import Link
 from gcs.mavlink import access
 from gcs.mavlink.asking import ns
 from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame
+from gcs.mavlink.signing import FRESHER_NS, signed_t_ns
 from gcs.mavlink.targets import target_of
 from gcs.mavlink.vehicle import Address
 
@@ -85,6 +87,8 @@ class PortCounters:
 class _Place:
     address: Address
     heard_t_ns: int
+    signed_ns: int | None
+    """Time in the signature of its last frame; None when that was not signed."""
 
 
 @dataclass(slots=True)
@@ -109,6 +113,8 @@ class Router:
         Whether a mission of ours is on its way to the vehicle of a system id.
     own : (int, int)
         Our system and component id.
+    is_keyed : callable
+        True for a link's name and a system id if their frames come here with checked signatures.
     """
 
     def __init__(
@@ -119,7 +125,9 @@ class Router:
         settings: RoutingSettings | None = None,
         *,
         own: Id = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+        is_keyed: Callable[[str, int], bool] = lambda _, __: False,
     ) -> None:
+        self._is_keyed = is_keyed
         self._links = {link.name: link for link in links}
         self._vehicles = frozenset(vehicles)
         self._is_busy = is_busy
@@ -156,14 +164,16 @@ class Router:
             return Routed((), "stranger")
         id_ = (frame.system_id, frame.component_id)
         place = self._places.get(id_)
-        if place is None or (place.address != address and self._is_silent(place, t_ns)):
+        signed_ns = signed_t_ns(frame)
+        moves = place is not None and place.address != address and self._may_move(place, t_ns, frame, address)
+        if place is None or moves:
             if frame.message_id != _HEARTBEAT:
                 return Routed((), "no heartbeat yet")
-            self._places[id_] = _Place(address, t_ns)
+            self._places[id_] = _Place(address, t_ns, signed_ns)
         elif place.address != address:
             return Routed((), "is heard elsewhere")
         else:
-            place.heard_t_ns = t_ns
+            place.heard_t_ns, place.signed_ns = t_ns, signed_ns
         system, component = target_of(frame) or (0, 0)
         if system in self._vehicles:
             return self._to_vehicle(t_ns, address, system, component)
@@ -211,6 +221,16 @@ class Router:
             if wanted(id_) and place.address != but and not self._is_silent(place, t_ns)
         }
         return tuple(found)
+
+    def _may_move(self, place: _Place, t_ns: int, frame: Frame, address: Address) -> bool:
+        """Return True if a component may be heard elsewhere: silent so far, or signed later there."""
+        if self._is_silent(place, t_ns):
+            return True
+        signed_ns = signed_t_ns(frame)
+        if signed_ns is None or place.signed_ns is None or frame.message_id != _HEARTBEAT:
+            return False
+        later = signed_ns - place.signed_ns > FRESHER_NS
+        return later and self._is_keyed(address[0], frame.system_id)
 
     def _is_silent(self, place: _Place, t_ns: int) -> bool:
         return t_ns - place.heard_t_ns > ns(self._settings.vehicle_silent_s)

@@ -34,7 +34,7 @@ from gcs.endpoints import Link
 from gcs.mavlink.codec import Frame, scan
 from gcs.mavlink.targets import target_of
 from gcs.mavlink.vehicle import Address
-from gcs.model import network_of, vehicle_id
+from gcs.model import NS_PER_S, network_of, vehicle_id
 
 if TYPE_CHECKING:
     from gcs.mavlink.verifying import Verified, Verifier
@@ -42,13 +42,16 @@ if TYPE_CHECKING:
 KEY_BYTES: Final = 32
 EPOCH_S: Final = 1_420_070_400
 """2015-01-01T00:00:00Z."""
+FRESHER_NS: Final = 2 * NS_PER_S
+"""A vehicle's frames from a new address that are signed this much later than those from the old one show
+that the old ones are not its own: they were recorded, and are sent again."""
 TICKS_PER_S: Final = 100_000
 MINUTE: Final = 60 * TICKS_PER_S
 
 Stream: TypeAlias = str
 """Who is told apart by time: "network/system/component/link id"; on a guests' endpoint, its name before."""
 
-_NS_PER_TICK: Final = 10_000
+NS_PER_TICK: Final = 10_000
 _V2: Final = 0xFD
 _SIGNED: Final = 0x01
 _BLOCK: Final = 13
@@ -56,6 +59,8 @@ _SETUP_SIGNING: Final[int] = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 _MAYBE_SETUP: Final = re.compile(b"\xfd.{6}" + re.escape(_SETUP_SIGNING.to_bytes(3, "little")), re.DOTALL)
 _RADIO: Final = (dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RADIO)
 _MAX_STREAMS: Final = 16_384
+_MAX_AHEAD: Final = TICKS_PER_S // 5
+"""How far a stream may run ahead of its saved time: less than a service needs to start again."""
 _MAX_ADDRESSES: Final = 1024
 
 
@@ -76,7 +81,7 @@ _FLAG_CHANGES: Final = _flag_changes()
 
 def timestamp_of(t_ns: int) -> int:
     """Signing time of a Unix time in nanoseconds."""
-    return max(0, t_ns // _NS_PER_TICK - EPOCH_S * TICKS_PER_S)
+    return max(0, t_ns // NS_PER_TICK - EPOCH_S * TICKS_PER_S)
 
 
 def passphrase_key(passphrase: str) -> bytes:
@@ -105,6 +110,11 @@ def signed(frame: bytes, key: bytes, link_id: int, timestamp: int) -> bytes:
 def is_signed_by(frame: bytes, key: bytes) -> bool:
     """Whether the signature of a signed frame is this key's."""
     return hmac.compare_digest(hashlib.sha256(key + frame[:-6]).digest()[:6], frame[-6:])
+
+
+def signed_t_ns(frame: Frame) -> int | None:
+    """Return the Unix time in a frame's signature in nanoseconds; None when it is not signed."""
+    return signing_time(frame) * NS_PER_TICK + EPOCH_S * NS_PER_S if frame.signed else None
 
 
 def signing_time(frame: Frame) -> int:
@@ -186,6 +196,12 @@ class Gate:
         self._heard: dict[Address, dict[bytes, None]] = {}
         """Keys by which frames from an address were verified."""
         self._behind: dict[Address, None] = {}
+        self._leads: dict[Stream, int] = {}
+        """Most that a stream was ahead of our clock since times were saved; it may be negative."""
+        self._saved: tuple[int, Mapping[Stream, int]] = 0, {}
+        """Signing time when times were saved, and the streams' then."""
+        self.runs_ahead = False
+        """True if a stream is ahead of its saved time: after a crash now, its frames could be replayed."""
         self._verifier: Verifier | None = None
         if kernel and any(self._keyed.values()):
             from gcs.mavlink.verifying import Verifier
@@ -209,7 +225,7 @@ class Gate:
         if self._verifier is not None and not has_setup:
             verified = self._verifier.check(link, address[0], data)
             if verified is not None:
-                self._note(address, verified)
+                self._note(t_ns, address, verified)
                 return data
         found = scan(data)
         frames = sorted((*found.frames, *found.unchecked), key=signing_time)
@@ -217,13 +233,36 @@ class Gate:
         hides = found.bad_bytes and has_setup  # a damaged frame may hold most of a key
         return data if len(kept) == len(frames) and not hides else b"".join(kept)
 
-    def _note(self, address: Address, verified: Verified) -> None:
+    def _note(self, t_ns: int, address: Address, verified: Verified) -> None:
         """Take in what a whole datagram of good frames says."""
         self._count(address[0]).verified += verified.frames
         for key in verified.keys:
             self._hear(address, key)
-        self.streams.update(verified.times)
-        self.timestamp = max(self.timestamp, *verified.times.values())
+        for stream, timestamp in verified.times.items():
+            self._advance(stream, timestamp, timestamp_of(t_ns))
+
+    def _advance(self, stream: Stream, timestamp: int, now: int) -> None:
+        """Move a stream's time, and ours with it."""
+        self.streams[stream] = timestamp
+        self.timestamp = max(self.timestamp, timestamp)
+        lead = timestamp - now
+        self._leads[stream] = max(lead, self._leads.get(stream, lead))
+        then, saved = self._saved
+        if stream not in saved or timestamp > saved[stream] + now - then + _MAX_AHEAD:
+            self.runs_ahead = True
+
+    def times_to_save(self, t_ns: int) -> dict[Stream, int]:
+        """Return the time of each stream, ahead of every frame that it may send until `t_ns`.
+
+        A stream runs on with the clock. So a time that is saved, and moved on by the time since, is not
+        behind any frame accepted meanwhile, and behind those that the stream sends from then on.
+        """
+        now = timestamp_of(t_ns)
+        times = {s: max(time, now + self._leads.get(s, time - now)) for s, time in self.streams.items()}
+        self._leads.clear()
+        self._saved = now, times
+        self.runs_ahead = False
+        return times
 
     def _hear(self, address: Address, key: bytes) -> None:
         if len(self._heard) < _MAX_ADDRESSES or address in self._heard:
@@ -264,8 +303,7 @@ class Gate:
             return "signed more than a minute ago"
         if before is None and len(self.streams) >= _MAX_STREAMS:
             return "too many senders"
-        self.streams[stream] = timestamp
-        self.timestamp = max(self.timestamp, timestamp)
+        self._advance(stream, timestamp, timestamp_of(t_ns))
         return ""
 
     def _note_behind(self, address: Address) -> None:

@@ -103,6 +103,8 @@ class Vehicle:
         self.row = new_row() if row is None else row
         """What quiet frames change, here or in the kernel."""
         self.address: Address | None = None
+        self.signed_lead_ns: int | None = None
+        """Signing time less ours of the heartbeat that showed its address; None when that was not signed."""
         self.liveness: Liveness = "waiting"
         self.conflicts = self.boots = self.returns = 0
         self.autopilot = dialect.MAV_AUTOPILOT_INVALID
