@@ -5,9 +5,14 @@
 
 from __future__ import annotations
 
+from gcs.safe_text import printable
+
 
 class GcsError(Exception):
-    """Root of every error that this project raises on purpose."""
+    """Root of every error that this project raises on purpose. What it says is safe to show."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(printable(text, keep="\n"))
 
 
 class ConfigError(GcsError):

@@ -16,6 +16,7 @@ from gcs.app import Sink
 from gcs.command.area import mission_grid
 from gcs.command.fold import Command
 from gcs.config import Config
+from gcs.edge.consoles import Printable
 from gcs.edge.kernels import load_kernels
 from gcs.edge.links import Links
 from gcs.edge.output import is_busy
@@ -67,7 +68,8 @@ async def view_for(run: Shown, console: Console, *, speed: float, headless: bool
         return
     view = LiveView(run.config, run.command, speed, run.links)
     run.sinks.append(view)
-    with Live(view, console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live:
+    shown = Printable(view)
+    with Live(shown, console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live:
         refresher = asyncio.create_task(_refresh(live))
         try:
             yield

@@ -10,6 +10,8 @@ scenarios in `gcs/scenarios/` show every key with its unit, range and default.
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 
 from gcs.config import contradictions
@@ -18,6 +20,7 @@ from gcs.config.places import local_places, with_local_places
 from gcs.config.text import read_text, scenario_names
 from gcs.config.validation import Table, convert
 from gcs.errors import ConfigError
+from gcs.safe_text import printable
 
 __all__ = ["Config", "Table", "convert", "load", "local_places", "parse", "read_text", "scenario_names"]
 
@@ -34,9 +37,21 @@ def parse(text: str, source: str) -> Config:
         raw = msgspec.toml.decode(text)
     except (msgspec.DecodeError, ValueError) as error:
         raise ConfigError(source, "", f"not valid TOML: {error}") from None
-    config = convert(with_local_places(raw, source), Config, source)
+    config = convert(with_local_places(_shown(raw), source), Config, source)
     contradictions.check(config, source)
     return config
+
+
+def _shown(value: Any) -> Any:
+    """Return plain data whose texts hold no control characters: TOML's escapes would reach terminals."""
+    match value:
+        case str():
+            return printable(value, keep="\n\t")
+        case dict():
+            return {printable(key): _shown(item) for key, item in value.items()}
+        case list():
+            return [_shown(item) for item in value]
+    return value
 
 
 def load(scenario: str) -> Config:

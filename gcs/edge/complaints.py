@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.text import Text
 
+from gcs.edge.consoles import console_for
 from gcs.errors import GcsError, InterruptedRunError
 
 
@@ -17,5 +18,5 @@ def complain(error: GcsError, console: Console | None = None) -> int:
         line = Text.assemble(("interrupted: ", "yellow"), str(error))
     else:
         line = Text.assemble(("error: ", "bold red"), str(error))
-    (console or Console(stderr=True)).print(line, highlight=False, soft_wrap=True)
+    (console or console_for(stderr=True)).print(line, highlight=False, soft_wrap=True)
     return 130 if isinstance(error, InterruptedRunError) else 2

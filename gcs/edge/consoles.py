@@ -2,17 +2,64 @@
 
 from __future__ import annotations
 
+import codecs
+import io
 import os
+import sys
+from typing import Final
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook, RenderResult
+from rich.segment import Segment
 
+from gcs.safe_text import printable
+
+ERRORS: Final = "gcs.ascii"
+"""Name of the error handler that writes in ASCII what an encoding lacks."""
+_ASCII: Final = {
+    "→": "->", "–": "-", "—": "-", "…": "...", "·": ".", "▒": "#", "◆": "*", "✗": "x", "×": "x", "°": " deg",
+    "²": "2", "±": "+/-", "≥": ">=", "≤": "<=", "σ": "sigma", "µ": "u",
+}  # fmt: skip
 _FILE_COLUMNS = 200
 """Of tables in a file; rich would take 80, and break words and sentences for nobody."""
 
 
+class Printable:
+    """A renderable whose text holds no control characters but rich's own, whoever wrote it."""
+
+    def __init__(self, renderable: RenderableType) -> None:
+        self._renderable = renderable
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for segment in console.render(self._renderable, options):
+            if segment.control or segment.text.isprintable():
+                yield segment
+            else:
+                yield Segment(printable(segment.text, keep="\n"), segment.style)
+
+
+class _PrintableHook(RenderHook):
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        return [Printable(renderable) for renderable in renderables]
+
+
 def console_for(*, stderr: bool = False) -> Console:
     """Return a console on stdout or stderr; `COLUMNS` in the environment says another width for files."""
+    stream = sys.stderr if stderr else sys.stdout
+    if isinstance(stream, io.TextIOWrapper):
+        stream.reconfigure(errors=ERRORS)
     console = Console(stderr=stderr)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = _FILE_COLUMNS
+    console.push_render_hook(_PrintableHook())
     return console
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    """Say in ASCII what an encoding lacks."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    return "".join(_ASCII.get(character, "?") for character in lacking), error.end
+
+
+codecs.register_error(ERRORS, _in_ascii)

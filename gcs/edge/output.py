@@ -6,7 +6,6 @@ only hands work to a `Writer` and goes on: heartbeats and missions wait for no o
 
 from __future__ import annotations
 
-import codecs
 import io
 import os
 import select
@@ -19,6 +18,7 @@ from typing import Final, TextIO, cast
 
 from rich.console import Console
 
+from gcs.edge.consoles import ERRORS
 from gcs.model import Level
 
 _STUCK_S: Final = 3.0
@@ -27,10 +27,6 @@ _MAX_PIECES: Final = 1000
 """Lines or frames that wait for a terminal; more are lost."""
 _DRAIN_S: Final = 5.0
 """How long the end waits for a terminal that takes nothing."""
-_ASCII: Final = {
-    "→": "->", "–": "-", "—": "-", "…": "...", "·": ".", "▒": "#", "◆": "*", "✗": "x", "×": "x", "°": " deg",
-    "²": "2", "±": "+/-", "≥": ">=", "≤": "<=", "σ": "sigma", "µ": "u",
-}  # fmt: skip
 
 
 class Writer:
@@ -168,7 +164,7 @@ class QueuedText(io.TextIOBase):
         if self._fileno < 0:
             self.writer.put(lambda: self._write_in_memory(text))
         else:
-            data = text.encode(self.encoding, "gcs.ascii")
+            data = text.encode(self.encoding, ERRORS)
             self.writer.put(lambda: _write_all(self._fileno, data))
         return len(text)
 
@@ -212,14 +208,3 @@ def _write_all(fileno: int, data: bytes) -> None:
             rest = rest[os.write(fileno, rest) :]
         except BlockingIOError:
             select.select((), (fileno,), ())
-
-
-def _in_ascii(error: UnicodeError) -> tuple[str, int]:
-    """Say in ASCII what an encoding lacks."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    lacking = error.object[error.start : error.end]
-    return "".join(_ASCII.get(character, "?") for character in lacking), error.end
-
-
-codecs.register_error("gcs.ascii", _in_ascii)

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.asking import Asking, Patience
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.profiles import mode_name
+from gcs.safe_text import printable
 
 PATIENCE: Final = Patience(wait_s=1.0, wait_max_s=3.0, tries=10)
 _REFUSALS: Final = 3
@@ -82,7 +83,7 @@ class Errand:
             case "COMMAND_ACK":
                 self._on_ack(message)
             case "STATUSTEXT" if message.severity <= _WARNING:
-                self._said = str(message.text)
+                self._said = printable(str(message.text))
 
     def _on_heartbeat(self, message: Message) -> None:
         shown = Shown(mode_name(message), bool(message.base_mode & _ARMED))

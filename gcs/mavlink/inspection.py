@@ -21,6 +21,7 @@ from gcs.mavlink.items import Item
 from gcs.mavlink.lists import ListTask
 from gcs.mavlink.parameters import ParameterReading, is_bytewise
 from gcs.mavlink.profiles import Envelope, Profile, profile_of
+from gcs.safe_text import printable
 
 _ASKED: Final = {
     "AUTOPILOT_VERSION": dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
@@ -130,7 +131,7 @@ class Inspection:
         if name == "HEARTBEAT" and self._asking is None:
             self._begin(message, t_ns)
         if name == "STATUSTEXT" and message.severity <= _WARNING:
-            self._note(str(message.text))
+            self._note(printable(str(message.text)))
         if self._asking is not None:
             self._asking.pop(name, None)
             if name == "SYS_STATUS" and not self._told_to_check and self._fails_prearm_check(message):

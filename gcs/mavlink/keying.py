@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.asking import ns
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame
 from gcs.mavlink.signing import is_signed_by, signed, timestamp_of
+from gcs.safe_text import printable
 
 Outcome: TypeAlias = Literal["", "done", "failed"]
 
@@ -73,7 +74,7 @@ class Installation:
         if message is not None and name == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
             self._on_heartbeat(armed=bool(message.base_mode & _ARMED))
         elif message is not None and name == "STATUSTEXT" and "sign" in message.text.lower():
-            self.detail = f"said: {message.text}"
+            self.detail = f"said: {printable(message.text)}"
         elif message is not None and name == "COMMAND_ACK" and self._holds_new and self._asked:
             self.outcome, self.detail = "done", "signs with the key, and obeys what is signed with it"
 

@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.asking import Asking, Patience
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.model import system_of
+from gcs.safe_text import printable
 
 _PATIENCE: Final = Patience(wait_s=0.5, wait_max_s=2.0, tries=5)
 _AT_ONCE: Final = 6
@@ -129,7 +130,7 @@ class ParameterReading:
             or (message.get_srcSystem(), message.get_srcComponent()) != self._to
         ):
             return
-        name = str(message.param_id)
+        name = printable(str(message.param_id))
         if name in self._asked or name in self.values:
             self._asked.pop(name, None)
             for other in self._same[name]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from gcs.mavlink.codec import Message
+from gcs.safe_text import printable
 
 _CHUNK: Final = 50
 _MISSING: Final = "[...]"
@@ -32,7 +33,7 @@ class TextChunks:
             if self._said:
                 texts.append("".join(self._said) + _MISSING)
             self._id, self._said = message.id, []
-        text = str(message.text)
+        text = printable(str(message.text), keep="\t")
         if not message.id:
             return [*texts, text.rstrip()]
         if message.chunk_seq > len(self._said):

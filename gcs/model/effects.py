@@ -9,6 +9,7 @@ from gcs.model.basics import Label, Level
 from gcs.model.orders import OrderAnswer, Proposal
 from gcs.model.picture import Picture
 from gcs.model.plans import Plan
+from gcs.safe_text import printable
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,10 @@ class UploadReport:
     duration_s: float
     retries: int
 
+    def __post_init__(self) -> None:
+        """Make the detail safe to show."""
+        object.__setattr__(self, "detail", printable(self.detail))
+
 
 @dataclass(frozen=True, slots=True)
 class Notice:
@@ -52,7 +57,12 @@ class Notice:
     t_ns: int
     level: Level
     text: str
+    """Of printable characters alone, whatever a vehicle or another ground station said."""
     vehicle: int | None = None
+
+    def __post_init__(self) -> None:
+        """Make the text safe to show."""
+        object.__setattr__(self, "text", printable(self.text))
 
 
 @dataclass(frozen=True, slots=True)

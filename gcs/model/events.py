@@ -9,6 +9,7 @@ from gcs.model.basics import Level
 from gcs.model.memory import Memory
 from gcs.model.orders import Order
 from gcs.model.scans import Scan
+from gcs.safe_text import printable
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +39,12 @@ class BadInput:
     sensor: str = ""
     """Name of the sensor whose scan it was; empty for other input."""
 
+    def __post_init__(self) -> None:
+        """Make what came from outside safe to show."""
+        object.__setattr__(self, "source", printable(self.source))
+        object.__setattr__(self, "problem", printable(self.problem))
+        object.__setattr__(self, "sensor", printable(self.sensor))
+
 
 @dataclass(frozen=True, slots=True)
 class LinkNews:
@@ -47,6 +54,11 @@ class LinkNews:
     link: str
     level: Level
     text: str
+
+    def __post_init__(self) -> None:
+        """Make what came from outside safe to show."""
+        object.__setattr__(self, "link", printable(self.link))
+        object.__setattr__(self, "text", printable(self.text))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +81,10 @@ class UploadAnswer:
     begun: bool
     """Whether the vehicle may have begun to change what it stores."""
     detail: str
+
+    def __post_init__(self) -> None:
+        """Make what came from outside safe to show."""
+        object.__setattr__(self, "detail", printable(self.detail))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 
 from gcs.model.basics import NS_PER_S
 from gcs.model.plans import Route
+from gcs.safe_text import printable
 
 Action: TypeAlias = Literal[
     "hold", "resume", "return", "arm", "disarm", "plan", "confirm", "reject", "keep-out"
@@ -41,6 +42,10 @@ class Order:
     keep_out: KeepOut | None = None
     origin: str = ""
     """Who gave it, in words."""
+
+    def __post_init__(self) -> None:
+        """Make what came from outside safe to show."""
+        object.__setattr__(self, "origin", printable(self.origin))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,3 +111,8 @@ class OrderAnswer:
     """Vehicles whose answer is still to come; the order is over when nobody is left."""
     proposal: Proposal | None = None
     """The plan that waits, for an order that asks for it."""
+
+    def __post_init__(self) -> None:
+        """Make what came from outside safe to show."""
+        object.__setattr__(self, "order_id", printable(self.order_id))
+        object.__setattr__(self, "detail", printable(self.detail))

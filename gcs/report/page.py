@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from gcs.errors import RecordingError
 from gcs.report.style import svg_of
 from gcs.report.tables import Table
+from gcs.safe_text import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -101,6 +102,7 @@ def save_page(page: Page, path: Path) -> None:
         lstrip_blocks=True,
     )  # fmt: skip
     try:
-        path.write_text(environment.get_template("page.html").render(page=page), encoding="utf-8")
+        text = environment.get_template("page.html").render(page=page)
+        path.write_text(printable(text, keep="\n\t"), encoding="utf-8")
     except OSError as error:
         raise RecordingError(str(path), f"cannot be written: {error.strerror}") from None

@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, Message
 from gcs.model import NS_PER_S
+from gcs.safe_text import printable
 
 GAP_NS: Final = 5 * NS_PER_S
 """Silence of a sender that counts as a gap."""
@@ -138,7 +139,7 @@ class Traffic:
             case "AUTOPILOT_VERSION":
                 sender.firmware = _version(message.flight_sw_version) or sender.firmware
             case "STATUSTEXT":
-                found = _FIRMWARE_TEXT.search(str(message.text))
+                found = _FIRMWARE_TEXT.search(printable(str(message.text)))
                 if found and len(found[0]) > len(sender.firmware):
                     sender.firmware = found[0]
             case "MISSION_ACK":
