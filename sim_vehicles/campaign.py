@@ -107,7 +107,7 @@ def fly(job: Job) -> Row:
     scenario = parse_scenario(job.text, job.scenario)
     config = scenario.config
     judge = judge_of(config)
-    deaths, truths = DeathWatch(), TrueTrackers()
+    deaths, truths = DeathWatch(), TrueTrackers(config)
     run = VirtualRun(scenario, job.seed, loss=job.loss)
 
     def on_effect(_t_ns: int, effect: Effect) -> None:

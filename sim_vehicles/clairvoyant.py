@@ -6,10 +6,12 @@ judges fates. The time that it takes is the measure for the real trackers (``gcs
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from gcs.command.untracked import Untracked
+from gcs.config import Config
 from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Track, Truth, VehicleState, read_only
 
 _COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
@@ -20,6 +22,11 @@ class TrueBeliefs:
 
     def __init__(self) -> None:
         self.tracks: Mapping[Label, Track] = {}
+
+    @property
+    def alive(self) -> Collection[Track]:
+        """Tracks of what is alive: all."""
+        return self.tracks.values()
 
     def is_dead(self, label: Label) -> bool:
         """Whether an object is not alive."""
@@ -59,11 +66,13 @@ class TrueKind:
 class TrueTrackers:
     """Stand in the place of `gcs.command.trackers.Trackers`; `truth` is set before each scan."""
 
-    def __init__(self) -> None:
+    def __init__(self, config: Config) -> None:
         self.truth: Truth | None = None
         self.agents, self.targets = TrueKind("agents"), TrueKind("targets")
         self.findings: tuple[tuple[bool, str], ...] = ()
         """Nothing that sensors say contradicts them."""
+        self.untracked = Untracked(config)
+        """Nothing that sensors see is without a track."""
 
     def refusal(self, _scan: Scan) -> str:
         """No scan is refused: none is looked at."""
