@@ -7,7 +7,8 @@ of ours is on its way to it nothing of theirs gets there, so two uploads never m
 flight, ours is settled by its read-back, and the vehicle stays ours. An upload that breaks off is an alarm:
 an ArduPilot stores items in place, and may hold a mix.
 
-Every other word of a guest to a vehicle is told to the operator, now and then.
+Every other word of a guest to a vehicle is told to the operator, now and then. What may end a flight, or
+steers a vehicle by hand, is an alarm.
 """
 
 from __future__ import annotations
@@ -31,6 +32,18 @@ _MAX_TOLD: Final = 1000
 _BEGINNINGS: Final = ("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_WRITE_PARTIAL_LIST")
 _FLOWN: Final = (dialect.MAV_MISSION_TYPE_MISSION, dialect.MAV_MISSION_TYPE_ALL)
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+_DANGEROUS_COMMANDS: Final[dict[int, str]] = {
+    dialect.MAV_CMD_DO_FLIGHTTERMINATION: "it may end the flight at once",
+    dialect.MAV_CMD_DO_PARACHUTE: "it may end the flight at once",
+    dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: "the autopilot may restart",
+}
+_FORCE: Final = 21196.0
+"""Second parameter of a command to disarm that is carried out in flight, too."""
+_MANUAL: Final[frozenset[int]] = frozenset(
+    {dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, dialect.MAVLINK_MSG_ID_MANUAL_CONTROL}
+)
+_ORDERS_TO_ALL: Final = _MANUAL | {dialect.MAVLINK_MSG_ID_SET_MODE, dialect.MAVLINK_MSG_ID_PARAM_SET}
+"""Messages without a command that order all vehicles when they are for system 0."""
 
 
 @dataclass(slots=True)
@@ -165,7 +178,8 @@ class Guests:
         number = command_of(frame)
         if frame.message_id in QUESTIONS or number in ASKING_COMMANDS:
             return
-        if vehicle is None and frame.message_id not in MISSION_PROTOCOL and number is None:
+        orders = MISSION_PROTOCOL | _ORDERS_TO_ALL
+        if vehicle is None and frame.message_id not in orders and number is None:
             return  # time, corrections, terrain: what is for nobody orders nobody
         name = dialect.mavlink_map[frame.message_id].msgname
         if number is not None:
@@ -179,4 +193,19 @@ class Guests:
         self._told[key] = t_ns
         level: Level = "warning" if number == _ARM_DISARM else "info"
         text = f"{name} from system {frame.system_id}/{frame.component_id} at {datagram.peer}"
-        effects.append(Notice(t_ns, level, text + ("" if vehicle else ", to all vehicles"), vehicle))
+        text += "" if vehicle else ", to all vehicles"
+        danger = _danger(frame, number)
+        if danger:
+            level, text = "alarm", f"{text}: {danger}; if nobody meant that, stop that ground station"
+        effects.append(Notice(t_ns, level, text, vehicle))
+
+
+def _danger(frame: Frame, command: int | None) -> str:
+    """Say what a guest's frame may do to a vehicle that flies; empty when it is no danger by itself."""
+    if frame.message_id in _MANUAL:
+        return "it steers by hand"
+    if command == _ARM_DISARM:
+        message = frame.message()
+        forced = message is not None and message.param1 == 0.0 and message.param2 == _FORCE
+        return "it stops the motor, in flight too" if forced else ""
+    return _DANGEROUS_COMMANDS.get(command or 0, "")

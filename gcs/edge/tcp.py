@@ -1,22 +1,31 @@
 """MAVLink over TCP: connect to somebody, again and again until it works, or let others connect.
 
 A stream is cut into frames by `gcs.mavlink.framing`. A peer that does not read is not waited for: beyond a
-bound, what is for it is dropped and counted.
+bound, what is for it is dropped and counted. A connection over which no valid frame came for ten seconds is
+closed. When a port is full, the connection that was idle for longest gives its place to a new one.
 """
 
 from __future__ import annotations
 
 import asyncio
 import socket
+from collections import Counter
 
 from gcs.edge.transport import Backoff, Listener, Spoken
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
+from gcs.mavlink.codec import scan
 from gcs.mavlink.framing import Framer
 
 _MAX_UNSENT_BYTES = 256 * 1024
 _MAX_CONNECTIONS = 32
 _CONNECTS_WITHIN_S = 5.0
+_SPEAKS_WITHIN_S = 10.0
+"""Within this time the first valid frame comes, or the connection is closed."""
+_LOOK_AGAIN_S = 1.0
+_TELL_AGAIN_S = 10.0
+_IDLE_S = 5.0
+"""Without a valid frame for so long, a connection may be closed for a new one."""
 
 
 class _Stream(asyncio.Protocol):
@@ -25,7 +34,10 @@ class _Stream(asyncio.Protocol):
     def __init__(self, listener: Listener, peer: str = "") -> None:
         self.peer = peer
         self.closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self.is_heard = False
+        self.spoke: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        """Done when the first valid frame came."""
+        self.heard_s = asyncio.get_running_loop().time()
+        """When a valid frame came last, to a second, or when it was connected; of the loop's clock."""
         self._listener = listener
         self._framer = Framer()
         self._transport: asyncio.Transport | None = None
@@ -38,10 +50,15 @@ class _Stream(asyncio.Protocol):
             self.peer = f"{host}:{port}"
 
     def data_received(self, data: bytes) -> None:
-        self.is_heard = True
         whole = self._framer.take(data)
-        if whole:
-            self._listener.heard(self.peer, whole)
+        if not whole:
+            return
+        now_s = asyncio.get_running_loop().time()
+        if (not self.spoke.done() or now_s - self.heard_s > _LOOK_AGAIN_S) and scan(whole).frames:
+            self.heard_s = now_s
+            if not self.spoke.done():
+                self.spoke.set_result(None)
+        self._listener.heard(self.peer, whole)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002
         if not self.closed.done():
@@ -97,7 +114,7 @@ class TcpOut:
             self._stream = None
             listener.gone(endpoint.remote)
             spoken.once(listener, "warning", "connection lost; trying again")
-            if stream.is_heard:
+            if stream.spoke.done():
                 backoff.worked()
 
     def send(self, peer: str, data: bytes) -> None:  # noqa: ARG002  there is but one
@@ -137,6 +154,8 @@ class TcpIn:
         self.port: int = self._socket.getsockname()[1]
         self.refused = 0
         self._streams: dict[str, _Stream] = {}
+        self._untold, self._told_s = 0, -_TELL_AGAIN_S
+        """Connections closed without a valid frame and not told of yet, and when that was told last."""
         self._accepting: asyncio.Task[None] | None = None
         self._serving: set[asyncio.Task[None]] = set()
 
@@ -151,7 +170,7 @@ class TcpIn:
             except OSError:  # gone before it was accepted, or no more file descriptors
                 await asyncio.sleep(0.1)
                 continue
-            if len(self._streams) >= _MAX_CONNECTIONS:
+            if len(self._streams) >= _MAX_CONNECTIONS and not self._make_room(loop.time(), listener):
                 connection.close()
                 self.refused += 1
                 continue
@@ -169,11 +188,41 @@ class TcpIn:
             return
         self._streams[stream.peer] = stream
         listener.joined(stream.peer)
-        listener.news("info", f"{stream.peer} connected")
-        await stream.closed
-        self._streams.pop(stream.peer, None)
+        either = {stream.spoke, stream.closed}
+        await asyncio.wait(either, timeout=_SPEAKS_WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
+        if stream.spoke.done():
+            listener.news("info", f"{stream.peer} connected")
+            await stream.closed
+        self._end(stream, listener, "disconnected")
+
+    def _make_room(self, now_s: float, listener: Listener) -> bool:
+        """Close the idlest connection for a new one; return False when all are in use."""
+        hosts = Counter(_host(stream) for stream in self._streams.values())
+        idle = [s for s in self._streams.values() if not s.spoke.done() or now_s - s.heard_s > _IDLE_S]
+        if not idle:
+            return False
+        idlest = min(idle, key=lambda s: (s.spoke.done(), -hosts[_host(s)], s.heard_s))
+        self._end(idlest, listener, "closed: idle, and there is no room for another")
+        return True
+
+    def _end(self, stream: _Stream, listener: Listener, why: str) -> None:
+        """Forget a connection and close it, unless that was done before."""
+        if self._streams.get(stream.peer) is not stream:
+            return
+        del self._streams[stream.peer]
+        stream.abort()
         listener.gone(stream.peer)
-        listener.news("info", f"{stream.peer} disconnected")
+        if stream.spoke.done():
+            listener.news("info", f"{stream.peer} {why}")
+            return
+        self._untold += 1
+        now_s = asyncio.get_running_loop().time()
+        if now_s - self._told_s >= _TELL_AGAIN_S:
+            text = (
+                f"{self._untold} connections without a valid frame were closed, the last from {stream.peer}"
+            )
+            listener.news("warning", text)
+            self._untold, self._told_s = 0, now_s
 
     def send(self, peer: str, data: bytes) -> None:
         """Send to somebody who is connected."""
@@ -189,3 +238,7 @@ class TcpIn:
         for stream in self._streams.values():
             stream.abort()
         self._socket.close()
+
+
+def _host(stream: _Stream) -> str:
+    return stream.peer.rpartition(":")[0]

@@ -3,8 +3,9 @@
 =============  ===============================================================================================
 full           everything but a mission message that is for nobody in particular (ArduPilot takes a
                MISSION_COUNT for system 0 as its own: one such frame truncates the missions of all)
-read-only      questions that change nothing: parameters and missions read, and the commands that ask for a
-               message, the version, the capabilities, the home position or the pre-arm checks.
+read-only      questions to one vehicle that change nothing: parameters and missions read, and the
+               commands that ask for a message, the version, the capabilities, the home position or the
+               pre-arm checks.
                Everything else is kept back.
 both           nothing of the mission protocol while a mission of ours is on its way to that vehicle: two
                uploads at a time leave a mix. What is kept back is asked again by every ground station.
@@ -98,6 +99,8 @@ def refusal(role: Role, frame: Frame, target_system: int, *, is_busy: bool) -> s
         return "mission message for all vehicles"
     if role == "read-only" and not _is_question(frame):
         return "read-only"
+    if role == "read-only" and target_system == 0:
+        return "read-only: a question to all vehicles"
     return "mission transfer under way" if mission and is_busy else ""
 
 

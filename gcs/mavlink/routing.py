@@ -14,8 +14,11 @@ its own:
 * A guest's HEARTBEAT stays here: a vehicle's ground-station failsafe watches central command alone.
 * A frame goes never back to where it came from, and a guest's frame that comes again from another address
   within two seconds is a duplicate: a command must not be done twice.
-* Guests on UDP are forgotten after ten seconds of silence. Guests, and the ids that each may speak with, are
-  bounded: when an endpoint is full newcomers wait until somebody leaves.
+* A guest on UDP gets telemetry after two heartbeats, half a second apart or more: one datagram with an
+  invented sender buys nothing. Before, it gets answers to its own questions, frame for frame. It is
+  forgotten after ten seconds of silence.
+* Guests, and the ids that each may speak with, are bounded. When an endpoint is full, a guest that was
+  silent for five seconds goes, or one of the host with the most guests. Else newcomers wait.
 * What guests may send is decided in `gcs.mavlink.access`.
 
 Pure: frames in, addresses out, time an argument. What it works on is (sender, target, raw bytes): where
@@ -45,6 +48,12 @@ Id: TypeAlias = tuple[int, int]
 _HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _MAX_REMEMBERED: Final = 4096
 _EXPIRE_EVERY_NS: Final = ns(0.5)
+_MAX_NEWCOMERS: Final = 4096
+_BEATS: Final = 2
+"""Heartbeats after which a guest on UDP gets telemetry."""
+_BEATS_APART_NS: Final = ns(0.5)
+_IDLE_NS: Final = ns(5.0)
+"""Silence after which a guest gives its place to another one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +107,9 @@ class _Guest:
     """Whether silence does not end it: it is connected, or it is the endpoint's one peer."""
     ids: dict[Id, int] = field(default_factory=dict)
     """When it last spoke with each of its ids."""
+    beats: int = 0
+    """Heartbeats so far, those too soon after another not counted."""
+    beat_t_ns: int = 0
 
 
 class Router:
@@ -135,6 +147,8 @@ class Router:
         self._settings = settings or RoutingSettings()
         self._places: dict[Id, _Place] = {}
         self._guests: dict[Address, _Guest] = {}
+        self._newcomers: dict[Address, _Guest] = {}
+        """Senders that have not shown yet that they stay, in the order in which they were last heard."""
         self._seen: dict[bytes, tuple[Address, int]] = {}
         self._expired_t_ns = 0
         self.counters = {link.name: PortCounters() for link in links if link.role != "vehicles"}
@@ -187,7 +201,7 @@ class Router:
             return Routed((), "speaks with a vehicle's system id")
         if (frame.system_id, frame.component_id) == self._own:
             return Routed((), "speaks with central command's ids")
-        refusal = self._meet(t_ns, address, (frame.system_id, frame.component_id))
+        refusal = self._meet(t_ns, address, frame)
         if refusal:
             return Routed((), refusal)
         if frame.message_id == _HEARTBEAT:
@@ -240,7 +254,7 @@ class Router:
     def joined(self, t_ns: int, address: Address) -> None:
         """Note that somebody connected: it is a guest until it is gone, even when it says nothing."""
         link = self._links.get(address[0])
-        if link is not None and link.role != "vehicles" and self._room(address[0]):
+        if link is not None and link.role != "vehicles" and self._make_room(t_ns, address):
             self._guests.setdefault(address, _Guest(t_ns, stays=True))
 
     def gone(self, address: Address) -> None:
@@ -249,9 +263,10 @@ class Router:
         if link is not None and address[1] == link.endpoint.remote:
             return
         self._guests.pop(address, None)
+        self._newcomers.pop(address, None)
 
     def guests(self, t_ns: int) -> dict[Address, tuple[Id, ...]]:
-        """Return who is connected, and with which ids each speaks."""
+        """Return the guests that get telemetry, and with which ids each speaks."""
         self._expire(t_ns)
         return {address: tuple(sorted(guest.ids)) for address, guest in self._guests.items()}
 
@@ -260,17 +275,42 @@ class Router:
         heard = {id_[0] for id_, place in self._places.items() if not self._is_silent(place, t_ns)}
         return tuple(sorted(heard))
 
-    def _room(self, link_name: str) -> bool:
-        return sum(address[0] == link_name for address in self._guests) < self._settings.max_guests
+    def _make_room(self, t_ns: int, newcomer: Address) -> bool:
+        """Return True if there is room for a guest on its endpoint, if need be by forgetting another."""
+        here = {address: guest for address, guest in self._guests.items() if address[0] == newcomer[0]}
+        if newcomer in here or len(here) < self._settings.max_guests:
+            return True
+        hosts = Counter(_host(address) for address in here)
+        may_go = {address: guest for address, guest in here.items() if not guest.stays}
+        if not may_go:
+            return False
+        idlest = min(may_go, key=lambda address: may_go[address].heard_t_ns)
+        crowded = max(reversed(may_go), key=lambda address: hosts[_host(address)])
+        if t_ns - may_go[idlest].heard_t_ns > _IDLE_NS:
+            del self._guests[idlest]
+        elif hosts[_host(crowded)] > hosts[_host(newcomer)] + 1:
+            del self._guests[crowded]
+        else:
+            return False
+        return True
 
-    def _meet(self, t_ns: int, address: Address, id_: Id) -> str:
+    def _meet(self, t_ns: int, address: Address, frame: Frame) -> str:
         """Learn or refresh a guest; say why it is kept out."""
-        guest = self._guests.get(address)
+        id_, guest = (frame.system_id, frame.component_id), self._guests.get(address)
         if guest is None:
-            self._expire(t_ns)
-            if not self._room(address[0]):
+            guest = self._newcomers.pop(address, None) or _Guest(t_ns, stays=False)
+            if frame.message_id == _HEARTBEAT and (
+                not guest.beats or t_ns - guest.beat_t_ns >= _BEATS_APART_NS
+            ):
+                guest.beats, guest.beat_t_ns = guest.beats + 1, t_ns
+            if guest.beats >= _BEATS and self._make_room(t_ns, address):
+                self._guests[address] = guest
+            else:
+                self._newcomers[address] = guest
+                if len(self._newcomers) > _MAX_NEWCOMERS:
+                    del self._newcomers[next(iter(self._newcomers))]
+            if guest.beats >= _BEATS and address not in self._guests:
                 return "too many guests"
-            guest = self._guests[address] = _Guest(t_ns, stays=False)
         guest.heard_t_ns = t_ns
         if id_ not in guest.ids and len(guest.ids) >= self._settings.max_ids:
             self._forget_ids(guest, t_ns)
@@ -282,28 +322,30 @@ class Router:
     def _expire(self, t_ns: int) -> None:
         self._expired_t_ns = t_ns
         silent_ns = ns(self._settings.guest_silent_s)
-        for address, guest in list(self._guests.items()):
-            if not guest.stays and t_ns - guest.heard_t_ns > silent_ns:
-                del self._guests[address]
-            else:
-                self._forget_ids(guest, t_ns)
+        for known in (self._guests, self._newcomers):
+            for address, guest in list(known.items()):
+                if not guest.stays and t_ns - guest.heard_t_ns > silent_ns:
+                    del known[address]
+                else:
+                    self._forget_ids(guest, t_ns)
 
     def _forget_ids(self, guest: _Guest, t_ns: int) -> None:
         silent_ns = ns(self._settings.guest_silent_s)
         guest.ids = {id_: heard for id_, heard in guest.ids.items() if t_ns - heard <= silent_ns}
 
     def _guests_to_hear(self, t_ns: int, system: int, component: int) -> tuple[Address, ...]:
-        """Return the guests that a vehicle's frame is for: all, or those who speak with that id."""
+        """Return the guests that a vehicle's frame is for: all, or those that speak with that id."""
         if abs(t_ns - self._expired_t_ns) >= _EXPIRE_EVERY_NS:
             self._expire(t_ns)
         if system == 0:
             return tuple(self._guests)
         if (system, component) == self._own:
             return ()
-        exact = tuple(a for a, guest in self._guests.items() if (system, component) in guest.ids)
+        known = [*self._guests.items(), *self._newcomers.items()]
+        exact = tuple(a for a, guest in known if (system, component) in guest.ids)
         if exact or component:
             return exact
-        return tuple(a for a, guest in self._guests.items() if any(id_[0] == system for id_ in guest.ids))
+        return tuple(a for a, guest in known if any(id_[0] == system for id_ in guest.ids))
 
     def _is_again(self, t_ns: int, address: Address, frame: Frame) -> bool:
         """Whether the same frame came from another address just before."""
@@ -316,3 +358,7 @@ class Router:
         while len(self._seen) > _MAX_REMEMBERED:
             del self._seen[next(iter(self._seen))]
         return False
+
+
+def _host(address: Address) -> str:
+    return address[1].rpartition(":")[0]

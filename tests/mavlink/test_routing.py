@@ -64,6 +64,7 @@ class Desk:
     def __init__(self, **changes) -> None:
         self.busy: set[int] = set()
         self.router = Router(LINKS, [1, 2], self.busy.__contains__, RoutingSettings(**changes))
+        self.beats(-S)
         self.beats(0)
 
     def beats(self, t_ns: int) -> None:
