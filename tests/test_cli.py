@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.metadata
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -29,3 +31,11 @@ def test_every_command_explains_itself(command: str) -> None:
     shown = CliRunner().invoke(app, [command, "--help"])
     assert shown.exit_code == 0
     assert "Usage:" in shown.stdout
+
+
+def test_the_short_form_of_help_and_the_package_itself_are_understood() -> None:
+    for arguments in (["-h"], ["order", "-h"], ["order", "hold", "-h"]):
+        assert "Usage:" in CliRunner().invoke(app, arguments).stdout
+    command = [sys.executable, "-P", "-m", "gcs", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("gcs ")

@@ -25,6 +25,7 @@ app = typer.Typer(
 
     Start with **gcs demo**.""",
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
 )

@@ -45,6 +45,12 @@ VehicleOption = Annotated[
         help="System id of a vehicle, with its network as 2:17 when that is not 0; repeat it for more.",
     ),
 ]
+VehiclesArgument = Annotated[
+    list[int] | None,
+    typer.Argument(
+        parser=vehicle_named, metavar="[ID]...", help="The same as --vehicle, for each.", show_default=False
+    ),
+]
 AllOption = Annotated[bool, typer.Option("--all", help="All vehicles of the mission.")]
 MissionOption = Annotated[
     str | None,
@@ -76,6 +82,7 @@ _ASKED: Final[dict[VehicleAction, str]] = {
 def _add_at_once(action: VehicleAction, what: str) -> None:
     @app.command(action, help=what)
     def order(
+        vehicles: VehiclesArgument = None,
         vehicle: VehicleOption = None,
         everybody: AllOption = False,
         mission: MissionOption = None,
@@ -83,12 +90,15 @@ def _add_at_once(action: VehicleAction, what: str) -> None:
         timeout: TimeoutOption = 60.0,
         as_json: JsonOption = False,
     ) -> None:
-        _to_vehicles(action, vehicle, everybody, mission, zenoh, timeout, as_json)
+        _to_vehicles(
+            action, [*(vehicles or ()), *(vehicle or ())], everybody, mission, zenoh, timeout, as_json
+        )
 
 
 def _add_asked(action: VehicleAction, what: str) -> None:
     @app.command(action, help=what)
     def order(
+        vehicles: VehiclesArgument = None,
         vehicle: VehicleOption = None,
         everybody: AllOption = False,
         yes: YesOption = False,
@@ -97,7 +107,16 @@ def _add_asked(action: VehicleAction, what: str) -> None:
         timeout: TimeoutOption = 60.0,
         as_json: JsonOption = False,
     ) -> None:
-        _to_vehicles(action, vehicle, everybody, mission, zenoh, timeout, as_json, ask=not yes)
+        _to_vehicles(
+            action,
+            [*(vehicles or ()), *(vehicle or ())],
+            everybody,
+            mission,
+            zenoh,
+            timeout,
+            as_json,
+            ask=not yes,
+        )
 
 
 for _action, _what in _AT_ONCE.items():
@@ -214,7 +233,7 @@ def _numbers(text: str, count: int, option: str) -> list[float]:
 
 def _to_vehicles(
     action: VehicleAction,
-    vehicle: list[int] | None,
+    vehicles: list[int],
     everybody: bool,
     mission: str | None,
     zenoh: str | None,
@@ -223,14 +242,14 @@ def _to_vehicles(
     *,
     ask: bool = False,
 ) -> None:
-    if (vehicle is None) == (not everybody):
-        raise typer.BadParameter("say for whom: --vehicle N (repeated for more), or --all")
+    if bool(vehicles) == everybody:
+        raise typer.BadParameter(f"say for whom, such as: gcs order {action} 2 3 (or --all)")
     if ask:
-        whom = "all vehicles" if everybody else names(vehicle or ())
+        whom = "all vehicles" if everybody else names(vehicles)
         if not sys.stdin.isatty():
             raise typer.BadParameter(f"to {action} {whom} without somebody to ask, say --yes")
         typer.confirm(f"{action} {whom}?", abort=True, err=True)
-    _give(action, "all" if vehicle is None else vehicle, mission, zenoh, timeout_s, as_json)
+    _give(action, vehicles or "all", mission, zenoh, timeout_s, as_json)
 
 
 def _printed(mission: str | None, zenoh: str | None, timeout_s: float, as_json: bool) -> Proposal:
@@ -322,9 +341,9 @@ def _collect(
     console: Console,
     answers: list[OrderAnswer],
 ) -> None:
+    from gcs.edge.lines import answer_line
     from gcs.edge.ordering import give
     from gcs.edge.proposal_view import proposal_title, route_lines
-    from gcs.edge.terminal import answer_line
     from gcs.edge.whereabouts import the_service
 
     if zenoh is None:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from rich import box
-from rich.console import Console, ConsoleOptions, Group, RenderResult
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.layout import Layout
 from rich.panel import Panel
 from rich.table import Table
@@ -21,6 +21,7 @@ from rich.text import Text
 
 from gcs.command.fold import Command
 from gcs.config import Config
+from gcs.edge.lines import effect_line, target_text
 from gcs.edge.links import Links
 from gcs.edge.linkview import link_rows, link_table
 from gcs.edge.proposal_view import MAX_ROUTES, ProposalLog, proposal_title, route_lines
@@ -30,11 +31,8 @@ from gcs.model import (
     Event,
     Fate,
     Label,
-    MissionEnded,
     Notice,
-    OrderAnswer,
     Picture,
-    Plan,
     Proposal,
     Track,
     UploadReport,
@@ -43,12 +41,20 @@ from gcs.model import (
     vehicle_name,
 )
 
+T = TypeVar("T")
+
 _STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
 _FATE_STYLE: Final = {"flying": "cyan", "arrived": "green", "dead": "red"}
 _LOG_LINES: Final = 200
 _EVENT_ROWS: Final = 9
 _MIN_MAP_ROWS: Final = 12
-_ROWS_AROUND_MAP: Final = 3 + _EVENT_ROWS + 2 + 2
+_LOW_EVENT_ROWS: Final = 4
+_LOW_ROWS: Final = 36
+"""A terminal with fewer rows gets a header of one row and fewer events, for the tables' sake."""
+_TABLE_FRAME: Final = 3
+"""Rows of a table besides those of its content: title, column names, a rule."""
+_LINKS_FRAME: Final = 5
+_MIN_TARGET_ROWS: Final = 3
 _TABLES_WIDTH: Final = 94
 _SIGNED_WIDTH: Final = 10
 _AGENT_COLUMNS: Final = (
@@ -62,63 +68,6 @@ _LEFT: Final = ("fate", "mode", "signed", "mission")
 def label_text(label: Label | None) -> str:
     """The label of an agent's track: birth scan and index. Targets have names (`target_name`)."""
     return "–" if label is None else f"{label[0]}.{label[1]}"
-
-
-def _target_text(label: Label | None) -> str:
-    return "–" if label is None else target_name(label)
-
-
-def effect_line(effect: Effect) -> tuple[str, str] | None:
-    """One line for an operator and its level; None for what only machines care about."""
-    match effect:
-        case Notice(vehicle=None):
-            return effect.text, effect.level
-        case Notice(vehicle=int(vehicle)):
-            return f"agent {vehicle_name(vehicle)}: {effect.text}", effect.level
-        case Plan():
-            routes = ", ".join(
-                f"{vehicle_name(route.vehicle)} → {target_name(route.target)} ({route.length_m:.0f} m)"
-                for route in effect.routes
-                if route.vehicle in effect.changed
-            )
-            return f"plan: {effect.reason}; re-tasked: {routes or 'nobody'}", "info"
-        case UploadReport(ok=True):
-            return (
-                (
-                    f"agent {vehicle_name(effect.vehicle)}: mission of {effect.items} items {effect.detail} "
-                    f"in {effect.duration_s:.2f} s, {effect.retries} retries"
-                ),
-                "info",
-            )
-        case UploadReport():
-            return f"agent {vehicle_name(effect.vehicle)}: mission transfer failed: {effect.detail}", "alarm"
-        case Fate(fate="arrived"):
-            return (
-                f"agent {vehicle_name(effect.vehicle)}: reached target {_target_text(effect.target)}",
-                "info",
-            )
-        case Fate(fate="dead"):
-            return f"agent {vehicle_name(effect.vehicle)}: lost", "alarm"
-        case Fate():
-            return f"agent {vehicle_name(effect.vehicle)}: is back", "warning"
-        case OrderAnswer():
-            return answer_line(effect)
-        case Proposal(routes=()):
-            return None
-        case Proposal():
-            routes = "; ".join(route_lines(effect, MAX_ROUTES))
-            return f"{proposal_title(effect)}: {routes}", "warning"
-        case MissionEnded():
-            spare = f", {len(effect.spare)} to spare" if effect.spare else ""
-            return f"mission ended: {len(effect.arrived)} arrived, {len(effect.dead)} lost{spare}", "info"
-    return None
-
-
-def answer_line(answer: OrderAnswer) -> tuple[str, str]:
-    """One line for what became of an order, and its level."""
-    who = "" if answer.vehicle is None else f" agent {vehicle_name(answer.vehicle)}"
-    level = {"refused": "warning", "failed": "alarm"}.get(answer.state, "info")
-    return f"order {answer.action}{who} {answer.state}: {answer.detail}", level
 
 
 class PlainLines:
@@ -179,19 +128,24 @@ class LiveView:
             seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
             self._log.append(Text(f"{seconds:6.1f} s  {line[0]}", style=_STYLE[line[1]]))
 
-    def __rich_console__(self, _console: Console, options: ConsoleOptions) -> RenderResult:
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         narrow = options.max_width < self._tables_width()
         waits = self._waiting()
-        around = _ROWS_AROUND_MAP + (len(waits) + 1 if waits else 0)
-        rows = max(_MIN_MAP_ROWS, (options.height or options.size.height) - around)
+        height = options.height or options.size.height
+        is_low = height < _LOW_ROWS
+        event_rows = _LOW_EVENT_ROWS if is_low else _EVENT_ROWS
+        around = (1 if is_low else 3) + event_rows + 2 + (len(waits) + 1 if waits else 0)
+        body_rows = height - around
+        rows = max(_MIN_MAP_ROWS, body_rows - 2)
         columns = min(2 * rows, (options.max_width - self._tables_width()))
         layout = Layout()
-        below = [Layout(self._events(), size=_EVENT_ROWS + 2)]
+        events = self._events(console, options.max_width - 4, event_rows)
+        below = [Layout(events, size=event_rows + 2)]
         if waits:
             below.insert(0, Layout(self._proposal(waits), size=len(waits) + 1))
-        layout.split_column(Layout(self._header(), size=3), Layout(name="body"), *below)
-        links = link_table(link_rows(self._command.fleet, self._links, self._t_ns))
-        tables = Layout(Group(self._agents(narrow), self._targets(), links))
+        header = Layout(self._header() if is_low else Panel(self._header()), size=1 if is_low else 3)
+        layout.split_column(header, Layout(name="body"), *below)
+        tables = Layout(Group(*self._tables(narrow, body_rows)))
         if columns >= _MIN_MAP_ROWS:
             layout["body"].split_row(Layout(self._map(rows, columns), size=columns + 4), tables)
         else:
@@ -201,19 +155,35 @@ class LiveView:
     def _tables_width(self) -> int:
         return _TABLES_WIDTH + (_SIGNED_WIDTH if self._config.links.keys else 0)
 
-    def _header(self) -> Panel:
+    def _tables(self, narrow: bool, rows: int) -> Iterator[RenderableType]:
+        """Yield the tables that `rows` have room for, with a word for what they have none for."""
+        agents, targets = len(self._command.fates.by_vehicle), len(self._shown_targets())
+        link_counters = link_rows(self._command.fleet, self._links, self._t_ns)
+        room = rows - 2 * _TABLE_FRAME
+        has_links = agents + targets + _LINKS_FRAME + len(link_counters) <= room
+        room -= 0 if has_links else 1
+        target_rows = min(targets, max(_MIN_TARGET_ROWS, room - agents))
+        yield self._agents(narrow, max(1, room - target_rows))
+        yield self._targets(max(1, target_rows))
+        if has_links:
+            yield link_table(link_counters)
+        else:
+            yield Text("links: no room here", style="dim")
+
+    def _header(self) -> Text:
         seconds = (self._t_ns - (self._start_t_ns or self._t_ns)) / NS_PER_S
-        text = Text.assemble(
+        return Text.assemble(
             (f"{self._config.name}  ", "bold"),
             f"{seconds:.0f} s of run time",
             _at_speed(self._speed),
             (self._config.description, "dim"),
+            no_wrap=True,
+            overflow="ellipsis",
         )
-        return Panel(text)
 
-    def _agents(self, narrow: bool) -> Table:
+    def _agents(self, narrow: bool, max_rows: int) -> RenderableType:
         """One row for each agent; a narrow terminal leaves out what its track is like."""
-        table = Table(title="Agents", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        table = _table("Agents")
         names = [
             name
             for name in _AGENT_COLUMNS
@@ -222,7 +192,9 @@ class LiveView:
         for name in names:
             table.add_column(name, justify="left" if name in _LEFT else "right", no_wrap=True)
         tracks = self._tracks("agents")
-        for vehicle, fate in self._command.fates.by_vehicle.items():
+        fates = self._command.fates.by_vehicle
+        shown_fates, more = _cut(list(fates.items()), max_rows, lambda item: self._trouble(item[1]))
+        for vehicle, fate in shown_fates:
             state = self._command.fleet.state(vehicle)
             label = self._command.ties.labels.get(vehicle)
             track = tracks.get(label) if label is not None else None
@@ -240,13 +212,28 @@ class LiveView:
                 self._signing(vehicle),
                 label_text(label),
                 *_track_cells(track),
-                _target_text(target),
+                target_text(target),
                 to_go,
                 self._command.tasking.under_way.get(vehicle, self._uploads.get(vehicle, "")),
             )
             shown = dict(zip(_AGENT_COLUMNS, cells, strict=True))
             table.add_row(*(shown[name] for name in names))
-        return table
+        return _with_more(table, more)
+
+    def _trouble(self, fate: Fate) -> int:
+        """How soon an operator must see this agent; the smallest first."""
+        vehicle = fate.vehicle
+        if vehicle in self._command.witness.doubted():
+            return 0
+        if fate.fate == "dead":
+            return 1
+        if fate.fate == "arrived":
+            return 6
+        if vehicle in self._command.orders.aside:
+            return 2
+        if self._uploads.get(vehicle) == "failed":
+            return 3
+        return 5 if vehicle in self._command.ties.labels else 4
 
     def _standing(self, fate: Fate) -> Text:
         """What became of an agent, the order that sets it aside, or that its reports are false."""
@@ -266,26 +253,38 @@ class LiveView:
         keyed = gate is not None and gate.is_keyed(fleet.link(vehicle), system_of(vehicle))
         return "verified" if keyed else "unchecked"
 
-    def _targets(self) -> Table:
-        table = Table(title="Targets", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    def _targets(self, max_rows: int) -> RenderableType:
+        table = _table("Targets")
         for name in ("target", "exist.", "east m", "north m", "m/s", "agent"):
             table.add_column(name, justify="right", no_wrap=True)
         hunters = {
             route.target: vehicle_name(route.vehicle) for route in self._command.replanner.routes.values()
         }
         reached = self._command.fates.at_targets()
-        for label, track in self._tracks("targets").items():
-            if track.estimated:
-                done = Text("reached", style="green") if label in reached else Text(hunters.get(label, ""))
-                table.add_row(target_name(label), *_track_cells(track), done)
-        return table
+        shown, more = _cut(
+            self._shown_targets(), max_rows, lambda track: (track.label in reached, track.label in hunters)
+        )
+        for track in shown:
+            label = track.label
+            done = Text("reached", style="green") if label in reached else Text(hunters.get(label, ""))
+            table.add_row(target_name(label), *_track_cells(track), done)
+        return _with_more(table, more)
+
+    def _shown_targets(self) -> list[Track]:
+        return [track for track in self._tracks("targets").values() if track.estimated]
 
     def _tracks(self, kind: str) -> dict[Label, Track]:
         picture = self._pictures.get(kind)
         return {} if picture is None else {track.label: track for track in picture.tracks}
 
-    def _events(self) -> Panel:
-        return Panel(Group(*list(self._log)[-_EVENT_ROWS:]), title=Text("Events"), title_align="left")
+    def _events(self, console: Console, width: int, rows: int) -> Panel:
+        """The newest events, whole: a line that wraps takes the room of older ones."""
+        lines: list[Text] = []
+        for event in reversed(self._log):
+            if len(lines) >= rows:
+                break
+            lines = [*event.wrap(console, width), *lines]
+        return Panel(Group(*lines[-rows:]), title=Text("Events"), title_align="left")
 
     def _waiting(self) -> list[str]:
         """Return the plan that waits, if one does: a title, and a line for each route."""
@@ -353,6 +352,27 @@ class LiveView:
         nodes_north = np.minimum((north / grid.spacing_m + 0.5).astype(int), grid.shape[0] - 1)
         nodes_east = np.minimum((east / grid.spacing_m + 0.5).astype(int), grid.shape[1] - 1)
         return grid.blocked[np.ix_(nodes_north, nodes_east)]
+
+
+def _table(title: str) -> Table:
+    return Table(
+        title=title, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0)
+    )
+
+
+def _cut(rows: list[T], max_rows: int, trouble: Callable[[T], Any]) -> tuple[list[T], int]:
+    """Return the rows that there is room for, those in trouble first, and how many are left out."""
+    if len(rows) <= max_rows:
+        return rows, 0
+    kept = sorted(rows, key=trouble)[: max(1, max_rows - 1)]
+    return kept, len(rows) - len(kept)
+
+
+def _with_more(table: Table, more: int) -> RenderableType:
+    """Say below a table how many rows are left out."""
+    if not more:
+        return table
+    return Group(table, Text(f"and {more} more, sorted by trouble", style="yellow"))
 
 
 def _at_speed(speed: float) -> str:

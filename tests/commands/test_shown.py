@@ -1,16 +1,22 @@
 """What commands print can be read on a narrow terminal, and searched and printed from a file."""
 
+import asyncio
 import io
+import re
+from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from gcs.command.checks import Check
 from gcs.command.fold import Command
 from gcs.commands.preflight import show
+from gcs.commands.sinks import view_for
 from gcs.config import load
 from gcs.edge.consoles import console_for
 from gcs.edge.terminal import LiveView
+from gcs.model import Notice, Picture, Tick, Track, UploadReport, read_only
 
 CHECKS = [
     Check(1, "link", "ok", "alive"),
@@ -64,3 +70,61 @@ def test_the_live_view_says_who_is_who_on_any_terminal(width: int) -> None:
     words = titles.replace("│", " ").split()
     assert {"id", "fate", "mode", "target", "mission"} <= set(words)
     assert ("exist." in words) is (width >= 100)
+
+
+def live_view(scenario: str, width: int, height: int) -> list[str]:
+    """Draw a mission with a target for each agent, and an agent of which an upload failed."""
+    config = load(scenario)
+    count = len(config.agents)
+    view = LiveView(config, Command(config, 1), 1.0)
+    view.event(Tick(0))
+    state, cov = read_only([10.0, 20.0, 3.0, 1.0]), read_only(np.eye(4))
+    tracks = tuple(Track((0, index), state, cov, 0.99, True) for index in range(count))
+    view.effect(0, Picture(0, 0, "targets", tracks, read_only(np.ones(count + 1))))
+    view.effect(0, UploadReport(0, count, 1, 8, False, "no answer", 1.0, 0))
+    view.effect(0, Notice(0, "alarm", "a long alarm " * 20 + "the newest", 1))
+    console = Console(file=io.StringIO(), width=width, height=height, color_system=None)
+    console.print(view)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue().splitlines()
+
+
+def test_a_small_terminal_shows_all_targets_and_the_newest_alarm() -> None:
+    lines = live_view("prescribed", 80, 24)
+    assert len(lines) <= 24
+    for target in ("T0.0", "T0.1", "T0.2", "T0.3"):
+        assert any(line.strip().startswith(target) for line in lines), target
+    assert any("the newest" in line for line in lines)
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (200, 50)])
+def test_rows_without_room_are_counted_and_those_in_trouble_are_shown(width: int, height: int) -> None:
+    lines = live_view("swarm-50", width, height)
+    assert len(lines) <= height
+    tables = [line.rsplit("│ ", 1)[-1] if width > 100 else line for line in lines]
+    first_target = next(index for index, line in enumerate(tables) if "Targets" in line)
+    for part in (tables[:first_target], tables[first_target:]):
+        shown = sum("flying" in line or "T0." in line for line in part)
+        more = next(re.search(r"and (\d+) more, sorted by trouble", line) for line in part if "more" in line)
+        assert more is not None
+        assert shown + int(more[1]) == 50
+    assert sum("failed" in line for line in tables) >= 1
+
+
+def test_a_dumb_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    config, screen = load("prescribed"), io.StringIO()
+    console = Console(file=screen, force_terminal=True)
+
+    class Run:
+        links = None
+        sinks: ClassVar[list[Any]] = []
+
+    Run.config, Run.command = config, Command(config, 1)
+
+    async def show() -> None:
+        async with view_for(Run(), console, speed=1.0, headless=False):
+            Run.sinks[0].effect(0, Notice(0, "alarm", "not heard at all", 3))
+
+    asyncio.run(show())
+    assert "agent 3: not heard at all" in screen.getvalue()

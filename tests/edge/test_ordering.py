@@ -6,6 +6,8 @@ import asyncio
 import contextlib
 import json
 import os
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -92,7 +94,7 @@ def test_an_order_reaches_the_service_once_and_its_answer_comes_back(taken: list
     result = json.loads(done.stdout.strip().splitlines()[-1])
     assert (done.exit_code, result["ok"]) == (0, True)
     assert result["answers"] == [{"vehicle": None, "state": "done", "detail": "fire closed"}]
-    refused = CliRunner().invoke(app, ["order", "hold", "-v", "1", "-v", "7"])
+    refused = CliRunner().invoke(app, ["order", "hold", "1", "-v", "7"])
     assert refused.exit_code == 1
     assert "agent 1 refused: never heard" in refused.output
     assert "agent 7 refused: no vehicle of this mission" in refused.output
@@ -138,6 +140,7 @@ def test_nobody_there_is_said_clearly(runtime: Path) -> None:
     [
         (["hold"], "say for whom"),
         (["hold", "-v", "1", "--all"], "say for whom"),
+        (["hold", "1", "--all"], "say for whom"),
         (["arm", "-v", "1"], "--yes"),
         (["keep-out", "fire"], "expected one of"),
         (["keep-out", "fire", "--circle", "1,2"], "3 numbers"),
@@ -169,3 +172,14 @@ def test_a_folder_that_others_may_write_to_is_not_believed(runtime: Path) -> Non
         (folder,) = runtime.iterdir()
         folder.chmod(0o777)
         assert services() == []
+
+
+def test_an_order_loads_no_compiler_no_planner_and_no_dialect() -> None:
+    code = """
+import sys
+import gcs.cli, gcs.edge.lines, gcs.edge.order_wire, gcs.edge.ordering, gcs.edge.whereabouts
+heavy = ("numba", "llvmlite", "scipy", "pymavlink", "matplotlib", "gcs.command", "gcs.tracking")
+print([name for name in heavy if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -89,6 +89,7 @@ def test_the_command_writes_results_and_report_and_goes_on(tmp_path):
     first = subprocess.run(command, capture_output=True, text=True, timeout=100)
     assert first.returncode == 1, first.stderr  # cut short: not complete, and said so
     assert [group["value"] for group in json.loads(first.stdout)] == ["2", "2", "5", "5"]
+    assert "NaN" not in first.stdout  # JSON has none
     assert "Missions that were not complete" in first.stderr
     assert (tmp_path / "report.html").read_text().count("<svg") == 2
     assert len((tmp_path / "results.csv").read_text().splitlines()) == 5
