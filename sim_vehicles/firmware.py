@@ -100,6 +100,7 @@ def arduplane_command(
         "--defaults", f"@ROMFS/models/plane.parm,{file}",
         "--serial0", f"udpclient:127.0.0.1:{ports.ground}",
         "--serial1", f"udpclient:127.0.0.1:{ports.truth}",
+        "--serial2", "none",
     ]  # fmt: skip
 
 
