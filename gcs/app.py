@@ -24,7 +24,8 @@ from gcs.config import Config
 from gcs.edge.clock import ClockWatch, RunClock
 from gcs.edge.links import Links
 from gcs.edge.mavsdk_uploader import MavsdkUploader
-from gcs.edge.order_wire import decode_order, order_key
+from gcs.edge.order_inbox import OrderInbox
+from gcs.edge.order_wire import order_key
 from gcs.edge.output import QueuedText, Writer
 from gcs.edge.scans import decode_scan
 from gcs.edge.wire import effect_key, encode_effect, sensor_of, sensor_scan_keys
@@ -56,7 +57,8 @@ from gcs.model import (
 
 TICK_NS = NS_PER_S // 20
 QUEUE_SIZE = 20_000
-_ORDERS_REMEMBERED = 1000
+_BUSY = 100
+"""Events in the queue beyond which orders wait for the next tick."""
 _FINISH_S = 30.0
 """How long the end waits for missions on their way: as long as one takes where a third of all is lost."""
 _TIMES_KEPT = 10_000
@@ -132,7 +134,7 @@ class Service:
         self.outputs: list[Writer] = [self._publisher]
         """Told of when one fails or stops taking anything."""
         self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
-        self._orders_taken: dict[str, None] = {}
+        self._orders = OrderInbox(config.local_frame)
         self._memory: Memory | None = None
         self._tick_waits = False
         self._lag_warned = False
@@ -256,17 +258,14 @@ class Service:
             self._put(BadInput(t_ns, key, str(error), sensor_of(key)))
 
     def _on_order(self, key: str, payload: bytes) -> None:
+        self._orders.put(key, payload)
+        if self._queue.qsize() < _BUSY:
+            self._take_orders()
+
+    def _take_orders(self) -> None:
         t_ns = self.clock.now_ns()
-        try:
-            order = decode_order(key, payload, t_ns, self.config.local_frame)
-        except WireError as error:
-            self._put(BadInput(t_ns, key, str(error)))
-            return
-        if order.order_id not in self._orders_taken:  # senders repeat an order until they hear an answer
-            self._orders_taken[order.order_id] = None
-            self._put(order)
-            while len(self._orders_taken) > _ORDERS_REMEMBERED:
-                del self._orders_taken[next(iter(self._orders_taken))]
+        for event in (*self._orders.due(t_ns), *self._orders.news(t_ns, order_key(self.config.name))):
+            self._put(event)
 
     async def _tick(self) -> None:
         t_ns = max(self.clock.now_ns(), self.clock.start_t_ns)
@@ -287,6 +286,7 @@ class Service:
             if isinstance(event, Tick):
                 self._tick_waits = False
                 self.links.tick(event.t_ns)
+                self._take_orders()
                 self._tell_keyless()
                 self._tell_outputs()
             self._watch_lag(self.clock.now_ns() - event.t_ns)

@@ -14,6 +14,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
+
 from gcs.command.tasking import Tasking
 from gcs.model import Notice, VehicleState
 from gcs.planning.grid import Grid, Point
@@ -63,7 +65,10 @@ class Trespass:
     def entries(self, states: Iterable[VehicleState], areas: Mapping[str, Grid]) -> list[Entry]:
         """Who enters which area; one that comes to several is told of the first."""
         found = []
+        together = _together(areas)
         for state in states:
+            if together is None or self._entry(state, "", together) is None:
+                continue
             ways = [entry for name, closed in areas.items() if (entry := self._entry(state, name, closed))]
             found += sorted(ways, key=lambda entry: entry.after_s)[:1]
         return found
@@ -92,6 +97,15 @@ class Trespass:
                 return Entry(state.system_id, name, state.mission_seq + number, max(after_s, 0.1))
             flown_m += math.dist(start, end)
         return None
+
+
+def _together(areas: Mapping[str, Grid]) -> Grid | None:
+    """Return the cells that any area blocks, so that a vehicle clear of all is looked at once."""
+    grids = list(areas.values())
+    if not grids:
+        return None
+    blocked = np.logical_or.reduce([grid.blocked for grid in grids])
+    return Grid(grids[0].origin_m, grids[0].spacing_m, blocked)
 
 
 def _clear_m(closed: Grid, start: Point, end: Point) -> float:

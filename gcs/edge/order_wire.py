@@ -22,6 +22,7 @@ _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 _FOR_VEHICLES: Final = frozenset({"hold", "resume", "return", "arm", "disarm"})
 _FOR_PLANS: Final = frozenset({"confirm", "reject"})
 _MAX_EXTENT_M = 1e6
+_MAX_BYTES: Final = 32 * 1024
 
 _Number = Annotated[float, Meta(ge=-1e7, le=1e7)]
 
@@ -43,7 +44,9 @@ class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Made up by the sender, another for each order: an order that comes twice is carried out once."""
     action: Action
     vehicles: (
-        Annotated[list[Annotated[int, Meta(ge=1, le=0xFFFF)]], Meta(min_length=1)] | Literal["all"] | None
+        Annotated[list[Annotated[int, Meta(ge=1, le=0xFFFF)]], Meta(min_length=1, max_length=1000)]
+        | Literal["all"]
+        | None
     ) = None
     plan_id: Annotated[int, Meta(ge=1)] | None = None
     keep_out: AreaMessage | None = None
@@ -81,6 +84,8 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
     WireError
         When it does not have the form of ``docs/orders.md``; the text says what is wrong.
     """
+    if len(payload) > _MAX_BYTES:
+        raise WireError(key, f"{len(payload)} bytes are more than the {_MAX_BYTES} that an order may have")
     message = parsed(key, payload, _decoder)
     action = message.action
     if action in _FOR_VEHICLES and message.vehicles is None:
