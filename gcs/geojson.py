@@ -13,6 +13,7 @@ are straight in the local frame, which over a mission's area is where a straight
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -84,6 +85,8 @@ def read_zones(text: str, source: str) -> Zones:
         found = msgspec.json.decode(text)
     except msgspec.DecodeError as error:
         raise ConfigError(source, "", f"not valid JSON: {error}") from None
+    except RecursionError:
+        raise ConfigError(source, "", "expected GeoJSON; this is nested too deeply") from None
     polygons: list[Polygon] = []
     circles: list[tuple[Position, float]] = []
     boundaries: list[tuple[Polygon, ...]] = []
@@ -165,7 +168,8 @@ def _polygon(rings: Any, source: str, where: str) -> Polygon:
 
 def _position(position: Any, source: str, where: str) -> Position:
     if not isinstance(position, list) or len(position) < 2 or not all(map(_is_number, position[:2])):
-        raise ConfigError(source, where, f"expected a position [longitude, latitude], not {position!r}")
+        found = reprlib.repr(position)
+        raise ConfigError(source, where, f"expected a position [longitude, latitude], not {found}")
     lon, lat = float(position[0]), float(position[1])
     if not (abs(lon) <= 180.0 and abs(lat) <= 90.0):
         raise ConfigError(

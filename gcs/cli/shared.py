@@ -47,5 +47,7 @@ class errors_shown:  # noqa: N801  reads as a statement
     def __exit__(self, _type: object, error: BaseException | None, _trace: object) -> None:
         if isinstance(error, GcsError):
             raise typer.Exit(complain(error)) from None
+        if isinstance(error, MemoryError):
+            raise typer.Exit(complain(GcsError("this needs more memory than there is"))) from None
         if isinstance(error, KeyboardInterrupt):
             raise typer.Exit(complain(InterruptedRunError("it was not done yet"))) from None

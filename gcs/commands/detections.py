@@ -34,6 +34,7 @@ from gcs.commands.tables import MOST_NUMBERS, Numbers, read_csv, read_npz
 from gcs.commands.truths import TruthRows, by_scan, read_truth, truth_rows
 from gcs.config import parse
 from gcs.config.tables import AnywhereTable
+from gcs.edge.scans import MAX_DETECTIONS
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import NS_PER_S, FloatArray, Scan, Sensor, Truth, read_only
 from gcs.tracking.glmb import Birth, GlmbParams
@@ -41,6 +42,8 @@ from gcs.tracking.metrics import Tracks
 
 _ROW = "rows of numbers k,x,y: the scan, counted from 0 or 1, and a detection in metres"
 _LATEST_NS = 4.2e18
+_MOST_EMPTY, _MOST_EMPTY_EACH = 10_000, 100
+"""Scans without a row, beside so many for each with one: more are a mistake of the column."""
 _LEAST_SPAN_NS = 1e6
 """Of the scans of a sensor: in less, none looks twice."""
 
@@ -131,6 +134,10 @@ def _with_model(path: Path, numbers: Numbers, table: ModelTable, truth: TruthRow
         times, looks = _numbered(path, seen, sensors, table, truth)
     if not looks:
         raise ConfigError(str(path), found.time, f"holds no scan; expected {_ROW}, or scans in the model")
+    most = max(len(look.z_m) for look in looks)
+    if most > MAX_DETECTIONS:
+        what = f"expected scans of at most {MAX_DETECTIONS} detections, found one of {most}"
+        raise ConfigError(str(path), found.time, what)
     params, births = _motion(table)
     true, remarks = ({}, ()) if truth is None else by_scan(truth, times)
     remarks = (*numbers.remarks, *doubts(table, sensors, looks), *remarks)
@@ -179,6 +186,8 @@ def _timed(
     order = np.lexsort((seen.sensor, t_ns))
     is_next = np.ones(order.size, np.bool_)
     is_next[1:] = (np.diff(t_ns[order]) > 0.0) | (np.diff(seen.sensor[order]) > 0)
+    if np.count_nonzero(is_next) > MOST_SCANS:
+        raise ConfigError(str(path), title, f"expected at most {MOST_SCANS} scans")
     looks = tuple(
         Look(round(t_ns[rows[0]]), sensors[seen.sensor[rows[0]]], read_only(seen.z_m[rows[seen.made[rows]]]))
         for rows in np.split(order, np.flatnonzero(is_next)[1:])
@@ -205,9 +214,17 @@ def _numbered(
         raise ConfigError(str(truth.path), "k", problem)
     first = 0 if (scan == 0).any() or 0 in known else 1
     last = int(max(scan.max(initial=0.0), table.scans or 0, known.max(initial=0)))
-    if last > MOST_SCANS:
-        raise ConfigError(str(path), "k", f"expected scans up to {MOST_SCANS}, found number {last}")
     n = len(sensors)
+    if last * n > MOST_SCANS:
+        raise ConfigError(str(path), "k", f"expected at most {MOST_SCANS} scans, found number {last}")
+    named = np.union1d(scan, known).size
+    if last > _MOST_EMPTY + _MOST_EMPTY_EACH * named:
+        raise ConfigError(
+            str(path),
+            "k",
+            f"expected scans counted one by one, found numbers up to {last} and rows of {named} of them; a "
+            "column of times has the title t_s or t_ns",
+        )
     slot = (scan - first) * n + seen.sensor
     order = np.argsort(slot, kind="stable")
     edges = np.searchsorted(slot[order], np.arange((last - first + 1) * n + 1))

@@ -20,11 +20,14 @@ from gcs.edge.reader import Damage, about, is_recording, mcap_paths, read, recor
 from gcs.edge.tlog import Logged, Unreadable, is_stamped, read_log
 from gcs.edge.wire import topic_of
 from gcs.errors import RecordingError
+from gcs.files import open_regular
 from gcs.mavlink.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, MissionEnded, Scan, Send
 from gcs.report.traffic import Traffic, rate_hz
 
 _MAX_LISTED: Final = 100
+_MAX_NAMES: Final = 10_000
+"""Of sensors, and of vehicles with a fate: later ones are not counted."""
 _BAR_ABOVE_BYTES: Final = 4_000_000
 _EVERY: Final = 4096
 
@@ -92,10 +95,12 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
                 for frame in scan(value.data).frames:
                     traffic.take(record.t_ns, frame)
             elif isinstance(value, Scan):
-                counts = sensors.setdefault(value.sensor.name, Counter())
-                counts["scans"] += 1
-                counts["detections"] += len(value.z_m)
-            elif isinstance(value, Fate):
+                name = value.sensor.name
+                if name in sensors or len(sensors) < _MAX_NAMES:
+                    counts = sensors.setdefault(name, Counter())
+                    counts["scans"] += 1
+                    counts["detections"] += len(value.z_m)
+            elif isinstance(value, Fate) and (value.vehicle in fates or len(fates) < _MAX_NAMES):
                 fates[value.vehicle] = value.fate
             elif isinstance(value, MissionEnded):
                 ended = True
@@ -125,7 +130,7 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     traffic, span = Traffic(), _Span()
     damage: list[Unreadable] = []
     stretches = bad_bytes = 0
-    with path.open("rb") as file, reading_progress(console, path, size) as advance:
+    with open_regular(path) as file, reading_progress(console, path, size) as advance:
         stamped = is_stamped(file, str(path))
         line = TimeLine(stamped=stamped)
         for number, part in enumerate(read_log(file, stamped=stamped)):

@@ -16,14 +16,16 @@ import numpy as np
 from msgspec import Meta
 
 from gcs.commands.tables import read_npz
-from gcs.config import Table, convert
+from gcs.config import Table, convert, decode_toml
 from gcs.config.tables import AnywhereTable, Box, InnerProbability, NotNegative, Positive, Probability
 from gcs.errors import ConfigError
+from gcs.files import read_text
 from gcs.model import FloatArray, Sensor, read_only
 from gcs.tracking.motion import Acceleration
 from gcs.tracking.sensors import polar_sensor, sector
 
 MOST_SCANS: Final = 1_000_000
+_MAX_BYTES: Final = 4_000_000
 _MODEL_KEYS = "F, sigma_v, sigma_z, pS, pD, lambda_c, region, birth_mean, birth_std, r_birth"
 _OWN_KEYS = ("detection_probability", "clutter_per_scan", "noise_std_m", "region_m")
 _OURS = [0, 2, 1, 3]
@@ -135,10 +137,10 @@ def read_model(path: Path) -> ModelTable:
     if path.suffix.lower() == ".npz":
         return model_of(path, read_npz(path))
     try:
-        raw = msgspec.toml.decode(path.read_text(encoding="utf-8"))
+        raw = decode_toml(read_text(path, _MAX_BYTES), str(path))
     except OSError as error:
         raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, ValueError) as error:
+    except UnicodeDecodeError as error:
         raise ConfigError(str(path), "", f"expected a model in TOML or NPZ: {error}") from None
     if "agents" in raw:
         raise ConfigError(

@@ -27,10 +27,11 @@ from gcs.command.homing import landing_of
 from gcs.config import load
 from gcs.edge.kernels import PLANNING, load_kernels
 from gcs.errors import ConfigError, RecordingError
+from gcs.files import read_text
 from gcs.model import Route
 from gcs.planning.grid import Grid, Point
 from gcs.planning.homing import Landing, WayHome, way_home
-from gcs.planning.movingai import read_map
+from gcs.planning.movingai import MAX_BYTES, read_map
 from gcs.planning.prediction import Circle
 from gcs.planning.routes import PlanResult, Stage, plan_routes
 from gcs.planning.separation import Flight, separate
@@ -135,8 +136,10 @@ def _task(arguments: PlanArguments) -> Task:
 
 def _read(path: Path) -> Grid:
     try:
-        return read_map(path.read_text(encoding="utf-8"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
+        return read_map(read_text(path, MAX_BYTES), str(path))
+    except OSError as error:
+        raise ConfigError(str(path), "", f"cannot be read as a map: {error.strerror}") from None
+    except UnicodeDecodeError as error:
         raise ConfigError(str(path), "", f"cannot be read as a map: {error}") from None
 
 

@@ -20,8 +20,9 @@ from rich.table import Table
 
 from gcs.edge.kernels import PLANNING, load_kernels
 from gcs.errors import ConfigError
+from gcs.files import read_text
 from gcs.planning.grid import Grid, Node
-from gcs.planning.movingai import Problem, read_map, read_problems
+from gcs.planning.movingai import MAX_BYTES, Problem, read_map, read_problems
 from gcs.planning.search import find_path
 
 _DIGITS = 5e-6
@@ -95,8 +96,10 @@ def run_problems(
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return read_text(path, MAX_BYTES)
+    except OSError as error:
+        raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
         raise ConfigError(str(path), "", f"cannot be read: {error}") from None
 
 

@@ -26,6 +26,7 @@ from gcs.edge.reader import About, Record, about, is_recording, read
 from gcs.edge.recorder import versions
 from gcs.edge.tlog import is_stamped
 from gcs.errors import RecordingError
+from gcs.files import open_regular
 from gcs.model import Effect, Event
 from gcs.report.verification import Verification
 
@@ -122,7 +123,7 @@ def _prepared(options: ReplayOptions, console: Console) -> _Plan:
     if not is_recording(path):
         refuse_detections(path)
         if options.config is None:
-            with path.open("rb") as file:
+            with open_regular(path) as file:
                 is_stamped(file, str(path))
             raise RecordingError(
                 str(path), "is a telemetry log: name the mission of its vehicles with --config"

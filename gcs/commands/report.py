@@ -27,6 +27,7 @@ from gcs.edge.boot_clock import TimedBy, TimeLine
 from gcs.edge.reader import Damage, about, is_recording, read, recording_bytes
 from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import ConfigError, GcsError, RecordingError
+from gcs.files import open_regular
 from gcs.geo import LocalFrame
 from gcs.mavlink.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
@@ -204,7 +205,7 @@ class _Reading:
         path = self.options.path
         size = path.stat().st_size
         times, bad_bytes, stretches = [0, 0], 0, 0
-        with path.open("rb") as file, reading_progress(self.console, path, size) as advance:
+        with open_regular(path) as file, reading_progress(self.console, path, size) as advance:
             stamped = is_stamped(file, str(path))
             line = TimeLine(stamped=stamped)
             for number, part in enumerate(read_log(file, stamped=stamped)):

@@ -17,8 +17,10 @@ import msgspec
 
 from gcs.commands.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start, is_place
 from gcs.errors import ConfigError
+from gcs.files import read_bytes
 
 _MAX_BYTES: Final = 4_000_000
+_MAX_DEPTH: Final = 40
 _TARGET_COMMANDS: Final = (16, 17, 18, 19, 31, 82)
 """NAV_WAYPOINT, the three loiters, LOITER_TO_ALT and SPLINE_WAYPOINT."""
 _MAX_SPEED_M_S: Final = 100.0
@@ -27,11 +29,7 @@ _MAX_NUMBER: Final = 1e9
 
 def _text(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            data = file.read(_MAX_BYTES + 1)
-        if len(data) > _MAX_BYTES:
-            raise ConfigError(str(path), "", f"is larger than {_MAX_BYTES // 1_000_000} MB")
-        return data.decode("utf-8-sig")
+        return read_bytes(path, _MAX_BYTES).decode("utf-8-sig")
     except OSError as error:
         raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -163,7 +161,8 @@ def read_kml(path: Path) -> Sketch:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ConfigError(source, "", "has a document type, which KML does not need: not read")
     try:
-        root = ET.fromstring(text)  # noqa: S314  bounded, and nothing in it can expand without a DOCTYPE
+        # Bounded, and nothing in it can expand without a DOCTYPE.
+        root = ET.fromstring(text, ET.XMLParser(target=_Tree(source)))  # noqa: S314
     except (ET.ParseError, ValueError) as error:
         raise ConfigError(source, "", f"is not XML: {error}") from None
     if _tag(root) != "kml":
@@ -182,6 +181,24 @@ def read_kml(path: Path) -> Sketch:
     if paths:
         sketch.notes.append(f"{paths} paths of the KML are left out: routes are planned")
     return sketch
+
+
+class _Tree(ET.TreeBuilder):
+    """Builds a tree that is not deep: in a deep one, looking through each element would not end."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self._source, self._depth = source, 0
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            raise ConfigError(self._source, "", f"is nested deeper than {_MAX_DEPTH} elements")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
 
 
 def _tag(element: ET.Element) -> str:

@@ -15,6 +15,7 @@ from gcs.edge.links import TRANSPORTS
 from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.endpoints import parse_endpoint
 from gcs.errors import LinkError, RecordingError
+from gcs.files import open_regular
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Message, scan
 from gcs.model import Level
 
@@ -100,7 +101,7 @@ def read_heard(path: Path) -> Sketch:
     """
     heard = Heard()
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             _read_into(heard, file, str(path))
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None

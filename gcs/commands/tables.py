@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import io
 import math
-import zipfile
 from array import array
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +11,18 @@ from typing import Final, TextIO
 
 import numpy as np
 
+from gcs.commands.arrays import ArraysError, read_arrays
 from gcs.errors import ConfigError
+from gcs.files import open_regular
 from gcs.model import FloatArray
 
 MOST_NUMBERS: Final = 40_000_000
 """In one file: 320 MB."""
+_MOST_FILE_BYTES: Final = 10 * MOST_NUMBERS
 _MOST_LINE: Final = 100_000
+_MOST_WORDS: Final = 100_000
+_MOST_NAME: Final = 256
+"""Characters of a name that count."""
 ENDINGS: Final = (".npz", ".csv")
 """Of the names of such files; other kinds of files are told by content."""
 FIRST: Final = ("k", "t_s", "t_ns")
@@ -48,15 +54,13 @@ def read_npz(path: Path) -> dict[str, FloatArray]:
         When it is none, or unpacks to more than memory should hold.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > 8 * MOST_NUMBERS:
-            raise ConfigError(str(path), "", f"unpacks to {size / 1e6:.0f} MB; {_SPLIT}")
-        with np.load(path, allow_pickle=False) as file:
-            return {key: np.asarray(file[key], dtype=np.float64) for key in file.files}
+        with open_regular(path, _MOST_FILE_BYTES) as file:
+            return read_arrays(file, MOST_NUMBERS)
     except FileNotFoundError:
         raise ConfigError(str(path), "", "there is no such file") from None
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, KeyError) as error:
+    except OSError as error:
+        raise ConfigError(str(path), "", f"cannot be read: {error.strerror or error}") from None
+    except ArraysError as error:
         raise ConfigError(str(path), "", f"expected an NPZ of numbers: {error}") from None
 
 
@@ -72,7 +76,7 @@ def read_csv(path: Path, expected: str, words: tuple[str, ...] = (SENSOR,)) -> N
         When it cannot be read, a line is no row, or it holds more than memory should.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as file:
             return _numbers(path, file, expected, words)
     except FileNotFoundError:
         raise ConfigError(str(path), "", "there is no such file") from None
@@ -92,6 +96,9 @@ def _numbers(path: Path, file: TextIO, expected: str, titles_of_words: tuple[str
     word, titles_may_come = -1, True
     while line := file.readline(_MOST_LINE):
         number += 1
+        if len(line) == _MOST_LINE:
+            what = f"expected lines of less than {_MOST_LINE} characters"
+            raise ConfigError(f"{path}, line {number}", "", what)
         cells = line.split("#", 1)[0].replace('"', "").strip()
         if titles_may_come:
             titles = _titles(line if cells else line.lstrip().lstrip("#"), is_comment=not cells) or titles
@@ -112,6 +119,9 @@ def _numbers(path: Path, file: TextIO, expected: str, titles_of_words: tuple[str
         elif not titles_may_come:
             raise ConfigError(f"{path}, line {number}", "", f"expected {expected}")
         titles_may_come = False
+        if len(words) > _MOST_WORDS:
+            what = f"expected numbers, or at most {_MOST_WORDS} different names"
+            raise ConfigError(str(path), titles[word], what)
         if len(values) > MOST_NUMBERS:
             raise ConfigError(str(path), "", f"holds more than {MOST_NUMBERS} numbers; {_SPLIT}")
     rows = np.frombuffer(values, np.float64).reshape(-1, columns) if columns else np.empty((0, 3))
@@ -135,7 +145,7 @@ def _row(cells: str, column: int = -1, words: dict[str, int] | None = None) -> l
     parts = cells.split(",")
     word = None
     if words is not None and column < len(parts):
-        word, parts[column] = parts[column].strip(), "0"
+        word, parts[column] = parts[column].strip()[:_MOST_NAME], "0"
     try:
         row = [float(cell) if cell.strip() else math.nan for cell in parts]
     except ValueError:

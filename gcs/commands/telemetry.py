@@ -26,6 +26,7 @@ from gcs.edge.boot_clock import TimeLine
 from gcs.edge.reader import Record
 from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import RecordingError
+from gcs.files import open_regular
 from gcs.mavlink.codec import Frame
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick, read_only
 
@@ -156,7 +157,7 @@ def _elsewhere(scans: list[Scan], start_t_ns: int, end_t_ns: int) -> str:
 def _frames(path: Path) -> Iterator[tuple[int, Frame]]:
     """Frames of a log with their times."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             stamped = is_stamped(file, str(path))
             line = TimeLine(stamped=stamped)
             for part in read_log(file, stamped=stamped):

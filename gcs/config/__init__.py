@@ -12,17 +12,24 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
-
 from gcs.config import contradictions
 from gcs.config.mission import Config
 from gcs.config.places import local_places, with_local_places
-from gcs.config.text import read_text, scenario_names
+from gcs.config.text import decode_toml, read_text, scenario_names
 from gcs.config.validation import Table, convert
-from gcs.errors import ConfigError
 from gcs.safe_text import printable
 
-__all__ = ["Config", "Table", "convert", "load", "local_places", "parse", "read_text", "scenario_names"]
+__all__ = [
+    "Config",
+    "Table",
+    "convert",
+    "decode_toml",
+    "load",
+    "local_places",
+    "parse",
+    "read_text",
+    "scenario_names",
+]
 
 
 def parse(text: str, source: str) -> Config:
@@ -33,11 +40,7 @@ def parse(text: str, source: str) -> Config:
     ConfigError
         For broken TOML, unknown or missing keys, values out of range, and contradictions between keys.
     """
-    try:
-        raw = msgspec.toml.decode(text)
-    except (msgspec.DecodeError, ValueError) as error:
-        raise ConfigError(source, "", f"not valid TOML: {error}") from None
-    config = convert(with_local_places(_shown(raw), source), Config, source)
+    config = convert(with_local_places(_shown(decode_toml(text, source)), source), Config, source)
     contradictions.check(config, source)
     return config
 

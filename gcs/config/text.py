@@ -6,16 +6,24 @@ import os
 import re
 from importlib import resources
 from pathlib import Path
+from typing import Any, Final
 
 import msgspec
 
 from gcs.errors import ConfigError
+from gcs.files import read_text as read_file
 from gcs.geojson import read_zones
 
 _GEOJSON = re.compile(
     r"""^[ \t]*(?:map\.)?geojson[ \t]*=[ \t]*(?P<value>"(?P<basic>[^"\\\n]*)"|'(?P<literal>[^'\n]*)')""",
     re.MULTILINE,
 )
+_MAX_BYTES: Final = 16_000_000
+"""Of a file. The largest shipped mission has 10 kB; a GeoJSON of 100,000 corners has 4 MB."""
+_MAX_DEPTH: Final = 50
+_WORD: Final = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_DEEP_KEY: Final = re.compile(rf"(?:{_WORD}\.[ \t]*+){{{_MAX_DEPTH}}}")
+"""A dotted key of so many words: reading it takes time with the square of their number."""
 
 
 def scenario_names() -> list[str]:
@@ -45,7 +53,7 @@ def read_text(scenario: str) -> tuple[str, str]:
         if shipped.is_file():
             return shipped.read_text(encoding="utf-8"), scenario
     path = Path(scenario)
-    if not path.is_file():
+    if not path.exists():
         raise ConfigError(
             scenario, "", f"no such file or scenario; shipped scenarios: {', '.join(scenario_names())}"
         )
@@ -54,9 +62,32 @@ def read_text(scenario: str) -> tuple[str, str]:
 
 def _text_of(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return read_file(path, _MAX_BYTES)
+    except OSError as error:
+        raise ConfigError(os.fspath(path), "", f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
         raise ConfigError(os.fspath(path), "", f"cannot be read as text: {error}") from None
+
+
+def decode_toml(text: str, source: str) -> dict[str, Any]:
+    """Return what a TOML text says, as plain data.
+
+    Raises
+    ------
+    ConfigError
+        When it is no TOML, or longer or nested deeper than what this project reads.
+    """
+    if len(text) > 3 * _MAX_BYTES:  # of a file and the GeoJSON that it names
+        raise ConfigError(source, "", f"expected less than {3 * _MAX_BYTES / 1e6:.0f} MB of TOML")
+    if _DEEP_KEY.search(text):
+        raise ConfigError(source, "", f"not valid here: a key of more than {_MAX_DEPTH} words")
+    try:
+        table: dict[str, Any] = msgspec.toml.decode(text)
+    except RecursionError:
+        raise ConfigError(source, "", "not valid TOML: nested too deeply") from None
+    except (msgspec.DecodeError, ValueError) as error:
+        raise ConfigError(source, "", f"not valid TOML: {error}") from None
+    return table
 
 
 def _with_zones(text: str, path: Path) -> str:
@@ -68,7 +99,7 @@ def _with_zones(text: str, path: Path) -> str:
     if not name or name.lstrip().startswith("{"):
         return text
     file = path.parent / name
-    if not file.is_file():
+    if not file.exists():
         raise ConfigError(os.fspath(path), "map.geojson", f"no such file: {file}")
     zones = _text_of(file)
     read_zones(zones, os.fspath(file))

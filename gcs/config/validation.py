@@ -37,6 +37,8 @@ def convert(raw: object, to: type[T], source: str, prefix: str = "") -> T:
     """
     try:
         return msgspec.convert(raw, to)
+    except RecursionError:
+        raise ConfigError(source, prefix, "is nested too deeply") from None
     except msgspec.ValidationError as error:
         match = _WHERE.match(str(error))
         assert match is not None

@@ -17,6 +17,7 @@ import msgspec
 
 from gcs.edge.wire import decode, encode
 from gcs.errors import JournalError, WireError
+from gcs.files import read_bytes
 from gcs.model import Memory, Resumed
 
 VERSION = 1
@@ -99,9 +100,7 @@ class Journal:
             When it is damaged, of another version, or of another mission; the text says which.
         """
         try:
-            if self.path.stat().st_size > _MAX_BYTES:
-                raise JournalError(str(self.path), f"is larger than {_MAX_BYTES} bytes: no journal of ours")
-            data = self.path.read_bytes()
+            data = read_bytes(self.path, _MAX_BYTES)
         except FileNotFoundError:
             return None
         except OSError as error:

@@ -29,15 +29,17 @@ from typing import Final
 
 import msgspec
 
-from gcs.config import Table, convert
+from gcs.config import Table, convert, decode_toml
 from gcs.endpoints import parse_endpoint
 from gcs.errors import ConfigError, LinkError
+from gcs.files import read_bytes, read_text
 from gcs.mavlink.signing import KEY_BYTES, NS_PER_TICK, Keys
 from gcs.model import NS_PER_S, vehicle_id, vehicle_name
 
 MAX_ADVANCE_NS: Final = 30 * NS_PER_S
 """How far the streams' times are moved on after a crash at most: three times the time between two savings."""
 
+_MAX_BYTES: Final = 4_000_000
 _HEAD: Final = "# MAVLink signing keys: secret. Whoever has one can command the vehicles that hold it.\n"
 
 
@@ -99,12 +101,16 @@ def read_keys(path: Path) -> KeyFile:
         if mode & (stat.S_IRWXG | stat.S_IRWXO):
             problem = f"others may read these keys (mode {stat.S_IMODE(mode):o}): chmod 600 {path}"
             raise ConfigError(source, "", problem)
-        raw = msgspec.toml.decode(path.read_bytes())
+        text = read_text(path, _MAX_BYTES)
     except FileNotFoundError:
         raise ConfigError(source, "", f"there is no such key file: gcs keys new {path}") from None
     except OSError as error:
         raise ConfigError(source, "", f"cannot be read: {error.strerror}") from None
-    except (msgspec.DecodeError, ValueError):  # its text would show the line, which holds a key
+    except UnicodeDecodeError:
+        raise ConfigError(source, "", "not valid TOML") from None
+    try:
+        raw = decode_toml(text, source)
+    except ConfigError:  # its text would show the line, which holds a key
         raise ConfigError(source, "", "not valid TOML") from None
     table = convert(raw, _KeyTable, source)
     return KeyFile(
@@ -188,12 +194,12 @@ class TimeFile:
             When it is damaged: going on with the clock alone may be refused by vehicles, so it is said.
         """
         try:
-            table = msgspec.json.decode(self.path.read_bytes(), type=_TimeTable)
+            table = msgspec.json.decode(read_bytes(self.path, _MAX_BYTES), type=_TimeTable)
         except FileNotFoundError:
             return 0, {}
         except OSError as error:
             raise ConfigError(str(self.path), "", f"cannot be read: {error.strerror}") from None
-        except (msgspec.DecodeError, UnicodeDecodeError):
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             problem = "is damaged; with a right clock it can be deleted: vehicles follow the later time"
             raise ConfigError(str(self.path), "", problem) from None
         if not table.unix_ns:

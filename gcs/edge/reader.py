@@ -25,22 +25,31 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
-from mcap.stream_reader import get_chunk_data_stream
 
 from gcs.edge.recorder import CONFIG_NAME, MCAP_NAME, RUN_METADATA, VERSIONS_METADATA, Run, part_paths
+from gcs.edge.unpacking import MAX_CHUNK_BYTES, Unpacker, UnpackingError
 from gcs.edge.wire import TOPICS, Recordable, decode
 from gcs.errors import RecordingError, WireError
+from gcs.files import open_regular
 from gcs.model import Picture
 
-MAX_CHUNK_BYTES = 64 * 1024 * 1024
-"""Larger chunks are none of ours (the recorder's have about a megabyte)."""
-
+_MAX_OTHERS = 200_000
+"""Records of a chunk that are no messages: schemas and channels, of which there may be 65,536 each."""
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time of a message, before its content."""
-_BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, KeyError, OverflowError, MemoryError)
-"""What the MCAP library raises on damaged bytes."""
+_BROKEN = (
+    McapError,
+    ValueError,
+    struct.error,
+    zstandard.ZstdError,
+    RuntimeError,
+    KeyError,
+    OverflowError,
+    MemoryError,
+)
+"""What the libraries of MCAP and its compressions raise on damaged bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +107,7 @@ def is_recording(path: Path) -> bool:
     if path.is_dir():
         return True
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return file.read(len(_MAGIC)) == _MAGIC
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
@@ -200,34 +209,40 @@ class _Reading:
         """Records of earlier parts."""
         self._types: dict[int, type | None] = {}
         """What a channel holds that is asked for."""
+        self._unpacker = Unpacker()
 
     def begin(self) -> None:
         """Begin a part: numbers go on, all else is its own."""
         self._before, self.offset = self.count, 0
+        self._unpacker = Unpacker()
         self._types.clear()
 
     def chunk(self, content: bytes) -> Iterator[Record]:
         """Yield the records of one chunk."""
-        chunk = Chunk.read(_stream(content))
-        if chunk.uncompressed_size > MAX_CHUNK_BYTES or _zstd_size(chunk) > MAX_CHUNK_BYTES:
-            raise _BreaksOffError(
-                f"damaged behind byte {self.offset}: a chunk claims more than {MAX_CHUNK_BYTES} bytes"
-            )
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        data, at = stream.read(size), 0
+        try:
+            data = self._unpacker.unpack(Chunk.read(_stream(content)))
+        except UnpackingError as error:
+            raise _BreaksOffError(f"damaged behind byte {self.offset}: {error}") from None
+        at = others = 0
         while at < len(data):
             opcode, length = _HEAD.unpack_from(data, at)
             at += _HEAD.size
             if length > len(data) - at:
                 raise _BreaksOffError(f"damaged behind byte {self.offset}: a chunk ends within a record")
+            if opcode == Opcode.MESSAGE:
+                record = self._message(data, at, at + length)
+                if record is not None:
+                    yield record
+                at += length
+                continue
+            others += 1
+            if others > _MAX_OTHERS:
+                what = f"a chunk has more than {_MAX_OTHERS} records that are no messages"
+                raise _BreaksOffError(f"damaged behind byte {self.offset}: {what}")
             if opcode == Opcode.CHANNEL:
                 channel = Channel.read(_stream(data[at : at + length]))
                 held = _type_of(channel.topic)
                 self._types[channel.id] = held if held in self._only else None
-            elif opcode == Opcode.MESSAGE:
-                record = self._message(data, at, at + length)
-                if record is not None:
-                    yield record
             at += length
 
     def check_count(self, count: int) -> None:
@@ -317,7 +332,7 @@ def recording_bytes(path: Path) -> int:
 
 def _opened(path: Path) -> BinaryIO:
     try:
-        file = path.open("rb")
+        file = open_regular(path)
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
     magic = file.read(len(_MAGIC))
@@ -330,10 +345,6 @@ def _opened(path: Path) -> BinaryIO:
 
 def _stream(content: bytes) -> Any:
     return ReadDataStream(io.BytesIO(content))
-
-
-def _zstd_size(chunk: Any) -> int:
-    return int(zstandard.frame_content_size(chunk.data)) if chunk.compression == "zstd" else 0
 
 
 def _attachment_is_whole(content: bytes) -> bool:

@@ -24,7 +24,11 @@ from gcs.errors import ConfigError
 from gcs.planning.grid import Grid, Node
 
 _GROUND, _WALLS = b".GS", b"@OTW"
-_MOST_CELLS = 64_000_000
+_MOST_CELLS = 16_777_216
+"""4096 x 4096; the benchmarks' largest maps have 2048 x 2048."""
+_MOST_LINES = 65_536
+MAX_BYTES = 32_000_000
+"""Of a file, maps and problems."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +52,9 @@ def read_map(text: str, source: str) -> Grid:
     ConfigError
         With `source`, the line at fault and what was expected there.
     """
-    lines = text.splitlines()
+    if text.count("\n") > _MOST_LINES:
+        raise ConfigError(source, "", f"expected a map of at most {_MOST_LINES} lines")
+    lines = text.split("\n")
     header = {}
     for number, line in enumerate(lines[:4]):
         words = line.split()
