@@ -194,7 +194,7 @@ def test_a_recording_is_tracked_with_what_its_sensors_say_of_themselves(tmp_path
     text, _ = read_text("prescribed")
     rng = np.random.default_rng(3)
     place = np.array([700.0, 600.0])
-    text = text.split("[[births]]", 1)[0] + f"[[births]]\neast_m = {place[0]}\nnorth_m = {place[1]}\n"
+    text = text.split("\n[[births]]", 1)[0] + f"\n[[births]]\neast_m = {place[0]}\nnorth_m = {place[1]}\n"
     with Recorder(tmp_path / "run", text, {}) as recorder:
         for k in range(20):
             t_ns = k * NS_PER_S
