@@ -24,6 +24,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from gcs.command.answers import named
 from gcs.command.fates import Fates
 from gcs.command.guests import Guests
 from gcs.command.holding import Flown
@@ -35,7 +36,7 @@ from gcs.command.trackers import Trackers
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Item
 from gcs.mavlink.modes import AUTO
-from gcs.model import NS_PER_S, Effect, Label, Notice, Resumed, Route, Track, VehicleMemory
+from gcs.model import NS_PER_S, Effect, Label, Memory, Notice, Resumed, Route, Track, VehicleMemory
 
 _LONGEST_S: Final = 25.0
 """After this a plan is made with what is known."""
@@ -125,8 +126,11 @@ class Recovery:
         self._expected = memory.t_ns, memory.targets
         self._tasking.count_from(memory.missions)
         self._until_t_ns = t_ns + round(_LONGEST_S * NS_PER_S)
-        effects: list[Effect] = [Notice(t_ns, "warning", f"takes up where it was {age_s:.0f} s ago")]
+        effects: list[Effect] = []
         known = set(self._fates.by_vehicle)
+        text = f"takes up where it was {age_s:.0f} s ago: {_contents(memory, known)}"
+        text += "; to begin clean, end it and start it with --no-resume"
+        effects.append(Notice(t_ns, "warning", text))
         for one in memory.vehicles:
             vehicle = one.fate.vehicle
             if vehicle not in known:
@@ -227,6 +231,24 @@ class Recovery:
         """Whether a vehicle flies what it holds: an order may have let it go on from where it was held."""
         state = self._fleet.state(vehicle)
         return state is not None and state.mode == AUTO and vehicle not in self._orders.commanded
+
+
+def _contents(memory: Memory, known: Container[int]) -> str:
+    """Say what a memory holds of the vehicles that the mission has."""
+    vehicles = [one for one in memory.vehicles if one.fate.vehicle in known]
+    groups = {
+        "missions of {}": [one for one in vehicles if one.route is not None and one.fate.fate == "flying"],
+        "{} at their targets": [one for one in vehicles if one.fate.fate == "arrived"],
+        "{} lost, until they report and are tracked again": [
+            one for one in vehicles if one.fate.fate == "dead"
+        ],
+        "{} suspended": [one for one in vehicles if one.aside is not None],
+    }
+    parts = [text.format(named(o.fate.vehicle for o in ones)) for text, ones in groups.items() if ones]
+    parts.append(f"{len(memory.targets)} targets")
+    if memory.keep_outs:
+        parts.append("closed areas " + ", ".join(area.name for area in memory.keep_outs))
+    return "; ".join(parts)
 
 
 def _row(item: Item) -> tuple[float | None, ...]:

@@ -1,0 +1,50 @@
+"""A restart says what it took up, and a vehicle that was called lost before it comes back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gcs.model import Effect, Fate, KeepOut, Memory, Notice, Plan
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import VirtualRun
+
+SEED, LOST, AT_S = 1, 1, 30.0
+
+
+def restarted(change=lambda memory: memory) -> tuple[VirtualRun, list[Effect]]:
+    """Fly, kill the service, start it from a changed memory, and fly on."""
+    effects: list[Effect] = []
+    run = VirtualRun(load("prescribed"), SEED, lambda _: None, lambda _, effect: effects.append(effect))
+    run.run(AT_S)
+    memory = change(run.command.memory(run.t_ns))
+    effects.clear()
+    run.restart(4.0, memory)
+    return run, effects
+
+
+def lost(memory: Memory) -> Memory:
+    vehicles = tuple(
+        replace(one, fate=replace(one.fate, fate="dead"), route=None, items=())
+        if one.fate.vehicle == LOST
+        else one
+        for one in memory.vehicles
+    )
+    return replace(memory, vehicles=vehicles, keep_outs=(KeepOut("fire", (500.0, 900.0, 60.0)),))
+
+
+def test_the_notice_says_what_was_taken_up_and_how_to_begin_clean():
+    run, effects = restarted(lost)
+    run.run(AT_S + 4.5)
+    (text,) = [e.text for e in effects if isinstance(e, Notice) and "takes up where it was" in e.text]
+    assert "missions of agents 2, 3, 4" in text
+    assert "agent 1 lost" in text
+    assert "closed areas fire" in text
+    assert "5 targets" in text
+    assert "--no-resume" in text
+
+
+def test_a_vehicle_that_was_lost_before_the_restart_and_is_seen_again_gets_a_mission():
+    run, effects = restarted(lost)
+    run.run(AT_S + 20.0)
+    assert (LOST, "flying") in [(e.vehicle, e.fate) for e in effects if isinstance(e, Fate)]
+    assert any(route.vehicle == LOST for e in effects if isinstance(e, Plan) for route in e.routes)
