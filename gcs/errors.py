@@ -5,7 +5,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gcs.safe_text import printable
+
+_MAX_TOLD = 50
+"""Mistakes of one file that are told."""
 
 
 class GcsError(Exception):
@@ -30,7 +35,23 @@ class ConfigError(GcsError):
 
     def __init__(self, file: str, key: str, expected: str) -> None:
         self.file, self.key, self.expected = file, key, expected
-        super().__init__(f"{file}: {key}: {expected}" if key else f"{file}: {expected}")
+        super().__init__(f"{file}: {self.mistake}")
+
+    @property
+    def mistake(self) -> str:
+        """Key and what was expected there, without the file."""
+        return f"{self.key}: {self.expected}" if self.key else self.expected
+
+    @classmethod
+    def of_all(cls, mistakes: Sequence[ConfigError]) -> ConfigError:
+        """Return one error for all mistakes of a file; its attributes are those of the first."""
+        first, *others = mistakes
+        if others:
+            told = [error.mistake for error in mistakes[:_MAX_TOLD]]
+            told += [f"and {len(mistakes) - _MAX_TOLD} more"] if len(mistakes) > _MAX_TOLD else []
+            lines = "\n  ".join(told)
+            GcsError.__init__(first, f"{first.file}: {len(mistakes)} mistakes:\n  {lines}")
+        return first
 
 
 class LinkError(GcsError):

@@ -204,3 +204,43 @@ def test_a_target_of_the_simulation_given_in_both_ways_is_named() -> None:
     with pytest.raises(ConfigError) as caught:
         parse_scenario(text, "m.toml")
     assert caught.value.key == "simulation.targets[0]"
+
+
+def test_every_mistake_is_listed_with_a_proposal_for_what_is_misspelt() -> None:
+    text = """
+name = "bad name"
+[frame]
+lat_deg = 95.0
+lon_deg = 8.0
+[map]
+widht_m = 2000.0
+[[agents]]
+system_id = 300
+east_m = 1.0
+north_m = "x"
+[planning]
+clearance_m = -3
+"""
+    with pytest.raises(ConfigError) as refused:
+        parse(text, "m.toml")
+    lines = str(refused.value).splitlines()
+    assert lines[0] == "m.toml: 7 mistakes:"
+    assert "  map: unknown key `widht_m`: did you mean `width_m`?" in lines
+    for key in (
+        "name: ",
+        "frame: ",
+        "frame.lat_deg: ",
+        "agents[0].system_id: ",
+        "agents[0].north_m: ",
+        "planning",
+    ):
+        assert any(line.startswith(f"  {key}") for line in lines), key
+
+
+def test_every_contradiction_is_listed() -> None:
+    text, _ = read_text("prescribed")
+    text = text.replace("system_id = 2", "system_id = 1").replace("system_id = 3", "system_id = 1")
+    with pytest.raises(ConfigError, match="2 mistakes") as refused:
+        parse(text, "m.toml")
+    assert "agents[1].system_id" in str(refused.value)
+    assert "agents[2].system_id" in str(refused.value)

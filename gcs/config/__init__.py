@@ -17,6 +17,7 @@ from gcs.config.mission import Config
 from gcs.config.places import local_places, with_local_places
 from gcs.config.text import decode_toml, read_text, scenario_names
 from gcs.config.validation import Table, convert
+from gcs.errors import ConfigError
 from gcs.safe_text import printable
 
 __all__ = [
@@ -40,7 +41,11 @@ def parse(text: str, source: str) -> Config:
     ConfigError
         For broken TOML, unknown or missing keys, values out of range, and contradictions between keys.
     """
-    config = convert(with_local_places(_shown(decode_toml(text, source)), source), Config, source)
+    try:
+        raw = _shown(decode_toml(text, source))
+    except RecursionError:
+        raise ConfigError(source, "", "is nested too deeply") from None
+    config = convert(with_local_places(raw, source), Config, source)
     contradictions.check(config, source)
     return config
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -15,14 +15,20 @@ from gcs.model import vehicle_name
 
 
 def check(config: Config, source: str) -> None:
-    """Raise `ConfigError` at the first contradiction."""
+    """Raise `ConfigError` with every contradiction."""
+    found = list(_contradictions(config, source))
+    if found:
+        raise ConfigError.of_all(found)
+
+
+def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
     if config.map.geojson:
-        _check_zones(config, source)
-    _check_links(config, source)
+        yield from _zones(config, source)
+    yield from _links(config, source)
     ids = [agent.vehicle for agent in config.agents]
     for index, vehicle in enumerate(ids):
         if vehicle in ids[:index]:
-            raise ConfigError(
+            yield ConfigError(
                 source,
                 f"agents[{index}].system_id",
                 f"{vehicle_name(vehicle)} is used twice; each agent needs its own",
@@ -30,7 +36,7 @@ def check(config: Config, source: str) -> None:
     area = config.map
     for index, corners in enumerate(area.polygons_m):
         if len({tuple(corner) for corner in corners}) < 3:
-            raise ConfigError(source, f"map.polygons_m[{index}]", "expected at least three different corners")
+            yield ConfigError(source, f"map.polygons_m[{index}]", "expected at least three different corners")
     places: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [
         ("agents", config.agents),
         ("births", config.births),
@@ -38,14 +44,14 @@ def check(config: Config, source: str) -> None:
     for name, rows in places:
         for index, row in enumerate(rows):
             if not (0.0 <= row.east_m <= area.width_m and 0.0 <= row.north_m <= area.height_m):
-                raise ConfigError(
+                yield ConfigError(
                     source,
                     f"{name}[{index}]",
                     f"({row.east_m}, {row.north_m}) lies outside the map: "
                     f"{area.width_m} m x {area.height_m} m",
                 )
     if config.takeoff.altitude_rel_m > config.mission.altitude_rel_m:
-        raise ConfigError(
+        yield ConfigError(
             source,
             "takeoff.altitude_rel_m",
             f"expected at most mission.altitude_rel_m, {config.mission.altitude_rel_m:g} m; "
@@ -53,7 +59,7 @@ def check(config: Config, source: str) -> None:
         )
     east, north = config.spacing_m
     if not np.isclose(east, north, rtol=1e-6):
-        raise ConfigError(
+        yield ConfigError(
             source,
             "map",
             f"the grid's cells must be square: width gives {east:.3f} m a cell, height {north:.3f} m; "
@@ -61,20 +67,21 @@ def check(config: Config, source: str) -> None:
         )
 
 
-def _check_zones(config: Config, source: str) -> None:
+def _zones(config: Config, source: str) -> Iterator[ConfigError]:
     if not config.map.geojson.lstrip().startswith("{"):
-        raise ConfigError(
+        yield ConfigError(
             source,
             "map.geojson",
             'expected the name of a file on a line of its own: geojson = "zones.geojson"',
         )
+        return
     given, near = read_zones(config.map.geojson, f"{source}: map.geojson"), config.zones
     for what, some, here in (
         ("the boundary", given.boundary, near.boundary),
         ("every keep-out zone", given.polygons + given.circles, near.polygons + near.circles),
     ):
         if some and not here:
-            raise ConfigError(
+            yield ConfigError(
                 source,
                 "map.geojson",
                 f"{what} lies far from the frame's origin ({config.frame.lat_deg:.3f}°, "
@@ -82,24 +89,25 @@ def _check_zones(config: Config, source: str) -> None:
             )
 
 
-def _check_links(config: Config, source: str) -> None:
+def _links(config: Config, source: str) -> Iterator[ConfigError]:
     """Read every connection string, and see that networks and endpoints fit together."""
     links: list[tuple[str, Link]] = []
     for key, entry in config.links.entries():
         try:
             link = link_of(entry)
         except LinkError as error:
-            raise ConfigError(source, key, str(error)) from None
+            yield ConfigError(source, key, str(error))
+            continue
         if link.name in (other.name for _, other in links):
-            raise ConfigError(source, key, f"{link.name} is there twice; each endpoint is one link")
+            yield ConfigError(source, key, f"{link.name} is there twice; each endpoint is one link")
         links.append((key, link))
     reached = {link.network for _, link in links if link.role == "vehicles"}
     for key, link in links:
         if link.network not in reached:
-            raise ConfigError(source, key, f"network {link.network} has no endpoint in links.mavlink")
+            yield ConfigError(source, key, f"network {link.network} has no endpoint in links.mavlink")
     for index, agent in enumerate(config.agents):
         if agent.network not in reached:
-            raise ConfigError(
+            yield ConfigError(
                 source,
                 f"agents[{index}].network",
                 f"network {agent.network} has no endpoint in links.mavlink; "

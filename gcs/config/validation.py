@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
-from typing import TypeVar
+import types
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 import msgspec
 
@@ -33,18 +36,70 @@ def convert(raw: object, to: type[T], source: str, prefix: str = "") -> T:
     Raises
     ------
     ConfigError
-        With the dotted key at fault and what was expected there.
+        With every mistake: the dotted key and what was expected there.
     """
     try:
         return msgspec.convert(raw, to)
     except RecursionError:
         raise ConfigError(source, prefix, "is nested too deeply") from None
+    except msgspec.ValidationError:
+        found = [ConfigError(source, key, problem) for key, problem in _mistakes(raw, to, prefix)]
+        raise ConfigError.of_all(found) from None
+
+
+def _mistakes(raw: Any, to: Any, key: str) -> Iterator[tuple[str, str]]:
+    """Yield the dotted key and the words of each mistake: of every field by itself, where it is a table."""
+    to = _without_none(to)
+    if isinstance(to, type) and issubclass(to, msgspec.Struct) and isinstance(raw, dict):
+        fields = {field.encode_name: field for field in msgspec.structs.fields(to)}
+        found = []
+        if to.__struct_config__.forbid_unknown_fields:
+            found += [(key, _unknown(str(name), list(fields))) for name in raw if name not in fields]
+        found += [
+            (key, f"the key `{name}` is missing here")
+            for name, field in fields.items()
+            if field.required and name not in raw
+        ]
+        for name, field in fields.items():
+            if name in raw:
+                found += _mistakes(raw[name], field.type, f"{key}.{name}" if key else name)
+    elif isinstance(raw, list) and get_origin(rows := _bare(to)) is list:
+        found = [
+            mistake
+            for index, row in enumerate(raw)
+            for mistake in _mistakes(row, get_args(rows)[0], f"{key}[{index}]")
+        ]
+    else:
+        found = []
+    yield from found
+    if found:
+        return
+    try:
+        msgspec.convert(raw, to)
     except msgspec.ValidationError as error:
         match = _WHERE.match(str(error))
         assert match is not None
-        path = (match["path"] or "$").removeprefix("$").removeprefix(".")
-        key = ".".join(part for part in (prefix, path) if part)
-        raise ConfigError(source, key, _plain(match["problem"])) from None
+        path = (match["path"] or "$").removeprefix("$")
+        yield (key + path).removeprefix("."), _plain(match["problem"])
+
+
+def _bare(to: Any) -> Any:
+    return get_args(to)[0] if get_origin(to) is Annotated else to
+
+
+def _without_none(to: Any) -> Any:
+    """Return the type that there is beside None: TOML has none."""
+    if get_origin(to) in (Union, types.UnionType):
+        kinds = [kind for kind in get_args(to) if kind is not type(None)]
+        return kinds[0] if len(kinds) == 1 else to
+    return to
+
+
+def _unknown(name: str, known: list[str]) -> str:
+    """Say of an unknown key which one may be meant."""
+    near = get_close_matches(name, known, 1)
+    hint = f"did you mean `{near[0]}`?" if near else "misspelt, or in the wrong table?"
+    return f"unknown key `{name}`: {hint}"
 
 
 def _plain(problem: str) -> str:
