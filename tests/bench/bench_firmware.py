@@ -161,6 +161,7 @@ def main() -> None:
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", default=SCENARIOS)
     parser.add_argument("--sitl", action="append", default=[], help="arduplane=PATH or px4=PATH")
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=1, help="the first seed; default 1")
     parser.add_argument("--winds", type=float, nargs="*", default=[0.0, 6.0], help="m/s; default 0 6")
     parser.add_argument("--speed", type=float, default=4.0)
     parser.add_argument("--keep", type=Path, help="folder for the recordings; none is kept without it")
@@ -173,10 +174,9 @@ def main() -> None:
             folder = (options.keep or Path(temporary)) / f"wind-{wind:g}"
             folder.mkdir(parents=True, exist_ok=True)
             path = scenario_file(name, wind, folder)
-            every = [
-                fly(path, seed, options.speed, options.sitl, folder) for seed in range(1, options.seeds + 1)
-            ]
-        for seed, one in enumerate(every, 1):
+            seeds = range(options.first, options.first + options.seeds)
+            every = [fly(path, seed, options.speed, options.sitl, folder) for seed in seeds]
+        for seed, one in zip(seeds, every, strict=True):
             print(
                 f"{name}-{seed} wind {wind:g}: nearest {one.nearest_m:.1f} m, {one.nearest}", file=sys.stderr
             )
