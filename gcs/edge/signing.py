@@ -7,12 +7,14 @@ no key ever gets into a recording.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from gcs.edge.clock import unix_ns
 from gcs.edge.keyfile import TimeFile, read_keys
+from gcs.edge.output import Writer
 from gcs.endpoints import Link
 from gcs.errors import ConfigError
 from gcs.mavlink.signing import TICKS_PER_S, Gate, GateCounters, Keys
@@ -23,6 +25,8 @@ _SAVE_AGAIN_NS: Final = NS_PER_S // 4
 """Least time between two savings."""
 _AHEAD: Final = 30 * TICKS_PER_S
 """How far ahead of the signing time in use the saved one is."""
+_DRAIN_S: Final = 2.0
+"""How long the end waits for a saving that is under way."""
 _TELL_AGAIN_NS: Final = 60 * NS_PER_S
 
 
@@ -46,13 +50,16 @@ class Signing:
 
     def __init__(self, links: Sequence[Link], keys: Path | None = None, *, kernel: bool = False) -> None:
         self._time: TimeFile | None = None
+        self._writer: Writer | None = None
+        self._save_problem = ""
+        """Why the times could not be saved the last time; empty when they were, or when it was told."""
         self._saved_t_ns = 0
         self._told: dict[tuple[str, str], tuple[int, int]] = {}
         if keys is None:
             self.gate = Gate(Keys(), links)
             return
         table = read_keys(keys).keys
-        self._time = TimeFile(keys)
+        self._time, self._writer = TimeFile(keys), Writer("the file of signing times", 2, "alarm")
         self.gate = Gate(table, links, *self._time.read(unix_ns()), kernel=kernel)
         unknown = sorted(table.links.keys() - {link.name for link in links})
         if unknown:
@@ -62,18 +69,34 @@ class Signing:
         """Save the times now and then, and when they run ahead of those saved; return what is to be said."""
         news: list[tuple[str, Level, str]] = []
         wait_ns = _SAVE_AGAIN_NS if self.gate.runs_ahead else _SAVE_EVERY_NS
-        if self._time is not None and not 0 <= t_ns - self._saved_t_ns < wait_ns:
-            self._saved_t_ns = t_ns
-            streams = self.gate.times_to_save(t_ns)
-            latest = max((self.gate.timestamp, *streams.values()))
-            try:
-                self._time.write(latest + _AHEAD, streams, unix_ns())
-            except OSError as error:
-                link = next(iter(self.gate.links))
-                news.append((link, "alarm", f"{self._time.path} cannot be written: {error.strerror}"))
+        link = next(iter(self.gate.links), "")
+        if self._writer is not None:
+            if not 0 <= t_ns - self._saved_t_ns < wait_ns and self._writer.is_idle:
+                self._saved_t_ns = t_ns
+                streams = self.gate.times_to_save(t_ns)
+                latest = max((self.gate.timestamp, *streams.values()))
+                self._writer.put(partial(self._save, latest + _AHEAD, streams, unix_ns()))
+            if self._save_problem:
+                news.append((link, "alarm", self._save_problem))
+                self._save_problem = ""
+            if stuck := self._writer.news():
+                news.append((link, stuck[0], f"{self._writer.name} {stuck[1]}"))
         for name, counters in self.gate.counters.items():
             news += [(name, "alarm", text) for text in self._rejections(t_ns, name, counters)]
         return news
+
+    def wait_until_saved(self) -> None:
+        """Wait until the disk has taken what `tick` gave it, for 2 s at most."""
+        if self._writer is not None:
+            self._writer.drain(_DRAIN_S)
+
+    def _save(self, timestamp: int, streams: Mapping[str, int], now_ns: int) -> None:
+        """Write the times, on the writer's thread."""
+        assert self._time is not None  # there is a writer
+        try:
+            self._time.write(timestamp, streams, now_ns)
+        except OSError as error:
+            self._save_problem = f"{self._time.path} cannot be written: {error.strerror}"
 
     def _rejections(self, t_ns: int, name: str, counters: GateCounters) -> list[str]:
         """Say at once what is kept out for a new reason, and once a minute that it goes on."""
@@ -88,7 +111,8 @@ class Signing:
 
     def close(self) -> None:
         """Save the time as it is."""
-        if self._time is not None:
+        if self._time is not None and self._writer is not None:
+            self.wait_until_saved()
             with contextlib.suppress(OSError):  # told while it ran
                 self._time.write(self.gate.timestamp, self.gate.streams)
 

@@ -95,8 +95,10 @@ def test_signing_time_goes_on_after_a_crash_and_after_the_clock_went_back(tmp_pa
 
     first = Signing([link], keys)
     first.tick(NOW)
+    first.wait_until_saved()
     before = time_of(first, NOW)
     first.tick(NOW + 11 * S)
+    first.wait_until_saved()
     last = time_of(first, NOW + 19 * S)  # and now it is killed
     crashed = Signing([link], keys)
     assert time_of(crashed, NOW - 3600 * S) > last > before

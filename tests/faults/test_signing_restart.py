@@ -76,6 +76,7 @@ def fly(
         frames += [plane.beat(t_ns) for plane in planes]
         assert all(signing.gate.admit(t_ns, HOME, frame) for frame in frames[-len(planes) :])
         signing.tick(t_ns)
+        signing.wait_until_saved()
     return frames
 
 
