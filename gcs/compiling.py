@@ -155,10 +155,11 @@ def fetch_early(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  numb
     return types.void(array, row), code
 
 
-def warm_up(room: str, on_cold: Callable[[], None] | None = None) -> None:
+def warm_up(room: str, on_compiled: Callable[[int, int], None] | None = None) -> None:
     """Load the kernels of a room (name of a module) from the cache or, with a helper process, compile them.
 
-    `on_cold` is called when they are not in the cache: after the first, which is a short one, was compiled.
+    `on_compiled` is called with "n of m" when they are not in the cache: first after the first one, which is
+    a short one, was compiled.
     """
     calls = _calls(room)
     probe = calls[0][0]
@@ -167,10 +168,9 @@ def warm_up(room: str, on_cold: Callable[[], None] | None = None) -> None:
     with contextlib.ExitStack() as stack:
         if _misses(probe) > before:
             stack.enter_context(_helper(room))
-            if on_cold is not None:
-                on_cold()
-            _make(_parts(room))
-        _make(calls[1:])
+            _make([*_parts(room), *calls[1:]], on_compiled)
+        else:
+            _make(calls[1:])
 
 
 @contextlib.contextmanager
@@ -205,11 +205,13 @@ def _misses(probe: Any) -> int:
     return sum(probe.stats.cache_misses.values())
 
 
-def _make(calls: Sequence[Call]) -> None:
+def _make(calls: Sequence[Call], on_made: Callable[[int, int], None] | None = None) -> None:
     thresholds = gc.get_threshold()
     gc.set_threshold(max(_COLLECT_AFTER, thresholds[0]), *thresholds[1:])
     try:
-        for compiled, *arguments in calls:
+        for number, (compiled, *arguments) in enumerate(calls, 1):
+            if on_made is not None:
+                on_made(number, len(calls) + 1)
             compiled(*arguments)
     finally:
         gc.set_threshold(*thresholds)

@@ -22,7 +22,7 @@ from rich.console import Console
 
 from gcs.command.trackers import Trackers
 from gcs.config import read_text
-from gcs.edge.kernels import load_kernels
+from gcs.edge.kernels import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.edge.recorder import versions
 from gcs.errors import RecordingError
 from gcs.model import Effect, Truth
@@ -99,7 +99,7 @@ class Campaign:
 
 def warm_up() -> None:
     """Load the compiled kernels, in a process that shows nothing."""
-    load_kernels(Console(quiet=True))
+    load_kernels(Console(quiet=True), TRACKING, PLANNING, LINKS)
 
 
 def fly(job: Job) -> Row:

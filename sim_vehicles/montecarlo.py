@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table as Shown
 
 from gcs.edge.consoles import console_for
-from gcs.edge.kernels import load_kernels
+from gcs.edge.kernels import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.errors import InterruptedRunError
 from gcs.report.campaign import groups
 from gcs.report.campaign_page import failures, overviews, write_report
@@ -86,7 +86,7 @@ def _fly(jobs: Sequence[Job], options: MontecarloOptions, store: Store, console:
         TextColumn("{task.fields[failed]}"),
     )  # fmt: skip
     if not options.dask:
-        load_kernels(console)  # once, not in every worker
+        load_kernels(console, TRACKING, PLANNING, LINKS)  # once, not in every worker
     rows = fly_on_dask(jobs, options.dask) if options.dask else fly_all(jobs, options.workers)
     failed = 0
     with Progress(*columns, console=console) as progress:

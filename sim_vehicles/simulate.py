@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.edge.consoles import console_for
-from gcs.edge.kernels import load_kernels
+from gcs.edge.kernels import LINKS, PLANNING, RECORDING, TRACKING, load_kernels
 from gcs.edge.recorder import Recorder, Run, versions
 from gcs.model import Effect, Event, Truth
 from gcs.report.judge import Summary, judge_of, summary_json
@@ -33,7 +33,7 @@ def simulate(
 ) -> bool:
     """Fly `runs` missions with seeds from `seed` upwards; return whether every one was complete."""
     console = console_for(stderr=as_json)
-    load_kernels(console)
+    load_kernels(console, TRACKING, PLANNING, LINKS, *([] if out is None else [RECORDING]))
     started = time.perf_counter()
     summaries = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

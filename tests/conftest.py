@@ -8,6 +8,6 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile outside of every test: their time limits are not made for a first start."""
     if hasattr(session.config, "workerinput") or session.config.option.collectonly:
         return
-    from gcs.edge.kernels import load_kernels
+    from gcs.edge.kernels import ALL, load_kernels
 
-    load_kernels(Console(stderr=True))
+    load_kernels(Console(stderr=True), *ALL)

@@ -31,6 +31,16 @@ def scenarios() -> None:
     console_for().print(table)
 
 
+@app.command(name="warm-up", rich_help_panel=PANEL)
+def warm_up() -> None:
+    """Compile what is compiled once after an installation, so that no first flight waits for it."""
+    from gcs.edge.kernels import ALL, load_kernels
+
+    console = console_for()
+    load_kernels(console, *ALL)
+    console.print("all kernels are ready")
+
+
 @app.command(rich_help_panel=PANEL)
 def init(
     source: Annotated[

@@ -22,6 +22,7 @@ from gcs.commands.sinks import view_for, warm_up
 from gcs.commands.telemetry import Beside, load_beside, refuse_detections, telemetry_records
 from gcs.commands.whatif import Comparison, settings, table
 from gcs.config import Config, load, parse
+from gcs.edge.kernels import LINKS, PLANNING, TRACKING
 from gcs.edge.reader import About, Record, about, is_recording, read
 from gcs.edge.recorder import versions
 from gcs.edge.tlog import is_stamped
@@ -92,7 +93,7 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
         When there is nothing to replay, or not enough to replay it with.
     """
     plan = _prepared(options, console)
-    warm_up(console)
+    warm_up(console, TRACKING, PLANNING, LINKS)
     replay = Replay(plan.config, plan.seed, plan.records, options.window)
     verifier, comparison = Verifier(), Comparison()
     if options.verify:

@@ -24,6 +24,7 @@ from gcs.commands.sinks import warm_up
 from gcs.commands.telemetry import Beside, load_beside, refuse_detections, telemetry_records
 from gcs.config import Config, load, parse
 from gcs.edge.boot_clock import TimedBy, TimeLine
+from gcs.edge.kernels import LINKS, PLANNING, TRACKING
 from gcs.edge.reader import Damage, about, is_recording, read, recording_bytes
 from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import ConfigError, GcsError, RecordingError
@@ -263,7 +264,7 @@ class _Reading:
     def _command(self, *, can_repeat: bool) -> Command | None:
         if self.config is None or not (can_repeat and self.options.timing):
             return None
-        warm_up(self.console)
+        warm_up(self.console, TRACKING, PLANNING, LINKS)
         return Command(self.config, self.seed)
 
     def _beside(self) -> Beside | None:

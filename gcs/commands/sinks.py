@@ -141,9 +141,9 @@ def draw_recording(folder: Path, config: Config, seed: int) -> Path:
     return picture
 
 
-def warm_up(console: Console) -> None:
-    """Have all kernels ready, and memory in order, before a run begins."""
-    load_kernels(console)
+def warm_up(console: Console, *rooms: str) -> None:
+    """Have the kernels of rooms, or all that fly, ready, and memory in order, before a run begins."""
+    load_kernels(console, *rooms)
     gc.collect()
     gc.freeze()  # what is loaded by now stays: the collector need not look through it again and again
     gc.set_threshold(_COLLECT_AFTER, *gc.get_threshold()[1:])

@@ -21,7 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.commands.detections import Detections, load
-from gcs.edge.kernels import TRACKING, load_kernels
+from gcs.edge.kernels import HISTORIES, TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import FloatArray, Label
 from gcs.report.tracking import Drawing, draw_tracking
@@ -99,7 +99,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
     if not detections.births and detections.anywhere.per_s <= 0.0:
         where = str(options.model or options.path)
         raise ConfigError(where, "births", "expected places where objects appear, or anywhere.per_s > 0")
-    load_kernels(console, TRACKING)
+    load_kernels(console, TRACKING, HISTORIES)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("tracking", total=len(detections.looks))

@@ -10,29 +10,44 @@ from rich.console import Console
 from gcs import compiling
 
 TRACKING: Final = "gcs.tracking.glmb"
+HISTORIES: Final = "gcs.tracking.recovery"
+"""Recovered and smoothed trajectories: `gcs track` alone asks for them."""
 PLANNING: Final = "gcs.planning.routes"
 LINKS: Final = "gcs.mavlink.quiet"
 RECORDING: Final = "gcs.edge.packing"
+FLYING: Final = (TRACKING, PLANNING, LINKS, RECORDING)
+ALL: Final = (*FLYING, HISTORIES)
+_NAMES: Final = {
+    TRACKING: "trackers", HISTORIES: "trajectories", PLANNING: "planner", LINKS: "links",
+    RECORDING: "recorder",
+}  # fmt: skip
 
 
 def load_kernels(console: Console, *rooms: str) -> None:
-    """Load the kernels of rooms, of all when none is named; compile what is not in the cache, and say so.
+    """Load the kernels of rooms, of all that fly when none is named; compile what is not in the cache.
 
-    What is compiled is told before and after, for whoever reads a log, too: a first start that is silent for
-    half a minute looks like one that hangs.
+    What is compiled is told before, meanwhile and after: a first start that is silent for a minute looks like
+    one that hangs. A terminal shows the number of the kernel; a log gets a line for each room.
     """
     began_s = time.perf_counter()
-    is_cold = False
+    cold: list[str] = []
+    with console.status("loading the compiled kernels") as status:
+        for room in rooms or FLYING:
+            name = _NAMES.get(room, room)
 
-    def on_cold() -> None:
-        nonlocal is_cold
-        if not is_cold:
-            console.print("compiling the kernels, once after an installation: half a minute to a minute")
-        is_cold = True
+            def on_compiled(number: int, count: int, name: str = name) -> None:
+                if not cold:
+                    console.print(
+                        "compiling the kernels, once after an installation: one to two minutes on two cores "
+                        "(gcs warm-up does it beforehand)"
+                    )
+                if name not in cold:
+                    cold.append(name)
+                    if not console.is_terminal:
+                        console.print(f"compiling {count} kernels: {name}", highlight=False)
+                status.update(f"compiling kernel {number} of {count}: {name}")
 
-    with console.status("loading the compiled kernels"):
-        for room in rooms or (TRACKING, PLANNING, LINKS, RECORDING):
-            compiling.warm_up(room, on_cold)
-    if is_cold:
+            compiling.warm_up(room, on_compiled)
+    if cold:
         taken_s = time.perf_counter() - began_s
         console.print(f"compiled in {taken_s:.0f} s; later starts load them from the cache", highlight=False)

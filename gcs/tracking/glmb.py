@@ -27,7 +27,7 @@ import numpy as np
 
 from gcs import compiling
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
-from gcs.tracking import intensity, kernels, motion, recovery, scanning, showing, smoothing, turning, views
+from gcs.tracking import intensity, kernels, motion, scanning, showing, turning, views
 from gcs.tracking.looks import seen_by
 from gcs.tracking.params import SURE, Birth, GlmbParams, Newborn
 from gcs.tracking.recovery import Histories
@@ -205,13 +205,11 @@ def _process_noise(dt_s: float, accel_std_m_s2: float, acceleration: motion.Acce
 
 
 def warm_up_calls() -> list[compiling.Call]:
-    """One call of every kernel that a tracker calls, types as there."""
+    """One call of every kernel that a tracker calls, types as there; for histories see `recovery`."""
     return [
         *showing.warm_up_calls(),
         *scanning.warm_up_calls(),
-        *recovery.warm_up_calls(),
         *intensity.warm_up_calls(),
-        *smoothing.warm_up_calls(),
         *turning.warm_up_calls(),
     ]
 

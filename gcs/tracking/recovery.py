@@ -33,7 +33,7 @@ import numpy.typing as npt
 
 from gcs.compiling import Call
 from gcs.model import FloatArray, Label, Sensor, read_only
-from gcs.tracking import motion
+from gcs.tracking import motion, smoothing
 from gcs.tracking.forest import NONE, Forest, grow, release
 from gcs.tracking.scanning import Believed, Passed, Taken
 from gcs.tracking.sensors import MOST_DETECTION
@@ -258,4 +258,5 @@ def warm_up_calls() -> list[Call]:
     return [
         (grow, forest, none, 0, Believed.nothing(), none, none, np.empty(0), np.empty((0, 2))),
         (release, forest, none),
+        *smoothing.warm_up_calls(),
     ]

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from gcs import compiling
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking import hypotheses, summing
+from gcs.tracking import hypotheses, recovery, summing
 from gcs.tracking.glmb import Birth, Glmb, GlmbParams, warm_up, warm_up_calls
 from gcs.tracking.metrics import ospa
 
@@ -278,7 +279,8 @@ def test_state_does_not_grow_over_a_thousand_scans():
 
 def test_nothing_is_compiled_in_flight_after_the_warm_up():
     warm_up()
-    kernels = [call[0] for call in warm_up_calls()]
+    kernels = [call[0] for call in [*warm_up_calls(), *recovery.warm_up_calls()]]
+    compiling.warm_up(recovery.__name__)
     before = [len(kernel.signatures) for kernel in kernels]
     busy_run(1, scans=30)
     of = Glmb("targets", GlmbParams(accel_std_m_s2=1, turn_rate_std_rad_s=1), 1, keep_histories=True)
