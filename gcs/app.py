@@ -22,6 +22,7 @@ from gcs.command.answers import named
 from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.edge.clock import ClockWatch, RunClock
+from gcs.edge.garbage import GarbageFilter
 from gcs.edge.links import Links
 from gcs.edge.mavsdk_uploader import MavsdkUploader
 from gcs.edge.order_inbox import OrderInbox
@@ -133,6 +134,7 @@ class Service:
         self._publisher = Writer("zenoh", _MAX_UNPUBLISHED)
         self.outputs: list[Writer] = [self._publisher]
         """Told of when one fails or stops taking anything."""
+        self._garbage = GarbageFilter()
         self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
         self._orders = OrderInbox(config.local_frame)
         self._memory: Memory | None = None
@@ -235,7 +237,11 @@ class Service:
 
     def on_datagram(self, link: str, peer: str, data: bytes) -> None:
         """Queue what came over a link."""
-        self._put(Datagram(self.clock.now_ns(), link, peer, data))
+        t_ns = self.clock.now_ns()
+        data = self._garbage.take(t_ns, link, data)
+        if not data:
+            return
+        self._put(Datagram(t_ns, link, peer, data))
         if self._uploader is not None and not self.command.guests.hosts(link):
             self._uploader.forward(data)
 
@@ -300,6 +306,8 @@ class Service:
             news = output.news()
             if news is not None:
                 self.on_link_news(output.name, *news)
+        for link, text in self._garbage.news(self.clock.now_ns()):
+            self.on_link_news(link, "warning", text)
 
     def _tell_keyless(self) -> None:
         """Say once of each vehicle that signs its frames that there is no key for it here."""

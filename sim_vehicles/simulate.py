@@ -14,7 +14,7 @@ from rich.table import Table
 
 from gcs.edge.consoles import console_for
 from gcs.edge.kernels import LINKS, PLANNING, RECORDING, TRACKING, load_kernels
-from gcs.edge.recorder import Recorder, Run, versions
+from gcs.edge.recorder import Recorder, Room, Run, versions
 from gcs.model import Effect, Event, Truth
 from gcs.report.judge import Summary, judge_of, summary_json
 from gcs.report.summary import print_summary
@@ -74,11 +74,11 @@ def fly(
     """Fly one mission, recorded in `folder` if there is one, and judge it."""
     config = scenario.config
     judge = judge_of(config)
-    rotate_bytes = int(config.recording.rotate_mb * 1e6)
+    room = Room(int(config.recording.rotate_mb * 1e6))
     with (
         nullcontext()
         if folder is None
-        else Recorder(folder, scenario.text, versions(), Run(config.name, seed), rotate_bytes) as recorder
+        else Recorder(folder, scenario.text, versions(), Run(config.name, seed), room) as recorder
     ):
 
         def on_event(event: Event) -> None:

@@ -91,8 +91,8 @@ def _flown(
     warm_up(console)
     judge = judge_of(config)
     run = Run(config.name, options.seed)
-    name, rotate_mb = f"{config.name}-{options.seed}", config.recording.rotate_mb
-    with open_recorder(options.out, name, text, run, rotate_mb) as recorder:
+    name, table = f"{config.name}-{options.seed}", config.recording
+    with open_recorder(options.out, name, text, run, table) as recorder:
         health, links, duration_s, interrupted = asyncio.run(
             _fly(config, config.links.key_file(source), options, recorder, judge, console, view)
         )

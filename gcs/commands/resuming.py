@@ -55,10 +55,10 @@ def take_up(service: Service, journal: Journal, resume: bool | None, now_ns: int
         memory = journal.read()
     except JournalError as error:
         if resume:
-            raise
-        console.print(
-            f"journal {error}; starting clean", style="yellow", highlight=False, markup=False, soft_wrap=True
-        )
+            problem = f"{error.problem}; to begin clean, start with --no-resume"
+            raise JournalError(error.path, problem) from None
+        text = f"{error}; starting clean: nothing is known of the flight before"
+        service.on_link_news("journal", "alarm", text)
         return
     if memory is None or memory.ended:
         if resume:

@@ -52,7 +52,7 @@ def serve(options: ServeOptions, console: Console) -> None:
     name, run = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}", Run(config.name, options.seed)
     with (
         off_loop(console) as view,
-        open_recorder(options.out, name, text, run, config.recording.rotate_mb) as recorder,
+        open_recorder(options.out, name, text, run, config.recording) as recorder,
     ):
         journal = Journal(
             options.journal or default_path(config.name), config.name, fingerprint(text, options.seed)

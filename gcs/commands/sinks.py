@@ -16,15 +16,16 @@ from gcs.app import Sink
 from gcs.command.area import mission_grid
 from gcs.command.fold import Command
 from gcs.config import Config
+from gcs.config.tables import RecordingTable
 from gcs.edge.consoles import Printable
 from gcs.edge.kernels import load_kernels
 from gcs.edge.links import Links
 from gcs.edge.output import is_busy
+from gcs.edge.private_files import new_folder
 from gcs.edge.reader import read
-from gcs.edge.recorder import Recorder, Run, versions
+from gcs.edge.recorder import Recorder, Room, Run, versions
 from gcs.edge.recorder_thread import RecorderThread
 from gcs.edge.terminal import LiveView, PlainLines
-from gcs.errors import RecordingError
 from gcs.model import Effect, Event
 from gcs.report.judge import Judge
 
@@ -89,9 +90,9 @@ async def _refresh(live: Live) -> None:
 
 
 def open_recorder(
-    out: Path | None, name: str, config_text: str, run: Run, rotate_mb: float
+    out: Path | None, name: str, config_text: str, run: Run, table: RecordingTable
 ) -> RecorderThread:
-    """Start a recording in `out`, or in a new folder under ``runs/``; parts are of `rotate_mb`.
+    """Start a recording in `out`, or in a new folder under ``runs/``.
 
     Raises
     ------
@@ -99,29 +100,8 @@ def open_recorder(
         When the folder cannot be written, or holds a recording already.
     """
     folder = out if out is not None else new_folder(Path("runs"), name)
-    return RecorderThread(Recorder(folder, config_text, versions(), run, int(rotate_mb * 1e6)))
-
-
-def new_folder(parent: Path, name: str) -> Path:
-    """Make a folder for a run that is not there yet: NAME, NAME-2, ...
-
-    Raises
-    ------
-    RecordingError
-        When it cannot be made.
-    """
-    for count in range(1, 10_000):
-        folder = parent / (name if count == 1 else f"{name}-{count}")
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise RecordingError(
-                str(folder), f"cannot be made: {error.strerror}; choose a folder with --out"
-            ) from None
-        return folder
-    raise RecordingError(str(parent / name), "thousands of runs of this name; clear some out")
+    room = Room(int(table.rotate_mb * 1e6), table.max_gb * 1e9, table.min_free_mb * 1e6)
+    return RecorderThread(Recorder(folder, config_text, versions(), run, room))
 
 
 def draw_recording(folder: Path, config: Config, seed: int) -> Path:

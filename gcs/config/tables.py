@@ -235,6 +235,10 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     """How runs are recorded."""
 
     rotate_mb: Annotated[float, Meta(ge=1.0, le=1e6)] = 500.0
+    max_gb: Annotated[float, Meta(ge=0.01, le=1e5)] = 100.0
+    """Of a run, all parts together: then the recording ends and the flight goes on."""
+    min_free_mb: Annotated[float, Meta(ge=0.0, le=1e7)] = 200.0
+    """What a recording leaves free on its disk, for the journal and others."""
 
 
 class EndpointTable(Table, frozen=True, kw_only=True):

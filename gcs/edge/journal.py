@@ -15,6 +15,7 @@ from pathlib import Path
 
 import msgspec
 
+from gcs.edge.private_files import make_private, private
 from gcs.edge.wire import decode, encode
 from gcs.errors import JournalError, WireError
 from gcs.files import read_bytes
@@ -82,8 +83,8 @@ class Journal:
         """
         beside = self.path.with_name(f"{self.path.name}.{os.getpid()}.new")
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with beside.open("wb") as file:
+            make_private(self.path.parent, exist_ok=True)
+            with open(beside, "wb", opener=private) as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())

@@ -60,6 +60,7 @@ class Writer:
         self._changed = threading.Condition()
         self._began_s = 0.0
         self._error_told, self._stuck_told = not tells_error, False
+        self._told: deque[tuple[Level, str]] = deque()
         threading.Thread(target=self._work, name=f"write {name}", daemon=True).start()
 
     @property
@@ -91,8 +92,14 @@ class Writer:
             while len(self._jobs) > 1:  # the first one is in progress
                 self._jobs.pop()
 
+    def tell(self, level: Level, text: str) -> None:
+        """Have the operator told of something; for jobs."""
+        self._told.append((level, text))
+
     def news(self) -> tuple[Level, str] | None:
         """Return what an operator should know of it, once."""
+        if self._told:
+            return self._told.popleft()
         with self._changed:
             error, stuck_s = self.error, monotonic() - self._began_s if self._jobs else 0.0
         if error is not None:

@@ -26,23 +26,26 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import platform
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from errno import ENOTDIR
 from importlib import metadata
+from math import inf
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from gcs.edge.mcap_writer import McapWriter
+from gcs.edge.private_files import make_private, new_folder, private
 from gcs.edge.schemas import json_schema
 from gcs.edge.wire import TOPICS, Recordable
 from gcs.errors import RecordingError
-from gcs.model import Effect, Event, Picture, Truth
+from gcs.model import Effect, Event, Level, Picture, Truth
 
 if TYPE_CHECKING:
     from gcs.edge.packing import Waiting
@@ -58,6 +61,8 @@ _LEVEL = 1
 _BUFFER_BYTES = 256 * 1024
 _WAITING = 512
 """Records that are written at once, unless a flush comes before; then there is a look at the size."""
+_LOW = 0.8
+"""Of the room: from here on it is low."""
 _FLUSH_PERIOD_S = 0.8
 """With the time until a record gets here, less than the second that a crash may cost."""
 _PART = re.compile(r"run-(\d+)\.mcap")
@@ -65,6 +70,19 @@ _LIBRARIES = (
     "swarm-gcs", "numpy", "scipy", "numba", "llvmlite", "pymavlink", "eclipse-zenoh", "mcap",
     "msgspec", "zstandard",
 )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """What a recording may take of its disk."""
+
+    rotate_bytes: int = ROTATE_BYTES
+    """A part whose MCAP or tlog has grown past this is finished, and the next one begins. It may be larger by
+    what comes within one look at the size: 512 records or a flush."""
+    max_bytes: float = inf
+    """Of all parts together."""
+    min_free_bytes: float = 0.0
+    """What is left free for the journal and other programs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +132,9 @@ class Recorder:
         Version of each thing that a result depends on.
     run : Run, optional
         What else is needed to fly, or replay, the same again.
-    rotate_bytes : int
-        A part whose MCAP or tlog has grown past this is finished, and the next one begins. It may be larger
-        by what comes within one look at the size: 512 records or a flush.
+    room : Room, optional
+        What it may take of the disk. At four fifths, and when little more is free than what must be, there is
+        an alarm; at the end the recording is finished, and `RecordingError` raised. Nothing is ever deleted.
 
     Raises
     ------
@@ -131,11 +149,16 @@ class Recorder:
         config_text: str,
         versions: Mapping[str, str],
         run: Run | None = None,
-        rotate_bytes: int = ROTATE_BYTES,
+        room: Room | None = None,
     ) -> None:
         self.folder = folder
+        self.tell: Callable[[Level, str], None] = lambda _level, _text: None
+        """Takes what an operator should know while the recording goes on."""
         self._about = config_text, dict(versions), run
-        self._rotate_bytes = rotate_bytes
+        self._room = room or Room()
+        self._finished_bytes = 0
+        """Of earlier parts."""
+        self._is_low = False
         self._sequence = 0
         self._waiting: list[Waiting] = []
         """To be written: many at once cost a third of one by one."""
@@ -145,7 +168,7 @@ class Recorder:
         try:
             if folder.exists() and not folder.is_dir():
                 raise NotADirectoryError(ENOTDIR, "it is a file")
-            folder.mkdir(parents=True, exist_ok=True)
+            make_private(folder, exist_ok=True)
             if len(part_paths(folder)) > 1:
                 raise FileExistsError
             self._part = self._next_part()
@@ -157,12 +180,24 @@ class Recorder:
             raise RecordingError(
                 str(folder), f"cannot be written: {error.strerror}; choose another folder"
             ) from None
+        self._own = [folder / name for name in (CONFIG_NAME, VERSIONS_NAME) if not (folder / name).exists()]
+        """Files beside the parts that were not there before."""
         try:
-            (folder / CONFIG_NAME).write_text(config_text, encoding="utf-8")
-            (folder / VERSIONS_NAME).write_text(json.dumps(self._about[1], indent=2) + "\n", encoding="utf-8")
-            self._part.begin(*self._about)
+            self._begin_folder()
         except OSError as error:
-            raise self._failed(error) from None
+            failure = self._failed(error)
+            self._discard()
+            raise failure from None
+
+    def _begin_folder(self) -> None:
+        config_text, versions, _ = self._about
+        for name, text in (
+            (CONFIG_NAME, config_text),
+            (VERSIONS_NAME, json.dumps(versions, indent=2) + "\n"),
+        ):
+            with open(self.folder / name, "w", encoding="utf-8", opener=private) as file:
+                file.write(text)
+        self._part.begin(*self._about)
 
     def _next_part(self) -> _Part:
         self._parts += 1
@@ -192,16 +227,58 @@ class Recorder:
         if self._closed:
             return
         try:
+            self._look_after_folder()
             self._write_out()
             self._part.flush()
-            self._full = self._part.size > self._rotate_bytes
+            self._look_after_room()
         except OSError as error:
             raise self._failed(error) from None
         self._flush_at_s = monotonic() + _FLUSH_PERIOD_S
 
+    def _look_after_folder(self) -> None:
+        """Go on in a new folder when this one was deleted or moved away."""
+        if self._part.is_in_place():
+            return
+        self._part.abandon()
+        lost, self.folder = self.folder, new_folder(self.folder.parent, self.folder.name)
+        self._parts = self._finished_bytes = 0
+        self._part = self._next_part()
+        self._begin_folder()
+        self.tell("alarm", f"{lost} was deleted or moved away; the recording goes on in {self.folder}")
+
+    def _look_after_room(self) -> None:
+        """Tell when room runs low; finish the recording when there is none."""
+        used = self._finished_bytes + self._part.total_bytes
+        disk = os.statvfs(self.folder)
+        free, room = disk.f_bavail * disk.f_frsize, self._room
+        if used >= room.max_bytes or free < room.min_free_bytes:
+            self._closed = True
+            self._part.finish()
+            why = f"it has {used / 1e9:.2f} GB (recording.max_gb)"
+            if free < room.min_free_bytes:
+                why = f"its disk has {free / 1e6:.0f} MB left (recording.min_free_mb)"
+            raise RecordingError(str(self.folder), f"ended: {why}; what was recorded is complete")
+        is_low = used >= _LOW * room.max_bytes or free < room.min_free_bytes / (1.0 - _LOW)
+        if is_low and not self._is_low:
+            self.tell(
+                "alarm",
+                f"room runs low: {self.folder} has {used / 1e9:.2f} GB, its disk {free / 1e6:.0f} MB free; "
+                f"it ends at {room.max_bytes / 1e9:.6g} GB, or {room.min_free_bytes / 1e6:.0f} MB free: make "
+                "room",
+            )
+        self._is_low = is_low
+
     def close(self) -> None:
-        """Finish the files; closing again, or after a failure, does nothing."""
+        """Finish the files; closing again, or after a failure, does nothing.
+
+        A recording without a record is deleted: the start failed, and the next one may use the folder.
+        """
         if self._closed:
+            return
+        if not self._sequence and not self._waiting:
+            self._closed = True
+            self._part.abandon()
+            self._discard()
             return
         try:
             self._write_out()
@@ -213,13 +290,22 @@ class Recorder:
     def _rotate(self) -> None:
         """Finish this part and begin the next."""
         try:
+            self._look_after_folder()
             self._write_out()
             self._part.finish()
+            self._finished_bytes += self._part.total_bytes
             self._part = self._next_part()
             self._part.begin(*self._about)
         except OSError as error:
             raise self._failed(error) from None
         self._full = False
+
+    def _discard(self) -> None:
+        """Delete what this recorder has made."""
+        with contextlib.suppress(OSError):
+            for path in (*self._part.paths, *self._own):
+                path.unlink(missing_ok=True)
+            self.folder.rmdir()  # when nothing else is in it
 
     def _add(self, record: Recordable, t_ns: int, payload: bytes = b"") -> None:
         if self._closed:
@@ -236,7 +322,7 @@ class Recorder:
         waiting, self._waiting = self._waiting, []
         self._part.add(waiting, self._sequence)
         self._sequence += len(waiting)
-        self._full = self._part.size > self._rotate_bytes
+        self._full = self._part.size > self._room.rotate_bytes
 
     def _failed(self, error: OSError) -> RecordingError:
         """Leave the files as they are now: finishing them would write on a disk that is full."""
@@ -260,7 +346,19 @@ class _Part:
     """One MCAP file and the tlog of the same time; every method may raise OSError."""
 
     def __init__(self, mcap_path: Path, tlog_path: Path) -> None:
-        self._files = [path.open("xb", buffering=0) for path in (mcap_path, tlog_path)]
+        self.paths = (mcap_path, tlog_path)
+        self._files: list[io.FileIO] = []
+        try:
+            for path in self.paths:
+                self._files.append(open(path, "xb", buffering=0, opener=private))  # noqa: SIM115  kept
+        except OSError:
+            for path, file in zip(self.paths, self._files, strict=False):
+                file.close()
+                path.unlink()
+            raise
+        self._inode = os.fstat(self._files[0].fileno()).st_ino
+        self.total_bytes = 0
+        """Of both files when they were looked at last."""
         self._mcap, self._tlog = (io.BufferedWriter(file, _BUFFER_BYTES) for file in self._files)
         self._writer = McapWriter(self._mcap, _CHUNK_BYTES, _LEVEL)
 
@@ -268,6 +366,13 @@ class _Part:
     def size(self) -> int:
         """Bytes of the larger file; what waits in a chunk is not counted."""
         return max(self._mcap.tell(), self._tlog.tell())
+
+    def is_in_place(self) -> bool:
+        """Return True if the MCAP is where it was made."""
+        try:
+            return self.paths[0].stat().st_ino == self._inode
+        except FileNotFoundError:
+            return False
 
     def begin(self, config_text: str, versions: dict[str, str], run: Run | None) -> None:
         """Say what the run is and announce every topic with its schema, used or not."""
@@ -301,10 +406,12 @@ class _Part:
         """Hand everything to the operating system."""
         self._writer.flush()
         self._tlog.flush()
+        self.total_bytes = self._mcap.tell() + self._tlog.tell()
 
     def finish(self) -> None:
         """Write the index and close."""
         self._writer.finish()
+        self.total_bytes = self._mcap.tell() + self._tlog.tell()
         self._mcap.close()
         self._tlog.close()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import Any, Final, Self
@@ -34,13 +35,18 @@ class RecorderThread:
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self.folder = recorder.folder
         self.writer = Writer("recording", _MAX_WAITING, "alarm", tells_error=False)
         self._recorder = recorder
+        recorder.tell = self.writer.tell
         self._batch: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
         self._due_s = monotonic()
         self._handed = self._written = 0
         self._ended = False
+
+    @property
+    def folder(self) -> Path:
+        """Where it records now: another folder when the first was deleted."""
+        return self._recorder.folder
 
     def event(self, event: Event) -> None:
         """Record what goes into the fold; call it before the fold works it.

@@ -26,7 +26,7 @@ from rich.table import Table
 from gcs.command.fold import Command
 from gcs.config import read_text
 from gcs.edge.journal import Journal, fingerprint
-from gcs.edge.recorder import Recorder, Run, versions
+from gcs.edge.recorder import Recorder, Room, Run, versions
 from gcs.model import NS_PER_S, Fate, KeepOut, Order, Plan, UploadReport
 from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.settings import with_settings
@@ -108,7 +108,7 @@ class Soak:
         text = with_settings(read_text("random-targets")[0], self.loads, "soak")
         self.scenario = parse_scenario(text, "soak")
         self._rng = np.random.default_rng(self.seed)
-        self.recorder = Recorder(self.folder, text, versions(), Run("soak", self.seed), 1_000_000)
+        self.recorder = Recorder(self.folder, text, versions(), Run("soak", self.seed), Room(1_000_000))
         self.journal = Journal(self.folder / "journal", "soak", fingerprint(text, self.seed))
         self.run = VirtualRun(
             self.scenario, self.seed, self.recorder.event, self._effect, None, loss=self.loss

@@ -15,6 +15,7 @@ from gcs.cli import app
 from gcs.config import load
 from gcs.edge.recorder import Recorder, Run
 from gcs.mavlink.codec import Encoder
+from gcs.model import Tick
 
 HOME = (47.3977, 8.5456)
 PLAN = {
@@ -145,8 +146,8 @@ def test_a_log_becomes_a_mission_with_the_vehicles_in_it(tmp_path):
 def test_a_recording_gives_back_its_mission_file(tmp_path):
     text = 'name = "x"\n[frame]\nlat_deg = 33.0\nlon_deg = -87.0\nalt_msl_m = 70.0\n'
     text += "[[agents]]\nsystem_id = 1\neast_m = 100.0\nnorth_m = 100.0\n"
-    with Recorder(tmp_path / "run", text, {}, Run("x", 1)):
-        pass
+    with Recorder(tmp_path / "run", text, {}, Run("x", 1)) as recorder:
+        recorder.event(Tick(1))
     assert init(tmp_path / "run", "-o", "again.toml").exit_code == 0
     assert checked(tmp_path / "again.toml") == load_text(text)
 

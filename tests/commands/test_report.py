@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from gcs.cli import app
 from gcs.config import load
 from gcs.edge.reader import Damage, about, read
-from gcs.edge.recorder import Recorder
+from gcs.edge.recorder import Recorder, Room
 from gcs.edge.tlog import tlog_entries
 from gcs.model import NS_PER_S, Effect, Event, Picture, Truth
 from gcs.report.judge import Judge
@@ -249,7 +249,7 @@ def test_the_papers_figures_and_claims_come_from_one_command(tmp_path: Path) -> 
 
 def test_a_run_in_parts_is_one_run_to_every_command(flight: Path, tmp_path: Path) -> None:
     made_with = about(flight)
-    with Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run, 60_000) as recorder:
+    with Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run, Room(60_000)) as recorder:
         for record in read(flight):
             if isinstance(record.value, Event):
                 recorder.event(record.value)

@@ -7,7 +7,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.edge.reader import Damage, Record
-from gcs.edge.recorder import Recorder, Run
+from gcs.edge.recorder import Recorder, Room, Run
 from gcs.edge.wire import Recordable, encode
 from gcs.model import (
     NS_PER_S,
@@ -116,5 +116,5 @@ def whole(records: list[Record]) -> list[Recordable]:
 
 
 def in_parts(folder: Path, seconds: int, rotate_bytes: int) -> list[Recordable]:
-    with Recorder(folder, CONFIG, VERSIONS, Run("demo", 5), rotate_bytes) as recorder:
+    with Recorder(folder, CONFIG, VERSIONS, Run("demo", 5), Room(rotate_bytes)) as recorder:
         return record(recorder, a_run(seconds))

@@ -45,8 +45,8 @@ def test_the_folder_says_how_it_was_made(recording: tuple[Path, list[Recordable]
 
 
 def test_the_seed_is_part_of_the_recording(tmp_path: Path) -> None:
-    with Recorder(tmp_path / "run", CONFIG, VERSIONS, Run("demo", 2**40)):
-        pass
+    with Recorder(tmp_path / "run", CONFIG, VERSIONS, Run("demo", 2**40)) as recorder:
+        recorder.event(Tick(1))
     assert about(tmp_path / "run").run == Run("demo", 2**40)
 
 
@@ -80,12 +80,13 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
 
 def test_a_closed_recorder_takes_nothing_more(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run", CONFIG, VERSIONS)
+    recorder.event(Tick(1))
     recorder.close()
     recorder.close()
     recorder.flush()
     with pytest.raises(RecordingError, match="is closed"):
-        recorder.event(Tick(1))
-    assert list(read(tmp_path / "run")) == []
+        recorder.event(Tick(2))
+    assert [record.value for record in read(tmp_path / "run")] == [Tick(1)]
 
 
 def test_times_outside_the_format_do_not_stop_the_recording(tmp_path: Path) -> None:

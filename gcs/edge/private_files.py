@@ -1,0 +1,48 @@
+"""Folders and files for their owner alone: a recording says where vehicles are and what they are told."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from gcs.errors import RecordingError
+
+
+def private(path: str, flags: int) -> int:
+    """Open a file that, if it is made, its owner alone may read; an `opener` for `open`."""
+    return os.open(path, flags, 0o600)
+
+
+def make_private(folder: Path, *, exist_ok: bool = False) -> None:
+    """Make a folder, and those above it, for its owner alone; what is there stays as it is.
+
+    Raises
+    ------
+    OSError
+        When it cannot be made.
+    """
+    if not folder.parent.exists():
+        make_private(folder.parent, exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=exist_ok)
+
+
+def new_folder(parent: Path, name: str) -> Path:
+    """Make a folder for a run that is not there yet: NAME, NAME-2, ...
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be made.
+    """
+    for count in range(1, 10_000):
+        folder = parent / (name if count == 1 else f"{name}-{count}")
+        try:
+            make_private(folder)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise RecordingError(
+                str(folder), f"cannot be made: {error.strerror}; choose a folder with --out"
+            ) from None
+        return folder
+    raise RecordingError(str(parent / name), "thousands of runs of this name; clear some out")

@@ -1,0 +1,211 @@
+"""A recording fills no disk, survives its folder, is nobody else's, and blocks no start."""
+
+import os
+import re
+import shutil
+import stat
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from rich.console import Console
+
+from gcs.app import Service
+from gcs.commands.resuming import take_up
+from gcs.commands.serve import ServeOptions, serve
+from gcs.commands.sinks import open_recorder
+from gcs.config import load, read_text
+from gcs.config.tables import RecordingTable
+from gcs.edge.clock import RunClock
+from gcs.edge.garbage import GarbageFilter
+from gcs.edge.journal import Journal
+from gcs.edge.links import Links
+from gcs.edge.reader import Damage, read
+from gcs.edge.recorder import Recorder, Room, Run
+from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.endpoints import Link, parse_endpoint
+from gcs.errors import JournalError, LinkError, RecordingError
+from gcs.mavlink.codec import Encoder
+from gcs.model import NS_PER_S, Datagram, LinkNews, Memory, Tick
+
+MEMORY = Memory(1, 0, 0, False, (), (), ())
+RNG = np.random.default_rng(5)
+
+
+def heartbeat() -> bytes:
+    return Encoder(1, 1)(mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3))
+
+
+def test_a_flood_of_garbage_leaves_all_frames_and_a_sample() -> None:
+    gate, kept, frames = GarbageFilter(), 0, 0
+    for number in range(6_000):  # ten minutes of 14 kB/s
+        t_ns = number * NS_PER_S // 10
+        noise = RNG.bytes(1400)
+        for data, good in ((noise, b""), (noise[:700] + heartbeat() + noise[700:], heartbeat())):
+            taken = gate.take(t_ns, "udp", data)
+            assert good[-12:-2] in taken or not good
+            frames += heartbeat()[:1] in taken and bool(good)
+            kept += len(taken)
+    assert frames == 6_000
+    assert kept < 65_536 + 600 * 2_000 + 6_000 * 30
+    assert kept > 600_000
+    ((link, text),) = gate.news(600 * NS_PER_S)
+    assert link == "udp"
+    assert int(text.split()[0]) > 10_000_000
+    assert gate.news(600 * NS_PER_S) == []
+
+
+def test_frames_alone_pass_as_they_came() -> None:
+    gate = GarbageFilter()
+    unknown = b"\xfd\x00\x00\x00\x00\x01\x01\xff\xff\x0f\x00\x00"
+    for data in (heartbeat(), heartbeat() * 3, unknown, heartbeat() + unknown):
+        for _ in range(10_000):
+            assert gate.take(0, "udp", data) is data
+    assert gate.news(0) == []
+
+
+def test_what_is_worked_is_what_is_recorded() -> None:
+    config = load("prescribed")
+    here = [Link(parse_endpoint("udpin:127.0.0.1:0"))]
+    with Bus(listen=free_endpoint()) as bus:
+        links = Links(here, [1], config.local_frame)
+        service = Service(config, 1, links, bus)
+        for _ in range(1000):
+            service.on_datagram("udp", "a:1", RNG.bytes(1400))
+        service.on_datagram("udp", "a:1", heartbeat())
+        links.close()
+        queued = [service._queue.get_nowait() for _ in range(service._queue.qsize())]
+    taken = [event.data for event in queued if isinstance(event, Datagram)]
+    assert taken[-1] == heartbeat()
+    assert 10 < len(taken) < 60
+
+
+def filled(folder: Path, room: Room, told: list[str]) -> tuple[str, int]:
+    """Record until the room is used up; return why it ended and how many records there were."""
+    recorder = Recorder(folder, "name = 'x'", {}, None, room)
+    recorder.tell = lambda level, text: told.append(f"{level} {text}")
+    for number in range(10_000):
+        try:
+            recorder.event(Datagram(number, "udp", "a:1", RNG.bytes(1000)))
+            recorder.flush()
+        except RecordingError as error:
+            return str(error), number
+    return "", 10_000
+
+
+def test_a_budget_ends_the_recording_in_order_and_deletes_nothing(tmp_path: Path) -> None:
+    told: list[str] = []
+    problem, count = filled(tmp_path / "run", Room(300_000, 2e6), told)
+    assert "recording.max_gb" in problem
+    (text,) = told
+    assert text.startswith("alarm room runs low")
+    size = sum(path.stat().st_size for path in (tmp_path / "run").iterdir())
+    assert 1.9e6 < size < 2.2e6
+    assert (tmp_path / "run" / "run-003.mcap").exists()
+    records = list(read(tmp_path / "run"))
+    assert not any(isinstance(record.value, Damage) for record in records)
+    assert len(records) == count + 1
+
+
+def test_a_disk_keeps_room_for_the_journal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    left = iter(range(5_000_000_000, 0, -100_000_000))
+
+    class Disk:
+        f_frsize = 1
+
+        @property
+        def f_bavail(self) -> int:
+            return next(left)
+
+    monkeypatch.setattr(os, "statvfs", lambda _: Disk())
+    problem, count = filled(tmp_path / "run", Room(min_free_bytes=200e6), told)
+    assert "recording.min_free_mb" in problem
+    assert len(told) == 1
+    assert 40 < count < 60
+    journal = Journal(tmp_path / "x.journal", "x", "y")
+    journal.write(MEMORY)
+    assert journal.read() is not None
+
+
+@pytest.mark.parametrize("how", ["deleted", "moved"])
+def test_a_recording_whose_folder_goes_away_goes_on_in_another(tmp_path: Path, how: str) -> None:
+    told: list[str] = []
+    folder = tmp_path / "run"
+    with Recorder(folder, "name = 'x'", {}, Run("x", 1)) as recorder:
+        recorder.tell = lambda level, text: told.append(f"{level} {text}")
+        for number in range(100):
+            recorder.event(Tick(number))
+        recorder.flush()
+        if how == "deleted":
+            shutil.rmtree(folder)
+        else:
+            folder.rename(tmp_path / "aside")
+            folder.mkdir()
+        for number in range(100, 200):
+            recorder.event(Tick(number))
+        recorder.flush()
+    assert recorder.folder == (folder if how == "deleted" else tmp_path / "run-2")
+    (text,) = told
+    assert text.startswith("alarm")
+    assert "deleted or moved away" in text
+    assert [record.t_ns for record in read(recorder.folder)] == [*range(100, 200)]
+    if how == "moved":
+        assert len([1 for record in read(tmp_path / "aside") if isinstance(record.value, Tick)]) == 100
+
+
+def test_recordings_and_journals_are_their_owners_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = os.umask(0)
+    try:
+        with open_recorder(None, "x", "name = 'x'", Run("x", 1), RecordingTable()) as recorder:
+            recorder.event(Tick(1))
+        Journal(Path("runs") / "x.journal", "x", "y").write(MEMORY)
+    finally:
+        os.umask(before)
+    assert len(list(recorder.folder.iterdir())) == 4
+    for path in (Path("runs"), *Path("runs").rglob("*")):
+        expected = 0o700 if path.is_dir() else 0o600
+        assert stat.S_IMODE(path.stat().st_mode) == expected, path
+
+
+def test_a_start_that_fails_leaves_no_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "flight"
+    monkeypatch.setattr("gcs.commands.serve.warm_up", lambda _: None)
+    mission = tmp_path / "m.toml"
+    text, _ = read_text("prescribed")
+    taken = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1], load("prescribed").local_frame)
+    mission.write_text(re.sub(r'"udpin:[^"]*"', f'"udpin:127.0.0.1:{taken.port}"', text, count=1))
+    options = ServeOptions(str(mission), 1, True, out, None, None, RunClock())
+    for _ in range(2):
+        with pytest.raises(LinkError):
+            serve(options, Console(quiet=True))
+        assert not out.exists()
+    out.mkdir()
+    (out / "mission.toml").write_text("mine")
+    with pytest.raises(LinkError):
+        serve(options, Console(quiet=True))
+    assert [path.name for path in out.iterdir()] == ["mission.toml"]
+    taken.close()
+
+
+def test_a_damaged_journal_is_an_alarm_or_says_how_to_begin_clean(tmp_path: Path) -> None:
+    path = tmp_path / "x.journal"
+    path.write_bytes(b"nothing of ours\n")
+    journal, news = Journal(path, "x", "y"), []
+
+    class Started:
+        def on_link_news(self, link: str, level: str, text: str) -> None:
+            news.append(LinkNews(0, link, level, text))  # type: ignore[arg-type]
+
+    take_up(Started(), journal, None, 0, Console(quiet=True))  # type: ignore[arg-type]
+    (told,) = news
+    assert (told.link, told.level) == ("journal", "alarm")
+    assert "damaged" in told.text
+    assert "starting clean" in told.text
+    with pytest.raises(JournalError, match=r"damaged.*--no-resume"):
+        take_up(Started(), journal, True, 0, Console(quiet=True))  # type: ignore[arg-type]
