@@ -22,7 +22,7 @@ from gcs.mavlink.codec import scan
 from gcs.model import NS_PER_S, ClockStep, Fate, MissionEnded, Notice, Plan, Send, Tick
 
 STEPS_S = (0.5, -0.5, 1.5, -1.5, 20.0, -20.0, 600.0, -600.0, 3600.0, -3600.0)
-SPEED = 8.0
+SPEED = 14.0
 
 
 class WallClock:
@@ -98,7 +98,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     def set_the_clock() -> None:
         started.wait()
         for step_s in STEPS_S:
-            if ended.wait(1.0):
+            if ended.wait(0.7):
                 return
             wall.set_by_ns += int(step_s * NS_PER_S)
 

@@ -34,7 +34,7 @@ from gcs.mavlink.codec import scan
 from gcs.model import NS_PER_S, Event, MissionEnded, Notice, Send, Tick
 
 GCS = (sys.executable, "-P", "-c", "from gcs.cli import main; main()")
-SPEED = 8
+SPEED = 16
 MAX_GAP_S = 1.2
 HEARTBEAT = 0
 
