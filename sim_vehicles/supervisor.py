@@ -170,7 +170,9 @@ class Supervisor:
             selector.register(child.process.stdout, selectors.EVENT_READ)
             line = child.process.stdout.readline().strip() if selector.select(within_s) else ""
         if not line.startswith("ready"):
-            who = f"vehicle {child.system_ids}" if child.system_ids else "the world"
+            who = "the world" if child is self.children[0] else "the link to vehicles that fly already"
+            if child.system_ids:
+                who = f"vehicle {', '.join(map(str, child.system_ids))}"
             self.stop()
             raise SimulationError(f"{who} did not come up: see the messages above")
         return line

@@ -31,7 +31,7 @@ from sim_vehicles.frames import Outbox
 from sim_vehicles.process import Address, address_of, clock_of
 
 _POLL_S = 0.01
-_RETRIES = 10
+_RETRIES = 3
 _SYSTEM_ID = 250
 _AGAIN_S = 2.0
 _REPORTED_AFTER_S = 8.0
@@ -121,9 +121,10 @@ def main(argv: list[str] | None = None) -> int:
         endpoint, _, rate = endpoint.rpartition(":")
         baud = int(rate)
     try:
-        link = mavutil.mavlink_connection(
-            endpoint, baud=baud, source_system=_SYSTEM_ID, autoreconnect=True, retries=_RETRIES
-        )
+        with contextlib.redirect_stdout(sys.stderr):  # mavutil prints there; the supervisor reads ours
+            link = mavutil.mavlink_connection(
+                endpoint, baud=baud, source_system=_SYSTEM_ID, autoreconnect=True, retries=_RETRIES
+            )
     except OSError as error:
         sys.stderr.write(f"{arguments.link}: {error.strerror or error}; is the simulation running?\n")
         return 1
@@ -131,7 +132,8 @@ def main(argv: list[str] | None = None) -> int:
     sys.stdout.flush()
     line = sys.stdin.buffer.readline()
     if line.strip():
-        carry(link, clock_of(line), arguments.truth)
+        with contextlib.redirect_stdout(sys.stderr):
+            carry(link, clock_of(line), arguments.truth)
     return 0
 
 

@@ -78,3 +78,14 @@ def test_sensors_see_a_vehicle_that_flies_already() -> None:
             world.terminate()
             _, said = world.communicate(timeout=20)
     assert "the position that it reports is taken instead" in said
+
+
+def test_a_link_on_which_nobody_answers_is_named() -> None:
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "sim_vehicles", "world", "prescribed", "--link", "tcp:127.0.0.1:1",
+         "--zenoh", free_endpoint(), "--zenoh-role", "listen"],
+        capture_output=True, text=True, timeout=40, check=False,
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert "tcp:127.0.0.1:1: Connection refused; is the simulation running?" in done.stderr
+    assert "the link to vehicles that fly already did not come up" in " ".join(done.stderr.split())
