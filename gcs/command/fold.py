@@ -18,6 +18,7 @@ from gcs.command.answers import Ongoing, named
 from gcs.command.approval import Approval
 from gcs.command.area import mission_grid
 from gcs.command.delays import Delays
+from gcs.command.departures import Departures
 from gcs.command.dispatch import Dispatch
 from gcs.command.fates import Fates
 from gcs.command.grounded import Grounded
@@ -121,7 +122,9 @@ class Command:
             self.homing,
             self.takeoffs,
             LastCheck(config, self.grid),
+            lambda vehicle: self.departures.holds_back(vehicle, self.orders.launching()),
         )
+        self.departures = Departures(config, self.fleet, self.tasking)
         self.trespass = Trespass(self.tasking)
         self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
         self.approval = Approval(config, self.replanner)
@@ -130,7 +133,7 @@ class Command:
         self.sensor_watchdog = SensorWatchdog()
         self.vehicle_watchdog = VehicleWatchdog(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
         self.input_errors = InputErrors()
-        self.orders = Orders(self.fleet, self.tasking, self.replanner, self._outlook)
+        self.orders = Orders(self.fleet, self.tasking, self.replanner, self.departures, self._outlook)
         self.grounded = Grounded(self.fleet, self.tasking, self.orders)
         self.takeovers, self.unattended = Takeovers(), Unattended()
         self.rereading = Rereading(self.fleet, self.tasking, self.replanner, self.orders)
@@ -301,6 +304,7 @@ class Command:
         effects += self.guests.poll(event.t_ns)
         effects += self.orders.poll(event.t_ns) + self.rereading.poll(event.t_ns)
         aside = self.orders.aside.keys() | self.orders.commanded
+        effects += self.departures.watch(event.t_ns, self.orders.launching())
         effects += self.takeovers.poll(event.t_ns, self.tasking.taken_modes(), aside)
         if not self.recovery.is_under_way:
             effects += self.grounded.poll(event.t_ns, self.away)

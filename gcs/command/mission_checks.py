@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -98,7 +98,8 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
         When the fence makes no sense.
     """
     takeoffs = [_takeoff(vehicle, rehearsal) for vehicle in sorted(rehearsal.climbs)]
-    return [*takeoffs, _routes(rehearsal.plan), _separation(config, rehearsal), _fence(config, rehearsal)]
+    rows = [*takeoffs, *_standing(config, rehearsal), _routes(rehearsal.plan), _separation(config, rehearsal)]
+    return [*rows, _fence(config, rehearsal)]
 
 
 def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
@@ -113,6 +114,26 @@ def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
         return Check(vehicle, "take-off", "ok", value)
     what, _, remedy = problem.rpartition("; ")
     return Check(vehicle, "take-off", "refused", f"{value}; {what}", "a clear climb and first turn", remedy)
+
+
+def _standing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
+    """Say which vehicles stand so near each other that they must not take off together."""
+    near_m = {
+        (one, other): math.dist(rehearsal.climbs[one].start_m, rehearsal.climbs[other].start_m)
+        for one, other in itertools.combinations(sorted(rehearsal.climbs), 2)
+    }
+    least_m = config.planning.separation_m
+    near_m = {pair: away_m for pair, away_m in near_m.items() if away_m < least_m}
+    if not near_m:
+        return
+    first, second, *_ = together = sorted({vehicle for pair in near_m for vehicle in pair})
+    names = ", ".join(map(vehicle_name, together))
+    value = f"agents {names} stand near each other: {min(near_m.values()):.0f} m"
+    remedy = (
+        f"arm them one after another: gcs order arm {vehicle_name(first)}, wait until it has climbed to its "
+        f"altitude, then gcs order arm {vehicle_name(second)}"
+    )
+    yield Check(None, "standing", "warning", value, f"{least_m:g} m apart", remedy)
 
 
 def _routes(plan: PlanResult) -> Check:

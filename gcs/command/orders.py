@@ -12,18 +12,20 @@ refused, and says so.
 
 Arming happens here and nowhere else, and only for an order that says so. It is refused in a mode in which the
 vehicle would take off at once, unless it does so with a mission that was read back from it and is wanted now:
-PX4 and ArduPlane both begin the stored mission anew when they are armed in AUTO. Disarming is refused unless
+PX4 and ArduPlane both begin the stored mission anew when they are armed in AUTO. It is refused, too, while
+another vehicle is in the way of that take-off (`gcs.command.departures`). Disarming is refused unless
 the vehicle reports that it stands on the ground, and it is never forced: the autopilot may refuse it as well.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping, Set
+from collections.abc import Callable, Collection, Container, Mapping, Set
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.command.answers import Ongoing, named
+from gcs.command.departures import SELF_LAUNCHING, Departures
 from gcs.command.replanning import Replanner
 from gcs.command.tasking import Tasking
 from gcs.mavlink.codec import Message
@@ -31,6 +33,7 @@ from gcs.mavlink.commands import command, set_mode
 from gcs.mavlink.errand import Errand, Shown
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.modes import AUTO, LOITER, RTL
+from gcs.mavlink.profiles.profile import is_on_ground
 from gcs.model import AnswerState, Aside, Effect, Label, Order, Route, VehicleState, vehicle_name
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
@@ -41,8 +44,6 @@ _PILOTED: Final = frozenset(
     | {"ALTCTL", "POSCTL", "RATTITUDE", "QSTABILIZE", "QHOVER", "QACRO"}
 )
 """Somebody has the sticks: we do not take the aircraft out of their hands."""
-_SELF_LAUNCHING: Final = frozenset({AUTO, "TAKEOFF"})
-"""Armed on the ground in one of these a vehicle takes off at once."""
 _STANDING_M_S = 2.0
 _STANDING_M = 5.0
 MIN_RESUME_HEIGHT_M: Final = 40.0
@@ -61,6 +62,8 @@ class Orders:
         Whose transfers an order ends.
     replanner : Replanner
         Who flies what.
+    departures : Departures
+        Who is in the way of a take-off.
     outlook : callable
         What a vehicle that waits in LOITER, released, can expect; in words.
     """
@@ -70,6 +73,7 @@ class Orders:
         fleet: Fleet,
         tasking: Tasking,
         replanner: Replanner,
+        departures: Departures,
         outlook: Callable[[int], str] = lambda _vehicle: "waits for its next mission",
     ) -> None:
         self.aside: dict[int, Aside] = {}
@@ -77,6 +81,7 @@ class Orders:
         self.suspended: dict[int, Route] = {}
         """Whole routes of vehicles set aside."""
         self._fleet, self._tasking, self._replanner, self._outlook = fleet, tasking, replanner, outlook
+        self._departures = departures
         self._errands: dict[int, tuple[Errand, Ongoing]] = {}
 
     def away(self) -> dict[int, str]:
@@ -118,7 +123,8 @@ class Orders:
         vehicles = order.vehicles if order.vehicles is not None else tuple(known)
         ongoing = Ongoing(order, set(vehicles))
         effects: list[Effect] = []
-        begun, unchanged = [], {}
+        begun: list[int] = []
+        unchanged: dict[int, str] = {}
         for vehicle in vehicles:
             if vehicle not in known:
                 refusal = f"no vehicle of this mission; it has {', '.join(map(vehicle_name, known))}"
@@ -128,7 +134,7 @@ class Orders:
                 unchanged[vehicle] = f"{is_so}: nothing was changed"
                 continue
             else:
-                refusal = self._refusal(order, vehicle, is_heard=known[vehicle].liveness == "alive")
+                refusal = self._refusal(order, vehicle, begun, is_heard=known[vehicle].liveness == "alive")
             if refusal:
                 effects.append(ongoing.answer(order.t_ns, "refused", refusal, vehicle))
             else:
@@ -178,13 +184,15 @@ class Orders:
                 return "is disarmed"
         return ""
 
-    def _refusal(self, order: Order, vehicle: int, *, is_heard: bool) -> str:
+    def _refusal(self, order: Order, vehicle: int, begun: Collection[int], *, is_heard: bool) -> str:
         state = self._fleet.state(vehicle)
         match order.action:
             case "resume":
-                return self._stays(state)
+                return self._stays(state) or self._blocked(order, vehicle, begun)
+            case "arm" if not is_heard:
+                return "is not heard: its mode is not known"
             case "arm":
-                return self._takes_off(vehicle, state) if is_heard else "is not heard: its mode is not known"
+                return self._takes_off(vehicle, state) or self._blocked(order, vehicle, begun)
             case "disarm":
                 return self._airborne(vehicle, state)
         return ""
@@ -208,12 +216,34 @@ class Orders:
         """Say why a vehicle would take off with a mission that nobody wants now; empty when it would not."""
         if state is None or not state.mode:
             return "has not told its mode and position yet"
-        if state.mode not in _SELF_LAUNCHING or (state.mode == AUTO and self.may_fly(vehicle)):
+        if state.mode not in SELF_LAUNCHING or (state.mode == AUTO and self.may_fly(vehicle)):
             return ""
         return (
             f"is in {state.mode}: armed, it would take off at once, and not with a mission that was read "
             "back from it and is wanted now; order it to hold first, then arm it"
         )
+
+    def launching(self) -> Set[int]:
+        """Return the vehicles on the ground whose orders make them take off."""
+        errands = self._errands.items()
+        return {v for v, (_, ongoing) in errands if self._launches(v, ongoing.order.action)}
+
+    def _launches(self, vehicle: int, action: str) -> bool:
+        """Return True if an order lets a vehicle on the ground take off at once."""
+        state = self._fleet.state(vehicle)
+        if state is None or not is_on_ground(state, self._fleet.home(vehicle)):
+            return False
+        if action == "resume":
+            return state.armed and self._tasking.flown(vehicle) is not None
+        return action == "arm" and (state.mode in SELF_LAUNCHING or self._tasking.is_delivering(vehicle))
+
+    def _blocked(self, order: Order, vehicle: int, begun: Collection[int]) -> str:
+        """Say who is in the way of a take-off that an order lets begin; empty when nobody is."""
+        if not self._launches(vehicle, order.action):
+            return ""
+        starting = self.launching() | {other for other in begun if self._launches(other, order.action)}
+        reason = self._departures.in_the_way(vehicle, starting)
+        return f"would take off at once, and {reason}, then order it again" if reason else ""
 
     def may_fly(self, vehicle: int) -> bool:
         """Whether a vehicle stores the mission that it is to fly now, by a read-back of this run."""

@@ -13,7 +13,7 @@ is heard, if no new mission does away with the mix first.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container
+from collections.abc import Callable, Container
 from dataclasses import dataclass
 from typing import Final
 
@@ -94,6 +94,8 @@ class Tasking:
         Plans the ways home of vehicles that land at their missions' ends; None: they fly straight.
     takeoffs : Takeoffs or None
         Knows the climbs of vehicles on the ground, and refuses those that are not clear; None: nobody does.
+    holds_back : callable
+        Says why a vehicle, armed on the ground, must not be started yet; empty when it may.
     """
 
     def __init__(
@@ -106,9 +108,10 @@ class Tasking:
         homing: Homing | None = None,
         takeoffs: Takeoffs | None = None,
         last_check: LastCheck | None = None,
+        holds_back: Callable[[int], str] = lambda _vehicle: "",
     ) -> None:
         self._table, self._homing, self._takeoffs = table, homing, takeoffs
-        self._last_check = last_check
+        self._last_check, self._holds_back = last_check, holds_back
         self._refusals: dict[int, str] = {}
         """Why the newest missions of vehicles are not uploaded, without figures: places are noisy."""
         self._missions = Missions(table, airframe, frame)
@@ -145,10 +148,14 @@ class Tasking:
         delivery = self._deliveries.get(vehicle)
         return None if delivery is None else (t_ns - delivery.began_t_ns) / NS_PER_S
 
+    def is_delivering(self, vehicle: int) -> bool:
+        """Return True if a mission is on its way to a vehicle, and not merely waiting for its turn."""
+        delivery = self._deliveries.get(vehicle)
+        return delivery is not None and delivery.flown is not None
+
     def is_tasked(self, vehicle: int) -> bool:
         """Whether a mission waits for its transfer to a vehicle, or is on its way."""
-        delivery = self._deliveries.get(vehicle)
-        return vehicle in self._waiting.vehicles or (delivery is not None and delivery.flown is not None)
+        return vehicle in self._waiting.vehicles or self.is_delivering(vehicle)
 
     @property
     def missions(self) -> int:
@@ -181,6 +188,10 @@ class Tasking:
     def ending(self, vehicle: int) -> Ending:
         """Return what a vehicle flies behind the last point of its route; empty before that."""
         return self._holding.ending(vehicle)
+
+    def is_in_takeoff(self, vehicle: int) -> bool:
+        """Return True if a vehicle in AUTO flies to the take-off item of what it holds."""
+        return self._holding.is_in_takeoff(vehicle)
 
     def points_ahead(self, vehicle: int) -> tuple[tuple[float, float], ...]:
         """Points that a vehicle in AUTO flies to by what it holds, the next one first."""
@@ -283,6 +294,7 @@ class Tasking:
         if (
             is_ours
             and not self._is_climbing(vehicle)
+            and not self._holds_back(vehicle)
             and (at_once or self._waiting.is_replaceable(vehicle, t_ns))
         ):
             self._waiting.take(vehicle)
@@ -406,7 +418,8 @@ class Tasking:
                 self._busy[link] < self._lanes[link].window if delivery is None else delivery.flown is None
             )
             is_held = vehicle in self._held_back or self._is_climbing(vehicle)
-            if is_free and not is_held and self._waiting.is_due(vehicle, t_ns):
+            is_due = is_free and not is_held and self._waiting.is_due(vehicle, t_ns)
+            if is_due and not self._holds_back(vehicle):
                 made_t_ns = self._waiting.made_t_ns(vehicle)
                 route = self._waiting.take(vehicle)
                 assert route is not None  # it waits
