@@ -305,6 +305,7 @@ class Command:
         effects += self.orders.poll(event.t_ns) + self.rereading.poll(event.t_ns)
         aside = self.orders.aside.keys() | self.orders.commanded
         effects += self.departures.watch(event.t_ns, self.orders.launching())
+        aside |= self.tasking.just_returned(event.t_ns)
         effects += self.takeovers.poll(event.t_ns, self.tasking.taken_modes(), aside)
         if not self.recovery.is_under_way:
             effects += self.grounded.poll(event.t_ns, self.away)
@@ -453,10 +454,14 @@ class Command:
         modes = {
             state.system_id: f"is in {state.mode} and left alone"
             for state in self.fleet.states()
-            if state.mode not in _TASKABLE_MODES
+            if state.mode not in _TASKABLE_MODES and not self._missed_in_rtl(state.system_id)
         }
         others = self.guests.away() | self.rereading.away()
         return modes | self.tasking.taken() | others | self.orders.away()
+
+    def _missed_in_rtl(self, vehicle: int) -> bool:
+        """Return True if a vehicle has flown its mission to the end, and into RTL, without its target."""
+        return self.tasking.has_ended(vehicle) and self.mission_ends.has_missed(vehicle)
 
     def _not_tasked(self) -> dict[int, str]:
         """Vehicles that get no mission now: those that are away, and those that cannot take off."""

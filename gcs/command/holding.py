@@ -27,8 +27,8 @@ from gcs.model import NS_PER_S, Route
 from gcs.planning.prediction import Ahead, Circle
 from gcs.planning.progress import time_to_point_s
 
-Ending: TypeAlias = Literal["", "circle", "circle elsewhere", "way home", "landing"]
-"""What a mission has behind its route."""
+Ending: TypeAlias = Literal["", "circle", "circle elsewhere", "way home", "landing", "return"]
+"""What a mission has behind its route; "return": RTL behind its last item."""
 
 _PAST_S: Final = 0.3
 """Until a vehicle that should have turned to its next item says so."""

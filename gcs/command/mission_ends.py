@@ -1,9 +1,10 @@
 """Vehicles that end their missions without having reached their targets.
 
-A vehicle goes on by itself behind the last point of its route: it circles, flies home, lands. One that has
-reached its target may. One that has not, because it passed too far off or the target was elsewhere, would
-circle, or be at home, and the target would wait: so the operator is told, and it counts as having passed its
-target, for which the next plan gives it a new mission. On final it is let land.
+A vehicle goes on by itself behind the last point of its route: it circles, flies home, lands. An ArduPlane
+that has no item left goes to RTL. One that has reached its target may. One that has not, because it passed
+too far off or the target was elsewhere, would circle, or be at home, and the target would wait: so the
+operator is told, and it counts as having passed its target, for which the next plan gives it a new mission.
+On final it is let land.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ _NOW: Final[dict[Ending, str]] = {
     "circle elsewhere": "it circles elsewhere",
     "way home": "it flies home to land",
     "landing": "it lands, and gets no other mission before that",
+    "return": "it ended its mission and flies RTL",
 }
 
 
@@ -41,8 +43,8 @@ class MissionEnds:
 
     def __init__(self, tasking: Tasking, capture_radius_m: float) -> None:
         self._tasking, self._capture_radius_m = tasking, capture_radius_m
-        self._since: dict[int, tuple[Flown, int]] = {}
-        self._told: dict[int, Flown] = {}
+        self._since: dict[int, tuple[Flown | None, int]] = {}
+        self._told: dict[int, Flown | None] = {}
         self._missed: set[int] = set()
 
     def look(self, t_ns: int, active: Iterable[int]) -> list[Effect]:
@@ -51,19 +53,19 @@ class MissionEnds:
         self._missed.clear()
         for vehicle in active:
             flown, ending = self._tasking.flown(vehicle), self._tasking.ending(vehicle)
-            if flown is None or not ending:
+            if not ending or (flown is None and ending != "return"):
                 self._since.pop(vehicle, None)
                 continue
-            since, since_t_ns = self._since.get(vehicle, (None, 0))
+            since, since_t_ns = self._since.setdefault(vehicle, (flown, t_ns))
             if since is not flown:
                 self._since[vehicle] = flown, t_ns
                 continue
-            is_at_target = ending == "circle" and self._is_within_reach(flown)
+            is_at_target = ending == "circle" and flown is not None and self._is_within_reach(flown)
             if t_ns - since_t_ns < (_CIRCLING_NS if is_at_target else _ARRIVAL_NS):
                 continue
             if not is_at_target and ending != "landing":
                 self._missed.add(vehicle)
-            if self._told.get(vehicle) is not flown:
+            if vehicle not in self._told or self._told[vehicle] is not flown:
                 self._told[vehicle] = flown
                 text = f"ended its route without having reached its target: {_NOW[ending]}"
                 effects.append(Notice(t_ns, "alarm", text, vehicle))

@@ -32,7 +32,7 @@ class Takeovers:
         taken
             The mode that somebody else chose, by vehicle.
         ordered
-            Vehicles that are in their modes by an operator's order here.
+            Vehicles that are in their modes by an operator's order here, or have yet to tell why.
         """
         if t_ns < self._next_look_t_ns:
             return []

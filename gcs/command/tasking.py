@@ -33,7 +33,7 @@ from gcs.mavlink.codec import Message
 from gcs.mavlink.custody import Custody
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.items import Home
-from gcs.mavlink.modes import LOITER
+from gcs.mavlink.modes import LOITER, RTL
 from gcs.mavlink.pace import Pace
 from gcs.mavlink.profiles import Profile
 from gcs.mavlink.profiles.profile import is_on_ground
@@ -58,6 +58,8 @@ _NO_ITEMS: Final = 0xFFFF
 """What PX4 gives as the number of items of no mission."""
 _BOOT_NS: Final = 10 * NS_PER_S
 """So soon after a boot a mode is the one that the vehicle came up in."""
+_END_NS: Final = 3 * NS_PER_S
+"""Within this after a vehicle went to RTL it has told whether its mission is complete; it tells at 1 Hz."""
 _ITEMS_ON_THEIR_WAY: Final = 12
 """Over one link at a time; each of its transfers has one of them at least."""
 
@@ -187,7 +189,7 @@ class Tasking:
 
     def ending(self, vehicle: int) -> Ending:
         """Return what a vehicle flies behind the last point of its route; empty before that."""
-        return self._holding.ending(vehicle)
+        return "return" if self.has_ended(vehicle) else self._holding.ending(vehicle)
 
     def is_in_takeoff(self, vehicle: int) -> bool:
         """Return True if a vehicle in AUTO flies to the take-off item of what it holds."""
@@ -356,6 +358,7 @@ class Tasking:
         if profile is None:
             return []
         if message.get_type() == "MISSION_CURRENT":
+            self._complete(vehicle, profile, message, t_ns)
             return self._rejected(vehicle, profile, message, t_ns)
         if message.get_type() != "HEARTBEAT":
             return []
@@ -390,6 +393,35 @@ class Tasking:
         self._holding.forget(vehicle)
         text = "its navigator rejects the mission that it holds (no valid mission): it waits where it is"
         return [Notice(t_ns, "alarm", text, vehicle), *self._unsent(vehicle, text, t_ns)]
+
+    def _complete(self, vehicle: int, profile: Profile, message: Message, t_ns: int) -> None:
+        """Take a vehicle back that is in RTL because it has flown its mission to the end: nobody chose that.
+
+        An ArduPlane that is told to return, or does so by a failsafe, has stopped its mission and not
+        completed it (`GCS_MAVLINK::mission_state`, `ModeAuto::_exit`). Only its own mission counts, or what a
+        transfer of ours has left of it.
+        """
+        flown = self._holding.of(vehicle)
+        is_whole = flown is not None and message.total == len(flown.items) - profile.home_items
+        if (
+            profile.ends_in == RTL
+            and message.mission_state == dialect.MISSION_STATE_COMPLETE
+            and (is_whole or vehicle in self._deliveries or vehicle in self._mixed)
+            and vehicle in self.just_returned(t_ns)
+        ):
+            self._custody[vehicle].completed()
+
+    def just_returned(self, t_ns: int) -> set[int]:
+        """Return the vehicles that went from AUTO to RTL a moment ago, and have yet to tell why."""
+        return {
+            vehicle
+            for vehicle, custody in self._custody.items()
+            if custody.may_have_ended and t_ns - self._taken_t_ns.get(vehicle, 0) < _END_NS
+        }
+
+    def has_ended(self, vehicle: int) -> bool:
+        """Return True if a vehicle is in RTL because its mission is complete."""
+        return vehicle in self._custody and self._custody[vehicle].has_ended
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Begin a transfer again: what the vehicle stores and flies must be learned anew."""

@@ -10,6 +10,7 @@ LOITER that we ordered, and nothing else since         ours
 LOITER before it was ever in AUTO or tasked by us      ours: it waits for its first mission
 LOITER at its mission's end, where that is the mode    ours
 LOITER because its navigator rejected its mission      ours (MISSION_CURRENT tells, a moment later)
+RTL out of AUTO because its mission is complete        ours (MISSION_CURRENT tells, a moment later)
 any other change                                       taken, until AUTO is heard or an order frees it
 =====================================================  ==========================================
 
@@ -18,7 +19,7 @@ A LOITER that an operator chooses while we hold the vehicle in LOITER cannot be 
 
 from __future__ import annotations
 
-from gcs.mavlink.modes import AUTO, LOITER
+from gcs.mavlink.modes import AUTO, LOITER, RTL
 from gcs.model import CustodyMemory
 
 
@@ -30,6 +31,9 @@ class Custody:
         """The mode last heard, empty before the first."""
         self.taken = ""
         """The mode that somebody else chose; empty while the vehicle is ours."""
+        self.has_ended = False
+        """True if the vehicle is in RTL because its mission is complete."""
+        self._before = ""
         self._ordered = ""
         self._tasked = False
         if mode:
@@ -44,7 +48,7 @@ class Custody:
         """Take the mode of a heartbeat; `at_end` when a mission's end would show as it."""
         if mode == self.mode:
             return
-        first, self.mode = not self.mode, mode
+        first, self._before, self.mode, self.has_ended = not self.mode, self.mode, mode, False
         if mode == AUTO:
             self.taken, self._tasked = "", True
         elif mode == LOITER and (self._ordered == LOITER or not self._tasked or at_end):
@@ -57,9 +61,20 @@ class Custody:
         if self.taken == LOITER:
             self.taken = ""
 
+    @property
+    def may_have_ended(self) -> bool:
+        """True if the vehicle went from AUTO to RTL: at its mission's end, by a failsafe or an order."""
+        return self.taken == RTL and self._before == AUTO
+
+    def completed(self) -> None:
+        """Note that the vehicle went from AUTO to RTL because its mission is complete."""
+        if self.may_have_ended:
+            self.taken, self.has_ended = "", True
+
     def memory(self) -> CustodyMemory:
         """Return what is to be remembered over a restart of the service."""
-        return CustodyMemory(self.mode, self.taken, self._ordered, self._tasked)
+        taken = self.mode if self.has_ended else self.taken
+        return CustodyMemory(self.mode, taken, self._ordered, self._tasked)
 
     def remember(self, memory: CustodyMemory) -> None:
         """Take up from what was remembered: the next mode that is heard is held against that one."""
@@ -68,7 +83,8 @@ class Custody:
 
     def rebooted(self) -> None:
         """Forget the mode: what it is in now, nobody may have chosen."""
-        self.mode = self._ordered = ""
+        self.mode = self._before = self._ordered = ""
+        self.has_ended = False
 
     def release(self) -> None:
         """Take the vehicle back, on an operator's order."""
