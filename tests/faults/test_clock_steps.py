@@ -7,12 +7,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from missions import short_mission
 from rich.console import Console
+from wall_clock import WallClock
 
 from gcs.app import Service
 from gcs.commands.demo import DemoOptions, run_demo
 from gcs.config import load
-from gcs.edge import clock as clock_module
 from gcs.edge.clock import ClockWatch, RunClock
 from gcs.edge.links import Links
 from gcs.edge.reader import read
@@ -22,27 +23,7 @@ from gcs.mavlink.codec import scan
 from gcs.model import NS_PER_S, ClockStep, Fate, MissionEnded, Notice, Plan, Send, Tick
 
 STEPS_S = (0.5, -0.5, 1.5, -1.5, 20.0, -20.0, 600.0, -600.0, 3600.0, -3600.0)
-SPEED = 14.0
-
-
-class WallClock:
-    """Stands in for the `time` module of `gcs.edge.clock`, with a wall clock that can be set."""
-
-    def __init__(self) -> None:
-        self.set_by_ns = 0
-
-    def time_ns(self) -> int:
-        return time.time_ns() + self.set_by_ns
-
-    def monotonic_ns(self) -> int:
-        return time.monotonic_ns()
-
-
-@pytest.fixture
-def wall(monkeypatch: pytest.MonkeyPatch) -> WallClock:
-    wall = WallClock()
-    monkeypatch.setattr(clock_module, "time", wall)
-    return wall
+SPEED = 5.0
 
 
 @pytest.mark.parametrize("step_s", STEPS_S)
@@ -98,7 +79,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     def set_the_clock() -> None:
         started.wait()
         for step_s in STEPS_S:
-            if ended.wait(0.7):
+            if ended.wait(0.4):
                 return
             wall.set_by_ns += int(step_s * NS_PER_S)
 
@@ -106,7 +87,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     setter = threading.Thread(target=set_the_clock, daemon=True)
     setter.start()
     folder = tmp_path / "run"
-    options = DemoOptions("deterministic", 1, SPEED, None, 0.0, 1, True, False, folder)
+    options = DemoOptions(str(short_mission(tmp_path)), 1, SPEED, None, 0.0, 4, True, False, folder)
     try:
         with (tmp_path / "lines").open("w") as lines:
             code = run_demo(options, Console(file=lines, width=200))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from wall_clock import WallClock
 
-from gcs.edge import clock as clock_module
 from gcs.edge.keyfile import KeyFile
 from gcs.edge.signing import Signing
 from gcs.endpoints import Link, parse_endpoint
@@ -27,24 +26,10 @@ HOME, FOE = (LINK.name, "10.0.0.1:5000"), (LINK.name, "66.6.6.6:666")
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 
 
-class UnixClock:
-    """Stands in for the `time` module of `gcs.edge.clock`."""
-
-    def __init__(self) -> None:
-        self.t_ns = NOW
-
-    def time_ns(self) -> int:
-        return self.t_ns
-
-    def monotonic_ns(self) -> int:
-        return time.monotonic_ns()
-
-
 @pytest.fixture
-def unix(monkeypatch: pytest.MonkeyPatch) -> UnixClock:
-    unix = UnixClock()
-    monkeypatch.setattr(clock_module, "time", unix)
-    return unix
+def unix(wall: WallClock) -> WallClock:
+    wall.t_ns = NOW
+    return wall
 
 
 @pytest.fixture
@@ -67,7 +52,7 @@ class SignedPlane:
 
 
 def fly(
-    signing: Signing, unix: UnixClock, planes: list[SignedPlane], from_s: float, to_s: float
+    signing: Signing, unix: WallClock, planes: list[SignedPlane], from_s: float, to_s: float
 ) -> list[bytes]:
     """Have planes send ten times a second; return the frames, all of them accepted."""
     frames = []

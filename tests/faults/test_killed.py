@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import signal
-import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from processes import GCS, Run
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.config import read_text
-from gcs.edge.reader import read
-from gcs.edge.zenoh_bus import free_endpoint
 from gcs.model import Fate, Plan, Resumed, UploadReport
-from gcs.settings import with_settings
-
-SPEED = 4.0
-GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 class GroundStation:
@@ -68,67 +52,10 @@ class GroundStation:
         return counts[0]
 
 
-class Run:
-    """The simulated side, and central command as often as it is started."""
-
-    def __init__(self, folder: Path) -> None:
-        text, source = read_text("deterministic")
-        text = with_settings(
-            text, ["planning.shape=pulled"], source
-        )  # routes that are not bettered in flight
-        port, self.seat = free_port(), free_port()
-        self.zenoh = free_endpoint()
-        text = text.replace('mavlink = "udpin:0.0.0.0:14550"', f'mavlink = "udpin:127.0.0.1:{port}"', 1)
-        text = text.replace('zenoh = "tcp/127.0.0.1:7447"', f'zenoh = "{self.zenoh}"', 1)
-        text += f'\n[[links.forward]]\nendpoint = "udpin:127.0.0.1:{self.seat}"\naccess = "full"\n'
-        assert f'mavlink = "udpin:127.0.0.1:{port}"' in text
-        assert self.zenoh in text
-        self.folder, self.file = folder, folder / "mission.toml"
-        self.file.write_text(text)
-        command = [sys.executable, "-P", "-m", "sim_vehicles", "run", str(self.file), "--speed", str(SPEED)]
-        command += ["--gcs", f"127.0.0.1:{port}", "--zenoh", self.zenoh, "--json", "--until-stdin-closes"]
-        self.world = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
-        )
-        assert self.world.stdout is not None
-        started = next(e for line in self.world.stdout if (e := json.loads(line))["event"] == "started")
-        self.epoch_ns: int = started["epoch_ns"]
-        self.services: list[subprocess.Popen[bytes]] = []
-
-    def serve(self, name: str) -> subprocess.Popen[bytes]:
-        command = [*GCS, "run", str(self.file), "--headless", "--out", str(self.folder / name)]
-        command += ["--journal", str(self.folder / "journal"), "--clock", f"{self.epoch_ns},{SPEED}"]
-        with (self.folder / f"{name}.log").open("wb") as log:
-            self.services.append(subprocess.Popen(command, stdout=log, stderr=log))
-        return self.services[-1]
-
-    def until(self, name: str, wanted: Callable[[str], bool], timeout_s: float = 60.0) -> str:
-        """Wait until a service has printed what is wanted; return all that it printed."""
-        deadline, said = time.monotonic() + timeout_s, ""
-        while time.monotonic() < deadline:
-            said = (self.folder / f"{name}.log").read_text()
-            if wanted(said):
-                return said
-            time.sleep(0.05)
-        raise AssertionError(f"not within {timeout_s} s:\n{said}")
-
-    def all(self, name: str, kind: type) -> list[Any]:
-        return [record.value for record in read(self.folder / name) if isinstance(record.value, kind)]
-
-    def end(self) -> None:
-        for service in self.services:
-            if service.poll() is None:
-                service.kill()
-            service.wait()
-        assert self.world.stdin is not None
-        self.world.stdin.close()
-        self.world.wait(20.0)
-
-
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    running = Run(tmp_path)
+    running = Run(tmp_path, speed=4.0)
     yield running
     running.end()
 

@@ -1,0 +1,19 @@
+"""A wall clock that a test sets."""
+
+import time
+
+
+class WallClock:
+    """Stands in for the `time` module of `gcs.edge.clock`; its monotonic clock is the machine's."""
+
+    def __init__(self) -> None:
+        self.set_by_ns = 0
+        """How far it was set from the machine's."""
+        self.t_ns: int | None = None
+        """The Unix time where it stands still; `None` when it runs."""
+
+    def time_ns(self) -> int:
+        return time.time_ns() + self.set_by_ns if self.t_ns is None else self.t_ns
+
+    def monotonic_ns(self) -> int:
+        return time.monotonic_ns()
