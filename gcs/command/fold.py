@@ -39,7 +39,7 @@ from gcs.command.scan_timing import ScanTiming
 from gcs.command.sensor_watchdog import SensorWatchdog
 from gcs.command.situation import Bystander, Situation
 from gcs.command.takeoffs import Takeoffs
-from gcs.command.takeovers import Takeovers, Unattended
+from gcs.command.takeovers import Takeovers, Unattended, not_ours_text
 from gcs.command.tasking import Tasking
 from gcs.command.ties import Ties
 from gcs.command.trackers import Trackers
@@ -234,13 +234,24 @@ class Command:
                 effects, routes = self.approval.take(event, situation)
                 effects += self.dispatch.send(routes, event.t_ns)
             case "plan":
-                effects = self.approval.tell(event)
+                effects = [*self._tell_not_ours(event), *self.approval.tell(event)]
             case "keep-out":
                 effects = self._close(event)
             case _:
                 targets = self.trackers.targets.beliefs.tracks
                 effects = self.dispatch.settle(self.orders.take(event, targets, self.away(), self._take_back))
         return effects + self.approval.refresh(event.t_ns, self._not_tasked())
+
+    def not_ours(self) -> dict[int, str]:
+        """Return the modes that somebody else chose, by vehicle; not those that orders here asked for."""
+        taken = self.tasking.taken_modes()
+        return {v: mode for v, mode in taken.items() if not self.orders.has_ordered(v, mode)}
+
+    def _tell_not_ours(self, event: Order) -> list[Effect]:
+        """Answer an order about plans with the vehicles that no plan is made for, before its own answer."""
+        taken = self.not_ours()
+        text = not_ours_text(taken)
+        return [Ongoing(event, taken).answer(event.t_ns, "accepted", text)] if text else []
 
     def _outlook(self, vehicle: int) -> str:
         """What a vehicle that is ours again and waits in LOITER can expect, in words."""
@@ -303,10 +314,10 @@ class Command:
         effects += self.dispatch.settle(self.tasking.poll(event.t_ns))
         effects += self.guests.poll(event.t_ns)
         effects += self.orders.poll(event.t_ns) + self.rereading.poll(event.t_ns)
-        aside = self.orders.aside.keys() | self.orders.commanded
         effects += self.departures.watch(event.t_ns, self.orders.launching())
-        aside |= self.tasking.just_returned(event.t_ns)
-        effects += self.takeovers.poll(event.t_ns, self.tasking.taken_modes(), aside)
+        taken = self.tasking.taken_modes()
+        not_told = taken.keys() - self.not_ours().keys() | self.tasking.just_returned(event.t_ns)
+        effects += self.takeovers.poll(event.t_ns, taken, not_told)
         if not self.recovery.is_under_way:
             effects += self.grounded.poll(event.t_ns, self.away)
         return effects

@@ -39,7 +39,7 @@ from gcs.model import AnswerState, Aside, Effect, Label, Order, Route, VehicleSt
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _SET_ASIDE: Final = {"hold": LOITER, "return": RTL}
 _WORDS: Final = {"hold": "is held by order", "return": "returns by order", "found": "flies another mission"}
-_PILOTED: Final = frozenset(
+PILOTED: Final = frozenset(
     {"MANUAL", "STABILIZE", "STABILIZED", "TRAINING", "ACRO", "FBWA", "FBWB", "CRUISE", "AUTOTUNE"}
     | {"ALTCTL", "POSCTL", "RATTITUDE", "QSTABILIZE", "QHOVER", "QACRO"}
 )
@@ -98,6 +98,10 @@ class Orders:
     def commanded(self) -> Set[int]:
         """Vehicles that are being told what to do, and have not shown it."""
         return self._errands.keys()
+
+    def has_ordered(self, vehicle: int, mode: str) -> bool:
+        """Return True if an order put a vehicle into a mode, or tells it what to do just now."""
+        return vehicle in self._errands or _SET_ASIDE.get(self.aside.get(vehicle, "")) == mode
 
     def take(
         self,
@@ -201,7 +205,7 @@ class Orders:
         """Say why a vehicle is not taken out of the mode that it is in; empty when it can be."""
         if state is None:
             return ""
-        if state.mode in _PILOTED:
+        if state.mode in PILOTED:
             return f"is in {state.mode}: whoever flies it has to give it back"
         height_m = self._tasking.height_m(state)
         low = height_m < min(MIN_RESUME_HEIGHT_M, 0.5 * self._tasking.altitude_rel_m)

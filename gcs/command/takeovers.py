@@ -10,11 +10,14 @@ from __future__ import annotations
 from collections.abc import Collection, Container, Mapping
 from typing import Final
 
+from gcs.command.orders import PILOTED
 from gcs.mavlink.asking import ns
 from gcs.mavlink.modes import LOITER, RTL
 from gcs.model import Effect, Label, Notice, target_name, vehicle_name
 
 _PERIOD_NS: Final = ns(1.0)
+_MAX_NAMED: Final = 8
+"""Vehicles of one mode that are named one by one."""
 
 
 class Takeovers:
@@ -65,6 +68,21 @@ class Unattended:
             f"{'targets' if len(new) > 1 else 'target'} {names} appeared after the mission ended: nobody is "
         )
         return [Notice(t_ns, "warning", text + "sent there; start the service with --no-resume to fly on")]
+
+
+def not_ours_text(taken: Mapping[int, str]) -> str:
+    """Say in one line which vehicles are in modes that somebody else chose, and what to do; else empty."""
+    by_mode: dict[str, list[int]] = {}
+    for vehicle, mode in sorted(taken.items()):
+        by_mode.setdefault(mode, []).append(vehicle)
+    parts = []
+    for mode, vehicles in sorted(by_mode.items(), key=lambda one: (one[0] in PILOTED, one[0])):
+        names = [vehicle_name(vehicle) for vehicle in vehicles]
+        whom = ", ".join(names) if len(names) <= _MAX_NAMED else f"{len(names)} agents"
+        remedy = f"gcs order resume {' '.join(names) if len(names) <= _MAX_NAMED else '--all'}"
+        remedy = "whoever flies gives it back" if mode in PILOTED else remedy
+        parts.append(f"{whom} in {mode}: {remedy}")
+    return f"not ours: {'; '.join(parts)}" if parts else ""
 
 
 def _words(vehicle: int, mode: str) -> str:

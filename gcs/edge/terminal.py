@@ -20,6 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.command.fold import Command
+from gcs.command.takeovers import not_ours_text
 from gcs.config import Config
 from gcs.edge.lines import effect_line, target_text
 from gcs.edge.links import Links
@@ -160,6 +161,10 @@ class LiveView:
         agents, targets = len(self._command.fates.by_vehicle), len(self._shown_targets())
         link_counters = link_rows(self._command.fleet, self._links, self._t_ns)
         room = rows - 2 * _TABLE_FRAME
+        not_ours = not_ours_text(self._command.not_ours())
+        if not_ours:
+            room -= 1
+            yield Text(not_ours, style="bold yellow", no_wrap=True, overflow="ellipsis")
         has_links = agents + targets + _LINKS_FRAME + len(link_counters) <= room
         room -= 0 if has_links else 1
         target_rows = min(targets, max(_MIN_TARGET_ROWS, room - agents))
@@ -195,7 +200,6 @@ class LiveView:
         fates = self._command.fates.by_vehicle
         shown_fates, more = _cut(list(fates.items()), max_rows, lambda item: self._trouble(item[1]))
         for vehicle, fate in shown_fates:
-            state = self._command.fleet.state(vehicle)
             label = self._command.ties.labels.get(vehicle)
             track = tracks.get(label) if label is not None else None
             route = self._command.replanner.routes.get(vehicle)
@@ -208,7 +212,7 @@ class LiveView:
             cells: tuple[str | Text, ...] = (
                 vehicle_name(vehicle),
                 self._standing(fate),
-                state.mode if state else "",
+                self._mode(vehicle),
                 self._signing(vehicle),
                 label_text(label),
                 *_track_cells(track),
@@ -229,7 +233,7 @@ class LiveView:
             return 1
         if fate.fate == "arrived":
             return 6
-        if vehicle in self._command.orders.aside:
+        if vehicle in self._command.orders.aside or vehicle in self._command.not_ours():
             return 2
         if self._uploads.get(vehicle) == "failed":
             return 3
@@ -243,6 +247,12 @@ class LiveView:
         if fate.vehicle in self._command.witness.doubted():
             return Text("not there", style="bold red")
         return Text(fate.fate, style=_FATE_STYLE[fate.fate])
+
+    def _mode(self, vehicle: int) -> Text:
+        """The mode that a vehicle is in; marked where somebody else chose it."""
+        state = self._command.fleet.state(vehicle)
+        is_ours = vehicle not in self._command.not_ours()
+        return Text(state.mode if state else "", style="" if is_ours else "bold yellow")
 
     def _signing(self, vehicle: int) -> str:
         """How sure it is that its frames are its own."""

@@ -11,7 +11,7 @@ from staging import S
 
 from gcs.edge.wire import decode, encode
 from gcs.mavlink.codec import decode as decode_frames
-from gcs.model import Effect, Event, MissionEnded, Order, OrderAnswer, Plan, Send
+from gcs.model import Effect, Event, MissionEnded, Notice, Order, OrderAnswer, Plan, Send
 from sim_vehicles.personality import Mode
 from sim_vehicles.scenario import load
 from sim_vehicles.virtual import START_T_NS, VirtualRun
@@ -160,3 +160,25 @@ def test_a_vehicle_that_does_not_answer_stays_set_aside(action: str) -> None:
     flight = Flight(run, events, effects)
     assert flight.answers(f"{action}-21.0") == [("accepted", None), ("failed", 1)]
     assert run.command.orders.aside == {1: action}
+
+
+def test_an_order_for_the_plan_names_vehicles_that_no_plan_is_made_for_and_what_to_do() -> None:
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        load("prescribed"), SEED, events.append, lambda t, e: effects.append((t, e)),
+        orders=[order(20.0, "hold", 3), order(30.0, "plan")],
+    )  # fmt: skip
+    run.run(24.0)
+    run.vehicles["vehicle:1"].autopilot.set_mode(Mode.RTL)
+    run.vehicles["vehicle:3"].autopilot.set_mode(Mode.FBWA)  # its pilot takes it from our hold
+    run.run(31.0)
+    flight = Flight(run, events, effects)
+    answers = [a for a in flight.all(OrderAnswer) if a.order_id == "plan-30.0"]
+    assert [(a.state, a.detail) for a in answers] == [
+        ("accepted", "not ours: 1 in RTL: gcs order resume 1; 3 in FBWA: whoever flies gives it back"),
+        ("refused", "no plan waits"),
+    ]
+    assert [bool(a.waiting) for a in answers] == [True, False]
+    told = {notice.vehicle for notice in flight.all(Notice) if "not by this service" in notice.text}
+    assert told == {1, 3}

@@ -83,6 +83,10 @@ def live_view(scenario: str, width: int, height: int) -> list[str]:
     view.effect(0, Picture(0, 0, "targets", tracks, read_only(np.ones(count + 1))))
     view.effect(0, UploadReport(0, count, 1, 8, False, "no answer", 1.0, 0))
     view.effect(0, Notice(0, "alarm", "a long alarm " * 20 + "the newest", 1))
+    return drawn(view, width, height)
+
+
+def drawn(view: LiveView, width: int, height: int) -> list[str]:
     console = Console(file=io.StringIO(), width=width, height=height, color_system=None)
     console.print(view)
     assert isinstance(console.file, io.StringIO)
@@ -109,6 +113,27 @@ def test_rows_without_room_are_counted_and_those_in_trouble_are_shown(width: int
         assert more is not None
         assert shown + int(more[1]) == 50
     assert sum("failed" in line for line in tables) >= 1
+
+
+@pytest.mark.parametrize(
+    ("scenario", "width", "height"),
+    [("prescribed", 80, 24), ("prescribed", 200, 50), ("swarm-50", 80, 24), ("swarm-50", 200, 50)],
+)
+def test_vehicles_in_modes_that_are_not_ours_are_named_with_what_to_do(
+    scenario: str, width: int, height: int
+) -> None:
+    """The warning when it began has long left the events; LOITER looks like ours."""
+    config = load(scenario)
+    command = Command(config, 1)
+    for vehicle, mode in {2: "LOITER", 3: "RTL", 4: "FBWA"}.items():
+        command.tasking._custody[vehicle].heard("AUTO")
+        command.tasking._custody[vehicle].heard(mode)
+    lines = drawn(LiveView(config, command, 1.0), width, height)
+    assert len(lines) <= height
+    wanted = "not ours: 2 in LOITER: gcs order resume 2; 3 in RTL: gcs order resume 3; 4 in FBWA: "
+    assert any(wanted[: min(width, len(wanted)) - 1] in line for line in lines)
+    first = [line.rsplit("│ ", 1)[-1].split()[0] for line in lines if "flying" in line]
+    assert set(first[:4]) >= {"2", "3", "4"}
 
 
 def test_a_dumb_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
