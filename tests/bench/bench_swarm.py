@@ -2,11 +2,17 @@
 
 ``python tests/bench/bench_swarm.py [SCENARIO] [--duration 300] [--pack 1]`` prints a table of CPU, memory,
 rates and times. CPU and memory are sums over all processes of the side named; rates come from the recording.
+``--agents 250 --rate-hz 50 --pack 125`` makes the swarm of that size, with position reports at that rate.
+``--stop-s 5`` stops the service alone for so long in the middle of the flight (SIGSTOP), as a machine does
+that has no time for it: the table then says how soon it is on time again.
 """
 
 import argparse
 import collections
+import itertools
 import json
+import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -17,10 +23,12 @@ from typing import Any
 import numpy as np
 import psutil
 
+from gcs.config import read_text
 from gcs.edge.reader import read
 from gcs.mavlink.codec import decode
 from gcs.model import NS_PER_S, Datagram, Scan, Tick, UploadReport
 
+COLUMNS = 10
 SERVICE, SIMULATION = "central command", "the simulated side"
 
 
@@ -89,7 +97,27 @@ def rates(folder: Path) -> list[tuple[str, str]]:
     ]
 
 
-def fly(scenario: str, duration_s: float, pack: int, folder: Path) -> tuple[dict[str, Any], Usage, float]:
+def swarm(agents: int, rate_hz: float, folder: Path) -> Path:
+    """Write `swarm-50` with so many agents, in ten columns along its western edge."""
+    text, _ = read_text("swarm-50")
+    head, *blocks = re.split(r"(?=^\[\[agents\]\])", text, flags=re.MULTILINE)
+    rest = blocks[-1][re.search(r"^\[\[births", blocks[-1], re.MULTILINE).start() :]
+    rows = -(-agents // COLUMNS)
+    places = itertools.product(range(COLUMNS), range(rows))
+    starts = [
+        f"[[agents]]\nsystem_id = {n}\neast_m = {40.0 + 70.0 * column}\n"
+        f"north_m = {120.0 + 5700.0 * row / rows}\n"
+        for n, (column, row) in zip(range(1, agents + 1), places, strict=False)
+    ]
+    rest = re.sub(r"^rate_hz = [0-9.]+", f"rate_hz = {rate_hz}", rest, flags=re.MULTILINE)
+    path = folder / "swarm.toml"
+    path.write_text(head + "\n".join(starts) + "\n" + rest, encoding="utf-8")
+    return path
+
+
+def fly(
+    scenario: str, duration_s: float, pack: int, folder: Path, stop_s: float = 0.0
+) -> tuple[dict[str, Any], Usage, float]:
     """Run the demo; return its result, what it used, and how long it ran."""
     gcs = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
     command = [*gcs, "demo", scenario, "--headless", "--json", "--out", str(folder)]
@@ -100,6 +128,11 @@ def fly(scenario: str, duration_s: float, pack: int, folder: Path) -> tuple[dict
     while process.poll() is None and time.monotonic() - started < duration_s + 120.0:
         usage.sample()
         time.sleep(1.0)
+        if stop_s and time.monotonic() - started > duration_s / 2.0:
+            process.send_signal(signal.SIGSTOP)
+            time.sleep(stop_s)
+            process.send_signal(signal.SIGCONT)
+            stop_s = 0.0
     wall_s = time.monotonic() - started
     assert process.stdout is not None
     return json.loads(process.stdout.read().strip().splitlines()[-1]), usage, wall_s
@@ -110,14 +143,23 @@ def main() -> None:
     parser.add_argument("scenario", nargs="?", default="swarm-50")
     parser.add_argument("--duration", type=float, default=300.0)
     parser.add_argument("--pack", type=int, default=1)
+    parser.add_argument("--agents", type=int, help="a swarm of so many, in place of SCENARIO")
+    parser.add_argument("--rate-hz", type=float, default=4.0, help="of its position reports; default 4")
+    parser.add_argument("--stop-s", type=float, default=0.0, help="the service stands still for so long")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
-        result, usage, wall_s = fly(arguments.scenario, arguments.duration, arguments.pack, folder)
+        if arguments.agents:
+            arguments.scenario = str(swarm(arguments.agents, arguments.rate_hz, Path(parent)))
+        result, usage, wall_s = fly(
+            arguments.scenario, arguments.duration, arguments.pack, folder, arguments.stop_s
+        )
+        lost = {key: sum(link[key] for link in result["links"]) for key in ("frames", "lost")}
         table = [
             ("outcome", f"{result['outcome']}: {result['reason']}"),
             ("run time", f"{result['duration_s']:.0f} s"),
             *rates(folder),
+            ("frames heard, lost on their way", f"{lost['frames']}, {lost['lost']}"),
             ("scan work, 99 %", f"{result['scan_ms_p99']:.1f} ms"),
             ("plan work, 99 %", f"{result['plan_ms_p99']:.1f} ms"),
             (
