@@ -1,4 +1,4 @@
-"""UDP sockets for MAVLink, read in batches by the event loop (`gcs.edge.batches`).
+"""UDP sockets for MAVLink, each read in batches by a thread of its own (`gcs.edge.batches`).
 
 A datagram is handed on as it came: what it means is decided behind the queue.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import socket
 
-from gcs.edge.batches import Drain
+from gcs.edge.batches import SocketReader
 from gcs.edge.transport import Backoff, Listener, Spoken
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
@@ -38,11 +38,11 @@ class UdpIn:
             ) from None
         self.port: int = self._socket.getsockname()[1]
         self.refused = 0
-        self._drain: Drain | None = None
+        self._reader: SocketReader | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
         """Hand on each datagram from now on."""
-        self._drain = Drain(loop, self._socket, listener.heard)
+        self._reader = SocketReader(loop, self._socket, listener.heard)
 
     def send(self, peer: str, data: bytes) -> None:
         """Send one datagram to a peer that was heard before."""
@@ -54,8 +54,8 @@ class UdpIn:
 
     def close(self) -> None:
         """Stop reading and close the socket."""
-        if self._drain is not None:
-            self._drain.close()
+        if self._reader is not None:
+            self._reader.close()
         self._socket.close()
 
 
@@ -68,7 +68,7 @@ class UdpOut:
         self.refused = 0
         self._endpoint = endpoint
         self._socket: socket.socket | None = None
-        self._drain: Drain | None = None
+        self._reader: SocketReader | None = None
         self._opening: asyncio.Task[None] | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
@@ -89,7 +89,9 @@ class UdpOut:
                 spoken.once(listener, "warning", f"cannot be reached: {error.strerror or error}")
                 continue
             self._socket = fresh
-            self._drain = Drain(loop, fresh, lambda _, data: listener.heard(self._endpoint.remote, data))
+            self._reader = SocketReader(
+                loop, fresh, lambda _, data: listener.heard(self._endpoint.remote, data)
+            )
             return
 
     def send(self, peer: str, data: bytes) -> None:  # noqa: ARG002  there is but one
@@ -106,8 +108,8 @@ class UdpOut:
         """Stop reading and close the socket."""
         if self._opening is not None:
             self._opening.cancel()
-        if self._drain is not None:
-            self._drain.close()
+        if self._reader is not None:
+            self._reader.close()
 
 
 def _socket() -> socket.socket:

@@ -1,11 +1,13 @@
 """A flooded socket is read at a few system calls: what comes out is what was sent."""
 
+import asyncio
 import socket
+import time
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.edge.batches import FLOOD, ManyAtOnce, OneByOne, reader
+from gcs.edge.batches import FLOOD, ManyAtOnce, OneByOne, SocketReader, reader
 from gcs.mavlink.codec import Encoder, scan
 
 
@@ -40,3 +42,34 @@ def test_the_largest_datagram_comes_whole_and_an_empty_one_ends_nothing():
             theirs.sendto(data, ours.getsockname())
         _, heard = reader().read(ours)
         assert [data for _, data in heard] == [b"", b"x" * 65_507, b"y"]
+
+
+def heard_across(pauses: list[tuple[float, int]]) -> list[bytes]:
+    """Let a loop stand still, again and again, while datagrams come; return what it heard in the end."""
+
+    async def run() -> list[bytes]:
+        heard: list[bytes] = []
+        with bound() as ours, bound() as theirs:
+            ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16 * 1024)
+            source = SocketReader(asyncio.get_running_loop(), ours, lambda _, data: heard.append(data))
+            number = 0
+            for pause_s, count in pauses:
+                for _ in range(count):
+                    theirs.sendto(f"{number}".encode(), ours.getsockname())
+                    number += 1
+                    time.sleep(pause_s / count)  # the loop is busy
+            await asyncio.sleep(0.05)
+            source.close()
+        return heard
+
+    return asyncio.run(run())
+
+
+def test_a_busy_loop_loses_no_datagrams_that_the_kernel_has_no_memory_for():
+    assert heard_across([(0.6, 400)]) == [f"{number}".encode() for number in range(400)]
+
+
+def test_datagrams_that_waited_too_long_are_not_taken_for_new():
+    heard = heard_across([(1.0, 10), (2.1, 10)])
+    assert heard[-1] == b"19"
+    assert b"0" not in heard
