@@ -10,7 +10,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.command.checks import Check, Level
-from gcs.command.return_height import MARGIN_M, return_height_check
+from gcs.command.return_height import MARGIN_M, Return, return_height_check, return_of, returns_check
 from gcs.config import Config
 from gcs.fence import Fence, fence_of, rally_of
 from gcs.geo import LocalFrame
@@ -354,13 +354,9 @@ class VehicleJudge:
 
     def _return_height(self) -> Iterator[Check]:
         assert self._seen.profile is not None
-        rally = (*rally_items(rally_of(self._config)), *(self._seen.held.get(RALLY) or ()))
+        profile, values, ceiling_m = self._seen.profile, self._seen.values, self._config.fence.max_alt_rel_m
         yield from return_height_check(
-            self._vehicle,
-            self._seen.profile,
-            self._seen.values,
-            [point.z_m for point in rally],
-            self._config.fence.max_alt_rel_m,
+            self._vehicle, profile, values, _rally_heights_m(self._seen, self._config), ceiling_m
         )
 
     def _breach(self, limits: FenceLimits, held: Fence | None) -> str:
@@ -398,10 +394,23 @@ def vehicle_checks(
     has_key: Callable[[int], bool],
 ) -> list[Check]:
     """Judge all vehicles; `has_key` returns True if there is a signing key for one here."""
-    return [
+    checks = [
         check
         for one in inspections
         for check in VehicleJudge(
             one, fleet, config, ways_m(one.vehicle), t_ns, has_key=has_key(one.vehicle)
         ).checks()
     ]
+    returns = [found for one in inspections if (found := _return_of(one, config)) is not None]
+    return [*checks, *returns_check(returns, config.mission.lane_step_m)]
+
+
+def _return_of(one: Inspection, config: Config) -> Return | None:
+    if one.profile is None:
+        return None
+    return return_of(one.vehicle, one.profile, one.values, _rally_heights_m(one, config))
+
+
+def _rally_heights_m(one: Inspection, config: Config) -> list[float]:
+    """Heights above home of the rally points that a vehicle has, and of those of the mission file."""
+    return [point.z_m for point in (*rally_items(rally_of(config)), *(one.held.get(RALLY) or ()))]

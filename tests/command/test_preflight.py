@@ -12,11 +12,13 @@ from staging import track
 
 from gcs.command.apart import Lanes
 from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
+from gcs.command.return_height import return_of, returns_check
 from gcs.command.vehicle_checks import VehicleJudge, envelope_of
 from gcs.config import parse, read_text
 from gcs.mavlink.codec import Encoder, scan
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.inspection import NEEDED_IDS, Inspection
+from gcs.mavlink.profiles import ARDUPLANE, PX4
 from gcs.mavlink.signing import signed, timestamp_of
 from gcs.model import Datagram, Scan, Send
 from gcs.settings import with_settings
@@ -305,3 +307,35 @@ def grounded(config, course_rad):
             if isinstance(send, Send):
                 plane.receive_datagram(send.data, t_ns)
     return fleet
+
+
+def returned(profile, heights, rally_m=(), step_m=20.0):
+    """Rows on the return heights of vehicles 1, 2, ... that have these values of their parameter."""
+    name = "RTL_ALTITUDE" if profile is ARDUPLANE else "RTL_RETURN_ALT"
+    found = [return_of(v, profile, {name: value}, rally_m) for v, value in enumerate(heights, 1)]
+    return list(returns_check([one for one in found if one is not None], step_m))
+
+
+def test_vehicles_that_would_fly_home_at_one_height_are_named_with_what_to_set():
+    (row,) = returned(ARDUPLANE, [100, 100, 140])
+    assert (row.level, row.value) == (
+        "warning",
+        "agents 1 at 100 m (RTL_ALTITUDE), 2 at 100 m (RTL_ALTITUDE)",
+    )
+    assert "gcs param set CONFIG RTL_ALTITUDE 120 -v 2 (" in row.remedy
+    (row,) = returned(PX4, [100, 110], rally_m=[20.0])
+    assert "2 at 130 m (rally point 20 m + RTL_RETURN_ALT 110 m)" in row.value
+    assert "gcs param set CONFIG RTL_RETURN_ALT 120 -v 2 (" in row.remedy
+
+
+def test_arduplanes_with_a_rally_point_return_at_its_height_whatever_their_parameters_say():
+    (row,) = returned(ARDUPLANE, [100, 140], rally_m=[90.0])
+    assert row.level == "warning"
+    assert "without rally points" in row.remedy
+    assert "gcs param set" not in row.remedy
+
+
+def test_return_heights_a_layer_apart_are_fine_and_nothing_is_said_without_layers():
+    assert [row.level for row in returned(ARDUPLANE, [100, 140, 120])] == ["ok"]
+    assert returned(ARDUPLANE, [100, 100], step_m=0.0) == []
+    assert returned(ARDUPLANE, [100]) == []
