@@ -1,7 +1,12 @@
-"""Before the first test: kernels compiled, or loaded, once."""
+"""Before the first test: kernels compiled, or loaded, once. Makes importable what several folders share."""
+
+import sys
+from pathlib import Path
 
 import pytest
 from rich.console import Console
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -65,7 +65,9 @@ class Ticks:
 
 
 @pytest.fixture
-def service() -> Iterator[Service]:
+def service(monkeypatch: pytest.MonkeyPatch) -> Iterator[Service]:
+    """Return a service that says after a second that an output takes nothing."""
+    monkeypatch.setattr("gcs.edge.output._STUCK_S", 1.0)
     config = load("prescribed")
     with Bus(listen=free_endpoint()) as bus:
         links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], config.local_frame)
@@ -196,7 +198,7 @@ def test_a_live_view_that_nobody_reads_does_not_delay_ticks(service: Service) ->
         )
         with off_loop(console) as view:
             service.outputs.append(view.writer)
-            ticks = serve(service, 5.0, console)
+            ticks = serve(service, 2.5, console)
             os.read(ours, 4096)  # lets the end be written
             assert not view.writer.is_idle
             threading.Thread(target=read_all, args=(ours,), daemon=True).start()
@@ -220,14 +222,14 @@ def slow(seconds: float) -> Callable[..., None]:
 def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gcs.edge.recorder._Part.flush", slow(3.5))
-    monkeypatch.setattr("gcs.edge.journal.os.fsync", slow(3.5))
+    monkeypatch.setattr("gcs.edge.recorder._Part.flush", slow(1.5))
+    monkeypatch.setattr("gcs.edge.journal.os.fsync", slow(1.5))
     with RecorderThread(Recorder(tmp_path / "run", "", {}, Run("prescribed", 1))) as recorder:
         keeper = JournalSink(service, Journal(tmp_path / "m.journal", "m", ""))
         service.recorder = recorder
         service.outputs += [recorder.writer, keeper.writer]
         service.sinks.append(keeper)
-        ticks = serve(service, 5.0)
+        ticks = serve(service, 2.5)
     assert ticks.max_gap_s() < 0.6
     assert {text.partition(" for ")[0] for text in ticks.texts("alarm")} >= {
         "recording: takes nothing",
@@ -257,8 +259,8 @@ def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_fligh
 def test_a_subscriber_that_takes_nothing_does_not_delay_ticks(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Bus, "publish", slow(4.0))
-    ticks = serve(service, 5.0)
+    monkeypatch.setattr(Bus, "publish", slow(1.5))
+    ticks = serve(service, 2.5)
     assert ticks.max_gap_s() < 0.6
     assert [text for text in ticks.texts("warning") if text.startswith("zenoh: takes nothing for")]
 

@@ -180,7 +180,10 @@ def told(fleet):
     )
 
 
-@pytest.mark.parametrize("seed", range(6))
+MORE_SEEDS = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 20)]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, *MORE_SEEDS])
 def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
     expected = [vehicle_id(network, system) for network in (0, 1) for system in (1, 2, 3)]
     fast, simple = (Fleet(expected, FRAME, links=LINKS, kernel=kernel) for kernel in (True, False))

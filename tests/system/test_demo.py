@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from missions import short_mission
 
 from gcs.edge.reader import read
 from gcs.model import Fate, MissionEnded, Plan, Truth
@@ -76,7 +77,10 @@ class Demo:
 
 @pytest.fixture
 def demo(tmp_path: Path, request: pytest.FixtureRequest) -> Any:
-    running = Demo(tmp_path / "run", *getattr(request, "param", ()))
+    arguments = getattr(request, "param", ())
+    if arguments == "short":
+        arguments = (str(short_mission(tmp_path)), "--pack", "4")
+    running = Demo(tmp_path / "run", *arguments)
     yield running
     running.stop()
 
@@ -88,7 +92,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
-@pytest.mark.parametrize("demo", [("prescribed", "--seed", "2")], indirect=True)
+@pytest.mark.parametrize("demo", ["short"], indirect=True)
 def test_a_mission_is_flown_recorded_and_judged(demo: Demo) -> None:
     result = demo.result()
     assert demo.process.returncode == 0, demo.lines
@@ -96,16 +100,15 @@ def test_a_mission_is_flown_recorded_and_judged(demo: Demo) -> None:
     keys += " upload_failures ospa_agents_mean_m ospa_targets_mean_m scan_ms_p99 plan_ms_p99 recording links"
     assert list(result) == keys.split()
     assert result["outcome"] == "complete"
-    assert [agent["fate"] for agent in result["agents"]] == ["arrived", "dead", "arrived", "arrived"]
-    arrived = [agent["target"] for agent in result["agents"] if agent["fate"] == "arrived"]
-    assert len(set(arrived)) == 3
+    assert [agent["fate"] for agent in result["agents"]] == ["arrived"] * 4
+    assert len({agent["target"] for agent in result["agents"]}) == 4
     assert result["upload_failures"] == 0
     assert result["ospa_agents_mean_m"] < 5.0
     assert result["ospa_targets_mean_m"] < 5.0
     assert (demo.out / "run.png").stat().st_size > 10_000
     values = [record.value for record in read(demo.out)]
     assert sum(isinstance(value, MissionEnded) for value in values) == 1
-    assert sum(isinstance(value, Truth) for value in values) > 100
+    assert sum(isinstance(value, Truth) for value in values) > 20
 
 
 @pytest.mark.parametrize("demo", [("prescribed", "--seed", "3", "--loss", "0.2")], indirect=True)
