@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable
 
+from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_PARAM_VALUE
+
 from gcs.command.answers import Ongoing, named
 from gcs.command.approval import Approval
 from gcs.command.area import mission_grid
@@ -35,6 +37,7 @@ from gcs.command.reordering import Reordering
 from gcs.command.replanning import Replanner
 from gcs.command.report_history import ReportHistory
 from gcs.command.rereading import Rereading
+from gcs.command.returns import Returns
 from gcs.command.scan_timing import ScanTiming
 from gcs.command.sensor_watchdog import SensorWatchdog
 from gcs.command.situation import Bystander, Situation
@@ -102,6 +105,7 @@ class Command:
                 checks_signatures=bool(config.links.keys),
             ),
             links=[link for link in links if link.role == "vehicles"],
+            also=[MAVLINK_MSG_ID_PARAM_VALUE],
         )
         self.guests = Guests(links, vehicles, self.fleet.is_atomic)
         self.trackers = Trackers(config)
@@ -124,6 +128,7 @@ class Command:
             LastCheck(config, self.grid),
             lambda vehicle: self.departures.holds_back(vehicle, self.orders.launching()),
         )
+        self.returns = Returns(config, self.fleet)
         self.departures = Departures(config, self.fleet, self.tasking)
         self.trespass = Trespass(self.tasking)
         self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
@@ -133,7 +138,9 @@ class Command:
         self.sensor_watchdog = SensorWatchdog()
         self.vehicle_watchdog = VehicleWatchdog(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
         self.input_errors = InputErrors()
-        self.orders = Orders(self.fleet, self.tasking, self.replanner, self.departures, self._outlook)
+        self.orders = Orders(
+            self.fleet, self.tasking, self.replanner, self.departures, self.returns, self._outlook
+        )
         self.grounded = Grounded(self.fleet, self.tasking, self.orders)
         self.takeovers, self.unattended = Takeovers(), Unattended()
         self.rereading = Rereading(self.fleet, self.tasking, self.replanner, self.orders)
@@ -211,6 +218,7 @@ class Command:
             return self._guest(event)
         effects: list[Effect] = []
         for vehicle, message in self.fleet.receive(event):
+            self.returns.receive(vehicle, message)
             effects += self.dispatch.settle(self.tasking.receive(vehicle, message, event.t_ns))
             effects += self.orders.receive(vehicle, message, event.t_ns)
             effects += self.grounded.receive(vehicle, message, event.t_ns)

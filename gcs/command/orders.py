@@ -27,6 +27,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.command.answers import Ongoing, named
 from gcs.command.departures import SELF_LAUNCHING, Departures
 from gcs.command.replanning import Replanner
+from gcs.command.returns import Returns
 from gcs.command.tasking import Tasking
 from gcs.mavlink.codec import Message
 from gcs.mavlink.commands import command, set_mode
@@ -34,7 +35,7 @@ from gcs.mavlink.errand import Errand, Shown
 from gcs.mavlink.fleet import Fleet
 from gcs.mavlink.modes import AUTO, LOITER, RTL
 from gcs.mavlink.profiles.profile import is_on_ground
-from gcs.model import AnswerState, Aside, Effect, Label, Order, Route, VehicleState, vehicle_name
+from gcs.model import AnswerState, Aside, Effect, Label, Notice, Order, Route, VehicleState, vehicle_name
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _SET_ASIDE: Final = {"hold": LOITER, "return": RTL}
@@ -64,6 +65,8 @@ class Orders:
         Who flies what.
     departures : Departures
         Who is in the way of a take-off.
+    returns : Returns
+        Who flies home at one height.
     outlook : callable
         What a vehicle that waits in LOITER, released, can expect; in words.
     """
@@ -74,6 +77,7 @@ class Orders:
         tasking: Tasking,
         replanner: Replanner,
         departures: Departures,
+        returns: Returns,
         outlook: Callable[[int], str] = lambda _vehicle: "waits for its next mission",
     ) -> None:
         self.aside: dict[int, Aside] = {}
@@ -81,7 +85,7 @@ class Orders:
         self.suspended: dict[int, Route] = {}
         """Whole routes of vehicles set aside."""
         self._fleet, self._tasking, self._replanner, self._outlook = fleet, tasking, replanner, outlook
-        self._departures = departures
+        self._departures, self._returns = departures, returns
         self._errands: dict[int, tuple[Errand, Ongoing]] = {}
 
     def away(self) -> dict[int, str]:
@@ -152,7 +156,13 @@ class Orders:
             effects += self._begin(ongoing, vehicle, known[vehicle].autopilot, targets)
         if not ongoing.waiting:
             return effects
-        return [ongoing.answer(order.t_ns, "accepted", named(ongoing.waiting)), *effects]
+        detail = named(ongoing.waiting)
+        if order.action == "return":
+            returning = {vehicle for vehicle, why in self.aside.items() if why == "return"}
+            remark = self._returns.meeting(returning)
+            detail += f"; {remark}" if remark else ""
+            effects += [Notice(order.t_ns, "warning", remark)] if remark else []
+        return [ongoing.answer(order.t_ns, "accepted", detail), *effects]
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Take a vehicle's message."""

@@ -38,6 +38,11 @@ class Return:
     value: float
     """The parameter's, in its own unit."""
 
+    @property
+    def words(self) -> str:
+        """Who returns how high, and by what."""
+        return f"{vehicle_name(self.vehicle)} at {self.height_m:g} m ({self.source})"
+
     def raised_to(self, height_m: float) -> str:
         """Return the command that makes the vehicle return at another height."""
         value = self.value + (height_m - self.height_m) * _PER_METRE[self.parameter]
@@ -59,6 +64,15 @@ def return_of(
     return Return(vehicle, height_m, source, parameter, values.get(parameter, 0.0))
 
 
+def meeting(returns: Sequence[Return], step_m: float) -> list[Return]:
+    """Return those that are nearer than `step_m` to another one's height, the lowest first."""
+    near: list[Return] = []
+    for lower, upper in pairwise(sorted(returns, key=lambda one: (one.height_m, one.vehicle))):
+        if upper.height_m - lower.height_m < step_m - _TOLERANCE_M:
+            near += [one for one in (lower, upper) if one not in near]
+    return near
+
+
 def returns_check(returns: Sequence[Return], step_m: float) -> Iterator[Check]:
     """Warn of vehicles that return at heights nearer to each other than the layers of the mission.
 
@@ -67,19 +81,14 @@ def returns_check(returns: Sequence[Return], step_m: float) -> Iterator[Check]:
     step_m : float
         Between altitude layers; 0: the mission has none, and nothing is said.
     """
-    by_height = sorted(returns, key=lambda one: (one.height_m, one.vehicle))
-    if step_m <= 0.0 or len(by_height) < 2:
+    if step_m <= 0.0 or len(returns) < 2:
         return
-    wanted = f"{step_m:g} m between them"
-    near: list[Return] = []
-    for lower, upper in pairwise(by_height):
-        if upper.height_m - lower.height_m < step_m - _TOLERANCE_M:
-            near += [one for one in (lower, upper) if one not in near]
+    wanted, near = f"{step_m:g} m between them", meeting(returns, step_m)
     if not near:
-        heights = ", ".join(f"{one.height_m:g}" for one in by_height[:_MAX_NAMED])
+        heights = ", ".join(f"{one.height_m:g}" for one in returns[:_MAX_NAMED])
         yield Check(None, "return heights", "ok", f"{heights} m")
         return
-    shown = [f"{vehicle_name(one.vehicle)} at {one.height_m:g} m ({one.source})" for one in near[:_MAX_NAMED]]
+    shown = [one.words for one in near[:_MAX_NAMED]]
     more = f" and {len(near) - _MAX_NAMED} more" if len(near) > _MAX_NAMED else ""
     remedy = "sent home together they meet at one height: return them one after another"
     if all(one.parameter for one in near):

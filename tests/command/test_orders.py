@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
+from msgspec.structs import replace as changed
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
 
 from gcs.edge.wire import decode, encode
+from gcs.mavlink.codec import Encoder
 from gcs.mavlink.codec import decode as decode_frames
 from gcs.model import Effect, Event, MissionEnded, Notice, Order, OrderAnswer, Plan, Send
 from sim_vehicles.personality import Mode
@@ -182,3 +185,65 @@ def test_an_order_for_the_plan_names_vehicles_that_no_plan_is_made_for_and_what_
     assert [bool(a.waiting) for a in answers] == [True, False]
     told = {notice.vehicle for notice in flight.all(Notice) if "not by this service" in notice.text}
     assert told == {1, 3}
+
+
+def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]]:
+    """Return agents 1 and 3, with what was heard of their parameters; give the answer and the warnings."""
+    scenario = load("prescribed")
+    table = changed(scenario.config.mission, lane_step_m=step_m)
+    scenario = replace(scenario, config=changed(scenario.config, mission=table))
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        scenario, SEED, None, lambda t, e: effects.append((t, e)), orders=[order(20.0, "return", 1, 3)]
+    )
+    run.run(18.0)
+    for name, height_m in altitudes_m.items():
+        said = dialect.MAVLink_param_value_message(b"RTL_ALTITUDE", height_m, 9, 1, 0)
+        run.command.returns.receive(int(name.removeprefix("of_")), said)
+    run.run(21.0)
+    flight = Flight(run, [], effects)
+    accepted = next(a.detail for a in flight.all(OrderAnswer) if a.state == "accepted")
+    return accepted, [n.text for n in flight.all(Notice) if "return less than" in n.text]
+
+
+def test_vehicles_that_are_sent_home_together_at_one_height_are_named() -> None:
+    detail, warnings = returned(of_1=100.0, of_3=110.0)
+    remark = (
+        "agents 1 at 100 m (RTL_ALTITUDE), 3 at 110 m (RTL_ALTITUDE) return less than 20 m apart in height: "
+        "hold one until the other is down, or watch them"
+    )
+    assert detail == f"agents 1, 3; {remark}"
+    assert warnings == [remark]
+
+
+@pytest.mark.parametrize(
+    "known",
+    [{}, {"of_1": 100.0}, {"of_1": 100.0, "of_3": 120.0}, {"step_m": 0.0, "of_1": 100.0, "of_3": 100.0}],
+)
+def test_nothing_is_said_of_return_heights_that_are_apart_or_not_known(known: dict[str, float]) -> None:
+    assert returned(**known) == ("agents 1, 3", [])
+
+
+def test_a_parameter_that_passes_the_service_is_heard() -> None:
+    """`gcs preflight` asks through the service that flies the mission."""
+    run = VirtualRun(load("prescribed"), SEED)
+    run.run(5.0)
+    plane = run.vehicles["vehicle:1"]
+    asked = dialect.MAVLink_param_request_read_message(1, 1, b"RTL_ALTITUDE", -1)
+    plane.receive_datagram(Encoder(254, 190)(asked), run.t_ns)
+    run.run(6.0)
+    assert run.command.returns._values[1] == {"RTL_ALTITUDE": 100.0}
+
+
+def test_a_vehicle_that_is_resumed_from_its_return_gets_the_layer_of_its_new_plan() -> None:
+    flight = fly([order(20.0, "return", 1), order(40.0, "resume", 1)], 60.0)
+    (*_, route) = [
+        route
+        for plan in flight.all(Plan)
+        for route in plan.routes
+        if route.vehicle == 1 and plan.t_ns > START_T_NS + 40 * S
+    ]
+    mission = flight.run.scenario.config.mission
+    told = flight.told(1, 40.0, 60.0)
+    heights_m = {m.z for m in told if m.get_type() == "MISSION_ITEM_INT" and m.seq > 0}
+    assert heights_m == {mission.altitude_rel_m + route.lane * mission.lane_step_m}
