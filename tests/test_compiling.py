@@ -23,6 +23,26 @@ def warm_up_calls():
 """
 
 
+PARTS = """
+from gcs.compiling import kernel, leaf
+
+@leaf
+def part(x):
+    return x + 1
+
+@kernel
+def one(x):
+    return part(x) * 2
+
+@kernel
+def two(x):
+    return one(x) + part(x)
+
+def warm_up_calls():
+    return [(one, 1), (two, 1)]
+"""
+
+
 def run(code: str, folder: Path) -> str:
     """Run code in a fresh process, with a cache of its own."""
     path = os.pathsep.join([str(folder), *sys.path])
@@ -44,6 +64,50 @@ def test_a_cold_start_leaves_everything_in_the_cache_whatever_becomes_of_its_hel
     said = run(again, tmp_path)
     assert said.startswith("[2, 3]")
     assert said.count("cache_misses=Counter()") == 2
+
+
+def test_what_kernels_call_is_optimised_and_made_machine_code_once_within_them(tmp_path):
+    (tmp_path / "room.py").write_text(PARTS)
+    code = """
+from collections import Counter
+from numba.core import codegen
+passes, made = Counter(), []
+manager, add = codegen.JITCPUCodegen._module_pass_manager, codegen.JitEngine.add_module
+def counted(self, **options):
+    passes["cheap" if options else "full"] += 1
+    return manager(self, **options)
+def noted(self, module):
+    made.append(module.name)
+    return add(self, module)
+codegen.JITCPUCodegen._module_pass_manager, codegen.JitEngine.add_module = counted, noted
+import room
+one, two = (compiled(x) for compiled, x in room.warm_up_calls())
+print(one, two, sorted(made), passes["full"])  # "nrt" is the library that counts references
+"""
+    assert run(code, tmp_path) == "4 6 ['nrt', 'one', 'two'] 3"
+    assert run("import room; print([f(x) for f, x in room.warm_up_calls()])", tmp_path) == "[4, 6]"
+
+
+def test_one_helper_goes_through_all_that_is_cold_from_the_other_end(tmp_path):
+    for name in ("room", "hall"):
+        (tmp_path / f"{name}.py").write_text(ROOM)
+    code = """
+import subprocess
+started = []
+class Popen(subprocess.Popen):
+    def __init__(self, command, **options):
+        started.append(command[4:])
+        super().__init__(command, **options)
+subprocess.Popen = Popen
+from gcs import compiling
+told = []
+compiling.warm_up("room", "hall", on_compiled=lambda *words: told.append(words))
+print(started, told[0])
+"""
+    assert run(code, tmp_path) == "[['room', 'hall']] ('room', 1, 2)"
+    again = "import room, hall; print([f(1) for r in (room, hall) for f in (r.one, r.two)],"
+    again += " sum(f.stats.cache_misses.total() for r in (room, hall) for f in (r.one, r.two)))"
+    assert run(again, tmp_path) == "[2, 3, 2, 3] 0"
 
 
 def test_a_cold_start_is_told_before_it_takes_its_time_and_a_warm_one_is_not(tmp_path):

@@ -32,22 +32,21 @@ def load_kernels(console: Console, *rooms: str) -> None:
     began_s = time.perf_counter()
     cold: list[str] = []
     with console.status("loading the compiled kernels") as status:
-        for room in rooms or FLYING:
+
+        def on_compiled(room: str, number: int, count: int) -> None:
             name = _NAMES.get(room, room)
+            if not cold:
+                console.print(
+                    "compiling the kernels, once after an installation: one to two minutes on two cores "
+                    "(gcs warm-up does it beforehand)"
+                )
+            if name not in cold:
+                cold.append(name)
+                if not console.is_terminal:
+                    console.print(f"compiling {count} kernels: {name}", highlight=False)
+            status.update(f"compiling kernel {number} of {count}: {name}")
 
-            def on_compiled(number: int, count: int, name: str = name) -> None:
-                if not cold:
-                    console.print(
-                        "compiling the kernels, once after an installation: one to two minutes on two cores "
-                        "(gcs warm-up does it beforehand)"
-                    )
-                if name not in cold:
-                    cold.append(name)
-                    if not console.is_terminal:
-                        console.print(f"compiling {count} kernels: {name}", highlight=False)
-                status.update(f"compiling kernel {number} of {count}: {name}")
-
-            compiling.warm_up(room, on_compiled)
+        compiling.warm_up(*(rooms or FLYING), on_compiled=on_compiled)
     if cold:
         taken_s = time.perf_counter() - began_s
         console.print(f"compiled in {taken_s:.0f} s; later starts load them from the cache", highlight=False)
