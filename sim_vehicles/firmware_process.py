@@ -48,6 +48,7 @@ from sim_vehicles.firmware import (
 from sim_vehicles.frames import FrameReader, Outbox
 from sim_vehicles.ground import GroundContact
 from sim_vehicles.process import GROUND_HEARTBEAT, Address, add_vehicle_arguments, clock_of
+from sim_vehicles.telling import tell
 from sim_vehicles.vehicle import VehicleSpec
 
 _LAUNCH_WITHIN_S = 150.0
@@ -260,9 +261,9 @@ class FirmwareHost:
         flown_ns = (boot_ms - self._lag_from[0]) * 1_000_000
         self._lag_from = boot_ms, t_ns
         if flown_ns < (1.0 - _LAG_PART) * passed_ns:
-            sys.stderr.write(
+            tell(
                 f"vehicle {self.spec.system_id}: the firmware runs at {flown_ns / passed_ns:.2f} of the "
-                "run's speed; lower --speed\n"
+                "run's speed; lower --speed"
             )
 
     def _is_lost(self) -> bool:

@@ -37,6 +37,7 @@ from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
 from sim_vehicles.frames import Outbox
 from sim_vehicles.missions import NEVER_NS
+from sim_vehicles.telling import tell
 from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 
 Address = tuple[str, int]
@@ -141,7 +142,7 @@ def fly(hosts: list[Host], clock: RunClock) -> None:
                 told_s = time.monotonic()
                 names = ", ".join(str(host.vehicle.system_id) for host in hosts)
                 late_s = late_ns / NS_PER_S
-                sys.stderr.write(f"vehicle {names}: {late_s:.1f} s of run time behind the clock\n")
+                tell(f"vehicle {names}: {late_s:.1f} s of run time behind the clock")
 
 
 def address_of(text: str) -> Address:

@@ -29,6 +29,7 @@ from gcs.edge.clock import RunClock
 from sim_vehicles.firmware import true_place, truth_messages
 from sim_vehicles.frames import Outbox
 from sim_vehicles.process import Address, address_of, clock_of
+from sim_vehicles.telling import tell
 
 _POLL_S = 0.01
 _RETRIES = 3
@@ -75,9 +76,9 @@ class TruthSource:
             return None
         if not self._is_reported:
             self._is_reported = True
-            sys.stderr.write(
+            tell(
                 f"vehicle {self.system_id} tells no true position (SIMSTATE, HIL_STATE_QUATERNION): "
-                "the position that it reports is taken instead\n"
+                "the position that it reports is taken instead"
             )
         return message.lat * 1e-7, message.lon * 1e-7
 

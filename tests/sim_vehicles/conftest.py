@@ -127,14 +127,19 @@ def start_process() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     running: list[subprocess.Popen[str]] = []
 
     def start(
-        port: int, *specs: VehicleSpec, options: tuple[str, ...] = (), speed: float = 1.0
+        port: int,
+        *specs: VehicleSpec,
+        options: tuple[str, ...] = (),
+        speed: float = 1.0,
+        stderr: int | None = None,
     ) -> subprocess.Popen[str]:
         frame = {"lat_deg": FRAME.lat_deg, "lon_deg": FRAME.lon_deg, "alt_msl_m": FRAME.alt_msl_m}
         arguments = [sys.executable, "-P", "-m", "sim_vehicles.process", "--frame-json", json.dumps(frame)]
         arguments += ["--gcs", f"127.0.0.1:{port}", *options]
         for spec in specs:
             arguments += ["--spec-json", spec.to_json()]
-        process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(arguments, stdin=pipe, stdout=pipe, stderr=stderr, text=True)
         running.append(process)
         assert process.stdin is not None
         assert process.stdout is not None

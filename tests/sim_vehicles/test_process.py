@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
 import signal
 import socket
 import time
@@ -129,6 +131,25 @@ def test_a_dead_vehicle_says_nothing_more_and_its_process_stays(start_process, p
         messages = world.until(lambda m: m.get_type() == "SIM_STATE")
         last_us[messages[0].get_srcSystem()] = messages[0].time_unix_usec
     assert process.poll() is None
+
+
+def test_a_late_vehicle_flies_on_though_nobody_reads_its_terminal(start_process, port):
+    nobody_reads, stderr = os.pipe()
+    os.set_blocking(stderr, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(stderr, bytes(4096)):
+            pass
+    os.set_blocking(stderr, True)
+    process = start_process(port.number, spec(), speed=20.0, stderr=stderr)
+    port.until(kind("HEARTBEAT"))
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGCONT)
+    for number in (5, 6):
+        port.send(7, mavlink.MAVLink_ping_message(number, number, 0, 0))
+        port.until(lambda m, number=number: m.get_type() == "PING" and m.seq == number, 10.0)
+    os.close(stderr)
+    os.close(nobody_reads)
 
 
 def test_lost_datagrams_do_not_stop_it(start_process, port):
