@@ -1,9 +1,9 @@
 """Take-offs one after another: which vehicles are in the way of a take-off.
 
 Before a vehicle is in its altitude layer nothing keeps it from others that are low. So a take-off waits while
-another vehicle is within the length of the climb and the separation of routes, and is about to take off, is
-below the lowest layer (it climbs, or comes in to land), or flies its mission's landing. An order to arm is
-refused meanwhile, and a mission for a vehicle that is armed on the ground waits.
+another vehicle is near and about to take off, below the lowest layer (it climbs, or comes in to land), or in
+its mission's landing. Near is the length of the climb to the lowest layer and the separation of routes. An
+order to arm is refused meanwhile, and a mission for a vehicle that is armed on the ground waits.
 
 A vehicle that is not heard any more holds nobody back. One that somebody else arms is not ours to stop: the
 operator is told when two climb beside each other.
@@ -48,8 +48,7 @@ class Departures:
     def __init__(self, config: Config, fleet: Fleet, tasking: Tasking) -> None:
         self._config, self._fleet, self._tasking = config, fleet, tasking
         self._low_m = config.mission.altitude_rel_m - _BELOW_M
-        layer = config.mission.lanes - 1
-        climb_m = config.takeoff.length_m(config.takeoff_altitude_rel_m(layer))
+        climb_m = config.takeoff.length_m(config.mission.altitude_rel_m)
         self.distance_m = climb_m + config.planning.separation_m
         """Within which two vehicles do not take off together, in metres."""
         self._stood: set[int] = set()

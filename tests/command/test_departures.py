@@ -75,7 +75,7 @@ def test_one_order_to_arm_two_vehicles_side_by_side_arms_the_first_and_says_what
     assert verdict == "refused"
     assert detail.startswith("would take off at once, and agent 1 is about to take off, ")
     assert detail.endswith(
-        " m away: wait until it is 80 m above home or 392 m away, or is disarmed, then order it again"
+        " m away: wait until it is 80 m above home or 337 m away, or is disarmed, then order it again"
     )
     verdict, detail = field.answers("arm-20.0")[2]
     assert verdict == "refused"
