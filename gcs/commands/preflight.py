@@ -18,6 +18,7 @@ from gcs.command.checks import Check, Level
 from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.command.vehicle_checks import envelope_of, vehicle_checks
 from gcs.config import Config, load
+from gcs.edge.clock import ClockWatch, RunClock
 from gcs.edge.entrance import entrance_of
 from gcs.edge.mavsdk_uploader import REMEDY, mavsdk_problem
 from gcs.edge.scans import decode_scan
@@ -27,7 +28,7 @@ from gcs.edge.zenoh_bus import Bus
 from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
 from gcs.mavlink.inspection import NEEDED_IDS, Inspection
-from gcs.model import Scan, vehicle_name
+from gcs.model import NS_PER_S, Scan, vehicle_name
 
 _STYLE = {"ok": "green", "warning": "yellow", "refused": "bold red"}
 _TABLE_COLUMNS = 120
@@ -95,6 +96,7 @@ class Ears:
         self.scans: list[Scan] = []
         self.problems: dict[str, None] = {}
         self._config = config
+        self._clock = RunClock()
 
     def open(self, stack: ExitStack) -> None:
         """Listen until the stack is closed."""
@@ -108,7 +110,7 @@ class Ears:
 
     def _heard(self, key: str, payload: bytes) -> None:
         try:
-            self.scans.append(decode_scan(key, payload, time.time_ns(), self._config.local_frame))
+            self.scans.append(decode_scan(key, payload, self._clock.now_ns(), self._config.local_frame))
         except WireError as error:
             self.problems[str(error)] = None
 
@@ -120,7 +122,7 @@ async def _checked(config: Config, options: PreflightOptions, ears: Ears, consol
         Inspection(agent.vehicle, envelope, visit.fleet.encoder(agent.vehicle), own)
         for agent in config.agents
     ]
-    began_s = time.monotonic()
+    began_s, watch = time.monotonic(), ClockWatch()
 
     def enough() -> bool:
         heard = bool(ears.scans or ears.problems or not options.sensors)
@@ -157,6 +159,11 @@ async def _checked(config: Config, options: PreflightOptions, ears: Ears, consol
         checks.append(Check(None, "MAVSDK", level, text, "starts", REMEDY))
     if options.sensors:
         checks += sensor_checks(ears.scans, ears.problems, waited_s)
+    if step_ns := watch.step_ns():
+        text = f"set by {step_ns / NS_PER_S:+.1f} s meanwhile"
+        checks.append(
+            Check(None, "clock", "warning", text, "not set", "check again: ages of scans may be wrong")
+        )
     return checks
 
 

@@ -12,15 +12,31 @@ from rich.console import Console
 from wall_clock import WallClock
 
 from gcs.app import Service
+from gcs.command.mission_checks import sensor_checks
 from gcs.commands.demo import DemoOptions, run_demo
+from gcs.commands.preflight import Ears
 from gcs.config import load
 from gcs.edge.clock import ClockWatch, RunClock
 from gcs.edge.links import Links
 from gcs.edge.reader import read
+from gcs.edge.scans import encode_scan
+from gcs.edge.wire import scan_key
 from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.mavlink.codec import scan
-from gcs.model import NS_PER_S, ClockStep, Fate, MissionEnded, Notice, Plan, Send, Tick
+from gcs.model import (
+    NS_PER_S,
+    ClockStep,
+    Fate,
+    MissionEnded,
+    Notice,
+    Plan,
+    Scan,
+    Send,
+    Sensor,
+    Tick,
+    read_only,
+)
 
 STEPS_S = (0.5, -0.5, 1.5, -1.5, 20.0, -20.0, 600.0, -600.0, 3600.0, -3600.0)
 SPEED = 5.0
@@ -109,3 +125,20 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     assert len(beats) == 4
     for times_ns in beats.values():
         assert max(later - earlier for earlier, later in pairwise(times_ns)) <= 1.2 * NS_PER_S
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -20.0, 20.0, 3600.0])
+def test_preflight_judges_scans_by_the_run_clock(monkeypatch: pytest.MonkeyPatch, step_s: float) -> None:
+    config, key = load("prescribed"), scan_key("prescribed", "radar")
+    now_ns, ears = time.time_ns(), Ears(config)
+    scan = Scan(
+        0,
+        now_ns,
+        Sensor("radar", 0.9, 1e-6, read_only([[25.0, 0.0], [0.0, 25.0]]), (0.0, 0.0, 2000.0, 2000.0)),
+        read_only([[100.0, 100.0]]),
+    )
+    payload = encode_scan(scan, config.local_frame)
+    monkeypatch.setattr(time, "time_ns", lambda: now_ns + int(step_s * NS_PER_S))
+    ears._heard(key, payload)
+    (check,) = sensor_checks(ears.scans, ears.problems, 1.0)
+    assert check.level == "ok", check.value
