@@ -17,8 +17,9 @@ from gcs.command.area import mission_grid
 from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.config.tables import RecordingTable
-from gcs.edge.consoles import Printable
+from gcs.edge.consoles import Printable, console_for
 from gcs.edge.kernels import load_kernels
+from gcs.edge.leftovers import remove_empty
 from gcs.edge.links import Links
 from gcs.edge.output import is_busy
 from gcs.edge.private_files import new_folder
@@ -94,14 +95,26 @@ def open_recorder(
 ) -> RecorderThread:
     """Start a recording in `out`, or in a new folder under ``runs/``.
 
+    One in `out` that ended before its first record, as after a SIGKILL, is replaced, and that is said.
+
     Raises
     ------
     RecordingError
         When the folder cannot be written, or holds a recording already.
     """
     folder = out if out is not None else new_folder(Path("runs"), name)
+    if _remove_empty(folder):
+        text = f"{folder} held an empty recording, of a run that was killed at its start: replaced"
+        console_for(stderr=True).print(text, highlight=False, markup=False, soft_wrap=True)
     room = Room(int(table.rotate_mb * 1e6), table.max_gb * 1e9, table.min_free_mb * 1e6)
     return RecorderThread(Recorder(folder, config_text, versions(), run, room))
+
+
+def _remove_empty(folder: Path) -> bool:
+    try:
+        return remove_empty(folder)
+    except OSError:
+        return False  # the recorder says what is wrong
 
 
 def draw_recording(folder: Path, config: Config, seed: int) -> Path:

@@ -24,6 +24,7 @@ leaves all but the last second readable after SIGKILL or on a full disk. It does
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
 import json
 import os
@@ -356,6 +357,8 @@ class _Part:
                 file.close()
                 path.unlink()
             raise
+        with contextlib.suppress(OSError):  # not every file system can; `gcs.edge.leftovers` looks for it
+            fcntl.flock(self._files[0], fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._inode = os.fstat(self._files[0].fileno()).st_ino
         self.total_bytes = 0
         """Of both files when they were looked at last."""
