@@ -31,10 +31,13 @@ class ConfigError(GcsError):
         Dotted path of the key, empty when the file as a whole is at fault.
     expected : str
         What would have been right.
+    all : sequence of ConfigError
+        Every mistake that was found with it, itself first.
     """
 
     def __init__(self, file: str, key: str, expected: str) -> None:
         self.file, self.key, self.expected = file, key, expected
+        self.all: Sequence[ConfigError] = (self,)
         super().__init__(f"{file}: {self.mistake}")
 
     @property
@@ -45,7 +48,8 @@ class ConfigError(GcsError):
     @classmethod
     def of_all(cls, mistakes: Sequence[ConfigError]) -> ConfigError:
         """Return one error for all mistakes of a file; its attributes are those of the first."""
-        first, *others = mistakes
+        first, *others = mistakes = [one for error in mistakes for one in error.all]
+        first.all = mistakes
         if others:
             told = [error.mistake for error in mistakes[:_MAX_TOLD]]
             told += [f"and {len(mistakes) - _MAX_TOLD} more"] if len(mistakes) > _MAX_TOLD else []

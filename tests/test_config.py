@@ -244,3 +244,60 @@ def test_every_contradiction_is_listed() -> None:
         parse(text, "m.toml")
     assert "agents[1].system_id" in str(refused.value)
     assert "agents[2].system_id" in str(refused.value)
+
+
+PLACES = """
+name = "x"
+[frame]
+lat_deg = 47.0
+lon_deg = 8.0
+alt_msl_m = 400.0
+[[agents]]
+system_id = 300
+lat_deg = 95.0
+lon_deg = 190.0
+[[agents]]
+system_id = 2
+lat_deg = 8.0
+lon_deg = 47.0
+[[births]]
+lat_deg = 47.0
+east_m = 3.0
+[planning]
+clearance_m = -3
+"""
+
+
+def test_mistakes_of_places_in_degrees_are_listed_with_all_others() -> None:
+    with pytest.raises(ConfigError) as refused:
+        parse(PLACES, "m.toml")
+    lines = [line.strip() for line in str(refused.value).splitlines()]
+    for begin in (
+        "agents[0].lat_deg: ",
+        "agents[0].lon_deg: ",
+        "agents[0].system_id: ",
+        "agents[1]: 8.0°, 47.0° lies far",
+        "births[0]: expected either",
+        "planning.clearance_m: ",
+    ):
+        assert any(line.startswith(begin) for line in lines), (begin, lines)
+    with pytest.raises(ConfigError) as refused:
+        parse(PLACES.replace("lat_deg = 47.0\nlon_deg = 8.0", "lat_deg = 99.0\nlon_deg = 8.0"), "m.toml")
+    assert "frame.lat_deg: " in str(refused.value)
+    assert "agents[0].lat_deg: " in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('name = "x"\n[frame]\nlat_deg = 47,0\n', "(at line 3, column 13): `lat_deg = 47,0`"),
+        ('name = "x\n', 'expected a closing quote before the line ends (at line 1, column 10): `name = "x`'),
+        ("[frame\n", "Expected ']' at the end of a table declaration (at line 1, column 7): `[frame`"),
+        ("a = [1,\n2", "Unclosed array (at end of document): `2`"),
+    ],
+)
+def test_broken_toml_is_shown_with_its_line(text: str, told: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        parse(text, "m.toml")
+    assert told in str(refused.value)
+    assert "not valid TOML: " in str(refused.value)

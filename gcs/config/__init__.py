@@ -45,7 +45,13 @@ def parse(text: str, source: str) -> Config:
         raw = _shown(decode_toml(text, source))
     except RecursionError:
         raise ConfigError(source, "", "is nested too deeply") from None
-    config = convert(with_local_places(raw, source), Config, source)
+    local, mistakes = with_local_places(raw, source)
+    try:
+        config = convert(local, Config, source)
+    except ConfigError as error:
+        raise ConfigError.of_all([*mistakes, error]) from None
+    if mistakes:
+        raise ConfigError.of_all(mistakes)
     contradictions.check(config, source)
     return config
 

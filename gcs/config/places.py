@@ -25,22 +25,25 @@ class _Degrees(Table, frozen=True, kw_only=True):
     lon_deg: Longitude
 
 
-def with_local_places(raw: object, source: str) -> object:
-    """Return the plain data of a mission file in which agents and births are given in metres.
+def with_local_places(raw: object, source: str) -> tuple[object, list[ConfigError]]:
+    """Return the plain data of a mission file with agents and births in metres, and what is wrong with them.
 
-    Raises
-    ------
-    ConfigError
-        For a place that is given in both ways or in half of one, or far from the frame's origin.
+    A mistake is a place that is given in both ways or in half of one, is none, or lies far from the frame's
+    origin. Such a place becomes the origin, so that the rest of its row can be judged.
     """
     if not isinstance(raw, dict) or not isinstance(raw.get("frame"), dict):
-        return raw  # which the tables refuse
+        return raw, []  # which the tables refuse
     rows = {name: raw[name] for name in ("agents", "births") if isinstance(raw.get(name), list)}
     if not any(_is_in_degrees(row) for some in rows.values() for row in some):
-        return raw
-    table = convert(raw["frame"], FrameTable, source, "frame")
-    frame = LocalFrame(table.lat_deg, table.lon_deg, table.alt_msl_m)
-    return raw | {name: local_places(some, frame, source, name) for name, some in rows.items()}
+        return raw, []
+    try:
+        table = convert(raw["frame"], FrameTable, source, "frame")
+        frame = LocalFrame(table.lat_deg, table.lon_deg, table.alt_msl_m)
+    except ConfigError:
+        frame = None  # which the tables refuse
+    mistakes: list[ConfigError] = []
+    local = {name: _all_local(some, frame, source, name, mistakes) for name, some in rows.items()}
+    return raw | local, mistakes
 
 
 def local_places(rows: list[Any], frame: LocalFrame, source: str, key: str) -> list[Any]:
@@ -49,24 +52,45 @@ def local_places(rows: list[Any], frame: LocalFrame, source: str, key: str) -> l
     Raises
     ------
     ConfigError
-        As `with_local_places`.
+        For the mistakes that `with_local_places` names.
     """
-    return [_local(row, frame, source, f"{key}[{index}]") for index, row in enumerate(rows)]
+    mistakes: list[ConfigError] = []
+    local = _all_local(rows, frame, source, key, mistakes)
+    if mistakes:
+        raise ConfigError.of_all(mistakes)
+    return local
+
+
+def _all_local(
+    rows: list[Any], frame: LocalFrame | None, source: str, key: str, mistakes: list[ConfigError]
+) -> list[Any]:
+    local = []
+    for index, row in enumerate(rows):
+        if _is_in_degrees(row):
+            east_m = north_m = 0.0
+            try:
+                east_m, north_m = _local(row, frame, source, f"{key}[{index}]")
+            except ConfigError as error:
+                mistakes.append(error)
+            rest = {name: value for name, value in row.items() if name not in _DEGREES}
+            row = rest | {"east_m": round(east_m, _DIGITS), "north_m": round(north_m, _DIGITS)}
+        local.append(row)
+    return local
 
 
 def _is_in_degrees(row: object) -> bool:
     return isinstance(row, dict) and any(name in row for name in _DEGREES)
 
 
-def _local(row: Any, frame: LocalFrame, source: str, key: str) -> Any:
-    if not _is_in_degrees(row):
-        return row
+def _local(row: Any, frame: LocalFrame | None, source: str, key: str) -> tuple[float, float]:
     metres = [name for name in _METRES if name in row]
     if metres:
         given = " and ".join([*metres, *(name for name in _DEGREES if name in row)])
         expected = "expected either `east_m` and `north_m`, or `lat_deg` and `lon_deg`"
         raise ConfigError(source, key, f"{expected}, got {given}")
     place = convert({name: row[name] for name in _DEGREES if name in row}, _Degrees, source, key)
+    if frame is None:
+        return 0.0, 0.0
     east_m, north_m = frame.to_local(place.lat_deg, place.lon_deg)
     distance_m = math.hypot(east_m, north_m)
     if distance_m > _MAX_DISTANCE_M or math.cos(math.radians(place.lon_deg - frame.lon_deg)) < 0.0:
@@ -76,5 +100,4 @@ def _local(row: Any, frame: LocalFrame, source: str, key: str) -> Any:
             f"{place.lat_deg}°, {place.lon_deg}° lies far from the frame's origin "
             f"({frame.lat_deg:.3f}°, {frame.lon_deg:.3f}°); are latitude and longitude swapped?",
         )
-    rest = {name: value for name, value in row.items() if name not in _DEGREES}
-    return rest | {"east_m": round(east_m, _DIGITS), "north_m": round(north_m, _DIGITS)}
+    return east_m, north_m

@@ -22,6 +22,9 @@ _MAX_BYTES: Final = 16_000_000
 """Of a file. The largest shipped mission has 10 kB; a GeoJSON of 100,000 corners has 4 MB."""
 _MAX_DEPTH: Final = 50
 _WORD: Final = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_PLACE: Final = re.compile(r"at line (\d+), column \d+\)$")
+_SHOWN: Final = 100
+"""Characters of a line that are shown."""
 _DEEP_KEY: Final = re.compile(rf"(?:{_WORD}\.[ \t]*+){{{_MAX_DEPTH}}}")
 """A dotted key of so many words: reading it takes time with the square of their number."""
 
@@ -86,8 +89,18 @@ def decode_toml(text: str, source: str) -> dict[str, Any]:
     except RecursionError:
         raise ConfigError(source, "", "not valid TOML: nested too deeply") from None
     except (msgspec.DecodeError, ValueError) as error:
-        raise ConfigError(source, "", f"not valid TOML: {error}") from None
+        raise ConfigError(source, "", f"not valid TOML: {_with_line(str(error), text)}") from None
     return table
+
+
+def _with_line(problem: str, text: str) -> str:
+    """Say what is wrong with a TOML text, and show the line where reading ended."""
+    problem = problem.replace(r"Illegal character '\n'", "expected a closing quote before the line ends")
+    lines = text.splitlines() or [""]
+    where = _PLACE.search(problem)
+    number = min(int(where[1]), len(lines)) if where else len(lines)
+    line = lines[number - 1].strip()
+    return f"{problem}: `{line[:_SHOWN]}{'...' if len(line) > _SHOWN else ''}`"
 
 
 def _with_zones(text: str, path: Path) -> str:
