@@ -7,9 +7,11 @@ import subprocess
 import sys
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from gcs.cli import app
+from gcs.edge import kernels
 
 
 def test_version_is_that_of_the_package() -> None:
@@ -39,3 +41,14 @@ def test_the_short_form_of_help_and_the_package_itself_are_understood() -> None:
     command = [sys.executable, "-P", "-m", "gcs", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.startswith("gcs ")
+
+
+def test_warm_up_compiles_everything_and_a_flight_only_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, ...]] = []
+    monkeypatch.setattr("gcs.compiling.warm_up", lambda *rooms, **_: asked.append(rooms))
+    shown = CliRunner().invoke(app, ["warm-up"])
+    assert (shown.exit_code, shown.stdout.strip()) == (0, "all kernels are ready")
+    kernels.load_kernels(Console(quiet=True))
+    everything, flight = map(set, asked)
+    assert everything - flight == {"gcs.tracking.recovery"}, "only gcs track asks for histories"
+    assert flight < everything

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import time
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,16 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from rich.console import Console
 from typer.testing import CliRunner
 
 from gcs.cli import app
+from gcs.commands.report import ReportOptions, _Reading
 from gcs.config import load
 from gcs.edge.reader import Damage, about, read
 from gcs.edge.recorder import Recorder, Room
 from gcs.edge.tlog import tlog_entries
-from gcs.model import NS_PER_S, Effect, Event, Picture, Truth
+from gcs.model import NS_PER_S, Effect, Event, Picture, Scan, Truth
 from gcs.report.judge import Judge
 
 T0_NS = 1_700_000_000 * NS_PER_S
@@ -154,6 +157,18 @@ def test_a_real_flight_without_truth_that_breaks_off_is_shown_as_far_as_it_goes(
     assert "Tracker output" in words
     assert "OSPA of agents, mean" not in words
     assert 5.0 < found["seconds"] < 25.0
+
+
+def test_work_is_judged_by_the_processor_time_that_it_took_not_by_a_busy_machines_clock() -> None:
+    class Waiting:
+        def step(self, _event: Event) -> list[Effect]:
+            time.sleep(0.2)  # as where other programs have the processors
+            return []
+
+    reading = _Reading(ReportOptions(Path("x"), None, None, None, False, True), None, Console(quiet=True))
+    reading._timed(Waiting(), Scan(1, 1, "radar", np.empty((0, 2))))  # type: ignore[arg-type]
+    (took_ms,) = reading.work_ms["scan"]
+    assert took_ms < 100.0
 
 
 def a_log(path: Path, set_back_s: float = 0.0) -> Path:
