@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -52,3 +54,21 @@ def test_warm_up_compiles_everything_and_a_flight_only_what_it_needs(monkeypatch
     everything, flight = map(set, asked)
     assert everything - flight == {"gcs.tracking.recovery"}, "only gcs track asks for histories"
     assert flight < everything
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads are counted in /proc")
+def test_an_order_starts_no_threads_to_compute_with(tmp_path: Path) -> None:
+    code = """
+import os, sys
+from gcs.cli import main
+sys.argv = ["gcs", "order", "hold", "2"]
+try:
+    main()
+except SystemExit as end:
+    print(end.code, "numpy" in sys.modules, len(os.listdir("/proc/self/task")))
+"""
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}  # no service of others is found
+    environment.pop("OPENBLAS_NUM_THREADS", None)
+    command = [sys.executable, "-P", "-c", code]
+    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout.split() == ["1", "True", "1"], done.stderr
