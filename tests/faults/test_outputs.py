@@ -67,13 +67,17 @@ class Ticks:
 
 
 @pytest.fixture
-def service(monkeypatch: pytest.MonkeyPatch) -> Iterator[Service]:
-    """Return a service that says after a second that an output takes nothing."""
-    monkeypatch.setattr("gcs.edge.output._STUCK_S", 1.0)
+def service() -> Iterator[Service]:
     config = load("prescribed")
     with Bus(listen=free_endpoint()) as bus:
         links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], config.local_frame)
         yield Service(config, 1, links, bus)
+
+
+@pytest.fixture
+def tells_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have an output that takes nothing be told after a second."""
+    monkeypatch.setattr("gcs.edge.output._STUCK_S", 1.0)
 
 
 def serve(service: Service, seconds: float, console: Console | None = None) -> Ticks:
@@ -194,6 +198,7 @@ def test_a_terminal_that_hangs_up_is_an_alarm_and_the_mission_is_flown_to_its_en
 # ---------------------------------------------------------------- the loop alone, with one output that stops
 
 
+@pytest.mark.usefixtures("tells_soon")
 def test_a_live_view_that_nobody_reads_does_not_delay_ticks(service: Service) -> None:
     ours, theirs = os.openpty()
     with open(theirs, "w") as terminal:  # noqa: PTH123  a descriptor
@@ -223,6 +228,7 @@ def slow(seconds: float) -> Callable[..., None]:
     return wait
 
 
+@pytest.mark.usefixtures("tells_soon")
 def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -260,6 +266,7 @@ def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_fligh
     assert ticks.max_gap_s() < 0.6
 
 
+@pytest.mark.usefixtures("tells_soon")
 def test_a_subscriber_that_takes_nothing_does_not_delay_ticks(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
