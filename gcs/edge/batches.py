@@ -8,6 +8,7 @@ Elsewhere they are read one by one.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import ctypes
 import select
 import socket
@@ -160,7 +161,7 @@ def reader() -> Reader:
 
 
 class SocketReader:
-    """Reads a UDP socket on a thread of its own, and hands datagrams to the event loop in their order.
+    """Hands the datagrams of a UDP socket, read on a thread, to the event loop in their order.
 
     The kernel keeps few datagrams: 0.2 MB by Linux's default, which 250 vehicles at 50 Hz fill in 50 ms.
     A loop that is busy with a plan for longer would lose the rest. The thread keeps them instead.
@@ -178,56 +179,100 @@ class SocketReader:
     def __init__(
         self, loop: asyncio.AbstractEventLoop, source: socket.socket, heard: Callable[[str, bytes], None]
     ) -> None:
-        self._loop, self._source, self._heard = loop, source, heard
-        self._lock = threading.Lock()
-        self._waiting: deque[tuple[float, Heard]] = deque()
-        self._is_closed = False
-        self._wake, self._woken = socket.socketpair()
-        self._thread = threading.Thread(target=self._run, name="udp-reader", daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        poll = select.poll()
-        poll.register(self._source, select.POLLIN)
-        poll.register(self._woken, select.POLLIN)
-        source_reader = reader()
-        while not self._is_closed:
-            poll.poll()
-            if self._is_closed:
-                return
-            count, heard = source_reader.read(self._source)
-            if heard and not self._keep(heard):
-                return
-            if FLOOD <= count < SLOTS:
-                time.sleep(_PAUSE_S)
-
-    def _keep(self, heard: Heard) -> bool:
-        """Keep datagrams for the loop, and wake it; return False when it is closed."""
-        now_s = time.monotonic()
-        with self._lock:
-            is_first = not self._waiting
-            self._waiting.append((now_s, heard))
-            while now_s - self._waiting[0][0] > _MAX_WAIT_S:
-                self._waiting.popleft()
-        if is_first:
-            try:
-                self._loop.call_soon_threadsafe(self._hand_on)
-            except RuntimeError:
-                return False
-        return True
-
-    def _hand_on(self) -> None:
-        with self._lock:
-            waiting, self._waiting = self._waiting, deque()
-        if not self._is_closed:
-            for _, heard in waiting:
-                for peer, data in heard:
-                    self._heard(peer, data)
+        self.source, self.heard, self.is_closed = source, heard, False
+        self._thread = _thread_of(loop)
+        self._thread.add(self)
 
     def close(self) -> None:
         """Stop reading; nothing is handed on any more."""
-        self._is_closed = True
+        self.is_closed = True
+        self._thread.remove(self)
+
+
+class _ReaderThread:
+    """Reads all UDP sockets of a loop; runs while there is one."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._sockets: dict[int, SocketReader] = {}
+        self._reading, self._queueing = threading.Lock(), threading.Lock()
+        self._waiting: deque[tuple[float, SocketReader, Heard]] = deque()
+        self._poll = select.poll()
+        self._wake, self._woken = socket.socketpair()
+        self._poll.register(self._woken, select.POLLIN)
+        self._thread = threading.Thread(target=self._run, name="udp-reader", daemon=True)
+
+    def add(self, reader: SocketReader) -> None:
+        """Read this socket, too."""
+        with self._reading:
+            self._sockets[reader.source.fileno()] = reader
+            self._poll.register(reader.source, select.POLLIN)
+        if not self._thread.is_alive():
+            self._thread.start()
         self._wake.send(b"x")
-        self._thread.join()
-        self._wake.close()
-        self._woken.close()
+
+    def remove(self, reader: SocketReader) -> None:
+        """Read this socket no more; end with the last one."""
+        with self._reading:
+            if self._sockets.pop(reader.source.fileno(), None) is None:
+                return
+            self._poll.unregister(reader.source)
+        if not self._sockets:
+            _threads.pop(self._loop, None)
+            self._wake.send(b"x")
+            self._thread.join()
+            self._wake.close()
+            self._woken.close()
+
+    def _run(self) -> None:
+        source_reader = reader()
+        while True:
+            self._poll.poll()
+            with self._reading:
+                if not self._sockets:
+                    return
+                most = self._read(source_reader)
+            if FLOOD <= most < SLOTS:
+                time.sleep(_PAUSE_S)
+
+    def _read(self, source_reader: Reader) -> int:
+        """Read what waits in each socket; return the greatest number that one of them had."""
+        most = 0
+        for fd, _ in self._poll.poll(0):
+            if fd == self._woken.fileno():
+                self._woken.recv(SLOTS)
+                continue
+            count, heard = source_reader.read(self._sockets[fd].source)
+            most = max(most, count)
+            if heard:
+                self._keep(self._sockets[fd], heard)
+        return most
+
+    def _keep(self, source: SocketReader, heard: Heard) -> None:
+        """Keep datagrams for the loop, and wake it."""
+        now_s = time.monotonic()
+        with self._queueing:
+            is_first = not self._waiting
+            self._waiting.append((now_s, source, heard))
+            while now_s - self._waiting[0][0] > _MAX_WAIT_S:
+                self._waiting.popleft()
+        if is_first:
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(self._hand_on)
+
+    def _hand_on(self) -> None:
+        with self._queueing:
+            waiting, self._waiting = self._waiting, deque()
+        for _, source, heard in waiting:
+            if not source.is_closed:
+                for peer, data in heard:
+                    source.heard(peer, data)
+
+
+_threads: dict[asyncio.AbstractEventLoop, _ReaderThread] = {}
+
+
+def _thread_of(loop: asyncio.AbstractEventLoop) -> _ReaderThread:
+    if loop not in _threads:
+        _threads[loop] = _ReaderThread(loop)
+    return _threads[loop]

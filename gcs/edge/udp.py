@@ -1,4 +1,4 @@
-"""UDP sockets for MAVLink, each read in batches by a thread of its own (`gcs.edge.batches`).
+"""UDP sockets for MAVLink, read in batches by a thread (`gcs.edge.batches`).
 
 A datagram is handed on as it came: what it means is decided behind the queue.
 """
