@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
-from gcs.command.answers import named
-from gcs.command.fold import Command
 from gcs.config import Config
+from gcs.core.engine import Command
+from gcs.core.operator.replies import named
 from gcs.edge.clock import ClockWatch, RunClock
 from gcs.edge.garbage import GarbageFilter
 from gcs.edge.links import Links

@@ -20,8 +20,8 @@ from typing import IO, Literal, cast
 import msgspec
 from rich.console import Console
 
-from gcs.command.trackers import Trackers
 from gcs.config import read_text
+from gcs.core.perception.fusion import Trackers
 from gcs.edge.kernels import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.edge.recorder import versions
 from gcs.errors import RecordingError

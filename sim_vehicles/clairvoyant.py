@@ -10,8 +10,8 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from gcs.command.untracked import Untracked
 from gcs.config import Config
+from gcs.core.perception.untracked_detections import Untracked
 from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Track, Truth, VehicleState, read_only
 
 _COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
@@ -64,7 +64,7 @@ class TrueKind:
 
 
 class TrueTrackers:
-    """Stand in the place of `gcs.command.trackers.Trackers`; `truth` is set before each scan."""
+    """Stand in the place of `gcs.core.perception.fusion.Trackers`; `truth` is set before each scan."""
 
     def __init__(self, config: Config) -> None:
         self.truth: Truth | None = None

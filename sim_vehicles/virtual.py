@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gcs.command.fold import Command
+from gcs.core.engine import Command
 from gcs.errors import ConfigError
 from gcs.model import (
     NS_PER_S,

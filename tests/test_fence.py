@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gcs.command.area import mission_grid
 from gcs.config import parse, read_text
+from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.errors import ConfigError
 from gcs.fence import fence_of, rally_of
 

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from gcs.command.area import mission_grid
 from gcs.config import load, parse, read_text
+from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 from gcs.geojson import read_zones

@@ -7,9 +7,9 @@ import math
 from rich.console import Console
 from rich.table import Table
 
-from gcs.command.area import mission_grid
 from gcs.config import Config, load
 from gcs.config.tables import AgentTable, BirthTable
+from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.fence import fence_of, rally_of
 from gcs.model import vehicle_name
 

@@ -18,9 +18,9 @@ import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gcs.command.area import mission_grid
 from gcs.commands.report import ReportOptions, material_of
 from gcs.config import load, read_text
+from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.errors import RecordingError, SimulationError
 from gcs.report.claims import FIGURE_3, FIGURES_4_5, FIGURES_6_7, FIGURES_8_9, Claim, Runs, claims, markdown
 from gcs.report.judge import Summary

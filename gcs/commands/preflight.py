@@ -14,10 +14,10 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from gcs.command.checks import Check, Level
-from gcs.command.mission_checks import mission_checks, rehearse, sensor_checks
-from gcs.command.vehicle_checks import envelope_of, vehicle_checks
 from gcs.config import Config, load
+from gcs.core.preflight.mission import mission_checks, rehearse, sensor_checks
+from gcs.core.preflight.result import Check, Level
+from gcs.core.preflight.vehicle import envelope_of, vehicle_checks
 from gcs.edge.clock import ClockWatch, RunClock
 from gcs.edge.entrance import entrance_of
 from gcs.edge.mavsdk_uploader import REMEDY, mavsdk_problem

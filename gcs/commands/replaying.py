@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gcs.app import LAG_TEXT, Sink
-from gcs.command.fold import Command
 from gcs.config import Config
+from gcs.core.engine import Command
 from gcs.edge.reader import Damage, Record
 from gcs.edge.wire import encode, topic_of
 from gcs.model import NS_PER_S, Effect, Event, Notice, Truth

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from gcs.command.area import mission_grid
-from gcs.command.fold import Command
 from gcs.commands.info import reading_progress
 from gcs.commands.sinks import warm_up
 from gcs.commands.telemetry import Beside, load_beside, refuse_detections, telemetry_records
 from gcs.config import Config, load, parse
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.engine import Command
 from gcs.edge.boot_clock import TimedBy, TimeLine
 from gcs.edge.kernels import LINKS, PLANNING, TRACKING
 from gcs.edge.reader import Damage, about, is_recording, read, recording_bytes

@@ -13,10 +13,10 @@ from rich.console import Console
 from rich.live import Live
 
 from gcs.app import Sink
-from gcs.command.area import mission_grid
-from gcs.command.fold import Command
 from gcs.config import Config
 from gcs.config.tables import RecordingTable
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.engine import Command
 from gcs.edge.consoles import Printable, console_for
 from gcs.edge.kernels import load_kernels
 from gcs.edge.leftovers import remove_empty

@@ -19,9 +19,9 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gcs.command.fold import Command
-from gcs.command.takeovers import not_ours_text
 from gcs.config import Config
+from gcs.core.authority.override_notices import not_ours_text
+from gcs.core.engine import Command
 from gcs.edge.lines import effect_line, target_text
 from gcs.edge.links import Links
 from gcs.edge.linkview import link_rows, link_table

@@ -6,7 +6,7 @@ Each report was measured at a time since boot; between two of them a vehicle fli
 * ``jump``: a place out of reach from the last one that was believed. Refused, unless more reports go on
   from there for `CONFIRM_S` and none from the old place: then a receiver has found its place anew, or was
   led astray;
-  it is believed and an alarm. `gcs.command.witness` tells which, where sensors look.
+  it is believed and an alarm. `gcs.core.perception.position_integrity` tells which, where sensors look.
 * ``frozen``: one and the same place while the ground speed adds up to `FROZEN_M` of way. Refused, and an
   alarm, until the place moves: a receiver that stands still, or reports that are played again.
 * Reports that come in turns from two *voices*, which differ by their time since boot or by places out of

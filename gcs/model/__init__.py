@@ -4,7 +4,7 @@ Frame: local east/north metres (see `gcs.geo`). Time: integer nanoseconds of the
 epoch, and always an argument. Arrays are float64 and read-only; tuples of tracks are ordered by label.
 State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 
-Events go into `gcs.command`, effects come out; both are plain data, so a recording is a list of them.
+Events go into `gcs.core`, effects come out; both are plain data, so a recording is a list of them.
 """
 
 from gcs.model.basics import NS_PER_S, FloatArray, Kind, Label, Level, read_only

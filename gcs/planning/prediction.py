@@ -48,7 +48,7 @@ class Ahead:
     radii_m: tuple[float, ...] = ()
     """How near to each it turns to the next."""
     wait_s: float = 0.0
-    """How long no new mission should be sent to it (`gcs.command.tasking`)."""
+    """How long no new mission should be sent to it (`gcs.core.tasking.upload_manager`)."""
     next_s: float = 0.0
     """Until it has the first of the points behind it."""
     circle: Circle | None = None

@@ -2,7 +2,7 @@
 
 The plain rule is the paper's: an agent is alive as long as the existence probability of its track is at
 least a threshold, scan by scan and without memory. A clutter point near a dead agent revives it, one missed
-detection may kill a living one. Central command's rule has hysteresis (`gcs.command.fates`).
+detection may kill a living one. Central command's rule has hysteresis (`gcs.core.perception.agent_status`).
 
 Which track is an agent's is taken from the truth: the nearest within `NEAR_M` while the agent lives, and the
 same label from its death on. Both rules are judged until an agent has arrived: what happens to it later is

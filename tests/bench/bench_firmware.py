@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.command.area import mission_grid
 from gcs.config import parse, read_text
+from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.edge.reader import read
 from gcs.mavlink.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, FloatArray, Plan, Truth, UploadReport

@@ -12,9 +12,9 @@ import argparse
 import msgspec
 import numpy as np
 
-from gcs.command.aims import plan_options
-from gcs.command.area import mission_grid
 from gcs.config import load
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.replanning.options import plan_options
 from gcs.model import FloatArray
 from gcs.planning.grid import Grid
 from gcs.planning.routes import plan_routes, warm_up

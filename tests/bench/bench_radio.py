@@ -17,8 +17,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
 from plane_double import LOITER, Plane, S
 
-from gcs.command.tasking import Tasking
 from gcs.config.tables import AirframeTable, MissionTable
+from gcs.core.tasking.upload_manager import Tasking
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet import Fleet
 from gcs.model import Datagram, Route, Send, UploadReport, read_only

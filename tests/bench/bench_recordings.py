@@ -21,10 +21,10 @@ from typing import Any, get_args
 
 from rich.console import Console
 
-from gcs.command.fold import Command
 from gcs.commands.replaying import Replay, Verifier, Window
 from gcs.commands.sinks import warm_up
 from gcs.config import Config, parse
+from gcs.core.engine import Command
 from gcs.edge.reader import about, read
 from gcs.edge.recorder import Recorder, Run, versions
 from gcs.model import NS_PER_S, Effect, Event

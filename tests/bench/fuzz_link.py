@@ -14,8 +14,8 @@ import time
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.command.tasking import Tasking
 from gcs.config.tables import AirframeTable, MissionTable
+from gcs.core.tasking.upload_manager import Tasking
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet import Fleet
 from gcs.model import Datagram, Route, Send, read_only

@@ -23,8 +23,8 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
-from gcs.command.fold import Command
 from gcs.config import read_text
+from gcs.core.engine import Command
 from gcs.edge.journal import Journal, fingerprint
 from gcs.edge.recorder import Recorder, Room, Run, versions
 from gcs.model import NS_PER_S, Fate, KeepOut, Order, Plan, UploadReport

@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 from gcs.app import Service
 from gcs.cli import app
-from gcs.command.fold import Command
 from gcs.config import load
+from gcs.core.engine import Command
 from gcs.edge.clock import RunClock
 from gcs.edge.links import Links
 from gcs.edge.whereabouts import Whereabouts, announced, services, the_service

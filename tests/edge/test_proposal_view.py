@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from gcs.command.fold import Command
-from gcs.command.reasons import in_words, lost, moved, passed
 from gcs.config import load
+from gcs.core.engine import Command
+from gcs.core.replanning.triggers import in_words, lost, moved, passed
 from gcs.edge.terminal import LiveView, PlainLines, effect_line
 from gcs.mavlink.adsb import callsign
 from gcs.model import NS_PER_S, Fate, Notice, Plan, Proposal, Route, RouteFigures, Tick, read_only

@@ -12,10 +12,10 @@ from rich.console import Console
 from wall_clock import WallClock
 
 from gcs.app import Service
-from gcs.command.mission_checks import sensor_checks
 from gcs.commands.demo import DemoOptions, run_demo
 from gcs.commands.preflight import Ears
 from gcs.config import load
+from gcs.core.preflight.mission import sensor_checks
 from gcs.edge.clock import ClockWatch, RunClock
 from gcs.edge.links import Links
 from gcs.edge.reader import read

@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gcs.command.fold import Command
 from gcs.config import load, parse
+from gcs.core.engine import Command
 from gcs.edge.complaints import complain
 from gcs.edge.consoles import Printable, console_for
 from gcs.edge.order_wire import decode_order

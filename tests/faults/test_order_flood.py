@@ -11,8 +11,8 @@ from itertools import pairwise
 import pytest
 
 from gcs.app import Service
-from gcs.command.trespass import Trespass
 from gcs.config import load
+from gcs.core.airspace.incursion_warning import Trespass
 from gcs.edge.clock import RunClock
 from gcs.edge.links import Links
 from gcs.edge.order_inbox import BURST, MAX_WAITING, ORDERS_PER_S, OrderInbox

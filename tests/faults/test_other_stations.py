@@ -7,7 +7,7 @@ import asyncio
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.command.guests import Guests
+from gcs.core.authority.external_uploads import Guests
 from gcs.edge import tcp
 from gcs.edge.tcp import TcpIn
 from gcs.endpoints import Link, parse_endpoint

@@ -1,1 +1,0 @@
-"""The fold: the one place where tracking, planning and the vehicle links meet."""

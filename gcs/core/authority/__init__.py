@@ -1,0 +1,1 @@
+"""Who controls a vehicle, and what others wrote to it."""

@@ -1,0 +1,516 @@
+"""The fold: one event in, effects out. The one place where tracking, planning and the vehicle links meet.
+
+``Command.step`` is synchronous and reads no clock, no socket and no random source: the same events give the
+same effects, byte for byte. A recording is the list of events, and replaying it is calling `step` on them.
+
+- A datagram goes to the fleet (what vehicles say of themselves) and to the mission transfer of its vehicle;
+  one that another ground station sent to a vehicle, to those who watch what others do with our vehicles.
+- An order is carried out and answered; a held vehicle is not tasked.
+- A scan goes to both trackers; ties and fates follow; when a plan is due, so does the plan.
+- A tick drives every timer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable
+
+from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_PARAM_VALUE
+
+from gcs.config import Config
+from gcs.core.airspace.incursion_warning import Trespass
+from gcs.core.airspace.mission_bounds import LastCheck
+from gcs.core.airspace.no_fly_zones import KeepOuts
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.authority.external_uploads import Guests
+from gcs.core.authority.grounded_vehicles import Grounded
+from gcs.core.authority.onboard_audit import Rereading
+from gcs.core.authority.override_notices import Takeovers, Unattended, not_ours_text
+from gcs.core.operator.commands import Orders
+from gcs.core.operator.plan_approval import Approval
+from gcs.core.operator.replies import Ongoing, named
+from gcs.core.perception.agent_status import Fates
+from gcs.core.perception.fusion import Trackers
+from gcs.core.perception.input_errors import InputErrors
+from gcs.core.perception.oosm_buffer import Reordering
+from gcs.core.perception.position_integrity import Witness
+from gcs.core.perception.report_history import ReportHistory
+from gcs.core.perception.scan_timing import ScanTiming
+from gcs.core.perception.sensor_watchdog import SensorWatchdog
+from gcs.core.perception.track_to_vehicle import Ties
+from gcs.core.perception.vehicle_kinematics import Motions
+from gcs.core.perception.vehicle_watchdog import VehicleWatchdog
+from gcs.core.replanning.inputs import Bystander, Situation
+from gcs.core.replanning.replanner import Replanner
+from gcs.core.replanning.return_heights import Returns
+from gcs.core.replanning.return_routes import Homing
+from gcs.core.replanning.takeoffs import Takeoffs
+from gcs.core.restart import Recovery
+from gcs.core.tasking.dispatch import Dispatch
+from gcs.core.tasking.mission_ends import MissionEnds
+from gcs.core.tasking.takeoff_sequence import Departures
+from gcs.core.tasking.upload_latency import Delays
+from gcs.core.tasking.upload_manager import Tasking
+from gcs.mavlink.fleet import Fleet, FleetSettings
+from gcs.mavlink.modes import RTL
+from gcs.mavlink.profiles.profile import is_on_ground
+from gcs.model import (
+    NS_PER_S,
+    BadInput,
+    ClockStep,
+    Datagram,
+    Effect,
+    Event,
+    Fate,
+    Label,
+    LinkNews,
+    Memory,
+    MissionEnded,
+    Notice,
+    Order,
+    Resumed,
+    Scan,
+    Tick,
+    Track,
+    UploadAnswer,
+)
+from gcs.planning.climb import Climb
+
+_TASKABLE_MODES = ("", "AUTO", "LOITER")
+"""Before the first heartbeat, on a mission, and waiting for one."""
+
+
+class Command:
+    """Central command's whole state.
+
+    Parameters
+    ----------
+    config : Config
+        The mission.
+    seed : int
+        Makes the random obstacles of the map.
+    """
+
+    def __init__(self, config: Config, seed: int) -> None:
+        vehicles = [agent.vehicle for agent in config.agents]
+        tracking, telemetry = config.tracking, config.telemetry
+        self.grid = mission_grid(config, seed)
+        self.keep_outs = KeepOuts(self.grid)
+        links = config.mavlink_links
+        self.fleet = Fleet(
+            vehicles,
+            config.local_frame,
+            FleetSettings(
+                position_rate_hz=telemetry.rate_hz,
+                max_speed_m_s=config.airframe.max_ground_speed_m_s,
+                checks_signatures=bool(config.links.keys),
+            ),
+            links=[link for link in links if link.role == "vehicles"],
+            also=[MAVLINK_MSG_ID_PARAM_VALUE],
+        )
+        self.guests = Guests(links, vehicles, self.fleet.is_atomic)
+        self.trackers = Trackers(config)
+        self.reordering = Reordering(tracking.reorder_window_s)
+        self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
+        self.witness = Witness(telemetry)
+        self.motions = Motions(telemetry.max_age_s)
+        self.delays = Delays()
+        self.fates = Fates(vehicles, config.planning.capture_radius_m)
+        self.replanner, self.homing = Replanner(config, self.grid), Homing(config, self.grid)
+        self.takeoffs = Takeoffs(config, self.grid, self.fleet)
+        self.tasking = Tasking(
+            config.mission,
+            config.airframe,
+            config.local_frame,
+            self.fleet,
+            config.links.max_parallel_uploads,
+            self.homing,
+            self.takeoffs,
+            LastCheck(config, self.grid),
+            lambda vehicle: self.departures.holds_back(vehicle, self.orders.launching()),
+        )
+        self.returns = Returns(config, self.fleet)
+        self.departures = Departures(config, self.fleet, self.tasking)
+        self.trespass = Trespass(self.tasking)
+        self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
+        self.approval = Approval(config, self.replanner)
+        self.dispatch = Dispatch(self.replanner, self.approval, self.tasking, self.delays, self.guests)
+        self.scan_timing, self.report_history = ScanTiming(), ReportHistory()
+        self.sensor_watchdog = SensorWatchdog()
+        self.vehicle_watchdog = VehicleWatchdog(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
+        self.input_errors = InputErrors()
+        self.orders = Orders(
+            self.fleet, self.tasking, self.replanner, self.departures, self.returns, self._outlook
+        )
+        self.grounded = Grounded(self.fleet, self.tasking, self.orders)
+        self.takeovers, self.unattended = Takeovers(), Unattended()
+        self.rereading = Rereading(self.fleet, self.tasking, self.replanner, self.orders)
+        self.recovery = Recovery(
+            self.fleet,
+            self.tasking,
+            self.replanner,
+            self.orders,
+            self.fates,
+            self.trackers,
+            self.guests,
+            self.rereading,
+        )
+        self._expected_targets = len(config.births)
+        self._report_age_ns = int(telemetry.max_age_s * NS_PER_S)
+        self._needs_word = config.planning.retask == "confirm"
+        self._ended, self._frame = False, config.local_frame
+        self._measured_t_ns = 0
+
+    def step(self, event: Event) -> list[Effect]:
+        """Work one event; return what is to be done and shown because of it."""
+        match event:
+            case Datagram():
+                return self._datagram(event)
+            case Scan():
+                return self._scan(event)
+            case Tick():
+                return self._tick(event)
+            case BadInput():
+                return self._bad_input(event)
+            case LinkNews():
+                return [Notice(event.t_ns, event.level, f"{event.link}: {event.text}")]
+            case ClockStep():
+                self.scan_timing.step(event)
+                return [self._clock_notice(event)]
+            case Order():
+                return self._order(event)
+            case UploadAnswer():
+                return self.dispatch.settle(self.tasking.answered(event))
+            case Resumed():
+                return self._resume(event)
+
+    def _clock_notice(self, event: ClockStep) -> Notice:
+        step_s = event.step_ns / NS_PER_S
+        text = (
+            f"the wall clock of this machine was set by {step_s:+.1f} s, or the machine was suspended; "
+            "timers are not affected. Check that the sensors' clocks agree with it"
+        )
+        return Notice(event.t_ns, "warning", text)
+
+    def memory(self, t_ns: int) -> Memory:
+        """What another service must know to take up from here (`Resumed`)."""
+        return Memory(
+            t_ns=t_ns,
+            missions=self.tasking.missions,
+            plans=self.approval.count,
+            ended=self._ended,
+            vehicles=self.recovery.vehicles(),
+            targets=self.recovery.targets(t_ns, self.trackers.targets.beliefs.tracks),
+            keep_outs=tuple(self.keep_outs.areas.values()),
+        )
+
+    def _resume(self, event: Resumed) -> list[Effect]:
+        memory = event.memory
+        self.approval.count, self._ended = memory.plans, memory.ended
+        for area in memory.keep_outs:
+            if not self.keep_outs.refusal(area):
+                self.keep_outs.take(area)
+        self.grid = self.homing.grid = self.takeoffs.grid = self.keep_outs.grid
+        self.replanner.begin_with(self.grid)
+        return self.recovery.begin(event)
+
+    def _datagram(self, event: Datagram) -> list[Effect]:
+        if self.guests.hosts(event.link):
+            return self._guest(event)
+        effects: list[Effect] = []
+        for vehicle, message in self.fleet.receive(event):
+            self.returns.receive(vehicle, message)
+            effects += self.dispatch.settle(self.tasking.receive(vehicle, message, event.t_ns))
+            effects += self.orders.receive(vehicle, message, event.t_ns)
+            effects += self.grounded.receive(vehicle, message, event.t_ns)
+            effects += self.rereading.receive(vehicle, message, event.t_ns)
+            effects += self.guests.answered(vehicle, message, event.t_ns)
+        return effects
+
+    def _guest(self, event: Datagram) -> list[Effect]:
+        """Note what another ground station sent; who got a mission from it is no longer ours to task."""
+        effects, taken = self.guests.receive(event)
+        for vehicle in taken:
+            self.replanner.drop(vehicle)
+            self.tasking.overwritten(vehicle)
+        return effects
+
+    def _order(self, event: Order) -> list[Effect]:
+        effects: list[Effect]
+        match event.action:
+            case "confirm" | "reject":
+                situation = self._situation(event.t_ns, self._measured_t_ns)
+                effects, routes = self.approval.take(event, situation)
+                effects += self.dispatch.send(routes, event.t_ns)
+            case "plan":
+                effects = [*self._tell_not_ours(event), *self.approval.tell(event)]
+            case "keep-out":
+                effects = self._close(event)
+            case _:
+                targets = self.trackers.targets.beliefs.tracks
+                effects = self.dispatch.settle(self.orders.take(event, targets, self.away(), self._take_back))
+        return effects + self.approval.refresh(event.t_ns, self._not_tasked())
+
+    def not_ours(self) -> dict[int, str]:
+        """Return the modes that somebody else chose, by vehicle; not those that orders here asked for."""
+        taken = self.tasking.taken_modes()
+        return {v: mode for v, mode in taken.items() if not self.orders.has_ordered(v, mode)}
+
+    def _tell_not_ours(self, event: Order) -> list[Effect]:
+        """Answer an order about plans with the vehicles that no plan is made for, before its own answer."""
+        taken = self.not_ours()
+        text = not_ours_text(taken)
+        return [Ongoing(event, taken).answer(event.t_ns, "accepted", text)] if text else []
+
+    def _outlook(self, vehicle: int) -> str:
+        """What a vehicle that is ours again and waits in LOITER can expect, in words."""
+        match self.fates.by_vehicle[vehicle].fate:
+            case "arrived":
+                return "has reached its target and gets no other"
+            case "dead":
+                return "is taken for lost, and gets a mission when it is seen again"
+        return "gets no mission, since the mission has ended" if self._ended else "waits for its next mission"
+
+    def _take_back(self, vehicle: int) -> None:
+        """Take a vehicle back, whoever gave it a mission, on an operator's order."""
+        self.guests.release([vehicle])
+        self.rereading.release([vehicle])
+
+    def _close(self, event: Order) -> list[Effect]:
+        """Close or open an area, and plan again at once."""
+        area, ongoing = event.keep_out, Ongoing(event)
+        assert area is not None
+        refusal = self.keep_outs.refusal(area)
+        if refusal:
+            return [ongoing.answer(event.t_ns, "refused", refusal)]
+        closed = self.keep_outs.take(area)
+        self.grid = self.homing.grid = self.takeoffs.grid = self.keep_outs.grid
+        verb = "closed" if area.name in self.keep_outs.areas else "opened"
+        news = f"keep-out {area.name} {verb}"
+        places = {state.system_id: (state.east_m, state.north_m) for state in self.fleet.states()}
+        bound = self.replanner.routes
+        homeless = self.homing.crossed(closed, {v: p for v, p in places.items() if v not in bound})
+        through = self.replanner.change_map(event.t_ns, self.grid, closed, places, news, homeless)
+        arrived = self.fates.arrived() & homeless
+        returning = [s.system_id for s in self.fleet.states() if s.armed and s.system_id in arrived]
+        effects: list[Effect] = [*self._watch_takeoffs(event.t_ns)]
+        if self.sensor_watchdog.scan_t_ns is not None:
+            effects += self._plan(event.t_ns, self._measured_t_ns, through)
+        still = set(through) - set(self.replanner.routes) | set(self.replanner.blocked)
+        led = set(through) - still
+        text = f"{area.name} {verb}" + (f"; {named(led)} led around it" if led else "")
+        states = [state for state in self.fleet.states() if state.system_id in still]
+        entries = self.trespass.entries(states, self.keep_outs.closed)
+        remedy = "confirm a plan, or hold or return it" if self._needs_word else "hold or return it"
+        said = {entry.vehicle: f"{entry.text}: {remedy}" for entry in entries}
+        said |= dict.fromkeys(still - said.keys(), f"has no way around {area.name}: {remedy}")
+        said |= dict.fromkeys(returning, f"flies home through {area.name}: hold or return it")
+        effects.append(
+            ongoing.answer(
+                event.t_ns, "done", "; ".join([text, *(f"{named([v])} {word}" for v, word in said.items())])
+            )
+        )
+        return [*effects, *(Notice(event.t_ns, "alarm", word, v) for v, word in said.items())]
+
+    def _tick(self, event: Tick) -> list[Effect]:
+        effects: list[Effect] = [*self.fleet.poll(event.t_ns), *self.fleet.notices()]
+        effects += self.sensor_watchdog.poll(event.t_ns) + self.vehicle_watchdog.poll(event.t_ns)
+        effects += self.input_errors.poll(event.t_ns)
+        if self.report_history.is_due(event.t_ns):
+            self.report_history.take(event.t_ns, self.fleet.states())
+        effects += self._due_scans(event.t_ns)
+        effects += self.dispatch.withdraw(event.t_ns)
+        effects += self.dispatch.settle(self.tasking.poll(event.t_ns))
+        effects += self.guests.poll(event.t_ns)
+        effects += self.orders.poll(event.t_ns) + self.rereading.poll(event.t_ns)
+        effects += self.departures.watch(event.t_ns, self.orders.launching())
+        taken = self.tasking.taken_modes()
+        not_told = taken.keys() - self.not_ours().keys() | self.tasking.just_returned(event.t_ns)
+        effects += self.takeovers.poll(event.t_ns, taken, not_told)
+        if not self.recovery.is_under_way:
+            effects += self.grounded.poll(event.t_ns, self.away)
+        return effects
+
+    def _scan(self, event: Scan) -> list[Effect]:
+        scan, refusal, effects = self.scan_timing.corrected(event)
+        refusal = refusal or self.trackers.refusal(scan)
+        if refusal:
+            return [*effects, *self._refuse(scan, refusal)]
+        self.reordering.hold(scan)
+        return [*effects, *self._due_scans(event.t_ns)]
+
+    def _refuse(self, scan: Scan, refusal: str) -> list[Effect]:
+        name = scan.sensor.name
+        self.sensor_watchdog.refused(name, scan.t_ns, refusal)
+        return self.input_errors.take(BadInput(scan.t_ns, name, f"scan of {name} {refusal}"))
+
+    def _due_scans(self, t_ns: int) -> list[Effect]:
+        """Work the scans that have waited long enough for those measured before them."""
+        return [effect for scan in self.reordering.due(t_ns) for effect in self._work(scan)]
+
+    def _work(self, event: Scan) -> list[Effect]:
+        refusal = self.trackers.refusal(event)  # again: one like it may have come while it was held
+        if refusal:
+            return self._refuse(event, refusal)
+        self._measured_t_ns = event.measured_t_ns
+        newest = self.fleet.states()
+        self.report_history.take(event.t_ns, newest)
+        states = self.report_history.at(event.measured_t_ns, newest)
+        effects: list[Effect] = [*self.sensor_watchdog.processed(event.sensor.name, event.t_ns)]
+        effects += self.trackers.scan(event, states)
+        agents, targets = self.trackers.agents.beliefs, self.trackers.targets.beliefs
+        self.ties.update(agents, event.measured_t_ns, states)
+        self.motions.take(newest)
+        effects += self.witness.take(event, states, self.ties.labels, agents.tracks, targets.tracks.values())
+        reporting = {s.system_id for s in newest if abs(event.t_ns - s.t_ns) <= self._report_age_ns}
+        ties, assigned = self.ties.labels, self.replanner.assigned
+        effects += self.sensor_watchdog.associated(event.t_ns, reporting, ties)
+        moment = event.t_ns, event.measured_t_ns
+        for fate in self.fates.update(*moment, agents, targets, ties, assigned, reporting):
+            effects.append(fate)
+            effects += self._follow(fate)
+        effects += self._watch_takeoffs(event.t_ns)
+        effects += self.mission_ends.look(event.t_ns, self.fates.flying())
+        effects += self.approval.refresh(event.t_ns, self._not_tasked())
+        effects += self._plan(event.t_ns, event.measured_t_ns)
+        if self.keep_outs.closed:
+            effects += self.trespass.look(event.t_ns, newest, self.keep_outs.closed)
+        effects += self.unattended.look(event.t_ns, self._open_targets(), ended=self._ended)
+        effects += self._end(event.t_ns)
+        for is_contradiction, text in self.trackers.findings:
+            effects.append(Notice(event.t_ns, "warning" if is_contradiction else "info", text))
+        effects += self.trackers.untracked.notices(event.t_ns)
+        return effects
+
+    def _follow(self, fate: Fate) -> list[Effect]:
+        if fate.fate != "flying":
+            self.replanner.drop(fate.vehicle)
+        if fate.fate == "dead":
+            self.ties.forget(fate.vehicle)
+            self.tasking.cancel(fate.vehicle, fate.t_ns)
+            self.approval.hurry()
+            return [*self.approval.end(fate.vehicle, fate.t_ns, "the agent is lost")]
+        return []
+
+    def _plan(self, t_ns: int, picture_t_ns: int, hurried: Container[int] = ()) -> list[Effect]:
+        targets = self.trackers.targets.beliefs.tracks
+        if self._ended or self.recovery.is_waiting(t_ns, self.ties.labels, targets):
+            return []
+        if not self.replanner.is_due(t_ns):
+            return []
+        situation = self._situation(t_ns, picture_t_ns)
+        if self._needs_word:
+            proposed = self.approval.look(situation)
+            return [*self._notes(t_ns), *proposed]
+        plan, notes = self.replanner.check(situation), self._notes(t_ns)
+        if plan is None:
+            return notes
+        routes = [route for route in plan.routes if route.vehicle in plan.changed]
+        return [plan, *notes, *self.dispatch.send(routes, plan.t_ns, hurried)]
+
+    def _notes(self, t_ns: int) -> list[Effect]:
+        """What the last look has to say besides a plan."""
+        return [Notice(t_ns, "warning", note) for note in self.replanner.notes]
+
+    def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
+        agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
+        away = self._not_tasked()
+        tracks = {v: agents[label] for v, label in labels.items() if label in agents}
+        tracks |= {v: track for v, track in self.ties.beside.items() if v in self.replanner.planned}
+        flying = {v: tracks[v] for v in self.fates.flying() if v not in away and v in tracks}
+        return Situation(
+            t_ns=t_ns,
+            picture_t_ns=picture_t_ns,
+            agents=flying,
+            motions=self.motions.now(flying, t_ns, picture_t_ns, lambda v: self.tasking.ahead(v, t_ns)),
+            late_s={vehicle: self.delays.late_s(vehicle) for vehicle in flying},
+            left_s=self._left_s(flying, t_ns),
+            climbs=self._climbs(flying),
+            aside=self._bystanders(flying),
+            passed=frozenset(filter(self.mission_ends.has_missed, flying)),
+            targets=self._open_targets(),
+            at_targets=self.fates.at_targets(),
+            arrived=self.fates.arrived(),
+            lost=self.fates.lost(),
+            away=away,
+        )
+
+    def _bystanders(self, planned: Container[int]) -> tuple[Bystander, ...]:
+        """Vehicles in the air that are not planned for now."""
+        away, found = self.away(), []
+        for state in self.fleet.states():
+            vehicle, home = state.system_id, self.fleet.home(state.system_id)
+            is_there = vehicle in away and self.fates.by_vehicle[vehicle].fate != "dead"
+            if vehicle in planned or not is_there or is_on_ground(state, home):
+                continue
+            place_m = (state.east_m, state.north_m)
+            to_m = place_m
+            if state.mode == RTL and home is not None:
+                to_m = self._frame.to_local(home.lat_deg, home.lon_deg)
+            found.append(Bystander(vehicle, place_m, to_m, self.tasking.height_m(state)))
+        return tuple(found)
+
+    def _left_s(self, vehicles: Iterable[int], t_ns: int) -> dict[int, float]:
+        """Until vehicles fly the missions that are under way to them."""
+        under_way = {vehicle: self.tasking.under_way_s(vehicle, t_ns) for vehicle in vehicles}
+        return {v: self.delays.left_s(v, for_s) for v, for_s in under_way.items() if for_s is not None}
+
+    def _climbs(self, vehicles: Iterable[int]) -> dict[int, Climb]:
+        """Return the climbs that vehicles have before their routes."""
+        climbs = {vehicle: self.tasking.climb(vehicle, self.replanner.layer(vehicle)) for vehicle in vehicles}
+        return {vehicle: climb for vehicle, climb in climbs.items() if climb is not None}
+
+    def _open_targets(self) -> dict[Label, Track]:
+        """Believed targets that need somebody."""
+        at_targets, needed = self.fates.at_targets(), self.replanner.aims.needed
+        return {
+            label: track
+            for label, track in self.trackers.targets.beliefs.tracks.items()
+            if at_targets.get(label, 0) < needed(label) and not self.recovery.is_reached(label)
+        }
+
+    def away(self) -> dict[int, str]:
+        """Vehicles that are not ours to task: by an order, or by a mode that somebody else chose."""
+        modes = {
+            state.system_id: f"is in {state.mode} and left alone"
+            for state in self.fleet.states()
+            if state.mode not in _TASKABLE_MODES and not self._missed_in_rtl(state.system_id)
+        }
+        others = self.guests.away() | self.rereading.away()
+        return modes | self.tasking.taken() | others | self.orders.away()
+
+    def _missed_in_rtl(self, vehicle: int) -> bool:
+        """Return True if a vehicle has flown its mission to the end, and into RTL, without its target."""
+        return self.tasking.has_ended(vehicle) and self.mission_ends.has_missed(vehicle)
+
+    def _not_tasked(self) -> dict[int, str]:
+        """Vehicles that get no mission now: those that are away, and those that cannot take off."""
+        grounded = dict.fromkeys(self.takeoffs.blocked, "stands where its take-off is not clear")
+        return grounded | self.away()
+
+    def _watch_takeoffs(self, t_ns: int) -> list[Notice]:
+        """Judge the climbs of vehicles on the ground that might get a mission, or have one."""
+        away = self.away()
+        notices = self.takeoffs.watch(self._climbs(v for v in self.fates.flying() if v not in away), t_ns)
+        for vehicle in self.takeoffs.blocked:
+            self.replanner.drop(vehicle)
+        return notices
+
+    def _end(self, t_ns: int) -> list[Effect]:
+        spare = self.fates.flying()
+        if self._ended or (spare and not self._is_all_done()):
+            return []
+        self._ended = True
+        fates = self.fates.by_vehicle.values()
+        arrived = tuple(f.vehicle for f in fates if f.fate == "arrived")
+        dead = tuple(f.vehicle for f in fates if f.fate == "dead")
+        return [MissionEnded(t_ns, arrived, dead, tuple(spare))]
+
+    def _is_all_done(self) -> bool:
+        """Whether those who still fly have nothing left to do: every target that is expected was reached."""
+        reached = len(self.fates.at_targets())
+        return reached >= max(1, self._expected_targets) and not self._open_targets()
+
+    def _bad_input(self, event: BadInput) -> list[Effect]:
+        if event.sensor:
+            self.sensor_watchdog.refused(event.sensor, event.t_ns, event.problem)
+        return self.input_errors.take(event)

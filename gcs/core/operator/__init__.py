@@ -1,0 +1,1 @@
+"""An operator's commands, approvals of plans, and the replies to both."""

@@ -1,0 +1,288 @@
+"""Plans that wait for an operator's word: `planning.retask = "confirm"`.
+
+A plan is shown under a number that counts up. Nothing of it is uploaded before it is confirmed, whole or for
+some vehicles. Until then every vehicle flies the mission that it has.
+
+A number stays as long as its assignment does (who flies to which target). Its routes are planned anew from
+where the vehicles are, every `RENEW_S`, and once more when it is confirmed: what is flown begins where the
+vehicles are then. A plan that became another one gets another number (`gcs.core.operator.plan_figures` says when), but
+not before a person could read the last one, unless it is urgent: a vehicle was lost or set aside, an area was
+closed, somebody would hit something. Confirmed meanwhile, it is refused with the reason and proposed again.
+
+What was rejected is not proposed again before something changes (`Replanner.proposed` remembers it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Sequence
+from dataclasses import replace
+
+from gcs.config import Config
+from gcs.core.operator.plan_figures import Figures
+from gcs.core.operator.replies import Ongoing, named
+from gcs.core.replanning.inputs import Situation
+from gcs.core.replanning.options import place_of
+from gcs.core.replanning.replanner import Replanner
+from gcs.model import (
+    NS_PER_S,
+    Effect,
+    Order,
+    OrderAnswer,
+    Plan,
+    Proposal,
+    Route,
+    RouteFigures,
+    UploadReport,
+    target_name,
+    vehicle_name,
+)
+
+MIN_READING_S = 20.0
+"""Between two numbers, unless the newer one is urgent: to read a plan and to type its number."""
+RENEW_S = 5.0
+"""Routes of a plan that waits are planned anew so often."""
+
+
+class Approval:
+    """The plan that waits, and the orders about it that are being carried out.
+
+    Parameters
+    ----------
+    config : Config
+        The mission.
+    replanner : Replanner
+        Who flies what, and what was put to the operator.
+    """
+
+    def __init__(self, config: Config, replanner: Replanner) -> None:
+        self.pending: Proposal | None = None
+        self.count = 0
+        """The last plan's number."""
+        self._replanner, self._figures = replanner, Figures(config)
+        self._plan: Plan | None = None
+        self._shown: dict[int, RouteFigures] = {}
+        """Figures of each vehicle when the number was first shown."""
+        self._numbered_t_ns: int | None = None
+        self._renewed_t_ns = 0
+        self._is_urgent = False
+        self._declined: dict[int, Route] = {}
+        self._confirmed: dict[int, Ongoing] = {}
+
+    # ------------------------------------------------------------ what is shown
+
+    def hurry(self) -> None:
+        """Let the next plan be shown at once: a vehicle was lost."""
+        self._is_urgent = True
+
+    def look(self, situation: Situation) -> list[Effect]:
+        """Propose what the situation asks for, and keep what waits up to date."""
+        t_ns = situation.t_ns
+        effects = self._withdraw(situation)
+        plan = self._replanner.check(situation, urgent_only=self._is_early(t_ns) and not self._is_urgent)
+        self._is_urgent = False
+        if plan is not None:
+            return effects + self._propose(plan, situation)
+        if self.pending is None or t_ns - self._renewed_t_ns < RENEW_S * NS_PER_S:
+            return effects
+        renewed = self._renew(self.pending.routes, situation)
+        return effects + self._show(tuple(renewed[r.vehicle] for r in self.pending.routes), situation)
+
+    def refresh(self, t_ns: int, away: Container[int] = ()) -> list[Effect]:
+        """Take out of the plan that waits whoever died, was held or taken over since."""
+        if self.pending is None:
+            return []
+        shown = self._replanner.proposed
+        left = tuple(r for r in self.pending.routes if shown.get(r.vehicle) is r and r.vehicle not in away)
+        return [] if len(left) == len(self.pending.routes) else self._left(t_ns, left)
+
+    def _withdraw(self, situation: Situation) -> list[Effect]:
+        """Take out of the plan that waits whoever is about to reach a target by the route that it flies."""
+        self._replanner.withdraw_arriving(situation)
+        return self.refresh(situation.t_ns)
+
+    def _is_early(self, t_ns: int) -> bool:
+        """Whether nobody can have read the last plan yet."""
+        return self._numbered_t_ns is not None and t_ns - self._numbered_t_ns < MIN_READING_S * NS_PER_S
+
+    def _propose(self, plan: Plan, situation: Situation, *, anew: bool = False) -> list[Effect]:
+        """Show a plan in place of the one before: under its number where who flies where is the same."""
+        shown, self._plan = self._replanner.proposed, plan
+        self._declined = {v: route for v, route in self._declined.items() if shown.get(v) is route}
+        waiting = tuple(route for v, route in sorted(shown.items()) if v not in self._declined)
+        if not waiting:
+            return self._none_waits(plan.t_ns, plan.reason)
+        before = self.pending.routes if self.pending is not None else ()
+        if anew or not _assignment(waiting) <= _assignment(before):
+            return self._number(waiting, plan.reason, situation)
+        return self._show(waiting, situation)
+
+    def _number(self, routes: tuple[Route, ...], reason: str, situation: Situation) -> list[Effect]:
+        """Show routes under a new number."""
+        self.count += 1
+        self._numbered_t_ns = self._renewed_t_ns = situation.t_ns
+        figures = self._figures_of(routes, situation, {})
+        self._shown = {one.vehicle: one for one in figures}
+        self.pending = Proposal(situation.t_ns, self.count, routes, reason, situation.t_ns, figures)
+        return [self.pending]
+
+    def _show(self, routes: tuple[Route, ...], situation: Situation) -> list[Effect]:
+        """Show routes under the number that waits, or under another where they became other routes."""
+        assert self.pending is not None
+        figures = self._figures_of(routes, situation, self._shown)
+        changes = self._changes(routes, figures)
+        if changes and not self._is_early(situation.t_ns):
+            return self._number(routes, "; ".join(changes), situation)
+        self._renewed_t_ns = situation.t_ns
+        self.pending = replace(self.pending, t_ns=situation.t_ns, routes=routes, figures=figures)
+        return [self.pending]
+
+    def _renew(self, routes: Iterable[Route], situation: Situation) -> dict[int, Route]:
+        """Plan routes to the same targets anew; a route stays as it is where there is no newer one."""
+        old = {route.vehicle: route for route in routes}
+        return old | self._replanner.renew({v: route.target for v, route in old.items()}, situation)
+
+    def _figures_of(
+        self, routes: Sequence[Route], situation: Situation, shown: dict[int, RouteFigures]
+    ) -> tuple[RouteFigures, ...]:
+        replanner = self._replanner
+        places = {vehicle: place_of(track) for vehicle, track in situation.agents.items()}
+        apart_m = replanner.separation_m(situation)
+        return self._figures.of(routes, shown, replanner.grid, places, apart_m, replanner.short)
+
+    def _changes(self, routes: Sequence[Route], figures: Sequence[RouteFigures]) -> list[str]:
+        """Say what makes the routes others than those that were shown."""
+        pairs = zip(routes, figures, strict=True)
+        found = [self._figures.change(r, now, self._shown[r.vehicle]) for r, now in pairs]
+        return [text for text in found if text]
+
+    # ------------------------------------------------------------ an operator's word
+
+    def tell(self, order: Order) -> list[Effect]:
+        """Answer which plan waits."""
+        if self.pending is None:
+            return [Ongoing(order).answer(order.t_ns, "refused", "no plan waits")]
+        self.pending = replace(self.pending, t_ns=order.t_ns)
+        return [Ongoing(order).showing(self.pending)]
+
+    def take(self, order: Order, situation: Situation) -> tuple[list[Effect], list[Route]]:
+        """Carry out a confirm or reject; returns what to tell, and the routes to send as missions."""
+        effects = self._withdraw(situation)
+        refusal = self._refusal(order)
+        if refusal:
+            return [*effects, Ongoing(order).answer(order.t_ns, "refused", refusal)], []
+        pending = self.pending
+        assert pending is not None
+        chosen = [r for r in pending.routes if order.vehicles is None or r.vehicle in order.vehicles]
+        if order.action == "confirm":
+            return self._confirm(order, chosen, situation)
+        self._declined |= {route.vehicle: route for route in chosen}
+        text = f"plan {pending.plan_id} rejected for {named(r.vehicle for r in chosen)}"
+        left = tuple(route for route in pending.routes if route not in chosen)
+        return [Ongoing(order).answer(order.t_ns, "done", text), *self._left(order.t_ns, left)], []
+
+    def _confirm(
+        self, order: Order, chosen: list[Route], situation: Situation
+    ) -> tuple[list[Effect], list[Route]]:
+        """Adopt routes to the targets confirmed, as they are from here and now; refuse what became other."""
+        pending = self.pending
+        assert pending is not None
+        vehicles = [route.vehicle for route in chosen]
+        renewed = self._renew(chosen, situation)
+        routes = tuple(renewed.get(r.vehicle, r) for r in pending.routes)
+        self.pending = pending = replace(pending, routes=routes)
+        flown = [renewed[vehicle] for vehicle in vehicles]
+        problems = self._problems(flown, situation)
+        if problems:
+            return self._refused(order, problems, situation), []
+        effects: list[Effect] = []
+        ongoing = Ongoing(order, vehicles)
+        for vehicle in vehicles:
+            effects += self.end(vehicle, order.t_ns, "replaced by a newer plan")
+            self._confirmed[vehicle] = ongoing
+        left = tuple(route for route in routes if route.vehicle not in vehicles)
+        plan = self._adopt(order, flown, situation, whole=not left)
+        effects.append(ongoing.answer(order.t_ns, "accepted", f"missions go to {named(ongoing.waiting)}"))
+        return [*effects, *self._left(order.t_ns, left), plan], flown
+
+    def _problems(self, routes: Sequence[Route], situation: Situation) -> list[str]:
+        """Say why routes to the targets that were confirmed are not what the operator saw."""
+        found = []
+        for route in routes:
+            if route.vehicle not in situation.agents:
+                why = situation.away.get(route.vehicle, "is not seen by any sensor now")
+                found.append(f"agent {vehicle_name(route.vehicle)} {why}")
+            elif route.target not in situation.targets:
+                found.append(f"target {target_name(route.target)} is not there any more")
+            elif route.vehicle in self._replanner.unrouted:
+                target = target_name(route.target)
+                found.append(f"no way leads agent {vehicle_name(route.vehicle)} to target {target} now")
+        return found or self._changes(routes, self._figures_of(routes, situation, self._shown))
+
+    def _refused(self, order: Order, problems: list[str], situation: Situation) -> list[Effect]:
+        """Refuse a plan that became another one, and propose that."""
+        text = "; ".join(problems)
+        plan = self._replanner.plan_anew(situation, text)
+        effects = self._propose(plan, situation, anew=True)
+        again = "no plan waits now" if self.pending is None else f"plan {self.pending.plan_id} waits instead"
+        detail = f"plan {order.plan_id} is not the plan that was shown any more: {text}; {again}"
+        return [Ongoing(order).answer(order.t_ns, "refused", detail), *effects]
+
+    def uploaded(self, report: UploadReport) -> list[OrderAnswer]:
+        """Answer for a vehicle whose mission was confirmed, now that its transfer has ended."""
+        ongoing = self._confirmed.pop(report.vehicle, None)
+        if ongoing is None:
+            return []
+        text = f"mission {report.detail}" if report.ok else f"mission transfer failed: {report.detail}"
+        return [ongoing.answer(report.t_ns, "done" if report.ok else "failed", text, report.vehicle)]
+
+    def end(self, vehicle: int, t_ns: int, why: str) -> list[OrderAnswer]:
+        """Answer that a confirmed mission will not be flown."""
+        ongoing = self._confirmed.pop(vehicle, None)
+        return [] if ongoing is None else [ongoing.answer(t_ns, "failed", why, vehicle)]
+
+    def _refusal(self, order: Order) -> str:
+        if self.pending is None:
+            return "no plan waits"
+        if order.plan_id != self.pending.plan_id:
+            return (
+                f"that plan is no longer the one shown: plan {self.pending.plan_id} is "
+                f"({self.pending.reason})"
+            )
+        missing = set(order.vehicles or ()) - {route.vehicle for route in self.pending.routes}
+        return f"nothing waits for {named(missing)} in plan {order.plan_id}" if missing else ""
+
+    def _adopt(self, order: Order, chosen: list[Route], situation: Situation, *, whole: bool) -> Plan:
+        """Make routes the ones that are flown, and say so as a plan."""
+        plan, replanner = self._plan, self._replanner
+        assert plan is not None
+        assert self.pending is not None
+        reason = self.pending.reason
+        for route in chosen:
+            replanner.adopt(route)
+        if whole and not self._declined:
+            replanner.keep_only({route.vehicle for route in plan.routes})
+        return replace(
+            plan,
+            t_ns=order.t_ns,
+            picture_t_ns=situation.picture_t_ns,
+            routes=tuple(route for _, route in sorted(replanner.routes.items())),
+            reason=f"plan {order.plan_id} confirmed: {reason}",
+            changed=tuple(route.vehicle for route in chosen),
+        )
+
+    def _left(self, t_ns: int, left: tuple[Route, ...]) -> list[Effect]:
+        assert self.pending is not None
+        if not left:
+            return self._none_waits(t_ns, self.pending.reason)
+        vehicles = {route.vehicle for route in left}
+        figures = tuple(one for one in self.pending.figures if one.vehicle in vehicles)
+        self.pending = replace(self.pending, t_ns=t_ns, routes=left, figures=figures)
+        return [self.pending]
+
+    def _none_waits(self, t_ns: int, reason: str) -> list[Effect]:
+        before, self.pending = self.pending, None
+        return [] if before is None else [Proposal(t_ns, before.plan_id, (), reason, before.shown_t_ns)]
+
+
+def _assignment(routes: Iterable[Route]) -> frozenset[tuple[int, object]]:
+    return frozenset((route.vehicle, route.target) for route in routes)

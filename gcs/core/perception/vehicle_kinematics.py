@@ -1,0 +1,95 @@
+"""How vehicles move at the moment: what a route has to begin with.
+
+A tracker's velocity lags in a turn, and it knows no turn rate; a vehicle that circles where it waits is 15
+degrees further round with every second. Its own reports say it better: place and course as of the last one,
+and the turn rate from courses a second apart. They are believed while they are fresh and the track is there
+too; else the track counts, as if it flew straight on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+
+from gcs.core.replanning.options import place_of
+from gcs.geo import wrap_pi
+from gcs.model import NS_PER_S, Track, VehicleState
+from gcs.planning.prediction import Ahead, Motion
+from gcs.planning.progress import CORRIDOR_M
+
+_LEAST_NS = NS_PER_S * 3 // 4
+_MOST_NS = 3 * NS_PER_S
+"""Between two courses: nearer ones are noise, in longer times a vehicle may have turned half round."""
+_SLOW_M_S = 3.0
+"""What flies more slowly over ground has no course to speak of."""
+_MOST_RAD_S = 1.0
+
+
+class Motions:
+    """Newest report of each vehicle, and its turn rate.
+
+    Parameters
+    ----------
+    max_age_s : float
+        An older report is not believed.
+    """
+
+    def __init__(self, max_age_s: float) -> None:
+        self._max_age_ns = int(max_age_s * NS_PER_S)
+        self._states: dict[int, VehicleState] = {}
+        self._courses: dict[int, tuple[int, float]] = {}
+        self._rates: dict[int, float] = {}
+
+    def take(self, states: Iterable[VehicleState]) -> None:
+        """Take what vehicles last said of themselves."""
+        for state in states:
+            vehicle = state.system_id
+            self._states[vehicle] = state
+            before_ns, course_rad = self._courses.get(vehicle, (-_MOST_NS, 0.0))
+            passed_ns = state.t_ns - before_ns
+            if passed_ns < _LEAST_NS:
+                continue
+            is_known = passed_ns <= _MOST_NS and state.ground_speed_m_s >= _SLOW_M_S
+            turned_rad = wrap_pi(state.course_rad - course_rad) if is_known else 0.0
+            rate = turned_rad * NS_PER_S / passed_ns
+            self._rates[vehicle] = rate if abs(rate) <= _MOST_RAD_S else 0.0
+            self._courses[vehicle] = (state.t_ns, state.course_rad)
+
+    def now(
+        self,
+        agents: Mapping[int, Track],
+        t_ns: int,
+        tracked_t_ns: int,
+        ahead: Callable[[int], Ahead] = lambda _vehicle: Ahead(),
+    ) -> dict[int, Motion]:
+        """Return how vehicles move, whose tracks are as of `tracked_t_ns`, and what is `ahead` of each."""
+        return {v: self._now(v, track, t_ns, tracked_t_ns, ahead) for v, track in agents.items()}
+
+    def _now(
+        self, vehicle: int, track: Track, t_ns: int, tracked_t_ns: int, ahead: Callable[[int], Ahead]
+    ) -> Motion:
+        state = self._states.get(vehicle)
+        if state is None or not self._is_believed(state, track, t_ns):
+            return motion_of(track, t_ns - tracked_t_ns)
+        return Motion(
+            state.east_m,
+            state.north_m,
+            state.ground_speed_m_s,
+            state.course_rad,
+            self._rates[vehicle],
+            (t_ns - state.t_ns) / NS_PER_S,
+            ahead(vehicle),
+        )
+
+    def _is_believed(self, state: VehicleState, track: Track, t_ns: int) -> bool:
+        is_fresh = t_ns - state.t_ns <= self._max_age_ns
+        off_m = math.dist(place_of(track), (state.east_m, state.north_m))
+        return is_fresh and off_m <= CORRIDOR_M and state.ground_speed_m_s >= _SLOW_M_S
+
+
+def motion_of(track: Track, age_ns: int = 0) -> Motion:
+    """How a track moves: straight on."""
+    v_east, v_north = float(track.mean[2]), float(track.mean[3])
+    return Motion(
+        *place_of(track), math.hypot(v_east, v_north), math.atan2(v_east, v_north), 0.0, age_ns / NS_PER_S
+    )

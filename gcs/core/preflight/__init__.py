@@ -1,0 +1,1 @@
+"""Checks of a mission and of each vehicle before a flight."""

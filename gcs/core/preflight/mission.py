@@ -1,0 +1,208 @@
+"""What stands against a flight of the mission itself: its map, its routes, its fence, its sensors. Pure."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gcs.config import Config
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.preflight.result import Check, Level
+from gcs.core.replanning.altitude_layers import lane_count, own_lanes
+from gcs.core.replanning.options import plan_options
+from gcs.core.replanning.takeoffs import Takeoffs
+from gcs.fence import fence_of
+from gcs.mavlink.fleet import Fleet
+from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
+from gcs.planning.climb import Climb
+from gcs.planning.routes import PlanResult, plan_routes
+from gcs.planning.separation import Flight, separate
+from gcs.planning.task import AgentStart
+
+_MAX_CLOCK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """Routes as they would be planned now, to the places where targets may appear."""
+
+    plan: PlanResult
+    ways_m: Mapping[int, tuple[FloatArray, ...]]
+    """(n, 2) east/north of each vehicle's route, from where it is."""
+    climbs: Mapping[int, Climb] = field(default_factory=dict)
+    """Climbs of vehicles that stand on the ground."""
+    refused: Mapping[int, str] = field(default_factory=dict)
+    """Vehicles whose take-offs are not clear, and why."""
+
+
+def rehearse(
+    config: Config, seed: int, places_m: Mapping[int, tuple[float, float]], fleet: Fleet | None = None
+) -> Rehearsal:
+    """Plan from where vehicles are, or from the ends of their climbs.
+
+    A vehicle that has not told begins where the mission file says.
+
+    Parameters
+    ----------
+    config : Config
+        The mission.
+    seed : int
+        Makes the random obstacles of its map.
+    places_m : mapping of int to (float, float)
+        East and north of vehicles.
+    fleet : Fleet or None
+        Knows which of them stand on the ground; None: none does.
+    """
+    starts = {
+        agent.vehicle: places_m.get(agent.vehicle, (agent.east_m, agent.north_m)) for agent in config.agents
+    }
+    grid = mission_grid(config, seed)
+    takeoffs = None if fleet is None else Takeoffs(config, grid, fleet)
+    found = {} if takeoffs is None else {v: takeoffs.climb(v, lane) for v, lane in own_lanes(config).items()}
+    climbs = {vehicle: climb for vehicle, climb in found.items() if climb is not None}
+    targets: dict[Label, tuple[float, float]] = {
+        (0, index): (birth.east_m, birth.north_m) for index, birth in enumerate(config.births)
+    }
+    if not targets:  # they may appear anywhere: to the middle, then
+        area = config.map
+        targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
+    agents = {v: AgentStart(*place, None, config.speed_m_s(v)) for v, place in starts.items()}
+    for vehicle, climb in climbs.items():
+        turns = climb.motion
+        agents[vehicle] = AgentStart(*turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns)
+    plan = plan_routes(grid, agents, targets, {}, plan_options(config))
+    ways, refused = {}, {}
+    for route in plan.routes:
+        vehicle, before = route.vehicle, [starts[route.vehicle]]
+        if vehicle in climbs:
+            before.append(climbs[vehicle].latest_end_m)
+        ways[vehicle] = (np.concatenate((before, route.flown_m)),)
+    points = {route.vehicle: route.points_m for route in plan.routes}
+    for vehicle, climb in climbs.items():
+        problem = "" if takeoffs is None else takeoffs.problem(vehicle, climb, points.get(vehicle))
+        if problem:
+            refused[vehicle] = problem
+    return Rehearsal(plan, ways, climbs, refused)
+
+
+def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
+    """Judge the mission file, with routes from where the vehicles are.
+
+    Raises
+    ------
+    ConfigError
+        When the fence makes no sense.
+    """
+    takeoffs = [_takeoff(vehicle, rehearsal) for vehicle in sorted(rehearsal.climbs)]
+    rows = [*takeoffs, *_standing(config, rehearsal), _routes(rehearsal.plan), _separation(config, rehearsal)]
+    return [*rows, _fence(config, rehearsal)]
+
+
+def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
+    """Say where a vehicle's climb leads, and whether it and the first turn are clear."""
+    climb, problem = rehearsal.climbs[vehicle], rehearsal.refused.get(vehicle, "")
+    (east_m, north_m), heading_deg = climb.end_m, math.degrees(climb.heading_rad) % 360.0
+    value = (
+        f"{climb.length_m:.0f} m along {heading_deg:.0f} degrees to {climb.altitude_rel_m:g} m, "
+        f"there at ({east_m:.0f}, {north_m:.0f}) m"
+    )
+    if not problem:
+        return Check(vehicle, "take-off", "ok", value)
+    what, _, remedy = problem.rpartition("; ")
+    return Check(vehicle, "take-off", "refused", f"{value}; {what}", "a clear climb and first turn", remedy)
+
+
+def _standing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
+    """Say which vehicles stand so near each other that they must not take off together."""
+    near_m = {
+        (one, other): math.dist(rehearsal.climbs[one].start_m, rehearsal.climbs[other].start_m)
+        for one, other in itertools.combinations(sorted(rehearsal.climbs), 2)
+    }
+    least_m = config.planning.separation_m
+    near_m = {pair: away_m for pair, away_m in near_m.items() if away_m < least_m}
+    if not near_m:
+        return
+    first, second, *_ = together = sorted({vehicle for pair in near_m for vehicle in pair})
+    names = ", ".join(map(vehicle_name, together))
+    value = f"agents {names} stand near each other: {min(near_m.values()):.0f} m"
+    remedy = (
+        f"arm them one after another: gcs order arm {vehicle_name(first)}, wait until it has climbed to its "
+        f"altitude, then gcs order arm {vehicle_name(second)}"
+    )
+    yield Check(None, "standing", "warning", value, f"{least_m:g} m apart", remedy)
+
+
+def _routes(plan: PlanResult) -> Check:
+    stuck = plan.unassigned_vehicles if plan.unassigned_targets else ()
+    longest_m = max((route.length_m for route in plan.routes), default=0.0)
+    value = f"{len(plan.routes)} routes, the longest {longest_m:.0f} m"
+    if stuck or not plan.routes:
+        names = ", ".join(map(vehicle_name, stuck)) or "any vehicle"
+        return Check(None, "routes", "refused", f"no way for {names}", "a way for all", "; ".join(plan.notes))
+    level: Level = "warning" if plan.notes else "ok"
+    return Check(None, "routes", level, value, "", "; ".join(plan.notes))
+
+
+def _separation(config: Config, rehearsal: Rehearsal) -> Check:
+    """Say which lanes the first plan would use, and who would come near whom at one altitude."""
+    mission, own = config.mission, own_lanes(config)
+    flights = [
+        Flight(vehicle, way, config.speed_m_s(vehicle), own[vehicle])
+        for vehicle, (way,) in sorted(rehearsal.ways_m.items())
+    ]
+    count = lane_count(config)
+    lanes, conflicts = separate(flights, count, config.planning.separation_m)
+    heights_m = [mission.altitude_rel_m + lane * mission.lane_step_m for lane in sorted(set(lanes.values()))]
+    value = f"{len(heights_m)} of {count} lanes, at {', '.join(f'{height_m:g}' for height_m in heights_m)} m"
+    if not conflicts:
+        return Check(None, "separation", "ok", value)
+    near = ", ".join(" and ".join(map(vehicle_name, conflict.vehicles)) for conflict in conflicts)
+    text = f"{value}; {near} come near each other"
+    return Check(None, "separation", "warning", text, "a lane each", "more mission.lanes, or watch them")
+
+
+def _fence(config: Config, rehearsal: Rehearsal) -> Check:
+    fence, frame = fence_of(config, config.name), config.local_frame
+    if not fence.areas:
+        level: Level = "ok" if fence.max_alt_rel_m else "warning"
+        return Check(None, "fence", level, "no areas in the mission file", "[fence]", "docs/preflight.md")
+    beyond_m = {v: max(fence.beyond(way, frame) for way in ways) for v, ways in rehearsal.ways_m.items()}
+    leaving = [f"{vehicle_name(v)}: {metres:.0f} m" for v, metres in sorted(beyond_m.items()) if metres]
+    if leaving:
+        text = f"beyond the fence: {', '.join(leaving)}"
+        return Check(None, "fence", "refused", text, "within", "move the starts, or draw it wider")
+    return Check(None, "fence", "ok", f"{len(fence.areas)} areas, routes within")
+
+
+def sensor_checks(scans: Sequence[Scan], problems: Iterable[str], waited_s: float) -> list[Check]:
+    """Judge the scans that came in `waited_s` seconds: central command is blind without."""
+    rows = [Check(None, "scans", "refused", problem, "", "docs/sensors.md") for problem in problems]
+    if not scans and not rows:
+        text = f"none in {waited_s:.0f} s"
+        return [Check(None, "scans", "refused", text, "scans", "do sensors publish to links.zenoh?")]
+    for name, some in itertools.groupby(sorted(scans, key=_name), key=_name):
+        of_one = list(some)
+        late_s = [(scan.t_ns - scan.measured_t_ns) / NS_PER_S for scan in of_one]
+        worst_s = max(late_s, key=abs)
+        detections = sum(len(scan.z_m) for scan in of_one) / len(of_one)
+        level: Level = "ok" if abs(worst_s) <= _MAX_CLOCK_S else "refused"
+        value = f"{len(of_one)} of {name}, {detections:.0f} detections each, {worst_s:+.2f} s old"
+        rows.append(
+            Check(
+                None,
+                "scans",
+                level,
+                value,
+                f"within {_MAX_CLOCK_S:.0f} s",
+                "" if level == "ok" else "clocks?",
+            )
+        )
+    return rows
+
+
+def _name(scan: Scan) -> str:
+    return scan.sensor.name

@@ -1,0 +1,416 @@
+"""What stands against a flight of each vehicle: its answers to `gcs.mavlink.inspection`, judged. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import Config
+from gcs.core.preflight.result import Check, Level
+from gcs.core.preflight.return_height import MARGIN_M, Return, return_height_check, return_of, returns_check
+from gcs.fence import Fence, fence_of, rally_of
+from gcs.geo import LocalFrame
+from gcs.mavlink.fencing import FENCE, RALLY, fence_held, fence_items, list_difference, rally_items
+from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.inspection import Inspection
+from gcs.mavlink.modes import AUTO, LOITER, RTL
+from gcs.mavlink.profiles import Envelope, FenceLimits, ParameterWish, mode_name
+from gcs.mavlink.vehicle import Health
+from gcs.model import NS_PER_S, FloatArray, vehicle_name
+
+_TASKABLE: Final = (AUTO, LOITER)
+_MIN_BATTERY: Final = (25, 50)
+"""Percent: below the first refused, below the second told."""
+_MAX_CLOCK_S: Final = 1.0
+_HOME_M: Final = 50.0
+"""A home farther than this from a vehicle on the ground is not where it stands."""
+_MIN_SATELLITES: Final = 8
+_SENSORS: Final = {
+    dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
+    dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL: "accelerometer",
+    dialect.MAV_SYS_STATUS_SENSOR_3D_MAG: "compass",
+    dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE: "barometer",
+    dialect.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE: "airspeed sensor",
+    dialect.MAV_SYS_STATUS_SENSOR_GPS: "GPS",
+    dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER: "remote control",
+    dialect.MAV_SYS_STATUS_GEOFENCE: "fence",
+    dialect.MAV_SYS_STATUS_AHRS: "attitude",
+    dialect.MAV_SYS_STATUS_LOGGING: "logging",
+    dialect.MAV_SYS_STATUS_SENSOR_BATTERY: "battery",
+    dialect.MAV_SYS_STATUS_PREARM_CHECK: "pre-arm check",
+}
+_POSITION_OF: Final = {
+    "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,
+    "ESTIMATOR_STATUS": dialect.ESTIMATOR_POS_HORIZ_ABS,
+}
+
+
+def envelope_of(config: Config) -> Envelope:
+    """Return what the mission asks of its vehicles."""
+    lands = config.mission.end == "land"
+    return Envelope(config.airframe.speed_m_s, config.airframe.bank_deg, lands)
+
+
+class VehicleJudge:
+    """Judges one vehicle.
+
+    Parameters
+    ----------
+    ways_m : sequence of FloatArray
+        What the mission may ask it to fly: (n, 2) east/north each, from where it is.
+    has_key : bool
+        True if there is a signing key for it here.
+    """
+
+    def __init__(
+        self,
+        inspection: Inspection,
+        fleet: Fleet,
+        config: Config,
+        ways_m: Sequence[FloatArray],
+        t_ns: int,
+        *,
+        has_key: bool = False,
+    ) -> None:
+        self._has_key = has_key
+        self._seen, self._config, self._ways_m, self._t_ns = inspection, config, ways_m, t_ns
+        self._vehicle = inspection.vehicle
+        self._state = fleet.state(self._vehicle)
+        self._health: Health = next(h for h in fleet.health() if h.system_id == self._vehicle)
+        self._messages = {name: message for name, (_, message) in inspection.messages.items()}
+
+    def checks(self) -> list[Check]:
+        """Return all rows."""
+        if "HEARTBEAT" not in self._messages:
+            return [
+                self._row(
+                    "link",
+                    "refused",
+                    "not heard",
+                    "heartbeats",
+                    "is it on, with this system id, and does it send to this machine (links.mavlink)?",
+                )
+            ]
+        rows = [self._link(), self._firmware(), self._fix(), self._position(), self._home(), self._mode()]
+        rows += [self._armed(), self._sensors(), *self._texts(), self._battery(), self._clock()]
+        rows.append(self._signing())
+        if self._seen.profile is not None:
+            rows += [*self._parameters(), *self._fence(), *self._rally(), *self._return_height()]
+        return rows
+
+    def _row(self, name: str, level: Level, value: str, wanted: str = "", remedy: str = "") -> Check:
+        return Check(self._vehicle, name, level, value, wanted, "" if level == "ok" else remedy)
+
+    # ------------------------------------------------------------ its state
+
+    def _link(self) -> Check:
+        health = self._health
+        part = health.lost / max(health.lost + health.frames, 1)
+        where = "" if health.address is None else health.address[1]
+        level: Level = "refused" if health.liveness != "alive" else "warning" if part > 0.1 else "ok"
+        value = f"{health.liveness} at {where}, {100.0 * part:.0f} % lost"
+        if health.conflicts:
+            value, level = f"{value}, {health.conflicts} frames of another with its id", "refused"
+        return self._row(
+            "link", level, value, "alive, < 10 % lost", "antennas, range, radio rate; one system id each"
+        )
+
+    def _firmware(self) -> Check:
+        profile, version = self._seen.profile, self._messages.get("AUTOPILOT_VERSION")
+        if profile is None:
+            number = self._messages["HEARTBEAT"].autopilot
+            return self._row(
+                "firmware",
+                "refused",
+                f"MAV_AUTOPILOT {number}",
+                "ArduPlane or PX4",
+                "it would be tracked, never tasked",
+            )
+        if version is None:
+            return self._row(
+                "firmware", "warning", profile.name, "a version", "AUTOPILOT_VERSION is not given"
+            )
+        numbers = ".".join(str(version.flight_sw_version >> shift & 0xFF) for shift in (24, 16, 8))
+        return self._row("firmware", "ok", f"{profile.name} {numbers}")
+
+    def _fix(self) -> Check:
+        gps = self._messages.get("GPS_RAW_INT")
+        if gps is None:
+            return self._row("GPS", "refused", "not reported", "3D fix", "is there a receiver?")
+        count = "" if gps.satellites_visible == 255 else f", {gps.satellites_visible} satellites"
+        entry = dialect.enums["GPS_FIX_TYPE"].get(gps.fix_type)
+        name = str(gps.fix_type) if entry is None else entry.name.removeprefix("GPS_FIX_TYPE_")
+        few = gps.satellites_visible < _MIN_SATELLITES
+        level: Level = "refused" if gps.fix_type < dialect.GPS_FIX_TYPE_3D_FIX else "warning" if few else "ok"
+        return self._row(
+            "GPS", level, name + count, f"3D fix, {_MIN_SATELLITES} satellites", "wait, under open sky"
+        )
+
+    def _position(self) -> Check:
+        if self._state is None:
+            why = ", ".join(self._health.refused) or "none came"
+            return self._row("position", "refused", why, "near the origin", "wait for the EKF; check [frame]")
+        for name, bit in _POSITION_OF.items():
+            message = self._messages.get(name)
+            if message is not None and not message.flags & bit:
+                return self._row("position", "refused", "EKF without it", "EKF ready", "wait for the EKF")
+        place = f"({self._state.east_m:.0f}, {self._state.north_m:.0f}) m, {self._state.alt_msl_m:.0f} m AMSL"
+        area = self._config.map
+        inside = 0 <= self._state.east_m <= area.width_m and 0 <= self._state.north_m <= area.height_m
+        return self._row(
+            "position",
+            "ok" if inside else "warning",
+            place,
+            f"on the map, {area.width_m:.0f} x {area.height_m:.0f} m",
+            "routes begin at the map's nearest cell",
+        )
+
+    def _home(self) -> Check:
+        home = self._health.home
+        if home is None:
+            return self._row("home", "refused", "not set", "set", "wait for the EKF's origin, or set home")
+        east_m, north_m = self._config.local_frame.to_local(home.lat_deg, home.lon_deg)
+        text = f"({east_m:.0f}, {north_m:.0f}) m, {home.alt_msl_m:.0f} m AMSL"
+        state = self._state
+        if state is not None and not state.armed:
+            away_m = math.hypot(state.east_m - east_m, state.north_m - north_m)
+            if away_m > _HOME_M:
+                return self._row(
+                    "home",
+                    "refused",
+                    f"{text}: {away_m:.0f} m away",
+                    f"within {_HOME_M:.0f} m",
+                    "set home anew",
+                )
+        return self._row("home", "ok", text)
+
+    def _mode(self) -> Check:
+        mode, who = mode_name(self._messages["HEARTBEAT"]), f"-v {vehicle_name(self._vehicle)}"
+        if self._is_armed and mode not in _TASKABLE:
+            remedy = f"it gets no mission in {mode}: gcs order resume {who}, when its pilot agrees"
+        elif mode == AUTO and not self._is_armed:
+            remedy = f"armed in AUTO it takes off with the mission that it holds: gcs order hold {who}"
+        elif mode == RTL:
+            remedy = "a lost ground station puts it there, and it cannot be armed in RTL"
+            remedy += f": gcs run, then gcs order hold {who}, or LOITER by the transmitter"
+        elif mode not in _TASKABLE:
+            remedy = f"it gets no mission in {mode}: gcs run, then gcs order hold {who}, or LOITER by hand"
+        else:
+            return self._row("mode", "ok", mode)
+        return self._row("mode", "warning", mode, " or ".join(_TASKABLE), remedy)
+
+    @property
+    def _is_armed(self) -> bool:
+        return bool(self._messages["HEARTBEAT"].base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+
+    def _armed(self) -> Check:
+        armed = self._is_armed
+        return self._row(
+            "armed",
+            "warning" if armed else "ok",
+            "armed" if armed else "disarmed",
+            "disarmed",
+            "propellers may turn: keep away, or it flies already",
+        )
+
+    def _sensors(self) -> Check:
+        status = self._messages.get("SYS_STATUS")
+        if status is None:
+            return self._row("sensors", "warning", "not reported", "healthy", "SYS_STATUS is not given")
+        enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
+        ill = [n for bit, n in _SENSORS.items() if enabled & bit & ~status.onboard_control_sensors_health]
+        return self._row(
+            "sensors",
+            "refused" if ill else "ok",
+            f"{', '.join(ill)} not healthy" if ill else "healthy",
+            "healthy",
+            "its reasons stand below" if self._seen.texts else "it does not say why: look at it",
+        )
+
+    def _texts(self) -> Iterator[Check]:
+        """Show what it said of itself while it was asked."""
+        for text in self._seen.texts:
+            yield self._row("says", "warning", text, "", "its own words (STATUSTEXT)")
+
+    def _battery(self) -> Check:
+        status = self._messages.get("SYS_STATUS")
+        if status is None or not 0 <= status.battery_remaining <= 100:
+            return self._row("battery", "warning", "not reported", "", "no battery monitor: watch it by hand")
+        percent = status.battery_remaining
+        refused, told = _MIN_BATTERY
+        level: Level = "refused" if percent < refused else "warning" if percent < told else "ok"
+        volts = "" if status.voltage_battery in (0, 65535) else f", {status.voltage_battery / 1e3:.1f} V"
+        return self._row("battery", level, f"{percent} %{volts}", f"{told} %", "charge it")
+
+    def _clock(self) -> Check:
+        if "SYSTEM_TIME" not in self._messages or not self._messages["SYSTEM_TIME"].time_unix_usec:
+            return self._row(
+                "clock", "warning", "not known to it", "GPS time", "its logs and signing lack the time"
+            )
+        came_t_ns, message = self._seen.messages["SYSTEM_TIME"]
+        off_s = (message.time_unix_usec * 1000 - came_t_ns) / NS_PER_S
+        return self._row(
+            "clock",
+            "ok" if abs(off_s) <= _MAX_CLOCK_S else "warning",
+            f"{off_s:+.1f} s to ours",
+            f"within {_MAX_CLOCK_S:.0f} s",
+            "is this machine's clock set (NTP)?",
+        )
+
+    def _signing(self) -> Check:
+        signed, wanted = self._health.signed, bool(self._config.links.keys)
+        if signed and not self._has_key:
+            text = "it may ignore all that we send: put its key into links.keys (docs/signing.md)"
+            return self._row("signing", "refused", "signed, no key for it here", "its key", text)
+        return self._row(
+            "signing",
+            "ok" if signed or not wanted else "warning",
+            "signed" if signed else "not signed",
+            "signed" if wanted else "",
+            "gcs keys install, if its link has a key",
+        )
+
+    # ------------------------------------------------------------ its parameters
+
+    def _parameters(self) -> Iterator[Check]:
+        profile, values = self._seen.profile, self._seen.values
+        assert profile is not None
+        if not values:
+            yield self._row("parameters", "refused", "no answer", "", "is the link good enough both ways?")
+            return
+        for wish in (*profile.parameters, *profile.fits(envelope_of(self._config))):
+            yield self._parameter(wish, values)
+
+    def _parameter(self, wish: ParameterWish, values: Mapping[str, float]) -> Check:
+        found = wish.found(values)
+        if found is None:
+            names = " or ".join(wish.all_names)
+            text = "this firmware has none of that name, or the answer was lost: look by hand"
+            return self._row(names, "warning", "no answer", wish.wanted, text)
+        wish, name = found
+        level: Level = "ok" if wish.accepts(values[name]) else "refused" if wish.must else "warning"
+        meaning = wish.meanings.get(values[name], "")
+        value = f"{values[name]:.6g}" + (f" ({meaning})" if meaning else "")
+        first = wish.allowed[0] if wish.allowed else wish.low
+        remedy = f"gcs param set CONFIG {name} {first:.6g}" if wish.low == wish.high else "set it"
+        return self._row(name, level, value, wish.wanted, f"{remedy}: {wish.why}")
+
+    def _fence(self) -> Iterator[Check]:
+        profile, config = self._seen.profile, self._config
+        assert profile is not None
+        limits = profile.fence_limits(self._seen.values)
+        wanted, held = fence_of(config, config.name), self._seen.held.get(FENCE)
+        yield self._fence_held(wanted, held)
+        if wanted.max_alt_rel_m and self._seen.values.get(profile.ceiling_parameter) != wanted.max_alt_rel_m:
+            value = self._seen.values.get(profile.ceiling_parameter)
+            yield self._row(
+                "ceiling",
+                "refused",
+                "no answer" if value is None else f"{value:g} m",
+                f"{wanted.max_alt_rel_m:g} m",
+                f"gcs fence upload sets {profile.ceiling_parameter}",
+            )
+        problem = self._breach(limits, None if held is None else fence_held(held))
+        yield self._row(
+            "mission in fence",
+            "refused" if problem else "ok",
+            problem or ("fits" if limits.is_on else "the fence is off"),
+            "",
+            "it would breach its fence on the way: change the mission or the fence",
+        )
+
+    def _fence_held(self, wanted: Fence, held: Sequence[object] | None) -> Check:
+        items = fence_items(wanted)
+        text = "not told" if held is None else f"{len(held)} items" if held else "none"
+        if held is None:
+            return self._row(
+                "fence", "warning" if not items else "refused", text, "", "it does not give its fence"
+            )
+        if not items:
+            return self._row("fence", "ok", text, "none in the mission file")
+        if not list_difference(FENCE, items, self._seen.held[FENCE] or ()):
+            return self._row("fence", "ok", text, "that of the mission file")
+        level: Level = "refused" if held or self._config.fence.areas else "warning"
+        return self._row("fence", level, text, "that of the mission file", "gcs fence upload")
+
+    def _rally(self) -> Iterator[Check]:
+        items, held = rally_items(rally_of(self._config)), self._seen.held.get(RALLY)
+        if held is None:
+            if items:
+                yield self._row("rally", "refused", "not told", f"{len(items)} points", "gcs fence upload")
+            return
+        same = not list_difference(RALLY, items, held)
+        yield self._row(
+            "rally",
+            "ok" if same else "refused" if items else "warning",
+            f"{len(held)} points" + ("" if same or not held else ", others"),
+            f"{len(items)} points" if items else "none",
+            "gcs fence upload",
+        )
+
+    def _return_height(self) -> Iterator[Check]:
+        assert self._seen.profile is not None
+        profile, values, ceiling_m = self._seen.profile, self._seen.values, self._config.fence.max_alt_rel_m
+        yield from return_height_check(
+            self._vehicle, profile, values, _rally_heights_m(self._seen, self._config), ceiling_m
+        )
+
+    def _breach(self, limits: FenceLimits, held: Fence | None) -> str:
+        """How the mission would breach the fence as the vehicle has it; empty when it would not."""
+        config, frame = self._config, self._config.local_frame
+        if not limits.is_on:
+            return ""
+        ceiling_m, altitude_m = limits.max_alt_rel_m, config.mission.highest_rel_m
+        if ceiling_m is not None and ceiling_m < altitude_m + MARGIN_M:
+            return (
+                f"ceiling at {ceiling_m:g} m, the highest lane at {altitude_m:g} m: less than {MARGIN_M:g} m"
+            )
+        if limits.max_radius_m is not None and (far_m := self._farthest_m(frame)) > limits.max_radius_m:
+            return f"{far_m:.0f} m from home, the fence ends at {limits.max_radius_m:g} m"
+        if limits.polygons and held is not None:
+            beyond_m = max((held.beyond(way, frame) for way in self._ways_m), default=0.0)
+            if beyond_m:
+                return f"{beyond_m:.0f} m of a route lie beyond it"
+        return ""
+
+    def _farthest_m(self, frame: LocalFrame) -> float:
+        home = self._health.home
+        if home is None or not self._ways_m:
+            return 0.0
+        home_m = np.array(frame.to_local(home.lat_deg, home.lon_deg))
+        return float(max(np.hypot(*(way - home_m).T).max() for way in self._ways_m))
+
+
+def vehicle_checks(
+    inspections: Sequence[Inspection],
+    fleet: Fleet,
+    config: Config,
+    ways_m: Callable[[int], Sequence[FloatArray]],
+    t_ns: int,
+    has_key: Callable[[int], bool],
+) -> list[Check]:
+    """Judge all vehicles; `has_key` returns True if there is a signing key for one here."""
+    checks = [
+        check
+        for one in inspections
+        for check in VehicleJudge(
+            one, fleet, config, ways_m(one.vehicle), t_ns, has_key=has_key(one.vehicle)
+        ).checks()
+    ]
+    returns = [found for one in inspections if (found := _return_of(one, config)) is not None]
+    return [*checks, *returns_check(returns, config.mission.lane_step_m)]
+
+
+def _return_of(one: Inspection, config: Config) -> Return | None:
+    if one.profile is None:
+        return None
+    return return_of(one.vehicle, one.profile, one.values, _rally_heights_m(one, config))
+
+
+def _rally_heights_m(one: Inspection, config: Config) -> list[float]:
+    """Heights above home of the rally points that a vehicle has, and of those of the mission file."""
+    return [point.z_m for point in (*rally_items(rally_of(config)), *(one.held.get(RALLY) or ()))]

@@ -1,0 +1,1 @@
+"""When to plan again, from which inputs, and into which altitude layers."""

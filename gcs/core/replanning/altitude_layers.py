@@ -1,0 +1,130 @@
+"""Altitude lanes for the routes of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gcs.config import Config
+from gcs.core.replanning.inputs import Bystander
+from gcs.core.replanning.options import place_of
+from gcs.model import Route, Track, vehicle_name
+from gcs.planning.grid import Point
+from gcs.planning.progress import CORRIDOR_M, next_point
+from gcs.planning.separation import Conflict, Flight, least_separation_m, separate
+
+
+def lane_count(config: Config) -> int:
+    """How many lanes a mission has."""
+    return config.mission.lanes if config.mission.lane_step_m > 0.0 else 1
+
+
+def own_lanes(config: Config) -> dict[int, int]:
+    """The lane that each vehicle gets first, if it can: one after the other, in the order of the file."""
+    return {agent.vehicle: number % lane_count(config) for number, agent in enumerate(config.agents)}
+
+
+class Lanes:
+    """Who flies how high: each vehicle its own lane while there are enough, and the same one if it can be."""
+
+    def __init__(self, config: Config) -> None:
+        self._count = lane_count(config)
+        self._least_m = config.planning.separation_m
+        self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
+        self._lane = own_lanes(config)
+        self._newest: dict[int, Route] = {}
+        self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.lane_step_m
+        self.aside: tuple[Bystander, ...] = ()
+        """Vehicles in the air that have no route here: they keep the layer that they are in."""
+
+    def of(self, vehicle: int) -> int:
+        """Layer that a vehicle has, or gets if it can."""
+        return self._lane.get(vehicle, 0)
+
+    def give(
+        self,
+        routes: Sequence[Route],
+        changed: Collection[int],
+        agents: Mapping[int, Track],
+        arrived: Collection[int],
+    ) -> tuple[list[Route], list[str]]:
+        """Return the routes in their lanes, and what an operator should know.
+
+        Routes of vehicles that are not in `changed` are flown already. Who has arrived circles where
+        its last route led it.
+        """
+        flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
+        flights += self._others(routes, arrived)
+        lanes, conflicts = separate(flights, self._count, self._least_m)
+        given = [
+            replace(route, lane=lanes[route.vehicle]) if route.vehicle in changed else route
+            for route in routes
+        ]
+        self._newest |= {route.vehicle: route for route in given}
+        self._lane |= {route.vehicle: route.lane for route in given}
+        return given, [_words(conflict) for conflict in conflicts]
+
+    def separation_m(
+        self,
+        routes: Sequence[Route],
+        proposed: Collection[int],
+        agents: Mapping[int, Track],
+        arrived: Collection[int],
+    ) -> dict[int, float]:
+        """Return how near each vehicle comes to another of its lane, with routes in the lanes they have."""
+        flights = [
+            replace(self._flight(r, agents[r.vehicle], r.vehicle not in proposed), lane=r.lane)
+            for r in routes
+        ]
+        return least_separation_m([*flights, *self._others(routes, arrived)])
+
+    def _others(self, routes: Sequence[Route], arrived: Collection[int]) -> list[Flight]:
+        """What vehicles in the air without a route among these fly: they circle, or return."""
+        planned, aside = {route.vehicle for route in routes}, {one.vehicle for one in self.aside}
+        circling = [self._newest[v] for v in arrived if v in self._newest and v not in aside]
+        flights = [self._beside(one, layer) for one, layer in self._layers() if one.vehicle not in planned]
+        return flights + [self._circling(route) for route in circling]
+
+    def is_clear(self, route: Route, routes: Sequence[Route], places: Mapping[int, Point]) -> bool:
+        """Return True if a route keeps clear, in its layer, of others that are flown from where these are."""
+        flights = [self._beside(one, layer) for one, layer in self._layers() if one.vehicle != route.vehicle]
+        flown = [one for one in (*routes, route) if one.vehicle in places]
+        flights += [self._from(one, places[one.vehicle]) for one in flown]
+        _, conflicts = separate(flights, self._count, self._least_m)
+        return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
+
+    def _layers(self) -> Iterator[tuple[Bystander, int]]:
+        """Yield vehicles aside whose heights lie in a layer, with that."""
+        for one in self.aside:
+            layer = round((one.height_m - self._base_m) / self._step_m) if self._count > 1 else 0
+            if 0 <= layer < self._count:
+                yield one, layer
+
+    def _beside(self, one: Bystander, layer: int) -> Flight:
+        points_m = np.array((one.place_m, one.to_m))
+        return Flight(one.vehicle, points_m, self._speeds_m_s[one.vehicle], layer, True)
+
+    def _flight(self, route: Route, agent: Track, is_flown: bool) -> Flight:
+        place = place_of(agent)
+        if is_flown:
+            return self._from(route, place)
+        points_m, lane = np.vstack((place, route.flown_m)), self.of(route.vehicle)
+        return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], lane)
+
+    def _from(self, route: Route, place: Point) -> Flight:
+        """What is left of a route that is flown, from where its vehicle is."""
+        points_m = np.vstack((place, route.flown_m[next_point(route.flown_m, place, CORRIDOR_M) :]))
+        return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], route.lane, True)
+
+    def _circling(self, route: Route) -> Flight:
+        return Flight(
+            route.vehicle, route.flown_m[[-1, -1]], self._speeds_m_s[route.vehicle], route.lane, True
+        )
+
+
+def _words(conflict: Conflict) -> str:
+    """Say it without figures that change from look to look: it is said once."""
+    first, second = (vehicle_name(vehicle) for vehicle in conflict.vehicles)
+    return f"agents {first} and {second} will come near each other at one altitude: no lane is left"

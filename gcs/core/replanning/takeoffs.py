@@ -1,0 +1,130 @@
+"""Vehicles that have yet to climb out: where their climbs lead, and whether these are clear.
+
+A vehicle on the ground flies its climb first, and so does one in the take-off of the mission that it holds.
+Their routes are planned from the end of the climb. A mission from the ground is not uploaded unless its climb
+and its first turn are clear. A vehicle in its climb gets no other mission before the end of that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from gcs.config import Config
+from gcs.core.replanning.options import plan_options
+from gcs.geo import wrap_pi
+from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.profiles.profile import is_on_ground
+from gcs.model import FloatArray, Notice
+from gcs.planning.climb import Climb, climb_problem, turn_problem
+from gcs.planning.grid import Grid
+
+_ASTRAY_RAD = math.radians(15.0)
+"""A vehicle whose nose points farther off the runway than this stands wrong."""
+_HYSTERESIS_M = 10.0
+"""A take-off that was not clear must be clear by so much more: reports of place and heading are noisy."""
+_REMEDY = "lower takeoff.altitude_rel_m, or take off from elsewhere or in another direction"
+
+
+class Takeoffs:
+    """Climbs of vehicles on the ground, or in their take-off.
+
+    Parameters
+    ----------
+    config : Config
+        The mission: how vehicles climb, and what they keep clear of.
+    grid : Grid
+        Its map.
+    fleet : Fleet
+        Where vehicles are.
+
+    Attributes
+    ----------
+    grid : Grid
+        The map of the moment.
+    blocked : dict of int to str
+        Vehicles on the ground whose climbs are not clear, and why: they get no mission.
+    """
+
+    def __init__(self, config: Config, grid: Grid, fleet: Fleet) -> None:
+        self.grid = grid
+        self.blocked: dict[int, str] = {}
+        self._config, self._options, self._fleet = config, plan_options(config), fleet
+
+    def climb(self, vehicle: int, layer: int, *, in_takeoff: bool = False) -> Climb | None:
+        """Return the climb that a vehicle has before it; None when it flies.
+
+        Parameters
+        ----------
+        layer : int
+            Altitude layer of its route.
+        in_takeoff : bool
+            True if the vehicle flies to its mission's take-off item.
+        """
+        state, home, table = self._fleet.state(vehicle), self._fleet.home(vehicle), self._config.takeoff
+        if state is None:
+            return None
+        altitude_rel_m, speed_m_s = (
+            self._config.takeoff_altitude_rel_m(layer),
+            self._config.speed_m_s(vehicle),
+        )
+        place_m, course_rad = (state.east_m, state.north_m), state.course_rad
+        if is_on_ground(state, home):
+            heading_rad = course_rad if table.heading_deg is None else math.radians(table.heading_deg)
+            run_m, length_m = table.ground_run_m, table.length_m(altitude_rel_m)
+            wind_m_s = self._config.airframe.wind_m_s
+            return Climb(place_m, heading_rad, run_m, length_m, altitude_rel_m, speed_m_s, wind_m_s)
+        if not in_takeoff or home is None:
+            return None
+        left_m = max(altitude_rel_m - (state.alt_msl_m - home.alt_msl_m), 0.0)
+        length_m = table.length_m(left_m) - table.ground_run_m
+        return Climb(place_m, course_rad, 0.0, length_m, altitude_rel_m, speed_m_s)
+
+    def watch(self, climbs: Mapping[int, Climb], t_ns: int) -> list[Notice]:
+        """Judge the climbs of vehicles on the ground; tell which are not clear, and which are clear again.
+
+        Parameters
+        ----------
+        climbs : mapping of int to Climb
+            Of all vehicles that might get a mission.
+        t_ns : int
+            Now.
+        """
+        standing = {
+            v: climb for v, climb in climbs.items() if is_on_ground(self._fleet.state(v), self._fleet.home(v))
+        }
+        problems = {
+            v: self.problem(v, climb, None, _HYSTERESIS_M if v in self.blocked else 0.0)
+            for v, climb in standing.items()
+        }
+        before, self.blocked = self.blocked, {v: why for v, why in problems.items() if why}
+        notices = [
+            Notice(t_ns, "alarm", f"its take-off is not clear, it gets no mission: {why}", v)
+            for v, why in self.blocked.items()
+            if v not in before
+        ]
+        clear = [v for v in before if v in standing and v not in self.blocked]
+        return notices + [Notice(t_ns, "info", "its take-off is clear again", v) for v in clear]
+
+    def problem(self, vehicle: int, climb: Climb, points_m: FloatArray | None, more_m: float = 0.0) -> str:
+        """Say what stands against a take-off: what, where, and what to do; empty when it is clear.
+
+        Parameters
+        ----------
+        points_m : ndarray, shape (k, 2), or None
+            East and north of the route that follows; None: the climb alone is judged.
+        more_m : float
+            Distance to keep beyond the clearance.
+        """
+        options, state = self._options, self._fleet.state(vehicle)
+        course_rad = climb.heading_rad if state is None else state.course_rad
+        if abs(wrap_pi(course_rad - climb.heading_rad)) > _ASTRAY_RAD:
+            return (
+                f"its nose points to {math.degrees(course_rad) % 360.0:.0f} degrees, takeoff.heading_deg is "
+                f"{math.degrees(climb.heading_rad):.0f}; turn it along the runway, or correct the key"
+            )
+        problem = climb_problem(self.grid, climb, options.clearance_m + more_m)
+        if not problem and points_m is not None:
+            points = [(east_m, north_m) for east_m, north_m in points_m.tolist()]
+            problem = turn_problem(self.grid, climb, points, options.turn_radius_m, options.clearance_m)
+        return f"{problem}; {_REMEDY}" if problem else ""

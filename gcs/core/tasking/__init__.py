@@ -1,0 +1,1 @@
+"""From routes to verified onboard missions: build, queue, upload, watch."""

@@ -1,0 +1,69 @@
+"""Routes go out as missions; who did not get its mission is planned for again."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+
+from gcs.core.authority.external_uploads import Guests
+from gcs.core.operator.plan_approval import Approval
+from gcs.core.replanning.replanner import Replanner
+from gcs.core.tasking.upload_latency import Delays
+from gcs.core.tasking.upload_manager import Tasking
+from gcs.model import Effect, Route, UploadReport
+
+
+class Dispatch:
+    """Between who decides routes and who transfers missions.
+
+    Parameters
+    ----------
+    replanner, approval
+        Who flies what, and which of it an operator confirmed.
+    tasking
+        Transfers missions.
+    delays
+        Learns how long that takes.
+    guests
+        Know to whom another ground station gave a mission.
+    """
+
+    def __init__(
+        self, replanner: Replanner, approval: Approval, tasking: Tasking, delays: Delays, guests: Guests
+    ) -> None:
+        self._replanner, self._approval = replanner, approval
+        self._tasking, self._delays, self._guests = tasking, delays, guests
+
+    def send(self, routes: Sequence[Route], t_ns: int, hurried: Container[int] = ()) -> list[Effect]:
+        """Send routes to their vehicles as missions; those `hurried` do not wait for anything."""
+        effects: list[Effect] = self.withdraw(t_ns)
+        for route in routes:
+            at_once = route.vehicle in hurried
+            for_s = self._tasking.under_way_s(route.vehicle, t_ns)
+            if for_s is not None:
+                self._delays.given_up(route.vehicle, for_s)
+            effects += self.settle(self._tasking.task(route, t_ns, at_once=at_once))
+        return effects
+
+    def withdraw(self, t_ns: int) -> list[Effect]:
+        """Let no route wait for a vehicle that is not to fly it any more."""
+        unwanted = self._tasking.withdraw_but(self._replanner.routes)
+        return [answer for v in unwanted for answer in self._approval.end(v, t_ns, "not wanted any more")]
+
+    def settle(self, effects: Sequence[Effect]) -> list[Effect]:
+        """Answer for transfers that ended; who did not get its mission is planned for again."""
+        settled: list[Effect] = []
+        for effect in effects:
+            settled.append(effect)
+            if not isinstance(effect, UploadReport):
+                continue
+            if effect.ok:
+                self._guests.release([effect.vehicle])
+                self._delays.arrived(effect.vehicle, effect.duration_s)
+            else:
+                self._delays.given_up(effect.vehicle, effect.duration_s)
+            if self._tasking.is_tasked(effect.vehicle):
+                continue  # a newer mission is on its way: what counts is what becomes of that
+            settled += self._approval.uploaded(effect)
+            if not effect.ok:
+                self._replanner.undelivered(effect.vehicle)
+        return settled

@@ -1,0 +1,87 @@
+"""A vehicle would be sent out of the map, or through its fence."""
+
+import pytest
+from plane_double import Plane
+from staging import mission, state
+from test_tasking import Swarm
+
+from gcs.core.airspace.mission_bounds import LastCheck
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.mavlink.items import Home
+from gcs.mavlink.profiles import ARDUPLANE, PX4
+from gcs.model import Mission, Notice, Waypoint, read_only
+
+FENCE = """
+[fence]
+max_alt_rel_m = 200.0
+[[fence.areas]]
+kind = "inclusion"
+corners_deg = [[33.2, -87.6], [33.2, -87.59], [33.209, -87.59], [33.209, -87.6]]
+[[fence.areas]]
+kind = "exclusion"
+circle = [33.2045, -87.595, 100.0]
+"""  # about 930 m to the east, 1000 m to the north; the circle is in the middle of it
+CONFIG = mission(agents=[(100.0, 200.0)], births=[(500.0, 200.0)], tables=FENCE)
+HOME = Home(33.2005, -87.599, 70.0)
+ABOUT = state(1, (100.0, 200.0))
+
+
+def problem(*points_m, end="loiter", home=HOME, wait_m=None, profile=ARDUPLANE, alt_rel_m=100.0, seen=ABOUT):
+    check = LastCheck(CONFIG, mission_grid(CONFIG, 0))
+    places = [CONFIG.local_frame.to_geodetic(*point) for point in points_m]
+    wait_deg = None if wait_m is None else CONFIG.local_frame.to_geodetic(*wait_m)
+    waypoints = tuple(Waypoint(*place, alt_rel_m, 10.0) for place in places)
+    items = profile.items(Mission(1, 1, waypoints, 30.0, end, wait_deg), home)
+    return check.problem(items[profile.home_items :], seen)
+
+
+def test_a_mission_inside_passes():
+    assert problem((200.0, 200.0), (400.0, 300.0)) == ""
+    assert problem((200.0, 200.0), (400.0, 300.0), end="land", profile=PX4) == ""
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        (problem((200.0, 200.0), (-300.0, 200.0)), "point 2 of 3 (waypoint at 33.2"),
+        (problem((200.0, 200.0), (-300.0, 200.0)), "lies outside the map"),
+        (problem((200.0, 200.0), (1200.0, 200.0)), "lies outside the fence"),
+        (problem((200.0, 200.0), (470.0, 500.0)), "lies outside the fence"),
+        (problem((200.0, 200.0), wait_m=(1200.0, 200.0)), "(loiter_unlim at"),
+        (problem((200.0, 200.0), end="land", home=Home(33.25, -87.6, 70.0)), "outside the map"),
+        (problem((200.0, 200.0), alt_rel_m=250.0), "250 m high, above the fence's ceiling of 200 m"),
+        (problem((200.0, 200.0), alt_rel_m=float("nan")), "has no height"),
+    ],
+)
+def test_no_item_outside_the_map_or_the_fence_passes(what, said):
+    assert said in what
+
+
+def test_a_vehicle_in_an_area_to_stay_out_of_may_leave_it():
+    inside = state(1, (470.0, 500.0))
+    assert problem((500.0, 500.0), (470.0, 300.0), seen=inside) == ""
+    assert "fence" in problem((500.0, 500.0), (470.0, 300.0), seen=ABOUT)
+
+
+def test_a_mission_that_is_refused_leaves_the_vehicle_with_the_one_that_it_flies():
+    class Nowhere:
+        wrong = ""
+
+        def problem(self, _items, _state):
+            return self.wrong
+
+    swarm = Swarm(1)
+    swarm.tasking._last_check = check = Nowhere()
+    swarm.task(1)
+    swarm.run(10.0)
+    plane: Plane = swarm.planes[1]
+    held, count = list(plane.store), len(plane.requests)
+    check.wrong = "point 1 of 2 (waypoint at 0.0, 0.0) lies outside the map"
+    for _ in range(3):
+        swarm.task(1, read_only([[0.0, 700.0]]))
+        swarm.run(10.0)
+    assert plane.store == held
+    assert len(plane.requests) == count
+    alarms = [one.text for one in swarm.effects if isinstance(one, Notice) and "not uploaded" in one.text]
+    assert alarms == [f"its mission is not uploaded, {check.wrong}; the vehicle keeps what it holds"]
+    assert not swarm.reports()[-1].ok

@@ -1,0 +1,160 @@
+"""Other ground stations: what they tell our vehicles is seen, and who got a mission of theirs is theirs."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import parse
+from gcs.core.engine import Command
+from gcs.mavlink.codec import Encoder
+from gcs.model import Datagram, LinkNews, Notice, Order, OrderAnswer, Send, Tick, vehicle_name, vehicle_of
+
+S = 1_000_000_000
+AIR, SEAT, PEER = "udpin:0.0.0.0:14550", "udpin:0.0.0.0:14551", "10.0.0.5:50"
+MISSION = f"""
+name = "x"
+[frame]
+lat_deg = 33.0
+lon_deg = -87.0
+alt_msl_m = 70.0
+[[agents]]
+system_id = 1
+east_m = 100.0
+north_m = 100.0
+[[agents]]
+system_id = 1
+network = 2
+east_m = 100.0
+north_m = 300.0
+[links]
+mavlink = ["{AIR}", {{ endpoint = "udpin:0.0.0.0:14560", network = 2 }}]
+[[links.forward]]
+endpoint = "{SEAT}"
+access = "full"
+"""
+
+
+class Stage:
+    """A fold, a vehicle that is heard, and a guest."""
+
+    def __init__(self) -> None:
+        self.command, self.t_ns = Command(parse(MISSION, "x"), 1), S
+        self.effects: list = []
+        self.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3), 1, 1)
+
+    def say(self, link: str, message, system: int = 254, component: int = 190, peer: str = PEER) -> list:
+        data = Encoder(system, component)(message)
+        return self.step(Datagram(self.t_ns, link, peer, data))
+
+    def step(self, event) -> list:
+        found = self.command.step(event)
+        self.effects += found
+        return found
+
+    def wait(self, seconds: float) -> list:
+        self.t_ns += int(seconds * S)
+        return self.step(Tick(self.t_ns))
+
+    def order(self, action: str) -> list:
+        return self.step(Order(self.t_ns, f"{action}-{self.t_ns}", action, None))
+
+
+@pytest.fixture
+def stage() -> Stage:
+    return Stage()
+
+
+def notices(effects) -> list[tuple[str, int | None, str]]:
+    return [(e.level, e.vehicle, e.text) for e in effects if isinstance(e, Notice)]
+
+
+def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_until_it_is_ordered_to_resume(stage):
+    ((level, vehicle, text),) = notices(stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0)))
+    assert (level, vehicle) == ("alarm", 1)
+    assert "system 254/190 at 10.0.0.5:50" in text
+    assert "left alone" in stage.command.away()[1]
+    ack = dialect.MAVLink_mission_ack_message(254, 190, 0, 0)
+    ((level, _, text),) = notices(stage.say(AIR, ack, 1, 1))
+    assert "took the mission" in text
+    stage.wait(60.0)
+    assert "broke off" not in str(notices(stage.effects))
+    assert 1 in stage.command.away()
+    assert any(isinstance(e, OrderAnswer) for e in stage.order("resume"))
+    assert "mission of" not in stage.command.away().get(1, "")
+
+
+def test_an_upload_that_breaks_off_or_is_refused_is_an_alarm(stage):
+    stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0))
+    stage.say(SEAT, dialect.MAVLink_mission_item_int_message(1, 1, 0, 3, 16, 0, 1, 0, 0, 0, 0, 0, 0, 0))
+    assert "broke off" not in str(notices(stage.wait(9.0)))
+    assert "broke off" in str(notices(stage.wait(2.0)))
+    stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0))
+    refused = dialect.MAVLink_mission_ack_message(254, 190, 15, 0)
+    assert "mix of two missions" in str(notices(stage.say(AIR, refused, 1, 1)))
+
+
+def test_a_fence_and_a_download_take_nobody_over(stage):
+    stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 1))
+    stage.say(SEAT, dialect.MAVLink_mission_request_list_message(1, 1, 0))
+    assert not any("mission of" in why for why in stage.command.away().values())
+
+
+def test_what_a_guest_orders_is_told_once_in_a_while_and_questions_are_not(stage):
+    arm = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+    ask = dialect.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0)
+    ((level, vehicle, text),) = notices(stage.say(SEAT, arm))
+    assert (level, vehicle) == ("warning", 1)
+    assert text == "MAV_CMD_COMPONENT_ARM_DISARM from system 254/190 at 10.0.0.5:50"
+    assert not stage.say(SEAT, arm)
+    assert not stage.say(SEAT, ask)
+    stage.t_ns += 11 * S
+    assert stage.say(SEAT, arm)
+
+
+def test_garbage_from_a_guest_is_nothing(stage):
+    assert stage.step(Datagram(S, SEAT, PEER, b"\xfd\xfe" * 300)) == []
+
+
+def test_the_same_system_id_on_two_networks_is_two_vehicles(stage):
+    other = "udpin:0.0.0.0:14560"
+    stage.say(other, dialect.MAVLink_heartbeat_message(1, 3, 217, 12, 4, 3), 1, 1, "10.0.2.1:50")
+    stage.wait(0.1)
+    health = {h.system_id: h.address for h in stage.command.fleet.health()}
+    assert health == {1: (AIR, PEER), 2 * 256 + 1: (other, "10.0.2.1:50")}
+    sent = [e for e in stage.effects if isinstance(e, Send) and e.link == other]
+    assert sent
+    questions = [m for e in sent if (m := _message(e.data)).get_type() == "COMMAND_LONG"]
+    assert questions
+    assert {m.target_system for m in questions} == {1}
+
+
+def _message(data: bytes):
+    return dialect.MAVLink(None).decode(bytearray(data))
+
+
+def test_a_vehicle_of_another_network_is_ordered_and_named_by_network_and_system_id(stage):
+    assert vehicle_of("2:1") == 513
+    assert vehicle_name(513) == "2:1"
+    (answer, *_) = stage.step(Order(stage.t_ns, "a", "hold", (513,)))
+    assert (answer.state, answer.detail) == ("refused", "never heard")
+    (answer, *_) = stage.step(Order(stage.t_ns, "b", "hold", (77,)))
+    assert "it has 1, 2:1" in answer.detail
+
+
+def test_news_of_a_link_is_told(stage):
+    found = stage.step(LinkNews(S, "tcp:10.0.0.1:5760", "warning", "connection lost"))
+    assert found == [Notice(S, "warning", "tcp:10.0.0.1:5760: connection lost")]
+
+
+def test_counters_of_each_link_say_what_was_heard_and_lost(stage):
+    encode = Encoder(1, 1)
+    beats = [encode(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3)) for _ in range(6)]
+    broken = bytes([*beats[4][:-1], beats[4][-1] ^ 1])
+    stranger = Encoder(77, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
+    for data in (beats[1], beats[3], broken, stranger):
+        stage.step(Datagram(stage.t_ns, AIR, PEER, data))
+    stage.step(Datagram(stage.t_ns, AIR, "10.6.6.6:1", beats[5]))
+    counted = stage.command.fleet.links[AIR]
+    assert (counted.datagrams, counted.frames, counted.crc_errors) == (6, 5, 1)
+    assert (counted.lost, counted.strangers, counted.conflicts) == (1, 1, 1)

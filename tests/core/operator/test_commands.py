@@ -1,0 +1,249 @@
+"""An operator would lose trust: an order that is not carried out, or said to be done when it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pytest
+from msgspec.structs import replace as changed
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from staging import S
+
+from gcs.edge.wire import decode, encode
+from gcs.mavlink.codec import Encoder
+from gcs.mavlink.codec import decode as decode_frames
+from gcs.model import Effect, Event, MissionEnded, Notice, Order, OrderAnswer, Plan, Send
+from sim_vehicles.personality import Mode
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import START_T_NS, VirtualRun
+
+SEED = 1
+
+
+def order(at_s: float, action: Any, *vehicles: int, **fields: Any) -> Order:
+    return Order(START_T_NS + round(at_s * S), f"{action}-{at_s}", action, tuple(vehicles) or None, **fields)
+
+
+@dataclass
+class Flight:
+    """A virtual flight under orders, and everything that went in and came out."""
+
+    run: VirtualRun
+    events: list[Event]
+    effects: list[tuple[int, Effect]]
+
+    def all(self, kind: type) -> list[Any]:
+        return [effect for _, effect in self.effects if isinstance(effect, kind)]
+
+    def answers(self, order_id: str) -> list[tuple[str, int | None]]:
+        return [(a.state, a.vehicle) for a in self.all(OrderAnswer) if a.order_id == order_id]
+
+    def told(self, vehicle: int, from_s: float, to_s: float) -> list[Any]:
+        """Messages to a vehicle within a time."""
+        found = []
+        for t_ns, effect in self.effects:
+            if isinstance(effect, Send) and from_s <= (t_ns - START_T_NS) / S < to_s:
+                found += [
+                    m for m in decode_frames(effect.data)[0] if getattr(m, "target_system", 0) == vehicle
+                ]
+        return found
+
+    def mode(self, vehicle: int) -> Mode:
+        return self.run.vehicles[f"vehicle:{vehicle}"].autopilot.mode
+
+
+def fly(
+    orders: Sequence[Order], duration_s: float, *, loss: float = 0.0, scenario: str = "prescribed"
+) -> Flight:
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        load(scenario), SEED, events.append, lambda t, e: effects.append((t, e)), loss=loss, orders=orders
+    )
+    run.run(duration_s)
+    return Flight(run, events, effects)
+
+
+MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
+
+
+def test_a_held_vehicle_loiters_and_is_not_tasked_and_goes_on_when_resumed() -> None:
+    flight = fly([order(20.0, "hold", 1), order(45.0, "resume", 1)], 400.0)
+    assert flight.answers("hold-20.0") == [("accepted", None), ("done", 1)]
+    assert flight.answers("resume-45.0") == [("accepted", None), ("done", 1)]
+    assert not {m.get_type() for m in flight.told(1, 20.0, 45.0)} & MISSION
+    held = [p for p in flight.all(Plan) if 20 * S < p.t_ns - START_T_NS < 45 * S]
+    assert any("agent 1 is held by order" in p.reason and "agent set aside" in p.causes for p in held)
+    assert not any(1 in plan.changed for plan in held)
+    (ended,) = flight.all(MissionEnded)
+    assert 1 in ended.arrived
+
+
+def test_a_short_hold_ends_with_the_mission_that_the_vehicle_has_and_no_upload() -> None:
+    flight = fly([order(23.1, "hold", 4), order(23.7, "resume", 4)], 36.0)
+    assert flight.answers("resume-23.7") == [("accepted", None), ("done", 4)]
+    assert not {m.get_type() for m in flight.told(4, 23.0, 36.0)} & MISSION
+    assert flight.mode(4) is Mode.AUTO
+
+
+def test_return_brings_all_home_over_a_lossy_link_and_nobody_is_tasked_again() -> None:
+    flight = fly([order(30.0, "return")], 75.0, loss=0.3)
+    assert flight.answers("return-30.0")[0] == ("accepted", None)
+    assert {("done", v) for v in (1, 3, 4)} <= set(flight.answers("return-30.0"))
+    assert [flight.mode(v) for v in (1, 3, 4)] == [Mode.RTL] * 3
+    assert not any(plan.changed for plan in flight.all(Plan) if plan.t_ns > START_T_NS + 30 * S)
+
+
+def test_a_hold_in_the_middle_of_a_transfer_leaves_no_mix_to_be_flown() -> None:
+    first = fly([], 20.0, loss=0.4)
+    (plan,) = first.all(Plan)[:1]
+    at_s = (plan.t_ns - START_T_NS) / S + 0.6
+    flight = fly([order(at_s, "hold")], at_s + 40.0, loss=0.4)
+    for vehicle in (1, 2, 3, 4):
+        assert flight.mode(vehicle) is Mode.LOITER
+        assert not any(
+            m.get_type() == "COMMAND_LONG" and m.command == 176 and m.param2 == Mode.AUTO
+            for m in flight.told(vehicle, at_s, at_s + 40.0)
+        )
+
+
+def test_disarming_in_the_air_is_refused_and_nothing_is_sent() -> None:
+    flight = fly([order(20.0, "disarm")], 24.0)
+    answers = [a for a in flight.all(OrderAnswer) if a.order_id == "disarm-20.0"]
+    assert [a.state for a in answers] == ["refused"] * 4
+    assert all("in the air" in a.detail for a in answers)
+    assert answers[-1].waiting == ()
+    told = [message for vehicle in (1, 2, 3, 4) for message in flight.told(vehicle, 20.0, 24.0)]
+    assert not [message for message in told if getattr(message, "command", 0) == 400]
+
+
+def test_nothing_is_armed_without_an_order_that_says_so() -> None:
+    flight = fly([order(20.0, "hold"), order(26.0, "resume"), order(34.0, "return")], 60.0)
+    for vehicle in (1, 2, 3, 4):
+        for message in flight.told(vehicle, 0.0, 60.0):
+            assert getattr(message, "command", 0) != 400
+
+
+def test_an_order_for_somebody_who_is_not_there_is_refused_with_who_is() -> None:
+    flight = fly([order(10.0, "hold", 9)], 12.0)
+    (answer,) = flight.all(OrderAnswer)
+    assert (answer.state, answer.vehicle, answer.waiting) == ("refused", 9, ())
+    assert "1, 2, 3, 4" in answer.detail
+
+
+def test_the_newest_order_counts() -> None:
+    flight = fly([order(20.0, "return", 1), order(20.4, "hold", 1)], 30.0)
+    assert flight.answers("return-20.0") == [("accepted", None), ("failed", 1)]
+    assert flight.answers("hold-20.4") == [("accepted", None), ("done", 1)]
+    assert flight.mode(1) is Mode.LOITER
+
+
+def test_a_recorded_order_gives_the_same_effects_again() -> None:
+    from gcs.core.engine import Command
+
+    flight = fly([order(20.0, "hold", 1), order(26.0, "resume", 1), order(30.0, "return", 3)], 40.0)
+    events = [decode("recording", encode(event), type(event)) for event in flight.events]
+    command = Command(flight.run.scenario.config, SEED)
+    again = [encode(effect) for event in events for effect in command.step(event)]
+    assert again == [encode(effect) for _, effect in flight.effects]
+    assert any(isinstance(event, Order) for event in events)
+
+
+@pytest.mark.parametrize("action", ["hold", "return"])
+def test_a_vehicle_that_does_not_answer_stays_set_aside(action: str) -> None:
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        load("prescribed"), SEED, events.append, lambda t, e: effects.append((t, e)),
+        orders=[order(21.0, action, 1)], kills={1: 20.9},
+    )  # fmt: skip
+    run.run(65.0)
+    flight = Flight(run, events, effects)
+    assert flight.answers(f"{action}-21.0") == [("accepted", None), ("failed", 1)]
+    assert run.command.orders.aside == {1: action}
+
+
+def test_an_order_for_the_plan_names_vehicles_that_no_plan_is_made_for_and_what_to_do() -> None:
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        load("prescribed"), SEED, events.append, lambda t, e: effects.append((t, e)),
+        orders=[order(20.0, "hold", 3), order(30.0, "plan")],
+    )  # fmt: skip
+    run.run(24.0)
+    run.vehicles["vehicle:1"].autopilot.set_mode(Mode.RTL)
+    run.vehicles["vehicle:3"].autopilot.set_mode(Mode.FBWA)  # its pilot takes it from our hold
+    run.run(31.0)
+    flight = Flight(run, events, effects)
+    answers = [a for a in flight.all(OrderAnswer) if a.order_id == "plan-30.0"]
+    assert [(a.state, a.detail) for a in answers] == [
+        ("accepted", "not ours: 1 in RTL: gcs order resume 1; 3 in FBWA: whoever flies gives it back"),
+        ("refused", "no plan waits"),
+    ]
+    assert [bool(a.waiting) for a in answers] == [True, False]
+    told = {notice.vehicle for notice in flight.all(Notice) if "not by this service" in notice.text}
+    assert told == {1, 3}
+
+
+def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]]:
+    """Return agents 1 and 3, with what was heard of their parameters; give the answer and the warnings."""
+    scenario = load("prescribed")
+    table = changed(scenario.config.mission, lane_step_m=step_m)
+    scenario = replace(scenario, config=changed(scenario.config, mission=table))
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        scenario, SEED, None, lambda t, e: effects.append((t, e)), orders=[order(20.0, "return", 1, 3)]
+    )
+    run.run(18.0)
+    for name, height_m in altitudes_m.items():
+        said = dialect.MAVLink_param_value_message(b"RTL_ALTITUDE", height_m, 9, 1, 0)
+        run.command.returns.receive(int(name.removeprefix("of_")), said)
+    run.run(21.0)
+    flight = Flight(run, [], effects)
+    accepted = next(a.detail for a in flight.all(OrderAnswer) if a.state == "accepted")
+    return accepted, [n.text for n in flight.all(Notice) if "return less than" in n.text]
+
+
+def test_vehicles_that_are_sent_home_together_at_one_height_are_named() -> None:
+    detail, warnings = returned(of_1=100.0, of_3=110.0)
+    remark = (
+        "agents 1 at 100 m (RTL_ALTITUDE), 3 at 110 m (RTL_ALTITUDE) return less than 20 m apart in height: "
+        "hold one until the other is down, or watch them"
+    )
+    assert detail == f"agents 1, 3; {remark}"
+    assert warnings == [remark]
+
+
+@pytest.mark.parametrize(
+    "known",
+    [{}, {"of_1": 100.0}, {"of_1": 100.0, "of_3": 120.0}, {"step_m": 0.0, "of_1": 100.0, "of_3": 100.0}],
+)
+def test_nothing_is_said_of_return_heights_that_are_apart_or_not_known(known: dict[str, float]) -> None:
+    assert returned(**known) == ("agents 1, 3", [])
+
+
+def test_a_parameter_that_passes_the_service_is_heard() -> None:
+    """`gcs preflight` asks through the service that flies the mission."""
+    run = VirtualRun(load("prescribed"), SEED)
+    run.run(5.0)
+    plane = run.vehicles["vehicle:1"]
+    asked = dialect.MAVLink_param_request_read_message(1, 1, b"RTL_ALTITUDE", -1)
+    plane.receive_datagram(Encoder(254, 190)(asked), run.t_ns)
+    run.run(6.0)
+    assert run.command.returns._values[1] == {"RTL_ALTITUDE": 100.0}
+
+
+def test_a_vehicle_that_is_resumed_from_its_return_gets_the_layer_of_its_new_plan() -> None:
+    flight = fly([order(20.0, "return", 1), order(40.0, "resume", 1)], 60.0)
+    (*_, route) = [
+        route
+        for plan in flight.all(Plan)
+        for route in plan.routes
+        if route.vehicle == 1 and plan.t_ns > START_T_NS + 40 * S
+    ]
+    mission = flight.run.scenario.config.mission
+    told = flight.told(1, 40.0, 60.0)
+    heights_m = {m.z for m in told if m.get_type() == "MISSION_ITEM_INT" and m.seq > 0}
+    assert heights_m == {mission.altitude_rel_m + route.lane * mission.lane_step_m}

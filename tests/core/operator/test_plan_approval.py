@@ -1,0 +1,293 @@
+"""An operator who confirms plans himself would lose trust if anything flew that he has not seen."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from staging import S
+
+from gcs.core.engine import Command
+from gcs.edge.terminal import effect_line
+from gcs.edge.wire import decode, encode
+from gcs.mavlink.codec import decode as decode_frames
+from gcs.model import (
+    Effect,
+    Event,
+    Fate,
+    KeepOut,
+    MissionEnded,
+    Notice,
+    Order,
+    OrderAnswer,
+    Plan,
+    Proposal,
+    Send,
+    Tick,
+    UploadReport,
+)
+from gcs.planning.sight import line_of_sight
+from sim_vehicles.scenario import Scenario, load
+from sim_vehicles.virtual import START_T_NS, VirtualRun
+
+SEED = 1
+
+
+def scenario(retask: str = "confirm", name: str = "prescribed") -> Scenario:
+    loaded = load(name)
+    planning = msgspec.structs.replace(loaded.config.planning, retask=retask, when="period", aim="position")
+    return replace(loaded, config=msgspec.structs.replace(loaded.config, planning=planning))
+
+
+class Flight:
+    """A flight with an operator: called with each effect, he may answer with an order."""
+
+    def __init__(self, operator: Callable[[int, Effect], Order | None], retask: str = "confirm") -> None:
+        self.events: list[Event] = []
+        self.effects: list[tuple[int, Effect]] = []
+        self._operator = operator
+        self.run = VirtualRun(scenario(retask), SEED, self.events.append, self._effect)
+
+    def _effect(self, t_ns: int, effect: Effect) -> None:
+        self.effects.append((t_ns, effect))
+        order = self._operator(t_ns, effect)
+        if order is not None:
+            self.run.order(order)
+
+    def fly(self, duration_s: float) -> Flight:
+        self.run.run(duration_s)
+        return self
+
+    def all(self, kind: type) -> list[Any]:
+        return [effect for _, effect in self.effects if isinstance(effect, kind)]
+
+    def counted(self) -> list[tuple[int, int]]:
+        """(time, vehicle) of every upload that was begun or repeated."""
+        found = []
+        for t_ns, effect in self.effects:
+            if isinstance(effect, Send):
+                messages = decode_frames(effect.data)[0]
+                found += [(t_ns, m.target_system) for m in messages if m.get_type() == "MISSION_COUNT"]
+        return found
+
+
+def word(t_ns: int, action: Any, plan_id: int, *vehicles: int) -> Order:
+    name = f"{action}-{plan_id}-{t_ns}-{vehicles}"
+    return Order(t_ns, name, action, tuple(vehicles) or None, plan_id)
+
+
+def after(delay_s: float, action: str = "confirm") -> Callable[[int, Effect], Order | None]:
+    """An operator who gives every plan the same word, once, after a while."""
+
+    def operator(t_ns: int, effect: Effect) -> Order | None:
+        if isinstance(effect, Proposal) and effect.routes and effect.t_ns == effect.shown_t_ns:
+            return word(t_ns + round(delay_s * S), action, effect.plan_id)
+        return None
+
+    return operator
+
+
+def silent(_t_ns: int, _effect: Effect) -> None:
+    return None
+
+
+def test_without_a_word_nothing_is_ever_uploaded_the_first_plan_included() -> None:
+    flight = Flight(silent).fly(60.0)
+    assert flight.counted() == []
+    assert flight.all(Plan) == []
+    proposals = flight.all(Proposal)
+    assert {route.vehicle for route in proposals[0].routes} == {1, 2, 3, 4}
+    ids = [proposal.plan_id for proposal in proposals]
+    assert set(ids) == {1}  # who flies where is still good: the number stays, the routes are kept up to date
+    assert proposals[-1].figures[0].length_m != proposals[0].figures[0].length_m
+
+
+def test_a_mission_with_every_plan_confirmed_ends_as_it_should() -> None:
+    flight = Flight(after(2.0)).fly(400.0)
+    (ended,) = flight.all(MissionEnded)
+    assert (ended.arrived, ended.dead) == ((1, 3, 4), (2,))
+    assert all("confirmed" in plan.reason and plan.causes for plan in flight.all(Plan))
+    done = [a for a in flight.all(OrderAnswer) if a.state == "done"]
+    assert len(done) == sum(report.ok for report in flight.all(UploadReport))
+
+
+def test_vehicles_are_confirmed_one_by_one_and_only_they_are_tasked() -> None:
+    def operator(t_ns: int, effect: Effect) -> Order | None:
+        first = isinstance(effect, Proposal) and effect.plan_id == 1 and len(effect.routes) == 4
+        return word(t_ns + S, "confirm", 1, 2, 3) if first else None
+
+    flight = Flight(operator).fly(12.0)
+    assert {vehicle for _, vehicle in flight.counted()} == {2, 3}
+    (plan,) = flight.all(Plan)
+    assert plan.changed == (2, 3)
+    assert [route.vehicle for route in flight.all(Proposal)[1].routes] == [1, 4]
+
+
+def test_a_plan_that_is_no_longer_shown_cannot_be_confirmed() -> None:
+    def operator(t_ns: int, effect: Effect) -> Order | None:
+        is_new = isinstance(effect, Proposal) and effect.t_ns == effect.shown_t_ns
+        return word(t_ns, "confirm", 1) if is_new else None
+
+    flight = Flight(operator).fly(60.0)
+    second = next(p for p in flight.all(Proposal) if p.plan_id == 2)
+    (answer,) = [a for a in flight.all(OrderAnswer) if a.t_ns == second.t_ns]
+    assert answer.state == "refused"
+    assert answer.detail == f"that plan is no longer the one shown: plan 2 is ({second.reason})"
+    assert not [t_ns for t_ns, _ in flight.counted() if t_ns >= second.t_ns]
+
+
+def test_what_was_rejected_is_not_proposed_again_before_something_changes() -> None:
+    flight = Flight(after(1.0, "reject")).fly(16.0)
+    first, none = flight.all(Proposal)
+    assert (len(first.routes), none.routes) == (4, ())
+    assert flight.counted() == []
+    later = Flight(after(1.0, "reject")).fly(60.0).all(Proposal)
+    assert len(later) > 2
+    assert all(p.reason for p in later[2:] if p.routes)
+
+
+def test_a_confirm_with_nothing_to_confirm_is_refused() -> None:
+    for retask in ("auto", "confirm"):
+        run = VirtualRun(scenario(retask), SEED)
+        effects = run.command.step(word(START_T_NS, "confirm", 1))
+        assert [(e.state, e.detail) for e in effects] == [("refused", "no plan waits")]
+
+
+ACTIONS = st.tuples(
+    st.sampled_from(["hold", "resume", "return", "confirm", "confirm", "reject", "keep-out"]),
+    st.sets(st.integers(1, 5)),
+    st.integers(1, 6),
+    st.floats(1.0, 40.0),
+)
+
+
+@settings(deadline=None, max_examples=6)
+@given(given_orders=st.lists(ACTIONS, max_size=10))
+def test_under_any_orders_only_what_was_confirmed_is_uploaded_and_nobody_held_is_tasked(given_orders) -> None:
+    orders = []
+    for index, (action, vehicles, plan_id, at_s) in enumerate(sorted(given_orders, key=lambda one: one[3])):
+        area = KeepOut(f"a{plan_id}", (900.0, 150.0 * plan_id, 60.0)) if action == "keep-out" else None
+        t_ns = START_T_NS + round(at_s * S)
+        orders.append(Order(t_ns, str(index), action, tuple(sorted(vehicles)) or None, plan_id, area))
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(scenario(), SEED, events.append, lambda t, e: effects.append((t, e)), orders=orders)
+    run.run(45.0)
+    command, allowed, again = Command(run.scenario.config, SEED), set(), []
+    for event in events:
+        aside = set(command.orders.aside)
+        step = command.step(decode("recording", encode(event), type(event)))
+        again += [encode(effect) for effect in step]
+        for effect in step:
+            if isinstance(effect, Plan):
+                allowed |= set(effect.changed)
+            if isinstance(effect, Send):
+                for message in decode_frames(effect.data)[0]:
+                    if message.get_type() == "MISSION_COUNT":
+                        assert message.target_system in allowed
+                        assert message.target_system not in aside
+    assert again == [encode(effect) for _, effect in effects]  # an order replayed gives the same effects
+
+
+# ---------------------------------------------------------------- keep-outs
+
+
+def closing(at_s: float, area: KeepOut) -> Callable[[int, Effect], Order | None]:
+    given_once: list[Order] = []
+
+    def operator(t_ns: int, effect: Effect) -> Order | None:
+        if not given_once and t_ns >= START_T_NS + at_s * S:
+            given_once.append(Order(t_ns, "close", "keep-out", None, None, area))
+            return given_once[0]
+        return None
+
+    return operator
+
+
+CORRIDOR = KeepOut("fire", None, ((650.0, 420.0), (760.0, 420.0), (700.0, 660.0)))
+
+
+def test_a_keep_out_changes_the_plan_at_once_and_nobody_is_led_through_it() -> None:
+    free = Flight(silent, "auto").fly(30.0).run.command
+    flight = Flight(closing(20.0, CORRIDOR), "auto").fly(30.0)
+    command = flight.run.command
+    closed = command.grid.blocked & ~free.grid.blocked
+    assert closed.sum() > 10
+    plan = next(p for p in flight.all(Plan) if "keep-out fire closed" in p.reason)
+    assert plan.t_ns - START_T_NS < 20.2 * S
+    (answer,) = flight.all(OrderAnswer)
+    assert answer.state == "done"
+    for route in plan.routes:
+        if route.vehicle in plan.changed:
+            points = [tuple(map(float, point)) for point in route.points_m]
+            only = replace(command.grid, blocked=closed)
+            assert all(line_of_sight(only, a, b) for a, b in pairwise(points))
+    through = [r for r in free.replanner.routes.values() if r.vehicle in plan.changed]
+    assert through
+
+
+def test_a_keep_out_is_opened_by_its_name_and_an_unknown_one_is_refused() -> None:
+    run = VirtualRun(scenario("auto"), SEED)
+    before = run.command.grid.blocked
+    order = Order(START_T_NS, "1", "keep-out", None, None, CORRIDOR)
+    run.command.step(order)
+    assert (run.command.grid.blocked & ~before).any()
+    run.command.step(replace(order, keep_out=KeepOut("fire")))
+    assert (run.command.grid.blocked == before).all()
+    (answer,) = run.command.step(replace(order, keep_out=KeepOut("fire")))
+    assert (answer.state, answer.detail) == ("refused", "no keep-out is called fire; there are: none")
+    (answer,) = run.command.step(replace(order, keep_out=KeepOut("far", (9e5, 0.0, 10.0))))
+    assert (answer.state, answer.detail) == ("refused", "it lies outside the map")
+
+
+def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_mission_is_touched() -> None:
+    wall = KeepOut("wall", None, ((800.0, -50.0), (860.0, -50.0), (860.0, 2050.0), (800.0, 2050.0)))
+    flight = Flight(closing(20.0, wall), "auto").fly(60.0)
+    alarms = [n for n in flight.all(Notice) if n.level == "alarm"]
+    first = [n for n in alarms if n.t_ns <= START_T_NS + 21 * S]
+    (answer,) = [a for a in flight.all(OrderAnswer) if a.action == "keep-out"]
+    for notice in first:
+        assert re.fullmatch(
+            r"would fly through keep-out wall: in \d+ s, on its way to item \d+ "
+            r"of the mission that it holds: hold or return it",
+            notice.text,
+        )
+        assert f"agent {notice.vehicle} {notice.text}" in answer.detail
+        line = effect_line(notice)
+        assert line is not None
+        assert line[0].count("agent") == 1  # not: agent 2: agent 2 would fly through
+    vehicles = {n.vehicle for n in first}
+    assert vehicles
+    soon = {n.vehicle: n for n in alarms if n not in first and "would fly through" in n.text}
+    inside = {n.vehicle: n for n in alarms if "is inside keep-out wall" in n.text}
+    assert inside
+    for vehicle, notice in inside.items():
+        told = soon.get(vehicle) or next(n for n in first if n.vehicle == vehicle)
+        (seconds,) = re.findall(r"in (\d+) s", told.text)
+        assert (notice.t_ns - told.t_ns) / S == pytest.approx(int(seconds), abs=4.0)
+        assert sum(n.vehicle == vehicle for n in alarms if "is inside" in n.text) == 1
+        later = [plan for plan in flight.all(Plan) if told.t_ns < plan.t_ns < notice.t_ns]
+        assert not any(vehicle in plan.changed for plan in later)
+
+
+@pytest.mark.parametrize("loss_of", [2])
+def test_who_dies_is_taken_out_of_the_plan_that_waits(loss_of: int) -> None:
+    flight = Flight(silent).fly(70.0)
+    (death,) = [fate for fate in flight.all(Fate) if fate.fate == "dead"]
+    assert death.vehicle == loss_of
+    last = [proposal for proposal in flight.all(Proposal) if proposal.t_ns >= death.t_ns]
+    assert last
+    assert all(route.vehicle != loss_of for proposal in last for route in proposal.routes)
+
+
+def test_time_alone_brings_no_new_plan() -> None:
+    flight = Flight(silent).fly(12.0)
+    assert [p.plan_id for p in flight.all(Proposal)] == [1, 1, 1]
+    assert sum(isinstance(event, Tick) for event in flight.events) > 200

@@ -1,0 +1,204 @@
+"""A user would lose vehicles and time: the living written off, the dead waited for, arrivals not counted."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+from staging import at, believed, picture, track
+
+from gcs.core.perception.agent_status import NEVER_SEEN_S, UNSEEN_S, Fates
+from gcs.core.perception.confirmation import Beliefs
+
+AGENT, TARGET = (0, 0), (0, 1)
+RADIUS_M = 40.0
+HERE, FAR = (0.0, 0.0), (500.0, 0.0)
+NOBODY = Beliefs(0.01)
+
+
+class Scene:
+    """One agent, vehicle 1, on its way to one target; a scan a second."""
+
+    def __init__(self, vehicles=(1,)):
+        self.fates = Fates(vehicles, RADIUS_M)
+        self.t_s = 0
+
+    def look(self, agent=None, target=None, *, tied=True, reporting=True, tasked=True, again=False):
+        """Judge a scan with this agent's and this target's track; return (vehicle, fate) that changed."""
+        self.t_s += not again
+        agents = believed(agent) if agent else NOBODY
+        targets = believed(target) if target else NOBODY
+        changed = self.fates.update(
+            at(self.t_s),
+            at(self.t_s),
+            agents,
+            targets,
+            {1: AGENT} if tied else {},
+            {1: TARGET} if tasked else {},
+            {1} if reporting else set(),
+        )
+        assert all(fate.t_ns == at(self.t_s) for fate in changed)
+        return [(fate.vehicle, fate.fate) for fate in changed]
+
+    @property
+    def fate(self):
+        return self.fates.by_vehicle[1]
+
+
+def flying(place=FAR, **changes):
+    return track(AGENT, place, **changes)
+
+
+def goal(place=HERE):
+    return track(TARGET, place)
+
+
+def test_an_agent_whose_track_is_gone_is_dead_and_its_last_place_is_known():
+    scene = Scene()
+    assert scene.look(flying((300.0, 40.0)), goal()) == []
+    assert scene.look(None, goal(), reporting=False) == [(1, "dead")]
+    assert scene.fate.position_m == (300.0, 40.0)
+    assert scene.fates.flying() == []
+
+
+def test_an_agent_whose_track_was_only_missed_flies_on():
+    scene = Scene()
+    scene.look(flying(), goal())
+    doubted = believed(flying())
+    for _ in range(6):
+        scene.t_s += 1
+        doubted.update(picture(flying(existence=0.3, estimated=False)))
+        assert scene.fates.update(at(scene.t_s), at(scene.t_s), doubted, NOBODY, {1: AGENT}, {}, set()) == []
+
+
+def test_the_last_place_known_is_one_where_it_was_seen():
+    scene = Scene()
+    scene.look(flying((300.0, 40.0)), goal())
+    coasted = believed(flying((300.0, 40.0)))
+    coasted.update(picture(flying((390.0, 40.0), existence=0.2, estimated=False)))
+    scene.fates.update(at(2), at(2), coasted, NOBODY, {1: AGENT}, {}, set())
+    scene.look(None, goal(), reporting=False)
+    assert scene.fate.position_m == (300.0, 40.0)
+
+
+def test_a_clutter_point_beside_a_dead_agent_does_not_revive_it():
+    scene = Scene()
+    scene.look(flying(), goal())
+    scene.look(None, goal(), reporting=False)
+    for _ in range(5):
+        assert scene.look(flying(), goal(), reporting=False) == []
+        assert scene.look(None, goal(), tied=False, reporting=False) == []
+    assert scene.fate.fate == "dead"
+
+
+def test_a_dead_agent_lives_again_only_with_a_report_and_a_sure_track_tied_to_it():
+    def dead():
+        scene = Scene()
+        scene.look(flying(), goal())
+        assert scene.look(None, goal(), reporting=False) == [(1, "dead")]
+        return scene
+
+    assert dead().look(None, goal(), tied=False, reporting=True) == []
+    assert dead().look(flying(), goal(), tied=False, reporting=True) == []
+    assert dead().look(flying(existence=0.89), goal(), reporting=True) == []
+    scene = dead()
+    assert scene.look(flying(existence=0.9), goal(), reporting=True) == [(1, "flying")]
+    assert scene.fates.flying() == [1]
+
+
+def test_a_revived_agent_can_die_again_and_can_arrive():
+    scene = Scene()
+    scene.look(flying(), goal())
+    scene.look(None, goal(), reporting=False)
+    scene.look(flying(), goal())
+    assert scene.look(None, goal(), reporting=False) == [(1, "dead")]
+    scene.look(flying(), goal())
+    assert [scene.look(flying(HERE), goal()) for _ in range(2)] == [[], [(1, "arrived")]]
+
+
+def test_arrival_takes_two_scans_in_a_row():
+    scene = Scene()
+    near, away = flying((39.9, 0.0)), flying((40.1, 0.0))
+    assert [scene.look(a, goal()) for a in (near, away, near, away, near)] == [[]] * 5
+    assert scene.look(near, goal()) == [(1, "arrived")]
+    assert (scene.fate.target, scene.fate.position_m) == (TARGET, (39.9, 0.0))
+    assert scene.fates.at_targets() == {TARGET: 1}
+
+
+def test_two_sensors_that_see_an_agent_at_its_target_at_one_moment_are_not_two_scans_in_a_row():
+    scene = Scene()
+    assert [scene.look(flying(HERE), goal(), again=again) for again in (False, True, True)] == [[]] * 3
+    assert scene.look(flying(HERE), goal()) == [(1, "arrived")]
+
+
+def test_a_second_sensor_that_sees_the_agent_elsewhere_at_that_moment_breaks_the_row():
+    scene = Scene()
+    scene.look(flying(HERE), goal())
+    scene.look(flying(FAR), goal(), again=True)
+    assert scene.look(flying(HERE), goal()) == []
+
+
+def test_an_agent_that_dies_on_its_last_metres_has_not_arrived():
+    scene = Scene()
+    scene.look(flying(HERE), goal())
+    assert scene.look(None, goal(), reporting=False) == [(1, "dead")]
+    assert not scene.fates.at_targets()
+
+
+def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():
+    scene = Scene()
+    agents = believed(flying(HERE))
+    agents.update(picture(flying(HERE, existence=0.4, estimated=False)))
+    for t_s in range(1, 5):
+        changed = scene.fates.update(at(t_s), at(t_s), agents, believed(goal()), {1: AGENT}, {1: TARGET}, {1})
+        assert changed == []
+
+
+def test_an_agent_passes_targets_that_are_not_its_own():
+    scene = Scene()
+    assert [scene.look(flying(HERE), goal(), tasked=False) for _ in range(5)] == [[]] * 5
+    assert [scene.look(flying(HERE), None) for _ in range(5)] == [[]] * 5
+
+
+def test_arrival_is_for_good():
+    scene = Scene()
+    scene.look(flying(HERE), goal())
+    scene.look(flying(HERE), goal())
+    arrived = scene.fate
+    scene.look(None, None, reporting=False)
+    for _ in range(30):
+        assert scene.look(None, None, tied=False, reporting=False, tasked=False) == []
+    assert scene.fate == arrived
+
+
+def test_a_vehicle_that_never_shows_up_is_dead_after_twenty_seconds():
+    scene = Scene()
+    unseen = [scene.look(None, goal(), tied=False, reporting=False) for _ in range(int(NEVER_SEEN_S) + 1)]
+    assert unseen == [[]] * 21
+    assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "dead")]
+    assert scene.fate.position_m is None
+
+
+def test_a_vehicle_that_reported_and_was_never_tied_is_dead_after_five_seconds_of_silence():
+    scene = Scene()
+    assert scene.look(None, goal(), tied=False, reporting=True) == []
+    silent = [scene.look(None, goal(), tied=False, reporting=False) for _ in range(int(UNSEEN_S))]
+    assert silent == [[]] * 5
+    assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "dead")]
+
+
+def test_a_report_or_a_tie_within_five_seconds_keeps_an_agent_alive():
+    by_reports, by_ties = Scene(), Scene()
+    for second in range(1, 80):
+        now = second % 5 == 0
+        assert by_reports.look(None, goal(), tied=False, reporting=now) == []
+        assert by_ties.look(flying() if now else None, goal(), tied=now, reporting=False) == []
+
+
+@given(st.lists(st.tuples(*[st.booleans()] * 5), max_size=40))
+def test_fates_only_change_in_ways_that_can_be_told(scans):
+    """Flying to dead or arrived, dead to flying, arrived never; each change is told once."""
+    scene, told = Scene(vehicles=(1, 2)), {1: "flying", 2: "flying"}
+    for seen, near, tied, reporting, tasked in scans:
+        agent = flying(HERE if near else FAR) if seen else None
+        for vehicle, fate in scene.look(agent, goal(), tied=tied, reporting=reporting, tasked=tasked):
+            assert (told[vehicle], fate) in {("flying", "dead"), ("flying", "arrived"), ("dead", "flying")}
+            told[vehicle] = fate
+    assert told == {vehicle: fate.fate for vehicle, fate in scene.fates.by_vehicle.items()}

@@ -1,0 +1,185 @@
+"""A user would believe a vehicle that is led astray: what it reports is held against what sensors see."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs.config.tables import TelemetryTable
+from gcs.core.perception.fusion import squared_distances
+from gcs.core.perception.position_integrity import _GATE_CHI2, Witness, _near
+from gcs.mavlink.codec import Encoder, decode
+from gcs.model import NS_PER_S, Notice, Scan, Sensor, Track, VehicleState, read_only
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import START_T_NS, VirtualRun
+
+S = NS_PER_S
+
+
+def sensor(p_d=0.95, clutter_per_m2=4e-6, field=(0.0, 0.0, 2000.0, 2000.0)):
+    return Sensor("radar", p_d, clutter_per_m2, read_only(np.eye(2) * 10.0), field)
+
+
+def state(t_s, east_m=1000.0, *, armed=True):
+    return VehicleState(1, round(t_s * S), east_m, 1000.0, 170.0, 15.0, math.pi / 2, "AUTO", armed, 1)
+
+
+def track(label, east_m, north_m=1000.0):
+    return Track(label, read_only([east_m, north_m, 15.0, 0.0]), read_only(np.eye(4) * 9.0), 1.0, True)
+
+
+def told(detections, *, seconds=10, seer=None, armed=True, agents=None, targets=(), reports=None):
+    """Notices with their times; `detections` takes the second and returns places."""
+    witness, notices = Witness(TelemetryTable()), []
+    for t_s in range(seconds):
+        z = np.reshape(detections(t_s), (-1, 2))
+        scan = Scan(t_s * S, t_s * S, seer or sensor(), read_only(z))
+        states = [state(t_s - 0.1, *([] if reports is None else [reports(t_s)]), armed=armed)]
+        found = witness.take(scan, states, {1: (0, 1)}, agents or {}, targets)
+        notices += [(t_s, notice.level, notice.text) for notice in found]
+    return notices
+
+
+def there(_t_s):
+    return [(1001.5, 1000.0)]
+
+
+def nowhere(_t_s):
+    return []
+
+
+def test_a_vehicle_that_is_seen_where_it_says_is_no_news():
+    assert told(there, seconds=100) == []
+    rng = np.random.default_rng(3)
+    assert told(lambda _t: there(0) if rng.random() < 0.95 else [], seconds=500) == []
+
+
+def test_one_that_is_not_seen_is_an_alarm_within_seconds_and_an_all_clear_after_as_many():
+    notices = told(lambda t: nowhere(t) if t < 10 else there(t), seconds=20)
+    assert [(t, level) for t, level, _ in notices] == [(3, "alarm"), (13, "info")]
+    assert "not seen where it reports" in notices[0][2]
+
+
+def test_a_single_miss_or_two_raise_nothing():
+    assert told(lambda t: nowhere(t) if t % 4 == 3 else there(t), seconds=60) == []
+
+
+@pytest.mark.parametrize("settings", [{"seer": sensor(field=(0, 0, 900, 2000))}, {"armed": False}])
+def test_where_nobody_looks_and_on_the_ground_nothing_is_known(settings):
+    assert told(nowhere, **settings) == []
+
+
+def test_a_weak_sensor_needs_longer_and_a_crowd_clears_nobody():
+    weak = told(nowhere, seer=sensor(p_d=0.5), seconds=20)
+    assert weak[0][0] > 10
+    beside = [track((5, 0), 1005.0)]
+    notices = told(lambda t: nowhere(t) if t < 6 else there(t), targets=beside, seconds=30)
+    assert [level for _, level, _ in notices] == ["alarm"], "what is seen there may be the other object"
+
+
+def test_the_alarm_says_where_it_is_seen_instead():
+    def reports(t_s):
+        return 1000.0 if t_s < 5 else 1400.0
+
+    notices = told(there, reports=reports, agents={(0, 1): track((0, 1), 1001.0)}, seconds=15)
+    assert len(notices) == 1
+    assert "400 m from where it reports to be" in notices[0][2]
+
+
+# ---------------------------------------------------------------- on a hostile link
+
+
+class Hostile:
+    """Changes what every vehicle says, each in a way of its own, from 12 s to 32 s."""
+
+    def __init__(self, changes) -> None:
+        self._changes = changes
+        self._encoders = {vehicle: Encoder(vehicle, 1) for vehicle in changes}
+        self.kept = None
+
+    def __call__(self, t_ns, peer, data):
+        t_s, vehicle = (t_ns - START_T_NS) / S, int(peer.removeprefix("vehicle:"))
+        if vehicle not in self._changes or not 12.0 <= t_s < 32.0:
+            return [(peer, data)]
+        change, is_twin = self._changes[vehicle]
+        messages, _ = decode(data)
+        for message in messages:
+            if message.get_type() == "GLOBAL_POSITION_INT":
+                change(self, t_s, message)
+        changed = b"".join(self._encoders[vehicle](message) for message in messages)
+        return [(peer, data), (is_twin or peer, changed)] if is_twin is not None else [(peer, changed)]
+
+
+def freeze(hostile, _t_s, message):
+    hostile.kept = hostile.kept or (message.lat, message.lon)
+    message.lat, message.lon = hostile.kept
+
+
+def lead_astray(_hostile, t_s, message):
+    """Pull it away slowly, as who captures a receiver does."""
+    message.lon += round(min(12.0 * (t_s - 12.0), 200.0) / 93_000 * 1e7)
+
+
+def be_another(_hostile, _t_s, message):
+    message.lat += 90_000
+    message.time_boot_ms += 77_000
+
+
+HOSTILE = {
+    1: (lambda *_: None, "elsewhere"),  # an impostor beside it
+    2: (freeze, None),
+    3: (lead_astray, None),
+    4: (be_another, ""),  # a twin behind the same radio
+}
+
+
+def notices_of(changes, seconds=50.0):
+    notices = []
+    run = VirtualRun(
+        load("prescribed"),
+        1,
+        tamper=Hostile(changes),
+        on_effect=lambda _t, effect: notices.append(effect) if isinstance(effect, Notice) else None,
+    )
+    run.run(seconds)
+    return run, [((n.t_ns - START_T_NS) / S, n.vehicle, n.level, n.text) for n in notices]
+
+
+def test_hostile_links_are_an_alarm_each_on_the_right_vehicle_and_have_their_all_clear():
+    _, notices = notices_of(HOSTILE)
+    for vehicle, words, clear, within_s in (
+        (1, "claims its id", "nobody else claims its id", 1.0),
+        (2, "its position is frozen", "its position moves again", 6.0),
+        (3, "where it reports to be", "is seen where it reports to be again", 15.0),
+        (4, "two vehicles report with its system id", "one vehicle reports with", 4.0),
+    ):
+        alarms = [(t, v) for t, v, level, text in notices if level == "alarm" and words in text]
+        clears = [(t, v) for t, v, _, text in notices if clear in text]
+        # One that is frozen is not where it reports to be either.
+        assert {v for _, v in alarms} - ({2} if vehicle == 3 else set()) == {vehicle}, words
+        assert 12.0 <= alarms[0][0] < 12.0 + within_s, words
+        assert [v for _, v in clears] == [vehicle], words
+        assert 32.0 < clears[0][0] < 45.0, words
+
+
+def test_an_honest_flight_raises_no_alarm():
+    run, notices = notices_of({})
+    assert [n for n in notices if n[2] == "alarm"] == []
+    assert run.command.witness.doubted() == frozenset()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_tree_finds_the_pairs_that_all_distances_show(seed):
+    rng = np.random.default_rng(seed)
+    n, m = rng.integers(0, 60, 2)
+    places, points = rng.uniform(0, 300, (n, 2)), rng.uniform(0, 300, (m, 2))
+    points[rng.random(m) < 0.1] = np.nan
+    roots = rng.normal(0.0, 8.0, (n, 2, 2))
+    S = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(2)
+    rows, columns = _near(places, S, points)
+    wanted = np.argwhere(squared_distances(points, places, S).T <= _GATE_CHI2)
+    assert sorted(zip(rows.tolist(), columns.tolist(), strict=True)) == [
+        tuple(pair) for pair in wanted.tolist()
+    ]

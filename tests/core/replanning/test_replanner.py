@@ -1,0 +1,513 @@
+"""A user would lose time and radio: plans too late or without end, missions to vehicles that need none."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from staging import at, mission, track
+
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.replanning.inputs import Situation
+from gcs.core.replanning.replanner import Replanner
+from gcs.core.tasking.upload_latency import DELIVERY_S
+from gcs.planning.prediction import Ahead, Motion
+
+CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
+
+
+class Desk:
+    """A planner's desk: who flies where, which targets are believed; looks at times a test chooses."""
+
+    def __init__(self, agents, targets, *, tables="", expected_targets=None):
+        count = len(targets) if expected_targets is None else expected_targets
+        config = mission(
+            agents=list(agents.values()), births=[(1900.0, 100.0 * i) for i in range(count)], tables=tables
+        )
+        self.grid = mission_grid(config, 0)
+        self.replanner = Replanner(config, self.grid)
+        self.agents, self.targets, self.arrived = dict(agents), dict(targets), set()
+        self.lost, self.velocities, self.plans = set(), {}, []
+
+    def look(self, t_s):
+        """Check if a look is due; return the plan."""
+        if not self.replanner.is_due(at(t_s)):
+            return None
+        situation = Situation(
+            at(t_s),
+            at(t_s),
+            {
+                v: track((0, v), place, self.velocities.get(v, (0.0, 0.0)))
+                for v, place in sorted(self.agents.items())
+            },
+            {label: track(label, place) for label, place in sorted(self.targets.items())},
+            frozenset(self.arrived),
+            lost=frozenset(self.lost),
+        )
+        plan = self.replanner.check(situation)
+        if plan is not None:
+            self.plans.append(plan)
+            assert plan.causes
+        return plan
+
+    def arrive(self, vehicle):
+        label = self.replanner.assigned[vehicle]
+        self.replanner.drop(vehicle)
+        self.arrived.add(vehicle)
+        del self.agents[vehicle], self.targets[label]
+
+    def die(self, vehicle):
+        self.lost.add(vehicle)
+        self.replanner.drop(vehicle)
+        del self.agents[vehicle]
+
+    @property
+    def assigned(self):
+        return self.replanner.assigned
+
+
+A, B, C = (0, 0), (0, 1), (3, 2)
+
+
+def pair(**changes):
+    """Two agents in the west, two targets straight east of them, one planned."""
+    desk = Desk({1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0), B: (1500.0, 800.0)}, **changes)
+    plan = desk.look(0.0)
+    assert plan.changed == (1, 2)
+    assert desk.assigned == {1: A, 2: B}
+    return desk
+
+
+# ---------------------------------------------------------------- the first plan
+
+
+def test_the_first_plan_is_made_as_soon_as_everybody_expected_is_there():
+    desk = Desk({1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0)}, expected_targets=2)
+    assert [desk.look(t_s) for t_s in (0.0, 1.0, 2.0)] == [None] * 3
+    desk.targets[B] = (1500.0, 800.0)
+    plan = desk.look(3.0)
+    assert plan.reason == "first plan"
+    assert plan.changed == (1, 2)
+    assert (plan.t_ns, plan.picture_t_ns) == (at(3), at(3))
+
+
+def test_the_first_plan_waits_five_seconds_for_those_who_do_not_come():
+    desk = Desk({1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0)}, expected_targets=2)
+    assert [desk.look(t_s) for t_s in (10.0, 12.0, 14.9)] == [None] * 3
+    assert desk.look(15.0).unassigned_vehicles == (2,)
+
+
+@pytest.mark.parametrize("missing", ["agents", "targets"])
+def test_there_is_no_first_plan_without_anybody_to_send_or_anywhere_to_go(missing):
+    desk = Desk({1: (100.0, 200.0)}, {A: (1500.0, 200.0)})
+    absent = getattr(desk, missing).copy()
+    getattr(desk, missing).clear()
+    assert [desk.look(float(t_s)) for t_s in range(30)] == [None] * 30
+    getattr(desk, missing).update(absent)
+    assert desk.look(30.0).changed == (1,)
+
+
+# ---------------------------------------------------------------- when to look
+
+
+def test_looks_come_every_period_and_not_at_every_scan():
+    desk = pair()
+    assert [t_s for t_s in range(1, 21) if desk.replanner.is_due(at(t_s)) and desk.look(t_s) is None] == [
+        5, 10, 15, 20,
+    ]  # fmt: skip
+
+
+def test_looks_missed_while_no_scan_came_are_not_made_up_for_one_after_another():
+    desk = pair()
+    desk.look(62.0)
+    assert [t_s for t_s in range(62, 76) if desk.replanner.is_due(at(t_s)) and desk.look(t_s) is None] == [
+        65, 70, 75,
+    ]  # fmt: skip
+
+
+def test_nothing_new_is_no_new_plan():
+    desk = pair()
+    for t_s in range(5, 100, 5):
+        desk.agents[1] = (100.0 + 10.0 * t_s, 200.0)
+        assert desk.look(t_s) is None
+
+
+# ---------------------------------------------------------------- what makes a plan
+
+
+def test_a_dead_agents_target_goes_to_the_survivor_for_whom_it_is_better():
+    desk = Desk(
+        {1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1000.0, 200.0), B: (1900.0, 200.0)}, expected_targets=2
+    )
+    desk.look(0.0)
+    assert desk.assigned == {1: B, 2: A} or desk.assigned == {1: A, 2: B}
+    near = next(v for v, label in desk.assigned.items() if label == A)
+    desk.die(near)
+    plan = desk.look(5.0)
+    survivor = 3 - near
+    assert plan.reason == f"agent {near} lost"
+    assert plan.changed == (survivor,)
+    assert desk.assigned == {survivor: A}
+    assert plan.unassigned_targets == (B,)
+    assert desk.look(10.0) is None
+
+
+def test_a_death_is_told_though_nobodys_route_changes():
+    desk = pair()
+    desk.die(1)
+    plan = desk.look(5.0)
+    assert (plan.reason, plan.changed, plan.unassigned_targets) == ("agent 1 lost", (), (A,))
+    assert [route.vehicle for route in plan.routes] == [2]
+    assert desk.look(10.0) is None
+
+
+def test_an_agent_that_arrived_is_not_lost():
+    desk = pair()
+    desk.arrive(1)
+    assert [desk.look(t_s) for t_s in (5.0, 10.0)] == [None, None]
+
+
+def test_an_agent_that_comes_back_is_tasked():
+    desk = pair()
+    place = desk.agents[1]
+    desk.die(1)
+    desk.look(5.0)
+    desk.agents[1] = place
+    plan = desk.look(10.0)
+    assert (plan.reason, plan.changed) == ("agent 1 joined", (1,))
+    assert desk.assigned == {1: A, 2: B}
+
+
+def test_a_target_that_appears_makes_a_plan_and_only_who_gains_is_redirected():
+    desk = pair()
+    desk.targets[C] = (400.0, 200.0)
+    desk.targets[B] = (1500.0, 810.0)  # it moved, but by less than a new mission is worth
+    plan = desk.look(5.0)
+    assert (plan.reason, plan.changed) == ("target T3.2 appeared", (1,))
+    assert desk.assigned == {1: C, 2: B}
+
+
+def test_a_target_that_comes_back_under_another_label_is_still_its_agents():
+    desk = pair()
+    del desk.targets[A]
+    desk.targets[C] = (1500.0, 215.0)
+    plan = desk.look(5.0)
+    assert plan.reason == "target T3.2 appeared; target T0.0 is not tracked any more"
+    assert desk.assigned == {1: C, 2: B}
+    assert plan.changed == (1,)
+
+
+def test_a_target_that_is_lost_frees_its_agent_for_another():
+    desk = pair()
+    desk.targets[C] = (1900.0, 1900.0)
+    desk.look(5.0)
+    del desk.targets[A]
+    plan = desk.look(10.0)
+    assert plan.reason == "target T0.0 is not tracked any more"
+    assert sorted(desk.assigned.values()) == [B, C]
+
+
+def test_a_target_that_moved_is_followed_and_only_by_its_own_agent():
+    desk = pair()
+    desk.targets[A] = (1500.0, 200.0 + MOVED_M + 0.5)
+    plan = desk.look(5.0)
+    assert (plan.reason, plan.changed) == ("target T0.0 moved 50 m", (1,))
+    assert plan.routes[0].points_m[-1] == pytest.approx(desk.targets[A])
+    assert {route.vehicle for route in plan.routes} == {1, 2}
+
+
+def test_a_target_may_move_a_little_far_away_and_drift_does_not_go_unnoticed():
+    desk = pair()
+    planned_at = []
+    for t_s in range(5, 60, 5):
+        desk.targets[A] = (1500.0, 200.0 + 4.0 * t_s)
+        if desk.look(t_s):
+            planned_at.append(t_s)
+    assert planned_at == [15, 30, 45]  # 60 m each: measured from where the route ends, not from look to look
+
+
+def test_how_far_a_target_may_move_shrinks_to_half_the_capture_radius_as_its_agent_closes_in():
+    def tolerated_m(to_go_m):
+        for moved_m in np.arange(1.0, 80.0):
+            desk = pair()
+            desk.agents[1] = (1500.0 - to_go_m, 200.0)
+            desk.targets[A] = (1500.0, 200.0 + moved_m)
+            if desk.look(5.0):
+                return moved_m - 1.0
+        raise AssertionError("never followed")
+
+    assert [tolerated_m(to_go_m) for to_go_m in (1400.0, 201.0, 160.0, 100.0, 40.0, 0.0)] == [
+        MOVED_M, MOVED_M, 40.0, 25.0, CAPTURE_M / 2, CAPTURE_M / 2,
+    ]  # fmt: skip
+
+
+def test_several_reasons_are_all_told():
+    desk = pair()
+    desk.die(2)
+    desk.targets[C] = (1900.0, 1900.0)
+    desk.targets[A] = (1500.0, 300.0)
+    reason = desk.look(5.0).reason
+    assert reason == "agent 2 lost; target T3.2 appeared; target T0.0 moved 100 m"
+
+
+# ---------------------------------------------------------------- what does not
+
+
+def test_a_target_over_an_obstacle_does_not_make_a_plan_at_each_look():
+    wall = "[map]\nboxes_m = [[1380.0, 80.0, 1620.0, 320.0]]\n"
+    desk = pair(tables=wall)
+    assert any("over an obstacle" in note for note in desk.replanner.notes)
+    end = desk.replanner.routes[1].points_m[-1]
+    assert math.dist(end, desk.targets[A]) > MOVED_M
+    assert [desk.look(t_s) for t_s in range(5, 60, 5)] == [None] * 11
+    assert desk.replanner.routes[1].points_m[-1] == pytest.approx(end)
+
+
+def test_spare_agents_wait_without_a_plan_at_each_look_and_take_what_appears():
+    desk = Desk(
+        {1: (100.0, 200.0), 2: (100.0, 800.0), 3: (100.0, 1400.0)}, {A: (1500.0, 200.0)}, expected_targets=1
+    )
+    plan = desk.look(0.0)
+    assert (plan.changed, plan.unassigned_vehicles) == ((1,), (2, 3))
+    assert [desk.look(t_s) for t_s in (5.0, 10.0, 15.0)] == [None] * 3
+    desk.targets[B] = (1500.0, 1400.0)
+    assert desk.look(20.0).changed == (3,)
+
+
+def test_spare_targets_are_named_and_taken_when_an_agent_is_free():
+    desk = Desk({1: (100.0, 200.0)}, {A: (600.0, 200.0), B: (1500.0, 200.0)})
+    assert desk.look(0.0).unassigned_targets == (B,)
+    assert desk.look(5.0) is None
+
+
+def test_an_agent_with_no_way_to_any_target_does_not_make_a_plan_at_each_look():
+    walls = "[map]\nboxes_m = [[0.0, 480.0, 2000.0, 520.0]]\n"
+    desk = Desk(
+        {1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0), B: (1400.0, 200.0)}, tables=walls
+    )
+    plan = desk.look(0.0)
+    assert plan.changed == (1,)
+    assert "agent 2: no path to any target" in desk.replanner.notes
+    assert [desk.look(t_s) for t_s in range(5, 60, 5)] == [None] * 11
+    assert not desk.replanner.notes  # said once
+    assert desk.assigned == {1: plan.routes[0].target}
+
+
+def test_a_mission_that_could_not_be_delivered_is_planned_again_at_the_next_look():
+    desk = pair()
+    desk.replanner.drop(2)
+    plan = desk.look(5.0)
+    assert (plan.reason, plan.changed) == ("agent 2 has no route", (2,))
+    assert desk.assigned == {1: A, 2: B}
+    assert desk.look(10.0) is None
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["die", "arrive", "move", "appear", "lose", "drop", "nothing"]), st.integers(0, 9)
+        ),
+        max_size=12,
+    )
+)
+def test_who_is_not_in_changed_flies_exactly_what_it_was_last_told(history):
+    """Replaying only the missions to `changed` gives what the planner believes is flown."""
+    agents = {v: (100.0, 350.0 * v) for v in range(1, 5)}
+    desk = Desk(agents, {(0, i): (1800.0, 300.0 + 350.0 * i) for i in range(5)})
+    told, t_s = {}, 0.0
+    for action, number in [("nothing", 0), *history]:
+        tasked, labels = sorted(desk.assigned), sorted(desk.targets)
+        if action == "die" and len(desk.agents) > 1:
+            desk.die(sorted(desk.agents)[number % len(desk.agents)])
+        elif action == "arrive" and tasked and len(desk.agents) > 1:
+            vehicle = tasked[number % len(tasked)]
+            if desk.assigned[vehicle] in desk.targets:
+                desk.arrive(vehicle)
+        elif action == "move" and labels:
+            east_m, north_m = desk.targets[labels[number % len(labels)]]
+            desk.targets[labels[number % len(labels)]] = (east_m - 30.0, north_m + 12.0 * number)
+        elif action == "appear":
+            desk.targets[(7, number)] = (1000.0 + 90.0 * number, 1000.0)
+        elif action == "lose" and len(labels) > 1:
+            del desk.targets[labels[number % len(labels)]]
+        elif action == "drop" and tasked:
+            told.pop(tasked[number % len(tasked)], None)
+            desk.replanner.drop(tasked[number % len(tasked)])
+        plan = desk.look(t_s)
+        t_s += PERIOD_S
+        if plan is None:
+            continue
+        assert plan.reason
+        assert [r.vehicle for r in plan.routes] == sorted(r.vehicle for r in plan.routes)
+        assert len({r.target for r in plan.routes}) == len(plan.routes)
+        for route in plan.routes:
+            assert route.vehicle in desk.agents
+            assert route.target in desk.targets
+            if route.vehicle in plan.changed:
+                told[route.vehicle] = route
+            else:
+                assert told[route.vehicle] is route
+        idle = set(plan.unassigned_vehicles)
+        assert idle | {r.vehicle for r in plan.routes} == set(desk.agents)
+
+
+# ---------------------------------------------------------------- the map
+
+
+def test_a_seed_means_one_map_and_keeps_starts_and_births_clear():
+    config = mission(tables="[map]\nrandom_threshold = 0.2\nkeep_clear_m = 130.0\n")
+    maps = [mission_grid(config, seed) for seed in (1, 1, 2)]
+    assert np.array_equal(maps[0].blocked, maps[1].blocked)
+    assert not np.array_equal(maps[0].blocked, maps[2].blocked)
+    assert 0.15 < maps[0].blocked.mean() < 0.22
+    for row, col in np.argwhere(maps[0].blocked).tolist():
+        place = maps[0].point_of((row, col))
+        for thing in (*config.agents, *config.births):
+            assert math.dist(place, (thing.east_m, thing.north_m)) > 130.0
+
+
+def test_obstacles_placed_by_hand_are_on_the_map_where_the_file_says():
+    tables = "[map]\ndiscs_m = [[1000.0, 400.0, 50.0]]\nboxes_m = [[0.0, 1900.0, 80.0, 2000.0]]\n"
+    grid = mission_grid(mission(tables=tables), 0)
+    assert (grid.shape, grid.spacing_m, grid.origin_m) == ((51, 51), 40.0, (0.0, 0.0))
+    assert grid.blocked[grid.node_of((1000.0, 400.0))]
+    assert grid.blocked[grid.node_of((40.0, 1950.0))]
+    assert not grid.blocked[grid.node_of((400.0, 1000.0))]
+
+
+def test_agent_and_target_are_both_taken_to_the_moment_at_which_the_route_is_taken_up():
+    """The agent flies towards the target, which flies across: what is flown meets it, not where it was."""
+    config = mission(
+        agents=[(100.0, 200.0)],
+        births=[(1500.0, 200.0)],
+        tables='[planning]\naim = "intercept"\nshape = "pulled"\n',
+    )
+    speed_m_s, velocity_m_s, delay_s = 15.0, np.array([0.0, 6.0]), 0.4
+    sure = {"cov": np.diag([9.0, 9.0, 0.01, 0.01])}
+    agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
+    target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
+    situation = Situation(at(delay_s), at(0.0), {1: agent}, {A: target}, frozenset())
+    (route,) = Replanner(config, mission_grid(config, 0)).check(situation).routes
+    taken_up_s = delay_s + DELIVERY_S + 0.5 * config.airframe.turn_lag_s
+    start_m = np.array([100.0 + speed_m_s * taken_up_s, 200.0])
+    assert route.length_m == pytest.approx(np.hypot(*(route.points_m[-1] - start_m)))
+    met_m = np.array([1500.0, 200.0]) + velocity_m_s * (taken_up_s + route.length_m / speed_m_s)
+    assert np.hypot(*(met_m - route.points_m[-1])) < 5.0
+
+
+def test_a_mission_that_takes_long_to_its_vehicle_is_planned_to_meet_the_target_later() -> None:
+    config = mission(
+        agents=[(100.0, 200.0)],
+        births=[(1500.0, 200.0)],
+        tables='[planning]\naim = "intercept"\nshape = "pulled"\n',
+    )
+    speed_m_s, velocity_m_s, late_s = 15.0, np.array([0.0, 4.0]), 20.0
+    sure = {"cov": np.diag([9.0, 9.0, 0.01, 0.01])}
+    agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
+    target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
+    bad = Situation(at(0.0), at(0.0), {1: agent}, {A: target}, frozenset(), late_s={1: late_s})
+    replanner = Replanner(config, mission_grid(config, 0))
+    (route,) = replanner.check(bad).routes
+    meeting_s = DELIVERY_S + 0.5 * config.airframe.turn_lag_s + late_s + route.length_m / speed_m_s
+    assert math.dist([1500.0, 200.0] + velocity_m_s * meeting_s, route.points_m[-1]) < 5.0
+    # Its target walks on meanwhile, and that is no news.
+    walked = replace(target, mean=np.array([*(target.mean[:2] + 15.0 * velocity_m_s), *velocity_m_s]))
+    then = replace(bad, t_ns=at(15.0), picture_t_ns=at(15.0), left_s={1: 5.0}, targets={A: walked})
+    assert replanner.check(then) is None
+
+
+@pytest.mark.parametrize(
+    ("place", "ahead", "is_astray"),
+    [
+        ((900.0, 200.0), [(1500.0, 200.0)], False),  # north of the box, along it
+        ((900.0, 130.0), [(1500.0, 130.0)], True),  # into it
+        ((960.0, 160.0), [(1500.0, 100.0)], True),  # past its corner, much nearer than the clearance
+        ((900.0, 130.0), [(950.0, 130.0)], False),  # its mission ends before
+        ((900.0, 130.0), [], False),  # nobody knows what it flies to
+    ],
+)
+def test_who_would_hit_something_by_what_it_holds_gets_another_route(place, ahead, is_astray):
+    box = "[map]\nboxes_m = [[1000.0, 60.0, 1100.0, 140.0]]\n"
+    tables = f'{box}[planning]\nshape = "flyable"\nclearance_m = 40.0\n'
+    desk = Desk({1: (100.0, 200.0)}, {A: (1500.0, 200.0)}, tables=tables)
+    desk.look(0.0)
+    motion = Motion(*place, 15.0, math.pi / 2.0, ahead=Ahead(tuple(ahead), (10.0,) * len(ahead)))
+    agent, target = track((0, 1), place, (15.0, 0.0)), track(A, desk.targets[A])
+    situation = Situation(at(5.0), at(5.0), {1: agent}, {A: target}, frozenset(), motions={1: motion})
+    plan = desk.replanner.check(situation)
+    assert (plan is not None) == is_astray
+    assert plan is None or plan.reason == "agent 1 would hit an obstacle"
+
+
+def close_to_a_corner(target, *, passed=()):
+    """What is decided for an agent near its target, when the target has moved into a corner of walls."""
+    walls = "[map]\nboxes_m = [[1400.0, 60.0, 1900.0, 140.0], [1820.0, 140.0, 1900.0, 700.0]]\n"
+    desk = Desk(
+        {1: (100.0, 300.0)},
+        {A: (1500.0, 300.0)},
+        tables=f'{walls}[planning]\nshape = "flyable"\nclearance_m = 60.0\n',
+    )
+    (flown,) = desk.look(0.0).routes
+    motion = Motion(1400.0, 300.0, 15.0, math.pi / 2.0, ahead=Ahead(((1500.0, 300.0),), (10.0,)))
+    agent = track((0, 1), (1400.0, 300.0), (15.0, 0.0))
+    situation = Situation(
+        at(60.0), at(60.0), {1: agent}, {A: track(A, target)}, frozenset(), motions={1: motion},
+        passed=frozenset(passed),
+    )  # fmt: skip
+    return desk.replanner.check(situation), flown, desk.replanner.routes[1]
+
+
+def test_a_route_that_does_not_reach_its_target_replaces_none_that_is_good():
+    plan, flown, now = close_to_a_corner((1850.0, 200.0))
+    assert plan is None
+    assert now is flown
+    plan, flown, now = close_to_a_corner((1560.0, 380.0))
+    assert plan.changed == (1,)
+    assert now is not flown
+
+
+def test_who_passed_its_target_and_was_not_seen_to_reach_it_tries_again():
+    assert close_to_a_corner((1510.0, 300.0))[0] is None
+    plan, flown, now = close_to_a_corner((1510.0, 300.0), passed=[1])
+    assert (plan.reason, plan.changed) == ("agent 1 passed target T0.0", (1,))
+    assert now is not flown
+
+
+# ---------------------------------------------------------------- the last metres
+
+
+def arriving(metres=40.0, velocity=(15.0, 0.0), **changes):
+    """Agent 1 so far before its target, agent 2 on its way."""
+    desk = pair(**changes)
+    desk.agents |= {1: (1500.0 - metres, 200.0), 2: (1000.0, 800.0)}
+    desk.velocities = {1: velocity, 2: (15.0, 0.0)}
+    return desk
+
+
+def test_an_agent_on_its_last_metres_is_not_led_to_where_its_target_jitters():
+    desk = arriving()
+    desk.targets[A] = (1500.0, 224.0)
+    assert desk.look(60.0) is None
+    further = arriving(metres=120.0)
+    further.targets[A] = (1500.0, 260.0)
+    assert further.look(60.0).changed == (1,)
+
+
+def test_an_agent_on_its_last_metres_is_not_sent_elsewhere_for_a_better_whole():
+    desk = arriving(tables="[planning]\nswitch_gain_m = 0.0\n")
+    desk.agents[2] = (1650.0, 200.0)  # beyond 1's target; what appears lies behind 1
+    desk.targets = {A: (1500.0, 200.0), C: (1200.0, 200.0)}
+    plan = desk.look(60.0)
+    assert 1 not in plan.changed
+    assert desk.assigned == {1: A, 2: C}
+    assert [route.vehicle for route in plan.routes] == [1, 2]
+    assert plan.unassigned_targets == ()
+
+
+def test_an_agent_that_has_its_target_behind_it_is_not_left_to_it():
+    desk = arriving(velocity=(-15.0, 0.0))
+    desk.targets[A] = (1500.0, 245.0)
+    assert desk.look(60.0).changed == (1,)

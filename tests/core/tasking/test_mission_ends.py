@@ -1,0 +1,127 @@
+"""A vehicle would fly home, or circle for ever, without having reached its target, and nobody would know."""
+
+import pytest
+from staging import at, mission
+from test_holding import CONFIG, FRAME, Fleet
+
+from gcs.core.tasking.mission_builder import Missions
+from gcs.core.tasking.mission_ends import MissionEnds
+from gcs.core.tasking.onboard_missions import Flown, Holding
+from gcs.mavlink.items import Home
+from gcs.mavlink.profiles import ARDUPLANE
+from gcs.model import NS_PER_S, Notice, Route, UploadReport, read_only
+from sim_vehicles.personality import Mode
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import START_T_NS, VirtualRun
+
+
+class Tasking:
+    """Two points, then what the mission's end is; items from 1 on."""
+
+    def __init__(self, end, loiter_radius_m=30.0, wait_m=None):
+        route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0, wait_m=wait_m)
+        table = mission(tables=f'[mission]\nend = "{end}"\nloiter_radius_m = {loiter_radius_m}').mission
+        planned = Missions(table, CONFIG.airframe, FRAME).of(route, 1, None)
+        self.fleet = Fleet(1)
+        self.fleet.one.armed = True
+        self._holding = Holding(self.fleet, stays=end == "loiter")
+        self._holding.note(Flown(route, ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0)), first_point=1))
+
+    def flown(self, vehicle):
+        return self._holding.of(vehicle)
+
+    def ending(self, vehicle):
+        return self._holding.ending(vehicle)
+
+    def has_passed(self, vehicle):
+        return self._holding.has_passed(vehicle)
+
+
+def looked(tasking, seq, seconds, active=(1,)):
+    ends = MissionEnds(tasking, 40.0)
+    tasking.fleet.one.mission_seq = seq
+    told = [notice.text for second in range(seconds) for notice in ends.look(at(float(second)), active)]
+    return told, ends.has_missed(1)
+
+
+def test_flight_g4_a_vehicle_that_flies_home_without_its_target_is_told_and_tasked_again():
+    told, missed = looked(Tasking("land"), seq=3, seconds=20)
+    assert told == ["ended its route without having reached its target: it flies home to land"]
+    assert missed
+
+
+def test_a_vehicle_on_final_is_told_and_let_land():
+    told, missed = looked(Tasking("land"), seq=4, seconds=20)
+    assert told == [
+        "ended its route without having reached its target: it lands, and gets no other mission before that"
+    ]
+    assert not missed
+
+
+@pytest.mark.parametrize(("radius_m", "is_missed"), [(80.0, True), (30.0, False)])
+def test_a_circle_that_never_comes_within_reach_is_no_arrival(radius_m, is_missed):
+    told, missed = looked(Tasking("loiter", radius_m), seq=3, seconds=20)
+    assert told == ["ended its route without having reached its target: it circles at its route's end"]
+    assert missed == is_missed
+
+
+@pytest.mark.parametrize(("seq", "seconds", "active"), [(2, 60, (1,)), (3, 4, (1,)), (3, 60, ())])
+def test_a_vehicle_on_its_way_about_to_arrive_or_arrived_is_not_told_of(seq, seconds, active):
+    assert looked(Tasking("land"), seq, seconds, active) == ([], False)
+
+
+class Returned:
+    """A virtual flight in which vehicle 1 goes to RTL after a while, and what the operator is told of it."""
+
+    def __init__(self, goes, at_s, until_s):
+        self.effects = []
+        self.run = VirtualRun(load("prescribed"), 1, None, lambda t_ns, e: self.effects.append((t_ns, e)))
+        self.run.run(at_s)
+        self.plane = self.run.vehicles["vehicle:1"].autopilot
+        self.began_t_ns = START_T_NS + round(at_s * NS_PER_S)
+        goes(self.plane)
+        self.run.run(until_s)
+
+    def later(self, kind):
+        found = [e for t_ns, e in self.effects if t_ns > self.began_t_ns and isinstance(e, kind)]
+        return [effect for effect in found if effect.vehicle == 1]
+
+
+def test_an_rtl_at_the_mission_s_end_is_no_take_over_and_its_target_is_flown_to_again():
+    flight = Returned(lambda plane: plane._end_mission(), 45.0, 65.0)
+    alarms = [notice.text for notice in flight.later(Notice) if notice.level == "alarm"]
+    assert alarms == ["ended its route without having reached its target: it ended its mission and flies RTL"]
+    assert not [notice for notice in flight.later(Notice) if "not by this service" in notice.text]
+    assert flight.later(UploadReport)[0].ok
+    assert flight.plane.mode is Mode.AUTO
+
+
+def test_an_rtl_of_an_operator_or_a_failsafe_stays_a_take_over():
+    flight = Returned(lambda plane: plane.set_mode(Mode.RTL), 45.0, 65.0)
+    assert [n.text.split(":")[0] for n in flight.later(Notice) if n.level != "info"] == [
+        "is in RTL, not by this service"
+    ]
+    assert not flight.later(UploadReport)
+    assert flight.plane.mode is Mode.RTL
+
+
+def test_an_rtl_long_after_a_stop_is_a_take_over_although_the_mission_is_complete():
+    def goes(plane):
+        plane._end_mission()
+        plane.set_mode(Mode.CRUISE)
+
+    flight = Returned(goes, 45.0, 50.0)
+    flight.plane.set_mode(Mode.RTL)
+    flight.run.run(65.0)
+    assert [n.text.split(":")[0] for n in flight.later(Notice) if n.level != "info"] == [
+        "is in CRUISE, not by this service",
+        "is in RTL, not by this service",
+    ]
+    assert flight.plane.mode is Mode.RTL
+
+
+def test_one_that_has_reached_its_target_returns_without_a_word():
+    flight = Returned(lambda plane: plane._end_mission(), 140.0, 155.0)
+    assert flight.run.command.fates.by_vehicle[1].fate == "arrived"
+    assert not [notice.text for notice in flight.later(Notice) if notice.level != "info"]
+    assert flight.plane.mode is Mode.RTL

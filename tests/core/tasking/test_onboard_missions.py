@@ -1,0 +1,52 @@
+"""A user would lose track of a vehicle that has its target behind it, or of the circle that it will fly."""
+
+from types import SimpleNamespace
+
+import pytest
+from staging import mission
+
+from gcs.core.tasking.mission_builder import Missions
+from gcs.core.tasking.onboard_missions import Flown, Holding
+from gcs.mavlink.items import Home
+from gcs.mavlink.modes import AUTO, LOITER
+from gcs.mavlink.profiles import ARDUPLANE
+from gcs.model import Route, read_only
+
+CONFIG = mission()
+FRAME = CONFIG.local_frame
+
+
+class Fleet:
+    """One vehicle, as it reports itself."""
+
+    def __init__(self, seq, mode=AUTO):
+        self.one = SimpleNamespace(t_ns=0, east_m=0.0, north_m=0.0, ground_speed_m_s=15.0, mission_seq=seq)
+        self.one.mode = mode
+
+    def state(self, _vehicle):
+        return self.one
+
+
+def holding(wait_m, seq, mode=AUTO):
+    route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0, wait_m=wait_m)
+    planned = Missions(CONFIG.mission, CONFIG.airframe, FRAME).of(route, 1, None)
+    items = ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0))
+    held = Holding(Fleet(seq, mode), stays=True)
+    held.note(Flown(route, items, first_point=1))
+    return held
+
+
+@pytest.mark.parametrize(("seq", "points"), [(1, 2), (2, 1)])
+def test_a_vehicle_flies_to_its_points_and_then_to_its_circle(seq, points):
+    ahead = holding((900.0, -200.0), seq).ahead(1, 0.0, 0)
+    assert len(ahead.points_m) == points
+    assert ahead.circle.centre_m == (900.0, -200.0)
+    assert ahead.circle.radius_m == CONFIG.mission.loiter_radius_m
+    assert holding(None, seq).ahead(1, 0.0, 0).circle.centre_m == (900.0, 0.0)
+
+
+def test_a_target_is_passed_when_the_circle_elsewhere_is_flown():
+    assert [holding((900.0, -200.0), seq).has_passed(1) for seq in (1, 2, 3)] == [False, False, True]
+    assert not holding((900.0, -200.0), 3, LOITER).has_passed(1)
+    assert not holding(None, 3).has_passed(1)
+    assert not holding((900.0, -200.0), 3).has_passed(2)

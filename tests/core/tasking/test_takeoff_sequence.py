@@ -1,0 +1,185 @@
+"""Vehicles that stand side by side would take off one over the other, or into one that lands."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from staging import S, at, mission, state
+from test_takeoffs import BOX, FIELD
+
+from gcs.core.preflight.mission import mission_checks, rehearse
+from gcs.core.tasking.takeoff_sequence import Departures
+from gcs.mavlink.items import Home
+from gcs.model import Notice, Order, OrderAnswer
+from sim_vehicles.scenario import parse_scenario
+from sim_vehicles.specs import vehicle_specs
+from sim_vehicles.vehicle import SimVehicle
+from sim_vehicles.virtual import START_T_NS, VirtualRun
+
+SECOND = """
+[[agents]]
+system_id = 2
+east_m = 1530.0
+north_m = 1000.0
+course_deg = 353.0
+[[births]]
+east_m = 600.0
+north_m = 2500.0
+[[simulation.targets]]
+east_m = 600.0
+north_m = 2500.0
+"""
+READY = ((3.0, "hold"), (6.0, "resume"))
+
+
+class Field:
+    """A virtual flight of two vehicles that stand 30 m apart."""
+
+    def __init__(self, *orders, ready=READY):
+        scenario = parse_scenario(
+            FIELD.replace(BOX, "").replace("lanes = 1", "lanes = 2") + SECOND, "pair.toml"
+        )
+        self.effects, self.low_together = [], 0
+        given = [
+            Order(START_T_NS + round(t_s * S), f"{what}-{t_s}", what, tuple(who) or None)
+            for t_s, what, *who in (*ready, *orders)
+        ]
+        self.run_ = VirtualRun(scenario, 1, None, lambda _, effect: self.effects.append(effect), orders=given)
+        self.planes = [
+            SimVehicle(replace(spec, airborne=False), scenario.frame, START_T_NS)
+            for spec in vehicle_specs(scenario, 1)
+        ]
+        self.run_.vehicles = {f"vehicle:{number}": plane for number, plane in enumerate(self.planes, 1)}
+
+    def run(self, until_s):
+        while self.run_.t_ns < START_T_NS + until_s * S:
+            self.run_.run((self.run_.t_ns - START_T_NS) / S + 0.2)
+            self.low_together += all(1.0 < plane.alt_rel_m < 75.0 for plane in self.planes)
+        return self
+
+    def heights_m(self):
+        return [plane.alt_rel_m for plane in self.planes]
+
+    def texts(self, level):
+        return [(e.vehicle, e.text) for e in self.effects if isinstance(e, Notice) and e.level == level]
+
+    def answers(self, order_id):
+        found = [e for e in self.effects if isinstance(e, OrderAnswer) and e.order_id == order_id]
+        return {answer.vehicle: (answer.state, answer.detail) for answer in found if answer.vehicle}
+
+
+def test_one_order_to_arm_two_vehicles_side_by_side_arms_the_first_and_says_what_the_other_waits_for():
+    field = Field((15.0, "arm"), (20.0, "arm", 2), (40.0, "arm", 2)).run(70.0)
+    assert field.answers("arm-15.0")[1][0] == "done"
+    verdict, detail = field.answers("arm-15.0")[2]
+    assert verdict == "refused"
+    assert detail.startswith("would take off at once, and agent 1 is about to take off, ")
+    assert detail.endswith(
+        " m away: wait until it is 80 m above home or 337 m away, or is disarmed, then order it again"
+    )
+    verdict, detail = field.answers("arm-20.0")[2]
+    assert verdict == "refused"
+    assert "agent 1 climbs out, " in detail
+    assert field.answers("arm-40.0")[2][0] == "done"
+    assert min(field.heights_m()) > 80.0
+    assert not field.low_together
+
+
+def test_vehicles_that_are_armed_before_they_have_missions_take_off_one_after_the_other():
+    """Armed in LOITER both wait for their missions, which would start them at the same moment."""
+    field = Field((8.0, "hold"), (11.0, "arm"), (14.0, "resume"), ready=()).run(20.0)
+    assert {verdict for verdict, _ in field.answers("arm-11.0").values()} == {"done"}
+    assert {verdict for verdict, _ in field.answers("resume-14.0").values()} == {"done"}
+    field.run(90.0)
+    ((waited, text),) = [(v, text) for v, text in field.texts("warning") if "take-off waits" in text]
+    assert text.startswith(f"its take-off waits: agent {3 - waited} is about to take off, ")
+    assert min(field.heights_m()) > 80.0
+    assert not field.low_together
+    assert not field.texts("alarm")
+
+
+def test_two_that_somebody_else_arms_at_once_are_told_of():
+    field = Field().run(15.0)
+    for plane in field.planes:
+        plane.autopilot.armed = True
+    field.run(50.0)
+    assert field.low_together
+    ((vehicle, text),) = field.texts("alarm")
+    assert vehicle == 1
+    assert text.startswith("climbs out ")
+    assert "m from agent 2, which climbs out too" in text
+    assert (1, "no longer climbs out beside agent 2") in field.texts("info")
+
+
+class Swarm:
+    """Vehicle 1 stands on the ground; 2 is somewhere."""
+
+    config = mission()
+
+    def __init__(self, place, height_m, ending="", mode="AUTO", *, armed=True, liveness="alive", speed=15.0):
+        standing = replace(state(1, (0.0, 0.0)), alt_msl_m=70.0, mode="LOITER", armed=False)
+        other = state(2, place, speed_m_s=speed)
+        other = replace(other, alt_msl_m=70.0 + height_m, mode=mode, armed=armed)
+        self._states, self._ending = {1: standing, 2: other}, ending
+        lat_deg, lon_deg = self.config.local_frame.to_geodetic(0.0, 0.0)
+        self._home = Home(lat_deg, lon_deg, 70.0)
+        self._liveness = liveness
+        self.under_way = {}
+
+    def state(self, vehicle):
+        return self._states[vehicle]
+
+    def states(self):
+        return tuple(self._states.values())
+
+    def home(self, _vehicle):
+        return self._home
+
+    def health(self):
+        return [SimpleNamespace(system_id=v, liveness=self._liveness, home=self._home) for v in (1, 2)]
+
+    def ending(self, vehicle):
+        return self._ending if vehicle == 2 else ""
+
+    def is_in_takeoff(self, _vehicle):
+        return False
+
+    def is_delivering(self, _vehicle):
+        return False
+
+
+@pytest.mark.parametrize(
+    ("swarm", "said"),
+    [
+        (Swarm((200.0, 0.0), 100.0, "way home"), "flies its landing, 200 m away: wait until it has landed"),
+        (Swarm((900.0, 0.0), 25.0, "landing"), "flies its landing, 0 m away: wait until it has landed"),
+        (Swarm((200.0, 0.0), 30.0, mode="RTL"), "is low, 30 m above home in RTL, 200 m away"),
+        (Swarm((20.0, 0.0), 0.0, speed=0.0), "is about to take off, 20 m away"),
+        (Swarm((20.0, 0.0), 0.0, speed=0.0, mode="LOITER"), ""),
+        (Swarm((20.0, 0.0), 0.0, speed=0.0, armed=False), ""),
+        (Swarm((900.0, 0.0), 100.0, "way home"), ""),
+        (Swarm((200.0, 0.0), 100.0), ""),
+        (Swarm((900.0, 0.0), 30.0), ""),
+        (Swarm((200.0, 0.0), 30.0, liveness="down"), ""),
+    ],
+)
+def test_who_is_low_or_lands_holds_a_take_off_back_and_nobody_else_does(swarm, said):
+    reason = Departures(swarm.config, swarm, swarm).in_the_way(1, ())
+    assert (said in reason) if said else reason == ""
+
+
+def test_two_that_climb_apart_are_not_told_of():
+    swarm = Swarm((900.0, 0.0), 30.0, mode="TAKEOFF")
+    departures = Departures(swarm.config, swarm, swarm)
+    assert departures.watch(at(0.0), ()) == []
+
+
+@pytest.mark.parametrize(("apart_m", "is_told"), [(30.0, True), (300.0, False)])
+def test_preflight_names_vehicles_that_stand_near_each_other(apart_m, is_told):
+    swarm = Swarm((apart_m, 0.0), 0.0, speed=0.0, armed=False)
+    places = {1: (0.0, 0.0), 2: (apart_m, 0.0)}
+    rows = mission_checks(swarm.config, rehearse(swarm.config, 1, places, swarm))
+    told = [(row.level, row.value, row.remedy) for row in rows if row.name == "standing"]
+    remedy = "arm them one after another: gcs order arm 1, wait until it has climbed to its altitude, then "
+    value = "agents 1, 2 stand near each other: 30 m"
+    assert told == ([("warning", value, remedy + "gcs order arm 2")] if is_told else [])

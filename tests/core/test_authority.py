@@ -1,0 +1,291 @@
+"""An operator would lose the aircraft: one that takes off unasked, or is turned back at tree height.
+
+A vehicle is played message by message, as ArduPlane or as PX4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from staging import RADAR, at, mission
+from test_guests import AIR, MISSION, S
+
+from gcs.config import parse
+from gcs.core.engine import Command
+from gcs.core.tasking.mission_builder import Missions
+from gcs.core.tasking.onboard_missions import Flown
+from gcs.mavlink.codec import Encoder
+from gcs.mavlink.codec import decode as decode_frames
+from gcs.mavlink.items import Home
+from gcs.mavlink.profiles import profile_of
+from gcs.model import (
+    Datagram,
+    MissionEnded,
+    Notice,
+    Order,
+    OrderAnswer,
+    Route,
+    Scan,
+    Send,
+    Tick,
+    read_only,
+)
+
+ARDUPLANE, PX4 = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, dialect.MAV_AUTOPILOT_PX4
+BOTH = pytest.mark.parametrize("autopilot", [ARDUPLANE, PX4])
+SET_MODE, ARM = dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM
+PEER = "10.0.0.1:5"
+
+
+class Stage:
+    """A service and one vehicle, which shows what a test says that it shows."""
+
+    def __init__(self, autopilot: int, mode: str, *, armed: bool, height_m: float, speed_m_s: float) -> None:
+        self.command, self.t_ns = Command(parse(MISSION, "x"), 1), S
+        self.encode, self.autopilot = Encoder(1, 1), autopilot
+        self.mode, self.armed, self.height_m, self.speed_m_s = mode, armed, height_m, speed_m_s
+        self.effects: list = []
+        self.wait(2.0)
+
+    def step(self, event) -> list:
+        found = self.command.step(event)
+        self.effects += found
+        return found
+
+    def hear(self, message) -> None:
+        self.step(Datagram(self.t_ns, AIR, PEER, self.encode(message)))
+
+    def show(self) -> None:
+        profile = profile_of(self.autopilot)
+        assert profile is not None
+        main, sub = profile.mode_numbers(self.mode)
+        custom = main << 16 | sub << 24 if self.autopilot == PX4 else main
+        self.hear(dialect.MAVLink_heartbeat_message(1, self.autopilot, 1 + 128 * self.armed, custom, 4, 3))
+        self.hear(
+            dialect.MAVLink_home_position_message(
+                330000000, -870000000, 70_000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0
+            )
+        )
+        alt_mm = round((70 + self.height_m) * 1000)
+        ms, speed_cm_s = self.t_ns // 1_000_000, round(self.speed_m_s * 100)
+        self.hear(
+            dialect.MAVLink_global_position_int_message(
+                ms, 330001000, -869998000, alt_mm, alt_mm - 70_000, speed_cm_s, 0, 0, 0
+            )
+        )
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass; the vehicle does as it is told."""
+        for _ in range(round(seconds / 0.5)):
+            self.t_ns += S // 2
+            self.show()
+            self.step(Tick(self.t_ns))
+
+    def order(self, action) -> list[OrderAnswer]:
+        found = self.step(Order(self.t_ns, f"{action}-{self.t_ns}", action, (1,)))
+        return [effect for effect in found if isinstance(effect, OrderAnswer)]
+
+    def commands(self, number: int) -> list:
+        """What was sent of one MAV_CMD."""
+        sent = [m for e in self.effects if isinstance(e, Send) for m in decode_frames(e.data)[0]]
+        return [m for m in sent if m.get_type() == "COMMAND_LONG" and m.command == number]
+
+    def notices(self) -> list[str]:
+        return [e.text for e in self.effects if isinstance(e, Notice)]
+
+
+def landed(autopilot: int, mode: str = "AUTO") -> Stage:
+    return Stage(autopilot, mode, armed=False, height_m=0.5, speed_m_s=0.0)
+
+
+def airborne(autopilot: int, mode: str, height_m: float = 100.0) -> Stage:
+    return Stage(autopilot, mode, armed=True, height_m=height_m, speed_m_s=15.0)
+
+
+# ---------------------------------------------------------------- arming
+
+
+@BOTH
+def test_a_landed_vehicle_in_auto_is_not_armed_into_its_old_mission(autopilot: int) -> None:
+    stage = landed(autopilot)
+    (answer,) = stage.order("arm")
+    assert answer.state == "refused"
+    assert "take off at once" in answer.detail
+    stage.wait(5.0)
+    assert not stage.commands(ARM)
+
+
+@BOTH
+def test_a_landed_vehicle_in_auto_is_put_into_hold_and_can_be_armed_there(autopilot: int) -> None:
+    stage = landed(autopilot)
+    assert stage.commands(SET_MODE)
+    assert any("stands on the ground in AUTO" in text for text in stage.notices())
+    stage.mode = "LOITER"
+    stage.wait(3.0)
+    assert stage.command.away() == {}, "it stays ours to task"
+    (answer,) = stage.order("arm")
+    assert answer.state == "accepted"
+    assert stage.commands(ARM)
+
+
+def test_a_landed_vehicle_that_stays_in_auto_is_an_alarm_and_said_once() -> None:
+    stage = landed(PX4)
+    stage.wait(120.0)
+    assert len([text for text in stage.notices() if "stays in AUTO on the ground" in text]) == 1
+    assert len(stage.commands(SET_MODE)) <= 10
+
+
+def test_a_vehicle_that_flies_its_mission_is_not_stopped() -> None:
+    stage = airborne(ARDUPLANE, "AUTO")
+    stage.wait(5.0)
+    assert not stage.commands(SET_MODE)
+
+
+def test_a_vehicle_that_takes_off_by_its_mode_is_not_armed_in_it() -> None:
+    stage = landed(ARDUPLANE, "TAKEOFF")
+    assert stage.order("arm")[0].state == "refused"
+
+
+def test_a_vehicle_that_has_fallen_silent_is_not_armed() -> None:
+    stage = landed(PX4, "LOITER")
+    stage.t_ns += 4 * S
+    stage.step(Tick(stage.t_ns))
+    (answer,) = stage.order("arm")
+    assert (answer.state, answer.detail) == ("refused", "is not heard: its mode is not known")
+
+
+# ---------------------------------------------------------------- resuming
+
+
+@BOTH
+def test_resume_takes_a_vehicle_back_from_an_operators_loiter(autopilot: int) -> None:
+    stage = airborne(autopilot, "AUTO")
+    stage.mode = "LOITER"
+    stage.wait(2.0)
+    assert stage.command.away() == {1: "is in LOITER and left alone"}
+    assert stage.order("resume")[0].state == "accepted"
+    stage.wait(3.0)
+    assert stage.command.away() == {}
+    (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
+    assert answer.detail == "LOITER, armed: waits for its next mission"
+
+
+def test_orders_that_change_nothing_say_so_and_are_refused() -> None:
+    stage = airborne(ARDUPLANE, "AUTO")
+    (answer,) = stage.order("resume")
+    assert (answer.state, answer.detail) == (
+        "refused", "was not set aside, and is in AUTO: nothing was changed",
+    )  # fmt: skip
+    (answer,) = stage.order("arm")
+    assert (answer.state, answer.detail) == ("refused", "is armed: nothing was changed")
+    assert stage.order("hold")[0].state == "accepted"
+    stage.mode = "LOITER"
+    stage.wait(3.0)
+    (answer,) = stage.order("hold")
+    assert (answer.state, answer.detail) == ("refused", "is held by order: nothing was changed")
+
+
+@BOTH
+@pytest.mark.parametrize(("height_m", "is_refused"), [(13.0, True), (39.0, True), (41.0, False)])
+def test_a_vehicle_near_the_ground_is_not_turned_back(
+    autopilot: int, height_m: float, is_refused: bool
+) -> None:
+    stage = airborne(autopilot, "RTL", height_m)
+    (answer, *_) = stage.order("resume")
+    assert answer.state == ("refused" if is_refused else "accepted")
+    if is_refused:
+        assert answer.detail == (
+            f"is in RTL, {height_m:.0f} m above home: too low to turn back; let it land, or order it to "
+            "resume when it is higher"
+        )
+        assert not stage.commands(SET_MODE)
+
+
+@BOTH
+def test_a_vehicle_that_stands_in_rtl_is_resumed_into_hold_and_never_into_auto(autopilot: int) -> None:
+    stage = landed(autopilot, "RTL")
+    assert stage.order("resume")[0].state == "accepted"
+    stage.mode = "LOITER"
+    stage.wait(3.0)
+    assert stage.command.away() == {}
+    profile = profile_of(autopilot)
+    assert profile is not None
+    modes = {(m.param2, m.param3) for m in stage.commands(SET_MODE)}
+    assert modes == {profile.mode_numbers("LOITER")}
+
+
+def test_resume_lets_a_px4_that_rejected_its_mission_have_the_next_one_at_once() -> None:
+    stage = airborne(PX4, "AUTO")
+    active, none = dialect.MISSION_STATE_ACTIVE, dialect.MISSION_STATE_NO_MISSION
+    stage.hear(dialect.MAVLink_mission_current_message(1, 4, active))
+    stage.mode = "LOITER"
+    stage.show()
+    stage.hear(dialect.MAVLink_mission_current_message(1, 4, none))
+    assert any("navigator rejects" in text for text in stage.notices())
+    assert stage.order("resume")[0].state == "accepted"
+    stage.wait(3.0)
+    (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
+    assert answer.detail == "LOITER, armed: waits for its next mission"
+    assert not stage.command.tasking.has_failed(1)
+    assert stage.command.away() == {}
+
+
+# ---------------------------------------------------------------- landing
+
+
+@BOTH
+def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
+    stage = airborne(autopilot, "AUTO", height_m=60.0)
+    config, profile = mission(tables='[mission]\nend = "land"\n'), profile_of(autopilot)
+    assert profile is not None
+    route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
+    planned = Missions(config.mission, config.airframe, config.local_frame).of(route, 1, None)
+    items = profile.items(planned, Home(33.0, -87.0, 70.0))
+    stage.command.tasking.found(Flown(route, items, profile.home_items))
+    stage.hear(dialect.MAVLink_mission_current_message(len(items) - 2))
+    stage.wait(1.0)
+    assert stage.command.away() == {}
+    stage.hear(dialect.MAVLink_mission_current_message(len(items) - 1))
+    stage.wait(1.0)
+    assert stage.command.away() == {1: "is landing and left alone"}
+    stage.height_m, stage.speed_m_s = 0.5, 1.0
+    stage.wait(1.0)
+    assert stage.command.away() == {1: "is landing and left alone"}, "it rolls out: no new take-off"
+
+
+# ---------------------------------------------------------------- what the operator is told
+
+
+@BOTH
+@pytest.mark.parametrize("mode", ["RTL", "MANUAL"])
+def test_a_mode_that_is_not_ours_is_told_at_the_start_with_what_to_do(autopilot: int, mode: str) -> None:
+    stage = airborne(autopilot, mode)
+    told = [text for text in stage.notices() if "not by this service" in text]
+    assert len(told) == 1
+    assert told[0].startswith(f"is in {mode}")
+    assert "`gcs order resume --vehicle 1`" in told[0]
+    stage.wait(20.0)
+    assert len([text for text in stage.notices() if "not by this service" in text]) == 1
+    stage.mode = "AUTO"
+    stage.wait(2.0)
+    assert "is ours to task again" in stage.notices()
+
+
+def test_a_mode_that_an_operator_ordered_here_is_not_told_as_somebody_elses() -> None:
+    stage = airborne(ARDUPLANE, "AUTO")
+    stage.order("return")
+    stage.mode = "RTL"
+    stage.wait(5.0)
+    assert not [text for text in stage.notices() if "not by this service" in text]
+
+
+def test_targets_that_appear_after_the_missions_end_are_told_once_with_what_to_do() -> None:
+    command, effects = Command(mission(agents=[(100.0, 200.0)], births=[(1500.0, 200.0)]), 1), []
+    for t_s in range(60):  # the agent never shows up: it is given up after 20 s
+        place = [(1500.0, 200.0)] if t_s > 30 else []
+        scan = Scan(at(t_s), at(t_s), RADAR, read_only(np.reshape(place, (-1, 2))))
+        effects += command.step(scan) + command.step(Tick(at(t_s)))
+    assert any(isinstance(effect, MissionEnded) for effect in effects)
+    (told,) = [e.text for e in effects if isinstance(e, Notice) and "after the mission ended" in e.text]
+    assert told.endswith("nobody is sent there; start the service with --no-resume to fly on")

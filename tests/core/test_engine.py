@@ -1,0 +1,475 @@
+"""A user would lose trust: a replay that differs, a stranger who is obeyed, a bad scan that ends it all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from staging import RADAR, S, at, mission, scan
+
+from gcs.config import Config
+from gcs.core.engine import Command
+from gcs.edge.wire import decode, encode
+from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder
+from gcs.mavlink.codec import decode as decode_frames
+from gcs.model import (
+    BadInput,
+    Datagram,
+    Effect,
+    Event,
+    Fate,
+    MissionEnded,
+    Notice,
+    Picture,
+    Plan,
+    Scan,
+    Send,
+    Sensor,
+    Tick,
+    UploadReport,
+    read_only,
+)
+from sim_vehicles.scenario import load
+from sim_vehicles.virtual import LINK, VirtualRun
+
+T = TypeVar("T")
+SEED = 1
+HEARD_S = 50.0
+"""Until then every vehicle is heard; the address of one that has fallen silent may change."""
+MISSION_MESSAGES = {
+    "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_CLEAR_ALL",
+    "MISSION_ACK",
+}  # fmt: skip
+
+
+@dataclass
+class Flight:
+    """A mission: targets move, agent 2 dies, the others arrive."""
+
+    config: Config
+    events: list[Event]
+    effects: list[Effect]
+
+    def until(self, t_s: float) -> list[Event]:
+        """Events of the first `t_s` seconds."""
+        return [event for event in self.events if event.t_ns < self.events[0].t_ns + round(t_s * S)]
+
+    def contact(self) -> int:
+        """Index of the first event by which every vehicle has been heard."""
+        command = Command(self.config, SEED)
+        for index, event in enumerate(self.events):
+            command.step(event)
+            if all(one.address for one in command.fleet.health()):
+                return index + 1
+        raise AssertionError("never in contact")
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    scenario, events, effects = load("prescribed"), [], []
+    VirtualRun(scenario, SEED, events.append, lambda _t_ns, effect: effects.append(effect)).run()
+    assert any(isinstance(e, Fate) and e.fate == "dead" for e in effects)
+    assert sum(isinstance(e, Plan) for e in effects) >= 3
+    return Flight(scenario.config, events, effects)
+
+
+def play(config: Config, events: Iterable[Event]) -> list[Effect]:
+    command = Command(config, SEED)
+    return [effect for event in events for effect in command.step(event)]
+
+
+def written(effects: Iterable[Effect], *, without: tuple[type, ...] = ()) -> list[bytes]:
+    return [encode(effect) for effect in effects if not isinstance(effect, without)]
+
+
+def messages(effects: Iterable[Effect]) -> Iterator[tuple[Send, dialect.MAVLink_message]]:
+    for effect in effects:
+        if isinstance(effect, Send):
+            for message in decode_frames(effect.data)[0]:
+                yield effect, message
+
+
+# ---------------------------------------------------------------- determinism
+
+
+def test_the_same_events_give_the_same_effects_byte_for_byte(flight: Flight) -> None:
+    assert written(play(flight.config, flight.events)) == written(flight.effects)
+
+
+def test_events_that_went_through_a_recording_give_the_same_effects(flight: Flight) -> None:
+    again = [decode("recording", encode(event), type(event)) for event in flight.events]
+    assert written(play(flight.config, again)) == written(flight.effects)
+
+
+def test_two_commands_side_by_side_do_not_disturb_each_other(flight: Flight) -> None:
+    events = flight.until(20.0)
+    one, two = Command(flight.config, SEED), Command(flight.config, SEED + 1)
+    effects = []
+    for event in events:
+        effects += one.step(event)
+        two.step(event)
+    assert written(effects) == written(play(flight.config, events))
+
+
+# ---------------------------------------------------------------- who is told what
+
+
+def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) -> None:
+    command, changed = Command(flight.config, SEED), 0
+    for event in flight.events:
+        under_way = set(command.tasking.under_way)
+        effects = command.step(event)
+        plans = [effect for effect in effects if isinstance(effect, Plan)]
+        counted = {m.target_system for _, m in messages(effects) if m.get_type() == "MISSION_COUNT"}
+        if plans:
+            assert counted <= set(plans[0].changed) | under_way
+            assert set(plans[0].changed) <= set(command.tasking.under_way)
+            changed += len(plans[0].changed)
+        else:
+            assert counted <= under_way
+    assert changed > 4
+
+
+def test_a_dead_vehicle_gets_no_more_missions(flight: Flight) -> None:
+    death = next(i for i, e in enumerate(flight.effects) if isinstance(e, Fate) and e.fate == "dead")
+    dead = flight.effects[death].vehicle
+    told = {m.target_system for _, m in messages(flight.effects[death:]) if m.get_type() in MISSION_MESSAGES}
+    assert dead not in told
+    before = messages(flight.effects[:death])
+    assert dead in {m.target_system for _, m in before if m.get_type() in MISSION_MESSAGES}
+
+
+def test_everything_for_a_vehicle_goes_to_its_own_address(flight: Flight) -> None:
+    for send, message in messages(flight.effects):
+        target = getattr(message, "target_system", 0)
+        assert send.link == LINK
+        assert target == 0 or send.peer == f"vehicle:{target}"
+
+
+def test_every_scan_is_answered_with_the_picture_of_both_kinds(flight: Flight) -> None:
+    scans = [event.measured_t_ns for event in flight.events if isinstance(event, Scan)]
+    for kind in ("agents", "targets"):
+        shown = [e.scan_t_ns for e in flight.effects if isinstance(e, Picture) and e.kind == kind]
+        assert shown == scans
+
+
+# ---------------------------------------------------------------- hostile datagrams
+
+STRANGER = "10.6.6.6:666"
+FOREIGN_MESSAGES = [
+    dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3),
+    dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
+    dialect.MAVLink_global_position_int_message(
+        99_000, 332_000_000, -876_000_000, 170_000, 100_000, 0, 0, 0, 0
+    ),
+    dialect.MAVLink_mission_ack_message(GCS_SYSTEM_ID, GCS_COMPONENT_ID, 0, 0),
+    dialect.MAVLink_mission_ack_message(GCS_SYSTEM_ID, GCS_COMPONENT_ID, 15, 0),
+    dialect.MAVLink_mission_request_int_message(GCS_SYSTEM_ID, GCS_COMPONENT_ID, 0, 0),
+    dialect.MAVLink_mission_count_message(GCS_SYSTEM_ID, GCS_COMPONENT_ID, 0, 0),
+    dialect.MAVLink_mission_current_message(3),
+    dialect.MAVLink_command_ack_message(176, 0),
+    dialect.MAVLink_statustext_message(0, b"all is lost"),
+]
+
+
+def frame(message: dialect.MAVLink_message, system_id: int, component_id: int = 1) -> bytes:
+    return Encoder(system_id, component_id)(message)
+
+
+FOREIGN = st.builds(
+    frame, st.sampled_from(FOREIGN_MESSAGES), st.integers(1, 255), st.sampled_from([1, 1, 190, 154])
+)
+TRUNCATED = st.builds(lambda data, at: data[: at % len(data)], FOREIGN, st.integers(0, 300))
+DAMAGED = st.builds(
+    lambda data, at, bits: bytes(b ^ bits if i == at % len(data) else b for i, b in enumerate(data)),
+    FOREIGN,
+    st.integers(0, 300),
+    st.integers(1, 255),
+)
+HOSTILE = st.one_of(
+    FOREIGN,
+    TRUNCATED,
+    DAMAGED,
+    st.binary(max_size=300),
+    st.lists(FOREIGN, max_size=6).map(b"".join),
+    st.builds(lambda junk, data: junk + data, st.binary(max_size=40).map(lambda b: b"\xfd" + b), FOREIGN),
+)
+
+
+@pytest.fixture(scope="module")
+def unharmed(flight: Flight) -> tuple[list[Event], int, list[bytes]]:
+    """Events of 20 s, the first after contact, and the effects where nobody is hostile."""
+    events = flight.until(20.0)
+    return events, flight.contact(), written(play(flight.config, events), without=(Notice,))
+
+
+@settings(deadline=None, max_examples=15)
+@given(attack=st.lists(st.tuples(st.integers(0, 10**6), HOSTILE), min_size=1, max_size=60))
+def test_hostile_datagrams_change_nothing_but_notices(
+    flight: Flight, unharmed: tuple[list[Event], int, list[bytes]], attack: list[tuple[int, bytes]]
+) -> None:
+    """Also frames with a vehicle's own id, as long as the vehicle is heard at its own address."""
+    events, first, quiet = unharmed
+    bombarded = list(events)
+    places = sorted((first + place % (len(events) - first), data) for place, data in attack)
+    for place, data in reversed(places):
+        bombarded.insert(place, Datagram(events[place].t_ns, LINK, STRANGER, data))
+    effects = play(flight.config, bombarded)
+    assert all(effect.peer != STRANGER for effect in effects if isinstance(effect, Send))
+    assert written(effects, without=(Notice,)) == quiet
+
+
+def test_a_bombardment_all_the_way_changes_nothing(flight: Flight) -> None:
+    rng, events, first = np.random.default_rng(0), flight.until(HEARD_S), flight.contact()
+    bombarded: list[Event] = []
+    for index, event in enumerate(events):
+        bombarded.append(event)
+        if index >= first and isinstance(event, Tick):
+            spoof = frame(FOREIGN_MESSAGES[index % len(FOREIGN_MESSAGES)], int(rng.integers(1, 6)))
+            attack = (rng.bytes(80), spoof, spoof[: int(rng.integers(1, len(spoof)))])
+            bombarded += [Datagram(event.t_ns, LINK, STRANGER, data) for data in attack]
+    effects = play(flight.config, bombarded)
+    assert written(effects, without=(Notice,)) == written(play(flight.config, events), without=(Notice,))
+    assert sum(isinstance(effect, Notice) for effect in effects) < 100
+
+
+def test_a_stranger_before_anybody_else_is_not_flown(flight: Flight) -> None:
+    command = Command(flight.config, SEED)
+    effects = []
+    for t_s in np.arange(0.0, 10.0, 0.25):
+        data = b"".join(frame(message, 77) for message in FOREIGN_MESSAGES)
+        effects += command.step(Datagram(at(t_s), LINK, STRANGER, data))
+        effects += command.step(Tick(at(t_s)))
+    assert {type(effect) for effect in effects} == {Notice}
+
+
+# ---------------------------------------------------------------- bad scans and bad input
+
+METRES = st.one_of(st.floats(-200.0, 2200.0), st.sampled_from([-1e7, 1e7, 0.0, np.nan, np.inf]))
+SENSORS = st.builds(
+    Sensor,
+    st.sampled_from(["radar", "lidar"]),
+    st.sampled_from([0.0, 0.5, 1.0]),
+    st.sampled_from([0.0, 1e-9, 4e-6, 1.0]),
+    st.sampled_from([np.zeros((2, 2)), np.eye(2) * 10.0, np.full((2, 2), 9.0), np.eye(2) * 1e10]).map(
+        read_only
+    ),
+    st.sampled_from([RADAR.field_of_view_m, (-1.0, -1.0, 1.0, 1.0), (-1e7, -1e7, 1e7, 1e7)]),
+)
+BAD_SCANS = st.builds(
+    lambda sensor, z, measured_s: (sensor, z, measured_s),
+    SENSORS,
+    st.lists(st.tuples(METRES, METRES), max_size=30),
+    st.sampled_from([-4000.0, -5.0, -1.0, -1e-9, 0.0, 0.5, 0.9, 3600.0, 8e9]),
+)
+
+
+@settings(deadline=None, max_examples=20)
+@given(bad=st.lists(st.tuples(st.integers(0, 10**6), BAD_SCANS), min_size=1, max_size=25))
+def test_no_scan_whatever_it_holds_stops_the_fold(flight: Flight, bad: list) -> None:
+    events = flight.until(15.0)
+    for place, (sensor, z, measured_s) in sorted(bad, key=lambda one: -one[0] % len(events)):
+        here = events[place % len(events)].t_ns
+        measured_t_ns = max(0, min(here + round(measured_s * S), 2**63 - 1))
+        events.insert(
+            place % len(events), Scan(here, measured_t_ns, sensor, read_only(np.reshape(z, (-1, 2))))
+        )
+    for effect in play(flight.config, events):
+        if isinstance(effect, Picture):
+            for one in effect.tracks:
+                assert np.isfinite(one.mean).all()
+                assert np.isfinite(one.cov).all()
+
+
+def test_huge_and_empty_scans_are_worked_and_the_mission_goes_on(flight: Flight) -> None:
+    rng, events, scans = np.random.default_rng(0), [], 0
+    for event in flight.until(HEARD_S):
+        events.append(event)
+        if isinstance(event, Scan):
+            scans += 1
+            if scans == 12:
+                crowd = rng.uniform(-100.0, 2100.0, (5000, 2))
+                events[-1] = replace(event, z_m=read_only(np.vstack([event.z_m, crowd])))
+            elif scans == 16:
+                events[-1] = replace(event, z_m=read_only(np.empty((0, 2))))
+    effects = play(flight.config, events)
+    assert not [effect for effect in effects if isinstance(effect, Fate)]
+
+
+@pytest.mark.parametrize("measured_s", [-30.0, -1.5, 0.0, 3600.0])
+def test_scans_that_come_late_or_twice_or_from_the_future_change_nothing(
+    flight: Flight, measured_s: float
+) -> None:
+    events = []
+    for event in flight.events:
+        events.append(event)
+        if isinstance(event, Scan):
+            stray = replace(event, measured_t_ns=event.measured_t_ns + round(measured_s * S))
+            events += [stray, stray, stray]
+    effects = play(flight.config, events)
+    assert written(effects, without=(Notice,)) == written(flight.effects, without=(Notice,))
+    told = [
+        e.text for e in effects if isinstance(e, Notice) and e.text.startswith("bad input: scan of radar")
+    ]
+    assert 0 < len(told) <= 20
+
+
+def test_bad_input_is_counted_all_and_summarised(flight: Flight) -> None:
+    command, told = Command(flight.config, SEED), list[Effect]()
+    for t_s in range(500):
+        told += command.step(BadInput(at(t_s), "zenoh", f"not JSON: {t_s}"))
+        told += [e for e in command.step(Tick(at(t_s))) if isinstance(e, Notice) and "bad input" in e.text]
+    assert command.input_errors.count == 500
+    assert told[0] == Notice(at(0), "warning", "bad input: not JSON: 0")
+    assert len(told) == 3 + 49
+
+
+# ---------------------------------------------------------------- vehicles of our own making
+
+
+class Plane:
+    """Stands in the sky and says so twice a second; answers nothing that has to do with missions."""
+
+    def __init__(self, system_id: int, place: tuple[float, float], config: Config) -> None:
+        self.place, self.peer = place, f"vehicle:{system_id}"
+        self._encode, self._frame = Encoder(system_id, 1), config.local_frame
+
+    def speak(self, t_s: float) -> Datagram:
+        lat, lon = self._frame.to_geodetic(*self.place)
+        fields = (round(lat * 1e7), round(lon * 1e7), 170_000, 100_000, 0, 0, 0, 0)
+        beat = dialect.MAVLink_heartbeat_message(1, 3, 217, 12, 4, 3)
+        here = dialect.MAVLink_global_position_int_message(round(t_s * 1000), *fields)
+        return Datagram(at(t_s), LINK, self.peer, self._encode(beat) + self._encode(here))
+
+
+TARGET = (1500.0, 200.0)
+DELAY_S = 0.2
+"""From a scan's measurement to its arrival."""
+
+
+class Scene:
+    """Central command, one deaf plane and one target."""
+
+    def __init__(self) -> None:
+        self.config = mission(agents=[(100.0, 200.0)], births=[TARGET])
+        self.command = Command(self.config, 0)
+        self.plane: Plane | None = Plane(1, (100.0, 200.0), self.config)
+        self.effects: list[Effect] = []
+        self.t_s = 0.0
+
+    def fly(self, seconds: float) -> list[Effect]:
+        """Let time pass; return what came out."""
+        before, end_s = len(self.effects), self.t_s + seconds
+        while self.t_s < end_s - 0.01:
+            step = round(self.t_s * 10)
+            if self.plane is not None and step % 5 == 0:
+                self.effects += self.command.step(self.plane.speak(self.t_s))
+            if step % 10 == 2:
+                things = [TARGET] if self.plane is None else [TARGET, self.plane.place]
+                look = scan(self.t_s - DELAY_S, *things, arrives_s=self.t_s)
+                self.effects += self.command.step(look)
+            self.effects += self.command.step(Tick(at(self.t_s)))
+            self.t_s = (step + 1) / 10
+        return self.effects[before:]
+
+    def all(self, kind: type[T]) -> list[T]:
+        return [effect for effect in self.effects if isinstance(effect, kind)]
+
+
+def test_a_vehicle_that_does_not_take_its_mission_is_told_of_and_given_a_new_one() -> None:
+    scene = Scene()
+    scene.fly(120.0)
+    first, second = scene.all(Plan)[:2]
+    failed = scene.all(UploadReport)[0]
+    assert (first.reason, first.changed) == ("first plan", (1,))
+    assert (failed.vehicle, failed.mission_id, failed.ok) == (1, 1, False)
+    assert (second.reason, second.changed) == ("agent 1 has no route", (1,))
+    assert 0 < second.t_ns - failed.t_ns <= 6 * S
+    later = scene.effects[scene.effects.index(second) :]
+    assert any(m.get_type() == "MISSION_COUNT" for _, m in messages(later))
+
+
+def test_a_transfer_to_a_vehicle_that_dies_is_given_up_without_a_word_more() -> None:
+    scene = Scene()
+    scene.fly(8.0)
+    assert scene.command.tasking.under_way == {1: "upload"}
+    scene.plane = None
+    effects = scene.fly(40.0)
+    death = next(i for i, e in enumerate(effects) if isinstance(e, Fate))
+    assert (effects[death].vehicle, effects[death].fate) == (1, "dead")
+    assert not [m for _, m in messages(effects[death:]) if m.get_type() in MISSION_MESSAGES]
+    assert not any(isinstance(effect, Plan) for effect in effects[death:])
+    assert scene.command.tasking.under_way == {}
+    assert (scene.all(UploadReport), dict(scene.command.ties.labels)) == ([], {})
+
+
+def test_a_plan_says_when_what_it_was_made_from_was_measured() -> None:
+    scene = Scene()
+    scene.fly(8.0)
+    (plan,) = scene.all(Plan)
+    assert plan.t_ns - plan.picture_t_ns == round(DELAY_S * S)
+
+
+def test_an_agent_at_its_target_has_arrived_and_the_mission_ends_once_for_good() -> None:
+    scene = Scene()
+    scene.fly(8.0)
+    assert scene.plane is not None
+    for step in range(94):
+        scene.plane.place = (100.0 + 15.0 * step, 200.0)
+        scene.fly(1.0)
+    scene.fly(20.0)
+    (fate,) = scene.all(Fate)
+    (ended,) = scene.all(MissionEnded)
+    assert (fate.vehicle, fate.fate, fate.target) == (1, "arrived", (0, 0))
+    assert (ended.arrived, ended.dead) == ((1,), ())
+    assert all(plan.t_ns <= ended.t_ns for plan in scene.all(Plan))
+
+
+def test_an_agent_that_comes_back_from_the_dead_flies_again() -> None:
+    scene = Scene()
+    scene.fly(8.0)
+    plane, scene.plane = scene.plane, None
+    scene.fly(8.0)
+    scene.plane = plane
+    scene.fly(12.0)
+    assert [fate.fate for fate in scene.all(Fate)] == ["dead", "flying"]
+    assert scene.command.ties.labels.keys() == {1}
+
+
+# ---------------------------------------------------------------- a whole mission
+
+
+def test_a_target_that_was_reached_gets_nobody_else(flight: Flight) -> None:
+    reached: set[tuple[int, int]] = set()
+    for effect in flight.effects:
+        if isinstance(effect, Fate) and effect.target is not None:
+            reached.add(effect.target)
+        elif isinstance(effect, Plan):
+            assert not reached & {route.target for route in effect.routes}
+            assert not reached & set(effect.unassigned_targets)
+            assert not any(f"target {birth}.{i} lost" in effect.reason for birth, i in reached)
+    assert len(reached) == 3
+
+
+def test_an_agent_that_arrived_or_died_is_in_no_later_plan(flight: Flight) -> None:
+    out: set[int] = set()
+    for effect in flight.effects:
+        if isinstance(effect, Fate):
+            out.add(effect.vehicle)
+        elif isinstance(effect, Plan):
+            assert not out & {route.vehicle for route in effect.routes}
+            assert not out & set(effect.unassigned_vehicles)
+    assert out == {1, 2, 3, 4}
+
+
+def test_the_seed_makes_the_map() -> None:
+    config = mission(tables="[map]\nrandom_threshold = 0.1\n")
+    one, same, other = (Command(config, seed).grid.blocked for seed in (1, 1, 2))
+    assert np.array_equal(one, same)
+    assert not np.array_equal(one, other)

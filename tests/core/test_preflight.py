@@ -1,0 +1,341 @@
+"""A user would take off with a vehicle, or a mission, that should have stayed on the ground."""
+
+import math
+import re
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from staging import track
+
+from gcs.config import parse, read_text
+from gcs.core.preflight.mission import mission_checks, rehearse, sensor_checks
+from gcs.core.preflight.return_height import return_of, returns_check
+from gcs.core.preflight.vehicle import VehicleJudge, envelope_of
+from gcs.core.replanning.altitude_layers import Lanes
+from gcs.mavlink.codec import Encoder, scan
+from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.inspection import NEEDED_IDS, Inspection
+from gcs.mavlink.profiles import ARDUPLANE, PX4
+from gcs.mavlink.signing import signed, timestamp_of
+from gcs.model import Datagram, Scan, Send
+from gcs.settings import with_settings
+from sim_vehicles.personality import Mode
+from sim_vehicles.scenario import load
+from sim_vehicles.sensor import make_sensors
+from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+
+S = 1_000_000_000
+START_NS = 1_767_225_600 * S
+GOOD = {"FS_GCS_ENABL": 1, "FENCE_ENABLE": 1, "FENCE_TYPE": 4, "NAV_DLL_ACT": 2}
+KEY = bytes(range(32))
+GOOD |= {"BATT_FS_LOW_ACT": 1, "COM_LOW_BAT_ACT": 3}
+
+
+def mission(*settings):
+    return parse(with_settings(read_text("prescribed")[0], settings, "prescribed"), "prescribed")
+
+
+def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mode=None, signs=False, **spec):
+    """Ask vehicle 1 everything, in memory; returns its rows by name."""
+    defaults = {
+        "system_id": 1, "east_m": 120.0, "north_m": 200.0, "course_rad": 0.0, "alt_rel_m": 100.0,
+        "forward_speed_m_s": 15.0, "parameters": GOOD,
+    }  # fmt: skip
+    plane = SimVehicle(VehicleSpec(**(defaults | spec)), config.local_frame, START_NS)
+    if mode is not None:
+        plane.autopilot.mode = Mode(mode)
+    fleet = Fleet([1], config.local_frame, also=NEEDED_IDS)
+    talk = Inspection(1, envelope_of(config), fleet.encoder(1))
+    t_ns, to_plane = START_NS, deque()
+    while (not talk.is_done or t_ns < START_NS + until_s * S) and t_ns < START_NS + end_s * S:
+        for data in [to_plane.popleft() for _ in range(len(to_plane))]:
+            plane.receive_datagram(data, t_ns)
+        now_ns = t_ns + int(clock_s * S)
+        for data in plane.datagrams_to_send(t_ns):
+            if signs:
+                stamp = timestamp_of(t_ns)
+                data = b"".join(signed(frame.data, KEY, 0, stamp) for frame in scan(data).frames)
+            for _, message in fleet.receive(Datagram(now_ns, "udp", "plane", data)):
+                if battery is not None and message.get_type() == "SYS_STATUS":
+                    message.battery_remaining = battery
+                to_plane += talk.receive(message, now_ns)
+        frames = [send.data for send in fleet.poll(now_ns) if isinstance(send, Send)]
+        to_plane += frames + talk.poll(now_ns)
+        t_ns += S // 20
+    ways = rehearse(config, 1, {}).ways_m[1]
+    return {check.name: check for check in VehicleJudge(talk, fleet, config, ways, now_ns).checks()}
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_nothing_stands_against_a_vehicle_that_is_ready(autopilot):
+    rows = inspected(mission(), autopilot=autopilot)
+    assert {name for name, row in rows.items() if row.level == "refused"} == set()
+    assert {name for name, row in rows.items() if row.level == "warning"} == {"armed"}
+    assert rows["firmware"].value.startswith("ArduPlane" if autopilot == "ardupilot" else "PX4")
+    assert rows["mission in fence"].value == "fits"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "name", "level"),
+    [
+        ({"FS_LONG_ACTN": 2}, "FS_LONG_ACTN", "refused"),
+        ({"SYSID_MYGCS": 252}, "SYSID_MYGCS", "refused"),
+        ({"MIS_RESTART": 1}, "MIS_RESTART", "refused"),
+        ({"ROLL_LIMIT_DEG": 20}, "ROLL_LIMIT_DEG", "refused"),
+        ({"ARMING_CHECK": 0}, "ARMING_CHECK", "refused"),
+        ({"FS_GCS_ENABL": 0}, "FS_GCS_ENABL", "warning"),
+        ({"AIRSPEED_CRUISE": 25}, "AIRSPEED_CRUISE", "warning"),
+        ({"FENCE_TYPE": 1, "FENCE_ALT_MAX": 185}, "mission in fence", "refused"),
+        ({"FENCE_TYPE": 2, "FENCE_RADIUS": 300}, "mission in fence", "refused"),
+    ],
+)
+def test_a_parameter_that_would_lose_a_vehicle_is_found(parameters, name, level):
+    rows = inspected(mission(), parameters=GOOD | parameters)
+    assert rows[name].level == level
+    assert rows[name].remedy
+    refused = {row.name for row in rows.values() if row.level == "refused"}
+    assert refused == ({name} if level == "refused" else set())
+
+
+def test_integers_of_px4_are_not_taken_for_floats():
+    rows = inspected(mission(), autopilot="px4", parameters=GOOD | {"MIS_TKO_LAND_REQ": 2})
+    assert (rows["MIS_TKO_LAND_REQ"].level, rows["MIS_TKO_LAND_REQ"].value) == ("refused", "2")
+    assert rows["NAV_DLL_ACT"].level == "ok"
+
+
+@pytest.mark.parametrize(
+    ("end", "value", "level"),
+    [
+        ("loiter", 0, "ok"), ("loiter", 1, "refused"), ("loiter", 2, "refused"),
+        ("land", 0, "ok"), ("land", 1, "refused"), ("land", 2, "ok"), ("land", 4, "refused"),
+    ],
+)  # fmt: skip
+def test_a_px4_that_would_reject_a_re_task_in_flight_is_refused(end, value, level):
+    parameters = GOOD | {"MIS_TKO_LAND_REQ": value}
+    rows = inspected(mission(f"mission.end={end}"), autopilot="px4", parameters=parameters)
+    assert rows["MIS_TKO_LAND_REQ"].level == level
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "parameters", "rally_m", "level"),
+    [
+        ("px4", {"RTL_RETURN_ALT": 100}, 90, "refused"),  # returned at 190 m, through a ceiling of 140 m
+        ("px4", {"RTL_RETURN_ALT": 100}, 20, "ok"),
+        ("px4", {"RTL_RETURN_ALT": 100, "GF_ACTION": 2, "GF_MAX_VER_DIST": 120}, 20, "refused"),
+        ("ardupilot", {"RTL_ALTITUDE": 100}, 90, "ok"),
+        ("ardupilot", {"RTL_ALTITUDE": 135}, 90, "refused"),
+        ("ardupilot", {"RTL_ALTITUDE": -1}, 90, "ok"),
+        ("ardupilot", {"RTL_ALTITUDE": 100}, 150, "refused"),
+    ],
+)
+def test_a_return_that_would_climb_through_the_ceiling_is_refused(autopilot, parameters, rally_m, level):
+    config = mission(
+        "fence.max_alt_rel_m=140",
+        "mission.lanes=1",
+        f"rally=[{{lat_deg=33.202, lon_deg=-87.598, alt_rel_m={rally_m}}}]",
+    )
+    rows = inspected(config, autopilot=autopilot, parameters=GOOD | parameters)
+    assert rows["return height"].level == level
+
+
+def test_what_a_failsafe_that_continues_does_outside_auto_is_said():
+    value = inspected(mission(), parameters=GOOD | {"FS_LONG_ACTN": 0})["FS_LONG_ACTN"].value
+    assert "LOITER, MANUAL and all other modes go to RTL" in value
+
+
+@pytest.mark.parametrize(
+    ("mode", "words"), [(11, "cannot be armed in RTL"), (10, "armed in AUTO it takes off")]
+)
+def test_a_mode_on_the_ground_that_is_not_ours_is_named_with_what_to_do(mode, words):
+    row = inspected(mission(), airborne=False, mode=mode)["mode"]
+    assert row.level == "warning"
+    assert words in row.remedy
+    assert "gcs order hold -v 1" in row.remedy
+
+
+def test_the_reason_of_a_failed_pre_arm_check_is_printed():
+    rows = inspected(mission(), airborne=False, arming_delay_s=40.0, until_s=22.0, end_s=25.0)
+    assert rows["sensors"].value == "pre-arm check not healthy"
+    assert rows["says"].value == "PreArm: Gyros inconsistent"
+
+
+def test_a_vehicle_that_signs_without_a_key_here_is_refused():
+    assert inspected(mission())["signing"].level == "ok"
+    assert inspected(mission(), signs=True)["signing"].value == "signed, no key for it here"
+
+
+def test_a_vehicle_without_fix_home_and_checks_is_refused_until_it_has_them():
+    ground = {"airborne": False, "arming_delay_s": 40.0}
+    rows = inspected(mission(), **ground, end_s=15.0)
+    for name in ("GPS", "position", "home", "sensors"):
+        assert rows[name].level == "refused", name
+    rows = inspected(mission(), **ground, until_s=45.0, end_s=80.0)
+    assert {name for name, row in rows.items() if row.level == "refused"} == set()
+    assert (rows["armed"].level, rows["mode"].level) == ("ok", "warning")
+
+
+def test_clocks_that_differ_and_batteries_that_are_low_are_told():
+    assert inspected(mission(), clock_s=7.0)["clock"].value == "-7.0 s to ours"
+    assert inspected(mission(), clock_s=7.0)["clock"].level == "warning"
+    levels = [inspected(mission(), battery=percent)["battery"].level for percent in (80, 40, 10, -1)]
+    assert levels == ["ok", "warning", "refused", "warning"]
+
+
+def test_a_vehicle_that_is_not_there_is_refused_and_nothing_else_is_said_of_it():
+    config = mission()
+    fleet = Fleet([a.vehicle for a in config.agents], config.local_frame)
+    talk = Inspection(1, envelope_of(config), Encoder())
+    assert talk.poll(START_NS) == []
+    (row,) = VehicleJudge(talk, fleet, config, (), START_NS).checks()
+    assert (row.level, row.value) == ("refused", "not heard")
+
+
+def test_a_fence_of_the_mission_file_must_be_on_the_vehicle():
+    config = mission(
+        "fence.max_alt_rel_m=250", 'fence.areas=[{kind="exclusion", circle=[33.2, -87.57, 50.0]}]'
+    )
+    rows = inspected(config)
+    assert rows["fence"].level == rows["ceiling"].level == "refused"
+    assert rows["fence"].remedy == "gcs fence upload"
+
+
+def test_starts_beyond_the_fence_and_routes_that_meet_are_found():
+    config = mission('fence.areas=[{kind="exclusion", circle=[33.2018, -87.5987, 60.0]}]')
+    rows = {row.name: row for row in mission_checks(config, rehearse(config, 1, {}))}
+    assert rows["fence"].level == "refused"
+    assert "1: " in rows["fence"].value
+
+
+def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_told():
+    together = {1: (300.0, 900.0), 2: (300.0, 930.0), 3: (300.0, 960.0), 4: (300.0, 990.0)}
+
+    def separation(*settings):
+        config = mission(*settings)
+        return {row.name: row for row in mission_checks(config, rehearse(config, 1, together))}["separation"]
+
+    assert separation().level == "ok"
+    crowded = separation("mission.lanes=1")
+    assert crowded.level == "warning"
+    assert "1 and 2" in crowded.value
+
+
+@pytest.mark.parametrize("setting", ["mission.lanes=5", "mission.lanes=3", "mission.lane_step_m=0"])
+def test_the_lanes_told_before_the_flight_are_those_that_are_flown(setting):
+    config = mission(setting, "planning.shape=pulled")
+    rehearsal = rehearse(config, 1, {})
+    starts = {agent.vehicle: (agent.east_m, agent.north_m) for agent in config.agents}
+    tracks = {vehicle: track((0, vehicle), place) for vehicle, place in starts.items()}
+    routes, _ = Lanes(config).give(rehearsal.plan.routes, starts, tracks, ())
+    altitudes = {config.mission.altitude_rel_m + r.lane * config.mission.lane_step_m for r in routes}
+    row = {row.name: row for row in mission_checks(config, rehearsal)}["separation"]
+    told = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])
+    assert [float(altitude) for altitude in told] == sorted(altitudes)
+
+
+def test_nobody_gets_through_a_closed_map():
+    config = mission("map.boxes_m=[[600, 0, 700, 2000]]")
+    rows = {row.name: row for row in mission_checks(config, rehearse(config, 1, {}))}
+    assert rows["routes"].level == "refused"
+
+
+def test_central_command_is_not_sent_up_blind_or_with_scans_of_another_time():
+    scenario = load("prescribed")
+    scan = Scan(10 * S, 10 * S - S // 5, make_sensors(scenario)[0], np.zeros((3, 2)))
+    assert sensor_checks([], [], 5.0)[0].level == "refused"
+    assert sensor_checks([scan], [], 5.0)[0].level == "ok"
+    assert sensor_checks([replace(scan, measured_t_ns=3 * S)], [], 5.0)[0].level == "refused"
+    assert sensor_checks([], ["no JSON"], 5.0)[0].value == "no JSON"
+
+
+def test_an_inspection_changes_nothing_on_the_vehicle():
+    config = mission()
+    asked = []
+
+    class Ear(Inspection):
+        pass
+
+    fleet = Fleet([1], config.local_frame, also=NEEDED_IDS)
+    plane = SimVehicle(
+        VehicleSpec(1, 120.0, 200.0, 0.0, 100.0, 15.0, parameters=GOOD), config.local_frame, START_NS
+    )
+    talk = Ear(1, envelope_of(config), lambda message: asked.append(message) or b"")
+    for data in plane.datagrams_to_send(START_NS):
+        for _, message in fleet.receive(Datagram(START_NS, "udp", "plane", data)):
+            talk.receive(message, START_NS)
+    for second in range(200):
+        talk.poll(START_NS + second * S // 4)
+    harmless = {"PARAM_REQUEST_READ", "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_ACK"}
+    for message in asked:
+        is_request = (
+            message.get_type() == "COMMAND_LONG" and message.command == dialect.MAV_CMD_REQUEST_MESSAGE
+        )
+        assert is_request or message.get_type() in harmless
+    assert {message.get_type() for message in asked} >= {"COMMAND_LONG", "PARAM_REQUEST_READ"}
+
+
+def test_a_take_off_into_an_obstacle_is_refused_before_it_is_flown():
+    """A vehicle on the ground climbs along the runway first, whatever the route says."""
+    config = mission("planning.clearance_m=40")
+    for course_deg, level in ((90.0, "ok"), (180.0, "refused")):
+        fleet = grounded(config, math.radians(course_deg))
+        rows = [row for row in mission_checks(config, rehearse(config, 1, {}, fleet)) if row.vehicle == 1]
+        assert [(row.name, row.level) for row in rows] == [("take-off", level)]
+        assert f"along {course_deg:.0f} degrees to 100 m" in rows[0].value
+    assert "the climb leaves the map, 33" in rows[0].value
+    assert "lower takeoff.altitude_rel_m" in rows[0].remedy
+
+
+def grounded(config, course_rad):
+    """A fleet whose vehicle 1 stands where the mission file says, and has told that."""
+    agent = config.agents[0]
+    spec = VehicleSpec(
+        system_id=1, east_m=agent.east_m, north_m=agent.north_m, course_rad=course_rad, alt_rel_m=0.0,
+        forward_speed_m_s=15.0, airborne=False, gps_noise_std_m=0.0,
+    )  # fmt: skip
+    plane, fleet = (
+        SimVehicle(spec, config.local_frame, START_NS),
+        Fleet([a.vehicle for a in config.agents], config.local_frame),
+    )
+    for step in range(1000):
+        t_ns = START_NS + step * S // 20
+        for data in plane.datagrams_to_send(t_ns):
+            list(fleet.receive(Datagram(t_ns, "udp", "plane", data)))
+        for send in fleet.poll(t_ns):
+            if isinstance(send, Send):
+                plane.receive_datagram(send.data, t_ns)
+    return fleet
+
+
+def returned(profile, heights, rally_m=(), step_m=20.0):
+    """Rows on the return heights of vehicles 1, 2, ... that have these values of their parameter."""
+    name = "RTL_ALTITUDE" if profile is ARDUPLANE else "RTL_RETURN_ALT"
+    found = [return_of(v, profile, {name: value}, rally_m) for v, value in enumerate(heights, 1)]
+    return list(returns_check([one for one in found if one is not None], step_m))
+
+
+def test_vehicles_that_would_fly_home_at_one_height_are_named_with_what_to_set():
+    (row,) = returned(ARDUPLANE, [100, 100, 140])
+    assert (row.level, row.value) == (
+        "warning",
+        "agents 1 at 100 m (RTL_ALTITUDE), 2 at 100 m (RTL_ALTITUDE)",
+    )
+    assert "gcs param set CONFIG RTL_ALTITUDE 120 -v 2 (" in row.remedy
+    (row,) = returned(PX4, [100, 110], rally_m=[20.0])
+    assert "2 at 130 m (rally point 20 m + RTL_RETURN_ALT 110 m)" in row.value
+    assert "gcs param set CONFIG RTL_RETURN_ALT 120 -v 2 (" in row.remedy
+
+
+def test_arduplanes_with_a_rally_point_return_at_its_height_whatever_their_parameters_say():
+    (row,) = returned(ARDUPLANE, [100, 140], rally_m=[90.0])
+    assert row.level == "warning"
+    assert "without rally points" in row.remedy
+    assert "gcs param set" not in row.remedy
+
+
+def test_return_heights_a_layer_apart_are_fine_and_nothing_is_said_without_layers():
+    assert [row.level for row in returned(ARDUPLANE, [100, 140, 120])] == ["ok"]
+    assert returned(ARDUPLANE, [100, 100], step_m=0.0) == []
+    assert returned(ARDUPLANE, [100]) == []

@@ -1,0 +1,323 @@
+"""Central command dies in mid-flight and comes back: nothing is flown twice, nothing is taken for granted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from staging import S
+from test_guests import MISSION as GUESTS
+from test_orders import SEED, Flight, order
+
+from gcs.config import parse, read_text
+from gcs.core.engine import Command
+from gcs.edge.wire import decode, encode
+from gcs.mavlink.codec import Encoder
+from gcs.model import (
+    Datagram,
+    Effect,
+    Event,
+    Fate,
+    KeepOut,
+    Memory,
+    MissionEnded,
+    Notice,
+    Order,
+    OrderAnswer,
+    Plan,
+    Resumed,
+    Tick,
+)
+from gcs.settings import with_settings
+from sim_vehicles.personality import Mode
+from sim_vehicles.scenario import Scenario, load, parse_scenario
+from sim_vehicles.virtual import START_T_NS, VirtualRun
+
+MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
+
+
+def through_the_journal(memory: Memory) -> Memory:
+    return decode("journal", encode(Resumed(0, memory)), Resumed).memory
+
+
+def flight_with_a_restart(
+    at_s: float,
+    outage_s: float,
+    end_s: float,
+    *,
+    scenario: Scenario | None = None,
+    orders: tuple[Order, ...] = (),
+    loss: float = 0.0,
+    meanwhile: Callable[[VirtualRun], None] = lambda run: None,
+) -> Flight:
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        scenario or load("prescribed"), SEED, events.append, lambda t, e: effects.append((t, e)),
+        loss=loss, orders=orders,
+    )  # fmt: skip
+    run.run(at_s)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    meanwhile(run)
+    run.restart(outage_s, memory)
+    run.run(end_s)
+    return Flight(run, events, effects)
+
+
+def standing() -> Scenario:
+    """Targets that stand still, and routes that are not bettered in flight."""
+    text, source = read_text("deterministic")
+    return parse_scenario(with_settings(text, ["planning.shape=pulled"], source), source)
+
+
+def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive() -> None:
+    flight = flight_with_a_restart(40.0, 6.0, 400.0, scenario=standing())
+    for vehicle in (1, 2, 3, 4):
+        assert not {m.get_type() for m in flight.told(vehicle, 46.0, 400.0)} & MISSION
+    assert sum("holds the mission that it was given" in n.text for n in flight.all(Notice)) == 4
+    (ended,) = flight.all(MissionEnded)
+    assert (ended.arrived, ended.dead) == ((1, 2, 3, 4), ())
+
+
+@pytest.mark.parametrize(("at_s", "loss"), [(30.0, 0.0), (70.0, 0.3), (125.0, 0.0)])
+def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: float, loss: float) -> None:
+    flight = flight_with_a_restart(at_s, 4.0, 300.0, loss=loss)
+    (ended,) = flight.all(MissionEnded)
+    assert (ended.arrived, ended.dead) == ((1, 3, 4), (2,))
+    reached = [fate.target for fate in flight.all(Fate) if fate.fate == "arrived"]
+    assert len(reached) == 3
+    taken_up = [plan for plan in flight.all(Plan) if "taken up again" in plan.reason]
+    assert len(taken_up) == 1
+    assert "lost" not in taken_up[0].reason
+    assert loss or "joined" not in taken_up[0].reason
+
+
+def test_a_restart_is_an_event_that_replays() -> None:
+    flight = flight_with_a_restart(30.0, 4.0, 60.0)
+    index = next(i for i, event in enumerate(flight.events) if isinstance(event, Resumed))
+    command = Command(flight.run.scenario.config, SEED)
+    again = [encode(e) for event in flight.events[index:] for e in command.step(event)]
+    after = [encode(e) for t_ns, e in flight.effects if t_ns >= flight.events[index].t_ns]
+    assert again == after[-len(again) :]
+
+
+def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed() -> None:
+    def somebody_else(run: VirtualRun) -> None:
+        store = run.vehicles["vehicle:3"].autopilot.mission
+        items = [store[i] for i in range(len(store))]
+        items[1] = replace(items[1], z=items[1].z + 5.0)
+        store._items = items
+
+    flight = flight_with_a_restart(30.0, 4.0, 70.0, meanwhile=somebody_else)
+    told = [n for n in flight.all(Notice) if n.vehicle == 3 and n.level == "alarm"]
+    assert any("holds another mission than the one it was given (item 1: z_m" in n.text for n in told)
+    assert not {m.get_type() for m in flight.told(3, 34.0, 70.0)} & MISSION
+    assert flight.mode(3) is Mode.AUTO
+    assert flight.run.command.orders.aside == {3: "found"}
+
+
+def test_a_vehicle_that_was_being_given_a_mission_holds_until_it_has_a_whole_one() -> None:
+    first = VirtualRun(load("prescribed"), SEED)
+    while not first.command.tasking.under_way:
+        first.run((first.t_ns - START_T_NS) / S + 0.05)
+    at_s = (first.t_ns - START_T_NS) / S + 0.2
+    flight = flight_with_a_restart(at_s, 3.0, 40.0)
+    told = [n.text for n in flight.all(Notice) if "may hold a mix" in n.text]
+    assert len(told) == 4
+    assert all(flight.mode(vehicle) is Mode.AUTO for vehicle in (1, 2, 3, 4))
+    assert all({m.get_type() for m in flight.told(v, at_s + 3, 40.0)} & MISSION for v in (1, 2, 3, 4))
+
+
+def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
+    area = KeepOut("fire", (1700.0, 1200.0, 60.0))
+    close = replace(order(21.0, "keep-out"), keep_out=area)
+    flight = flight_with_a_restart(30.0, 4.0, 60.0, orders=(order(20.0, "hold", 1), close))
+    command = flight.run.command
+    assert command.orders.aside == {1: "hold"}
+    assert command.keep_outs.areas == {"fire": area}
+    assert command.grid.blocked[30, 42]
+    assert not {m.get_type() for m in flight.told(1, 34.0, 60.0)} & MISSION
+    assert flight.mode(1) is Mode.LOITER
+    assert {a.action for a in flight.all(OrderAnswer)} == {"hold", "keep-out"}
+
+
+def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
+    run = VirtualRun(standing(), SEED)
+    run.run(40.0)
+    run.restart(3.0, through_the_journal(run.command.memory(run.t_ns)))
+    run.run(44.2)
+    effects: list[Effect] = []
+    run.on_effect = lambda _t_ns, effect: effects.append(effect)
+    run.restart(3.0, through_the_journal(run.command.memory(run.t_ns)))
+    run.run(400.0)
+    (ended,) = [effect for effect in effects if isinstance(effect, MissionEnded)]
+    assert ended.arrived == (1, 2, 3, 4)
+    assert not any(effect.changed for effect in effects if isinstance(effect, Plan))
+
+
+def test_the_dead_stay_dead_and_the_arrived_are_not_sent_again() -> None:
+    flight = flight_with_a_restart(138.0, 4.0, 400.0)
+    before = {f.vehicle: f.fate for f in flight.all(Fate) if f.t_ns < START_T_NS + 138 * S}
+    assert before[2] == "dead"
+    assert "arrived" in before.values()
+    plans = [plan for plan in flight.all(Plan) if plan.t_ns > START_T_NS + 142 * S]
+    assert plans
+    assert not any(route.vehicle in before for plan in plans for route in plan.routes)
+    targets = [fate.target for fate in flight.all(Fate) if fate.fate == "arrived"]
+    assert len(targets) == 3
+
+
+def test_without_central_command_each_vehicle_flies_its_mission_to_its_safe_end() -> None:
+    run = VirtualRun(load("deterministic"), SEED)
+    run.run(40.0)
+    last = {v: len(items.items) - 1 for v in (1, 2, 3, 4) if (items := run.command.tasking.flown(v))}
+    run.restart(200.0)
+    for vehicle in (1, 2, 3, 4):
+        autopilot = run.vehicles[f"vehicle:{vehicle}"].autopilot
+        assert (autopilot.mode, autopilot.seq) == (Mode.AUTO, last[vehicle])  # circles at the last item
+    run.run(260.0)
+    assert run.ended
+
+
+def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_a_restart() -> None:
+    events: list[Event] = []
+    run = VirtualRun(standing(), SEED, events.append)
+    run.run(30.0)
+    run.vehicles["vehicle:2"].autopilot.set_mode(Mode.LOITER)
+    run.run(33.0)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    run.vehicles["vehicle:3"].autopilot.set_mode(Mode.LOITER)
+    run.restart(3.0, memory)
+    run.run(70.0)
+    flight = Flight(run, events, [])
+    assert set(run.command.away()) == {2, 3}
+    for vehicle in (2, 3):
+        assert flight.mode(vehicle) is Mode.LOITER
+        assert "left alone" in run.command.away()[vehicle]
+
+
+def test_a_mix_that_was_left_behind_is_cleared_after_a_restart_though_nobody_has_a_route_for_it() -> None:
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
+    run.run(30.0)
+    run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # somebody else's: it gets no mission of ours
+    run.run(33.0)
+    run.command.replanner.drop(4)
+    run.command.tasking.suspect(4)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    assert next(one for one in memory.vehicles if one.fate.vehicle == 4).route is None
+    run.restart(3.0, memory)
+    assert len(run.vehicles["vehicle:4"].autopilot.mission) > 1
+    run.run(50.0)
+    assert len(run.vehicles["vehicle:4"].autopilot.mission) <= 1
+    told = [(e.level, e.text) for _, e in effects if isinstance(e, Notice) and e.vehicle == 4]
+    assert any("may hold a mix" in text for _, text in told)
+    assert any(level == "alarm" and "holds no mission now" in text for level, text in told)
+
+
+def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_after_a_restart_until_it_is_resumed() -> None:
+    mission = parse(GUESTS, "x")
+    before, t_ns = Command(mission, 1), 100 * S
+    write = Encoder(254, 190)(dialect.MAVLink_mission_count_message(1, 1, 3, 0))
+    before.step(Datagram(t_ns, "udpin:0.0.0.0:14551", "10.0.0.5:50", write))
+    after = Command(mission, 1)
+    effects = after.step(Resumed(t_ns + S, through_the_journal(before.memory(t_ns))))
+    assert "system 254/190 at 10.0.0.5:50" in after.away()[1]
+    assert any("stays theirs" in e.text for e in effects if isinstance(e, Notice))
+    assert "broke off" not in str(after.step(Tick(t_ns + 10 * S)))
+    assert "broke off" in str(after.step(Tick(t_ns + 12 * S)))
+    again = Command(mission, 1)
+    again.step(Resumed(t_ns + 13 * S, through_the_journal(after.memory(t_ns + 12 * S))))
+    assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "told once"
+    heartbeat = Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
+    again.step(Datagram(t_ns + 61 * S, "udpin:0.0.0.0:14550", "10.0.0.1:5", heartbeat))
+    again.step(order(61.0, "resume", 1))
+    assert "system 254" not in str(again.away())
+
+
+def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_flies_on() -> None:
+    orders = (order(20.0, "hold", 2), order(36.0, "resume", 2))
+    flight = flight_with_a_restart(30.0, 4.0, 400.0, orders=orders, scenario=standing())
+    again = next(plan for plan in flight.all(Plan) if "taken up again" in plan.reason)
+    assert again.t_ns > START_T_NS + 36.0 * S
+    assert flight.answers("resume-36.0") == [("accepted", None), ("done", 2)]
+    (ended,) = flight.all(MissionEnded)
+    assert ended.arrived == (1, 2, 3, 4)
+
+
+# ---------------------------------------------------------------- somebody else's missions
+
+
+def give_another(run: VirtualRun, vehicle: int) -> None:
+    """What a ground station with a radio of its own does: one point is somewhere else."""
+    store = run.vehicles[f"vehicle:{vehicle}"].autopilot.mission
+    items = [store[i] for i in range(len(store))]
+    items[-1] = replace(items[-1], x=items[-1].x + 9000)
+    store.replace(items)
+
+
+def alarms(effects: list[tuple[int, Effect]], vehicle: int) -> list[str]:
+    found = [effect for _, effect in effects if isinstance(effect, Notice) and effect.vehicle == vehicle]
+    return [notice.text for notice in found if notice.level == "alarm"]
+
+
+def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked_after_a_restart() -> None:
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
+    run.run(30.0)
+    run.command.replanner.drop(3)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    give_another(run, 3)
+    run.restart(3.0, memory)
+    stored = list(run.vehicles["vehicle:3"].autopilot.mission)
+    run.run(60.0)
+    assert any("holds another mission than the one it was given" in text for text in alarms(effects, 3))
+    assert list(run.vehicles["vehicle:3"].autopilot.mission) == stored
+    assert run.command.orders.aside == {3: "found"}
+
+
+@pytest.mark.parametrize("changed", [True, False])
+def test_a_vehicle_that_was_not_heard_for_a_while_is_asked_what_it_holds(changed: bool) -> None:
+    effects: list[tuple[int, Effect]] = []
+    silent = {"until_s": 0.0}
+
+    def away(t_ns: int, peer: str, data: bytes) -> list[tuple[str, bytes]]:
+        gone = peer == "vehicle:2" and 30.0 <= (t_ns - START_T_NS) / S < silent["until_s"]
+        return [] if gone else [(peer, data)]
+
+    run = VirtualRun(
+        standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)), tamper=away
+    )  # fmt: skip
+    silent["until_s"] = 42.0
+    run.run(35.0)
+    if changed:
+        give_another(run, 2)
+    stored = list(run.vehicles["vehicle:2"].autopilot.mission)
+    run.run(60.0)
+    assert list(run.vehicles["vehicle:2"].autopilot.mission) == stored
+    told = any("holds another mission than the one it was given" in text for text in alarms(effects, 2))
+    assert told is changed
+    assert run.command.orders.aside == ({2: "found"} if changed else {})
+    assert (2 in run.command.replanner.routes) is not changed
+
+
+def test_a_vehicle_that_does_not_tell_what_it_holds_is_left_alone_until_it_does_or_an_order_says_so() -> None:
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
+    run.run(30.0)
+    memory = through_the_journal(run.command.memory(run.t_ns))
+    dumb = [run.vehicles[f"vehicle:{n}"] for n in (1, 4)]
+    given = [vehicle._link._missions._list for vehicle in dumb]
+    for vehicle in dumb:
+        vehicle._link._missions._list = lambda *_: None
+    run.restart(3.0, memory)
+    run.run(65.0)
+    for number in (1, 4):
+        assert "does not tell which mission it holds" in run.command.away()[number]
+        assert any("does not tell" in text for text in alarms(effects, number))
+    run.order(order(65.5, "resume", 4))
+    dumb[0]._link._missions._list = given[0]
+    run.run(75.0)
+    assert not {1, 4} & set(run.command.away())
