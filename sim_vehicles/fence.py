@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gcs.fence import Area
-from gcs.mavlink.fencing import fence_held
-from gcs.mavlink.items import Item as MissionItem
+from gcs.mavlink.mission.geofence_rally import fence_held
+from gcs.mavlink.mission.items import Item as MissionItem
 from sim_vehicles.geodesy import Geodesy
 from sim_vehicles.missions import FENCE, RALLY, Item, MissionStore
 from sim_vehicles.parameters import Parameters

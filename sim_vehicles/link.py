@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.mavlink.parameters import carried, value_of
+from gcs.mavlink.services.parameters import carried, value_of
 from sim_vehicles.autopilot import Autopilot
 from sim_vehicles.autopilot_state import ItemReached, StatusText
 from sim_vehicles.commands import Commands

@@ -11,7 +11,7 @@ from gcs.config import load
 from gcs.core.preflight.mission import mission_checks, rehearse
 from gcs.core.preflight.return_height import return_height_check, return_of, returns_check
 from gcs.fence import fence_of, rally_of
-from gcs.mavlink.profiles import ARDUPLANE, PX4
+from gcs.mavlink.autopilots import ARDUPLANE, PX4
 
 FIELD = Path(__file__).parent.parent / "config" / "field"
 GUIDE = (FIELD.parent.parent / "docs" / "field-guide.md").read_text(encoding="utf-8")

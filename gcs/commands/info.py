@@ -21,7 +21,7 @@ from gcs.edge.tlog import Logged, Unreadable, is_stamped, read_log
 from gcs.edge.wire import topic_of
 from gcs.errors import RecordingError
 from gcs.files import open_regular
-from gcs.mavlink.codec import scan
+from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, MissionEnded, Scan, Send
 from gcs.report.traffic import Traffic, rate_hz
 

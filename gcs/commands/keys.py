@@ -234,7 +234,7 @@ def _ask_words(console: Console) -> str:
 
 
 def _make(words: str | None) -> bytes:
-    from gcs.mavlink.signing import passphrase_key
+    from gcs.mavlink.frames.signing import passphrase_key
 
     return secrets.token_bytes(32) if words is None else passphrase_key(words)
 
@@ -304,7 +304,7 @@ def _finish(results: list[Result], *, as_json: bool) -> None:
 
 
 def _rows(keys: KeyFile, *, secret: bool) -> list[dict[str, str]]:
-    from gcs.mavlink.signing import fingerprint
+    from gcs.mavlink.frames.signing import fingerprint
 
     named = [("all vehicles", keys.default, "")] if keys.default is not None else []
     named += [(name, key, "") for name, key in keys.links.items()]

@@ -27,7 +27,7 @@ from gcs.edge.wire import sensor_scan_keys
 from gcs.edge.zenoh_bus import Bus
 from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
-from gcs.mavlink.inspection import NEEDED_IDS, Inspection
+from gcs.mavlink.services.preflight_query import NEEDED_IDS, Inspection
 from gcs.model import NS_PER_S, Scan, vehicle_name
 
 _STYLE = {"ok": "green", "warning": "yellow", "refused": "bold red"}

@@ -30,7 +30,7 @@ from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.files import open_regular
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import scan
+from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.course import Course, CourseBuilder
 from gcs.report.flights import Flight, Flights

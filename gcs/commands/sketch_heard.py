@@ -16,7 +16,7 @@ from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.endpoints import parse_endpoint
 from gcs.errors import LinkError, RecordingError
 from gcs.files import open_regular
-from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Message, scan
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Message, scan
 from gcs.model import Level
 
 _MAX_LOG_BYTES: Final = 256_000_000

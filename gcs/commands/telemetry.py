@@ -27,7 +27,7 @@ from gcs.edge.reader import Record
 from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import RecordingError
 from gcs.files import open_regular
-from gcs.mavlink.codec import Frame
+from gcs.mavlink.frames.codec import Frame
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick, read_only
 
 LINK: Final = "tlog"

@@ -50,9 +50,9 @@ from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.takeoff_sequence import Departures
 from gcs.core.tasking.upload_latency import Delays
 from gcs.core.tasking.upload_manager import Tasking
-from gcs.mavlink.fleet import Fleet, FleetSettings
-from gcs.mavlink.modes import RTL
-from gcs.mavlink.profiles.profile import is_on_ground
+from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.autopilots.modes import RTL
+from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.model import (
     NS_PER_S,
     BadInput,

@@ -33,9 +33,9 @@ from gcs.core.perception.fusion import Trackers
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.tasking.onboard_missions import Flown
 from gcs.core.tasking.upload_manager import Tasking
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.items import Item
-from gcs.mavlink.modes import AUTO
+from gcs.mavlink.autopilots.modes import AUTO
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.mission.items import Item
 from gcs.model import NS_PER_S, Effect, Label, Memory, Notice, Resumed, Route, Track, VehicleMemory
 
 _LONGEST_S: Final = 25.0

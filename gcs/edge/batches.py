@@ -1,7 +1,7 @@
 """Everything that waits in a UDP socket, at one system call.
 
 `recvmmsg` (Linux, https://man7.org/linux/man-pages/man2/recvmmsg.2.html) fills up to 256 slots at a call; a
-flood is put together by sender (`gcs.mavlink.gathering`), a few datagrams are handed on as they are.
+flood is put together by sender (`gcs.mavlink.frames.batches`), a few datagrams are handed on as they are.
 Elsewhere they are read one by one.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from gcs.mavlink.gathering import Gatherer
+    from gcs.mavlink.frames.batches import Gatherer
 
 Numbers: TypeAlias = npt.NDArray[np.int64]
 Heard: TypeAlias = list[tuple[str, bytes]]
@@ -134,7 +134,7 @@ class ManyAtOnce:
     def _gathered(self, lengths: Numbers, senders: Numbers) -> Iterable[tuple[int, bytes]]:
         """Put a flood together; the kernel is loaded at the first one, unless a service has warmed it up."""
         if self._gatherer is None:
-            from gcs.mavlink.gathering import Gatherer
+            from gcs.mavlink.frames.batches import Gatherer
 
             self._gatherer = Gatherer(SLOTS)
         return self._gatherer.gather(self._slots, lengths, senders)

@@ -15,7 +15,7 @@ from typing import Final, Literal, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.edge.tlog import LogClock, Logged
-from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Frame
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Frame
 
 TimedBy: TypeAlias = Literal["stamps", "boot clocks"]
 

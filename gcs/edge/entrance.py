@@ -14,7 +14,7 @@ from gcs.config import Config
 from gcs.edge.whereabouts import Whereabouts, services
 from gcs.endpoints import Endpoint, Link, parse_endpoint
 from gcs.errors import LinkError
-from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID
 
 _GUEST_SYSTEM_ID: Final = 254
 _CALLERS: Final = {"udpin": "udpout", "tcpin": "tcp"}

@@ -11,12 +11,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.config import Config
 from gcs.edge.visit import Visit
 from gcs.fence import fence_of, rally_of
-from gcs.mavlink.codec import Message
-from gcs.mavlink.fencing import FENCE, LIST_NAMES, RALLY, fence_held, fence_items, rally_items
-from gcs.mavlink.items import Item
-from gcs.mavlink.lists import ListTask
-from gcs.mavlink.parameters import ParameterSetting, is_bytewise
-from gcs.mavlink.profiles import profile_of
+from gcs.mavlink.autopilots import profile_of
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.geofence_rally import FENCE, LIST_NAMES, RALLY, fence_held, fence_items, rally_items
+from gcs.mavlink.mission.items import Item
+from gcs.mavlink.mission.list_task import ListTask
+from gcs.mavlink.services.parameters import ParameterSetting, is_bytewise
 
 Action: TypeAlias = Literal["upload", "show", "clear"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final
 
-from gcs.mavlink.bulk import LENGTH, OFFSET, Frames
+from gcs.mavlink.frames.fast_scan import LENGTH, OFFSET, Frames
 from gcs.model import NS_PER_S
 
 _BYTES_PER_S: Final = 2_000

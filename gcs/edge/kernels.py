@@ -13,7 +13,7 @@ TRACKING: Final = "gcs.tracking.glmb"
 HISTORIES: Final = "gcs.tracking.recovery"
 """Recovered and smoothed trajectories: `gcs track` alone asks for them."""
 PLANNING: Final = "gcs.planning.routes"
-LINKS: Final = "gcs.mavlink.quiet"
+LINKS: Final = "gcs.mavlink.fleet.fast_telemetry"
 RECORDING: Final = "gcs.edge.packing"
 FLYING: Final = (TRACKING, PLANNING, LINKS, RECORDING)
 ALL: Final = (*FLYING, HISTORIES)

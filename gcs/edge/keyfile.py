@@ -33,7 +33,7 @@ from gcs.config import Table, convert, decode_toml
 from gcs.endpoints import parse_endpoint
 from gcs.errors import ConfigError, LinkError
 from gcs.files import read_bytes, read_text
-from gcs.mavlink.signing import KEY_BYTES, NS_PER_TICK, Keys
+from gcs.mavlink.frames.signing import KEY_BYTES, NS_PER_TICK, Keys
 from gcs.model import NS_PER_S, vehicle_id, vehicle_name
 
 MAX_ADVANCE_NS: Final = 30 * NS_PER_S

@@ -11,10 +11,10 @@ from gcs.edge.clock import RunClock, unix_ns
 from gcs.edge.keyfile import TimeFile
 from gcs.edge.links import TRANSPORTS
 from gcs.endpoints import Endpoint
-from gcs.mavlink.codec import Encoder, scan
-from gcs.mavlink.heartbeats import HEARTBEAT_PERIOD_NS, heartbeat
-from gcs.mavlink.keying import Installation
-from gcs.mavlink.signing import timestamp_of
+from gcs.mavlink.fleet.heartbeat import HEARTBEAT_PERIOD_NS, heartbeat
+from gcs.mavlink.frames.codec import Encoder, scan
+from gcs.mavlink.frames.signing import timestamp_of
+from gcs.mavlink.services.signing_setup import Installation
 from gcs.model import NS_PER_S, Level, system_of
 
 _TURN_S: Final = 0.05

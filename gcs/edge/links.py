@@ -2,7 +2,7 @@
 
 What vehicles send goes to central command as it came, but for frames that a signed link keeps out, and to
 the guests whom it is for. What guests send goes to the vehicles that it is for, as far as the guests may
-(`gcs.mavlink.routing`), and what went there goes to central command as well: it must know what others tell
+(`gcs.mavlink.router.router`), and what went there goes to central command as well: it must know what others tell
 its vehicles. Routing happens here and not behind the queue, so that a ground station's command does not
 stand in line behind scans.
 """
@@ -22,11 +22,11 @@ from gcs.edge.udp import UdpIn, UdpOut
 from gcs.endpoints import Endpoint, Link
 from gcs.errors import LinkError
 from gcs.geo import LocalFrame
-from gcs.mavlink.adsb import COMPONENT_ID, adsb_messages
-from gcs.mavlink.codec import Encoder, scan
-from gcs.mavlink.heartbeats import heartbeat
-from gcs.mavlink.routing import PortCounters, Router
-from gcs.mavlink.vehicle import Address
+from gcs.mavlink.fleet.heartbeat import heartbeat
+from gcs.mavlink.fleet.vehicle import Address
+from gcs.mavlink.frames.codec import Encoder, scan
+from gcs.mavlink.router.router import PortCounters, Router
+from gcs.mavlink.services.adsb import COMPONENT_ID, adsb_messages
 from gcs.model import NS_PER_S, Level, Picture, network_of, system_of, vehicle_id
 
 TRANSPORTS: Final[Mapping[str, Callable[[Endpoint], Transport]]] = {

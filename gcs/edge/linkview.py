@@ -10,10 +10,10 @@ from rich import box
 from rich.table import Table
 
 from gcs.edge.links import Links
-from gcs.mavlink.counters import LinkCounters
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.routing import PortCounters
-from gcs.mavlink.signing import GateCounters
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.link_stats import LinkCounters
+from gcs.mavlink.frames.signing import GateCounters
+from gcs.mavlink.router.router import PortCounters
 
 _COLUMNS = (
     "link", "role", "frames", "lost", "CRC", "strangers", "conflicts", "unsent", "signing", "guests",

@@ -19,7 +19,7 @@ import json
 import sys
 from typing import Any, Final
 
-from gcs.mavlink.codec import decode
+from gcs.mavlink.frames.codec import decode
 
 SYSTEM_ID: Final = 245
 """MAVSDK's own, so that vehicles answer it and not us."""

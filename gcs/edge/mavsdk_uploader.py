@@ -23,7 +23,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.errors import LinkError
-from gcs.mavlink.codec import Message, decode
+from gcs.mavlink.frames.codec import Message, decode
 from gcs.model import Upload, UploadAnswer
 
 _MISSION_MESSAGES: Final = frozenset(

@@ -9,8 +9,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.edge.visit import Visit
-from gcs.mavlink.codec import Message
-from gcs.mavlink.parameters import ParameterReading, ParameterSetting, is_bytewise
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.services.parameters import ParameterReading, ParameterSetting, is_bytewise
 
 _ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 

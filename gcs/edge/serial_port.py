@@ -14,7 +14,7 @@ from typing import Any
 from gcs.edge.transport import Backoff, Listener, Spoken
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
-from gcs.mavlink.framing import Framer
+from gcs.mavlink.frames.stream import Framer
 
 _READ_BYTES = 4096
 _MAX_UNSENT_BYTES = 8 * 1024

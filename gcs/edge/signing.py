@@ -17,7 +17,7 @@ from gcs.edge.keyfile import TimeFile, read_keys
 from gcs.edge.output import Writer
 from gcs.endpoints import Link
 from gcs.errors import ConfigError
-from gcs.mavlink.signing import TICKS_PER_S, Gate, GateCounters, Keys
+from gcs.mavlink.frames.signing import TICKS_PER_S, Gate, GateCounters, Keys
 from gcs.model import NS_PER_S, Level
 
 _SAVE_EVERY_NS: Final = 10 * NS_PER_S
@@ -40,7 +40,7 @@ class Signing:
     keys : Path, optional
         Of the key file; without it nothing is signed.
     kernel : bool
-        Whether to check the fast way (`gcs.mavlink.verifying`), for who stays long enough.
+        Whether to check the fast way (`gcs.mavlink.frames.fast_verify`), for who stays long enough.
 
     Raises
     ------

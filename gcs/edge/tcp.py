@@ -1,6 +1,6 @@
 """MAVLink over TCP: connect to somebody, again and again until it works, or let others connect.
 
-A stream is cut into frames by `gcs.mavlink.framing`. A peer that does not read is not waited for: beyond a
+A stream is cut into frames by `gcs.mavlink.frames.stream`. A peer that does not read is not waited for: beyond a
 bound, what is for it is dropped and counted. A connection over which no valid frame came for ten seconds is
 closed. When a port is full, the connection that was idle for longest gives its place to a new one.
 """
@@ -14,8 +14,8 @@ from collections import Counter
 from gcs.edge.transport import Backoff, Listener, Spoken
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
-from gcs.mavlink.codec import scan
-from gcs.mavlink.framing import Framer
+from gcs.mavlink.frames.codec import scan
+from gcs.mavlink.frames.stream import Framer
 
 _MAX_UNSENT_BYTES = 256 * 1024
 _MAX_CONNECTIONS = 32

@@ -23,7 +23,7 @@ from typing import BinaryIO, Literal, NamedTuple, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.errors import RecordingError
-from gcs.mavlink.codec import Frame, checked_frame, scan
+from gcs.mavlink.frames.codec import Frame, checked_frame, scan
 
 _STAMP = struct.Struct(">Q")
 _LATEST_US = 4_102_444_800_000_000

@@ -15,8 +15,8 @@ from gcs.edge.clock import RunClock
 from gcs.edge.entrance import entrance_of
 from gcs.edge.links import Links
 from gcs.edge.signing import Signing
-from gcs.mavlink.codec import Message
-from gcs.mavlink.fleet import Fleet, FleetSettings
+from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
+from gcs.mavlink.frames.codec import Message
 from gcs.model import NS_PER_S, Datagram, Level, system_of
 
 _TICK_S = 0.05

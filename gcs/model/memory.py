@@ -16,7 +16,7 @@ Aside: TypeAlias = Literal["hold", "return", "found"]
 
 @dataclass(frozen=True, slots=True)
 class CustodyMemory:
-    """Who chose the mode that a vehicle was in (`gcs.mavlink.custody`)."""
+    """Who chose the mode that a vehicle was in (`gcs.mavlink.fleet.mode_authority`)."""
 
     mode: str
     taken: str

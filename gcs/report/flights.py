@@ -16,9 +16,9 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Frame, Message
-from gcs.mavlink.position import unplaceable
-from gcs.mavlink.profiles import profile_of
+from gcs.mavlink.autopilots import profile_of
+from gcs.mavlink.fleet.position_checks import unplaceable
+from gcs.mavlink.frames.codec import Frame, Message
 from gcs.model import NS_PER_S, FloatArray, read_only
 
 _LEAST_NS: Final = NS_PER_S // 2

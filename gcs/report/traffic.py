@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, Message
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, Message
 from gcs.model import NS_PER_S
 from gcs.safe_text import printable
 

@@ -31,11 +31,11 @@ from gcs.edge.links import Links
 from gcs.edge.signing import Signing
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
-from gcs.mavlink import quiet
-from gcs.mavlink.bulk import Frames
-from gcs.mavlink.codec import scan
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.signing import Gate, Keys
+from gcs.mavlink.fleet import fast_telemetry
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import scan
+from gcs.mavlink.frames.fast_scan import Frames
+from gcs.mavlink.frames.signing import Gate, Keys
 from gcs.model import NS_PER_S, Datagram, vehicle_id
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
@@ -309,7 +309,7 @@ def main():
     parser.add_argument("--sockets-only", action="store_true")
     args = parser.parse_args()
     console = Console(width=140)
-    quiet.warm_up()
+    fast_telemetry.warm_up()
     if not args.sockets_only:
         decoding(console)
         in_turn(console)

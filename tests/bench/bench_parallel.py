@@ -22,7 +22,7 @@ from plane_double import LOITER, Plane
 from gcs.config.tables import AirframeTable, MissionTable
 from gcs.core.tasking.upload_manager import Tasking
 from gcs.geo import LocalFrame
-from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Datagram, Route, Send, UploadReport, read_only
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)

@@ -20,7 +20,7 @@ from plane_double import LOITER, Plane, S
 from gcs.config.tables import AirframeTable, MissionTable
 from gcs.core.tasking.upload_manager import Tasking
 from gcs.geo import LocalFrame
-from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Datagram, Route, Send, UploadReport, read_only
 
 FRAME = LocalFrame(-35.3632621, 149.165237, 584.09)

@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.endpoints import Link, parse_endpoint
-from gcs.mavlink.codec import Encoder, scan
-from gcs.mavlink.routing import Router
+from gcs.mavlink.frames.codec import Encoder, scan
+from gcs.mavlink.router.router import Router
 
 S = 1_000_000_000
 AIR, SEAT = "udpin:0.0.0.0:1", "udpin:0.0.0.0:2"

@@ -25,7 +25,7 @@ import psutil
 
 from gcs.config import read_text
 from gcs.edge.reader import read
-from gcs.mavlink.codec import decode
+from gcs.mavlink.frames.codec import decode
 from gcs.model import NS_PER_S, Datagram, Scan, Tick, UploadReport
 
 COLUMNS = 10

@@ -23,12 +23,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
 from plane_double import AUTO, Channel, Joined, Plane, S
 
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Encoder, decode
-from gcs.mavlink.custody import Custody
-from gcs.mavlink.items import Home
-from gcs.mavlink.pace import Pace
-from gcs.mavlink.profiles import ARDUPLANE, PX4
-from gcs.mavlink.transfer import MissionTask
+from gcs.mavlink.autopilots import ARDUPLANE, PX4
+from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.items import Home
+from gcs.mavlink.mission.upload_task import MissionTask
+from gcs.mavlink.services.rtt import Pace
 from gcs.model import Mission, Upload, Waypoint
 
 HOME = Home(-35.3632621, 149.165237, 584.09)

@@ -22,8 +22,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.edge.batches import _Header, _IoVector
-from gcs.mavlink.bulk import _STEPS
-from gcs.mavlink.signing import signed, timestamp_of
+from gcs.mavlink.frames.fast_scan import _STEPS
+from gcs.mavlink.frames.signing import signed, timestamp_of
 
 TICK_S = 0.01
 AT_ONCE = 512

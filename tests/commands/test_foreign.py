@@ -25,7 +25,7 @@ from gcs.edge.boot_clock import START_NS, TimeLine
 from gcs.edge.reader import about, read
 from gcs.edge.recorder import Recorder
 from gcs.edge.tlog import Logged, read_log
-from gcs.mavlink.codec import scan
+from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
 from gcs.report.run_page import Material
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from gcs.cli import app
 from gcs.config import load
 from gcs.edge.recorder import Recorder, Run
-from gcs.mavlink.codec import Encoder
+from gcs.mavlink.frames.codec import Encoder
 from gcs.model import Tick
 
 HOME = (47.3977, 8.5456)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.edge.keyfile import read_keys
-from gcs.mavlink.signing import fingerprint, passphrase_key
+from gcs.mavlink.frames.signing import fingerprint, passphrase_key
 from sim_vehicles.vehicle import VehicleSpec
 
 

@@ -15,10 +15,10 @@ from gcs.config import parse
 from gcs.core.engine import Command
 from gcs.core.tasking.mission_builder import Missions
 from gcs.core.tasking.onboard_missions import Flown
-from gcs.mavlink.codec import Encoder
-from gcs.mavlink.codec import decode as decode_frames
-from gcs.mavlink.items import Home
-from gcs.mavlink.profiles import profile_of
+from gcs.mavlink.autopilots import profile_of
+from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.frames.codec import decode as decode_frames
+from gcs.mavlink.mission.items import Home
 from gcs.model import (
     Datagram,
     MissionEnded,

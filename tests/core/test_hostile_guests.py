@@ -8,8 +8,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.authority.external_uploads import Guests
 from gcs.endpoints import Link, parse_endpoint
-from gcs.mavlink.codec import scan
-from gcs.mavlink.routing import Router
+from gcs.mavlink.frames.codec import scan
+from gcs.mavlink.router.router import Router
 from gcs.model import Datagram
 
 AIR, SEAT = "udpin:0.0.0.0:1", "udpin:0.0.0.0:2"

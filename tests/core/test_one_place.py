@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import RADAR, at, mission
 
 from gcs.core.engine import Command
-from gcs.mavlink.codec import Encoder
+from gcs.mavlink.frames.codec import Encoder
 from gcs.model import Datagram, Fate, Plan, Scan, Tick, read_only
 
 PLACE = (1000.0, 300.0)

@@ -15,11 +15,11 @@ from gcs.core.preflight.mission import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.return_height import return_of, returns_check
 from gcs.core.preflight.vehicle import VehicleJudge, envelope_of
 from gcs.core.replanning.altitude_layers import Lanes
-from gcs.mavlink.codec import Encoder, scan
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.inspection import NEEDED_IDS, Inspection
-from gcs.mavlink.profiles import ARDUPLANE, PX4
-from gcs.mavlink.signing import signed, timestamp_of
+from gcs.mavlink.autopilots import ARDUPLANE, PX4
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import Encoder, scan
+from gcs.mavlink.frames.signing import signed, timestamp_of
+from gcs.mavlink.services.preflight_query import NEEDED_IDS, Inspection
 from gcs.model import Datagram, Scan, Send
 from gcs.settings import with_settings
 from sim_vehicles.personality import Mode

@@ -14,7 +14,7 @@ from test_orders import SEED, Flight, order
 from gcs.config import parse, read_text
 from gcs.core.engine import Command
 from gcs.edge.wire import decode, encode
-from gcs.mavlink.codec import Encoder
+from gcs.mavlink.frames.codec import Encoder
 from gcs.model import (
     Datagram,
     Effect,

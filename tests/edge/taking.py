@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.codec import Encoder, scan
+from gcs.mavlink.frames.codec import Encoder, scan
 
 
 class Taker:

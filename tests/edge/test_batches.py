@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.edge.batches import FLOOD, ManyAtOnce, OneByOne, SocketReader, reader
-from gcs.mavlink.codec import Encoder, scan
+from gcs.mavlink.frames.codec import Encoder, scan
 
 
 def bound() -> socket.socket:

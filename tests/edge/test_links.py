@@ -16,7 +16,7 @@ from gcs.edge.links import Links
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Encoder, scan
+from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.model import Picture, Track, read_only
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)

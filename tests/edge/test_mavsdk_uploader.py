@@ -9,9 +9,9 @@ import pytest
 
 from gcs.errors import LinkError
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Encoder, decode
-from gcs.mavlink.items import Home
-from gcs.mavlink.profiles import ARDUPLANE
+from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Upload, Waypoint
 from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 
@@ -89,7 +89,7 @@ def test_it_uploads_commands_nothing_and_survives_the_death_of_its_process():
 
 
 def _held(vehicle):
-    from gcs.mavlink.items import Item
+    from gcs.mavlink.mission.items import Item
 
     stored = list(vehicle.autopilot.mission)[1:]
     return [Item(i.command, i.frame, i.x, i.y, i.z, i.param1, i.param2, i.param3, i.param4) for i in stored]

@@ -6,7 +6,7 @@ import pytest
 
 from gcs.edge.parameters import ParameterTalk
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Encoder, decode
+from gcs.mavlink.frames.codec import Encoder, decode
 from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000

@@ -12,7 +12,7 @@ from gcs.config import load
 from gcs.core.engine import Command
 from gcs.core.replanning.triggers import in_words, lost, moved, passed
 from gcs.edge.terminal import LiveView, PlainLines, effect_line
-from gcs.mavlink.adsb import callsign
+from gcs.mavlink.services.adsb import callsign
 from gcs.model import NS_PER_S, Fate, Notice, Plan, Proposal, Route, RouteFigures, Tick, read_only
 from gcs.planning.grid import free_grid
 from gcs.planning.routes import plan_routes

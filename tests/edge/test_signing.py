@@ -16,8 +16,8 @@ from gcs.edge.signing import Signing
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Encoder, scan
-from gcs.mavlink.signing import signing_time
+from gcs.mavlink.frames.codec import Encoder, scan
+from gcs.mavlink.frames.signing import signing_time
 from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000

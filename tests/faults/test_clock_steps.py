@@ -23,7 +23,7 @@ from gcs.edge.scans import encode_scan
 from gcs.edge.wire import scan_key
 from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
-from gcs.mavlink.codec import scan
+from gcs.mavlink.frames.codec import scan
 from gcs.model import (
     NS_PER_S,
     ClockStep,

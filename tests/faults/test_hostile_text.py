@@ -22,8 +22,8 @@ from gcs.edge.scans import decode_scan
 from gcs.edge.terminal import LiveView, PlainLines
 from gcs.edge.wire import decode, encode
 from gcs.errors import ConfigError, GcsError, LinkError, WireError
-from gcs.mavlink.codec import dialect
-from gcs.mavlink.statustext import TextChunks
+from gcs.mavlink.fleet.statustext import TextChunks
+from gcs.mavlink.frames.codec import dialect
 from gcs.model import BadInput, LinkNews, Notice, Order, OrderAnswer, UploadAnswer, UploadReport
 from gcs.report.page import Page, save_page
 from gcs.safe_text import REPLACEMENT, printable

@@ -11,8 +11,8 @@ from gcs.core.authority.external_uploads import Guests
 from gcs.edge import tcp
 from gcs.edge.tcp import TcpIn
 from gcs.endpoints import Link, parse_endpoint
-from gcs.mavlink.codec import Encoder, Frame, scan
-from gcs.mavlink.routing import Router
+from gcs.mavlink.frames.codec import Encoder, Frame, scan
+from gcs.mavlink.router.router import Router
 from gcs.model import NS_PER_S, Datagram, Notice
 
 AIR = Link(parse_endpoint("udpin:0.0.0.0:1"))

@@ -31,7 +31,7 @@ from gcs.edge.recorder_thread import RecorderThread
 from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import RecordingError
-from gcs.mavlink.codec import scan
+from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Event, MissionEnded, Notice, Send, Tick
 
 GCS = (sys.executable, "-P", "-c", "from gcs.cli import main; main()")

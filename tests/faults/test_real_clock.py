@@ -12,7 +12,7 @@ import pytest
 from processes import Run
 
 from gcs.edge.reader import read
-from gcs.mavlink.codec import scan
+from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, ClockStep, Fate, Plan, Send, UploadReport
 
 STOPPED_S = 5.0

@@ -26,7 +26,7 @@ from gcs.edge.recorder import Recorder, Room, Run
 from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import JournalError, LinkError, RecordingError
-from gcs.mavlink.codec import Encoder
+from gcs.mavlink.frames.codec import Encoder
 from gcs.model import NS_PER_S, Datagram, LinkNews, Memory, Tick
 
 MEMORY = Memory(1, 0, 0, False, (), (), ())

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.mavlink.codec import scan as frames_of
+from gcs.mavlink.frames.codec import scan as frames_of
 from gcs.model import NS_PER_S, Effect, Event, Fate, MissionEnded, Notice, Scan, Send
 from sim_vehicles.scenario import Scenario, load
 from sim_vehicles.virtual import START_T_NS, VirtualRun

@@ -12,10 +12,10 @@ from gcs.edge.keyfile import KeyFile
 from gcs.edge.signing import Signing
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Encoder
-from gcs.mavlink.fleet import Fleet, FleetSettings
-from gcs.mavlink.routing import Router
-from gcs.mavlink.signing import signed, timestamp_of
+from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
+from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.frames.signing import signed, timestamp_of
+from gcs.mavlink.router.router import Router
 from gcs.model import NS_PER_S, Datagram
 
 NOW = 1_767_225_600 * NS_PER_S
@@ -174,7 +174,7 @@ def test_an_invented_signature_moves_nobody_where_signatures_are_not_checked():
 
 @pytest.mark.parametrize("is_keyed", [True, False])
 def test_other_ground_stations_commands_go_where_the_vehicle_signs_latest(is_keyed):
-    from gcs.mavlink.codec import scan
+    from gcs.mavlink.frames.codec import scan
 
     router = Router([LINK, GROUND], [1], is_keyed=lambda *_: is_keyed)
     plane, old = SignedPlane(), SignedPlane()

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
 
 S = 1_000_000_000
 HOME = (-353632621, 1491652370, 584.09)

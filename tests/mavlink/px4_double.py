@@ -6,8 +6,8 @@ rejects gets ACK 0; then the vehicle is in Hold, MISSION_CURRENT says NO_MISSION
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.codec import Encoder, decode
-from gcs.mavlink.profiles import PX4
+from gcs.mavlink.autopilots import PX4
+from gcs.mavlink.frames.codec import Encoder, decode
 
 S = 1_000_000_000
 AUTO, HOLD = 4 << 16 | 4 << 24, 4 << 16 | 3 << 24

@@ -6,7 +6,7 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.mavlink.codec import decode, scan
+from gcs.mavlink.frames.codec import decode, scan
 
 _SPEC = importlib.util.spec_from_file_location(
     "fuzz_link", Path(__file__).parents[1] / "bench" / "fuzz_link.py"

@@ -5,11 +5,11 @@ from plane_double import Channel, Joined
 from px4_double import AUTO, HOLD, Px4
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.codec import Encoder
-from gcs.mavlink.custody import Custody
-from gcs.mavlink.items import Home
-from gcs.mavlink.profiles import PX4
-from gcs.mavlink.transfer import MissionTask
+from gcs.mavlink.autopilots import PX4
+from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.mission.items import Home
+from gcs.mavlink.mission.upload_task import MissionTask
 from gcs.model import Mission, Waypoint
 
 HOME = Home(-35.3632621, 149.165237, 584.09)

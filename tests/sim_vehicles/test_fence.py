@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.fence import Area, Fence, Rally
-from gcs.mavlink.fencing import FENCE, RALLY, fence_items, rally_items
+from gcs.mavlink.mission.geofence_rally import FENCE, RALLY, fence_items, rally_items
 from sim_vehicles.personality import Mode
 
 EAST_300 = (33.2, -87.596785)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from gcs.mavlink import commands, steps
+from gcs.mavlink.mission import upload_steps
+from gcs.mavlink.services import command_messages
 from gcs.model import Fate, Notice
 from sim_vehicles.guidance import ToPoint
 from sim_vehicles.scenario import load
@@ -13,7 +14,7 @@ from sim_vehicles.virtual import VirtualRun
 
 def by_one_command(vehicle, profile, item):
     """As the service selected once: DO_SET_MISSION_CURRENT, sent once."""
-    return commands.command(vehicle, 224, max(item, profile.home_items))
+    return command_messages.command(vehicle, 224, max(item, profile.home_items))
 
 
 def flown(seconds=300.0):

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.fence import Area, areas_of
-from gcs.mavlink.items import Item
+from gcs.mavlink.mission.items import Item
 from gcs.model import VehicleState
 from gcs.planning.grid import Grid
 

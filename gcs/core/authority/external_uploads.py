@@ -1,6 +1,6 @@
 """What other ground stations tell our vehicles, and which vehicles they have taken over by it.
 
-Frames of guests come here after they were sent on (`gcs.mavlink.routing`). Somebody with full access may
+Frames of guests come here after they were sent on (`gcs.mavlink.router.router`). Somebody with full access may
 upload a mission to one of our vehicles. From its first frame on the vehicle is theirs: its route is given
 up, its target is free for others, and it is not tasked until an operator orders it to resume. While a mission
 of ours is on its way to it nothing of theirs gets there, so two uploads never meet; should they have met in
@@ -20,10 +20,16 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
-from gcs.mavlink.access import ASKING_COMMANDS, MISSION_PROTOCOL, MISSION_WRITES, QUESTIONS, command_of
-from gcs.mavlink.asking import ns
-from gcs.mavlink.codec import Frame, Message, scan
-from gcs.mavlink.targets import target_of
+from gcs.mavlink.frames.addressee import target_of
+from gcs.mavlink.frames.codec import Frame, Message, scan
+from gcs.mavlink.router.access_policy import (
+    ASKING_COMMANDS,
+    MISSION_PROTOCOL,
+    MISSION_WRITES,
+    QUESTIONS,
+    command_of,
+)
+from gcs.mavlink.services.retry import ns
 from gcs.model import Datagram, Effect, GuestMission, Level, Notice, vehicle_id
 
 _SILENT_NS: Final = ns(10.0)

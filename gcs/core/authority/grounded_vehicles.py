@@ -13,12 +13,12 @@ from typing import Final
 
 from gcs.core.operator.commands import Orders
 from gcs.core.tasking.upload_manager import Tasking
-from gcs.mavlink.asking import ns
-from gcs.mavlink.codec import Message
-from gcs.mavlink.commands import set_mode
-from gcs.mavlink.errand import Errand, Shown
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.modes import AUTO, LOITER
+from gcs.mavlink.autopilots.modes import AUTO, LOITER
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.services.command_messages import set_mode
+from gcs.mavlink.services.command_sender import Errand, Shown
+from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState
 
 _PERIOD_NS: Final = ns(1.0)

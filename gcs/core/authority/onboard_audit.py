@@ -25,11 +25,11 @@ from gcs.core.operator.commands import Orders
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.tasking.onboard_missions import Flown
 from gcs.core.tasking.upload_manager import Tasking
-from gcs.mavlink.asking import ns
-from gcs.mavlink.codec import AUTOPILOT_COMPONENT_ID, Message
-from gcs.mavlink.conversations import ReadBack
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.pace import Pace
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
+from gcs.mavlink.mission.protocol import ReadBack
+from gcs.mavlink.services.retry import ns
+from gcs.mavlink.services.rtt import Pace
 from gcs.model import Effect, Notice, system_of
 
 _LATE_NS: Final = ns(25.0)

@@ -1,7 +1,7 @@
 """Tells of vehicles in modes that are not ours, and of targets that nobody is sent to.
 
 What a vehicle does by somebody else's choice (a pilot, a failsafe, another ground station) is left alone
-(`gcs.mavlink.custody`). The operator is told when it begins, also of what a service finds at its start, with
+(`gcs.mavlink.fleet.mode_authority`). The operator is told when it begins, also of what a service finds at its start, with
 what to do, and when it ends.
 """
 
@@ -11,8 +11,8 @@ from collections.abc import Collection, Container, Mapping
 from typing import Final
 
 from gcs.core.operator.commands import PILOTED
-from gcs.mavlink.asking import ns
-from gcs.mavlink.modes import LOITER, RTL
+from gcs.mavlink.autopilots.modes import LOITER, RTL
+from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Label, Notice, target_name, vehicle_name
 
 _PERIOD_NS: Final = ns(1.0)

@@ -2,7 +2,7 @@
 
 An order sets a vehicle aside at once: from then on it is not tasked, whatever becomes of the command. A
 mission transfer under way is given up first, safely: the vehicle keeps a whole mission, or holds and is
-cleared. "Done" is said when the vehicle's own heartbeat shows it (`gcs.mavlink.errand`).
+cleared. "Done" is said when the vehicle's own heartbeat shows it (`gcs.mavlink.services.command_sender`).
 
 A vehicle that is resumed, whoever took it, goes back to its mission when that was read back from it and
 nobody else has its target by now; otherwise it waits in LOITER for the next plan. No mission is sent to it
@@ -29,12 +29,12 @@ from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_heights import Returns
 from gcs.core.tasking.takeoff_sequence import SELF_LAUNCHING, Departures
 from gcs.core.tasking.upload_manager import Tasking
-from gcs.mavlink.codec import Message
-from gcs.mavlink.commands import command, set_mode
-from gcs.mavlink.errand import Errand, Shown
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.modes import AUTO, LOITER, RTL
-from gcs.mavlink.profiles.profile import is_on_ground
+from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.services.command_messages import command, set_mode
+from gcs.mavlink.services.command_sender import Errand, Shown
 from gcs.model import AnswerState, Aside, Effect, Label, Notice, Order, Route, VehicleState, vehicle_name
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM

@@ -1,6 +1,6 @@
 """Vehicles of the mission that were never heard.
 
-A vehicle that falls silent after it was heard is watched by the fleet (`gcs.mavlink.fleet`).
+A vehicle that falls silent after it was heard is watched by the fleet (`gcs.mavlink.fleet.fleet`).
 """
 
 from __future__ import annotations

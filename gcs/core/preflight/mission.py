@@ -16,7 +16,7 @@ from gcs.core.replanning.altitude_layers import lane_count, own_lanes
 from gcs.core.replanning.options import plan_options
 from gcs.core.replanning.takeoffs import Takeoffs
 from gcs.fence import fence_of
-from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
 from gcs.planning.climb import Climb
 from gcs.planning.routes import PlanResult, plan_routes

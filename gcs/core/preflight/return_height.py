@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Final
 
 from gcs.core.preflight.result import Check
-from gcs.mavlink.profiles import Profile
+from gcs.mavlink.autopilots import Profile
 from gcs.model import vehicle_name
 
 MARGIN_M: Final = 15.0

@@ -1,4 +1,4 @@
-"""What stands against a flight of each vehicle: its answers to `gcs.mavlink.inspection`, judged. Pure."""
+"""What stands against a flight of each vehicle: its answers to `gcs.mavlink.services.preflight_query`, judged. Pure."""
 
 from __future__ import annotations
 
@@ -14,12 +14,19 @@ from gcs.core.preflight.result import Check, Level
 from gcs.core.preflight.return_height import MARGIN_M, Return, return_height_check, return_of, returns_check
 from gcs.fence import Fence, fence_of, rally_of
 from gcs.geo import LocalFrame
-from gcs.mavlink.fencing import FENCE, RALLY, fence_held, fence_items, list_difference, rally_items
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.inspection import Inspection
-from gcs.mavlink.modes import AUTO, LOITER, RTL
-from gcs.mavlink.profiles import Envelope, FenceLimits, ParameterWish, mode_name
-from gcs.mavlink.vehicle import Health
+from gcs.mavlink.autopilots import Envelope, FenceLimits, ParameterWish, mode_name
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.vehicle import Health
+from gcs.mavlink.mission.geofence_rally import (
+    FENCE,
+    RALLY,
+    fence_held,
+    fence_items,
+    list_difference,
+    rally_items,
+)
+from gcs.mavlink.services.preflight_query import Inspection
 from gcs.model import NS_PER_S, FloatArray, vehicle_name
 
 _TASKABLE: Final = (AUTO, LOITER)

@@ -25,7 +25,7 @@ from gcs.core.replanning.options import Aims, is_arriving, plan_options
 from gcs.core.replanning.triggers import Reason
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.mavlink.task import Timing
+from gcs.mavlink.mission.task_terms import Timing
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.grid import Grid, Point
 from gcs.planning.prediction import Motion, expected

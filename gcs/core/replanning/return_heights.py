@@ -12,10 +12,10 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.preflight.return_height import Return, meeting, return_of
-from gcs.mavlink.codec import Message
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.parameters import value_of
-from gcs.mavlink.profiles.profile import is_on_ground
+from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.services.parameters import value_of
 
 _NAMES: Final = frozenset({"RTL_ALTITUDE", "ALT_HOLD_RTL", "RTL_RETURN_ALT"})
 

@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from gcs.config import Config
 from gcs.core.replanning.options import plan_options
 from gcs.geo import wrap_pi
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.profiles.profile import is_on_ground
+from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import FloatArray, Notice
 from gcs.planning.climb import Climb, climb_problem, turn_problem
 from gcs.planning.grid import Grid

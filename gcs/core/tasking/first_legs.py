@@ -20,11 +20,11 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.tasking.onboard_missions import Flown
-from gcs.mavlink.asking import ns
-from gcs.mavlink.codec import Message
-from gcs.mavlink.commands import REQUEST_MESSAGE, command, select
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.modes import AUTO
+from gcs.mavlink.autopilots.modes import AUTO
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.services.command_messages import REQUEST_MESSAGE, command, select
+from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Effect, Notice, VehicleState
 
 _OFF_M: Final = 20.0

@@ -14,7 +14,7 @@ from typing import Final
 
 from gcs.core.tasking.onboard_missions import Ending, Flown
 from gcs.core.tasking.upload_manager import Tasking
-from gcs.mavlink.asking import ns
+from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice
 
 _ARRIVAL_NS: Final = ns(5.0)

@@ -1,6 +1,6 @@
 """What each vehicle holds by the last read-back, and what it flies to by itself because of it.
 
-Over a mixed store nobody may take the next item (`gcs.mavlink.transfer`); whoever is about to would have to
+Over a mixed store nobody may take the next item (`gcs.mavlink.mission.upload_task`); whoever is about to would have to
 hold, which is a turn that nobody planned, from where it happens to be. It is past its item within seconds: so
 long a transfer should wait.
 """
@@ -18,11 +18,11 @@ from pymavlink.dialects.v20.ardupilotmega import (
 )
 
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.items import Item
-from gcs.mavlink.modes import AUTO, LOITER
-from gcs.mavlink.profiles import Profile
-from gcs.mavlink.task import Timing
+from gcs.mavlink.autopilots import Profile
+from gcs.mavlink.autopilots.modes import AUTO, LOITER
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.mission.items import Item
+from gcs.mavlink.mission.task_terms import Timing
 from gcs.model import NS_PER_S, Route
 from gcs.planning.prediction import Ahead, Circle
 from gcs.planning.progress import time_to_point_s

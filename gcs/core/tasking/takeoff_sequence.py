@@ -17,10 +17,10 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.tasking.upload_manager import Tasking
-from gcs.mavlink.asking import ns
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.modes import AUTO
-from gcs.mavlink.profiles.profile import is_on_ground
+from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.autopilots.modes import AUTO
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState, vehicle_name
 
 SELF_LAUNCHING: Final = frozenset({AUTO, "TAKEOFF"})

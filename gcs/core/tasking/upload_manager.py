@@ -6,7 +6,7 @@ has been replaced for long already; other routes wait until their link has room 
 (`gcs.core.tasking.upload_queue`, `gcs.core.tasking.link_window`).
 
 What a task leaves behind is kept: what each vehicle holds (`gcs.core.tasking.onboard_missions`), whose it is
-(`gcs.mavlink.custody`), and whether it may hold a mix. A vehicle that may is held and cleared as soon as it
+(`gcs.mavlink.fleet.mode_authority`), and whether it may hold a mix. A vehicle that may is held and cleared as soon as it
 is heard, if no new mission does away with the mix first.
 """
 
@@ -29,16 +29,16 @@ from gcs.core.tasking.mission_builder import Missions, points_passed
 from gcs.core.tasking.onboard_missions import Ending, Flown, Holding
 from gcs.core.tasking.upload_queue import Waiting
 from gcs.geo import LocalFrame
-from gcs.mavlink.codec import Message
-from gcs.mavlink.custody import Custody
-from gcs.mavlink.fleet import Fleet
-from gcs.mavlink.items import Home
-from gcs.mavlink.modes import LOITER, RTL
-from gcs.mavlink.pace import Pace
-from gcs.mavlink.profiles import Profile
-from gcs.mavlink.profiles.profile import is_on_ground
-from gcs.mavlink.task import Timing
-from gcs.mavlink.transfer import MissionTask
+from gcs.mavlink.autopilots import Profile
+from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.autopilots.modes import LOITER, RTL
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.items import Home
+from gcs.mavlink.mission.task_terms import Timing
+from gcs.mavlink.mission.upload_task import MissionTask
+from gcs.mavlink.services.rtt import Pace
 from gcs.model import (
     NS_PER_S,
     CustodyMemory,

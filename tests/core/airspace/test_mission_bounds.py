@@ -7,8 +7,8 @@ from test_tasking import Swarm
 
 from gcs.core.airspace.mission_bounds import LastCheck
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.mavlink.items import Home
-from gcs.mavlink.profiles import ARDUPLANE, PX4
+from gcs.mavlink.autopilots import ARDUPLANE, PX4
+from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Notice, Waypoint, read_only
 
 FENCE = """

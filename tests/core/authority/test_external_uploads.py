@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import parse
 from gcs.core.engine import Command
-from gcs.mavlink.codec import Encoder
+from gcs.mavlink.frames.codec import Encoder
 from gcs.model import Datagram, LinkNews, Notice, Order, OrderAnswer, Send, Tick, vehicle_name, vehicle_of
 
 S = 1_000_000_000

@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
 
 from gcs.edge.wire import decode, encode
-from gcs.mavlink.codec import Encoder
-from gcs.mavlink.codec import decode as decode_frames
+from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import Effect, Event, MissionEnded, Notice, Order, OrderAnswer, Plan, Send
 from sim_vehicles.personality import Mode
 from sim_vehicles.scenario import load

@@ -17,7 +17,7 @@ from staging import S
 from gcs.core.engine import Command
 from gcs.edge.terminal import effect_line
 from gcs.edge.wire import decode, encode
-from gcs.mavlink.codec import decode as decode_frames
+from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import (
     Effect,
     Event,

@@ -10,7 +10,7 @@ import pytest
 from gcs.config.tables import TelemetryTable
 from gcs.core.perception.fusion import squared_distances
 from gcs.core.perception.position_integrity import _GATE_CHI2, Witness, _near
-from gcs.mavlink.codec import Encoder, decode
+from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.model import NS_PER_S, Notice, Scan, Sensor, Track, VehicleState, read_only
 from sim_vehicles.scenario import load
 from sim_vehicles.virtual import START_T_NS, VirtualRun

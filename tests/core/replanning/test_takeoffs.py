@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from staging import S
 
-from gcs.mavlink.codec import decode
+from gcs.mavlink.frames.codec import decode
 from gcs.model import KeepOut, Notice, Order, Send, UploadReport
 from gcs.planning.sight import line_of_sight
 from sim_vehicles.scenario import parse_scenario

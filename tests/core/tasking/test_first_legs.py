@@ -8,7 +8,7 @@ from staging import at, state
 
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.onboard_missions import Flown
-from gcs.mavlink.profiles import ARDUPLANE, PX4
+from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.model import Notice, Route, Send, read_only
 
 RECORDED = [

@@ -7,8 +7,8 @@ from test_holding import CONFIG, FRAME, Fleet
 from gcs.core.tasking.mission_builder import Missions
 from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.onboard_missions import Flown, Holding
-from gcs.mavlink.items import Home
-from gcs.mavlink.profiles import ARDUPLANE
+from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.mission.items import Home
 from gcs.model import NS_PER_S, Notice, Route, UploadReport, read_only
 from sim_vehicles.personality import Mode
 from sim_vehicles.scenario import load

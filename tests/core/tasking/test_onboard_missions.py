@@ -7,9 +7,9 @@ from staging import mission
 
 from gcs.core.tasking.mission_builder import Missions
 from gcs.core.tasking.onboard_missions import Flown, Holding
-from gcs.mavlink.items import Home
-from gcs.mavlink.modes import AUTO, LOITER
-from gcs.mavlink.profiles import ARDUPLANE
+from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.autopilots.modes import AUTO, LOITER
+from gcs.mavlink.mission.items import Home
 from gcs.model import Route, read_only
 
 CONFIG = mission()

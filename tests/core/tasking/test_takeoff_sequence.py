@@ -9,7 +9,7 @@ from test_takeoffs import BOX, FIELD
 
 from gcs.core.preflight.mission import mission_checks, rehearse
 from gcs.core.tasking.takeoff_sequence import Departures
-from gcs.mavlink.items import Home
+from gcs.mavlink.mission.items import Home
 from gcs.model import Notice, Order, OrderAnswer
 from sim_vehicles.scenario import parse_scenario
 from sim_vehicles.specs import vehicle_specs

@@ -7,7 +7,7 @@ from px4_double import HOLD, Px4
 from gcs.config.tables import AirframeTable, MissionTable
 from gcs.core.tasking.upload_manager import Tasking
 from gcs.geo import LocalFrame
-from gcs.mavlink.fleet import Fleet
+from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
 from sim_vehicles.personality import Mode
 from sim_vehicles.scenario import load

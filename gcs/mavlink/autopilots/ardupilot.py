@@ -1,0 +1,198 @@
+"""ArduPlane.
+
+Sources: ArduPilot's `AP_Mission` (which fields of an item it stores, and in what precision), `Mode::Number`
+(https://ardupilot.org/plane/docs/parameters.html, FLTMODE1), and what ArduPlane 4.7 was seen to do.
+
+* Item 0 is always home; left out, the first item would be lost without a word.
+* An upload is in place: MISSION_COUNT truncates at once, each item replaces what stood there.
+* Items are asked for with MISSION_REQUEST and answered with MISSION_ITEM_INT. One whose turn it is, is taken
+  unasked; any other gets ACK 13. A read-back may ask for items in any order, and is denied during an upload.
+* Latitude and longitude survive exactly; height is kept in centimetres; frame 6 comes back as 3, NaN as 0.
+  NAV_WAYPOINT keeps its acceptance radius as whole metres up to 255 and loses hold time and yaw;
+  NAV_LOITER_UNLIM keeps its radius alone, NAV_TAKEOFF its pitch in whole degrees, NAV_LAND its abort height.
+* The waypoint being flown is cached: MISSION_SET_CURRENT makes the vehicle take the new one, on a leg that
+  starts where it is. DO_SET_MISSION_CURRENT does so on a leg from the waypoint before, unless sent twice.
+* At a mission's end, and in AUTO without one, it returns to launch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.autopilots.base import Envelope, FenceLimits, ParameterWish, Profile
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.mission.items import Item
+
+_MAX_RADIUS_M: Final = 255.0
+
+_MODES: Final = {
+    0: "MANUAL",
+    1: "CIRCLE",
+    2: "STABILIZE",
+    3: "TRAINING",
+    4: "ACRO",
+    5: "FBWA",
+    6: "FBWB",
+    7: "CRUISE",
+    8: "AUTOTUNE",
+    10: AUTO,
+    11: RTL,
+    12: LOITER,
+    13: "TAKEOFF",
+    14: "AVOID_ADSB",
+    15: "GUIDED",
+    16: "INITIALISING",
+    17: "QSTABILIZE",
+    18: "QHOVER",
+    19: "QLOITER",
+    20: "QLAND",
+    21: "QRTL",
+    22: "QAUTOTUNE",
+    23: "QACRO",
+    24: "THERMAL",
+    25: "LOITER_ALT_QLAND",
+    26: "AUTOLAND",
+}
+
+
+def _stored(item: Item) -> Item:
+    match item.command:
+        case dialect.MAV_CMD_NAV_WAYPOINT:
+            radius_m = (
+                min(_MAX_RADIUS_M, float(int(item.param2))) if math.isfinite(item.param2) else _MAX_RADIUS_M
+            )
+            return item._replace(param1=0.0, param2=radius_m, param4=0.0)
+        case dialect.MAV_CMD_NAV_LOITER_UNLIM:
+            return item._replace(param1=0.0, param2=0.0, param4=0.0)
+        case dialect.MAV_CMD_NAV_TAKEOFF | dialect.MAV_CMD_NAV_LAND:
+            kept = float(int(item.param1)) if math.isfinite(item.param1) else 0.0
+            return item._replace(param1=kept, param2=0.0, param3=0.0, param4=0.0)
+    return item
+
+
+_PARAMETERS: Final = (
+    ParameterWish(
+        ("MAV_GCS_SYSID", "SYSID_MYGCS"),
+        255,
+        255,
+        "the failsafe watches another station's heartbeat, not ours",
+    ),
+    ParameterWish(
+        ("FS_GCS_ENABL",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
+    ),
+    ParameterWish(
+        ("FS_LONG_ACTN",),
+        0,
+        1,
+        "when the link is lost, 2 glides into the ground, 3 opens a parachute, 4 and 5 begin a mission or a "
+        "landing; 1 returns, 0 continues in AUTO and GUIDED",
+        meanings={
+            0: "AUTO and GUIDED continue; LOITER, MANUAL and all other modes go to RTL",
+            1: "every mode goes to RTL",
+        },
+    ),
+    ParameterWish(
+        ("FS_LONG_TIMEOUT",), 5, 300, "a few lost heartbeats of ours start the failsafe", must=False
+    ),
+    ParameterWish(
+        ("BATT_FS_LOW_ACT",), 1, 6, "without a link it circles until the battery is empty", must=False
+    ),
+    ParameterWish(("THR_FAILSAFE",), 1, 1, "a lost remote control is not noticed", must=False),
+    ParameterWish(
+        ("RTL_ALTITUDE",),
+        30,
+        500,
+        "the way home may be lower than what stands there",
+        must=False,
+        older=ParameterWish(
+            ("ALT_HOLD_RTL",),
+            3000,
+            50_000,
+            "the way home (in cm) may be lower than what stands there",
+            must=False,
+        ),
+    ),
+    ParameterWish(("FENCE_ENABLE",), 1, 1, "nothing stops a vehicle that leaves the area", must=False),
+    ParameterWish(("FENCE_ACTION",), 1, 8, "a breach of the fence is only reported", must=False),
+    ParameterWish(("NAVL1_PERIOD",), 8, 30, "turns are taken too hard or too wide", must=False),
+    ParameterWish(("MIS_RESTART",), 0, 0, "AUTO would begin its mission anew instead of resuming it"),
+    ParameterWish(
+        ("ARMING_SKIPCHK",),
+        0,
+        0,
+        "it arms without some of its checks",
+        older=ParameterWish(("ARMING_CHECK",), 1, 2**24, "it arms without checks"),
+    ),
+)
+
+
+def _fits(envelope: Envelope) -> tuple[ParameterWish, ...]:
+    bank, slow, fast = envelope.bank_deg, 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
+    wide = "it turns wider than routes are planned for (airframe.bank_deg)"
+    speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
+    return (
+        ParameterWish(
+            ("ROLL_LIMIT_DEG",), bank, 90, wide, older=ParameterWish(("LIM_ROLL_CD",), 100 * bank, 9000, wide)
+        ),
+        ParameterWish(
+            ("AIRSPEED_CRUISE",),
+            slow,
+            fast,
+            speed,
+            must=False,
+            older=ParameterWish(("TRIM_ARSPD_CM",), 100 * slow, 100 * fast, speed, must=False),
+        ),
+    )
+
+
+def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
+    """FENCE_TYPE: bit 0 greatest height, bit 1 circle round home, bit 2 areas."""
+    kinds = int(values.get("FENCE_TYPE", 0))
+    return FenceLimits(
+        is_on=values.get("FENCE_ENABLE", 0) > 0,
+        polygons=bool(kinds & 4),
+        max_alt_rel_m=values.get("FENCE_ALT_MAX") if kinds & 1 else None,
+        max_radius_m=values.get("FENCE_RADIUS") if kinds & 2 else None,
+    )
+
+
+def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> dict[str, float]:
+    """Return at the nearest rally point's height; at RTL_ALTITUDE with none within RALLY_LIMIT_KM.
+
+    Source: `Plane::do_RTL`, `AP_Rally::calc_best_rally_or_home_location`. A negative RTL_ALTITUDE keeps the
+    height.
+    """
+    heights_m = {"rally point": max(rally_m)} if rally_m else {}
+    home_m = {"RTL_ALTITUDE": values.get("RTL_ALTITUDE"), "ALT_HOLD_RTL": values.get("ALT_HOLD_RTL")}
+    if home_m["ALT_HOLD_RTL"] is not None:
+        home_m["ALT_HOLD_RTL"] /= 100.0
+    return heights_m | {name: height_m for name, height_m in home_m.items() if height_m and height_m > 0.0}
+
+
+ARDUPLANE: Final = Profile(
+    name="ArduPlane",
+    autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+    home_items=1,
+    atomic=False,
+    window=6,
+    in_order=False,
+    tracks_old_leg=True,
+    marks_current=False,
+    ends_in=RTL,
+    unused=0.0,
+    min_radius_m=1.0,  # less is stored as 0, which means the default of 90 m
+    takeoff_pitch_deg=15.0,
+    modes={(number, 0): name for number, name in _MODES.items()},
+    split_mode=lambda custom_mode: (custom_mode, 0),
+    stored=_stored,
+    parameters=_PARAMETERS,
+    fits=_fits,
+    fence_parameters=("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS"),
+    fence_limits=_fence_limits,
+    ceiling_parameter="FENCE_ALT_MAX",
+    return_heights=_return_heights,
+)

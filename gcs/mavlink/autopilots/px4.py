@@ -1,0 +1,143 @@
+"""PX4's fixed wing.
+
+Sources: PX4's `mavlink_mission.cpp` (what it takes, stores and sends back), `px4_custom_mode.h` (the main
+mode lies in bits 16-23 of `custom_mode`, the sub mode in bits 24-31),
+https://docs.px4.io/main/en/advanced_config/parameter_reference, and what PX4 1.17 was seen to do.
+
+* No home item: item 0 is flown.
+* An upload is atomic: it goes to a second store, which replaces the first when the last item is in.
+  ``current`` on an item makes the new mission begin there. The same items again change nothing.
+* Items are asked for with MISSION_REQUEST_INT, again after 250 ms, given up after 5 s.
+* One conversation at a time: a MISSION_COUNT in the midst of one gets ACK 1. MISSION_ACK 15 ends it. A
+  read-back goes in order.
+* ACK 0 says that it is stored, not that it can be flown. The navigator's verdict is `mission_state` of
+  MISSION_CURRENT: NO_MISSION when it rejects the mission. In the air it goes to Hold then; AUTO is refused.
+* NAV_TAKEOFF keeps its yaw alone (`parse_mavlink_mission_item`): a pitch reads back as 0.
+* There is no DO_SET_MISSION_CURRENT; MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
+* Parameters without a meaning are NaN: yaw 0 would be a course to keep. All are kept as floats.
+* After the last item it circles in Hold, which is the same mode as an operator's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.autopilots.base import Envelope, FenceLimits, ParameterWish, Profile
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.mission.items import Item
+
+_MODES: Final = {
+    (1, 0): "MANUAL",
+    (2, 0): "ALTCTL",
+    (3, 0): "POSCTL",
+    (5, 0): "ACRO",
+    (6, 0): "OFFBOARD",
+    (7, 0): "STABILIZED",
+    (8, 0): "RATTITUDE",
+    (10, 0): "TERMINATION",
+    (4, 1): "READY",
+    (4, 2): "TAKEOFF",
+    (4, 3): LOITER,
+    (4, 4): AUTO,
+    (4, 5): RTL,
+    (4, 6): "LAND",
+    (4, 8): "FOLLOW",
+    (4, 9): "PRECLAND",
+}
+
+_PARAMETERS: Final = (
+    ParameterWish(
+        ("NAV_DLL_ACT",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
+    ),
+    ParameterWish(
+        ("COM_LOW_BAT_ACT",), 2, 3, "without a link it circles until the battery is empty", must=False
+    ),
+    ParameterWish(("COM_DL_LOSS_T",), 5, 300, "the link is given up sooner than it can recover", must=False),
+    ParameterWish(
+        ("RTL_RETURN_ALT",), 30, 500, "the way home may be lower than what stands there", must=False
+    ),
+    ParameterWish(("GF_ACTION",), 1, 5, "nothing stops a vehicle that leaves the area", must=False),
+    ParameterWish(
+        ("FW_LND_ANG",), 3.5, 15, "the approach of a mission that ends in a landing is refused", must=False
+    ),
+)
+
+
+def _wanted_of_missions(envelope: Envelope) -> ParameterWish:
+    """Return the wish for MIS_TKO_LAND_REQ, by which the navigator judges missions in the air, too.
+
+    1 wants a take-off item, which no re-task in flight has; 2 a landing; 3 and 4 both.
+    """
+    name = ("MIS_TKO_LAND_REQ",)
+    if envelope.lands:
+        why = "1 and 3 to 5 reject missions without a take-off, so every re-task in flight"
+        return ParameterWish(name, 0, 2, why, allowed=(0, 2))
+    why = 'missions that end in a loiter are rejected, in flight too; or set mission.end = "land" (0 or 2)'
+    return ParameterWish(name, 0, 0, why)
+
+
+def _fits(envelope: Envelope) -> tuple[ParameterWish, ...]:
+    slow, fast = 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
+    wide = "it turns wider than routes are planned for (airframe.bank_deg)"
+    speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
+    return (
+        _wanted_of_missions(envelope),
+        ParameterWish(("FW_R_LIM",), envelope.bank_deg, 90, wide),
+        ParameterWish(("FW_AIRSPD_TRIM",), slow, fast, speed, must=False),
+    )
+
+
+def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
+    """Return what GF_* say; 0 is no limit."""
+    return FenceLimits(
+        is_on=values.get("GF_ACTION", 0) > 0,
+        polygons=True,
+        max_alt_rel_m=values.get("GF_MAX_VER_DIST") or None,
+        max_radius_m=values.get("GF_MAX_HOR_DIST") or None,
+    )
+
+
+def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> dict[str, float]:
+    """Return RTL_RETURN_ALT above the place that it returns to (`RTL::findRtlDestination`)."""
+    above_m = values.get("RTL_RETURN_ALT")
+    if above_m is None:
+        return {}
+    highest_m = max(rally_m, default=0.0)
+    if highest_m <= 0.0:
+        return {"RTL_RETURN_ALT": above_m}
+    return {f"rally point {highest_m:g} m + RTL_RETURN_ALT {above_m:g} m": highest_m + above_m}
+
+
+def _stored(item: Item) -> Item:
+    if item.command == dialect.MAV_CMD_NAV_TAKEOFF:
+        return item._replace(param1=0.0, param2=0.0, param3=0.0)
+    return item
+
+
+PX4: Final = Profile(
+    name="PX4",
+    autopilot=dialect.MAV_AUTOPILOT_PX4,
+    home_items=0,
+    atomic=True,
+    window=6,
+    in_order=True,
+    tracks_old_leg=False,
+    marks_current=True,
+    ends_in=LOITER,
+    unused=math.nan,
+    min_radius_m=0.1,
+    takeoff_pitch_deg=15.0,
+    modes=_MODES,
+    split_mode=lambda custom_mode: (custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF),
+    stored=_stored,
+    parameters=_PARAMETERS,
+    fits=_fits,
+    fence_parameters=("GF_ACTION", "GF_MAX_VER_DIST", "GF_MAX_HOR_DIST"),
+    fence_limits=_fence_limits,
+    ceiling_parameter="GF_MAX_VER_DIST",
+    return_heights=_return_heights,
+)

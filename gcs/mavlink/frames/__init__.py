@@ -1,0 +1,1 @@
+"""Bytes to MAVLink 2 frames and back: framing, checksums, signing."""

@@ -1,0 +1,228 @@
+"""Frames found by a compiled kernel: what `gcs.mavlink.frames.codec.scan` finds, at a hundredth of its price.
+
+One call frames a whole datagram, however many frames it holds, into a table of integers (one row a frame,
+columns below); nothing is copied and no Python object is made. `scan` is the simple form that this one is
+held against, byte for byte: same frames, same counters, same bound on false starts.
+
+The checksum is CRC-16/MCRF4XX (https://mavlink.io/en/guide/serialization.html), four bytes at a step: the
+table of step k holds what a byte does to the checksum when k more zero bytes follow it.
+
+What only changes from one dialect to the next (which ids there are, and the byte that each adds to its
+checksum) is an argument: numba's cache does not see pymavlink change.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs import compiling
+from gcs.mavlink.frames.codec import Frame
+
+Ints = npt.NDArray[np.int32]
+
+OFFSET, LENGTH, MESSAGE_ID, SYSTEM, COMPONENT, SEQUENCE, SIGNED, CHECKED, WIDTH = range(9)
+"""Columns of a frame. CHECKED is 0 for a well-placed frame of an id that the dialect does not have."""
+
+_BAD_BYTES, _CRC_ERRORS, _UNKNOWN = 1, 2, 3
+"""Columns of the table's first row, which holds counters instead of a frame; the frames' number is in 0."""
+
+_LEAST_FRAME: Final = 8
+_MAX_FALSE_STARTS: Final = 64
+
+
+def _crc_steps() -> Ints:
+    steps = np.zeros((4, 256), np.int32)
+    for byte in range(256):
+        crc = byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x8408 if crc & 1 else 0)
+        steps[0, byte] = crc
+    for k in range(1, 4):
+        steps[k] = steps[k - 1] >> 8 ^ steps[0, steps[k - 1] & 0xFF]
+    return steps
+
+
+_STEPS: Final = _crc_steps()
+
+
+def _extras() -> npt.NDArray[np.int16]:
+    """CRC_EXTRA by message id, -1 for ids that there are not."""
+    extras = np.full(max(dialect.mavlink_map) + 1, -1, np.int16)
+    for message_id, definition in dialect.mavlink_map.items():
+        extras[message_id] = definition.crc_extra
+    return extras
+
+
+EXTRAS: Final = _extras()
+
+
+@compiling.leaf
+def _two(data, at):  # type: ignore[no-untyped-def]
+    """Two bytes as a number: signed, since numba makes a float of an unsigned number and a signed one."""
+    return np.int64(data[at]) | np.int64(data[at + 1]) << 8
+
+
+@compiling.leaf
+def _message_id(data, at):  # type: ignore[no-untyped-def]
+    if data[at] == 0xFE:
+        return np.int64(data[at + 5])
+    return _two(data, at + 7) | np.int64(data[at + 9]) << 16
+
+
+@compiling.leaf
+def _crc(data, begin, end, extra):  # type: ignore[no-untyped-def]
+    """Checksum of `data[begin:end]` and the extra byte."""
+    crc = np.int64(0xFFFF)
+    at = begin
+    while at + 4 <= end:
+        crc ^= _two(data, at)
+        crc = _STEPS[3, crc & 0xFF] ^ _STEPS[2, crc >> 8] ^ _STEPS[1, data[at + 2]] ^ _STEPS[0, data[at + 3]]
+        at += 4
+    while at < end:
+        crc = crc >> 8 ^ _STEPS[0, (crc ^ np.int64(data[at])) & 0xFF]
+        at += 1
+    return crc >> 8 ^ _STEPS[0, (crc ^ extra) & 0xFF]
+
+
+@compiling.leaf
+def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def]
+    """Put the frame that may start at `at` into `frames[row]`.
+
+    Returns its length; 0 when there is none to be told apart, and less than 0 when its checksum does not
+    hold. What it writes then is of no meaning.
+    """
+    if data[at] == 0xFD:
+        if at + 12 > end or data[at + 2] > 1:
+            return 0
+        signed = np.int64(data[at + 2])
+        crc_at = at + 10 + np.int64(data[at + 1])
+        sender = at + 4
+    elif data[at] == 0xFE:
+        if at + 8 > end:
+            return 0
+        signed = np.int64(0)
+        crc_at = at + 6 + np.int64(data[at + 1])
+        sender = at + 2
+    else:
+        return 0
+    length = crc_at + 2 + 13 * signed - at
+    if at + length > end:
+        return 0
+    message_id = _message_id(data, at)
+    checked = 1 if message_id < len(extras) and extras[message_id] >= 0 else 0
+    if checked:
+        if _crc(data, at + 1, crc_at, extras[message_id]) != _two(data, crc_at):
+            return -length
+    elif at + length < end and data[at + length] != 0xFD and data[at + length] != 0xFE:
+        return -length
+    frames[row, OFFSET] = at
+    frames[row, LENGTH] = length
+    frames[row, MESSAGE_ID] = message_id
+    frames[row, SEQUENCE] = data[sender]
+    frames[row, SYSTEM] = data[sender + 1]
+    frames[row, COMPONENT] = data[sender + 2]
+    frames[row, SIGNED] = signed
+    frames[row, CHECKED] = checked
+    return length
+
+
+@compiling.leaf
+def _covers_good_frame(data, at, length, extras, frames, row, tries):  # type: ignore[no-untyped-def]
+    """Tell whether a good frame starts within the one claimed at `at`, and how many tries are left.
+
+    As `gcs.mavlink.frames.codec` does it; `frames[row]` is overwritten.
+    """
+    end, stop = len(data), at + length
+    at += 1
+    while tries > 0 and at < stop:
+        inner = frame_at(data, at, end, extras, frames, row)
+        if inner != 0:
+            message_id = _message_id(data, at)
+            if message_id < len(extras) and extras[message_id] >= 0:
+                tries -= 1
+                if inner > 0:
+                    return True, tries
+        at += 1
+    return False, tries
+
+
+@compiling.leaf
+def _all(data, extras, frames):  # type: ignore[no-untyped-def]
+    """Fill `frames` from its second row on, and the counters into its first."""
+    count = bad_bytes = crc_errors = unknown = false_starts = 0
+    tries = _MAX_FALSE_STARTS
+    at, end = 0, len(data)
+    while at < end:
+        length = frame_at(data, at, end, extras, frames, count + 1)
+        if length > 0 and not frames[count + 1, CHECKED]:
+            covers_good, tries = _covers_good_frame(data, at, length, extras, frames, count + 2, tries)
+            length = -length if covers_good else length
+        if length > 0:
+            count += 1
+            unknown += 1 - frames[count, CHECKED]
+            at += length
+            continue
+        if length < 0:
+            false_starts += 1
+            message_id = _message_id(data, at)
+            crc_errors += 1 if message_id < len(extras) and extras[message_id] >= 0 else 0
+            if false_starts >= _MAX_FALSE_STARTS:
+                bad_bytes += end - at
+                break
+        next_at = at + 1
+        while next_at < end and data[next_at] != 0xFD and data[next_at] != 0xFE:
+            next_at += 1
+        bad_bytes += next_at - at
+        at = next_at
+    frames[0, 0], frames[0, _BAD_BYTES], frames[0, _CRC_ERRORS], frames[0, _UNKNOWN] = (
+        count,
+        bad_bytes,
+        crc_errors,
+        unknown,
+    )
+
+
+@compiling.kernel
+def _find(data, extras, frames):  # type: ignore[no-untyped-def]
+    _all(data, extras, frames)
+
+
+class Frames:
+    """The frames of one datagram at a time.
+
+    `table` (n + 1, `WIDTH`) holds them from its row 1 on, in order, until the next datagram is taken.
+    """
+
+    def __init__(self) -> None:
+        self.table = np.zeros((256, WIDTH), np.int32)
+        self._data = b""
+        self.found = self.checked = self.bad_bytes = self.crc_errors = self.unknown = 0
+        """Rows in all, those of good frames, and as `gcs.mavlink.frames.codec.Scanned` counts."""
+
+    def take(self, data: bytes) -> None:
+        """Frame a datagram, from empty."""
+        if len(self.table) < len(data) // _LEAST_FRAME + 2:
+            self.table = np.zeros((len(data) // _LEAST_FRAME + 2, WIDTH), np.int32)
+        self._data = data
+        _find(data, EXTRAS, self.table)
+        self.found, self.bad_bytes, self.crc_errors, self.unknown = self.table[0, :4].tolist()
+        self.checked = self.found - self.unknown
+
+    def is_checked(self, row: int) -> bool:
+        """Whether the frame's checksum is known to hold."""
+        return bool(self.table.item(row, CHECKED))
+
+    def frame(self, row: int) -> Frame:
+        """Make one frame's record."""
+        offset, length, message_id, system, component, sequence, signed, _ = self.table[row].tolist()
+        data = self._data[offset : offset + length]
+        return Frame(system, component, sequence, message_id, bool(signed), data)
+
+
+def warm_up_calls() -> list[compiling.Call]:
+    """List one call of each kernel."""
+    return [(_find, b"\xfd", EXTRAS, np.zeros((2, WIDTH), np.int32))]

@@ -1,0 +1,117 @@
+"""Mission items: the record, the message that carries it, and where two lists of them differ.
+
+Source: https://mavlink.io/en/services/mission.html. Which items a mission becomes, and what an autopilot
+makes of them, is its profile's to say (`gcs.mavlink.autopilots`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.frames.codec import Message
+
+_HEIGHT_TOLERANCE_M = 0.011
+_PARAM_TOLERANCE = 1e-3
+
+
+class Home(NamedTuple):
+    """Where a vehicle says that home is."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_msl_m: float
+
+
+class Item(NamedTuple):
+    """One mission item as it is stored; `x` and `y` are latitude and longitude in 1e-7 degrees."""
+
+    command: int
+    frame: int
+    x: int
+    y: int
+    z_m: float
+    param1: float = 0.0
+    param2: float = 0.0
+    param3: float = 0.0
+    param4: float = 0.0
+    autocontinue: int = 1
+
+    def message(
+        self,
+        seq: int,
+        target_system: int,
+        target_component: int,
+        *,
+        current: bool = False,
+        mission_type: int = dialect.MAV_MISSION_TYPE_MISSION,
+    ) -> Message:
+        """Return the MISSION_ITEM_INT that carries this item as number `seq` of a list of that type."""
+        return dialect.MAVLink_mission_item_int_message(
+            target_system,
+            target_component,
+            seq,
+            self.frame,
+            self.command,
+            int(current),
+            self.autocontinue,
+            self.param1,
+            self.param2,
+            self.param3,
+            self.param4,
+            self.x,
+            self.y,
+            self.z_m,
+            mission_type,
+        )
+
+
+def item_of(message: Message) -> Item:
+    """Return the item that a MISSION_ITEM_INT carries."""
+    return Item(
+        message.command,
+        message.frame,
+        message.x,
+        message.y,
+        message.z,
+        message.param1,
+        message.param2,
+        message.param3,
+        message.param4,
+        message.autocontinue,
+    )
+
+
+def first_difference(
+    sent: Sequence[Item], held: Sequence[Item], normalised: Callable[[Item], Item], skip: int = 0
+) -> str:
+    """Say where what is held first differs from what was sent; empty when equal.
+
+    Parameters
+    ----------
+    normalised : callable
+        Item to what the autopilot stores of it.
+    skip : int
+        Items at the beginning that are the vehicle's own (its home) and not compared.
+    """
+    if len(sent) != len(held):
+        return f"{len(held)} items instead of {len(sent)}"
+    for seq in range(skip, len(sent)):
+        want, got = normalised(sent[seq]), normalised(held[seq])
+        if want == got and all(map(math.isfinite, got)):
+            continue
+        for name, wanted, found in zip(Item._fields, want, got, strict=True):
+            if abs(wanted - found) > _tolerance(name):
+                return f"item {seq}: {name} is {found:.10g} instead of {wanted:.10g}"
+            if not math.isfinite(found):
+                return f"item {seq}: {name} is {found}"
+    return ""
+
+
+def _tolerance(name: str) -> float:
+    if name == "z_m":
+        return _HEIGHT_TOLERANCE_M
+    return _PARAM_TOLERANCE if name.startswith("param") else 0.0

@@ -1,0 +1,1 @@
+"""Routes between vehicles and other ground stations, and what these may send."""

@@ -1,0 +1,199 @@
+"""Parameters of one vehicle: read by name, and set. Sans-I/O.
+
+Source: https://mavlink.io/en/services/parameter.html. A value travels as a float32: ArduPilot converts it (a
+C cast), PX4 copies its bytes, to be read by `param_type`; which of the two AUTOPILOT_VERSION's capabilities
+say, and else the firmware. Nobody answers for a name that a vehicle does not have: after the last try it
+counts as absent, which a lossy link may make of one that is there.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
+from gcs.mavlink.services.retry import Asking, Patience
+from gcs.model import system_of
+from gcs.safe_text import printable
+
+_PATIENCE: Final = Patience(wait_s=0.5, wait_max_s=2.0, tries=5)
+_AT_ONCE: Final = 6
+"""A telemetry radio carries so many questions and answers in half a second."""
+_FORMATS: Final = {
+    dialect.MAV_PARAM_TYPE_UINT8: "<Bxxx",
+    dialect.MAV_PARAM_TYPE_INT8: "<bxxx",
+    dialect.MAV_PARAM_TYPE_UINT16: "<Hxx",
+    dialect.MAV_PARAM_TYPE_INT16: "<hxx",
+    dialect.MAV_PARAM_TYPE_UINT32: "<I",
+    dialect.MAV_PARAM_TYPE_INT32: "<i",
+}
+_MAGIC_V2, _HEADER_V1, _HEADER_V2 = 0xFD, 6, 10
+_BYTEWISE: Final[int] = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+_C_CAST: Final[int] = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+
+
+def is_bytewise(autopilot: int, capabilities: int | None) -> bool:
+    """Whether a vehicle sends the bytes of an integer rather than its value."""
+    if capabilities is not None and capabilities & (_BYTEWISE | _C_CAST):
+        return bool(capabilities & _BYTEWISE)
+    return bool(autopilot == dialect.MAV_AUTOPILOT_PX4)
+
+
+def value_of(message: Message, bytewise: bool) -> float:
+    """Return the value that a PARAM_VALUE carries."""
+    form = _FORMATS.get(message.param_type)
+    if form is None or not bytewise:
+        return float(message.param_value)
+    # From the bytes as they came: a float in between may change those of a NaN.
+    frame = bytes(message.get_msgbuf())
+    at = _HEADER_V2 if frame[0] == _MAGIC_V2 else _HEADER_V1
+    return float(struct.unpack_from(form, frame, at)[0])
+
+
+def carried(value: float, param_type: int, bytewise: bool) -> float:
+    """Return the float that carries a value in a PARAM_SET."""
+    form = _FORMATS.get(param_type)
+    if form is None or not bytewise:
+        return value
+    return float(struct.unpack("<f", struct.pack(form, round(value)))[0])
+
+
+def misfit(value: float, param_type: int) -> str:
+    """Say why a value does not fit a MAV_PARAM_TYPE; empty when it does."""
+    if not math.isfinite(value):
+        return "is no finite number"
+    form = _FORMATS.get(param_type)
+    if form is None:
+        return ""
+    bits = 8 * struct.calcsize(form.rstrip("x"))
+    low, high = (0, 2**bits - 1) if form[1].isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    if value == round(value) and low <= value <= high:
+        return ""
+    return f"does not fit: it is a whole number of {low} ... {high}"
+
+
+class ParameterReading:
+    """Reads named parameters of one vehicle, a few at a time.
+
+    Parameters
+    ----------
+    names : iterable of tuple of str
+        Names; of those in one tuple (what a parameter is called by newer and older firmware) one answer is
+        enough.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        What came.
+    types : dict of str to int
+        Their MAV_PARAM_TYPE.
+    """
+
+    def __init__(
+        self,
+        vehicle: int,
+        names: Iterable[tuple[str, ...]],
+        bytewise: bool,
+        encode: Callable[[Message], bytes],
+    ) -> None:
+        self.values: dict[str, float] = {}
+        self.types: dict[str, int] = {}
+        self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
+        self._bytewise, self._encode = bytewise, encode
+        self._same = {name: same for same in names for name in same}
+        self._waiting = list(self._same)
+        self._asked: dict[str, Asking] = {}
+
+    @property
+    def is_done(self) -> bool:
+        """Whether every name was answered or given up."""
+        return not self._waiting and not self._asked
+
+    def poll(self, t_ns: int) -> list[bytes]:
+        """Let time pass; returns the frames to send."""
+        for name in [name for name, asking in self._asked.items() if asking.unanswered(t_ns)]:
+            del self._asked[name]
+        while self._waiting and len(self._asked) < _AT_ONCE:
+            name = self._waiting.pop(0)
+            request = dialect.MAVLink_param_request_read_message(*self._to, name.encode("ascii"), -1)
+            self._asked[name] = Asking(request, _PATIENCE, t_ns)
+        return [self._encode(asking.question) for asking in self._asked.values() if asking.due(t_ns)]
+
+    def receive(self, message: Message) -> None:
+        """Take a message of the vehicle."""
+        if (
+            message.get_type() != "PARAM_VALUE"
+            or (message.get_srcSystem(), message.get_srcComponent()) != self._to
+        ):
+            return
+        name = printable(str(message.param_id))
+        if name in self._asked or name in self.values:
+            self._asked.pop(name, None)
+            for other in self._same[name]:
+                if other != name:
+                    self._asked.pop(other, None)
+                    self._waiting = [waiting for waiting in self._waiting if waiting != other]
+            self.values[name] = value_of(message, self._bytewise)
+            self.types[name] = message.param_type
+
+
+class ParameterSetting:
+    """Sets one parameter of a vehicle: reads it for its type, sets it, and believes what comes back.
+
+    `outcome` is (whether it has the value now, how or why not) once it has ended.
+    """
+
+    def __init__(
+        self, vehicle: int, name: str, value: float, bytewise: bool, encode: Callable[[Message], bytes]
+    ) -> None:
+        self.outcome: tuple[bool, str] | None = None
+        self._name, self._value, self._bytewise, self._encode = name, value, bytewise, encode
+        self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
+        self._reading = ParameterReading(vehicle, [(name,)], bytewise, encode)
+        self._asking: Asking | None = None
+
+    def poll(self, t_ns: int) -> list[bytes]:
+        """Let time pass; returns the frames to send."""
+        if self.outcome is not None:
+            return []
+        if self._asking is None:
+            frames = self._reading.poll(t_ns)
+            if self._reading.is_done:
+                self._read(t_ns)
+            return frames
+        if self._asking.unanswered(t_ns):
+            why = f"it could not be set to {self._value:g}"
+            self.outcome = (False, f"{self._name} stays {self._held:g}: {why}")
+            return []
+        return [self._encode(self._asking.question)] if self._asking.due(t_ns) else []
+
+    def receive(self, message: Message) -> None:
+        """Take a message of the vehicle."""
+        self._reading.receive(message)
+        if self._asking is not None and self._asking.sent and self._is_set():
+            self.outcome = (True, f"{self._name} = {self._value:g}")
+
+    def _read(self, t_ns: int) -> None:
+        if self._name not in self._reading.values:
+            self.outcome = (False, f"{self._name}: no such parameter, or no answer")
+        elif self._is_set():
+            self.outcome = (True, f"{self._name} = {self._value:g}, as it was")
+        elif problem := misfit(self._value, self._reading.types[self._name]):
+            self.outcome = (False, f"{self._name} stays {self._held:g}: {self._value:g} {problem}")
+        else:
+            kind = self._reading.types[self._name]
+            value = carried(self._value, kind, self._bytewise)
+            request = dialect.MAVLink_param_set_message(*self._to, self._name.encode("ascii"), value, kind)
+            self._asking = Asking(request, _PATIENCE, t_ns)
+
+    @property
+    def _held(self) -> float:
+        return self._reading.values[self._name]
+
+    def _is_set(self) -> bool:
+        held = self._reading.values.get(self._name, math.nan)
+        return math.isclose(held, self._value, rel_tol=1e-6, abs_tol=1e-6)

@@ -1,0 +1,185 @@
+"""What one vehicle says when it is asked everything that a pre-flight check must know. Sans-I/O.
+
+Messages are asked for one by one (MAV_CMD_REQUEST_MESSAGE; most are their own answer before that, since an
+autopilot streams them anyway), then the parameters, then fence and rally points: never two conversations of
+the mission protocol at a time. A vehicle whose pre-arm check fails is told to check again, by which it says
+why. Nothing on the vehicle is changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.autopilots import Envelope, Profile, profile_of
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.mission.geofence_rally import FENCE, RALLY
+from gcs.mavlink.mission.items import Item
+from gcs.mavlink.mission.list_task import ListTask
+from gcs.mavlink.services.command_messages import REQUEST_MESSAGE, command
+from gcs.mavlink.services.parameters import ParameterReading, is_bytewise
+from gcs.mavlink.services.retry import Asking, Patience
+from gcs.safe_text import printable
+
+_ASKED: Final = {
+    "AUTOPILOT_VERSION": dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
+    "GPS_RAW_INT": dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+    "SYS_STATUS": dialect.MAVLINK_MSG_ID_SYS_STATUS,
+    "SYSTEM_TIME": dialect.MAVLINK_MSG_ID_SYSTEM_TIME,
+    "HOME_POSITION": dialect.MAVLINK_MSG_ID_HOME_POSITION,
+}
+_ESTIMATORS: Final = {
+    dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ("EKF_STATUS_REPORT", dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT),
+    dialect.MAV_AUTOPILOT_PX4: ("ESTIMATOR_STATUS", dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS),
+}
+NEEDED_IDS: Final = frozenset(
+    {
+        *_ASKED.values(),
+        *(number for _, number in _ESTIMATORS.values()),
+        dialect.MAVLINK_MSG_ID_PARAM_VALUE,
+    }
+)
+"""Messages that `Fleet` must give beside its own."""
+
+_PATIENCE: Final = Patience(wait_s=0.7, wait_max_s=2.0, tries=6)
+_REASONS: Final = "reasons"
+"""The question why the pre-arm check fails. ArduPilot says it every 30 s, and when told to check."""
+_REASONS_PATIENCE: Final = Patience(wait_s=1.0, wait_max_s=1.0, tries=3)
+_PREARM: Final = dialect.MAV_SYS_STATUS_PREARM_CHECK
+_WARNING: Final = dialect.MAV_SEVERITY_WARNING
+_MAX_TEXTS: Final = 8
+
+
+class Inspection:
+    """One vehicle's.
+
+    Attributes
+    ----------
+    messages : dict of str to (int, Message)
+        When the newest message of each type came, and what it says.
+    profile : Profile or None
+        Of its firmware, known from its first heartbeat.
+    texts : dict of str to None
+        What it said in STATUSTEXTs of severity WARNING and above, newest last.
+    values : dict of str to float
+        Parameters that were answered.
+    fence, rally : tuple of Item or None
+        What it holds; None when it did not say.
+    """
+
+    def __init__(
+        self,
+        vehicle: int,
+        envelope: Envelope,
+        encode: Callable[[Message], bytes],
+        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+    ) -> None:
+        self.vehicle = vehicle
+        self.messages: dict[str, tuple[int, Message]] = {}
+        self.profile: Profile | None = None
+        self.texts: dict[str, None] = {}
+        self.values: dict[str, float] = {}
+        self.held: dict[int, tuple[Item, ...] | None] = {}
+        self._envelope, self._encode, self._own = envelope, encode, own
+        self._asking: dict[str, Asking] | None = None
+        self._reading: ParameterReading | None = None
+        self._list: ListTask | None = None
+        self._told_to_check = False
+
+    @property
+    def is_done(self) -> bool:
+        """Whether all has been asked, and answered or given up."""
+        if self._asking is None:
+            return False
+        return self.profile is None or (self._reading is not None and RALLY in self.held)
+
+    @property
+    def stage(self) -> str:
+        """What it is about, for people who wait."""
+        if self._asking is None:
+            return "not heard yet"
+        if self._reading is None:
+            return "state"
+        return "done" if self.is_done else "fence and rally" if self._reading.is_done else "parameters"
+
+    def poll(self, t_ns: int) -> list[bytes]:
+        """Let time pass; returns the frames to send, none before the vehicle has been heard."""
+        if self._asking is None or self.is_done:
+            return []
+        waiting = {name: a for name, a in self._asking.items() if not a.unanswered(t_ns)}
+        self._asking = waiting
+        if waiting:
+            return [self._encode(a.question) for a in waiting.values() if a.due(t_ns)]
+        if self.profile is None:
+            return []
+        if self._reading is None:
+            self._reading = ParameterReading(self.vehicle, self._names(), self._is_bytewise(), self._encode)
+        if not self._reading.is_done:
+            return self._reading.poll(t_ns)
+        self.values = self._reading.values
+        if self._list is None or self._list.result is not None:
+            kind = FENCE if FENCE not in self.held else RALLY
+            self._list = ListTask(self.vehicle, kind, None, self._encode, t_ns, own=self._own)
+        return self._listed(self._list.poll(t_ns))
+
+    def receive(self, message: Message, t_ns: int) -> list[bytes]:
+        """Take a message of the vehicle; returns the frames to send."""
+        name = message.get_type()
+        self.messages[name] = (t_ns, message)
+        if name == "HEARTBEAT" and self._asking is None:
+            self._begin(message, t_ns)
+        if name == "STATUSTEXT" and message.severity <= _WARNING:
+            self._note(printable(str(message.text)))
+        if self._asking is not None:
+            self._asking.pop(name, None)
+            if name == "SYS_STATUS" and not self._told_to_check and self._fails_prearm_check(message):
+                self._told_to_check = True
+                question = command(self.vehicle, dialect.MAV_CMD_RUN_PREARM_CHECKS)
+                self._asking[_REASONS] = Asking(question, _REASONS_PATIENCE, t_ns)
+        if self._reading is not None:
+            self._reading.receive(message)
+        return [] if self._list is None else self._listed(self._list.receive(message, t_ns))
+
+    def _note(self, text: str) -> None:
+        self.texts.pop(text, None)
+        self.texts[text] = None
+        while len(self.texts) > _MAX_TEXTS:
+            del self.texts[next(iter(self.texts))]
+        if self._asking is not None:
+            self._asking.pop(_REASONS, None)
+
+    @staticmethod
+    def _fails_prearm_check(status: Message) -> bool:
+        enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
+        return bool(enabled & _PREARM & ~status.onboard_control_sensors_health)
+
+    def _begin(self, heartbeat: Message, t_ns: int) -> None:
+        self.profile = profile_of(heartbeat.autopilot, heartbeat.type)
+        asked = dict(_ASKED)
+        if heartbeat.autopilot in _ESTIMATORS:
+            asked.update([_ESTIMATORS[heartbeat.autopilot]])
+        self._asking = {
+            name: Asking(command(self.vehicle, REQUEST_MESSAGE, number), _PATIENCE, t_ns)
+            for name, number in asked.items()
+            if name not in self.messages
+        }
+
+    def _listed(self, frames: list[bytes]) -> list[bytes]:
+        task = self._list
+        if task is not None and task.result is not None and task.mission_type not in self.held:
+            self.held[task.mission_type] = task.result.held
+        return frames
+
+    def _names(self) -> Iterator[tuple[str, ...]]:
+        assert self.profile is not None
+        for wish in (*self.profile.parameters, *self.profile.fits(self._envelope)):
+            yield wish.all_names
+        known = {n for w in self.profile.parameters for n in w.all_names}
+        yield from ((name,) for name in self.profile.fence_parameters if name not in known)
+
+    def _is_bytewise(self) -> bool:
+        assert self.profile is not None
+        version = self.messages.get("AUTOPILOT_VERSION")
+        return is_bytewise(self.profile.autopilot, None if version is None else version[1].capabilities)

@@ -1,0 +1,118 @@
+"""Giving a vehicle its signing key: SETUP_SIGNING, and the proof that it took it.
+
+SETUP_SIGNING (https://mavlink.io/en/messages/common.html#SETUP_SIGNING) has no answer, and carries the key in
+the clear. So it is sent until the vehicle signs with the key, and then something is asked of it in a frame
+signed with the key: its answer shows that both directions work. ArduPilot takes no key while armed; nothing
+is sent to a vehicle that is. What goes to a vehicle that signs with its old key is signed with that one.
+
+Sans-I/O: frames in, frames out, time an argument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, Literal, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame
+from gcs.mavlink.frames.signing import is_signed_by, signed, timestamp_of
+from gcs.mavlink.services.retry import ns
+from gcs.safe_text import printable
+
+Outcome: TypeAlias = Literal["", "done", "failed"]
+
+_AGAIN_NS: Final = ns(1.0)
+_ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+_LINK_ID: Final = 0
+
+
+class Installation:
+    """One vehicle and the key that it is to hold.
+
+    Parameters
+    ----------
+    system_id : int
+    key : bytes
+        The new one.
+    old : bytes, optional
+        What it holds by our knowledge.
+    next_time : callable
+        Takes a time and returns a signing time later than any before; all installations share it.
+    deadline_ns : int
+        When to give up.
+    """
+
+    def __init__(
+        self,
+        system_id: int,
+        key: bytes,
+        old: bytes | None,
+        next_time: Callable[[int], int],
+        deadline_ns: int,
+    ) -> None:
+        self.system_id = system_id
+        self.outcome: Outcome = ""
+        self.detail = "was not heard"
+        self.sent = 0
+        """SETUP_SIGNING frames sent."""
+        self._key, self._old = key, old
+        self._next_time, self._deadline_ns = next_time, deadline_ns
+        self._encode = Encoder()
+        self._heard = self._holds_old = self._holds_new = self._asked = False
+        self._due_ns = 0
+
+    def receive(self, frame: Frame) -> None:
+        """Take a frame that is whole, of any sender."""
+        if self.outcome or (frame.system_id, frame.component_id) != (self.system_id, AUTOPILOT_COMPONENT_ID):
+            return
+        self._holds_new = frame.signed and is_signed_by(frame.data, self._key)
+        if frame.signed and self._old is not None and not self._holds_new:
+            self._holds_old = is_signed_by(frame.data, self._old)
+        message = frame.message()
+        name = "" if message is None else message.get_type()
+        if message is not None and name == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
+            self._on_heartbeat(armed=bool(message.base_mode & _ARMED))
+        elif message is not None and name == "STATUSTEXT" and "sign" in message.text.lower():
+            self.detail = f"said: {printable(message.text)}"
+        elif message is not None and name == "COMMAND_ACK" and self._holds_new and self._asked:
+            self.outcome, self.detail = "done", "signs with the key, and obeys what is signed with it"
+
+    def _on_heartbeat(self, *, armed: bool) -> None:
+        if armed and not self._holds_new:
+            self.outcome = "failed"
+            self.detail = "is armed: an autopilot takes a key on the ground alone; disarm it, then try again"
+            return
+        if not self._heard:
+            self._heard, self.detail = True, "did not begin to sign with the key"
+
+    def poll(self, t_ns: int) -> list[bytes]:
+        """Let time pass; return frames for the vehicle."""
+        if self.outcome or t_ns < self._due_ns:
+            return []
+        if t_ns >= self._deadline_ns:
+            self.outcome = "failed"
+            return []
+        if not self._heard:
+            return []
+        self._due_ns = t_ns + _AGAIN_NS
+        if self._holds_new:
+            self._asked = True
+            self.detail = "signs with the key, but did not answer what was signed with it"
+            return [self._sealed(self._question(), self._key, t_ns)]
+        self.sent += 1
+        setup = dialect.MAVLink_setup_signing_message(
+            self.system_id, AUTOPILOT_COMPONENT_ID, list(self._key), timestamp_of(t_ns)
+        )
+        frame = self._encode(setup)
+        return [self._sealed(frame, self._old, t_ns) if self._old and self._holds_old else frame]
+
+    def _question(self) -> bytes:
+        fields = (dialect.MAV_CMD_REQUEST_MESSAGE, 0, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        message = dialect.MAVLink_command_long_message(
+            self.system_id, AUTOPILOT_COMPONENT_ID, *fields, 0, 0, 0, 0, 0, 0
+        )
+        return self._encode(message)
+
+    def _sealed(self, frame: bytes, key: bytes, t_ns: int) -> bytes:
+        return signed(frame, key, _LINK_ID, self._next_time(t_ns))

@@ -1,0 +1,381 @@
+"""A user would lose the true picture of the fleet: to strangers, spoofers, late frames or silence."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plane_double import AUTO, LOITER, Channel, Plane, S
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.geo import LocalFrame
+from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
+from gcs.mavlink.mission.items import Home
+from gcs.mavlink.mission.upload_task import MissionTask
+from gcs.model import Datagram, Mission, Waypoint
+
+FRAME = LocalFrame(-35.3632621, 149.165237, 584.0)
+HERE, THERE = "127.0.0.1:5001", "127.0.0.1:6666"
+
+
+def beat(mode=AUTO, *, armed=True, autopilot=3, kind=1):
+    return dialect.MAVLink_heartbeat_message(kind, autopilot, 1 | (128 if armed else 0), mode, 4, 3)
+
+
+def position(boot_s, east_m=0.0, north_m=0.0, v_east=0.0, v_north=0.0, hdg=65535):
+    lat, lon = FRAME.to_geodetic(east_m, north_m)
+    fields = (
+        round(lat * 1e7),
+        round(lon * 1e7),
+        684_000,
+        100_000,
+        round(v_north * 100),
+        round(v_east * 100),
+        0,
+    )
+    return dialect.MAVLink_global_position_int_message(round(boot_s * 1000), *fields, hdg)
+
+
+class Air:
+    """Senders on one link, by system id, into a fleet."""
+
+    def __init__(self, *expected, settings=None):
+        self.fleet = Fleet(expected or (1, 2), FRAME, settings)
+        self._encoders = {}
+
+    def hear(self, t_s, *messages, system_id=1, component_id=1, peer=HERE):
+        encode = self._encoders.setdefault((system_id, component_id, peer), Encoder(system_id, component_id))
+        data = b"".join(encode(m) for m in messages)
+        return self.fleet.receive(Datagram(round(t_s * S), "udp", peer, data))
+
+    def poll(self, t_s):
+        return [(send.peer, decode(send.data)[0][0]) for send in self.fleet.poll(round(t_s * S))]
+
+    def texts(self, level=None):
+        return [(n.vehicle, n.text) for n in self.fleet.notices() if level in (None, n.level)]
+
+    def health(self, system_id=1):
+        return next(h for h in self.fleet.health() if h.system_id == system_id)
+
+
+# ---------------------------------------------------------------- what a vehicle says
+
+
+def test_a_vehicles_reports_become_its_state_in_the_local_frame():
+    air = Air()
+    accepted = air.hear(
+        10, beat(), position(1, 250, -400, v_east=3, v_north=-4), dialect.MAVLink_mission_current_message(5)
+    )
+    state = air.fleet.state(1)
+    assert [(system_id, m.get_type()) for system_id, m in accepted] == [
+        (1, "HEARTBEAT"),
+        (1, "MISSION_CURRENT"),
+    ]
+    assert (state.east_m, state.north_m) == pytest.approx((250, -400), abs=0.02)
+    assert (state.alt_msl_m, state.ground_speed_m_s) == pytest.approx((684, 5))
+    assert state.course_rad == pytest.approx(math.atan2(3, -4))
+    assert (state.t_ns, state.mode, state.armed, state.mission_seq) == (10 * S, "AUTO", True, 5)
+    assert air.fleet.states() == (state,)
+    assert air.fleet.state(2) is None
+
+
+def test_mode_and_arming_changes_are_told():
+    air = Air()
+    air.hear(0, beat(0, armed=False))
+    air.texts()
+    air.hear(1, beat(AUTO, armed=True))
+    assert air.texts() == [(1, "mode MANUAL -> AUTO"), (1, "armed")]
+
+
+def test_px4_modes_have_the_same_names():
+    air = Air()
+    air.hear(0, beat(4 << 16 | 4 << 24, autopilot=12), position(1))
+    assert air.fleet.state(1).mode == "AUTO"
+
+
+def test_a_vehicle_that_stands_still_points_where_its_compass_says():
+    air = Air()
+    air.hear(0, beat(), position(1, hdg=27000))
+    assert air.fleet.state(1).course_rad == pytest.approx(-math.pi / 2)
+
+
+def test_status_texts_reach_the_operator_but_cannot_flood_him():
+    air = Air()
+    air.hear(0, beat())
+    air.texts()
+    air.hear(1, *(dialect.MAVLink_statustext_message(2, b"Engine failure") for _ in range(500)))
+    assert air.texts("alarm") == [(1, "Engine failure")] * 5
+
+
+# ---------------------------------------------------------------- whom to believe
+
+
+def test_strangers_are_counted_and_shown_but_never_acted_on():
+    air = Air(settings=FleetSettings(max_strangers=8))
+    for stranger in range(10, 60):
+        assert air.hear(0, beat(), position(1), system_id=stranger, peer=f"10.0.0.{stranger}:1") == []
+    assert air.fleet.states() == ()
+    assert air.fleet.counters.strangers == 100
+    assert len(air.fleet.strangers()) == 8
+    assert air.poll(1) == []
+
+
+def test_a_ground_station_with_a_vehicles_id_is_not_the_vehicle():
+    air = Air()
+    air.hear(0, beat(kind=dialect.MAV_TYPE_GCS, autopilot=8), position(1))
+    assert air.health().liveness == "waiting"
+    assert air.fleet.state(1) is None
+
+
+def test_a_payload_of_the_vehicle_does_not_speak_for_it():
+    air = Air()
+    air.hear(0, beat(), position(1, 10, 0))
+    assert air.hear(1, beat(LOITER), position(2, 500, 0), component_id=154) == []
+    assert air.fleet.state(1).east_m == pytest.approx(10, abs=0.02)
+    assert air.fleet.state(1).mode == "AUTO"
+
+
+def test_another_address_that_claims_a_living_vehicle_is_a_conflict():
+    air = Air()
+    air.hear(0, beat(), position(1, 10, 0))
+    assert air.hear(3, beat(LOITER), position(4, 900, 0), peer=THERE) == []
+    assert air.fleet.state(1).east_m == pytest.approx(10, abs=0.02)
+    assert air.health().conflicts == 2
+    assert [v for v, text in air.texts("alarm") if "claims its id" in text] == [1]
+    assert {peer for peer, _ in air.poll(3.1)} == {HERE}
+
+
+def test_after_a_silence_a_vehicle_may_come_back_from_another_address():
+    air = Air()
+    air.hear(0, beat(), position(1, 10, 0))
+    air.poll(0)
+    assert air.hear(6, position(7, 20, 0), peer=THERE) == []
+    air.hear(6.1, beat(), position(7.1, 30, 0), peer=THERE)
+    assert air.fleet.state(1).east_m == pytest.approx(30, abs=0.02)
+    assert {peer for peer, _ in air.poll(6.2)} == {THERE}
+
+
+@settings(max_examples=300, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_damaged_or_random_datagrams_never_move_a_vehicle(seed, random_bytes):
+    rng = np.random.default_rng(seed)
+    air = Air()
+    air.hear(0, beat(), position(1, 10, 0))
+    before = air.fleet.state(1)
+    if random_bytes:
+        data = rng.bytes(int(rng.integers(0, 400)))
+    else:
+        data = bytearray(Encoder(1, 1)(position(2, 700, 0)))
+        data[int(rng.integers(len(data)))] ^= int(rng.integers(1, 256))
+        data = bytes(data[: int(rng.integers(1, len(data) + 1))])
+    air.fleet.receive(Datagram(S, "udp", HERE, data))
+    assert air.fleet.state(1) == before
+    assert air.fleet.counters.bad_bytes + air.fleet.counters.unknown_ids > 0 or not data
+
+
+# ---------------------------------------------------------------- positions not to believe
+
+
+@pytest.mark.parametrize(
+    ("report", "reason"),
+    [
+        ({"lat": 1000, "lon": -300}, "null"),
+        ({"lat": 910_000_000}, "range"),
+        ({"lon": -1_810_000_000}, "range"),
+        ({"alt": 2_000_000_000}, "range"),
+        ({"lat": -343_632_621}, "far"),
+        ({"lat": 353_632_621, "lon": -308_347_630}, "far"),
+    ],
+)
+def test_a_position_that_cannot_be_true_is_refused_and_counted(report, reason):
+    """The last one is the other side of the Earth, which is at (0, 0) on the tangent plane."""
+    air = Air()
+    message = position(1)
+    for field, value in report.items():
+        setattr(message, field, value)
+    air.hear(0, beat(), message)
+    assert air.fleet.state(1) is None
+    assert air.health().refused == {reason: 1}
+
+
+def test_before_its_first_fix_a_vehicle_is_nowhere_but_later_gaps_are_bridged():
+    air = Air()
+
+    def gps(fix):
+        return dialect.MAVLink_gps_raw_int_message(0, fix, 0, 0, 0, 0, 0, 0, 0, 10)
+
+    air.hear(0, beat(), gps(1), position(1, 10, 0))
+    assert air.fleet.state(1) is None
+    air.hear(1, gps(3), position(2, 20, 0))
+    air.hear(2, gps(1), position(3, 30, 0))
+    assert air.fleet.state(1).east_m == pytest.approx(30, abs=0.02)
+    assert air.health().refused == {"no fix": 1}
+
+
+def test_late_reports_do_not_move_a_vehicle_back():
+    air = Air()
+    air.hear(0, beat(), position(100, 10, 0))
+    for n in range(40):
+        air.hear(0.25 * n, position(100 + 0.25 * n, 10 + n, 0))
+        air.hear(0.25 * n + 0.01, position(70 + 0.25 * n, -900, 0))
+        assert air.fleet.state(1).east_m == pytest.approx(10 + n, abs=0.02)
+    assert air.health().boots == 0
+    assert air.health().refused["late"] == 41
+
+
+def test_a_burst_of_delayed_reports_is_not_a_reboot():
+    air = Air()
+    air.hear(0, beat(), position(100, 10, 0))
+    for n in range(30):
+        air.hear(0.01 * n, position(80 + 0.5 * n, -900, 0))
+    assert air.health().boots == 0
+
+
+def test_a_reboot_is_recognised_and_everything_is_asked_for_again():
+    air = Air()
+    air.hear(0, beat(), position(1000, 10, 0), dialect.MAVLink_mission_current_message(4))
+    air.texts()
+    for n in range(16):
+        air.hear(3 + 0.25 * n, beat(0), position(2 + 0.25 * n, 50 + n, 0))
+    state = air.fleet.state(1)
+    assert state.east_m == pytest.approx(65, abs=0.02)
+    assert state.mission_seq == -1
+    assert air.health().boots == 1
+    assert (1, "rebooted") in air.texts("alarm")
+
+
+def test_one_report_from_the_future_does_not_freeze_a_vehicle():
+    air = Air()
+    air.hear(0, beat(), position(10, 0, 0), position(90_000, 5, 0))
+    for n in range(20):
+        air.hear(0.25 * n, position(10 + 0.25 * n, n, 0))
+    assert air.fleet.state(1).east_m == pytest.approx(19, abs=0.02)
+
+
+# ---------------------------------------------------------------- loss and silence
+
+
+def test_gaps_count_as_loss_and_late_frames_do_not():
+    air = Air()
+    encode = Encoder(1, 1)
+    frames = [encode(beat()) for _ in range(300)]
+    for n in [0, 1, 3, 2, 6, 6, *range(7, 299)]:
+        air.fleet.receive(Datagram(n, "udp", HERE, frames[n]))
+    assert air.health().lost == 2
+
+
+def test_silence_is_told_once_and_so_is_the_return():
+    air = Air()
+    for n in range(3):
+        air.hear(n, beat(), system_id=1)
+        air.hear(n, beat(), system_id=2, peer=THERE)
+    air.texts()
+    for n in range(3, 20):
+        air.hear(n, dialect.MAVLink_mission_current_message(1), system_id=2, peer=THERE)
+        air.poll(n)
+        if n == 6:
+            assert air.health().liveness == "stale"
+    told = [(notice.level, notice.vehicle, notice.text) for notice in air.fleet.notices()]
+    assert told == [("warning", 1, "not heard for 3.0 s"), ("alarm", 1, "link down: not heard for 6.0 s")]
+    assert [h.liveness for h in air.fleet.health()] == ["down", "alive"]
+    air.hear(20, beat())
+    assert (1, "heard again after 18.0 s") in air.texts()
+    assert air.health().liveness == "alive"
+
+
+# ---------------------------------------------------------------- what is sent
+
+
+def test_each_known_address_gets_four_heartbeats_a_second_so_that_losses_start_no_failsafe():
+    air = Air(1, 2, 3)
+    for system_id, peer in ((1, HERE), (2, HERE), (3, THERE)):
+        air.hear(0, beat(), system_id=system_id, peer=peer)
+    beats = [peer for n in range(200) for peer, m in air.poll(0.05 * n) if m.get_type() == "HEARTBEAT"]
+    assert (beats.count(HERE), beats.count(THERE)) == (40, 40)
+
+
+def together(air, plane, loss, seconds, on_message=None, each_step=None):
+    """Join a fleet and a plane over two channels; the two functions return frames for the plane."""
+    up, down = Channel(1, loss=loss), Channel(2, loss=loss)
+    for n in range(seconds * 20):
+        t_ns = n * S // 20
+        for frame in up.get(t_ns):
+            down.put(plane.receive(frame, t_ns), t_ns)
+        down.put(plane.poll(t_ns), t_ns)
+        for frame in down.get(t_ns):
+            for _, message in air.fleet.receive(Datagram(t_ns, "udp", HERE, frame)):
+                up.put(on_message(message, t_ns) if on_message else [], t_ns)
+        if n % 5 == 0:
+            air.fleet.receive(Datagram(t_ns, "udp", HERE, plane._encode(position(n / 20))))
+        up.put([send.data for send in air.fleet.poll(t_ns)], t_ns)
+        up.put(each_step(t_ns) if each_step else [], t_ns)
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.4])
+def test_on_contact_it_asks_for_rates_version_and_home_until_it_has_them(loss):
+    plane, air, asked = Plane(1), Air(), []
+    command_long = plane._on_command_long
+
+    def listens(message, sender, t_ns):
+        asked.append((message.command, message.param1, message.param2))
+        return command_long(message, sender, t_ns)
+
+    plane._on_command_long = listens
+    together(air, plane, loss, 40)
+    assert {(511, 33, 250_000), (511, 42, 1_000_000), (512, 148, 0), (512, 242, 0)} <= set(asked)
+    assert air.fleet.home(1) == pytest.approx(Home(-35.3632621, 149.165237, 584.09))
+    assert loss > 0 or len(asked) == 4
+
+
+def test_a_vehicle_that_does_not_answer_is_asked_at_a_bounded_rate():
+    air = Air()
+    sent = 0
+    for n in range(1200):
+        if n % 20 == 0:
+            air.hear(n / 20, beat())
+        sent += sum(m.get_type() == "COMMAND_LONG" for _, m in air.poll(n / 20))
+    assert 10 < sent < 60
+
+
+def test_a_stream_that_dries_up_is_asked_for_again():
+    air = Air()
+    air.hear(0, beat(), position(0))
+    air.poll(0)
+    ack = dialect.MAVLink_command_ack_message(511, 0, 0, 0, GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    for n in range(100):
+        air.hear(0.1 * n, ack, position(0.1 * n), dialect.MAVLink_mission_current_message(1))
+        air.poll(0.1 * n)
+    asked = []
+    for n in range(100, 200):
+        air.hear(0.1 * n, beat(), dialect.MAVLink_mission_current_message(1))
+        asked += [
+            m.param1 for _, m in air.poll(0.1 * n) if m.get_type() == "COMMAND_LONG" and m.command == 511
+        ]
+    assert asked
+    assert set(asked) == {33}
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_a_fleet_carries_a_mission_task(loss):
+    plane, air = Plane(1), Air()
+    points = (Waypoint(-35.36, 149.16, 100.0, 10.0), Waypoint(-35.35, 149.16, 100.0, 10.0))
+    task = None
+
+    def each_step(t_ns):
+        nonlocal task
+        air.fleet.attend(1)  # a task waits for modes
+        if task is not None:
+            return task.poll(t_ns)
+        if air.fleet.home(1) is None:
+            return []
+        task = MissionTask(Mission(1, 1, points), air.fleet.home(1), air.fleet.encoder(1))
+        return task.start(t_ns)
+
+    together(
+        air, plane, loss, 60, lambda message, t_ns: task.receive(message, t_ns) if task else [], each_step
+    )
+    assert task.result.ok
+    assert plane.holds(task.items)
+    assert air.fleet.state(1).mode == "AUTO"

@@ -1,0 +1,56 @@
+"""An operator would lose the aircraft to a service that takes it out of their hands."""
+
+from gcs.mavlink.fleet.mode_authority import Custody
+
+
+def after(*steps):
+    custody = Custody()
+    for step in steps:
+        kind, _, mode = step.partition(" ")
+        if kind == "hear":
+            custody.heard(mode)
+        elif kind == "end":
+            custody.heard(mode, at_end=True)
+        elif kind == "order":
+            custody.ordered(mode)
+        else:
+            getattr(custody, kind)()
+    return custody.taken
+
+
+def test_a_loiter_before_the_first_mission_waits_for_it():
+    assert after("hear LOITER") == ""
+    assert after("hear FBWA", "hear LOITER") == ""
+
+
+def test_a_loiter_that_we_ordered_is_ours():
+    assert after("hear AUTO", "order LOITER", "hear LOITER") == ""
+
+
+def test_a_loiter_in_the_midst_of_a_mission_is_an_operators():
+    assert after("hear AUTO", "hear LOITER") == "LOITER"
+    assert after("hear LOITER", "order AUTO", "hear AUTO", "hear LOITER") == "LOITER"
+
+
+def test_a_loiter_that_we_ordered_once_does_not_excuse_the_next():
+    assert (
+        after("hear AUTO", "order LOITER", "hear LOITER", "order AUTO", "hear AUTO", "hear LOITER")
+        == "LOITER"
+    )
+    assert after("hear AUTO", "order LOITER", "hear LOITER", "hear FBWA", "hear LOITER") == "LOITER"
+
+
+def test_other_modes_are_taken_until_auto_or_an_order():
+    assert after("hear AUTO", "hear RTL") == "RTL"
+    assert after("hear AUTO", "hear RTL", "hear AUTO") == ""
+    assert after("hear AUTO", "hear LOITER", "release") == ""
+    assert after("hear AUTO", "hear RTL", "release", "hear LOITER") == ""
+
+
+def test_a_missions_end_in_hold_is_ours():
+    assert after("hear AUTO", "end LOITER") == ""
+
+
+def test_a_reboot_gives_nothing_back():
+    assert after("hear AUTO", "hear LOITER", "rebooted", "hear LOITER") == "LOITER"
+    assert after("hear AUTO", "rebooted", "hear MANUAL") == "MANUAL"

@@ -1,0 +1,32 @@
+"""A pilot would read a third of the reason why a vehicle does not fly."""
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.fleet.statustext import TextChunks
+
+LONG = "Mission rejected: landing required, but there is no landing item in the mission that was uploaded"
+
+
+def pieces(text, number):
+    parts = [text[at : at + 50] for at in range(0, len(text) + 1, 50)]
+    return [
+        dialect.MAVLink_statustext_message(4, part.encode(), number, seq) for seq, part in enumerate(parts)
+    ]
+
+
+def joined(messages):
+    chunks = TextChunks()
+    return [text for message in messages for text in chunks.joined(message)]
+
+
+def test_a_long_text_is_said_once_and_whole():
+    assert joined([*pieces(LONG, 3), *pieces("short", 0)]) == [LONG, "short"]
+    assert joined(pieces("x" * 100, 4)) == ["x" * 100]
+    assert joined(pieces("Takeoff detected\t", 0)) == ["Takeoff detected"]
+
+
+def test_a_text_of_which_a_piece_was_lost_is_said_with_a_gap():
+    first, second = pieces(LONG, 3)
+    assert joined([second]) == ["[...]" + LONG[50:]]
+    assert joined([first, *pieces("next", 0)]) == [LONG[:50] + "[...]", "next"]
+    assert joined([first, first, second]) == [LONG]

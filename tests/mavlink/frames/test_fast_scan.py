@@ -1,0 +1,229 @@
+"""The compiled path must see what the simple one sees, or a vehicle would be somewhere else for it."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.endpoints import Link, parse_endpoint
+from gcs.geo import LocalFrame
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import scan
+from gcs.mavlink.frames.fast_scan import Frames
+from gcs.model import NS_PER_S, Datagram, vehicle_id
+
+FRAME = LocalFrame(33.2, -87.6, 70.0)
+LINKS = [Link(parse_endpoint(f"udpin:0.0.0.0:1455{network}"), network) for network in (0, 1)]
+IDS = sorted(dialect.mavlink_map)
+QUIET = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "SYS_STATUS")
+
+
+def frame(message_id, payload, *, seq=0, system=1, component=1, version=2, flags=0):
+    """A frame whose checksum holds, of any id."""
+    known = dialect.mavlink_map.get(message_id)
+    if version == 1 and message_id < 256:
+        head, magic = bytes([len(payload), seq, system, component, message_id]), b"\xfe"
+    else:
+        head = bytes([len(payload), flags, 0, seq, system, component]) + message_id.to_bytes(3, "little")
+        magic = b"\xfd"
+    extra = 0 if known is None else known.crc_extra
+    crc = dialect.x25crc(head + payload + bytes([extra])).crc
+    return magic + head + payload + crc.to_bytes(2, "little") + (bytes(13) if flags & 1 else b"")
+
+
+GOOD = st.builds(
+    frame,
+    st.one_of(st.sampled_from(IDS), st.sampled_from([0, 1, 24, 33, 42]), st.integers(0, 2**24 - 1)),
+    st.binary(max_size=255),
+    seq=st.integers(0, 255),
+    version=st.sampled_from([1, 2]),
+    flags=st.sampled_from([0, 0, 0, 1, 2]),
+)
+
+
+@st.composite
+def damaged(draw):
+    data = bytearray(draw(GOOD))
+    if draw(st.booleans()):
+        data[draw(st.integers(0, len(data) - 1))] ^= 1 << draw(st.integers(0, 7))
+    return bytes(data[: draw(st.integers(0, len(data)))])
+
+
+BYTES = st.lists(
+    st.one_of(
+        GOOD, GOOD, damaged(), st.binary(max_size=30), st.sampled_from([b"\xfd", b"\xfe", b"\xfe\x00"])
+    ),
+    max_size=12,
+).map(b"".join)
+
+
+def agree(data, frames):
+    simple = scan(data)
+    frames.take(data)
+    rows = range(1, frames.found + 1)
+    assert [frames.frame(row) for row in rows if frames.is_checked(row)] == simple.frames
+    assert [frames.frame(row) for row in rows if not frames.is_checked(row)] == simple.unchecked
+    counters = (frames.bad_bytes, frames.crc_errors, frames.unknown)
+    assert counters == (simple.bad_bytes, simple.crc_errors, simple.unknown)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(BYTES, min_size=1, max_size=3))
+def test_the_kernel_finds_what_the_scan_finds_in_any_bytes(datagrams):
+    frames = Frames()
+    for data in datagrams:
+        agree(data, frames)
+
+
+def test_hostile_bytes_and_large_datagrams_are_framed_the_same():
+    for data in (b"", b"\xfd", b"\xfe\x20\x00\x01\x01\x00" * 10_000, frame(0, bytes(9)) * 3000):
+        agree(data, Frames())
+
+
+@settings(max_examples=300, deadline=None)
+@given(GOOD)
+def test_a_message_is_what_pymavlink_makes_of_the_frame(data):
+    for found in scan(data).frames:
+        ours, theirs = found.message(), found._decoded()
+        assert (ours is None) == (theirs is None)
+        if ours is not None:
+            assert repr(ours.to_dict()) == repr(theirs.to_dict())  # NaN is NaN
+            assert (ours.get_seq(), ours.get_crc()) == (theirs.get_seq(), theirs.get_crc())
+            assert ours.get_header().pack() == theirs.get_header().pack()
+
+
+class Swarm:
+    """Vehicles of two networks as they really talk, and as they do not."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        self.sequences = {}
+        self.boot_ms = {}
+
+    def pick(self, *things):
+        return things[self.rng.integers(len(things))]
+
+    def is_rare(self, one_in=30):
+        return self.rng.integers(one_in) == 0
+
+    def message(self, vehicle):
+        boot_ms = (self.boot_ms.get(vehicle, 0) + int(self.rng.integers(1, 300))) % 2**32
+        if self.is_rare(300):
+            boot_ms = self.pick(0, 50, 2**32 - 200)
+        self.boot_ms[vehicle] = boot_ms
+        late_ms = self.pick(20, 200, 6000) if self.is_rare() else 0
+        lat, lon = (int(v) for v in self.rng.normal((332_000_000, -876_000_000), 90_000))
+        if self.is_rare():
+            lat, lon = self.pick(
+                (0, 0), (10_000, -10_000), (9_999, 5), (341_000_000, -876_000_000), (2**31 - 1, 7)
+            )
+        alt = self.pick(-1_000_000, 50_000_000, -999_999) if self.is_rare() else 400_000
+        v = [int(x) for x in self.rng.integers(-3000, 3000, 2)] if self.rng.integers(3) else [0, -1]
+        return self.pick(
+            *[dialect.MAVLink_global_position_int_message(
+                max(0, boot_ms - late_ms) % 2**32, lat, lon, alt, 0, *v, 0, self.pick(9000, 65535)
+            )] * 6,
+            dialect.MAVLink_heartbeat_message(1, self.pick(3, 3, 3, 8), 128, self.pick(10, 12), 4, 3),
+            dialect.MAVLink_gps_raw_int_message(0, self.pick(3, 3, 3, 3, 6, 1), 1, 2, 3, 4, 5, 6, 7, 8),
+            dialect.MAVLink_sys_status_message(1, 1, 1, 0, 0, 0, self.pick(-1, 0, 77, 101), 0, 0, 0, 0, 0, 0),
+            dialect.MAVLink_mission_current_message(int(self.rng.integers(4))),
+            dialect.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0),
+            dialect.MAVLink_command_ack_message(511, self.pick(0, 3, 4), target_system=255),
+        )  # fmt: skip
+
+    def datagram(self, t_ns):
+        network = self.pick(0, 1)
+        data = b""
+        for _ in range(self.rng.integers(1, 8)):
+            system = int(self.rng.integers(1, 5))  # 4 is a stranger
+            component = self.pick(1, 1, 1, 1, 1, 154) if self.is_rare(10) else 1
+            pen = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+            sequence = self.sequences.get((network, system), 0) + self.pick(1, 1, 1, 1, 1, 3, 255, 200)
+            pen.seq = self.sequences[network, system] = sequence % 256
+            if self.is_rare():
+                pen.signing.secret_key, pen.signing.sign_outgoing = bytes(32), True
+            packed = self.message((network, system)).pack(pen, force_mavlink1=self.is_rare(5))
+            if self.is_rare():
+                packed = self.pick(packed[:-3], packed + b"\xfd\x01", packed[:9] + b"\x55" + packed[10:])
+            data += packed
+        peer = "10.0.0.66:6" if self.is_rare() else f"10.0.0.{network}:1"
+        return Datagram(t_ns, LINKS[network].name, peer, data)
+
+
+class News:
+    """What is not quiet in what a fleet gives out: no numbers, no heartbeat like the one before."""
+
+    def __init__(self):
+        self.beats = {}
+
+    def of(self, accepted):
+        return [(v, m.to_dict()) for v, m in accepted if m.get_type() not in QUIET and self.is_news(v, m)]
+
+    def is_news(self, vehicle, message):
+        if message.get_type() != "HEARTBEAT":
+            return True
+        before, self.beats[vehicle] = self.beats.get(vehicle), message.to_dict()
+        return before != self.beats[vehicle]
+
+
+def told(fleet):
+    return (
+        fleet.states(),
+        fleet.health(),
+        asdict(fleet.counters),
+        {name: asdict(counters) for name, counters in fleet.links.items()},
+        fleet.notices(),
+        fleet.strangers(),
+    )
+
+
+MORE_SEEDS = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 20)]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, *MORE_SEEDS])
+def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
+    expected = [vehicle_id(network, system) for network in (0, 1) for system in (1, 2, 3)]
+    fast, simple = (Fleet(expected, FRAME, links=LINKS, kernel=kernel) for kernel in (True, False))
+    fast_news, simple_news = News(), News()
+    swarm = Swarm(seed)
+    t_ns = 1_700_000_000 * NS_PER_S
+    folded, notices = 0, []
+    for step in range(1200):
+        t_ns += int(swarm.pick(1, 20, 20, 90) * 1e6) + (8 * NS_PER_S if step % 300 == 299 else 0)
+        datagram = swarm.datagram(t_ns)
+        heard, all_of_it = fast.receive(datagram), simple.receive(datagram)
+        folded += len(all_of_it) - len(heard)
+        assert fast_news.of(heard) == simple_news.of(all_of_it)
+        assert (fast._table == simple._table).all()
+        if step % 5 == 0:
+            assert fast.poll(t_ns) == simple.poll(t_ns)
+            known = told(fast)
+            assert known == told(simple)
+            notices += known[4]
+    assert any("signs its frames" in n.text for n in notices)
+    refused = set().union(*(one.refused for one in fast.health()))
+    assert folded > 400
+    assert {"late", "no fix", "null", "far", "range", "jump"} <= refused
+    assert sum(one.boots for one in fast.health()) > 0
+    assert fast.counters.conflicts > 0
+
+
+def test_a_heartbeat_that_says_nothing_new_is_given_to_who_attends():
+    fleet = Fleet([1], FRAME)
+    pen = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def beat(mode=10):
+        pen.seq = (pen.seq + 1) % 256
+        message = dialect.MAVLink_heartbeat_message(1, 3, 217, mode, 4, 3)
+        return [m.custom_mode for _, m in fleet.receive(Datagram(NS_PER_S, "udp", "a", message.pack(pen)))]
+
+    assert beat() == [10]
+    assert beat() == []
+    fleet.attend(1)
+    assert beat() == [10]
+    assert beat() == []
+    assert beat(mode=12) == [12]
+    assert fleet.health()[0].frames == 5

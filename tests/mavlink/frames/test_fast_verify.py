@@ -1,0 +1,78 @@
+"""The fast check must let in what the simple one lets in, or a forger would fly a vehicle."""
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.endpoints import Link, parse_endpoint
+from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.frames.signing import Gate, Keys, signed, timestamp_of
+from gcs.model import vehicle_id
+
+S = 1_000_000_000
+NOW = 1_767_225_600 * S
+KEY, OTHER, WRONG = bytes(range(32)), bytes(range(1, 33)), bytes(32)
+LINKS = [Link(parse_endpoint(f"udpin:0.0.0.0:1455{network}"), network) for network in (0, 1)]
+KEYS = Keys({vehicle_id(0, 2): OTHER}, {LINKS[1].name: OTHER}, KEY)
+RIGHT = {(0, 1): KEY, (0, 2): OTHER, (1, 1): OTHER, (1, 2): OTHER}
+
+
+class Air:
+    """Vehicles that sign, and a forger who repeats, alters and strips what they send."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        self.pens = {}
+        self.stamp = timestamp_of(NOW)
+        self.said = []
+
+    def is_rare(self, one_in=40):
+        return self.rng.integers(one_in) == 0
+
+    def frame(self, network):
+        system, component = int(self.rng.integers(1, 3)), 154 if self.is_rare(10) else 1
+        pen = self.pens.setdefault((network, system, component), Encoder(system, component))
+        plain = pen(dialect.MAVLink_heartbeat_message(1, 3, 0, int(self.rng.integers(9)), 4, 3))
+        self.stamp += int(self.rng.integers(1, 9))
+        stamp = self.stamp - int(self.rng.integers(9_000_000) if self.is_rare() else 0)
+        key = WRONG if self.is_rare() else RIGHT[network, system]
+        frame = plain if self.is_rare() else signed(plain, key, int(self.is_rare(20)), stamp)
+        self.said.append(frame)
+        if self.is_rare():
+            return self.said[self.rng.integers(len(self.said))]
+        if self.is_rare():
+            return frame[:-1] + bytes([frame[-1] ^ 1])
+        if self.is_rare():
+            return frame[: self.rng.integers(len(frame))]
+        return frame + bytes([0xFE] * int(self.is_rare(60)))
+
+    def datagram(self, network):
+        frames = [self.frame(network) for _ in range(self.rng.integers(0, 6))]
+        if self.is_rare(15):
+            self.rng.shuffle(frames)
+        return b"".join(frames)
+
+
+def known(gate):
+    heard = [(address, list(keys)) for address, keys in gate._heard.items()]
+    return gate.timestamp, gate.streams, gate.counters, heard, gate.behind()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_both_ways_of_checking_let_in_the_same_and_remember_the_same(seed):
+    fast, simple = (Gate(KEYS, LINKS, kernel=kernel) for kernel in (True, False))
+    air, whole = Air(seed), 0
+    looks = []
+    fast._is_admitted = lambda *args: looks.append(1) or Gate._is_admitted(fast, *args)
+    for step in range(1500):
+        network = int(air.rng.integers(2))
+        data = air.datagram(network)
+        t_ns, address = NOW + step * S // 100, (LINKS[network].name, f"10.0.0.{air.rng.integers(3)}:1")
+        let_in = fast.admit(t_ns, address, data)
+        assert let_in == simple.admit(t_ns, address, data)
+        whole += let_in == data
+        assert known(fast) == known(simple)
+    reasons = {reason for link in fast.counters.values() for reason in link.rejected}
+    assert len(reasons) >= 3, "not signed, another key, sent again"
+    assert whole > 700
+    assert len(looks) < sum(link.verified for link in fast.counters.values()), "few need the long look"

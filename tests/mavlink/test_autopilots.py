@@ -1,0 +1,150 @@
+"""A user would lose the aircraft to an item that means something else on another autopilot."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.autopilots import ARDUPLANE, PROFILES, PX4, mode_name, profile_of
+from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.items import Home, item_of
+from gcs.model import Mission, VehicleState, Waypoint
+
+HOME = Home(33.2, -87.6, 70.0)
+ROUTE = (Waypoint(33.21, -87.6, 100.0, 10.7), Waypoint(33.22, -87.59, 120.0, 10.0))
+WP, LOITER_UNLIM, LAND, TAKEOFF = 16, 17, 21, 22
+
+
+def mission(end="loiter"):
+    return Mission(1, 1, ROUTE, 30.0, end)
+
+
+def commands(profile, **options):
+    return [item.command for item in profile.items(mission(**options.pop("mission", {})), HOME, **options)]
+
+
+def test_home_comes_first_on_ardupilot_alone():
+    assert commands(ARDUPLANE) == [WP, WP, WP, LOITER_UNLIM]
+    assert commands(PX4) == [WP, WP, LOITER_UNLIM]
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_from_the_ground_it_takes_off_first_and_begins_there_while_it_stands(profile):
+    assert commands(profile, from_ground=True)[profile.home_items :] == [TAKEOFF, WP, WP, LOITER_UNLIM]
+    first = profile.first_flown(0, from_ground=True, still_on_ground=True)
+    assert commands(profile, from_ground=True)[first] == TAKEOFF
+    later = profile.first_flown(1, from_ground=True, still_on_ground=False)
+    assert profile.items(mission(), HOME, from_ground=True)[later].x == 332200000
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_a_landing_is_at_home_behind_an_approach_that_both_autopilots_take(profile):
+    *_, last, approach, touch_down = profile.items(mission("land"), HOME)
+    assert (touch_down.command, touch_down.x, touch_down.y, touch_down.z_m) == (
+        LAND,
+        332000000,
+        -876000000,
+        0.0,
+    )
+    metres = (
+        math.hypot(approach.x - 332000000, (approach.y + 876000000) * math.cos(math.radians(33.2)))
+        * 0.0111195
+    )
+    assert metres == pytest.approx(500.0, rel=0.01)
+    assert math.degrees(math.atan2(approach.z_m, metres)) < 5.0
+    assert last.command == WP
+
+
+def test_what_has_no_meaning_is_nan_for_px4_and_0_for_ardupilot():
+    assert all(math.isnan(item.param4) for item in PX4.items(mission(), HOME))
+    assert all(item.param4 == 0.0 for item in ARDUPLANE.items(mission(), HOME))
+
+
+def over_the_wire(items):
+    encode = Encoder(1, 1)
+    return [item_of(decode(encode(item.message(seq, 255, 190)))[0][0]) for seq, item in enumerate(items)]
+
+
+def test_px4_keeps_radii_that_ardupilot_rounds():
+    for profile, equal in ((ARDUPLANE, True), (PX4, False)):
+        sent = profile.items(mission(), HOME)
+        held = over_the_wire(sent)
+        at = profile.home_items
+        assert profile.difference(sent, held) == ""
+        held[at] = held[at]._replace(param2=10.0)
+        assert (profile.difference(sent, held) == "") is equal
+
+
+def test_item_0_is_compared_where_it_is_flown():
+    for profile, ignored in ((ARDUPLANE, True), (PX4, False)):
+        sent = profile.items(mission(), HOME)
+        held = [sent[0]._replace(x=1), *sent[1:]]
+        assert (profile.difference(sent, held) == "") is ignored
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_every_mode_has_a_name_and_back(profile):
+    for numbers, name in profile.modes.items():
+        custom = numbers[0] if profile is ARDUPLANE else numbers[0] << 16 | numbers[1] << 24
+        assert profile.mode_name(custom) == name
+        assert profile.mode_numbers(name) == numbers
+    assert {AUTO, LOITER, RTL} <= set(profile.modes.values())
+    assert profile.mode_name(99 << 16) == f"MODE({99 << 16})"
+
+
+def test_px4s_sub_modes_of_a_manual_mode_keep_its_name():
+    assert PX4.mode_name(3 << 16 | 2 << 24) == "POSCTL"
+
+
+def test_a_firmware_or_a_copter_that_is_not_known_has_no_profile():
+    assert profile_of(3) is ARDUPLANE
+    assert profile_of(12) is PX4
+    assert profile_of(3, dialect.MAV_TYPE_QUADROTOR) is None
+    assert profile_of(13) is None
+    assert mode_name(dialect.MAVLink_heartbeat_message(2, 3, 0, 10, 4, 3)) == "MODE(10)"
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_wishes_for_parameters_are_ranges_with_a_reason(profile):
+    names = [name for wish in profile.parameters for name in wish.names]
+    assert len(names) == len(set(names))
+    for wish in profile.parameters:
+        assert wish.low <= wish.high
+        assert wish.why
+        assert all(len(name) <= 16 for name in wish.names)
+
+
+def test_on_the_ground_is_disarmed_or_slow_and_low():
+    def state(armed, alt_m, speed):
+        return VehicleState(1, 0, 0.0, 0.0, alt_m, speed, 0.0, "MANUAL", armed, 0)
+
+    assert is_on_ground(state(False, 170.0, 15.0), HOME)
+    assert is_on_ground(state(True, 71.0, 0.5), HOME)
+    assert not is_on_ground(state(True, 170.0, 0.5), HOME)
+    assert not is_on_ground(state(True, 71.0, 15.0), HOME)
+    assert not is_on_ground(state(True, 71.0, 0.5), None)
+    assert not is_on_ground(None, HOME)
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_a_circle_elsewhere_comes_after_the_last_waypoint(profile):
+    *_, last, circle = profile.items(Mission(1, 1, ROUTE, 30.0, wait_deg=(33.225, -87.585)), HOME)
+    assert (last.command, last.x, last.y) == (WP, 332200000, -875900000)
+    assert (circle.command, circle.x, circle.y) == (LOITER_UNLIM, 332250000, -875850000)
+    assert (circle.z_m, circle.param3) == (120.0, 30.0)
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_a_way_home_stands_between_the_route_and_the_landing_and_reads_back_equal(profile):
+    homeward = (Waypoint(33.215, -87.61, 120.0, 58.6), Waypoint(33.2, -87.605, 120.0, 40.0))
+    sent = profile.items(replace(mission("land"), homeward=homeward), HOME)
+    *flown, corner, approach, touch_down = sent
+    assert tuple(flown) == profile.items(mission("land"), HOME)[:-2]
+    assert (corner.command, corner.x, corner.y, corner.z_m) == (WP, 332150000, -876100000, 120.0)
+    assert (approach.command, approach.x, approach.y) == (WP, 332000000, -876050000)
+    assert (approach.z_m, approach.param2) == (30.0, 40.0)
+    assert (touch_down.command, touch_down.x, touch_down.y) == (LAND, 332000000, -876000000)
+    assert profile.difference(sent, over_the_wire(sent)) == ""
