@@ -17,7 +17,7 @@ import numpy as np
 
 from gcs.config.tables import MapTable
 from gcs.model import FloatArray, Polar, Scan, Sensor, TruthObject, read_only
-from gcs.tracking.sensors import covers, expected_clutter, measured, on_map, polar_sensor, sector
+from gcs.tracking.models.sensors import covers, expected_clutter, measured, on_map, polar_sensor, sector
 from sim_vehicles.scenario import Scenario, SensorTable, generator
 
 

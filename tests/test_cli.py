@@ -52,7 +52,7 @@ def test_warm_up_compiles_everything_and_a_flight_only_what_it_needs(monkeypatch
     assert (shown.exit_code, shown.stdout.strip()) == (0, "all kernels are ready")
     kernels.load_kernels(Console(quiet=True))
     everything, flight = map(set, asked)
-    assert everything - flight == {"gcs.tracking.recovery"}, "only gcs track asks for histories"
+    assert everything - flight == {"gcs.tracking.trajectories.recovery"}, "only gcs track asks for histories"
     assert flight < everything
 
 

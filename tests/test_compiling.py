@@ -135,7 +135,7 @@ def test_a_later_start_does_not_wait_for_the_compiler_and_what_is_not_in_the_cac
 
 
 def test_no_kernel_of_the_trackers_has_numba_prepare_to_compile_where_all_are_in_the_cache():
-    code = "import sys; from gcs.tracking.glmb import warm_up; warm_up();"
+    code = "import sys; from gcs.tracking.glmb.filter import warm_up; warm_up();"
     code += "print([name for name in ('numba.np.arraymath', 'scipy.linalg') if name in sys.modules])"
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

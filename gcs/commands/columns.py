@@ -18,7 +18,7 @@ import numpy.typing as npt
 from gcs.commands.tables import FIRST, SENSOR, Numbers
 from gcs.errors import ConfigError
 from gcs.model import FloatArray, Sensor
-from gcs.tracking.sensors import on_map
+from gcs.tracking.models.sensors import on_map
 
 TIMES: Final = {"t_s": 1e9, "t_ns": 1.0}
 """Titles of a first column that is a time, and what makes nanoseconds of it."""

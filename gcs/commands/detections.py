@@ -37,7 +37,7 @@ from gcs.config.tables import AnywhereTable
 from gcs.edge.scans import MAX_DETECTIONS
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import NS_PER_S, FloatArray, Scan, Sensor, Truth, read_only
-from gcs.tracking.glmb import Birth, GlmbParams
+from gcs.tracking.glmb.filter import Birth, GlmbParams
 from gcs.tracking.metrics import Tracks
 
 _ROW = "rows of numbers k,x,y: the scan, counted from 0 or 1, and a detection in metres"

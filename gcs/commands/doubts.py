@@ -12,7 +12,7 @@ import numpy as np
 
 from gcs.commands.models import ModelTable, PositionSensor
 from gcs.model import FloatArray, Sensor
-from gcs.tracking.sensors import covers
+from gcs.tracking.models.sensors import covers
 
 _ENOUGH: Final = 20
 """Detections of a sensor: of fewer nothing is said."""

@@ -21,8 +21,8 @@ from gcs.config.tables import AnywhereTable, Box, InnerProbability, NotNegative,
 from gcs.errors import ConfigError
 from gcs.files import read_text
 from gcs.model import FloatArray, Sensor, read_only
-from gcs.tracking.motion import Acceleration
-from gcs.tracking.sensors import polar_sensor, sector
+from gcs.tracking.models.constant_velocity import Acceleration
+from gcs.tracking.models.sensors import polar_sensor, sector
 
 MOST_SCANS: Final = 1_000_000
 _MAX_BYTES: Final = 4_000_000

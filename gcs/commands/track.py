@@ -2,7 +2,7 @@
 
 Three estimators of the same filter: "filtered" is what one knew at each scan, "recovered" the whole paths
 from their association histories, each state by the detections up to it, and "smoothed" these by all
-detections (see `gcs.tracking.recovery`).
+detections (see `gcs.tracking.trajectories.recovery`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from gcs.edge.kernels import HISTORIES, TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import FloatArray, Label
 from gcs.report.tracking import Drawing, draw_tracking
-from gcs.tracking.births import UnknownBirths
-from gcs.tracking.glmb import Birth, Glmb
+from gcs.tracking.glmb.filter import Birth, Glmb
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
+from gcs.tracking.models.adaptive_birth import UnknownBirths
 
 Estimator: TypeAlias = Literal["filtered", "recovered", "smoothed"]
 States: TypeAlias = dict[Label, FloatArray]

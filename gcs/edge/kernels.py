@@ -9,8 +9,8 @@ from rich.console import Console
 
 from gcs import compiling
 
-TRACKING: Final = "gcs.tracking.glmb"
-HISTORIES: Final = "gcs.tracking.recovery"
+TRACKING: Final = "gcs.tracking.glmb.filter"
+HISTORIES: Final = "gcs.tracking.trajectories.recovery"
 """Recovered and smoothed trajectories: `gcs track` alone asks for them."""
 PLANNING: Final = "gcs.planning.routes"
 LINKS: Final = "gcs.mavlink.fleet.fast_telemetry"

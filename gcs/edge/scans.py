@@ -20,7 +20,7 @@ from gcs.edge.wire import parsed
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.model import Polar, Scan, Sensor, read_only
-from gcs.tracking.sensors import measured, on_map, polar_sensor
+from gcs.tracking.models.sensors import measured, on_map, polar_sensor
 
 MAX_DETECTIONS = 20_000
 MAX_ORIGIN_OFFSET_M = 1.0

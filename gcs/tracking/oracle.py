@@ -21,9 +21,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from gcs.model import NS_PER_S, FloatArray, Label, Sensor
-from gcs.tracking import motion
-from gcs.tracking.gates import LEAST_INSIDE
-from gcs.tracking.glmb import Birth, GlmbParams
+from gcs.tracking.glmb.filter import Birth, GlmbParams
+from gcs.tracking.glmb.gating import LEAST_INSIDE
+from gcs.tracking.models import constant_velocity
 
 Track = tuple[Label, tuple[int, ...]]
 """A label and its detections so far, -1 where it was missed."""
@@ -46,7 +46,10 @@ class Oracle:
         """Take in a scan (see `Glmb.update`)."""
         dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) / NS_PER_S
         self._t_ns = t_ns
-        F, Q = motion.transition(dt_s), motion.process_noise(dt_s, self.params.accel_std_m_s2)
+        F, Q = (
+            constant_velocity.transition(dt_s),
+            constant_velocity.process_noise(dt_s, self.params.accel_std_m_s2),
+        )
         live = self.params.survival_probability_per_s**dt_s
         predicted = {track: (F @ m, F @ P @ F.T + Q, live) for track, (m, P) in self._states.items()}
         self._states = {}

@@ -33,9 +33,9 @@ from draws import sets
 from scipy.optimize import linear_sum_assignment
 
 from gcs.commands.detections import Detections, load
-from gcs.tracking import motion
-from gcs.tracking.glmb import Glmb, warm_up
+from gcs.tracking.glmb.filter import Glmb, warm_up
 from gcs.tracking.metrics import ospa, ospa2
+from gcs.tracking.models import constant_velocity
 
 Shown = dict[object, np.ndarray]
 Peer = Callable[[Detections], Iterator[Shown]]
@@ -82,8 +82,8 @@ def near_birth(of: Detections, z: np.ndarray) -> int | None:
 def plain(of: Detections) -> Iterator[Shown]:
     from filterpy.kalman import KalmanFilter
 
-    F = motion.transition(1.0)
-    Q = motion.process_noise(1.0, of.params.accel_std_m_s2, of.params.acceleration)
+    F = constant_velocity.transition(1.0)
+    Q = constant_velocity.process_noise(1.0, of.params.accel_std_m_s2, of.params.acceleration)
     numbers, tracks = count(), {}
     for look in of.looks:
         free = set(range(len(look.z_m)))
@@ -122,10 +122,10 @@ class Soup:
 
         order = np.ix_([0, 2, 1, 3], [0, 2, 1, 3])
         moves = LinearGaussianTimeInvariantTransitionModel(
-            transition_matrix=motion.transition(1.0)[order],
-            covariance_matrix=motion.process_noise(1.0, of.params.accel_std_m_s2, of.params.acceleration)[
-                order
-            ],
+            transition_matrix=constant_velocity.transition(1.0)[order],
+            covariance_matrix=constant_velocity.process_noise(
+                1.0, of.params.accel_std_m_s2, of.params.acceleration
+            )[order],
         )
         self.sensor = of.looks[0].sensor
         self.sees = LinearGaussian(4, (0, 2), np.array(self.sensor.noise_cov_m2))
@@ -234,10 +234,10 @@ def rust_lmb(program: Path, way: str, of: Detections) -> Iterator[tuple[Shown, f
     sensor, births = of.looks[0].sensor, of.births
     (dt_s,) = {(b.t_ns - a.t_ns) / 1e9 for a, b in zip(of.looks, of.looks[1:], strict=False)}
     survival = of.params.survival_probability_per_s**dt_s
-    Q = motion.process_noise(dt_s, of.params.accel_std_m_s2, of.params.acceleration)
+    Q = constant_velocity.process_noise(dt_s, of.params.accel_std_m_s2, of.params.acceleration)
     # What counts is the clutter's density: a unit of it over the area in which there is one.
     numbers = [
-        [motion.transition(dt_s), Q, sensor.noise_cov_m2],
+        [constant_velocity.transition(dt_s), Q, sensor.noise_cov_m2],
         [survival, sensor.detection_probability, 1.0, 1.0 / sensor.clutter_density_per_m2],
         [len(births), births[0].probability, *chain(*((b.mean, b.cov) for b in births))],
         [len(of.looks), *chain(*((len(look.z_m), look.z_m) for look in of.looks))],

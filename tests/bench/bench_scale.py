@@ -23,7 +23,7 @@ import numpy as np
 from worlds import World
 
 from gcs.model import NS_PER_S
-from gcs.tracking.glmb import Glmb, warm_up
+from gcs.tracking.glmb.filter import Glmb, warm_up
 
 SETTLE = 5
 """Scans left out at the beginning."""

@@ -16,9 +16,10 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from gcs.model import NS_PER_S, Polar, Sensor
-from gcs.tracking import kernels, sensors, views
-from gcs.tracking.births import UnknownBirths
-from gcs.tracking.glmb import Birth, Glmb, GlmbParams, warm_up
+from gcs.tracking.glmb import kalman
+from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams, warm_up
+from gcs.tracking.models import measurement, sensors
+from gcs.tracking.models.adaptive_birth import UnknownBirths
 
 SIDE_M = 2000.0
 FIELD = (0.0, 0.0, SIDE_M, SIDE_M)
@@ -114,8 +115,8 @@ def update_run(prior_std_m: float, bearing_std_rad: float, runs: int) -> list[tu
         mean, cov = np.array([0.0, 1000.0, 0.0, 0.0]), np.diag([prior_std_m**2, prior_std_m**2, 25.0, 25.0])
         x = rng.multivariate_normal(mean, cov)
         z = sensors.measured(radar, x[None, :2]) + rng.normal(0, (5.0, bearing_std_rad))
-        view = views.view(radar, mean[None], cov[None])
-        ours, ours_cov = kernels.update(mean[None], cov[None], first, first, z, view)
+        view = measurement.view(radar, mean[None], cov[None])
+        ours, ours_cov = kalman.update(mean[None], cov[None], first, first, z, view)
         peer = ExtendedKalmanFilter(4, 2)
         peer.x, peer.P, peer.R = mean, cov, np.diag([25.0, bearing_std_rad**2])
         peer.update(z[0], _jacobian, lambda s: sensors.measured(radar, s[None, :2])[0])

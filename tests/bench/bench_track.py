@@ -20,7 +20,7 @@ from draws import sets
 
 from gcs.commands.detections import load
 from gcs.commands.track import Scores, score, track
-from gcs.tracking.glmb import warm_up
+from gcs.tracking.glmb.filter import warm_up
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking.glmb import Birth, Glmb, GlmbParams, warm_up
+from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams, warm_up
 
 
 def scan_times(n_objects: int, n_clutter: int, scans: int = 100, side_m: float = 6000.0) -> np.ndarray:

@@ -30,7 +30,7 @@ from gcs.edge.recorder import Recorder, Room, Run, versions
 from gcs.model import NS_PER_S, Fate, KeepOut, Order, Plan, UploadReport
 from gcs.planning.routes import warm_up as warm_up_planning
 from gcs.settings import with_settings
-from gcs.tracking.glmb import warm_up as warm_up_tracking
+from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.scenario import parse_scenario
 from sim_vehicles.targets import Target
 from sim_vehicles.vehicle import SimVehicle

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking import motion
-from gcs.tracking.glmb import Birth, GlmbParams
+from gcs.tracking.glmb.filter import Birth, GlmbParams
+from gcs.tracking.models import constant_velocity
 
 P_S, P_D, ACCEL_STD, NOISE_VAR = 0.99, 0.98, 1.0, 10.0
 BIRTH_COV = np.diag([100.0, 100.0, 100.0, 100.0])
@@ -59,7 +59,7 @@ class World:
     def scans(self, count: int) -> Iterator[Scan]:
         """Begin with all objects about known, as in flight; places of birth make up for the deaths."""
         rng = np.random.default_rng(self.seed)
-        F, Q = motion.transition(1.0), motion.process_noise(1.0, ACCEL_STD)
+        F, Q = constant_velocity.transition(1.0), constant_velocity.process_noise(1.0, ACCEL_STD)
         n_places = max(1, self.objects // 10)
         places = rng.uniform(0.0, self.side_m, (n_places, 2))
         again = tuple(_birth(p, self.objects * (1.0 - P_S) / n_places) for p in places)

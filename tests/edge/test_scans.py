@@ -14,7 +14,7 @@ from gcs.edge.wire import decode, encode, scan_key
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.model import Polar, Scan, read_only
-from gcs.tracking.sensors import measured, on_map, polar_sensor
+from gcs.tracking.models.sensors import measured, on_map, polar_sensor
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 POLAR = Polar(-300.0, 1000.0, 4.0, 0.005, (50.0, 2600.0), (1.5, 0.8), 1e-3)

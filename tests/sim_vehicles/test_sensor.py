@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, Polar, Sensor, TruthObject, read_only
-from gcs.tracking.sensors import measured, polar_sensor
+from gcs.tracking.models.sensors import measured, polar_sensor
 from sim_vehicles.scenario import load
 from sim_vehicles.sensor import make_sensors, observe
 from sim_vehicles.world import World

@@ -8,10 +8,10 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from gcs.tracking.hypotheses import Groups, Options
-from gcs.tracking.meeting import meet
-from gcs.tracking.params import GlmbParams
-from gcs.tracking.parting import part
+from gcs.tracking.clusters.factorisation import part
+from gcs.tracking.clusters.merging import meet
+from gcs.tracking.glmb.hypotheses import Groups, Options
+from gcs.tracking.glmb.params import GlmbParams
 
 LIMITS = GlmbParams(1.0, max_hypotheses=1000, prune_weight=1e-300, forget_existence=0.01).limits()
 MISSED, DIED = -1, -2

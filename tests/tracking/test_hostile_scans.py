@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking.glmb import Birth, Glmb, GlmbParams
+from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
 
 NUMBERS = st.one_of(
     st.floats(-300, 300),

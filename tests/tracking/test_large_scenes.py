@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking import gates, views
-from gcs.tracking.glmb import Birth, Glmb, GlmbParams
+from gcs.tracking.glmb import gating
+from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
+from gcs.tracking.models import measurement
 
 SIDE_M = 300.0
 SENSOR = Sensor("s", 0.9, 10 / SIDE_M**2, np.diag([10.0, 10.0]), (-1e4, -1e4, 1e4, 1e4))
@@ -66,20 +67,20 @@ def test_a_gate_misses_no_detection_wherever_it_stands_in_the_scan(m):
     rng = np.random.default_rng(m)
     z = rng.uniform(0.0, 200.0, (m, 2)).round(-1)  # many at the same coordinate
     rows = np.arange(m)
-    gates.put_in_strips(z, rows)
+    gating.put_in_strips(z, rows)
     z = z[rows]
     n, gate_chi2 = 30, 9.0
     mean = np.hstack([rng.uniform(-20.0, 220.0, (n, 2)), np.zeros((n, 2))])
     cov = np.array([np.diag([*rng.uniform(1.0, 900.0, 2), 1.0, 1.0]) for _ in range(n)])
-    view = views.view(SENSOR, mean, cov)
+    view = measurement.view(SENSOR, mean, cov)
     flat = np.full(n, -0.1)
-    start, meas, _ = gates.options(cov, flat, flat, z, view, np.full(m, -60.0), gate_chi2)
+    start, meas, _ = gating.options(cov, flat, flat, z, view, np.full(m, -60.0), gate_chi2)
     for t in range(n):
         off = z - mean[t, :2]
         d2 = np.einsum("mi,ij,mj->m", off, np.linalg.inv(cov[t, :2, :2] + SENSOR.noise_cov_m2), off)
         inside = np.flatnonzero(d2 <= gate_chi2)
         found = meas[start[t] : start[t + 1]]
-        if inside.size <= gates.MAX_GATED:
+        if inside.size <= gating.MAX_GATED:
             assert sorted(found[found >= 0]) == inside.tolist()
         else:
             assert set(found[found >= 0]) < set(inside.tolist())

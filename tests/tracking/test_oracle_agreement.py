@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking.glmb import Birth, Glmb, GlmbParams
+from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
 from gcs.tracking.oracle import Oracle
 
 EXACT = {

@@ -16,7 +16,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from gcs.model import Label, Picture, Sensor, Track
-from gcs.tracking.sensors import covers
+from gcs.tracking.models.sensors import covers
 
 SCANS_IN_A_ROW = 3
 

@@ -36,12 +36,12 @@ from gcs.config.tables import KindTracking
 from gcs.core.perception.confirmation import Beliefs
 from gcs.core.perception.untracked_detections import Untracked
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
-from gcs.tracking.births import UnknownBirths
-from gcs.tracking.calibration import Calibration, Finding
-from gcs.tracking.glmb import Account, Birth, Glmb, GlmbParams
-from gcs.tracking.intensity import intensity_per_m2
-from gcs.tracking.motion import process_noise, transition
-from gcs.tracking.sensors import clutter_per_m2, covers, noise_m2
+from gcs.tracking.glmb.filter import Account, Birth, Glmb, GlmbParams
+from gcs.tracking.models.adaptive_birth import UnknownBirths
+from gcs.tracking.models.clutter import intensity_per_m2
+from gcs.tracking.models.constant_velocity import process_noise, transition
+from gcs.tracking.models.sensor_estimation import Calibration, Finding
+from gcs.tracking.models.sensors import clutter_per_m2, covers, noise_m2
 
 _NEAR_STD = 5.0
 """A report within this many standard deviations of a track or a place of birth is taken for that object."""

@@ -31,7 +31,7 @@ from scipy.spatial import cKDTree
 from gcs.config.tables import TelemetryTable
 from gcs.core.perception.fusion import at_time
 from gcs.model import NS_PER_S, Effect, FloatArray, Label, Notice, Scan, Sensor, Track, VehicleState
-from gcs.tracking.sensors import MOST_DETECTION, clutter_per_m2, covers, noise_m2
+from gcs.tracking.models.sensors import MOST_DETECTION, clutter_per_m2, covers, noise_m2
 
 Indices: TypeAlias = npt.NDArray[np.int64]
 

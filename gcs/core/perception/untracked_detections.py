@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Notice, Sensor
-from gcs.tracking.persistence import PersistentDetections
+from gcs.tracking.models.persistent_detections import PersistentDetections
 
 _AGAIN_AFTER_NS = 10 * NS_PER_S
 _MAX_NAMED = 3

@@ -1,0 +1,1 @@
+"""The GLMB filter: prediction, gating, association, update, and extraction of estimates."""

@@ -1,0 +1,312 @@
+"""Compiled gates: what each predicted track may do at a scan, and how its detections are found quickly.
+
+What a track may do is its list of *options*: to have died, to live undetected, or to live and have made one
+of the detections in its gate. An option's log-weight is that of eq. (20) of Vo, Vo & Hoang 2017, relative to
+clutter:
+
+    died       log(1 - p_S)
+    missed     log p_S + log(1 - p_D P(in the field of view))
+    made z     log p_S + log p_D + log N(z; z_hat, A P A' + noise) - log kappa
+
+with p_S replaced by the birth probability for a track that is being born. Options lie track after track in
+flat arrays, the best one first.
+
+Detections lie in strips (`put_in_strips`), so that those in a gate are a few runs. Where a run begins is
+looked up in a guide, a table of evenly spaced values, and found among the few that share an entry by
+bisection: as fast as a grid where detections are spread evenly, and never slow, however they lie.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from gcs.compiling import ZERO, inlined, leaf
+from gcs.tracking.models.measurement import View, wrapped
+from gcs.tracking.numerics.sorting import Order, greatest_first, room_to_order
+
+if TYPE_CHECKING:
+    from gcs.model import FloatArray
+
+DIED = -2
+MISSED = -1
+LEAST_INSIDE = 1e-6
+"""A track that is in the field of view with less than this probability is outside."""
+MAX_GATED = 32
+"""Detections kept per gate, the likeliest ones: bounds the work that a hostile scan can cause."""
+_FEW = 8
+"""So many are looked at one by one."""
+_FINE = 8
+"""Entries of the guide to the strips, for each of them: most hold no more than one."""
+
+
+@inlined
+def _entry(value: float, least: float, per_unit: float, n: int) -> int:
+    """Which of the n entries of a guide a value belongs to; rises with the value."""
+    at = (value - least) * per_unit
+    return 0 if not at > 0.0 else (n - 1 if at >= n else int(at))
+
+
+class _Sorting(NamedTuple):
+    """Room to sort detections."""
+
+    row: Any
+    """(m,)."""
+    value: Any
+    """(m,)."""
+    order: Order
+
+
+@leaf
+def _least_first(z: FloatArray, axis: int, rows: Any, first: int, end: int, work: _Sorting) -> None:
+    """Put `rows[first]` to `rows[end - 1]` in the order of a coordinate, the least first."""
+    for i in range(first, end):
+        work.row[i - first], work.value[i - first] = rows[i], -z[rows[i], axis]
+    greatest_first(work.value, ZERO, end - first, work.order)
+    for i in range(first, end):
+        rows[i] = work.row[work.order.index[i - first]]
+
+
+@leaf
+def _in_strips(z: FloatArray, rows: Any, work: _Sorting) -> None:
+    _least_first(z, ZERO, rows, ZERO, rows.size, work)
+    width = max(1, int(math.sqrt(rows.size)))
+    for low in range(0, rows.size, width):
+        _least_first(z, ZERO + 1, rows, low, min(low + width, rows.size), work)
+
+
+@inlined
+def put_in_strips(z: FloatArray, rows: Any) -> None:
+    """Put detections, some `rows` of `z` (m, 2), in the order in which `options` finds those in a gate.
+
+    They are cut into strips of isqrt(m) by the first coordinate; each is in the order of the second.
+    """
+    m = rows.size
+    if m > 1:
+        _in_strips(z, rows, _Sorting(np.empty(m, np.int64), np.empty(m), room_to_order(m)))
+
+
+@inlined
+def _guide(value: Any, low: int, high: int, guide: Any, at: int, n: int) -> float:
+    """Fill `guide[at]` to `guide[at + n]`: where each entry of the ascending values `low` ... begins.
+
+    Returns how many entries there are per unit of value.
+    """
+    spread = value[high - 1] - value[low]
+    per_unit = n / spread if spread > 0.0 else 0.0
+    entry = 0
+    for j in range(low, high):
+        here = _entry(value[j], value[low], per_unit, n)
+        while entry <= here:
+            guide[at + entry] = j
+            entry += 1
+    while entry <= n:
+        guide[at + entry] = high
+        entry += 1
+    return per_unit
+
+
+@inlined
+def _first_beyond(value: Any, low: int, high: int, least: float) -> int:
+    """Index of the first of the ascending values `low` to `high` - 1 that is not below `least`: bisection."""
+    while low < high:
+        mid = (low + high) // 2
+        if value[mid] < least:
+            low = mid + 1
+        else:
+            high = mid
+    return low
+
+
+@inlined
+def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
+    """Best option first, stable: insertion, as the lists are short."""
+    for i in range(start + 1, end):
+        m, w, j = meas[i], logw[i], i
+        while j > start and logw[j - 1] < w:
+            meas[j], logw[j] = meas[j - 1], logw[j - 1]
+            j -= 1
+        meas[j], logw[j] = m, w
+
+
+@inlined
+def _nth_best(logw: Any, start: int, end: int, best: Any) -> Any:
+    """The n-th greatest of more than n weights; `best` (n,) is scratch."""
+    n = best.size
+    for i in range(start, end):
+        j = min(i - start, n - 1)
+        if i - start >= n and logw[i] <= best[j]:
+            continue
+        while j > 0 and best[j - 1] < logw[i]:
+            best[j] = best[j - 1]
+            j -= 1
+        best[j] = logw[i]
+    return best[n - 1]
+
+
+@inlined
+def innovation(cov: FloatArray, t: int, view: View, u: int) -> Any:
+    """A P A' + noise of track t, seen by `view` at u: its three different elements."""
+    p, q, r, s = view.A[u, 0, 0], view.A[u, 0, 1], view.A[u, 1, 0], view.A[u, 1, 1]
+    x, xy, y = cov[t, 0, 0], cov[t, 0, 1], cov[t, 1, 1]
+    return (
+        p * p * x + 2.0 * p * q * xy + q * q * y + view.noise[u, 0, 0],
+        p * r * x + (p * s + q * r) * xy + q * s * y + view.noise[u, 0, 1],
+        r * r * x + 2.0 * r * s * xy + s * s * y + view.noise[u, 1, 1],
+    )
+
+
+class _Strips(NamedTuple):
+    """Where detections lie: strips of `width`, and guides to them."""
+
+    width: int
+    edge: Any
+    """(strips,) the least first coordinate of each."""
+    second: Any
+    """(m,) the second coordinate of each detection."""
+    entry: Any
+    """(_FINE * strips + 1,) guide to `edge`."""
+    inner: Any
+    """(strips * (width + 1),) guides to `second` within each strip."""
+    per_unit: Any
+    """(strips,) their entries per unit of the second coordinate."""
+
+
+@leaf
+def _lay_out(z: FloatArray, to: _Strips) -> float:
+    """Fill the strips; return the entries of `entry` per unit of the first coordinate."""
+    m, width, count = z.shape[0], to.width, to.edge.size
+    for s in range(count):
+        low, high = s * width, min((s + 1) * width, m)
+        to.edge[s] = np.inf
+        for j in range(low, high):
+            to.edge[s], to.second[j] = min(to.edge[s], z[j, 0]), z[j, 1]
+        to.per_unit[s] = _guide(to.second, low, high, to.inner, s * (width + 1), width)
+    return _guide(to.edge, 0, count, to.entry, 0, _FINE * count) if count > 0 else 0.0
+
+
+@leaf
+def _options(
+    cov: FloatArray,
+    log_live: FloatArray,
+    log_die: FloatArray,
+    z: FloatArray,
+    view: View,
+    log_clutter: FloatArray,
+    gate_chi2: float,
+    strip: _Strips,
+    strips_per_unit: float,
+    best: FloatArray,
+    start: Any,
+    meas: Any,
+    logw: FloatArray,
+    t: int,
+) -> int:
+    """List the options of tracks from t on; return the first one for which there may be no room, or n."""
+    n, m, width, n_strips = cov.shape[0], z.shape[0], strip.width, strip.edge.size
+    step = 0 if view.A.shape[0] == 1 else 1
+    p_d = view.p_d
+    log_made, log_missed = math.log(p_d) - math.log(2.0 * math.pi), math.log1p(-p_d)
+    while t < n and logw.size - start[t] >= m + 2:
+        first = count = start[t]
+        seen = p_d > 0.0 and view.inside[t] > LEAST_INSIDE
+        if seen and m > 0:
+            x, y = view.z_hat[t, 0], view.z_hat[t, 1]
+            a, b, c = innovation(cov, t, view, t * step)
+            det = a * c - b * b
+            scale = log_made - 0.5 * math.log(det) + log_live[t]
+            reach, reach_1 = math.sqrt(gate_chi2 * a), math.sqrt(gate_chi2 * c)
+            e = _entry(x - reach, strip.edge[0], strips_per_unit, _FINE * n_strips)
+            s = max(0, _first_beyond(strip.edge, strip.entry[e], strip.entry[e + 1], x - reach) - 1)
+            while s < n_strips and strip.edge[s] <= x + reach:
+                j, high = s * width, min((s + 1) * width, m)
+                if not view.wraps:
+                    e = s * (width + 1) + _entry(y - reach_1, strip.second[j], strip.per_unit[s], width)
+                    j = strip.inner[e]
+                    if strip.inner[e + 1] - j > _FEW:
+                        j = _first_beyond(strip.second, j, strip.inner[e + 1], y - reach_1)
+                while j < high:
+                    dx, dy = z[j, 0] - x, z[j, 1] - y
+                    if view.wraps:
+                        dy = wrapped(dy)
+                    elif dy > reach_1:
+                        break
+                    d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
+                    if d2 <= gate_chi2:
+                        meas[count], logw[count] = j, scale - 0.5 * d2 - log_clutter[j]
+                        count += 1
+                    j += 1
+                s += 1
+            if count - first > MAX_GATED:
+                least = _nth_best(logw, first, count, best)
+                end, count = count, first
+                for i in range(first, end):
+                    if logw[i] >= least and count < first + MAX_GATED:
+                        meas[count], logw[count] = meas[i], logw[i]
+                        count += 1
+        meas[count], logw[count] = MISSED, log_live[t]
+        if seen:
+            logw[count] += log_missed if view.inside[t] == 1.0 else math.log1p(-p_d * view.inside[t])
+        count += 1
+        if log_die[t] > -np.inf:
+            meas[count], logw[count] = DIED, log_die[t]
+            count += 1
+        _sort_options(meas, logw, first, count)
+        start[t + 1] = count
+        t += 1
+    return t
+
+
+@leaf
+def _copy(old: Any, n: int, to: Any) -> None:
+    """Copy the first n elements."""
+    for i in range(n):
+        to[i] = old[i]
+
+
+@inlined
+def options(
+    cov: FloatArray,
+    log_live: FloatArray,
+    log_die: FloatArray,
+    z: FloatArray,
+    view: View,
+    log_clutter: FloatArray,
+    gate_chi2: float,
+) -> Any:
+    """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
+
+    `z` (m, 2) is what the sensor measured, in the order of `put_in_strips`; `log_clutter` (m,) is the log of
+    the clutter intensity at each, in the same units. A track that is surely outside the field of view cannot
+    be detected; one that may be outside is the less missed.
+    """
+    n, m = cov.shape[0], z.shape[0]
+    width = max(1, int(math.sqrt(m)))
+    count = (m + width - 1) // width
+    strip = _Strips(
+        width,
+        np.empty(count),
+        np.empty(m),
+        np.empty(_FINE * count + 1, np.int32),
+        np.empty(count * (width + 1), np.int32),
+        np.empty(count),
+    )
+    per_unit = _lay_out(z, strip)
+    # Room for what most scenes need, and for the next track all detections; as much again where it runs out.
+    room, t = 5 * n + m + 2, ZERO
+    start, meas, logw = np.zeros(n + 1, np.int64), np.empty(room, np.int64), np.empty(room)
+    best = np.empty(MAX_GATED)
+    while t < n:
+        t = _options(
+            cov, log_live, log_die, z, view, log_clutter, gate_chi2,
+            strip, per_unit, best, start, meas, logw, t,
+        )  # fmt: skip
+        if t < n:
+            room *= 2
+            more_meas, more_logw = np.empty(room, np.int64), np.empty(room)
+            _copy(meas, start[t], more_meas)
+            _copy(logw, start[t], more_logw)
+            meas, logw = more_meas, more_logw
+    return start, meas[: start[n]], logw[: start[n]]

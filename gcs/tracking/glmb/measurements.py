@@ -1,0 +1,86 @@
+"""What a tracker takes of a scan: the detections that are usable, in the order in which gates find them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from gcs.compiling import ZERO, inlined
+from gcs.tracking.glmb.gating import put_in_strips
+from gcs.tracking.models import sensors
+from gcs.tracking.numerics.sorting import head
+
+if TYPE_CHECKING:
+    from gcs.model import FloatArray, Sensor
+
+_LEAST_CLUTTER_PER_M2 = 1e-15
+
+
+class Seen(NamedTuple):
+    """The detections of a scan."""
+
+    z: FloatArray
+    """(m, 2) as the sensor measured them."""
+    place_m: FloatArray
+    """(m, 2) east/north."""
+    log_clutter: FloatArray
+    """Of the clutter intensity per unit of `z`: (m,) at each, or (1,) at all of them."""
+
+
+class Look(NamedTuple):
+    """The usable detections of a scan, in the order of `gates.put_in_strips`."""
+
+    z: Any
+    """(m, 2) as the sensor measured them."""
+    place_m: Any
+    """(m, 2) east/north."""
+    log_clutter: Any
+    """(m,)."""
+    rows: Any
+    """(m,) which detection of the scan each is."""
+
+
+def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Seen:
+    """Take detections (m, 2) among clutter of such an intensity (m,), or of the sensor's.
+
+    Raises
+    ------
+    ValueError
+        When they have another shape, such as (2, m).
+    """
+    place_m = np.array(z_m, dtype=np.float64, order="C")
+    if place_m.size and (place_m.ndim != 2 or place_m.shape[1] != 2):
+        raise ValueError(f"expected detections (m, 2), east and north; got the shape {place_m.shape}")
+    place_m = place_m.reshape(-1, 2)
+    z = sensors.measured(sensor, place_m)
+    if clutter_per_m2 is None and sensor.polar is None:
+        clutter = np.array([sensor.clutter_density_per_m2], dtype=np.float64)
+    elif clutter_per_m2 is None:
+        clutter = sensors.clutter_per_m2(sensor, place_m)
+    else:
+        clutter = np.array(clutter_per_m2, dtype=np.float64)
+    clutter = np.maximum(clutter, _LEAST_CLUTTER_PER_M2)
+    if sensor.polar is not None:
+        clutter = clutter * sensors.cell_m2(sensor, place_m)
+    return Seen(z, place_m, np.log(clutter))
+
+
+@inlined
+def look_at(seen: Seen) -> Look:
+    """Put the detections that are finite, as are their intensities, in order."""
+    step, rows, n = 0 if seen.log_clutter.size == 1 else 1, np.empty(seen.z.shape[0], np.int64), ZERO
+    for j in range(seen.z.shape[0]):
+        x, y, clutter = seen.z[j, 0], seen.z[j, 1], seen.log_clutter[j * step]
+        if np.isfinite(x) and np.isfinite(y) and np.isfinite(clutter):
+            rows[n] = j
+            n += 1
+    rows = head(rows, n)
+    put_in_strips(seen.z, rows)
+    z, place_m, log_clutter = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
+    for i in range(n):
+        j = rows[i]
+        log_clutter[i] = seen.log_clutter[j * step]
+        for axis in range(2):
+            z[i, axis], place_m[i, axis] = seen.z[j, axis], seen.place_m[j, axis]
+    return Look(z, place_m, log_clutter, rows)

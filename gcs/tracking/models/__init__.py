@@ -1,0 +1,1 @@
+"""Motion, sensors, clutter and births: the models that the filter is given."""

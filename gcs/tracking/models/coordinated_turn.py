@@ -1,0 +1,213 @@
+"""How an aircraft moves: nearly constant turns, with the turn rate as a fifth state beside the other four.
+
+Coordinated turn with an unknown rate w (Bar-Shalom, Li & Kirubarajan 2001, section 11.7), counter-clockwise:
+
+    p' = p + (sin(w dt) v + (1 - cos(w dt)) J v) / w
+    v' = cos(w dt) v + sin(w dt) J v,    J v = (-v_n, v_e)
+
+disturbed by white acceleration as in `motion`. The rate itself comes and goes, as aircraft roll into turns
+and out of them: a stationary Ornstein-Uhlenbeck process with standard deviation sigma and time constant tau,
+so that w' = exp(-dt/tau) w and nobody is expected to circle for ever.
+
+This is an extended Kalman filter on [p, v, w], kept in blocks: mean (4,) and covariance (4, 4) of position
+and velocity as everywhere else, and for each track a row ``turn`` (6,) of w, its variance, and its covariance
+with the four. So association, gates and update need not know of it: what an update makes of w follows from
+the covariance with what was measured. The joint covariance stays positive definite; where tracks are merged,
+the covariance with w is held within what the four allow.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gcs.compiling import inlined, kernel, leaf
+from gcs.model import FloatArray
+from gcs.tracking.models.measurement import View, wrapped
+
+_SMALL_ANGLE = 1e-4
+_MOST_CORRELATION = 0.98
+"""Squared, between the turn rate and the other four states."""
+
+
+class Turns(NamedTuple):
+    """How objects turn."""
+
+    rate_std_rad_s: float
+    """Standard deviation of the turn rate."""
+    time_s: float
+    """How long a turn lasts."""
+
+
+@inlined
+def _arc(w: float, dt: float) -> Any:
+    """sin(w dt)/w, (1 - cos(w dt))/w, and their derivatives by w."""
+    a = w * dt
+    if abs(a) < _SMALL_ANGLE:
+        return dt, 0.5 * a * dt, -a * dt * dt / 3.0, 0.5 * dt * dt
+    s, c = math.sin(a), math.cos(a)
+    return s / w, (1.0 - c) / w, (dt * c * w - s) / (w * w), (dt * s * w - (1.0 - c)) / (w * w)
+
+
+@inlined
+def _linearise(w: float, vx: float, vy: float, dt: float, F: FloatArray, g: FloatArray) -> None:
+    """Write how the four states at the end change with those at the beginning (F), and with w (g)."""
+    along, aside, d_along, d_aside = _arc(w, dt)
+    s, c = math.sin(w * dt), math.cos(w * dt)
+    F[0, 2] = F[1, 3] = along
+    F[0, 3], F[1, 2] = -aside, aside
+    F[2, 2] = F[3, 3] = c
+    F[2, 3], F[3, 2] = -s, s
+    g[0], g[1] = d_along * vx - d_aside * vy, d_aside * vx + d_along * vy
+    g[2], g[3] = -dt * (s * vx + c * vy), dt * (c * vx - s * vy)
+
+
+@inlined
+def _hold(cov: FloatArray, turn: FloatArray, t: int) -> None:
+    """Shrink the covariance with w, where it says more than positive definiteness allows."""
+    lower, whitened, total = np.empty((4, 4)), np.empty(4), 0.0
+    for i in range(4):
+        value = turn[t, 2 + i]
+        for j in range(i + 1):
+            part = cov[t, i, j]
+            for k in range(j):
+                part -= lower[i, k] * lower[j, k]
+            lower[i, j] = math.sqrt(max(part, 1e-12)) if i == j else part / lower[j, j]
+        for k in range(i):
+            value -= lower[i, k] * whitened[k]
+        whitened[i] = value / lower[i, i]
+        total += whitened[i] ** 2
+    most = _MOST_CORRELATION * turn[t, 1]
+    if total > most:
+        shrink = math.sqrt(most / total)
+        for i in range(4):
+            turn[t, 2 + i] *= shrink
+
+
+@kernel
+def predict(
+    mean: FloatArray,
+    cov: FloatArray,
+    turn: FloatArray,
+    Q: FloatArray,
+    dt: float,
+    rate_std_rad_s: float,
+    rate_time_s: float,
+) -> Any:
+    """Predict every track: means (n, 4), covariances (n, 4, 4), turns (n, 6). `Q` is that of `motion`."""
+    n = mean.shape[0]
+    mean_out, cov_out, turn_out = np.empty((n, 4)), np.empty((n, 4, 4)), np.empty((n, 6))
+    F, FP, Fc, g = np.eye(4), np.empty((4, 4)), np.empty(4), np.empty(4)
+    lateral, cross = np.zeros((4, 4)), np.zeros(4)
+    keep = math.exp(-dt / rate_time_s)
+    stationary = rate_std_rad_s * rate_std_rad_s
+    # What the rate gains on the way turns the velocity, too: a triple integral of white noise.
+    short = min(dt, rate_time_s)
+    q = 2.0 * stationary / rate_time_s
+    for t in range(n):
+        _hold(cov, turn, t)
+        w, variance = turn[t, 0], turn[t, 1]
+        _linearise(w, mean[t, 2], mean[t, 3], dt, F, g)
+        for i in range(4):
+            moved, coupled = 0.0, 0.0
+            for j in range(4):
+                moved += F[i, j] * mean[t, j]
+                coupled += F[i, j] * turn[t, 2 + j]
+                total = 0.0
+                for k in range(4):
+                    total += F[i, k] * cov[t, k, j]
+                FP[i, j] = total
+            mean_out[t, i], Fc[i] = moved, coupled
+        for i in range(2):  # lateral: J v at the end
+            side_i = -mean_out[t, 3] if i == 0 else mean_out[t, 2]
+            cross[i], cross[2 + i] = q * short**3 / 6.0 * side_i, q * short**2 / 2.0 * side_i
+            for j in range(2):
+                side = side_i * (-mean_out[t, 3] if j == 0 else mean_out[t, 2])
+                lateral[i, j] = q * short**5 / 20.0 * side
+                lateral[i, 2 + j] = lateral[2 + i, j] = q * short**4 / 8.0 * side
+                lateral[2 + i, 2 + j] = q * short**3 / 3.0 * side
+        for i in range(4):
+            for j in range(i + 1):
+                total = Q[i, j] + lateral[i, j] + Fc[i] * g[j] + g[i] * Fc[j] + variance * g[i] * g[j]
+                for k in range(4):
+                    total += FP[i, k] * F[j, k]
+                cov_out[t, i, j] = cov_out[t, j, i] = total
+            turn_out[t, 2 + i] = keep * (Fc[i] + variance * g[i]) + cross[i]
+        turn_out[t, 0] = keep * w
+        turn_out[t, 1] = keep * keep * variance + stationary * (1.0 - keep * keep)
+        _hold(cov_out, turn_out, t)
+    return mean_out, cov_out, turn_out
+
+
+@kernel
+def update(cov: FloatArray, turn: FloatArray, parent: Any, meas: Any, z: FloatArray, view: View) -> Any:
+    """Turns (n, 6) of the tracks that `kernels.update` makes; `cov` and `turn` are those predicted."""
+    n = parent.size
+    out = np.empty((n, 6))
+    step = 0 if view.A.shape[0] == 1 else 1
+    PH = np.empty((4, 2))
+    for i in range(n):
+        p, j = parent[i], meas[i]
+        for r in range(6):
+            out[i, r] = turn[p, r]
+        if j < 0:
+            continue
+        u = p * step
+        H, R = view.A[u], view.noise[u]
+        for r in range(4):
+            for k in range(2):
+                PH[r, k] = cov[p, r, 0] * H[k, 0] + cov[p, r, 1] * H[k, 1]
+        a = H[0, 0] * PH[0, 0] + H[0, 1] * PH[1, 0] + R[0, 0]
+        b = H[0, 0] * PH[0, 1] + H[0, 1] * PH[1, 1] + R[0, 1]
+        c = H[1, 0] * PH[0, 1] + H[1, 1] * PH[1, 1] + R[1, 1]
+        det = a * c - b * b
+        h0 = H[0, 0] * turn[p, 2] + H[0, 1] * turn[p, 3]
+        h1 = H[1, 0] * turn[p, 2] + H[1, 1] * turn[p, 3]
+        g0, g1 = (h0 * c - h1 * b) / det, (h1 * a - h0 * b) / det
+        dx, dy = z[j, 0] - view.z_hat[p, 0], z[j, 1] - view.z_hat[p, 1]
+        if view.wraps:
+            dy = wrapped(dy)
+        out[i, 0] += g0 * dx + g1 * dy
+        out[i, 1] = max(out[i, 1] - g0 * h0 - g1 * h1, 1e-3 * turn[p, 1])
+        for r in range(4):
+            out[i, 2 + r] -= PH[r, 0] * g0 + PH[r, 1] * g1
+    return out
+
+
+@kernel
+def jacobians(mean: FloatArray, dt: FloatArray, rate_time_s: float) -> Any:
+    """Return how [p, v, w] (5, 5) changes over each `dt` (n,) with what it was, `mean` (n, 5)."""
+    out = np.zeros((mean.shape[0], 5, 5))
+    F, g = np.eye(4), np.empty(4)
+    for k in range(mean.shape[0]):
+        _linearise(mean[k, 4], mean[k, 2], mean[k, 3], dt[k], F, g)
+        for i in range(4):
+            out[k, i, 4] = g[i]
+            for j in range(4):
+                out[k, i, j] = F[i, j]
+        out[k, 4, 4] = math.exp(-dt[k] / rate_time_s)
+    return out
+
+
+@leaf
+def _add_newborn(turn: FloatArray, stationary: float, out: FloatArray) -> None:
+    for t in range(out.shape[0]):
+        for i in range(6):
+            out[t, i] = turn[t, i] if t < turn.shape[0] else 0.0
+        if t >= turn.shape[0]:
+            out[t, 1] = stationary
+
+
+@inlined
+def with_newborn(turn: FloatArray, n: int, rate_std_rad_s: float) -> FloatArray:
+    """Add turns of n objects that are as likely to turn as any."""
+    out = np.empty((turn.shape[0] + n, 6))
+    _add_newborn(turn, rate_std_rad_s * rate_std_rad_s, out)
+    return out
+
+
+def warm_up_calls() -> list[tuple[Any, ...]]:
+    """One call of every kernel that is called from Python, types as in a tracker."""
+    return [(jacobians, np.zeros((1, 5)), np.ones(1), 5.0)]

@@ -1,0 +1,149 @@
+"""Whether a sensor is what it says: its clutter and its detection probability, estimated from its own scans.
+
+The tracker weighs every detection by what its sensor announces. A clutter rate announced too low makes ghosts
+believable; a detection probability announced too high makes it give up objects that were only missed. Both
+can be seen in the stream:
+
+- clutter is what no track explains: the sum of 1 - P(explained) over a scan's detections is Poisson with the
+  announced mean;
+- objects that were there beyond doubt before the scan, and surely in view, are detected with p_D; one that
+  was just missed is in doubt and does not count until it is seen again, so that a death counts once.
+
+Means fade with a memory of some sixty scans. A contradiction is reported when it is both certain (five
+standard deviations of what is announced) and large enough to matter; it is taken back when the difference has
+become small, which is nearer than where it began, so that it does not flap.
+
+On request (`corrected`) the tracker goes by the estimates, in which the announced values count as much as the
+first scans do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from gcs.model import Sensor
+from gcs.tracking.models.sensors import expected_clutter
+
+_MEMORY_SCANS = 60.0
+_SURE_STD = 5.0
+_LEAST_SCANS, _LEAST_OBJECTS = 10.0, 30.0
+_CLUTTER_FACTOR, _CLUTTER_AGREES = 2.0, 1.5
+_DETECTION_OFF, _DETECTION_AGREES = 0.1, 0.05
+_ANNOUNCED_SCANS, _ANNOUNCED_OBJECTS = 10.0, 20.0
+"""How many scans and detected objects an announced value stands for, when it is corrected."""
+_CLUTTER_BOUND = 50.0
+"""No clutter rate is corrected by more than this factor."""
+_LEAST_DETECTION, _MOST_DETECTION = 0.05, 0.999
+
+
+class Finding(NamedTuple):
+    """News about a sensor."""
+
+    is_contradiction: bool
+    """False: a contradiction that was reported is over."""
+    text: str
+
+
+@dataclass(slots=True)
+class _Mean:
+    """A fading mean; `n` is how many samples it is worth."""
+
+    total: float = 0.0
+    weight: float = 0.0
+    squares: float = 0.0
+
+    def add(self, total: float, samples: float = 1.0) -> None:
+        if samples <= 0.0:
+            return
+        fade = 1.0 - 1.0 / _MEMORY_SCANS
+        self.total = fade * self.total + total
+        self.weight = fade * self.weight + samples
+        self.squares = fade * fade * self.squares + samples
+
+    @property
+    def value(self) -> float:
+        return self.total / self.weight if self.weight else 0.0
+
+    @property
+    def n(self) -> float:
+        return self.weight**2 / self.squares if self.squares else 0.0
+
+
+class Calibration:
+    """One sensor, as its stream shows it."""
+
+    def __init__(self) -> None:
+        self._clutter, self._detected = _Mean(), _Mean()
+        self._contradicts = {"clutter": False, "detection": False}
+
+    def take(self, unexplained: float, detected: float, in_view: float) -> None:
+        """Take a scan: detections unexplained, and of how many objects in view how many were detected."""
+        self._clutter.add(unexplained)
+        self._detected.add(detected, in_view)
+
+    def findings(self, sensor: Sensor) -> list[Finding]:
+        """Return what has changed about whether the stream is as the sensor announces."""
+        found = []
+        clutter, detection = self._clutter.value, self._detected.value
+        announced = expected_clutter(sensor)
+        if math.isfinite(announced) and self._clutter.n >= _LEAST_SCANS:
+            off = abs(clutter - announced) > _SURE_STD * math.sqrt(max(announced, 1e-3) / self._clutter.n)
+            ratio = max(clutter, 1e-3) / max(announced, 1e-3)
+            finding = f"{clutter:.3g} false detections a scan seen, {announced:.3g} announced"
+            consequence = "clutter may pass for objects" if ratio > 1.0 else "objects are believed late"
+            found += self._switch(
+                "clutter",
+                off and abs(math.log(ratio)) > math.log(_CLUTTER_FACTOR),
+                not off or abs(math.log(ratio)) < math.log(_CLUTTER_AGREES),
+                f"{sensor.name}: {finding}",
+                consequence,
+            )
+        announced = min(sensor.detection_probability, _MOST_DETECTION)
+        if self._detected.n >= _LEAST_OBJECTS:
+            off_by = abs(detection - announced)
+            std = math.sqrt(max(announced * (1.0 - announced), 1e-3) / self._detected.n)
+            finding = f"{detection:.2f} of the objects in view are detected, {announced:.2f} announced"
+            consequence = "objects may be given up" if detection < announced else "deaths are seen late"
+            found += self._switch(
+                "detection",
+                off_by > max(_DETECTION_OFF, _SURE_STD * std),
+                off_by < _DETECTION_AGREES,
+                f"{sensor.name}: {finding}",
+                consequence,
+            )
+        return found
+
+    def corrected(self, sensor: Sensor) -> Sensor:
+        """Return the sensor with the clutter rate and detection probability that the stream shows."""
+        announced = expected_clutter(sensor)
+        factor = 1.0
+        if math.isfinite(announced) and announced > 0.0:
+            n = self._clutter.n
+            seen = (_ANNOUNCED_SCANS * announced + n * self._clutter.value) / (_ANNOUNCED_SCANS + n)
+            factor = float(np.clip(seen / announced, 1.0 / _CLUTTER_BOUND, _CLUTTER_BOUND))
+        n = self._detected.n
+        p_d = (_ANNOUNCED_OBJECTS * sensor.detection_probability + n * self._detected.value) / (
+            _ANNOUNCED_OBJECTS + n
+        )
+        polar = sensor.polar
+        if polar is not None:
+            polar = replace(polar, clutter_per_m_rad=polar.clutter_per_m_rad * factor)
+        return replace(
+            sensor,
+            detection_probability=float(np.clip(p_d, _LEAST_DETECTION, _MOST_DETECTION)),
+            clutter_density_per_m2=sensor.clutter_density_per_m2 * factor,
+            polar=polar,
+        )
+
+    def _switch(self, what: str, begins: bool, ends: bool, finding: str, consequence: str) -> list[Finding]:
+        if not self._contradicts[what] and begins:
+            self._contradicts[what] = True
+            return [Finding(True, f"{finding}: {consequence}; check the sensor's configuration")]
+        if self._contradicts[what] and ends:
+            self._contradicts[what] = False
+            return [Finding(False, f"{finding}: in agreement again")]
+        return []

@@ -1,0 +1,1 @@
+"""Compiled helpers: sorting, exponentials and logarithms of many numbers."""

@@ -1,0 +1,1 @@
+"""Whole trajectories from association histories: recovery and smoothing."""

@@ -1,0 +1,170 @@
+"""One object's Kalman filter over a known association history, and smoothers over its result.
+
+Filter: x_k|k-1 = F x, P_k|k-1 = F P F' + Q, then for a detection the gain K = P H' (H P H' + R)^-1 and the
+Joseph form. Smoother (Rauch, Tung & Striebel 1965), with the gain G_k = P_k|k F' P_k+1|k^-1:
+
+    x_k|n = x_k|k + G_k (x_k+1|n - x_k+1|k),    P_k|n = P_k|k + G_k (P_k+1|n - P_k+1|k) G_k'
+
+With a fixed lag L the state k is that of n = min(k + L, last): what one knows L scans later.
+State order [east, north, v_east, v_north], and the turn rate as a fifth where objects turn: then the filter
+is that of `turning`, and the smoother takes the turn to be linear around the filtered states (an extended
+one). How a sensor sees a state is its `view` of it, which is linear around each (see `views`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gcs.compiling import ZERO, Call, kernel, leaf
+from gcs.model import FloatArray, Sensor
+from gcs.tracking.glmb.kalman import moved, updated
+from gcs.tracking.models import coordinated_turn, measurement
+from gcs.tracking.models.coordinated_turn import Turns
+from gcs.tracking.models.measurement import Optics, seen
+from gcs.tracking.models.sensors import measured
+
+
+class Step(NamedTuple):
+    """One scan of an object's history."""
+
+    dt_s: float
+    """Time since the scan before."""
+    F: FloatArray
+    """(4, 4) transition from the scan before, straight ahead."""
+    Q: FloatArray
+    """(4, 4) process noise since the scan before."""
+    sensor: Sensor
+    """What made the detection."""
+    z_m: FloatArray | None
+    """(2,) the detection, east/north; None for a miss."""
+
+
+class Run(NamedTuple):
+    """A filter's result over n scans; d is 4, or 5 where objects turn."""
+
+    mean: FloatArray
+    """(n, d)."""
+    cov: FloatArray
+    """(n, d, d)."""
+    predicted_mean: FloatArray
+    """(n, d) before each scan's detection."""
+    predicted_cov: FloatArray
+    """(n, d, d)."""
+    F: FloatArray
+    """(n - 1, d, d) how each state but the first changes with the one before."""
+
+
+@leaf
+def _store(
+    mean: FloatArray, cov: FloatArray, turn: FloatArray, at: int, k: int, means: Any, covs: Any
+) -> None:
+    """Write a state, with its turn rate where there is room for it."""
+    for i in range(4):
+        means[at, k, i] = mean[0, i]
+        for j in range(4):
+            covs[at, k, i, j] = cov[0, i, j]
+    if means.shape[2] == 5:
+        means[at, k, 4], covs[at, k, 4, 4] = turn[0, 0], turn[0, 1]
+        for i in range(4):
+            covs[at, k, i, 4] = covs[at, k, 4, i] = turn[0, 2 + i]
+
+
+@kernel
+def filter_path(
+    mean: FloatArray,
+    cov: FloatArray,
+    dt_s: FloatArray,
+    Q: FloatArray,
+    z: FloatArray,
+    which: Any,
+    optics: Any,
+    turns: Turns,
+) -> Any:
+    """States before and after each of n scans: means (2, n, d), covariances (2, n, d, d).
+
+    `dt_s` (n,) since the scan before, with process noise `Q` (n, 4, 4); `z` (n, 2) what the sensor `which`
+    (n,) of several measured, NaN for a miss; `optics` is an `Optics` of arrays, a row for each sensor.
+    """
+    n, turn_too, one = dt_s.size, turns.rate_std_rad_s > 0.0, np.zeros(1, np.int64)
+    d = 5 if turn_too else 4
+    means, covs = np.empty((2, n, d)), np.empty((2, n, d, d))
+    x, P, w = mean.reshape(1, 4).copy(), cov.reshape(1, 4, 4).copy(), np.zeros((1, 6))
+    w[0, 1] = turns.rate_std_rad_s * turns.rate_std_rad_s
+    for k in range(n):
+        if k > 0 and dt_s[k] > 0.0:
+            if turn_too:
+                x, P, w = coordinated_turn.predict(x, P, w, Q[k], dt_s[k], turns.rate_std_rad_s, turns.time_s)
+            else:
+                before_x, before_P, x, P = x, P, np.empty((1, 4)), np.empty((1, 4, 4))
+                moved(before_x, before_P, ZERO, dt_s[k], Q[k], x, P)
+        _store(x, P, w, ZERO, k, means, covs)
+        if not np.isnan(z[k, 0]):
+            s = which[k]
+            sensor = Optics(
+                optics.polar[s], optics.noise[s], optics.field[s], optics.place_m[s], optics.centre_rad[s],
+                optics.p_d[s],
+            )  # fmt: skip
+            view = seen(sensor, x, P)
+            before_x, before_P, x, P = x, P, np.empty((1, 4)), np.empty((1, 4, 4))
+            updated(before_x, before_P, ZERO, ZERO, z[k : k + 1], view, x, P, ZERO)
+            if turn_too:
+                w = coordinated_turn.update(before_P, w, one, one, z[k : k + 1], view)
+        _store(x, P, w, ZERO + 1, k, means, covs)
+    return means, covs
+
+
+def warm_up_calls() -> list[Call]:
+    """One call of every kernel, types as in `filtered`."""
+    sensor = measurement.optics(Sensor("", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0)))
+    optics = Optics._make(np.array([part]) for part in sensor)
+    zeros = np.zeros(1, np.int64)
+    z, Q = np.zeros((1, 2)), np.eye(4).reshape(1, 4, 4)
+    return [(filter_path, np.zeros(4), np.eye(4), np.ones(1), Q, z, zeros, optics, Turns(0.0, 1.0))]
+
+
+def filtered(mean: FloatArray, cov: FloatArray, steps: Sequence[Step], turns: Turns | None = None) -> Run:
+    """Filter from the prior (4,), (4, 4) at the time of the first scan; its F and Q do not apply."""
+    sensors = {id(step.sensor): step.sensor for step in steps}
+    which = {identity: i for i, identity in enumerate(sensors)}
+    optics = [measurement.optics(sensor) for sensor in sensors.values()]
+    dt_s = np.array([step.dt_s for step in steps])
+    z = np.full((len(steps), 2), np.nan)
+    for k, step in enumerate(steps):
+        if step.z_m is not None:
+            z[k] = measured(step.sensor, step.z_m[None])[0]
+    means, covs = filter_path(
+        np.array(mean, dtype=np.float64),
+        np.array(cov, dtype=np.float64, order="C"),
+        dt_s,
+        np.array([step.Q for step in steps]),
+        z,
+        np.array([which[id(step.sensor)] for step in steps]),
+        Optics._make(map(np.array, zip(*optics, strict=True))),
+        turns or Turns(0.0, 1.0),
+    )
+    if turns is None:
+        F = np.reshape([step.F for step in steps[1:]], (-1, 4, 4))
+    else:
+        F = coordinated_turn.jacobians(means[1, :-1], dt_s[1:], turns.time_s)
+    return Run(means[1], covs[1], means[0], covs[0], F)
+
+
+def smoothed(run: Run, lag_scans: int | None = None) -> tuple[FloatArray, FloatArray]:
+    """Means (n, d) and covariances (n, d, d) given all scans, or those up to `lag_scans` later."""
+    n = len(run.mean)
+    mean, cov = run.mean.copy(), run.cov.copy()
+    if n < 2:
+        return mean, cov
+    G = np.swapaxes(np.linalg.solve(run.predicted_cov[1:], run.F @ run.cov[:-1]), 1, 2)
+    if lag_scans is None or lag_scans >= n - 1:
+        for k in range(n - 2, -1, -1):
+            mean[k] += G[k] @ (mean[k + 1] - run.predicted_mean[k + 1])
+            cov[k] += G[k] @ (cov[k + 1] - run.predicted_cov[k + 1]) @ G[k].T
+        return mean, cov
+    for _ in range(lag_scans):
+        mean[:-1] = run.mean[:-1] + np.einsum("kij,kj->ki", G, mean[1:] - run.predicted_mean[1:])
+        cov[:-1] = run.cov[:-1] + G @ (cov[1:] - run.predicted_cov[1:]) @ np.swapaxes(G, 1, 2)
+    return mean, cov

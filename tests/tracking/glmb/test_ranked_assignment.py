@@ -1,0 +1,93 @@
+"""If the search left a likely association out, the truth could be it, and a track would be lost for good."""
+
+import heapq
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from gcs.tracking.glmb.hypotheses import Groups, Options
+from gcs.tracking.glmb.params import GlmbParams
+from gcs.tracking.glmb.ranked_assignment import children
+from gcs.tracking.oracle import ranked_assignments
+
+DETECTIONS = 9
+MISSED = -1
+
+
+def crowd(seed, n_labels):
+    """One group of labels with two tracks each, four hypotheses over them, and the options of all tracks.
+
+    Nobody dies and the hypotheses differ, so no two ways lead to one child.
+    """
+    rng = np.random.default_rng(seed)
+    choices = rng.permutation(2**n_labels)[:4]
+    hypotheses = [[2 * label + int(choice >> label & 1) for label in range(n_labels)] for choice in choices]
+    logw = -np.sort(-np.log(rng.dirichlet(np.ones(4))))
+    groups = Groups(
+        np.array([0, 4]),
+        np.cumsum([0, *map(len, hypotheses)]),
+        np.array([t for tracks in hypotheses for t in tracks], np.int64),
+        logw,
+    )
+    start, meas, weight = [0], [], []
+    for _ in range(2 * n_labels):
+        gated = rng.permutation(DETECTIONS)[: rng.integers(0, 6)]
+        own = [*((rng.normal(2.0, 3.0), int(j)) for j in gated), (-4.0, MISSED)]
+        for w, j in sorted(own, reverse=True):
+            meas.append(j)
+            weight.append(w)
+        start.append(len(meas))
+    return groups, Options(np.array(start), np.array(meas, np.int64), np.array(weight)), hypotheses
+
+
+def ranked(hypotheses, logw, options):
+    """Children of all hypotheses, the best first: (log-weight, their options)."""
+
+    def of(tracks, base):
+        n = len(tracks)
+        cost, option = np.full((n, DETECTIONS + n), np.inf), {}
+        for row, t in enumerate(tracks):
+            for o in range(options.start[t], options.start[t + 1]):
+                j = options.meas[o]
+                column = j if j >= 0 else DETECTIONS + row
+                cost[row, column], option[row, column] = -options.logw[o], o
+        for total, columns in ranked_assignments(cost):
+            yield base - total, frozenset(int(option[at]) for at in enumerate(columns))
+
+    each = (of(tracks, base) for tracks, base in zip(hypotheses, logw, strict=True))
+    return heapq.merge(*each, key=lambda child: -child[0])
+
+
+def found(groups, options, limits):
+    result = children(groups, options, DETECTIONS, limits, np.ones(1, np.uint64))
+    return {
+        frozenset(result.items[low:high].tolist()): math.exp(w)
+        for (low, high), w in zip(itertools.pairwise(result.start.tolist()), result.logw, strict=True)
+    }
+
+
+@pytest.mark.parametrize("n_labels", [3, 6])
+@pytest.mark.parametrize("seed", range(6))
+def test_the_best_associations_are_those_of_ranked_assignment(seed, n_labels):
+    groups, options, hypotheses = crowd(seed, n_labels)
+    limits = GlmbParams(1.0, max_hypotheses=40, prune_weight=1e-12).limits()
+    best = itertools.islice(ranked(hypotheses, groups.logw, options), 40)
+    expected = {child: math.exp(logw) for logw, child in best}
+    ours = found(groups, options, limits)
+    assert set(ours) == set(expected)
+    total = sum(expected.values())
+    for child, weight in ours.items():
+        assert weight == pytest.approx(expected[child] / total, rel=1e-9)
+
+
+def test_all_assignments_come_in_order():
+    cost = np.array([[1.0, 5.0, np.inf, 2.0], [3.0, np.inf, 1.0, 2.0], [4.0, 0.5, 2.0, np.inf]])
+    plain = sorted(
+        (sum(cost[row, column] for row, column in enumerate(columns)), columns)
+        for columns in itertools.permutations(range(4), 3)
+    )
+    totals, columns = zip(*ranked_assignments(cost), strict=True)
+    assert list(totals) == sorted(totals)
+    assert set(columns) == {each for total, each in plain if total < np.inf}

@@ -1,0 +1,85 @@
+"""A user would wait for targets that are seen and never tracked; or learn to ignore alarms about clutter."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs.model import NS_PER_S, Sensor
+from gcs.tracking.models.persistent_detections import PersistentDetections
+
+SIDE_M = 2000.0
+FIELD = (0.0, 0.0, SIDE_M, SIDE_M)
+
+
+def sensor(clutter, detection=0.95, field=FIELD):
+    return Sensor("s", detection, clutter / SIDE_M**2, np.eye(2) * 10.0, field)
+
+
+def scan(rng, clutter, objects=(), detection=0.95):
+    seen = [place + rng.normal(0.0, math.sqrt(10.0), 2) for place in objects if rng.random() < detection]
+    noise = rng.uniform(0.0, SIDE_M, (rng.poisson(clutter), 2))
+    return rng.permutation(np.vstack([np.reshape(seen, (-1, 2)), noise]))
+
+
+def found(clutter, objects, scans, seed, detection=0.95, one=None):
+    """Numbers of the scans at which chains became persistent, and where."""
+    rng, persistent, news = np.random.default_rng(seed), PersistentDetections(), []
+    for k in range(scans):
+        z = scan(rng, clutter, objects(k), detection)
+        new = persistent.take(k * NS_PER_S, z, one or sensor(clutter, detection), np.zeros(len(z)))
+        news += [(k, place) for place in new]
+    return news, persistent
+
+
+@pytest.mark.parametrize(("clutter", "scans"), [(0.0, 50), (20.0, 1500), (100.0, 300)])
+def test_clutter_alone_persists_nowhere(clutter, scans):
+    news, _ = found(clutter, lambda _: [], scans, seed=1)
+    assert news == []
+
+
+@pytest.mark.parametrize("detection", [0.7, 0.95, 1.0])
+@pytest.mark.parametrize("speed_m_s", [0.0, 3.0, 20.0])
+@pytest.mark.parametrize("clutter", [5.0, 60.0])
+def test_an_object_persists_within_some_scans_and_once(clutter, speed_m_s, detection):
+    def place(k):
+        return np.array([300.0 + speed_m_s * k, 700.0])
+
+    news, persistent = found(clutter, lambda k: [place(k)], 25, 2, detection)
+    assert len(news) == 1
+    (k, where) = news[0]
+    assert k <= (18 if detection < 0.9 else 10)
+    assert math.dist(where, place(k)) < 15.0
+    assert len(persistent.places_m) == 1
+
+
+def test_what_tracks_take_does_not_persist():
+    persistent = PersistentDetections()
+    for k in range(30):
+        z = np.array([[300.0, 700.0], [1500.0, 100.0]])
+        assert not len(persistent.take(k * NS_PER_S, z, sensor(20), np.array([0.99, 1.0])))
+
+
+def test_it_ends_when_the_object_is_gone_or_tracked():
+    _, persistent = found(20.0, lambda _: [np.array([300.0, 700.0])], 25, seed=3)
+    nothing = np.zeros((0, 2))
+    for k in range(25, 40):
+        persistent.take(k * NS_PER_S, nothing, sensor(20), np.zeros(0))
+    assert not len(persistent.places_m)
+
+
+def test_where_nobody_looks_nothing_ends_until_its_place_is_lost():
+    _, persistent = found(20.0, lambda _: [np.array([300.0, 700.0])], 25, seed=3)
+    elsewhere = sensor(20, field=(1000.0, 0.0, 2000.0, 2000.0))
+    persistent.take(27 * NS_PER_S, np.zeros((0, 2)), elsewhere, np.zeros(0))
+    assert len(persistent.places_m) == 1
+    persistent.take(600 * NS_PER_S, np.zeros((0, 2)), elsewhere, np.zeros(0))
+    assert not len(persistent.places_m)
+
+
+def test_a_flood_of_detections_is_bounded():
+    rng, persistent = np.random.default_rng(1), PersistentDetections()
+    for k in range(3):
+        z = rng.uniform(0.0, SIDE_M, (20_000, 2))
+        persistent.take(k * NS_PER_S, z, sensor(20_000), np.zeros(len(z)))
+    assert persistent._score.size <= 300

@@ -1,0 +1,90 @@
+"""A sensor that is not what it says misleads every decision: the operator must hear of it, once."""
+
+import numpy as np
+import pytest
+
+from gcs.model import NS_PER_S, Polar, Sensor
+from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
+from gcs.tracking.models.sensor_estimation import Calibration
+from gcs.tracking.models.sensors import polar_sensor
+
+SIDE_M = 1000.0
+
+
+def sensor(p_d=0.9, clutter=10.0):
+    return Sensor("radar", p_d, clutter / SIDE_M**2, np.eye(2) * 9.0, (0.0, 0.0, SIDE_M, SIDE_M))
+
+
+def told(announced, p_d, clutter, scans, seed=0, calibration=None):
+    """What is found in a stream of Poisson clutter and eight objects in view."""
+    rng, calibration = np.random.default_rng(seed), calibration or Calibration()
+    found = []
+    for _ in range(scans):
+        calibration.take(float(rng.poisson(clutter)), float(rng.binomial(8, p_d)), 8.0)
+        found += calibration.findings(announced)
+    return found, calibration
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(("p_d", "clutter"), [(0.9, 10.0), (0.98, 0.1), (0.6, 200.0)])
+def test_a_sensor_that_is_what_it_says_is_never_accused(seed, p_d, clutter):
+    assert told(sensor(p_d, clutter), p_d, clutter, 500, seed)[0] == []
+
+
+@pytest.mark.parametrize(
+    ("p_d", "clutter", "words"),
+    [
+        (0.9, 40.0, "clutter may pass|10 announced"),
+        (0.9, 2.0, "believed late|10 announced"),
+        (0.6, 10.0, "given up|0.90 announced"),
+    ],
+)
+def test_a_contradiction_is_told_once_and_taken_back_once(p_d, clutter, words):
+    found, calibration = told(sensor(), p_d, clutter, 300)
+    assert len(found) == 1
+    assert found[0].is_contradiction
+    assert all(word in found[0].text for word in words.split("|"))
+    found, _ = told(sensor(), 0.9, 10.0, 600, 1, calibration)
+    assert [one.is_contradiction for one in found] == [False]
+
+
+def test_a_stream_at_the_edge_does_not_flap():
+    for clutter in (15.0, 20.0):
+        found, _ = told(sensor(), 0.9, clutter, 3000)
+        assert len(found) <= 2
+
+
+def test_a_corrected_sensor_is_what_the_stream_shows():
+    _, calibration = told(sensor(), 0.6, 40.0, 500)
+    corrected = calibration.corrected(sensor())
+    assert corrected.detection_probability == pytest.approx(0.6, abs=0.05)
+    assert corrected.clutter_density_per_m2 * SIDE_M**2 == pytest.approx(40.0, rel=0.12)
+    fresh = Calibration().corrected(sensor())
+    assert (fresh.detection_probability, fresh.clutter_density_per_m2) == (0.9, 10.0 / SIDE_M**2)
+
+
+def test_a_corrected_radar_keeps_its_geometry_and_gets_its_clutter():
+    radar = polar_sensor("r", 0.9, Polar(0.0, 0.0, 5.0, 0.01, (0.0, 1000.0), (0.0, 0.5), 0.01))
+    _, calibration = told(radar, 0.9, 40.0, 500)  # announced: 0.01 x 1000 x 1
+    corrected = calibration.corrected(radar)
+    assert corrected.polar.clutter_per_m_rad == pytest.approx(0.04, rel=0.12)
+    assert corrected.polar.range_m == radar.polar.range_m
+
+
+@pytest.mark.parametrize(("p_d", "clutter"), [(0.9, 10.0), (0.6, 10.0), (0.9, 40.0)])
+def test_a_trackers_account_shows_the_sensor_as_it_is(p_d, clutter):
+    """Announced 0.9 and 10; the truth is another. Estimated through the tracker, not from the truth."""
+    rng, look, calibration = np.random.default_rng(4), sensor(), Calibration()
+    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=0.5), 1, weigh_detections=True)
+    places = rng.uniform(200.0, 800.0, (8, 2))
+    for k in range(150):
+        r = 0.02 if k < 5 else 1e-4  # as of places that have given their object
+        births = [Birth(np.array([*p, 0.0, 0.0]), np.diag([25.0, 25.0, 4.0, 4.0]), r) for p in places]
+        z = places[rng.random(8) < p_d]
+        z = np.vstack([z + rng.normal(0, 3.0, z.shape), rng.uniform(0, SIDE_M, (rng.poisson(clutter), 2))])
+        tracker.update(k * NS_PER_S, z, look, births)
+        account = tracker.account
+        calibration.take(float((1.0 - account.explained).sum()), account.detected, account.in_view)
+    corrected = calibration.corrected(look)
+    assert corrected.detection_probability == pytest.approx(p_d, abs=0.13)  # the announced value still counts
+    assert corrected.clutter_density_per_m2 * SIDE_M**2 == pytest.approx(clutter, rel=0.15)

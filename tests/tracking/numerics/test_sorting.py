@@ -1,0 +1,61 @@
+"""If hypotheses were out of order, the best would be cut with the worst; if equal ones were missed,
+they would crowd out others."""
+
+import math
+
+import numba
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.tracking.numerics.sorting import distinct, greatest_first, room_for_distinct, room_to_order
+
+FINITE = st.floats(-100.0, 100.0)
+CROWDED = st.floats(-1e-9, 1e-9) | st.just(-90.0)
+ANY = st.floats(allow_nan=False) | st.just(-math.inf)
+
+
+@numba.njit
+def ordered(values, first):
+    room = room_to_order(values.size)
+    greatest_first(values, first, values.size, room)
+    return room.index
+
+
+@numba.njit
+def joined(keys, weights, first):
+    room = room_for_distinct(keys.size)
+    for i in range(keys.size):
+        room.key[i] = keys[i]
+    n = distinct(keys.size, weights, first, room)
+    return n, room.which, room.logw
+
+
+@settings(deadline=None)  # the first one compiles
+@given(st.lists(FINITE, max_size=80) | st.lists(CROWDED, max_size=80) | st.lists(ANY, max_size=40))
+def test_the_greatest_come_first_and_equal_ones_as_they_come(values):
+    values = np.array([0.0, *values])
+    expected = 1 + np.argsort(-values[1:], kind="stable")
+    assert ordered(values, 1)[:-1].tolist() == expected.tolist()
+
+
+def test_what_is_not_a_number_does_no_harm():
+    values = np.where(np.arange(50) % 7 == 3, math.nan, np.arange(50.0))
+    assert sorted(ordered(values, 0).tolist()) == list(range(50))
+
+
+@settings(deadline=None)  # the first one compiles
+@given(st.lists(st.tuples(st.integers(0, 6), st.floats(1e-6, 1.0)), min_size=1, max_size=40))
+def test_weights_of_equal_hypotheses_add(pairs):
+    # Keys that share their low bits collide in the table.
+    keys = np.array([k << 40 for k, _ in pairs], np.uint64)
+    weights = np.array([9.0, 9.0, *(w for _, w in pairs)])
+    sums = {}
+    for k, w in pairs:
+        sums[k] = sums.get(k, 0.0) + w
+    n, which, logw = joined(keys, weights, 2)
+    which, logw = which[:n], logw[:n]
+    found = {pairs[h - 2][0]: math.exp(w) for h, w in zip(which.tolist(), logw.tolist(), strict=True)}
+    assert found.keys() == sums.keys()
+    assert all(math.isclose(found[k], sums[k], rel_tol=1e-12) for k in sums)
+    assert logw.tolist() == sorted(logw.tolist(), reverse=True)
