@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from gcs.model import NS_PER_S, Effect, Event, Fate, FloatArray, Plan, Tick
-from gcs.planning.grid import Grid
+from gcs.planning.map.grid import Grid
 from sim_vehicles.scenario import DeathTable, Scenario, WindTable
 from sim_vehicles.virtual import START_T_NS, STEP_NS, VirtualRun
 

@@ -29,13 +29,13 @@ from gcs.edge.kernels import PLANNING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.files import read_text
 from gcs.model import Route
-from gcs.planning.grid import Grid, Point
-from gcs.planning.homing import Landing, WayHome, way_home
-from gcs.planning.movingai import MAX_BYTES, read_map
-from gcs.planning.prediction import Circle
-from gcs.planning.routes import PlanResult, Stage, plan_routes
-from gcs.planning.separation import Flight, separate
-from gcs.planning.task import AgentStart, PlanOptions
+from gcs.planning.deconfliction import Flight, separate
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.movingai import MAX_BYTES, read_map
+from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.planner import PlanResult, Stage, plan_routes
+from gcs.planning.terminal.landing import Landing, WayHome, way_home
+from gcs.planning.vehicle_model import Circle
 from gcs.report.plan import Drawing, draw_plan
 
 _PICTURES = (".png", ".pdf", ".svg")

@@ -21,9 +21,9 @@ from rich.table import Table
 from gcs.edge.kernels import PLANNING, load_kernels
 from gcs.errors import ConfigError
 from gcs.files import read_text
-from gcs.planning.grid import Grid, Node
-from gcs.planning.movingai import MAX_BYTES, Problem, read_map, read_problems
-from gcs.planning.search import find_path
+from gcs.planning.map.grid import Grid, Node
+from gcs.planning.map.movingai import MAX_BYTES, Problem, read_map, read_problems
+from gcs.planning.search.shortest import find_path
 
 _DIGITS = 5e-6
 """Of a length: half of the sixth digit, at most."""

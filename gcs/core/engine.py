@@ -73,7 +73,7 @@ from gcs.model import (
     Track,
     UploadAnswer,
 )
-from gcs.planning.climb import Climb
+from gcs.planning.terminal.climb import Climb
 
 _TASKABLE_MODES = ("", "AUTO", "LOITER")
 """Before the first heartbeat, on a mission, and waiting for one."""

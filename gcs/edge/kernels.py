@@ -12,7 +12,7 @@ from gcs import compiling
 TRACKING: Final = "gcs.tracking.glmb.filter"
 HISTORIES: Final = "gcs.tracking.trajectories.recovery"
 """Recovered and smoothed trajectories: `gcs track` alone asks for them."""
-PLANNING: Final = "gcs.planning.routes"
+PLANNING: Final = "gcs.planning.planner"
 LINKS: Final = "gcs.mavlink.fleet.fast_telemetry"
 RECORDING: Final = "gcs.edge.packing"
 FLYING: Final = (TRACKING, PLANNING, LINKS, RECORDING)

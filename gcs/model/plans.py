@@ -53,7 +53,7 @@ class Route:
     length_m: float
     """From the vehicle's position along the points."""
     lane: int = 0
-    """Altitude lane, from 0, the lowest (see `gcs.planning.separation`)."""
+    """Altitude lane, from 0, the lowest (see `gcs.planning.deconfliction`)."""
     wait_m: tuple[float, float] | None = None
     """East and north of the circle that it goes on to afterwards; None: round the last point."""
 

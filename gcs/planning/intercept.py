@@ -25,7 +25,7 @@ import numpy as np
 
 from gcs.compiling import Call, kernel
 from gcs.model import FloatArray, Track, read_only
-from gcs.planning.grid import Grid, Point
+from gcs.planning.map.grid import Grid, Point
 
 STEP_S = 5.0
 """Between two looks along a target's way."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.model import FloatArray, Kind, Label
-from gcs.planning.grid import Grid
+from gcs.planning.map.grid import Grid
 from gcs.report.course import Course, area_of
 from gcs.report.flights import Flight
 from gcs.report.style import (

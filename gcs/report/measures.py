@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.model import FloatArray, Kind
-from gcs.planning.grid import Grid, Node
-from gcs.planning.search import distances_m, nearest_free
+from gcs.planning.map.grid import Grid, Node
+from gcs.planning.search.shortest import distances_m, nearest_free
 from gcs.report.course import KINDS, Course, Decision, Estimate, Path
 from gcs.report.judge import Summary
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.model import FloatArray
-from gcs.planning.grid import Grid, Point
-from gcs.planning.prediction import Circle
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.vehicle_model import Circle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -27,7 +27,7 @@ from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.edge.reader import read
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, FloatArray, Plan, Truth, UploadReport
-from gcs.planning.grid import Grid
+from gcs.planning.map.grid import Grid
 from sim_vehicles.flown import distance_to_obstacle_m
 
 SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")

@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 
-from gcs.planning.routes import warm_up as warm_up_planning
+from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.flown import Homeward, Nearest, flown_home, in_wind, landing, nearest
 from sim_vehicles.scenario import Scenario, WindTable, load

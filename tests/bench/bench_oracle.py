@@ -28,15 +28,15 @@ import math
 import numba
 import numpy as np
 
-from gcs.planning.easing import is_flown
-from gcs.planning.grid import Grid, Point, free_grid, random_obstacles
-from gcs.planning.routes import PlanResult, plan_routes, warm_up
-from gcs.planning.sight import clear_leg, leg_room, to_cells
-from gcs.planning.task import AgentStart, PlanOptions
+from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
+from gcs.planning.map.line_of_sight import clear_leg, leg_room, to_cells
+from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.path.corner_smoothing import is_flown
+from gcs.planning.planner import PlanResult, plan_routes, warm_up
 
 _WRAPS = 8
 _AWAY = 1e-6
-"""In cells, as `gcs.planning.taut` bends off a corner without a clearance."""
+"""In cells, as `gcs.planning.path.string_pulling` bends off a corner without a clearance."""
 
 
 def pair(nodes: int, threshold: float, seed: int) -> tuple[Grid, Point, Point]:

@@ -16,9 +16,9 @@ import numpy as np
 from bench_oracle import pair
 from numba import njit
 
-from gcs.planning.routes import plan_routes, warm_up
-from gcs.planning.sight import clear_leg, to_cells
-from gcs.planning.task import AgentStart, PlanOptions
+from gcs.planning.map.line_of_sight import clear_leg, to_cells
+from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.planner import plan_routes, warm_up
 
 LIMIT_S = 1.0
 CHUNK = 250

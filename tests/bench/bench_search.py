@@ -24,13 +24,13 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from gcs.planning import matrix
 from gcs.planning.assignment import assign
-from gcs.planning.grid import Grid, Node, free_grid, random_obstacles
-from gcs.planning.moves import SearchMap, flat_index, search_map
-from gcs.planning.routes import warm_up
-from gcs.planning.search import distances_m, find_path
-from gcs.planning.shaping import joins
+from gcs.planning.map.grid import Grid, Node, free_grid, random_obstacles
+from gcs.planning.path.shortcut import joins
+from gcs.planning.planner import warm_up
+from gcs.planning.search import cost_matrix
+from gcs.planning.search.neighbours import SearchMap, flat_index, search_map
+from gcs.planning.search.shortest import distances_m, find_path
 
 ROOT_2 = math.sqrt(2.0)
 _TURN_MS = 5.0
@@ -191,12 +191,12 @@ def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
     mainland = np.argwhere(smap.mainland.reshape(nodes + 2, nodes + 2)[1:-1, 1:-1])
     ends = [mainland[rng.choice(len(mainland), count, replace=False)] for count in (n, m)]
 
-    def places(nodes_at: np.ndarray) -> matrix.Places:
+    def places(nodes_at: np.ndarray) -> cost_matrix.Places:
         xy = nodes_at[:, ::-1].astype(np.float64)
-        return matrix.Places(xy, *joins(grid.blocked, smap.mainland, smap.tight, smap.stride, xy))
+        return cost_matrix.Places(xy, *joins(grid.blocked, smap.mainland, smap.tight, smap.stride, xy))
 
     def ours() -> np.ndarray:
-        lengths, way = matrix.metric_ways(grid, smap, places(ends[0]), places(ends[1]), 0.0)
+        lengths, way = cost_matrix.metric_ways(grid, smap, places(ends[0]), places(ends[1]), 0.0)
         for i, j in assign(lengths, {}).items():
             way(i, j)
         return lengths
@@ -211,7 +211,7 @@ def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
         search = pf.AStar(w9_grid(grid))
         tuples = [[(int(c), int(r)) for r, c in side] for side in ends]
         works["w9"] = lambda: [search.find_path(a, b) for a in tuples[0] for b in tuples[1]]
-    one_by_one = matrix.pairwise_pays(smap, *(side[:, ::-1].astype(np.float64) for side in ends))
+    one_by_one = cost_matrix.pairwise_pays(smap, *(side[:, ::-1].astype(np.float64) for side in ends))
     how = f"{n} x {m}, {'pair by pair' if one_by_one else 'one to all'}"
     _line(nodes, blocked, timed_ms(works, least=2), error, how)
 

@@ -14,9 +14,9 @@ from gcs.core.replanning.triggers import in_words, lost, moved, passed
 from gcs.edge.terminal import LiveView, PlainLines, effect_line
 from gcs.mavlink.services.adsb import callsign
 from gcs.model import NS_PER_S, Fate, Notice, Plan, Proposal, Route, RouteFigures, Tick, read_only
-from gcs.planning.grid import free_grid
-from gcs.planning.routes import plan_routes
-from gcs.planning.task import PlanOptions
+from gcs.planning.map.grid import free_grid
+from gcs.planning.options import PlanOptions
+from gcs.planning.planner import plan_routes
 
 S = NS_PER_S
 ROUTES = tuple(Route(v, (0, v), read_only([[900.0, 100.0 * v]]), 1000.0 + v) for v in range(1, 9))

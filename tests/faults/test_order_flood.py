@@ -129,7 +129,7 @@ def test_a_vehicle_clear_of_all_areas_is_looked_at_once(monkeypatch):
     import numpy as np
 
     from gcs.model import VehicleState
-    from gcs.planning.grid import Grid
+    from gcs.planning.map.grid import Grid
 
     class Tasking:
         def points_ahead(self, _vehicle: int) -> tuple[tuple[float, float], ...]:

@@ -5,9 +5,11 @@ A program of its own: other tests call kernels with other types.
 
 import numpy as np
 
-from gcs.planning import routes, search, sight
-from gcs.planning.grid import free_grid, random_obstacles
-from gcs.planning.task import AgentStart, PlanOptions
+from gcs.planning import planner
+from gcs.planning.map import line_of_sight
+from gcs.planning.map.grid import free_grid, random_obstacles
+from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.search import shortest
 
 AGENTS = {1: AgentStart(3.0, 4.0, 0.5), 2: AgentStart(390.0, 15.0), 3: AgentStart(200.0, 200.0)}
 TARGETS = {(0, 0): (350.0, 380.0), (0, 1): (5.0, 390.0), (1, 0): (4.0, 3.0)}
@@ -17,15 +19,15 @@ OPTIONS = (
     PlanOptions("paper", "pulled", 25.0),
 )
 
-routes.warm_up()
+planner.warm_up()
 for seed in range(3):
     grid = random_obstacles(free_grid((21, 21), 20.0), 0.2, np.random.default_rng(seed), [], 40.0)
     for options in OPTIONS:
-        routes.plan_routes(grid, AGENTS, TARGETS, {}, options)
-        routes.plan_routes(grid, AGENTS, dict([*TARGETS.items()][:1]), {}, options)
-    search.find_path(grid, (1, 1), (19, 18))
-    search.distances_m(grid, (3, 3))
-    sight.line_of_sight(grid, (0.0, 0.0), (300.0, 200.0), 5.0)
-for kernel in dict.fromkeys(call[0] for call in routes.warm_up_calls()):
+        planner.plan_routes(grid, AGENTS, TARGETS, {}, options)
+        planner.plan_routes(grid, AGENTS, dict([*TARGETS.items()][:1]), {}, options)
+    shortest.find_path(grid, (1, 1), (19, 18))
+    shortest.distances_m(grid, (3, 3))
+    line_of_sight.line_of_sight(grid, (0.0, 0.0), (300.0, 200.0), 5.0)
+for kernel in dict.fromkeys(call[0] for call in planner.warm_up_calls()):
     if len(kernel.signatures) != 1:
         print(kernel.__name__, kernel.signatures)

@@ -10,10 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.model import Track, read_only
-from gcs.planning.grid import free_grid, random_obstacles
 from gcs.planning.intercept import Outlook, led_velocity, meetings
-from gcs.planning.routes import plan_routes
-from gcs.planning.task import AgentStart, PlanOptions, Terms
+from gcs.planning.map.grid import free_grid, random_obstacles
+from gcs.planning.options import AgentStart, PlanOptions, Terms
+from gcs.planning.planner import plan_routes
 
 OPEN = free_grid((101, 101), 40.0)
 SPEED_M_S = 15.0

@@ -23,7 +23,7 @@ from gcs.model import (
     TruthObject,
     read_only,
 )
-from gcs.planning.grid import Grid, free_grid
+from gcs.planning.map.grid import Grid, free_grid
 from gcs.report.claims import SCENARIOS, Claim, Runs, claims, markdown
 from gcs.report.course import CourseBuilder
 from gcs.report.judge import Judge

@@ -18,8 +18,8 @@ import numpy as np
 
 from gcs.core.tasking.upload_manager import Tasking
 from gcs.model import Notice, VehicleState
-from gcs.planning.grid import Grid, Point
-from gcs.planning.sight import line_of_sight
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.line_of_sight import line_of_sight
 
 SOON_S = 20.0
 _SLOW_M_S = 1.0

@@ -17,7 +17,7 @@ from gcs.config import Config
 from gcs.fence import Area, areas_of
 from gcs.mavlink.mission.items import Item
 from gcs.model import VehicleState
-from gcs.planning.grid import Grid
+from gcs.planning.map.grid import Grid
 
 _ROUNDING_M: Final = 1.0
 _RELATIVE: Final = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)

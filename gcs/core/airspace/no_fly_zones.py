@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.model import KeepOut
-from gcs.planning.grid import Grid
+from gcs.planning.map.grid import Grid
 
 _MAX_AREAS = 100
 

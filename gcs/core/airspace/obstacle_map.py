@@ -6,7 +6,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.fence import drawn_areas
-from gcs.planning.grid import Grid, free_grid, random_obstacles
+from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 
 _PURPOSE = 0x6D6170
 """Keeps the map's random numbers apart from those of anything else with the same seed."""

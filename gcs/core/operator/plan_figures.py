@@ -15,8 +15,8 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.model import Route, RouteFigures, target_name, vehicle_name
-from gcs.planning.grid import Grid, Point
-from gcs.planning.sight import line_of_sight
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.line_of_sight import line_of_sight
 
 LONGER_FRACTION = 0.25
 """A route that is longer by less is about as long; by less than a full turn, too."""

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable, Mapping
 from gcs.core.replanning.options import place_of
 from gcs.geo import wrap_pi
 from gcs.model import NS_PER_S, Track, VehicleState
-from gcs.planning.prediction import Ahead, Motion
-from gcs.planning.progress import CORRIDOR_M
+from gcs.planning.route_progress import CORRIDOR_M
+from gcs.planning.vehicle_model import Ahead, Motion
 
 _LEAST_NS = NS_PER_S * 3 // 4
 _MOST_NS = 3 * NS_PER_S

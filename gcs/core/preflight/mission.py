@@ -18,10 +18,10 @@ from gcs.core.replanning.takeoffs import Takeoffs
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
-from gcs.planning.climb import Climb
-from gcs.planning.routes import PlanResult, plan_routes
-from gcs.planning.separation import Flight, separate
-from gcs.planning.task import AgentStart
+from gcs.planning.deconfliction import Flight, separate
+from gcs.planning.options import AgentStart
+from gcs.planning.planner import PlanResult, plan_routes
+from gcs.planning.terminal.climb import Climb
 
 _MAX_CLOCK_S = 1.0
 

@@ -11,9 +11,9 @@ from gcs.config import Config
 from gcs.core.replanning.inputs import Bystander
 from gcs.core.replanning.options import place_of
 from gcs.model import Route, Track, vehicle_name
-from gcs.planning.grid import Point
-from gcs.planning.progress import CORRIDOR_M, next_point
-from gcs.planning.separation import Conflict, Flight, least_separation_m, separate
+from gcs.planning.deconfliction import Conflict, Flight, least_separation_m, separate
+from gcs.planning.map.grid import Point
+from gcs.planning.route_progress import CORRIDOR_M, next_point
 
 
 def lane_count(config: Config) -> int:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 from gcs.core.perception.vehicle_kinematics import motion_of
 from gcs.model import Label, Track
-from gcs.planning.climb import Climb
-from gcs.planning.grid import Point
-from gcs.planning.prediction import Motion
+from gcs.planning.map.grid import Point
+from gcs.planning.terminal.climb import Climb
+from gcs.planning.vehicle_model import Motion
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,11 @@ from gcs.config import Config
 from gcs.config.tables import PlanningTable
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import Label, Route, Track
-from gcs.planning.grid import Point
 from gcs.planning.intercept import led_velocity
-from gcs.planning.prediction import Motion
-from gcs.planning.progress import CORRIDOR_M, to_go_m
-from gcs.planning.task import AgentStart, PlanOptions, Terms, Wait
+from gcs.planning.map.grid import Point
+from gcs.planning.options import AgentStart, PlanOptions, Terms, Wait
+from gcs.planning.route_progress import CORRIDOR_M, to_go_m
+from gcs.planning.vehicle_model import Motion
 
 LAST_M = 50.0
 """An agent this near to its target, and closing in, keeps it, and its route."""

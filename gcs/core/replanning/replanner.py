@@ -27,13 +27,13 @@ from gcs.core.tasking.mission_builder import corners_of
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.task_terms import Timing
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
-from gcs.planning.grid import Grid, Point
-from gcs.planning.prediction import Motion, expected
-from gcs.planning.progress import CORRIDOR_M, next_point
-from gcs.planning.routes import PlanResult, plan_routes
-from gcs.planning.sight import line_of_sight
-from gcs.planning.takeup import by_itself_m, flies_clear, is_spelt_out, turn_s
-from gcs.planning.task import AgentStart
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.line_of_sight import line_of_sight
+from gcs.planning.options import AgentStart
+from gcs.planning.planner import PlanResult, plan_routes
+from gcs.planning.route_capture import by_itself_m, flies_clear, is_spelt_out, turn_s
+from gcs.planning.route_progress import CORRIDOR_M, next_point
+from gcs.planning.vehicle_model import Motion, expected
 
 _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0

@@ -15,9 +15,9 @@ from gcs.core.replanning.options import plan_options
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import FloatArray, Route, VehicleState
-from gcs.planning.grid import Grid, Point
-from gcs.planning.homing import Landing, WayHome, way_home
-from gcs.planning.task import AgentStart
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.options import AgentStart
+from gcs.planning.terminal.landing import Landing, WayHome, way_home
 
 
 def landing_of(config: Config) -> Landing | None:

@@ -16,8 +16,8 @@ from gcs.geo import wrap_pi
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import FloatArray, Notice
-from gcs.planning.climb import Climb, climb_problem, turn_problem
-from gcs.planning.grid import Grid
+from gcs.planning.map.grid import Grid
+from gcs.planning.terminal.climb import Climb, climb_problem, turn_problem
 
 _ASTRAY_RAD = math.radians(15.0)
 """A vehicle whose nose points farther off the runway than this stands wrong."""

@@ -7,10 +7,10 @@ import numpy as np
 from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
-from gcs.planning.climb import Climb
-from gcs.planning.homing import WayHome
-from gcs.planning.progress import CORRIDOR_M, next_point
-from gcs.planning.turning import Corners
+from gcs.planning.path.turns import Corners
+from gcs.planning.route_progress import CORRIDOR_M, next_point
+from gcs.planning.terminal.climb import Climb
+from gcs.planning.terminal.landing import WayHome
 
 MAX_RADIUS_M = 255.0
 """What a mission item can hold."""

@@ -24,8 +24,8 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.task_terms import Timing
 from gcs.model import NS_PER_S, Route
-from gcs.planning.prediction import Ahead, Circle
-from gcs.planning.progress import time_to_point_s
+from gcs.planning.route_progress import time_to_point_s
+from gcs.planning.vehicle_model import Ahead, Circle
 
 Ending: TypeAlias = Literal["", "circle", "circle elsewhere", "way home", "landing", "return"]
 """What a mission has behind its route; "return": RTL behind its last item."""

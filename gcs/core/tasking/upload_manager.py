@@ -50,9 +50,9 @@ from gcs.model import (
     UploadReport,
     VehicleState,
 )
-from gcs.planning.climb import Climb
-from gcs.planning.homing import WayHome
-from gcs.planning.prediction import Ahead
+from gcs.planning.terminal.climb import Climb
+from gcs.planning.terminal.landing import WayHome
+from gcs.planning.vehicle_model import Ahead
 
 _NO_ITEMS: Final = 0xFFFF
 """What PX4 gives as the number of items of no mission."""

@@ -33,7 +33,7 @@ from gcs.model import (
     Tick,
     UploadReport,
 )
-from gcs.planning.sight import line_of_sight
+from gcs.planning.map.line_of_sight import line_of_sight
 from sim_vehicles.scenario import Scenario, load
 from sim_vehicles.virtual import START_T_NS, VirtualRun
 

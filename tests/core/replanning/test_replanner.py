@@ -13,7 +13,7 @@ from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.inputs import Situation
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.planning.prediction import Ahead, Motion
+from gcs.planning.vehicle_model import Ahead, Motion
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from gcs.model import Fate, KeepOut, Notice, Order, Plan, UploadReport
-from gcs.planning.sight import line_of_sight
+from gcs.planning.map.line_of_sight import line_of_sight
 from sim_vehicles.flown import landing
 from sim_vehicles.scenario import load
 from sim_vehicles.virtual import VirtualRun

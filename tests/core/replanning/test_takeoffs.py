@@ -9,7 +9,7 @@ from staging import S
 
 from gcs.mavlink.frames.codec import decode
 from gcs.model import KeepOut, Notice, Order, Send, UploadReport
-from gcs.planning.sight import line_of_sight
+from gcs.planning.map.line_of_sight import line_of_sight
 from sim_vehicles.scenario import parse_scenario
 from sim_vehicles.specs import vehicle_specs
 from sim_vehicles.vehicle import SimVehicle

@@ -1,0 +1,1 @@
+"""Obstacle maps and line of sight."""

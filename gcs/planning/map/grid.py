@@ -1,0 +1,188 @@
+"""The obstacle map: square cells around the nodes of a search grid.
+
+As in the paper (Hill, Thomas & Larson, "Swarm Mission Planning" and "Simulation Description") the mission
+area is a mesh of nodes, 51 x 51 over 2000 m x 2000 m, and a node with an obstacle is off limits. We give each
+node an area: the square cell of side ``spacing_m`` centred on it. A blocked node blocks its whole cell, so
+that "does this straight leg hit an obstacle?" has an exact answer for any two points of the map, not for
+nodes alone.
+
+Node (row, col) counts rows north and columns east; node (0, 0) lies at ``origin_m``. Outside the map nothing
+is blocked, but the search never leaves it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from gcs.model import FloatArray
+from gcs.planning.map.rasterize import cover
+
+Node: TypeAlias = tuple[int, int]
+"""(row north, column east)."""
+
+Point: TypeAlias = tuple[float, float]
+"""(east_m, north_m)."""
+
+Polygon: TypeAlias = Sequence[Sequence[Sequence[float]]]
+"""Rings of corners (east_m, north_m): the outline first, then the holes."""
+
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+
+TOUCH = 1e-9
+"""In cells: a leg nearer to a blocked cell than this touches it; clearances are kept up to this."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A map of blocked and free cells.
+
+    Attributes
+    ----------
+    origin_m : tuple of float
+        East and north of node (0, 0).
+    spacing_m : float
+        Distance of neighbouring nodes, east and north alike.
+    blocked : ndarray of bool, shape (rows north, cols east)
+        Read-only.
+
+    Raises
+    ------
+    ValueError
+        For a map without nodes or a spacing that is not a positive number.
+    """
+
+    origin_m: Point
+    spacing_m: float
+    blocked: BoolArray
+
+    def __post_init__(self) -> None:
+        blocked = np.array(self.blocked, dtype=np.bool_, order="C")
+        if blocked.ndim != 2 or blocked.size == 0:
+            raise ValueError(
+                f"blocked must be a (rows, cols) array with at least one node, not {blocked.shape}"
+            )
+        if not (math.isfinite(self.spacing_m) and self.spacing_m > 0.0):
+            raise ValueError(f"spacing_m must be a positive number, not {self.spacing_m}")
+        blocked.flags.writeable = False
+        object.__setattr__(self, "blocked", blocked)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows north, cols east)."""
+        rows, cols = self.blocked.shape
+        return rows, cols
+
+    def node_of(self, point_m: Point) -> Node:
+        """Return the node whose cell holds a point; of a point outside the map, the nearest node."""
+        rows, cols = self.shape
+        col = math.floor((point_m[0] - self.origin_m[0]) / self.spacing_m + 0.5)
+        row = math.floor((point_m[1] - self.origin_m[1]) / self.spacing_m + 0.5)
+        return min(max(row, 0), rows - 1), min(max(col, 0), cols - 1)
+
+    def point_of(self, node: Node) -> Point:
+        """Return where a node lies, in metres."""
+        row, col = node
+        return self.origin_m[0] + col * self.spacing_m, self.origin_m[1] + row * self.spacing_m
+
+    def contains(self, point_m: Point) -> bool:
+        """Tell whether a point lies in one of the map's cells."""
+        rows, cols = self.shape
+        x = (point_m[0] - self.origin_m[0]) / self.spacing_m
+        y = (point_m[1] - self.origin_m[1]) / self.spacing_m
+        return -0.5 <= x <= cols - 0.5 and -0.5 <= y <= rows - 0.5
+
+    def with_obstacles(
+        self,
+        discs_m: Iterable[Sequence[float]] = (),
+        boxes_m: Iterable[Sequence[float]] = (),
+        cells: Iterable[Node] = (),
+        polygons_m: Iterable[Polygon] = (),
+    ) -> Grid:
+        """Return this map with more obstacles.
+
+        Discs (east, north, radius), boxes (east_min, north_min, east_max, north_max) and polygons block every
+        cell that they overlap, so that a route around the cells is a route around the obstacle. One inside a
+        cell blocks that cell, however small.
+        """
+        blocked = self.blocked.copy()
+        rows, cols = self.shape
+        east = self.origin_m[0] + self.spacing_m * np.arange(cols)[np.newaxis, :]
+        north = self.origin_m[1] + self.spacing_m * np.arange(rows)[:, np.newaxis]
+        half, touch = self.spacing_m / 2.0, TOUCH * self.spacing_m
+        for x, y, radius in discs_m:
+            gap = np.hypot(
+                np.maximum(np.abs(east - x) - half, 0.0), np.maximum(np.abs(north - y) - half, 0.0)
+            )
+            blocked |= gap < max(radius - touch, touch)
+        for west, south, far_east, far_north in boxes_m:
+            over_east = (east - half < far_east - touch) & (east + half > west + touch)
+            over_north = (north - half < far_north - touch) & (north + half > south + touch)
+            blocked |= over_east & over_north
+        for row, col in cells:
+            blocked[row, col] = True
+        for polygon in polygons_m:
+            passed, inside = cover(self.shape, self._rings(polygon))
+            blocked |= passed | inside
+        return Grid(self.origin_m, self.spacing_m, blocked)
+
+    def within(self, polygons_m: Iterable[Polygon]) -> Grid:
+        """Return this map with every cell blocked that does not lie wholly inside one of the polygons."""
+        outside = np.ones(self.shape, dtype=np.bool_)
+        for polygon in polygons_m:
+            passed, inside = cover(self.shape, self._rings(polygon))
+            outside &= passed | ~inside
+        return Grid(self.origin_m, self.spacing_m, self.blocked | outside)
+
+    def _rings(self, polygon_m: Polygon) -> list[FloatArray]:
+        """Rings in cells."""
+        return [(np.asarray(ring, dtype=np.float64) - self.origin_m) / self.spacing_m for ring in polygon_m]
+
+    def inflate(self, clearance_m: float) -> Grid:
+        """Return this map with every node blocked that is nearer than `clearance_m` to a blocked cell.
+
+        A node beside a blocked cell is half a spacing away from it: up to that clearance the map stays as it
+        is. Straight moves between nodes of the inflated map keep the clearance exactly; diagonal ones may
+        come nearer by up to a ninth, and only where it exceeds 1.4 spacings.
+        """
+        if clearance_m <= 0.0 or not self.blocked.any():
+            return self
+        reach = min(clearance_m / self.spacing_m, 2.0 * max(self.shape))
+        steps = np.arange(-math.ceil(reach + 0.5), math.ceil(reach + 0.5) + 1)
+        gap = np.maximum(np.abs(steps) - 0.5, 0.0)
+        near = np.hypot(gap[:, np.newaxis], gap[np.newaxis, :]) < reach - TOUCH
+        near[len(steps) // 2, len(steps) // 2] = True
+        return Grid(self.origin_m, self.spacing_m, ndimage.binary_dilation(self.blocked, structure=near))
+
+
+def free_grid(shape: tuple[int, int], spacing_m: float, origin_m: Point = (0.0, 0.0)) -> Grid:
+    """Return a map of (rows, cols) nodes without obstacles."""
+    return Grid(origin_m, spacing_m, np.zeros(shape, dtype=np.bool_))
+
+
+def random_obstacles(
+    grid: Grid,
+    threshold: float,
+    rng: np.random.Generator,
+    keep_clear: Iterable[Point] = (),
+    keep_clear_m: float = 0.0,
+) -> Grid:
+    """Return a map with the paper's random obstacles: a node whose uniform number is below a threshold.
+
+    One number is drawn for each node, row by row, whatever the other arguments: a seed means the same map.
+    Nodes within `keep_clear_m` of a point in `keep_clear` (where agents and targets start) get no random
+    obstacle.
+    """
+    rows, cols = grid.shape
+    drawn = rng.random((rows, cols)) < threshold
+    east = grid.origin_m[0] + grid.spacing_m * np.arange(cols)[np.newaxis, :]
+    north = grid.origin_m[1] + grid.spacing_m * np.arange(rows)[:, np.newaxis]
+    for x, y in keep_clear:
+        drawn &= np.hypot(east - x, north - y) > keep_clear_m
+    return Grid(grid.origin_m, grid.spacing_m, grid.blocked | drawn)

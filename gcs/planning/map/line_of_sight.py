@@ -1,0 +1,177 @@
+"""Line of sight: whether a straight leg keeps a distance from every blocked cell. Exact, not sampled.
+
+A blocked cell is a closed square: a leg that touches its edge or corner hits it. For a leg and a square that
+do not meet, the shortest distance is reached at an end of the leg or at a corner of the square (both are
+convex), which gives the distance in closed form. Only the cells of the corridor that the leg sweeps are
+looked at: row by row, the columns that the leg, widened by the clearance, can reach there.
+
+Kernels work in cells (x = column, y = row, as floats); the public functions in metres.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gcs.compiling import inlined, kernel, leaf
+from gcs.planning.map.grid import TOUCH, Grid, Point
+
+_NO_LEG = 1e-100
+_HALF_SQUARE = 0.7072
+"""No part of a square is farther along a leg than its centre by more than this."""
+
+
+@inlined
+def _point_square(x, y, col, row):  # type: ignore[no-untyped-def]
+    """Distance of a point from a cell's square."""
+    return math.hypot(max(abs(x - col) - 0.5, 0.0), max(abs(y - row) - 0.5, 0.0))
+
+
+@inlined
+def _leg_square(x0, y0, x1, y1, col, row):  # type: ignore[no-untyped-def]
+    """Distance of a leg from a cell's square."""
+    dx, dy = x1 - x0, y1 - y0
+    # Do they meet? Clip the leg by the square's two slabs.
+    low, high = 0.0, 1.0
+    for axis in range(2):
+        start, step, centre = (x0, dx, col) if axis == 0 else (y0, dy, row)
+        if step != 0.0:
+            a, b = (centre - 0.5 - start) / step, (centre + 0.5 - start) / step
+            low, high = max(low, min(a, b)), min(high, max(a, b))
+        elif abs(start - centre) > 0.5:
+            high = -1.0
+    if low <= high:
+        return 0.0
+    best = min(_point_square(x0, y0, col, row), _point_square(x1, y1, col, row))
+    norm2 = dx * dx + dy * dy
+    for corner in range(4):
+        x, y = col - 0.5 + (corner >> 1), row - 0.5 + (corner & 1)
+        along = 0.0 if norm2 == 0.0 else min(max(((x - x0) * dx + (y - y0) * dy) / norm2, 0.0), 1.0)
+        best = min(best, math.hypot(x - x0 - along * dx, y - y0 - along * dy))
+    return best
+
+
+@leaf
+def leg_room(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
+    """Distance in cells of a leg from the nearest blocked cell but `own`, at most `reach`.
+
+    `own` is a flat index, -1 for none.
+    """
+    rows, cols = blocked.shape
+    wide = reach + 0.5 + 2.0 * TOUCH
+    dx, dy = x1 - x0, y1 - y0
+    best = reach
+    first = max(0, math.ceil(min(y0, y1) - wide))
+    last = min(rows - 1, math.floor(max(y0, y1) + wide))
+    for row in range(first, last + 1):
+        if abs(dy) < 1e-12:
+            low, high = min(x0, x1), max(x0, x1)
+        else:
+            ta = min(max((row - wide - y0) / dy, 0.0), 1.0)
+            tb = min(max((row + wide - y0) / dy, 0.0), 1.0)
+            low, high = x0 + min(ta * dx, tb * dx), x0 + max(ta * dx, tb * dx)
+        for col in range(max(0, math.ceil(low - wide)), min(cols - 1, math.floor(high + wide)) + 1):
+            if blocked[row, col] and row * cols + col != own:
+                best = min(best, _leg_square(x0, y0, x1, y1, col, row))
+    return best
+
+
+@leaf
+def blocker(blocked, x0, y0, x1, y1, reach, own, guess):  # type: ignore[no-untyped-def]
+    """A blocked cell other than `own` that a leg comes nearer to than `reach`: flat index; -1: none.
+
+    `guess` is looked at first: what was in the way of a leg is in the way of most legs like it. -1: none.
+    """
+    rows, cols = blocked.shape
+    limit = max(reach - TOUCH, TOUCH)
+    wide = reach + 0.5 + 2.0 * TOUCH
+    dx, dy = x1 - x0, y1 - y0
+    norm2 = dx * dx + dy * dy
+    # The squares of a leg that is next to no leg may underflow.
+    length = math.sqrt(norm2) if norm2 > _NO_LEG else math.hypot(dx, dy)
+    # A square is no nearer than the line through the leg: most cells are done with by that. And it is no
+    # farther, if it is beside the leg as a whole.
+    beside = limit * length + 0.5 * (abs(dx) + abs(dy))
+    maybe, end = beside + TOUCH * length, _HALF_SQUARE * length
+    per_row = 0.0 if abs(dy) < 1e-12 else 1.0 / dy
+    first = max(0, math.ceil(min(y0, y1) - wide))
+    last = min(rows - 1, math.floor(max(y0, y1) + wide))
+    row = first if guess < 0 or guess == own else np.int64(-1)
+    while row <= last:
+        if row < 0:
+            at = guess // cols
+            left = right = guess - at * cols
+        else:
+            at = row
+            if per_row == 0.0:
+                low, high = min(x0, x1), max(x0, x1)
+            else:
+                ta = min(max((row - wide - y0) * per_row, 0.0), 1.0)
+                tb = min(max((row + wide - y0) * per_row, 0.0), 1.0)
+                low, high = x0 + min(ta * dx, tb * dx), x0 + max(ta * dx, tb * dx)
+            left = max(0, math.ceil(low - wide))
+            right = min(cols - 1, math.floor(high + wide))
+        for col in range(left, right + 1):
+            if not blocked[at, col] or at * cols + col == own:
+                continue
+            across = abs((col - x0) * dy - (at - y0) * dx)
+            if across > maybe:
+                continue
+            along = (col - x0) * dx + (at - y0) * dy
+            if end < along < norm2 - end:
+                if across < beside:
+                    return at * cols + col
+            elif _leg_square(x0, y0, x1, y1, col, at) < limit:
+                return at * cols + col
+        row = first if row < 0 else row + 1
+    return np.int64(-1)
+
+
+@kernel
+def clear_leg(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
+    """Whether a leg keeps `reach` cells from every blocked cell but `own` (flat index; -1: none)."""
+    return blocker(blocked, x0, y0, x1, y1, reach, own, np.int64(-1)) < 0
+
+
+@leaf
+def is_clear_at(blocked, x, y, reach):  # type: ignore[no-untyped-def]
+    """Whether a point keeps `reach` cells from every blocked cell; as `clear_leg` from it to itself."""
+    rows, cols = blocked.shape
+    limit, wide = max(reach - TOUCH, TOUCH), reach + 0.5 + 2.0 * TOUCH
+    for row in range(max(0, math.ceil(y - wide)), min(rows - 1, math.floor(y + wide)) + 1):
+        for col in range(max(0, math.ceil(x - wide)), min(cols - 1, math.floor(x + wide)) + 1):
+            if blocked[row, col] and _point_square(x, y, col, row) < limit:
+                return False
+    return True
+
+
+@leaf
+def room_at(blocked, x, y, reach):  # type: ignore[no-untyped-def]
+    """Distance in cells from a point to the nearest blocked cell, at most `reach`."""
+    rows, cols = blocked.shape
+    best = reach
+    for row in range(max(0, math.ceil(y - reach - 0.5)), min(rows - 1, math.floor(y + reach + 0.5)) + 1):
+        for col in range(max(0, math.ceil(x - reach - 0.5)), min(cols - 1, math.floor(x + reach + 0.5)) + 1):
+            if blocked[row, col]:
+                best = min(best, _point_square(x, y, col, row))
+    return best
+
+
+def line_of_sight(grid: Grid, from_m: Point, to_m: Point, clearance_m: float = 0.0) -> bool:
+    """Tell whether the straight leg between two points keeps `clearance_m` from every blocked cell.
+
+    With no clearance the leg must not touch a blocked cell, not even a corner. A clearance is kept up to a
+    billionth of a cell. Beyond the map's edge nothing is blocked.
+    """
+    x0, y0 = to_cells(grid, from_m)
+    x1, y1 = to_cells(grid, to_m)
+    return bool(clear_leg(grid.blocked, x0, y0, x1, y1, max(clearance_m, 0.0) / grid.spacing_m, -1))
+
+
+def to_cells(grid: Grid, point_m: Point) -> tuple[float, float]:
+    """Return a point in cells: (column, row) as floats."""
+    return (
+        (point_m[0] - grid.origin_m[0]) / grid.spacing_m,
+        (point_m[1] - grid.origin_m[1]) / grid.spacing_m,
+    )

@@ -1,0 +1,1 @@
+"""From a grid path to a route that a fixed wing can fly: string pulling, turns, first turns."""

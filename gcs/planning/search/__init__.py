@@ -1,0 +1,1 @@
+"""Shortest paths on the grid: A*, Dijkstra, the cost matrix of all pairs."""

@@ -1,0 +1,1 @@
+"""How flights begin and end: the climb, the terminal loiter, the landing."""

@@ -1,0 +1,85 @@
+"""A vehicle would be lost to what stands ahead of its runway: the climb is flown before the route begins."""
+
+import math
+
+import pytest
+
+from gcs.planning.map.grid import free_grid
+from gcs.planning.terminal.climb import Climb, climb_problem, turn_problem
+
+HEADING_RAD = math.radians(352.9)
+STAND_M = (1501.5, 1000.0)
+# Where ArduPlane (simulated, calm, pitch 15 degrees) had its take-off altitude and flew to the next item, as
+# its flight log says: altitude, east, north. Runway heading and place as above.
+CLIMBED = [
+    (90.0, 1467.7, 1271.8),
+    (90.0, 1464.9, 1282.4),
+    (120.0, 1457.3, 1354.1),
+    (120.0, 1453.9, 1365.3),
+    (150.0, 1445.1, 1448.4),
+    (180.0, 1431.7, 1530.4),
+]
+# The same with 6 m/s of wind from the west.
+CLIMBED_IN_WIND = [(90.0, 1500.0, 1274.4), (120.0, 1507.1, 1356.9)]
+# What it flew through in one of these flights, 45 m deep, on its climb to 90 m.
+BOX_M = (1410.0, 1240.0, 1510.0, 1340.0)
+
+
+def climb(altitude_m, wind_m_s=0.0):
+    length_m = 30.0 + altitude_m / math.tan(math.radians(20.0))
+    return Climb(STAND_M, HEADING_RAD, 30.0, length_m, altitude_m, 22.0, wind_m_s)
+
+
+def field(*boxes_m):
+    return free_grid((76, 76), 40.0).with_obstacles(boxes_m=boxes_m)
+
+
+@pytest.mark.parametrize(("altitude_m", "east_m", "north_m"), CLIMBED)
+def test_a_climb_ends_where_an_autopilot_was_seen_to_end_it(altitude_m, east_m, north_m):
+    assert math.dist(climb(altitude_m).end_m, (east_m, north_m)) < 20.0
+
+
+@pytest.mark.parametrize(("altitude_m", "east_m", "north_m"), CLIMBED_IN_WIND)
+def test_the_wind_carries_a_climb_no_farther_off_than_is_looked_at(altitude_m, east_m, north_m):
+    flown = climb(altitude_m, wind_m_s=6.0)
+    off_m = math.dist(flown.end_m, (east_m, north_m))
+    assert 20.0 < off_m < max(math.dist(flown.end_m, end) for end in flown.ends_m())
+
+
+@pytest.mark.parametrize("altitude_m", [90.0, 120.0])
+def test_an_obstacle_ahead_of_the_runway_is_not_flown_through(altitude_m):
+    problem = climb_problem(field(BOX_M), climb(altitude_m), 60.0)
+    assert "the climb comes within 60 m" in problem
+    assert "161 m from where it stands, at (1482, 1160) m" in problem
+    assert not climb_problem(field(), climb(altitude_m), 60.0)
+
+
+def test_a_low_take_off_altitude_turns_before_the_obstacle():
+    grid, low = field(BOX_M), climb(20.0)
+    route = [(1336.0, 1157.0), (1073.0, 2067.0)]
+    assert not climb_problem(grid, low, 60.0)
+    assert not turn_problem(grid, low, route, 78.0, 60.0)
+
+
+def test_an_obstacle_in_the_first_turn_is_named():
+    grid, straight = field((1260.0, 1320.0, 1380.0, 1400.0)), climb(90.0)
+    assert not climb_problem(grid, straight, 60.0)
+    problem = turn_problem(grid, straight, [(700.0, 1350.0)], 78.0, 60.0)
+    assert "the first turn" in problem
+    assert not turn_problem(grid, straight, [(2200.0, 1350.0)], 78.0, 60.0)
+
+
+def test_wind_asks_for_more_room_beside_the_climb():
+    grid = field((1580.0, 1240.0, 1660.0, 1400.0))
+    assert not climb_problem(grid, climb(90.0), 60.0)
+    assert climb_problem(grid, climb(90.0, wind_m_s=6.0), 60.0)
+
+
+def test_a_climb_out_of_the_map_is_refused():
+    out = Climb((1500.0, 100.0), math.pi, 30.0, 280.0, 90.0, 22.0)
+    assert "leaves the map" in climb_problem(field(), out, 60.0)
+
+
+def test_on_the_ground_a_vehicle_may_stand_near_a_hangar():
+    hangar = (1540.0, 960.0, 1580.0, 1000.0)
+    assert not climb_problem(field(hangar), climb(20.0), 40.0)

@@ -1,0 +1,135 @@
+"""A user would lose aircraft at their targets: a fixed wing cannot stop, and targets are where they like."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.planning.map.grid import free_grid, random_obstacles
+from gcs.planning.options import AgentStart, PlanOptions, Wait
+from gcs.planning.path.turns import Corners
+from gcs.planning.planner import plan_routes
+from sim_vehicles.airframe import Airframe
+from sim_vehicles.guidance import Circle, ToPoint
+
+OPEN = free_grid((51, 51), 40.0)
+CORNERS = Corners(40.0, 42.0, 10.0)
+NEAR_M, LOITER_M = 40.0, 30.0
+OPTIONS = PlanOptions(
+    clearance_m=50.0,
+    shape="flyable",
+    turn_radius_m=58.0,
+    wait=Wait(radius_m=40.0, near_m=NEAR_M, lag_s=2.8, corners=CORNERS),
+)
+EAST = math.pi / 2.0
+
+
+def planned(grid, target_m, start_m=(300.0, 1000.0), course_rad=EAST, options=OPTIONS):
+    start = AgentStart(*start_m, course_rad)
+    result = plan_routes(grid, {1: start}, {(0, 0): target_m}, {}, options)
+    return result.routes[0], result
+
+
+def flown(route, start_m=(300.0, 1000.0), course_rad=EAST, waits_s=40.0):
+    """Fly a route as the simulated vehicle does, and round its circle; yields places, 0.1 s apart."""
+    airframe, at_m = Airframe(*start_m, 100.0, course_rad, 15.0), start_m
+    points = [start_m, *map(tuple, route.points_m.tolist())]
+    radii_m = CORNERS.acceptance_m(np.array(points))
+    goals = [
+        ToPoint(*b, b[0] - a[0], b[1] - a[1], radius_m)
+        for (a, b), radius_m in zip(pairwise(points), radii_m.tolist(), strict=True)
+    ]
+    goals.append(Circle(*route.flown_m[-1].tolist(), LOITER_M))
+    left_s = waits_s
+    while left_s > 0.0:
+        while len(goals) > 1 and goals[0].is_reached(airframe):
+            goals.pop(0)
+        if len(goals) == 1:
+            left_s -= 0.1
+        for _ in range(10):
+            airframe.step(goals[0].heading_error_rad(airframe), 100.0, 15.0)
+        at_m = airframe.east_m, airframe.north_m
+        yield at_m
+
+
+def is_inside(grid, place_m):
+    return bool(grid.blocked[grid.node_of(place_m)]) and grid.contains(place_m)
+
+
+def time_near_s(places, target_m):
+    return 0.1 * sum(math.dist(place, target_m) <= NEAR_M for place in places)
+
+
+def test_in_the_open_a_vehicle_circles_where_its_route_ends():
+    for grid in (OPEN, OPEN.with_obstacles(discs_m=[(300.0, 1700.0, 60.0)])):
+        route, result = planned(grid, (1200.0, 1000.0))
+        assert route.wait_m is None
+        assert route.points_m[-1].tolist() == [1200.0, 1000.0]
+        assert not result.short
+
+
+def test_before_a_wall_a_vehicle_passes_its_target_and_waits_where_there_is_room():
+    grid = OPEN.with_obstacles(boxes_m=[(1270.0, 400.0, 1400.0, 1600.0)])
+    target_m = (1220.0, 1000.0)
+    route, result = planned(grid, target_m)
+    assert route.wait_m is not None
+    assert not result.short
+    places = list(flown(route))
+    assert not any(is_inside(grid, place) for place in places)
+    assert time_near_s(places, target_m) > 2.0
+    straight, _ = planned(grid, target_m, options=replace(OPTIONS, wait=None))
+    assert any(is_inside(grid, place) for place in flown(straight))
+
+
+def test_a_target_over_an_obstacle_is_passed_beside_it():
+    grid = OPEN.with_obstacles(cells=[(25, 30)])
+    target_m = (1200.0, 1000.0)
+    route, result = planned(grid, target_m, options=replace(OPTIONS, clearance_m=25.0))
+    assert not result.short
+    places = list(flown(route))
+    assert not any(is_inside(grid, place) for place in places)
+    assert time_near_s(places, target_m) > 2.0
+    assert planned(grid, target_m)[1].short == {1}  # 8 m are less than a quarter of 50
+
+
+def test_nobody_is_sent_past_a_target_that_no_clear_way_passes():
+    walls = [(20, col) for col in range(26, 35)] + [(30, col) for col in range(26, 35)]
+    walls += [(row, 34) for row in range(20, 31)] + [(row, 26) for row in (*range(20, 25), *range(26, 31))]
+    grid = OPEN.with_obstacles(cells=walls, boxes_m=[(1160.0, 820.0, 1340.0, 1180.0)])
+    route, result = planned(grid, (1250.0, 1000.0))
+    assert result.short == {1}
+    assert any("no clear way to pass target T0.0" in note for note in result.notes)
+    assert not any(is_inside(grid, place) for place in flown(route))
+
+
+@settings(deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.tuples(st.floats(1000.0, 1700.0), st.floats(300.0, 1700.0)),
+    st.floats(-math.pi, math.pi),
+)
+def test_among_random_obstacles_no_end_leads_into_one(seed, target_m, course_rad):
+    """As the simulated airframe flies it; routes with turns that are said to be too sharp are left out."""
+    start_m = (300.0, 1000.0)
+    rng = np.random.default_rng(seed)
+    grid = random_obstacles(OPEN, 0.05, rng, keep_clear=[start_m], keep_clear_m=200.0)
+    route, result = planned(grid, target_m, start_m, course_rad)
+    if any("turn" in note or "corners" in note or "fly into" in note for note in result.notes):
+        return
+    places = list(flown(route, start_m, course_rad))
+    assert not any(is_inside(grid, place) for place in places)
+    if not result.short:
+        assert time_near_s(places, target_m) >= 1.5
+
+
+def test_what_a_vehicle_waits_on_does_not_hang_on_where_the_map_begins():
+    target_m = (1220.0, 1000.0)
+    grid = OPEN.with_obstacles(boxes_m=[(1270.0, 400.0, 1400.0, 1600.0)])
+    moved = type(grid)((5000.0, -3000.0), 40.0, grid.blocked)
+    here, _ = planned(grid, target_m)
+    there, _ = planned(moved, (6220.0, -2000.0), (5300.0, -2000.0))
+    assert np.array(there.wait_m) - (5000.0, -3000.0) == pytest.approx(here.wait_m, abs=1e-6)

@@ -1,0 +1,89 @@
+"""Vehicles stay apart: by altitude while there are lanes, in time where they share one; else it is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.planning.deconfliction import Flight, separate
+
+
+def flight(vehicle, *points, speed=15.0, lane=0, fixed=False):
+    return Flight(vehicle, np.array(points, dtype=float), speed, lane, fixed)
+
+
+def test_who_meets_gets_another_lane():
+    head_on = [flight(1, (0, 0), (1000, 0)), flight(2, (1000, 0), (0, 0))]
+    lanes, conflicts = separate(head_on, 3, 50.0)
+    assert lanes == {1: 0, 2: 1}
+    assert conflicts == ()
+
+
+def test_who_passes_earlier_may_share_a_lane():
+    crossing = [
+        flight(1, (0, 0), (1000, 0)),
+        flight(2, (500, -500), (500, 900)),
+        flight(3, (500, -1400), (500, -600)),
+    ]
+    lanes, conflicts = separate(crossing, 2, 50.0)
+    assert lanes == {1: 0, 2: 1, 3: 0}
+    assert conflicts == ()
+
+
+def test_what_cannot_be_kept_apart_is_said():
+    lanes, (conflict,) = separate([flight(1, (0, 0), (1000, 0)), flight(2, (1000, 0), (0, 0))], 1, 50.0)
+    assert lanes == {1: 0, 2: 0}
+    assert conflict.vehicles == (1, 2)
+    assert conflict.distance_m < 15.0
+    assert conflict.after_s == pytest.approx((1000.0 - 50.0) / 30.0, abs=1.5)
+
+
+def test_who_flies_already_keeps_the_lane_and_others_give_way():
+    lanes, conflicts = separate(
+        [flight(1, (1000, 0), (0, 0), lane=2), flight(2, (0, 0), (1000, 0), lane=2, fixed=True)], 3, 50.0
+    )
+    assert lanes == {1: 0, 2: 2}
+    assert conflicts == ()
+
+
+def test_who_has_arrived_circles_there():
+    lanes, _ = separate([flight(1, (500, 0), (500, 0), fixed=True), flight(2, (0, 0), (1000, 0))], 2, 50.0)
+    assert lanes == {1: 0, 2: 1}
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 12), st.integers(1, 6))
+def test_nobody_of_one_lane_comes_near_unless_it_is_said(seed, count, lanes):
+    rng = np.random.default_rng(seed)
+    flights = [
+        Flight(
+            v,
+            rng.uniform(0, 1500, (rng.integers(2, 5), 2)),
+            15.0,
+            int(rng.integers(0, 6)),
+            bool(rng.random() < 0.3),
+        )
+        for v in range(1, count + 1)
+    ]
+    found, conflicts = separate(flights, lanes, 60.0)
+    assert set(found) == {f.vehicle for f in flights}
+    assert all(0 <= lane < lanes for lane in found.values())
+    assert all(found[f.vehicle] == f.lane % lanes for f in flights if f.is_fixed)
+    said = {c.vehicles for c in conflicts}
+    for one in flights:
+        for other in flights:
+            pair = (one.vehicle, other.vehicle)
+            if pair[0] < pair[1] and found[pair[0]] == found[pair[1]] and pair not in said:
+                assert nearest_m(one, other) >= 60.0 - 30.0  # looked at once a second, closing at 30 m/s
+
+
+def nearest_m(one, other):
+    t_s = np.arange(0.0, 900.0, 0.1)
+
+    def at(f):
+        way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(f.points_m, axis=0).T))))
+        return np.column_stack([np.interp(f.speed_m_s * t_s, way, f.points_m[:, axis]) for axis in (0, 1)])
+
+    return np.hypot(*(at(one) - at(other)).T).min()
