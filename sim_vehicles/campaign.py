@@ -20,11 +20,11 @@ from typing import IO, Literal, cast
 import msgspec
 from rich.console import Console
 
+from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.config import read_text
 from gcs.core.perception.fusion import Trackers
-from gcs.edge.kernels import LINKS, PLANNING, TRACKING, load_kernels
-from gcs.edge.recorder import versions
 from gcs.errors import RecordingError
+from gcs.io.recording.writer import versions
 from gcs.model import Effect, Truth
 from gcs.report.campaign import Row
 from gcs.report.deaths import DeathWatch

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from gcs.edge.complaints import complain
-from gcs.edge.consoles import console_for
+from gcs.cli.errors import complain
 from gcs.errors import GcsError
+from gcs.io.console import console_for
 from sim_vehicles.firmware import parse_sitl
 from sim_vehicles.scenario import load
 from sim_vehicles.supervisor import Plan, Supervisor

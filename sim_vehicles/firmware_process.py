@@ -31,9 +31,9 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.edge.clock import RunClock
 from gcs.errors import SimulationError
 from gcs.geo import LocalFrame
+from gcs.io.clock import RunClock
 from gcs.model import NS_PER_S
 from sim_vehicles.firmware import (
     FIRMWARES,

@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as Shown
 
-from gcs.edge.consoles import console_for
-from gcs.edge.kernels import LINKS, PLANNING, TRACKING, load_kernels
+from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.errors import InterruptedRunError
+from gcs.io.console import console_for
 from gcs.report.campaign import groups
 from gcs.report.campaign_page import failures, overviews, write_report
 from gcs.report.campaign_tables import write_csv, write_parquet

@@ -31,9 +31,9 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.edge.clock import RunClock
-from gcs.edge.keyfile import read_keys
 from gcs.geo import LocalFrame
+from gcs.io.clock import RunClock
+from gcs.io.signing.keystore import read_keys
 from gcs.model import NS_PER_S
 from sim_vehicles.frames import Outbox
 from sim_vehicles.missions import NEVER_NS

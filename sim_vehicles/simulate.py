@@ -12,9 +12,9 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from gcs.edge.consoles import console_for
-from gcs.edge.kernels import LINKS, PLANNING, RECORDING, TRACKING, load_kernels
-from gcs.edge.recorder import Recorder, Room, Run, versions
+from gcs.cli.warm_up_progress import LINKS, PLANNING, RECORDING, TRACKING, load_kernels
+from gcs.io.console import console_for
+from gcs.io.recording.writer import Recorder, Room, Run, versions
 from gcs.model import Effect, Event, Truth
 from gcs.report.judge import Summary, judge_of, summary_json
 from gcs.report.summary import print_summary

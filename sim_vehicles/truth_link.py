@@ -25,7 +25,7 @@ os.environ.setdefault("MAVLINK20", "1")  # read by mavutil when it is imported
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.edge.clock import RunClock
+from gcs.io.clock import RunClock
 from sim_vehicles.firmware import true_place, truth_messages
 from sim_vehicles.frames import Outbox
 from sim_vehicles.process import Address, address_of, clock_of

@@ -27,11 +27,11 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.edge.clock import RunClock
-from gcs.edge.scans import encode_scan
-from gcs.edge.wire import encode_truth, scan_key, truth_key
-from gcs.edge.zenoh_bus import Bus
 from gcs.geo import LocalFrame
+from gcs.io.clock import RunClock
+from gcs.io.zenoh.messages import encode_truth, scan_key, truth_key
+from gcs.io.zenoh.scans import encode_scan
+from gcs.io.zenoh.session import Bus
 from gcs.model import Scan, TruthObject
 from sim_vehicles.missions import NEVER_NS
 from sim_vehicles.scenario import Scenario, load

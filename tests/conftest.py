@@ -13,6 +13,6 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile outside of every test: their time limits are not made for a first start."""
     if hasattr(session.config, "workerinput") or session.config.option.collectonly:
         return
-    from gcs.edge.kernels import ALL, load_kernels
+    from gcs.cli.warm_up_progress import ALL, load_kernels
 
     load_kernels(Console(stderr=True), *ALL)

@@ -12,8 +12,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from gcs.cli import app
-from gcs.edge import kernels
+from gcs.cli import app, warm_up_progress
 
 
 def test_version_is_that_of_the_package() -> None:
@@ -50,7 +49,7 @@ def test_warm_up_compiles_everything_and_a_flight_only_what_it_needs(monkeypatch
     monkeypatch.setattr("gcs.compiling.warm_up", lambda *rooms, **_: asked.append(rooms))
     shown = CliRunner().invoke(app, ["warm-up"])
     assert (shown.exit_code, shown.stdout.strip()) == (0, "all kernels are ready")
-    kernels.load_kernels(Console(quiet=True))
+    warm_up_progress.load_kernels(Console(quiet=True))
     everything, flight = map(set, asked)
     assert everything - flight == {"gcs.tracking.trajectories.recovery"}, "only gcs track asks for histories"
     assert flight < everything

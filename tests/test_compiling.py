@@ -112,7 +112,7 @@ print(started, told[0])
 
 def test_a_cold_start_is_told_before_it_takes_its_time_and_a_warm_one_is_not(tmp_path):
     (tmp_path / "room.py").write_text(ROOM)
-    start = "from rich.console import Console; from gcs.edge.kernels import load_kernels;"
+    start = "from rich.console import Console; from gcs.cli.warm_up_progress import load_kernels;"
     start += "load_kernels(Console(), 'room')"
     first, *rest = run(start, tmp_path).splitlines()
     assert first.startswith("compiling the kernels, once after an installation: one to two minutes")

@@ -19,7 +19,7 @@ from gcs.cli.shared import (
     complete_scenario,
     errors_shown,
 )
-from gcs.edge.consoles import console_for
+from gcs.io.console import console_for
 
 PANEL = "Fly"
 
@@ -217,7 +217,7 @@ def run(
     on from there.
     """
     from gcs.commands.serve import ServeOptions, serve
-    from gcs.edge.clock import RunClock
+    from gcs.io.clock import RunClock
 
     run_clock = RunClock()
     if clock is not None:  # of a simulation that flies faster than time

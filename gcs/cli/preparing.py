@@ -11,7 +11,7 @@ import typer.core
 from rich.table import Table
 
 from gcs.cli.shared import ConfigArgument, JsonOption, SeedOption, complete_scenario, errors_shown
-from gcs.edge.consoles import console_for
+from gcs.io.console import console_for
 
 PANEL = "Before a flight"
 
@@ -34,7 +34,7 @@ def scenarios() -> None:
 @app.command(name="warm-up", rich_help_panel=PANEL)
 def warm_up() -> None:
     """Compile what is compiled once after an installation, so that no first flight waits for it."""
-    from gcs.edge.kernels import ALL, load_kernels
+    from gcs.cli.warm_up_progress import ALL, load_kernels
 
     console = console_for()
     load_kernels(console, *ALL)

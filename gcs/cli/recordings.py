@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from gcs.cli.shared import JsonOption, errors_shown
-from gcs.edge.consoles import console_for
+from gcs.io.console import console_for
 
 PANEL = "Recordings"
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from gcs.edge.complaints import complain
+from gcs.cli.errors import complain
 from gcs.errors import GcsError, InterruptedRunError
 
 

@@ -20,24 +20,24 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from gcs.app import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
+from gcs.cli.link_table import link_rows
 from gcs.commands.sinks import JudgeSink, draw_recording, open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
-from gcs.edge.clock import RunClock
-from gcs.edge.links import Links
-from gcs.edge.linkview import link_rows
-from gcs.edge.output import QueuedText, off_loop
-from gcs.edge.recorder import Run
-from gcs.edge.recorder_thread import RecorderThread
-from gcs.edge.signing import Signing
-from gcs.edge.whereabouts import announced
-from gcs.edge.wire import decode_truth, truth_key
-from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import InterruptedRunError, SimulationError
+from gcs.io.clock import RunClock
+from gcs.io.links.manager import Links
+from gcs.io.output import QueuedText, off_loop
+from gcs.io.recording.writer import Run
+from gcs.io.recording.writer_thread import RecorderThread
+from gcs.io.signing.gate import Signing
+from gcs.io.zenoh.discovery import announced
+from gcs.io.zenoh.messages import decode_truth, truth_key
+from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.model import NS_PER_S
 from gcs.report.judge import Judge, Summary, judge_of, summary_json
 from gcs.report.summary import print_summary
+from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
 _STARTS_WITHIN_S = 90.0
 _LAUNCH_WITHIN_S = 180.0

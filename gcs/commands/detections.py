@@ -34,8 +34,8 @@ from gcs.commands.tables import MOST_NUMBERS, Numbers, read_csv, read_npz
 from gcs.commands.truths import TruthRows, by_scan, read_truth, truth_rows
 from gcs.config import parse
 from gcs.config.tables import AnywhereTable
-from gcs.edge.scans import MAX_DETECTIONS
 from gcs.errors import ConfigError, RecordingError
+from gcs.io.zenoh.scans import MAX_DETECTIONS
 from gcs.model import NS_PER_S, FloatArray, Scan, Sensor, Truth, read_only
 from gcs.tracking.glmb.filter import Birth, GlmbParams
 from gcs.tracking.metrics import Tracks
@@ -258,7 +258,7 @@ def _of_recording(
     path: Path, model: Path | None, truth: Path | None, progress: Callable[[int], None] | None
 ) -> Detections:
     """Scans of a recorded run; one tracker for agents and targets, which moves as the agents may."""
-    from gcs.edge.reader import Damage, about, read
+    from gcs.io.recording.reader import Damage, about, read
 
     if model is not None:
         raise ConfigError(str(model), "", "a recording has its own model: expected no --model with it")

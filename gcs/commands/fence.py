@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.table import Table
 
+from gcs.cli.errors import complain
 from gcs.commands.naming import names, vehicle_named
-from gcs.edge.complaints import complain
-from gcs.edge.consoles import console_for
 from gcs.errors import GcsError
+from gcs.io.console import console_for
 
 if TYPE_CHECKING:
     from gcs.config import Config
-    from gcs.edge.fencing import Fencing
+    from gcs.io.vehicles.geofence import Fencing
 
 app = typer.Typer(
     help="""The fence and the rally points of a mission file, and of its vehicles.
@@ -98,8 +98,8 @@ def _run(
     as_json: bool,
 ) -> None:
     from gcs.config import load
-    from gcs.edge.entrance import entrance_of
-    from gcs.edge.fencing import fence_vehicles
+    from gcs.io.vehicles.access import entrance_of
+    from gcs.io.vehicles.geofence import fence_vehicles
 
     console = console_for(stderr=as_json)
     try:

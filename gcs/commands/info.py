@@ -15,12 +15,12 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeR
 
 from gcs.commands.contents import print_contents
 from gcs.commands.tables import ENDINGS
-from gcs.edge.boot_clock import TimeLine
-from gcs.edge.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
-from gcs.edge.tlog import Logged, Unreadable, is_stamped, read_log
-from gcs.edge.wire import topic_of
 from gcs.errors import RecordingError
 from gcs.files import open_regular
+from gcs.io.recording.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
+from gcs.io.recording.timestamps import TimeLine
+from gcs.io.recording.tlog import Logged, Unreadable, is_stamped, read_log
+from gcs.io.zenoh.messages import topic_of
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, MissionEnded, Scan, Send
 from gcs.report.traffic import Traffic, rate_hz

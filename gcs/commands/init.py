@@ -15,10 +15,10 @@ from gcs.commands.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start
 from gcs.commands.sketch_files import read_kml, read_plan
 from gcs.commands.sketch_heard import listen, read_heard
 from gcs.config import parse
-from gcs.edge.reader import about, is_recording
 from gcs.errors import ConfigError
 from gcs.fence import fence_of
 from gcs.geo import LocalFrame
+from gcs.io.recording.reader import about, is_recording
 
 _MARGIN_M: Final = 500.0
 """Around all places: vehicles turn, climb and wait there."""

@@ -15,13 +15,13 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from gcs.edge.complaints import complain
-from gcs.edge.consoles import console_for
+from gcs.cli.errors import complain
 from gcs.errors import ConfigError, GcsError
+from gcs.io.console import console_for
 
 if TYPE_CHECKING:
-    from gcs.edge.keyfile import KeyFile
-    from gcs.edge.keying import Result, Wanted
+    from gcs.io.signing.keystore import KeyFile
+    from gcs.io.signing.provisioning import Result, Wanted
 
 app = typer.Typer(
     help="""Keys for MAVLink 2 signing: vehicles obey, and are believed, by their key alone.
@@ -99,7 +99,7 @@ def show(
     as_json: JsonOption = False,
 ) -> None:
     """List whose keys a file holds, each by its fingerprint."""
-    from gcs.edge.keyfile import read_keys
+    from gcs.io.signing.keystore import read_keys
 
     try:
         keys = read_keys(file)
@@ -125,8 +125,8 @@ def install(
     Vehicles must be disarmed, on a link that nobody else hears: the key goes over it in the clear. Without
     `--vehicle`: all vehicles with a key of their own.
     """
-    from gcs.edge.keyfile import read_keys
-    from gcs.edge.keying import Wanted
+    from gcs.io.signing.keystore import read_keys
+    from gcs.io.signing.provisioning import Wanted
 
     console = console_for(stderr=True)
     try:
@@ -164,8 +164,8 @@ def rotate(
     that it uses it. A rotation that breaks off is finished by the same command. Stop the service before, and
     start it after: it reads its keys once.
     """
-    from gcs.edge.keyfile import read_keys
-    from gcs.edge.keying import Wanted
+    from gcs.io.signing.keystore import read_keys
+    from gcs.io.signing.provisioning import Wanted
 
     console = console_for(stderr=True)
     try:
@@ -196,13 +196,13 @@ def rotate(
 
 
 def _read_or_begin(file: Path) -> KeyFile:
-    from gcs.edge.keyfile import KeyFile, read_keys
+    from gcs.io.signing.keystore import KeyFile, read_keys
 
     return read_keys(file) if file.exists() else KeyFile(file)
 
 
 def _vehicles(names: list[str] | None) -> list[int]:
-    from gcs.edge.keyfile import vehicle_of
+    from gcs.io.signing.keystore import vehicle_of
 
     found = []
     for name in names or []:
@@ -267,9 +267,9 @@ def _confirm(console: Console, endpoint: str, *, yes: bool) -> None:
 def _install(
     keys: KeyFile, endpoint: str, wanted: list[Wanted], timeout_s: float, console: Console
 ) -> list[Result]:
-    from gcs.edge.keyfile import TimeFile
-    from gcs.edge.keying import install as install_keys
     from gcs.endpoints import parse_endpoint
+    from gcs.io.signing.keystore import TimeFile
+    from gcs.io.signing.provisioning import install as install_keys
 
     results: list[Result] = []
 

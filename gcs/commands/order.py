@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeAlias
 import typer
 from rich.console import Console
 
+from gcs.cli.errors import complain
 from gcs.commands.naming import names, vehicle_named
-from gcs.edge.complaints import complain
-from gcs.edge.consoles import console_for
 from gcs.errors import GcsError, LinkError
+from gcs.io.console import console_for
 
 if TYPE_CHECKING:
-    from gcs.edge.order_wire import AreaMessage, OrderMessage
+    from gcs.io.zenoh.orders import AreaMessage, OrderMessage
     from gcs.model import OrderAnswer, Proposal
 
 app = typer.Typer(
@@ -212,7 +212,7 @@ def keep_out(
 def _area(
     name: str, circle: str | None, polygon: str | None, frame: Literal["local", "wgs84"]
 ) -> AreaMessage:
-    from gcs.edge.order_wire import AreaMessage
+    from gcs.io.zenoh.orders import AreaMessage
 
     if circle is not None:
         a, b, radius_m = _numbers(circle, 3, "--circle")
@@ -289,7 +289,7 @@ def _order(
     plan_id: int | None = None,
     keep_out: AreaMessage | None = None,
 ) -> OrderMessage:
-    from gcs.edge.order_wire import OrderMessage
+    from gcs.io.zenoh.orders import OrderMessage
 
     return OrderMessage(
         order_id=f"{action}-{secrets.token_hex(6)}",
@@ -327,7 +327,7 @@ def _print_result(
     result |= {"problem": problem, "answers": rows}
     shown = next((a.proposal for a in answers if a.proposal is not None), printed)
     if shown is not None:
-        from gcs.edge.wire import encode
+        from gcs.io.zenoh.messages import encode
 
         result["proposal"] = json.loads(encode(shown))
     print(json.dumps(result), flush=True)  # noqa: T201  the promised last line
@@ -341,10 +341,10 @@ def _collect(
     console: Console,
     answers: list[OrderAnswer],
 ) -> None:
-    from gcs.edge.lines import answer_line
-    from gcs.edge.ordering import give
-    from gcs.edge.proposal_view import proposal_title, route_lines
-    from gcs.edge.whereabouts import the_service
+    from gcs.cli.lines import answer_line
+    from gcs.cli.proposal import proposal_title, route_lines
+    from gcs.io.zenoh.discovery import the_service
+    from gcs.io.zenoh.order_client import give
 
     if zenoh is None:
         service = the_service(mission)

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from gcs.cli.errors import complain
 from gcs.commands.fence import ConfigArgument, JsonOption, LinkOption, VehicleOption, YesOption, chosen
 from gcs.commands.naming import names as named
-from gcs.edge.complaints import complain
-from gcs.edge.consoles import console_for
 from gcs.errors import GcsError
+from gcs.io.console import console_for
 
 if TYPE_CHECKING:
-    from gcs.edge.parameters import ParameterTalk
+    from gcs.io.vehicles.parameters import ParameterTalk
 
 app = typer.Typer(
     help="""Parameters of a mission's vehicles, by name.
@@ -100,8 +100,8 @@ def _run(
     ask: bool = False,
 ) -> None:
     from gcs.config import load
-    from gcs.edge.entrance import entrance_of
-    from gcs.edge.parameters import ask_parameters
+    from gcs.io.vehicles.access import entrance_of
+    from gcs.io.vehicles.parameters import ask_parameters
 
     console = console_for(stderr=as_json)
     try:

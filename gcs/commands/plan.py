@@ -20,12 +20,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from gcs.cli.warm_up_progress import PLANNING, load_kernels
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.altitude_layers import lane_count
 from gcs.core.replanning.options import plan_options
 from gcs.core.replanning.return_routes import landing_of
-from gcs.edge.kernels import PLANNING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.files import read_text
 from gcs.model import Route

@@ -18,15 +18,15 @@ from gcs.config import Config, load
 from gcs.core.preflight.mission import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.result import Check, Level
 from gcs.core.preflight.vehicle import envelope_of, vehicle_checks
-from gcs.edge.clock import ClockWatch, RunClock
-from gcs.edge.entrance import entrance_of
-from gcs.edge.mavsdk_uploader import REMEDY, mavsdk_problem
-from gcs.edge.scans import decode_scan
-from gcs.edge.visit import Visit
-from gcs.edge.wire import sensor_scan_keys
-from gcs.edge.zenoh_bus import Bus
 from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
+from gcs.io.clock import ClockWatch, RunClock
+from gcs.io.mavsdk.uploader import REMEDY, mavsdk_problem
+from gcs.io.vehicles.access import entrance_of
+from gcs.io.vehicles.session import Visit
+from gcs.io.zenoh.messages import sensor_scan_keys
+from gcs.io.zenoh.scans import decode_scan
+from gcs.io.zenoh.session import Bus
 from gcs.mavlink.services.preflight_query import NEEDED_IDS, Inspection
 from gcs.model import NS_PER_S, Scan, vehicle_name
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from gcs.edge.kernels import PLANNING, load_kernels
+from gcs.cli.warm_up_progress import PLANNING, load_kernels
 from gcs.errors import ConfigError
 from gcs.files import read_text
 from gcs.planning.map.grid import Grid, Node

@@ -16,20 +16,20 @@ from typing import Any, get_args
 import typer
 from rich.console import Console
 
-from gcs.app import wait_for_interrupt
+from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.commands.replaying import Replay, Verifier, Window
 from gcs.commands.sinks import view_for, warm_up
 from gcs.commands.telemetry import Beside, load_beside, refuse_detections, telemetry_records
 from gcs.commands.whatif import Comparison, settings, table
 from gcs.config import Config, load, parse
-from gcs.edge.kernels import LINKS, PLANNING, TRACKING
-from gcs.edge.reader import About, Record, about, is_recording, read
-from gcs.edge.recorder import versions
-from gcs.edge.tlog import is_stamped
 from gcs.errors import RecordingError
 from gcs.files import open_regular
+from gcs.io.recording.reader import About, Record, about, is_recording, read
+from gcs.io.recording.tlog import is_stamped
+from gcs.io.recording.writer import versions
 from gcs.model import Effect, Event
 from gcs.report.verification import Verification
+from gcs.service.service import wait_for_interrupt
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,13 +13,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
-from gcs.app import LAG_TEXT, Sink
 from gcs.config import Config
 from gcs.core.engine import Command
-from gcs.edge.reader import Damage, Record
-from gcs.edge.wire import encode, topic_of
+from gcs.io.recording.reader import Damage, Record
+from gcs.io.zenoh.messages import encode, topic_of
 from gcs.model import NS_PER_S, Effect, Event, Notice, Truth
 from gcs.report.verification import Output, Verification
+from gcs.service.service import LAG_TEXT, Sink
 
 _YIELD_S = 0.02
 _NAP_S = 0.1

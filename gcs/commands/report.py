@@ -17,19 +17,19 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.commands.info import reading_progress
 from gcs.commands.sinks import warm_up
 from gcs.commands.telemetry import Beside, load_beside, refuse_detections, telemetry_records
 from gcs.config import Config, load, parse
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.engine import Command
-from gcs.edge.boot_clock import TimedBy, TimeLine
-from gcs.edge.kernels import LINKS, PLANNING, TRACKING
-from gcs.edge.reader import Damage, about, is_recording, read, recording_bytes
-from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.files import open_regular
 from gcs.geo import LocalFrame
+from gcs.io.recording.reader import Damage, about, is_recording, read, recording_bytes
+from gcs.io.recording.timestamps import TimedBy, TimeLine
+from gcs.io.recording.tlog import Logged, is_stamped, read_log
 from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.course import Course, CourseBuilder

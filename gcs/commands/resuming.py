@@ -7,10 +7,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from gcs.app import Service
-from gcs.edge.journal import Journal
-from gcs.edge.output import Writer
 from gcs.errors import JournalError
+from gcs.io.output import Writer
 from gcs.model import (
     NS_PER_S,
     Effect,
@@ -23,6 +21,8 @@ from gcs.model import (
     Tick,
     UploadReport,
 )
+from gcs.service.journal import Journal
+from gcs.service.service import Service
 
 _EVERY_NS = 5 * NS_PER_S
 _NEWS_NS = NS_PER_S // 2

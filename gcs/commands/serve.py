@@ -9,20 +9,20 @@ from pathlib import Path
 
 from rich.console import Console
 
-from gcs.app import Service, fly_on_after_hangup, wait_for_interrupt
+from gcs.cli.link_table import link_rows, link_table
 from gcs.commands.resuming import JournalSink, default_path, take_up
 from gcs.commands.sinks import open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
-from gcs.edge.clock import RunClock
-from gcs.edge.journal import Journal, fingerprint
-from gcs.edge.links import Links
-from gcs.edge.linkview import link_rows, link_table
-from gcs.edge.output import QueuedText, off_loop
-from gcs.edge.recorder import Run
-from gcs.edge.recorder_thread import RecorderThread
-from gcs.edge.signing import Signing
-from gcs.edge.whereabouts import announced
-from gcs.edge.zenoh_bus import service_bus
+from gcs.io.clock import RunClock
+from gcs.io.links.manager import Links
+from gcs.io.output import QueuedText, off_loop
+from gcs.io.recording.writer import Run
+from gcs.io.recording.writer_thread import RecorderThread
+from gcs.io.signing.gate import Signing
+from gcs.io.zenoh.discovery import announced
+from gcs.io.zenoh.session import service_bus
+from gcs.service.journal import Journal, fingerprint
+from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,23 +12,23 @@ from typing import Protocol
 from rich.console import Console
 from rich.live import Live
 
-from gcs.app import Sink
+from gcs.cli.live_view import LiveView, PlainLines
+from gcs.cli.warm_up_progress import load_kernels
 from gcs.config import Config
 from gcs.config.tables import RecordingTable
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.engine import Command
-from gcs.edge.consoles import Printable, console_for
-from gcs.edge.kernels import load_kernels
-from gcs.edge.leftovers import remove_empty
-from gcs.edge.links import Links
-from gcs.edge.output import is_busy
-from gcs.edge.private_files import new_folder
-from gcs.edge.reader import read
-from gcs.edge.recorder import Recorder, Room, Run, versions
-from gcs.edge.recorder_thread import RecorderThread
-from gcs.edge.terminal import LiveView, PlainLines
+from gcs.io.console import Printable, console_for
+from gcs.io.links.manager import Links
+from gcs.io.output import is_busy
+from gcs.io.private_files import new_folder
+from gcs.io.recording.reader import read
+from gcs.io.recording.unfinished import remove_empty
+from gcs.io.recording.writer import Recorder, Room, Run, versions
+from gcs.io.recording.writer_thread import RecorderThread
 from gcs.model import Effect, Event
 from gcs.report.judge import Judge
+from gcs.service.service import Sink
 
 _REFRESH_S = 0.25
 _COLLECT_AFTER = 100_000

@@ -11,11 +11,11 @@ from typing import BinaryIO, Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.commands.sketch import Sketch, Start, is_place
-from gcs.edge.links import TRANSPORTS
-from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.endpoints import parse_endpoint
 from gcs.errors import LinkError, RecordingError
 from gcs.files import open_regular
+from gcs.io.links.manager import TRANSPORTS
+from gcs.io.recording.tlog import Logged, is_stamped, read_log
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Message, scan
 from gcs.model import Level
 
@@ -140,7 +140,7 @@ def listen(endpoint: str, seconds: float) -> Sketch:
 
 
 class _Visitor:
-    """Listens on one endpoint (`gcs.edge.transport.Listener`) and asks for positions."""
+    """Listens on one endpoint (`gcs.io.links.transport.Listener`) and asks for positions."""
 
     def __init__(self, endpoint: str) -> None:
         parsed = parse_endpoint(endpoint)

@@ -2,7 +2,7 @@
 
 A tlog holds traffic of both directions and does not say which frame came from where. The system id does:
 frames of the mission's vehicles came in; all others (ground stations, radios, strangers) are left out. A raw
-stream is the same; its times are those of the vehicles' own clocks (`gcs.edge.boot_clock`).
+stream is the same; its times are those of the vehicles' own clocks (`gcs.io.recording.timestamps`).
 
 Nothing in a log is a scan. Detections that were recorded elsewhere can be laid beside it: they enter in the
 order of their times, as if their sensor had published them then. Trackers look at position reports when a
@@ -19,16 +19,16 @@ from typing import Final
 
 import numpy as np
 
-from gcs.app import TICK_NS
 from gcs.commands.detections import Detections, load
 from gcs.commands.tables import ENDINGS
-from gcs.edge.boot_clock import TimeLine
-from gcs.edge.reader import Record
-from gcs.edge.tlog import Logged, is_stamped, read_log
 from gcs.errors import RecordingError
 from gcs.files import open_regular
+from gcs.io.recording.reader import Record
+from gcs.io.recording.timestamps import TimeLine
+from gcs.io.recording.tlog import Logged, is_stamped, read_log
 from gcs.mavlink.frames.codec import Frame
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick, read_only
+from gcs.service.service import TICK_NS
 
 LINK: Final = "tlog"
 _SCAN_NS: Final = NS_PER_S

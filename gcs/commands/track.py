@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from gcs.cli.warm_up_progress import HISTORIES, TRACKING, load_kernels
 from gcs.commands.detections import Detections, load
-from gcs.edge.kernels import HISTORIES, TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.model import FloatArray, Label
 from gcs.report.tracking import Drawing, draw_tracking
@@ -145,7 +145,7 @@ def _loaded(options: TrackOptions, console: Console) -> Detections:
         return load(options.path, options.model, options.truth)
     # Here, since what reads recordings knows all that is in them.
     from gcs.commands.info import reading_progress
-    from gcs.edge.reader import recording_bytes
+    from gcs.io.recording.reader import recording_bytes
 
     with reading_progress(console, options.path, recording_bytes(options.path)) as advance:
         return load(options.path, options.model, options.truth, advance)

@@ -14,7 +14,7 @@ import msgspec
 from rich.table import Table
 
 from gcs.config import Config
-from gcs.edge.reader import Record
+from gcs.io.recording.reader import Record
 from gcs.model import NS_PER_S, Effect, Fate, MissionEnded, Plan, UploadReport, target_name
 
 _NOTHING: Final = "–"

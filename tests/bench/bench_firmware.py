@@ -24,7 +24,7 @@ import numpy as np
 
 from gcs.config import parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.edge.reader import read
+from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, FloatArray, Plan, Truth, UploadReport
 from gcs.planning.map.grid import Grid

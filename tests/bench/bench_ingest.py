@@ -26,11 +26,11 @@ from rich.console import Console
 from rich.table import Table
 from telemetry import Batch, Player, beat_frames, position_frames, put_together, sockets_to
 
-from gcs.edge.batches import ManyAtOnce
-from gcs.edge.links import Links
-from gcs.edge.signing import Signing
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
+from gcs.io.links.manager import Links
+from gcs.io.links.recvmmsg import ManyAtOnce
+from gcs.io.signing.gate import Signing
 from gcs.mavlink.fleet import fast_telemetry
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import scan

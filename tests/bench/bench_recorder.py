@@ -17,11 +17,11 @@ from typing import Any
 
 from rich.console import Console
 
-from gcs.app import Service
 from gcs.commands.demo import DemoOptions, run_demo
-from gcs.edge import packing
-from gcs.edge.mcap_writer import McapWriter
-from gcs.edge.recorder import Recorder
+from gcs.io.recording import packing
+from gcs.io.recording.mcap_writer import McapWriter
+from gcs.io.recording.writer import Recorder
+from gcs.service.service import Service
 
 NOTHING = "a call that does nothing"
 ROWS = {

@@ -25,8 +25,8 @@ from gcs.commands.replaying import Replay, Verifier, Window
 from gcs.commands.sinks import warm_up
 from gcs.config import Config, parse
 from gcs.core.engine import Command
-from gcs.edge.reader import about, read
-from gcs.edge.recorder import Recorder, Run, versions
+from gcs.io.recording.reader import about, read
+from gcs.io.recording.writer import Recorder, Run, versions
 from gcs.model import NS_PER_S, Effect, Event
 from sim_vehicles.scenario import load
 from sim_vehicles.virtual import VirtualRun

@@ -24,7 +24,7 @@ import numpy as np
 import psutil
 
 from gcs.config import read_text
-from gcs.edge.reader import read
+from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import decode
 from gcs.model import NS_PER_S, Datagram, Scan, Tick, UploadReport
 

@@ -155,7 +155,7 @@ def shorts(losses: list[float], trials: int) -> None:
 
 async def upload(uploader: str, loss: float, seed: int) -> tuple[bool, float]:
     """Upload 20 items to one simulated ArduPlane that waits; whether it holds them, and seconds."""
-    from gcs.edge.mavsdk_uploader import MavsdkUploader
+    from gcs.io.mavsdk.uploader import MavsdkUploader
     from sim_vehicles.vehicle import SimVehicle, VehicleSpec
 
     rng = np.random.default_rng(seed)

@@ -25,10 +25,10 @@ from rich.table import Table
 
 from gcs.config import read_text
 from gcs.core.engine import Command
-from gcs.edge.journal import Journal, fingerprint
-from gcs.edge.recorder import Recorder, Room, Run, versions
+from gcs.io.recording.writer import Recorder, Room, Run, versions
 from gcs.model import NS_PER_S, Fate, KeepOut, Order, Plan, UploadReport
 from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.service.journal import Journal, fingerprint
 from gcs.settings import with_settings
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.scenario import parse_scenario

@@ -21,7 +21,7 @@ from pathlib import Path
 import psutil
 
 from gcs.config import read_text
-from gcs.edge.reader import read
+from gcs.io.recording.reader import read
 from gcs.model import NS_PER_S, Fate, Notice, Tick
 from gcs.settings import with_settings
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.edge.batches import _Header, _IoVector
+from gcs.io.links.recvmmsg import _Header, _IoVector
 from gcs.mavlink.frames.fast_scan import _STEPS
 from gcs.mavlink.frames.signing import signed, timestamp_of
 

@@ -21,10 +21,10 @@ from gcs.commands.replaying import Replay, Window
 from gcs.commands.report import ReportOptions, material_of
 from gcs.commands.telemetry import Beside, telemetry_records
 from gcs.config import load
-from gcs.edge.boot_clock import START_NS, TimeLine
-from gcs.edge.reader import about, read
-from gcs.edge.recorder import Recorder
-from gcs.edge.tlog import Logged, read_log
+from gcs.io.recording.reader import about, read
+from gcs.io.recording.timestamps import START_NS, TimeLine
+from gcs.io.recording.tlog import Logged, read_log
+from gcs.io.recording.writer import Recorder
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
 from gcs.report.run_page import Material

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.edge.keyfile import read_keys
+from gcs.io.signing.keystore import read_keys
 from gcs.mavlink.frames.signing import fingerprint, passphrase_key
 from sim_vehicles.vehicle import VehicleSpec
 

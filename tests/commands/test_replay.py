@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 from typer.testing import CliRunner
 
-from gcs.app import LAG_TEXT
 from gcs.cli import app
 from gcs.commands.replaying import Replay, Window
 from gcs.commands.telemetry import telemetry_records
 from gcs.config import load
-from gcs.edge.reader import Damage, Record, about, read
-from gcs.edge.recorder import Recorder, Run
-from gcs.edge.wire import Recordable, encode
+from gcs.io.recording.reader import Damage, Record, about, read
+from gcs.io.recording.writer import Recorder, Run
+from gcs.io.zenoh.messages import Recordable, encode
 from gcs.model import (
     BadInput,
     Datagram,
@@ -34,6 +33,7 @@ from gcs.model import (
     Truth,
     read_only,
 )
+from gcs.service.service import LAG_TEXT
 
 EVENTS = (Datagram, Scan, Tick, BadInput)
 Rows = list[tuple[int, Recordable]]

@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 from gcs.cli import app
 from gcs.commands.report import ReportOptions, _Reading
 from gcs.config import load
-from gcs.edge.reader import Damage, about, read
-from gcs.edge.recorder import Recorder, Room
-from gcs.edge.tlog import tlog_entries
+from gcs.io.recording.reader import Damage, about, read
+from gcs.io.recording.tlog import tlog_entries
+from gcs.io.recording.writer import Recorder, Room
 from gcs.model import NS_PER_S, Effect, Event, Picture, Scan, Truth
 from gcs.report.judge import Judge
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from gcs.cli.live_view import LiveView
 from gcs.commands.preflight import show
 from gcs.commands.sinks import view_for
 from gcs.config import load
 from gcs.core.engine import Command
 from gcs.core.preflight.result import Check
-from gcs.edge.consoles import console_for
-from gcs.edge.terminal import LiveView
+from gcs.io.console import console_for
 from gcs.model import Notice, Picture, Tick, Track, UploadReport, read_only
 
 CHECKS = [

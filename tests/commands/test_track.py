@@ -14,8 +14,8 @@ from gcs.cli import app
 from gcs.commands.detections import load
 from gcs.commands.track import track
 from gcs.config import read_text
-from gcs.edge.recorder import Recorder
 from gcs.errors import GcsError
+from gcs.io.recording.writer import Recorder
 from gcs.model import NS_PER_S, Scan, Sensor, Truth, TruthObject, read_only
 
 KEYS = [

@@ -13,7 +13,7 @@ from test_orders import SEED, Flight, order
 
 from gcs.config import parse, read_text
 from gcs.core.engine import Command
-from gcs.edge.wire import decode, encode
+from gcs.io.zenoh.messages import decode, encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import (
     Datagram,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.edge import clock
+from gcs.io import clock
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from gcs.config import read_text
-from gcs.edge.reader import read
-from gcs.edge.zenoh_bus import free_endpoint
+from gcs.io.recording.reader import read
+from gcs.io.zenoh.session import free_endpoint
 from gcs.settings import with_settings
 
 GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]

@@ -11,18 +11,17 @@ from missions import short_mission
 from rich.console import Console
 from wall_clock import WallClock
 
-from gcs.app import Service
 from gcs.commands.demo import DemoOptions, run_demo
 from gcs.commands.preflight import Ears
 from gcs.config import load
 from gcs.core.preflight.mission import sensor_checks
-from gcs.edge.clock import ClockWatch, RunClock
-from gcs.edge.links import Links
-from gcs.edge.reader import read
-from gcs.edge.scans import encode_scan
-from gcs.edge.wire import scan_key
-from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
+from gcs.io.clock import ClockWatch, RunClock
+from gcs.io.links.manager import Links
+from gcs.io.recording.reader import read
+from gcs.io.zenoh.messages import scan_key
+from gcs.io.zenoh.scans import encode_scan
+from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.mavlink.frames.codec import scan
 from gcs.model import (
     NS_PER_S,
@@ -37,6 +36,7 @@ from gcs.model import (
     Tick,
     read_only,
 )
+from gcs.service.service import Service
 
 STEPS_S = (0.5, -0.5, 1.5, -1.5, 20.0, -20.0, 600.0, -600.0, 3600.0, -3600.0)
 SPEED = 5.0
@@ -99,7 +99,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
                 return
             wall.set_by_ns += int(step_s * NS_PER_S)
 
-    monkeypatch.setattr("gcs.app.ClockWatch", Started)
+    monkeypatch.setattr("gcs.service.service.ClockWatch", Started)
     setter = threading.Thread(target=set_the_clock, daemon=True)
     setter.start()
     folder = tmp_path / "run"

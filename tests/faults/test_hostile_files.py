@@ -36,7 +36,7 @@ region_m = [-100.0, -100.0, 2100.0, 2100.0]
 SERVER = """
 import json, os, resource, sys
 import gcs.cli, gcs.commands.info, gcs.commands.track, gcs.commands.replay, gcs.commands.report
-import gcs.commands.plan, gcs.commands.scans_info, gcs.edge.reader
+import gcs.commands.plan, gcs.commands.scans_info, gcs.io.recording.reader
 for line in sys.stdin:
     arguments, out = json.loads(line)
     child = os.fork()

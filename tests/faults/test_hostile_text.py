@@ -13,15 +13,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gcs.cli.errors import complain
+from gcs.cli.live_view import LiveView, PlainLines
 from gcs.config import load, parse
 from gcs.core.engine import Command
-from gcs.edge.complaints import complain
-from gcs.edge.consoles import Printable, console_for
-from gcs.edge.order_wire import decode_order
-from gcs.edge.scans import decode_scan
-from gcs.edge.terminal import LiveView, PlainLines
-from gcs.edge.wire import decode, encode
 from gcs.errors import ConfigError, GcsError, LinkError, WireError
+from gcs.io.console import Printable, console_for
+from gcs.io.zenoh.messages import decode, encode
+from gcs.io.zenoh.orders import decode_order
+from gcs.io.zenoh.scans import decode_scan
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.frames.codec import dialect
 from gcs.model import BadInput, LinkNews, Notice, Order, OrderAnswer, UploadAnswer, UploadReport
@@ -123,7 +123,7 @@ def test_a_report_escapes_html_and_holds_no_control_characters(tmp_path: Path) -
 
 
 def test_a_terminal_without_unicode_gets_ascii_and_no_traceback() -> None:
-    code = "from gcs.edge.consoles import console_for; console_for().print('1 → 2.3 – ☃')"
+    code = "from gcs.io.console import console_for; console_for().print('1 → 2.3 – ☃')"
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(
         [sys.executable, "-P", "-c", code], capture_output=True, env=environment, check=True

@@ -10,18 +10,18 @@ from itertools import pairwise
 
 import pytest
 
-from gcs.app import Service
 from gcs.config import load
 from gcs.core.airspace.incursion_warning import Trespass
-from gcs.edge.clock import RunClock
-from gcs.edge.links import Links
-from gcs.edge.order_inbox import BURST, MAX_WAITING, ORDERS_PER_S, OrderInbox
-from gcs.edge.order_wire import decode_order, order_key
-from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
+from gcs.io.clock import RunClock
+from gcs.io.links.manager import Links
+from gcs.io.zenoh.order_inbox import BURST, MAX_WAITING, ORDERS_PER_S, OrderInbox
+from gcs.io.zenoh.orders import decode_order, order_key
+from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.model import NS_PER_S, BadInput, Notice, Order, OrderAnswer, Tick
+from gcs.service.service import Service
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 KEY = order_key("prescribed")

@@ -8,9 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.authority.external_uploads import Guests
-from gcs.edge import tcp
-from gcs.edge.tcp import TcpIn
 from gcs.endpoints import Link, parse_endpoint
+from gcs.io.links import tcp
+from gcs.io.links.tcp import TcpIn
 from gcs.mavlink.frames.codec import Encoder, Frame, scan
 from gcs.mavlink.router.router import Router
 from gcs.model import NS_PER_S, Datagram, Notice

@@ -17,22 +17,22 @@ import pytest
 from missions import short_mission
 from rich.console import Console
 
-from gcs.app import Service
 from gcs.commands.resuming import JournalSink
 from gcs.commands.sinks import view_for
 from gcs.config import load
-from gcs.edge.clock import RunClock
-from gcs.edge.journal import Journal
-from gcs.edge.links import Links
-from gcs.edge.output import QueuedText, Writer, off_loop
-from gcs.edge.reader import Record, read
-from gcs.edge.recorder import Recorder, Run
-from gcs.edge.recorder_thread import RecorderThread
-from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import RecordingError
+from gcs.io.clock import RunClock
+from gcs.io.links.manager import Links
+from gcs.io.output import QueuedText, Writer, off_loop
+from gcs.io.recording.reader import Record, read
+from gcs.io.recording.writer import Recorder, Run
+from gcs.io.recording.writer_thread import RecorderThread
+from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Event, MissionEnded, Notice, Send, Tick
+from gcs.service.journal import Journal
+from gcs.service.service import Service
 
 GCS = (sys.executable, "-P", "-c", "from gcs.cli import main; main()")
 SPEED = 5
@@ -77,7 +77,7 @@ def service() -> Iterator[Service]:
 @pytest.fixture
 def tells_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have an output that takes nothing be told after a second."""
-    monkeypatch.setattr("gcs.edge.output._STUCK_S", 1.0)
+    monkeypatch.setattr("gcs.io.output._STUCK_S", 1.0)
 
 
 def serve(service: Service, seconds: float, console: Console | None = None) -> Ticks:
@@ -232,8 +232,8 @@ def slow(seconds: float) -> Callable[..., None]:
 def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gcs.edge.recorder._Part.flush", slow(1.5))
-    monkeypatch.setattr("gcs.edge.journal.os.fsync", slow(1.5))
+    monkeypatch.setattr("gcs.io.recording.writer._Part.flush", slow(1.5))
+    monkeypatch.setattr("gcs.service.journal.os.fsync", slow(1.5))
     with RecorderThread(Recorder(tmp_path / "run", "", {}, Run("prescribed", 1))) as recorder:
         keeper = JournalSink(service, Journal(tmp_path / "m.journal", "m", ""))
         service.recorder = recorder
@@ -253,8 +253,8 @@ def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_fligh
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     released = threading.Event()
-    monkeypatch.setattr("gcs.edge.recorder._Part.flush", lambda _part: released.wait())
-    monkeypatch.setattr("gcs.edge.recorder_thread._MAX_WAITING", 20)
+    monkeypatch.setattr("gcs.io.recording.writer._Part.flush", lambda _part: released.wait())
+    monkeypatch.setattr("gcs.io.recording.writer_thread._MAX_WAITING", 20)
     service.recorder = recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
     service.outputs.append(recorder.writer)
     ticks = serve(service, 3.0)
@@ -280,8 +280,8 @@ def test_after_a_crash_at_most_a_second_is_missing(tmp_path: Path) -> None:
     code = """
 import sys, time
 from pathlib import Path
-from gcs.edge.recorder import Recorder
-from gcs.edge.recorder_thread import RecorderThread
+from gcs.io.recording.writer import Recorder
+from gcs.io.recording.writer_thread import RecorderThread
 from gcs.model import Tick
 recorder = RecorderThread(Recorder(Path(sys.argv[1]), "", {}))
 print(flush=True)
@@ -343,7 +343,7 @@ def test_a_recording_that_fails_says_so_once(tmp_path: Path, monkeypatch: pytest
         raise OSError(28, "No space left on device")
 
     recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
-    monkeypatch.setattr("gcs.edge.recorder._Part.add", full)
+    monkeypatch.setattr("gcs.io.recording.writer._Part.add", full)
     recorder.event(Tick(1))
     with pytest.raises(RecordingError, match="No space left"):
         recorder.close()

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from processes import Run
 
-from gcs.edge.reader import read
+from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, ClockStep, Fate, Plan, Send, UploadReport
 

@@ -11,23 +11,23 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rich.console import Console
 
-from gcs.app import Service
 from gcs.commands.resuming import take_up
 from gcs.commands.serve import ServeOptions, serve
 from gcs.commands.sinks import open_recorder
 from gcs.config import load, read_text
 from gcs.config.tables import RecordingTable
-from gcs.edge.clock import RunClock
-from gcs.edge.garbage import GarbageFilter
-from gcs.edge.journal import Journal
-from gcs.edge.links import Links
-from gcs.edge.reader import Damage, read
-from gcs.edge.recorder import Recorder, Room, Run
-from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import JournalError, LinkError, RecordingError
+from gcs.io.clock import RunClock
+from gcs.io.links.garbage import GarbageFilter
+from gcs.io.links.manager import Links
+from gcs.io.recording.reader import Damage, read
+from gcs.io.recording.writer import Recorder, Room, Run
+from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import NS_PER_S, Datagram, LinkNews, Memory, Tick
+from gcs.service.journal import Journal
+from gcs.service.service import Service
 
 MEMORY = Memory(1, 0, 0, False, (), (), ())
 RNG = np.random.default_rng(5)

@@ -8,10 +8,10 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from wall_clock import WallClock
 
-from gcs.edge.keyfile import KeyFile
-from gcs.edge.signing import Signing
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
+from gcs.io.signing.gate import Signing
+from gcs.io.signing.keystore import KeyFile
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.signing import signed, timestamp_of

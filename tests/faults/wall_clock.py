@@ -4,7 +4,7 @@ import time
 
 
 class WallClock:
-    """Stands in for the `time` module of `gcs.edge.clock`; its monotonic clock is the machine's."""
+    """Stands in for the `time` module of `gcs.io.clock`; its monotonic clock is the machine's."""
 
     def __init__(self) -> None:
         self.set_by_ns = 0

@@ -31,9 +31,9 @@ import msgspec
 from gcs.commands.replaying import Replay, Window
 from gcs.commands.whatif import Comparison
 from gcs.config import Config, parse
-from gcs.edge.reader import Damage, Record, about, read
-from gcs.edge.recorder import Recorder, Run, versions
-from gcs.edge.wire import encode, topic_of
+from gcs.io.recording.reader import Damage, Record, about, read
+from gcs.io.recording.writer import Recorder, Run, versions
+from gcs.io.zenoh.messages import encode, topic_of
 from gcs.model import (
     NS_PER_S,
     Effect,

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from golden import GOLDEN, HERE, Golden, compare, differences
 
-from gcs.edge.reader import Damage, about, read
-from gcs.edge.recorder import Recorder
+from gcs.io.recording.reader import Damage, about, read
+from gcs.io.recording.writer import Recorder
 from gcs.model import Event, Fate, OrderAnswer, Picture, Plan, Truth, UploadReport, read_only
 
 RENEW = "when this was meant to change: python tests/recordings/renew.py"

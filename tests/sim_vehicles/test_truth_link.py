@@ -10,8 +10,8 @@ import time
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.edge.wire import decode_truth, truth_key
-from gcs.edge.zenoh_bus import Bus, free_endpoint
+from gcs.io.zenoh.messages import decode_truth, truth_key
+from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.model import NS_PER_S, Truth
 from sim_vehicles.scenario import load
 from sim_vehicles.truth_link import TruthSource

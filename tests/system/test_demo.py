@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from missions import short_mission
 
-from gcs.edge.reader import read
+from gcs.io.recording.reader import read
 from gcs.model import Fate, MissionEnded, Plan, Truth
 
 GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]

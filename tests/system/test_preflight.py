@@ -18,8 +18,8 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.config import parse, read_text
-from gcs.edge.whereabouts import services
-from gcs.edge.zenoh_bus import free_endpoint
+from gcs.io.zenoh.discovery import services
+from gcs.io.zenoh.session import free_endpoint
 from gcs.settings import with_settings
 from sim_vehicles.vehicle import VehicleSpec
 

@@ -8,18 +8,18 @@ from itertools import pairwise
 
 import pytest
 
-from gcs.app import Service
 from gcs.commands.resuming import JournalSink
 from gcs.config import load
-from gcs.edge.clock import RunClock
-from gcs.edge.journal import Journal
-from gcs.edge.links import Links
-from gcs.edge.reader import read
-from gcs.edge.recorder import Recorder
-from gcs.edge.zenoh_bus import Bus, free_endpoint
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError, RecordingError
+from gcs.io.clock import RunClock
+from gcs.io.links.manager import Links
+from gcs.io.recording.reader import read
+from gcs.io.recording.writer import Recorder
+from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.model import NS_PER_S, Notice, Tick, Truth
+from gcs.service.journal import Journal
+from gcs.service.service import Service
 
 
 def loopback(port: int = 0) -> Links:
@@ -80,7 +80,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_flight(service, tmp_path, mo
         service.sinks.append(sink)
         service.truth(Truth(1, ()))
         recorder.flush()
-        monkeypatch.setattr("gcs.edge.recorder._Part.add", full)
+        monkeypatch.setattr("gcs.io.recording.writer._Part.add", full)
         recorder._flush_at_s = 0.0  # at the next event
         serve(service, now(), 0.5)
         service.truth(Truth(2, ()))

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from staging import S
 
+from gcs.cli.live_view import effect_line
 from gcs.core.engine import Command
-from gcs.edge.terminal import effect_line
-from gcs.edge.wire import decode, encode
+from gcs.io.zenoh.messages import decode, encode
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import (
     Effect,

@@ -1,0 +1,402 @@
+"""What an operator sees in a terminal: a live view, or plain lines where there is no terminal to draw on.
+
+Both are sinks: they take events and effects in order and read nothing but those and the fold's own state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from rich import box
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.layout import Layout
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from gcs.cli.lines import effect_line, target_text
+from gcs.cli.link_table import link_rows, link_table
+from gcs.cli.proposal import MAX_ROUTES, ProposalLog, proposal_title, route_lines
+from gcs.config import Config
+from gcs.core.authority.override_notices import not_ours_text
+from gcs.core.engine import Command
+from gcs.io.links.manager import Links
+from gcs.model import (
+    NS_PER_S,
+    Effect,
+    Event,
+    Fate,
+    Label,
+    Notice,
+    Picture,
+    Proposal,
+    Track,
+    UploadReport,
+    system_of,
+    target_name,
+    vehicle_name,
+)
+
+T = TypeVar("T")
+
+_STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
+_FATE_STYLE: Final = {"flying": "cyan", "arrived": "green", "dead": "red"}
+_LOG_LINES: Final = 200
+_EVENT_ROWS: Final = 9
+_MIN_MAP_ROWS: Final = 12
+_LOW_EVENT_ROWS: Final = 4
+_LOW_ROWS: Final = 36
+"""A terminal with fewer rows gets a header of one row and fewer events, for the tables' sake."""
+_TABLE_FRAME: Final = 3
+"""Rows of a table besides those of its content: title, column names, a rule."""
+_LINKS_FRAME: Final = 5
+_MIN_TARGET_ROWS: Final = 3
+_TABLES_WIDTH: Final = 94
+_SIGNED_WIDTH: Final = 10
+_AGENT_COLUMNS: Final = (
+    "id", "fate", "mode", "signed", "track", "exist.", "east m", "north m", "m/s", "target", "to go m",
+    "mission",
+)  # fmt: skip
+_TRACK_COLUMNS: Final = ("track", "exist.", "east m", "north m", "m/s")
+_LEFT: Final = ("fate", "mode", "signed", "mission")
+
+
+def label_text(label: Label | None) -> str:
+    """The label of an agent's track: birth scan and index. Targets have names (`target_name`)."""
+    return "–" if label is None else f"{label[0]}.{label[1]}"
+
+
+class PlainLines:
+    """Prints one line for each thing that an operator should know."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._start_t_ns: int | None = None
+        self._proposals = ProposalLog()
+
+    def event(self, event: Event) -> None:
+        """Remember when the run began."""
+        if self._start_t_ns is None:
+            self._start_t_ns = event.t_ns
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Print what there is to say of an effect."""
+        if isinstance(effect, Proposal) and not self._proposals.is_news(effect):
+            return
+        line = effect_line(effect)
+        if line is not None:
+            seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
+            text, level = line
+            self._console.print(Text(f"{seconds:7.2f} s  {text}", style=_STYLE[level]), soft_wrap=True)
+
+
+class LiveView:
+    """Keeps what the live view shows; `render` draws it."""
+
+    def __init__(self, config: Config, command: Command, speed: float, links: Links | None = None) -> None:
+        self._config = config
+        self._command = command
+        self._links = links
+        self._speed = speed
+        self._log: deque[Text] = deque(maxlen=_LOG_LINES)
+        self._pictures: dict[str, Picture] = {}
+        self._uploads: dict[int, str] = {}
+        self._start_t_ns: int | None = None
+        self._t_ns = 0
+
+    def event(self, event: Event) -> None:
+        """Follow the time."""
+        self._t_ns = event.t_ns
+        if self._start_t_ns is None:
+            self._start_t_ns = event.t_ns
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Take what changes the view."""
+        if isinstance(effect, Picture):
+            self._pictures[effect.kind] = effect
+        elif isinstance(effect, UploadReport):
+            self._uploads[effect.vehicle] = "verified" if effect.ok else "failed"
+        is_quiet = isinstance(effect, Notice) and effect.level == "info"
+        if is_quiet or isinstance(effect, Proposal):  # a plan that waits has a panel of its own
+            return
+        line = effect_line(effect)
+        if line is not None:
+            seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
+            self._log.append(Text(f"{seconds:6.1f} s  {line[0]}", style=_STYLE[line[1]]))
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        narrow = options.max_width < self._tables_width()
+        waits = self._waiting()
+        height = options.height or options.size.height
+        is_low = height < _LOW_ROWS
+        event_rows = _LOW_EVENT_ROWS if is_low else _EVENT_ROWS
+        around = (1 if is_low else 3) + event_rows + 2 + (len(waits) + 1 if waits else 0)
+        body_rows = height - around
+        rows = max(_MIN_MAP_ROWS, body_rows - 2)
+        columns = min(2 * rows, (options.max_width - self._tables_width()))
+        layout = Layout()
+        events = self._events(console, options.max_width - 4, event_rows)
+        below = [Layout(events, size=event_rows + 2)]
+        if waits:
+            below.insert(0, Layout(self._proposal(waits), size=len(waits) + 1))
+        header = Layout(self._header() if is_low else Panel(self._header()), size=1 if is_low else 3)
+        layout.split_column(header, Layout(name="body"), *below)
+        tables = Layout(Group(*self._tables(narrow, body_rows)))
+        if columns >= _MIN_MAP_ROWS:
+            layout["body"].split_row(Layout(self._map(rows, columns), size=columns + 4), tables)
+        else:
+            layout["body"].update(tables)
+        yield layout
+
+    def _tables_width(self) -> int:
+        return _TABLES_WIDTH + (_SIGNED_WIDTH if self._config.links.keys else 0)
+
+    def _tables(self, narrow: bool, rows: int) -> Iterator[RenderableType]:
+        """Yield the tables that `rows` have room for, with a word for what they have none for."""
+        agents, targets = len(self._command.fates.by_vehicle), len(self._shown_targets())
+        link_counters = link_rows(self._command.fleet, self._links, self._t_ns)
+        room = rows - 2 * _TABLE_FRAME
+        not_ours = not_ours_text(self._command.not_ours())
+        if not_ours:
+            room -= 1
+            yield Text(not_ours, style="bold yellow", no_wrap=True, overflow="ellipsis")
+        has_links = agents + targets + _LINKS_FRAME + len(link_counters) <= room
+        room -= 0 if has_links else 1
+        target_rows = min(targets, max(_MIN_TARGET_ROWS, room - agents))
+        yield self._agents(narrow, max(1, room - target_rows))
+        yield self._targets(max(1, target_rows))
+        if has_links:
+            yield link_table(link_counters)
+        else:
+            yield Text("links: no room here", style="dim")
+
+    def _header(self) -> Text:
+        seconds = (self._t_ns - (self._start_t_ns or self._t_ns)) / NS_PER_S
+        return Text.assemble(
+            (f"{self._config.name}  ", "bold"),
+            f"{seconds:.0f} s of run time",
+            _at_speed(self._speed),
+            (self._config.description, "dim"),
+            no_wrap=True,
+            overflow="ellipsis",
+        )
+
+    def _agents(self, narrow: bool, max_rows: int) -> RenderableType:
+        """One row for each agent; a narrow terminal leaves out what its track is like."""
+        table = _table("Agents")
+        names = [
+            name
+            for name in _AGENT_COLUMNS
+            if not (narrow and name in _TRACK_COLUMNS) and (name != "signed" or self._config.links.keys)
+        ]
+        for name in names:
+            table.add_column(name, justify="left" if name in _LEFT else "right", no_wrap=True)
+        tracks = self._tracks("agents")
+        fates = self._command.fates.by_vehicle
+        shown_fates, more = _cut(list(fates.items()), max_rows, lambda item: self._trouble(item[1]))
+        for vehicle, fate in shown_fates:
+            label = self._command.ties.labels.get(vehicle)
+            track = tracks.get(label) if label is not None else None
+            route = self._command.replanner.routes.get(vehicle)
+            target = fate.target or (route.target if route else None)
+            to_go = (
+                f"{_to_go_m(track, route.points_m[-1]):.0f}"
+                if track is not None and route is not None
+                else ""
+            )
+            cells: tuple[str | Text, ...] = (
+                vehicle_name(vehicle),
+                self._standing(fate),
+                self._mode(vehicle),
+                self._signing(vehicle),
+                label_text(label),
+                *_track_cells(track),
+                target_text(target),
+                to_go,
+                self._command.tasking.under_way.get(vehicle, self._uploads.get(vehicle, "")),
+            )
+            shown = dict(zip(_AGENT_COLUMNS, cells, strict=True))
+            table.add_row(*(shown[name] for name in names))
+        return _with_more(table, more)
+
+    def _trouble(self, fate: Fate) -> int:
+        """How soon an operator must see this agent; the smallest first."""
+        vehicle = fate.vehicle
+        if vehicle in self._command.witness.doubted():
+            return 0
+        if fate.fate == "dead":
+            return 1
+        if fate.fate == "arrived":
+            return 6
+        if vehicle in self._command.orders.aside or vehicle in self._command.not_ours():
+            return 2
+        if self._uploads.get(vehicle) == "failed":
+            return 3
+        return 5 if vehicle in self._command.ties.labels else 4
+
+    def _standing(self, fate: Fate) -> Text:
+        """What became of an agent, the order that sets it aside, or that its reports are false."""
+        aside = self._command.orders.aside.get(fate.vehicle)
+        if aside is not None and fate.fate == "flying":
+            return Text(aside, style="bold yellow")
+        if fate.vehicle in self._command.witness.doubted():
+            return Text("not there", style="bold red")
+        return Text(fate.fate, style=_FATE_STYLE[fate.fate])
+
+    def _mode(self, vehicle: int) -> Text:
+        """The mode that a vehicle is in; marked where somebody else chose it."""
+        state = self._command.fleet.state(vehicle)
+        is_ours = vehicle not in self._command.not_ours()
+        return Text(state.mode if state else "", style="" if is_ours else "bold yellow")
+
+    def _signing(self, vehicle: int) -> str:
+        """How sure it is that its frames are its own."""
+        fleet = self._command.fleet
+        if not fleet.is_signed(vehicle):
+            return ""
+        gate = None if self._links is None else self._links.signing.gate
+        keyed = gate is not None and gate.is_keyed(fleet.link(vehicle), system_of(vehicle))
+        return "verified" if keyed else "unchecked"
+
+    def _targets(self, max_rows: int) -> RenderableType:
+        table = _table("Targets")
+        for name in ("target", "exist.", "east m", "north m", "m/s", "agent"):
+            table.add_column(name, justify="right", no_wrap=True)
+        hunters = {
+            route.target: vehicle_name(route.vehicle) for route in self._command.replanner.routes.values()
+        }
+        reached = self._command.fates.at_targets()
+        shown, more = _cut(
+            self._shown_targets(), max_rows, lambda track: (track.label in reached, track.label in hunters)
+        )
+        for track in shown:
+            label = track.label
+            done = Text("reached", style="green") if label in reached else Text(hunters.get(label, ""))
+            table.add_row(target_name(label), *_track_cells(track), done)
+        return _with_more(table, more)
+
+    def _shown_targets(self) -> list[Track]:
+        return [track for track in self._tracks("targets").values() if track.estimated]
+
+    def _tracks(self, kind: str) -> dict[Label, Track]:
+        picture = self._pictures.get(kind)
+        return {} if picture is None else {track.label: track for track in picture.tracks}
+
+    def _events(self, console: Console, width: int, rows: int) -> Panel:
+        """The newest events, whole: a line that wraps takes the room of older ones."""
+        lines: list[Text] = []
+        for event in reversed(self._log):
+            if len(lines) >= rows:
+                break
+            lines = [*event.wrap(console, width), *lines]
+        return Panel(Group(*lines[-rows:]), title=Text("Events"), title_align="left")
+
+    def _waiting(self) -> list[str]:
+        """Return the plan that waits, if one does: a title, and a line for each route."""
+        pending = self._command.approval.pending
+        if pending is None:
+            return []
+        title = f"{proposal_title(pending, self._t_ns)} (gcs order confirm {pending.plan_id})"
+        return [title, *route_lines(pending, MAX_ROUTES)]
+
+    def _proposal(self, waits: Sequence[str]) -> Panel:
+        """Draw the plan that waits apart from the events: however long it is, no alarm gives way to it."""
+        title, *routes = waits
+        lines = (Text(line, no_wrap=True, overflow="ellipsis") for line in routes)
+        return Panel(Group(*lines), title=Text(title, style="bold yellow"), title_align="left")
+
+    def _map(self, rows: int, columns: int) -> Panel:
+        """A map in characters, north up: obstacles, routes, agents by id, targets."""
+        cells = [
+            [("▒", "bright_black") if blocked else (" ", "") for blocked in row]
+            for row in self._obstacles(rows, columns)
+        ]
+
+        def put(east_m: float, north_m: float, text: str, style: str) -> None:
+            column = int(east_m / self._config.map.width_m * columns)
+            row = rows - 1 - int(north_m / self._config.map.height_m * rows)
+            for offset, character in enumerate(text):
+                if 0 <= row < rows and 0 <= column + offset < columns:
+                    cells[row][column + offset] = (character, style)
+
+        for route in self._command.replanner.routes.values():
+            for east_m, north_m in route.points_m:
+                put(east_m, north_m, "·", "cyan")
+        pending = self._command.approval.pending
+        for route in pending.routes if pending is not None else ():
+            for east_m, north_m in route.points_m:
+                put(east_m, north_m, "·", "bold yellow")
+        reached = self._command.fates.at_targets()
+        for label, track in self._tracks("targets").items():
+            if track.estimated:
+                put(
+                    float(track.mean[0]),
+                    float(track.mean[1]),
+                    "◆",
+                    "green" if label in reached else "bold red",
+                )
+        tracks = self._tracks("agents")
+        for vehicle, fate in self._command.fates.by_vehicle.items():
+            seen = tracks.get(self._command.ties.labels.get(vehicle, (-1, -1)))
+            if fate.fate == "dead" and fate.position_m is not None:
+                put(*fate.position_m, "✗", "red")
+            elif seen is not None:
+                put(
+                    float(seen.mean[0]),
+                    float(seen.mean[1]),
+                    vehicle_name(vehicle),
+                    "bold " + _FATE_STYLE[fate.fate],
+                )
+        return Panel(Group(*(Text.assemble(*row) for row in cells)), title="Map", title_align="left")
+
+    def _obstacles(self, rows: int, columns: int) -> npt.NDArray[np.bool_]:
+        """Obstacles as the map's characters show them, the first row being the northernmost."""
+        grid, area = self._command.grid, self._config.map
+        north = (np.arange(rows)[::-1] + 0.5) / rows * area.height_m
+        east = (np.arange(columns) + 0.5) / columns * area.width_m
+        nodes_north = np.minimum((north / grid.spacing_m + 0.5).astype(int), grid.shape[0] - 1)
+        nodes_east = np.minimum((east / grid.spacing_m + 0.5).astype(int), grid.shape[1] - 1)
+        return grid.blocked[np.ix_(nodes_north, nodes_east)]
+
+
+def _table(title: str) -> Table:
+    return Table(
+        title=title, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0)
+    )
+
+
+def _cut(rows: list[T], max_rows: int, trouble: Callable[[T], Any]) -> tuple[list[T], int]:
+    """Return the rows that there is room for, those in trouble first, and how many are left out."""
+    if len(rows) <= max_rows:
+        return rows, 0
+    kept = sorted(rows, key=trouble)[: max(1, max_rows - 1)]
+    return kept, len(rows) - len(kept)
+
+
+def _with_more(table: Table, more: int) -> RenderableType:
+    """Say below a table how many rows are left out."""
+    if not more:
+        return table
+    return Group(table, Text(f"and {more} more, sorted by trouble", style="yellow"))
+
+
+def _at_speed(speed: float) -> str:
+    if speed == 1.0:
+        return "  "
+    return " at full speed  " if math.isinf(speed) else f" at speed {speed:g}  "
+
+
+def _track_cells(track: Track | None) -> Sequence[str]:
+    if track is None:
+        return ("", "", "", "")
+    east, north, v_east, v_north = (float(x) for x in track.mean)
+    return (f"{track.existence:.3f}", f"{east:.0f}", f"{north:.0f}", f"{math.hypot(v_east, v_north):.1f}")
+
+
+def _to_go_m(track: Track, end: npt.NDArray[np.float64]) -> float:
+    return math.hypot(float(end[0] - track.mean[0]), float(end[1] - track.mean[1]))

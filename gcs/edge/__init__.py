@@ -1,1 +1,0 @@
-"""All the I/O: sockets, zenoh, recordings."""

@@ -1,0 +1,1 @@
+"""All I/O: links, zenoh, recordings, keys, vehicle sessions. Nothing here decides."""

@@ -1,0 +1,1 @@
+"""MAVLink endpoints: UDP, TCP and serial ports."""

@@ -1,0 +1,119 @@
+"""UDP sockets for MAVLink, read in batches by a thread (`gcs.io.links.recvmmsg`).
+
+A datagram is handed on as it came: what it means is decided behind the queue.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+from gcs.endpoints import Endpoint
+from gcs.errors import LinkError
+from gcs.io.links.recvmmsg import SocketReader
+from gcs.io.links.transport import Backoff, Listener, Spoken
+
+_BUFFER_BYTES = 4 * 1024 * 1024
+
+
+class UdpIn:
+    """A UDP socket that others send to.
+
+    Raises
+    ------
+    LinkError
+        When it cannot be bound.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self._socket = _socket()
+        try:
+            self._socket.bind((endpoint.host, endpoint.port))
+        except OSError as error:
+            self._socket.close()
+            raise LinkError(
+                str(endpoint),
+                f"cannot listen here ({error}); is another ground station running? "
+                "Choose another port in links.mavlink or links.forward",
+            ) from None
+        self.port: int = self._socket.getsockname()[1]
+        self.refused = 0
+        self._reader: SocketReader | None = None
+
+    def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
+        """Hand on each datagram from now on."""
+        self._reader = SocketReader(loop, self._socket, listener.heard)
+
+    def send(self, peer: str, data: bytes) -> None:
+        """Send one datagram to a peer that was heard before."""
+        host, _, port = peer.rpartition(":")
+        try:
+            self._socket.sendto(data, (host, int(port)))
+        except (OSError, ValueError, OverflowError):
+            self.refused += 1
+
+    def close(self) -> None:
+        """Stop reading and close the socket."""
+        if self._reader is not None:
+            self._reader.close()
+        self._socket.close()
+
+
+class UdpOut:
+    """A UDP socket that talks to one remote address; its name is looked up off the loop, again and again."""
+
+    port = 0
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.refused = 0
+        self._endpoint = endpoint
+        self._socket: socket.socket | None = None
+        self._reader: SocketReader | None = None
+        self._opening: asyncio.Task[None] | None = None
+
+    def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
+        """Look the name up, then hear what comes back from there, and from there alone."""
+        self._opening = loop.create_task(self._open(loop, listener))
+
+    async def _open(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
+        spoken, remote = Spoken(), self._endpoint
+        async for _ in Backoff().tries():
+            fresh = _socket()
+            try:
+                found = await loop.getaddrinfo(
+                    remote.host, remote.port, family=socket.AF_INET, type=socket.SOCK_DGRAM
+                )
+                fresh.connect(found[0][4])
+            except OSError as error:
+                fresh.close()
+                spoken.once(listener, "warning", f"cannot be reached: {error.strerror or error}")
+                continue
+            self._socket = fresh
+            self._reader = SocketReader(
+                loop, fresh, lambda _, data: listener.heard(self._endpoint.remote, data)
+            )
+            return
+
+    def send(self, peer: str, data: bytes) -> None:  # noqa: ARG002  there is but one
+        """Send one datagram."""
+        if self._socket is None:
+            self.refused += 1
+            return
+        try:
+            self._socket.send(data)
+        except OSError:
+            self.refused += 1
+
+    def close(self) -> None:
+        """Stop reading and close the socket."""
+        if self._opening is not None:
+            self._opening.cancel()
+        if self._reader is not None:
+            self._reader.close()
+
+
+def _socket() -> socket.socket:
+    fresh = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    fresh.setblocking(False)
+    fresh.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+    return fresh

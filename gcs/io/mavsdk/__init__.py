@@ -1,0 +1,1 @@
+"""MAVSDK as an uploader, in a process of its own."""

@@ -1,0 +1,217 @@
+"""Writing off the event loop: terminals, pipes, viewers and disks may stop taking anything at any time.
+
+A terminal stops with Ctrl-S, a pipe when nobody reads it, a disk when it is busy or away. The event loop
+only hands work to a `Writer` and goes on: heartbeats and missions wait for no output.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import Final, TextIO, cast
+
+from rich.console import Console
+
+from gcs.io.console import ERRORS
+from gcs.model import Level
+
+_STUCK_S: Final = 3.0
+"""A write that takes longer is told."""
+_MAX_PIECES: Final = 1000
+"""Lines or frames that wait for a terminal; more are lost."""
+_DRAIN_S: Final = 5.0
+"""How long the end waits for a terminal that takes nothing."""
+
+
+class Writer:
+    """Does jobs that may block, in order, on a thread of its own.
+
+    A job that raises ends it: that job's error is kept, and later jobs are dropped.
+
+    Parameters
+    ----------
+    name : str
+        Of the output, for notices.
+    max_waiting : int
+        Jobs that wait at most, with the one in progress.
+    level : Level
+        Of the notice that a job takes long.
+    tells_error : bool
+        False if the user of the writer tells of an error itself.
+    """
+
+    def __init__(
+        self, name: str, max_waiting: int, level: Level = "warning", *, tells_error: bool = True
+    ) -> None:
+        self.name = name
+        self.error: Exception | None = None
+        """Why nothing is written any more."""
+        self.dropped = 0
+        """Jobs that were refused."""
+        self._max_waiting, self._level = max_waiting, level
+        self._jobs: deque[Callable[[], None]] = deque()
+        """The first one is in progress."""
+        self._changed = threading.Condition()
+        self._began_s = 0.0
+        self._error_told, self._stuck_told = not tells_error, False
+        self._told: deque[tuple[Level, str]] = deque()
+        threading.Thread(target=self._work, name=f"write {name}", daemon=True).start()
+
+    @property
+    def is_idle(self) -> bool:
+        """True if everything is written."""
+        return not self._jobs
+
+    def put(self, job: Callable[[], None]) -> bool:
+        """Queue a job; return False if there is no room, or an error ended the output."""
+        with self._changed:
+            if self.error is not None or len(self._jobs) >= self._max_waiting:
+                self.dropped += 1
+                return False
+            if not self._jobs:
+                self._began_s = monotonic()
+            self._jobs.append(job)
+            self._changed.notify_all()
+        return True
+
+    def drain(self, within_s: float) -> bool:
+        """Wait until everything is written; return False if it is not `within_s`."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._jobs, within_s)
+
+    def fail(self, error: Exception) -> None:
+        """Write nothing any more."""
+        with self._changed:
+            self.error = self.error or error
+            while len(self._jobs) > 1:  # the first one is in progress
+                self._jobs.pop()
+
+    def tell(self, level: Level, text: str) -> None:
+        """Have the operator told of something; for jobs."""
+        self._told.append((level, text))
+
+    def news(self) -> tuple[Level, str] | None:
+        """Return what an operator should know of it, once."""
+        if self._told:
+            return self._told.popleft()
+        with self._changed:
+            error, stuck_s = self.error, monotonic() - self._began_s if self._jobs else 0.0
+        if error is not None:
+            if self._error_told:
+                return None
+            self._error_told = True
+            reason = (error.strerror if isinstance(error, OSError) else None) or error
+            return "alarm", f"cannot be written any more ({reason}); the flight goes on without it"
+        if (stuck_s > _STUCK_S) is self._stuck_told:
+            return None
+        self._stuck_told = not self._stuck_told
+        if self._stuck_told:
+            return self._level, f"takes nothing for {stuck_s:.0f} s: what is written waits, then is lost"
+        return "info", f"takes what is written again; {self.dropped} pieces were lost so far"
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._jobs)
+                job = self._jobs[0]
+                self._began_s = monotonic()
+            error: Exception | None = None
+            try:
+                job()
+            except Exception as raised:  # whatever it is, the flight goes on, and the operator is told
+                error = raised
+            with self._changed:
+                self._jobs.popleft()
+                if error is not None:
+                    self.error = self.error or error
+                    self._jobs.clear()
+                self._changed.notify_all()
+
+
+class QueuedText(io.TextIOBase):
+    """A text stream whose writes wait for nobody.
+
+    Parameters
+    ----------
+    stream : TextIO
+        Where the text goes. What its encoding lacks is written in ASCII, or as a question mark.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self.writer = Writer("view", _MAX_PIECES)
+        self._stream = stream
+        self._is_terminal = stream.isatty()
+        try:
+            self._fileno = stream.fileno()
+            stream.flush()
+        except (OSError, ValueError):  # a stream in memory
+            self._fileno = -1
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """That of the stream."""
+        return getattr(self._stream, "encoding", None) or "utf-8"
+
+    def isatty(self) -> bool:
+        """Return True if it is a terminal."""
+        return self._is_terminal
+
+    def fileno(self) -> int:
+        """Return the descriptor of the stream."""
+        return self._stream.fileno()
+
+    def write(self, text: str) -> int:
+        """Queue text; it is lost if too much waits already."""
+        if self._fileno < 0:
+            self.writer.put(lambda: self._write_in_memory(text))
+        else:
+            data = text.encode(self.encoding, ERRORS)
+            self.writer.put(lambda: _write_all(self._fileno, data))
+        return len(text)
+
+    def _write_in_memory(self, text: str) -> None:
+        self._stream.write(text)
+
+    def flush(self) -> None:
+        """Do nothing: the thread writes at once."""
+
+    def hang_up(self) -> None:
+        """Write nothing any more if it is a terminal: it has gone away (SIGHUP)."""
+        if self._is_terminal:
+            self.writer.fail(ConnectionError("the terminal hung up"))
+
+
+def is_busy(console: Console) -> bool:
+    """Return True if a console's last frame is not written yet, or none will be any more."""
+    file = console.file
+    return isinstance(file, QueuedText) and (not file.writer.is_idle or file.writer.error is not None)
+
+
+@contextmanager
+def off_loop(console: Console) -> Iterator[QueuedText]:
+    """Have a console print on a thread of its own; the end waits for it, for 5 s at most."""
+    before = console.file
+    text = QueuedText(cast(TextIO, before))
+    console.file = cast(TextIO, text)
+    try:
+        yield text
+    finally:
+        text.writer.drain(_DRAIN_S)
+        if text.writer.error is None and text.writer.is_idle:
+            console.file = before
+
+
+def _write_all(fileno: int, data: bytes) -> None:
+    """Write to a descriptor, also one that another program has set not to block."""
+    rest = memoryview(data)
+    while rest:
+        try:
+            rest = rest[os.write(fileno, rest) :]
+        except BlockingIOError:
+            select.select((), (fileno,), ())

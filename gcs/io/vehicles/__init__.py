@@ -1,0 +1,1 @@
+"""Short sessions with vehicles for preparations: parameters, fences, rally points."""

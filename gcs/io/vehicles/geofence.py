@@ -1,0 +1,154 @@
+"""Fence and rally points of vehicles: a visit that uploads, reads or clears them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import Literal, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import Config
+from gcs.fence import fence_of, rally_of
+from gcs.io.vehicles.session import Visit
+from gcs.mavlink.autopilots import profile_of
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.geofence_rally import FENCE, LIST_NAMES, RALLY, fence_held, fence_items, rally_items
+from gcs.mavlink.mission.items import Item
+from gcs.mavlink.mission.list_task import ListTask
+from gcs.mavlink.services.parameters import ParameterSetting, is_bytewise
+
+Action: TypeAlias = Literal["upload", "show", "clear"]
+
+
+class Fencing:
+    """One vehicle: its fence, its rally points, then its ceiling, one after the other.
+
+    Parameters
+    ----------
+    lists : dict of int to sequence of Item, or None
+        What each list is to hold, by MAV_MISSION_TYPE; None reads.
+    ceiling_m : float
+        To be set, 0 for none.
+    own : (int, int)
+        Our system and component id.
+    """
+
+    def __init__(
+        self,
+        vehicle: int,
+        lists: dict[int, Sequence[Item] | None],
+        ceiling_m: float,
+        encode: Callable[[Message], bytes],
+        own: tuple[int, int],
+    ) -> None:
+        self.vehicle = vehicle
+        self._own = own
+        self._todo, self._ceiling_m, self._encode = lists, ceiling_m, encode
+        self._tasks: list[ListTask] = []
+        self._ceiling: ParameterSetting | None = None
+        self._autopilot: tuple[int, int] | None = None
+
+    @property
+    def is_done(self) -> bool:
+        """Whether all of it has ended."""
+        lists = len(self._tasks) == len(self._todo) and self._tasks[-1].result is not None
+        return lists and (
+            not self._wants_ceiling or (self._ceiling is not None and self._ceiling.outcome is not None)
+        )
+
+    @property
+    def ok(self) -> bool:
+        """Whether all of it is as it should be."""
+        return self.is_done and all(ok for _, ok, _ in self.rows())
+
+    @property
+    def _wants_ceiling(self) -> bool:
+        return self._ceiling_m > 0.0
+
+    def rows(self) -> list[tuple[str, bool, str]]:
+        """What was done: (what, whether it worked, how it went)."""
+        if not self._tasks:
+            return [("link", False, "not heard")]
+        rows = []
+        for task in self._tasks:
+            result = task.result
+            name = LIST_NAMES[task.mission_type]
+            if result is None:
+                rows.append((name, False, "not finished in time: what it holds is not known"))
+            else:
+                rows.append((name, result.ok, f"{result.detail}{_described(task, result.held)}"))
+        if self._ceiling is not None:
+            rows.append(("ceiling", *(self._ceiling.outcome or (False, "not finished in time"))))
+        return rows
+
+    def poll(self, t_ns: int) -> list[bytes]:
+        """Let time pass; returns frames to send, none before a heartbeat has told whose firmware it is."""
+        if self._autopilot is None or self.is_done:
+            return []
+        if not self._tasks or (self._tasks[-1].result is not None and len(self._tasks) < len(self._todo)):
+            mission_type = list(self._todo)[len(self._tasks)]
+            items = self._todo[mission_type]
+            self._tasks.append(ListTask(self.vehicle, mission_type, items, self._encode, t_ns, own=self._own))
+        if self._tasks[-1].result is None:
+            return self._tasks[-1].poll(t_ns)
+        profile = profile_of(*self._autopilot)
+        if self._wants_ceiling and self._ceiling is None:
+            name = "" if profile is None else profile.ceiling_parameter
+            bytewise = is_bytewise(self._autopilot[0], None)
+            self._ceiling = ParameterSetting(self.vehicle, name, self._ceiling_m, bytewise, self._encode)
+        return [] if self._ceiling is None else self._ceiling.poll(t_ns)
+
+    def receive(self, message: Message, t_ns: int) -> list[bytes]:
+        """Take a message of the vehicle; returns frames to send."""
+        if message.get_type() == "HEARTBEAT":
+            self._autopilot = (message.autopilot, message.type)
+        if self._ceiling is not None:
+            self._ceiling.receive(message)
+        return self._tasks[-1].receive(message, t_ns) if self._tasks else []
+
+
+def fence_vehicles(
+    config: Config, source: str, action: Action, vehicles: Sequence[int], wait_s: float, link: str | None
+) -> list[Fencing]:
+    """Carry one action out on some vehicles of a mission; returns how it went for each.
+
+    Raises
+    ------
+    ConfigError, LinkError
+        When the fence makes no sense, or a port cannot be had.
+    """
+    fence, rally = fence_of(config, source), rally_of(config)
+    lists: dict[int, Sequence[Item] | None] = {FENCE: (), RALLY: ()}
+    if action == "upload":
+        lists = {FENCE: fence_items(fence), RALLY: rally_items(rally)}
+    elif action == "show":
+        lists = {FENCE: None, RALLY: None}
+    ceiling_m = fence.max_alt_rel_m if action == "upload" else 0.0
+    visit = Visit(
+        config,
+        source,
+        [dialect.MAVLINK_MSG_ID_PARAM_VALUE],
+        link,
+        writes=action != "show",
+    )
+    own = visit.entrance.own
+    talks = [Fencing(v, lists, ceiling_m, visit.fleet.encoder(v), own) for v in vehicles]
+    asyncio.run(visit.run(talks, wait_s))
+    return talks
+
+
+def _described(task: ListTask, held: Sequence[Item] | None) -> str:
+    if not held:
+        return ""
+    if task.mission_type == RALLY:
+        return ": " + "; ".join(f"{i.x * 1e-7:.6f}°, {i.y * 1e-7:.6f}° at {i.z_m:.0f} m" for i in held)
+    fence = fence_held(held)
+    if fence is None:
+        return ": no fence that can be read"
+    shapes = [
+        f"{'inside' if area.stay_in else 'outside'} "
+        + (f"{len(area.corners_deg)} corners" if area.corners_deg else f"a circle of {area.radius_m:g} m")
+        for area in fence.areas
+    ]
+    return ": stay " + ", ".join(shapes)

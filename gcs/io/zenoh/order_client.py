@@ -1,0 +1,72 @@
+"""The operator's side of an order: publish it, wait for the answers. ``docs/orders.md`` says what goes over.
+
+An order is repeated until somebody answers, since the connection may come up after the first try; the service
+carries out an order of one id once.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Iterator
+
+from gcs.errors import LinkError, WireError
+from gcs.io.zenoh.messages import decode
+from gcs.io.zenoh.orders import OrderMessage, answer_key, encode_order, order_key
+from gcs.io.zenoh.session import Bus
+from gcs.model import OrderAnswer
+
+_REPEAT_S = 0.5
+
+
+def give(
+    endpoint: str, mission: str, order: OrderMessage, answer_s: float, end_s: float
+) -> Iterator[OrderAnswer]:
+    """Give an order to a running service; yields its answers until nobody's is missing.
+
+    Parameters
+    ----------
+    answer_s
+        How long to wait for any answer.
+    end_s
+        How long to wait for the last one.
+
+    Raises
+    ------
+    LinkError
+        When nobody answers, or the last answers do not come in time.
+    """
+    answers: queue.Queue[OrderAnswer] = queue.Queue()
+
+    def heard(key: str, payload: bytes) -> None:
+        try:
+            answer = decode(key, payload, OrderAnswer)
+        except WireError:
+            return
+        if answer.order_id == order.order_id:
+            answers.put(answer)
+
+    began_s = time.monotonic()
+    answered = False
+    with Bus(connect=endpoint) as bus:
+        bus.subscribe(answer_key(mission), heard)
+        while True:
+            waited_s = time.monotonic() - began_s
+            if not answered:
+                if waited_s > answer_s:
+                    raise LinkError(
+                        endpoint, f"no service of the mission {mission} answers here: is it running?"
+                    )
+                bus.publish(order_key(mission), encode_order(order))
+            elif waited_s > end_s:
+                raise LinkError(
+                    endpoint, f"no further answer within {end_s:g} s; the order is still being tried"
+                )
+            try:
+                answer = answers.get(timeout=_REPEAT_S)
+            except queue.Empty:
+                continue
+            answered = True
+            yield answer
+            if not answer.waiting:
+                return

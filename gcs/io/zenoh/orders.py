@@ -1,0 +1,128 @@
+"""Orders on zenoh: what an operator's program publishes, and how it is read (``docs/orders.md``).
+
+An order on the wire differs from the record `Order`: who gave it and when is for the receiver to say, areas
+may be given in degrees, and whom it is for is always said: a list of system ids, or the word ``all``. What is
+not known here is refused, since a misspelt key may change what an order means.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final, Literal
+
+import msgspec
+from msgspec import Meta
+
+from gcs.errors import WireError
+from gcs.geo import LocalFrame
+from gcs.io.zenoh.messages import parsed
+from gcs.model import Action, KeepOut, Order
+
+_NAME = r"^[A-Za-z0-9_.-]{1,64}$"
+_FOR_VEHICLES: Final = frozenset({"hold", "resume", "return", "arm", "disarm"})
+_FOR_PLANS: Final = frozenset({"confirm", "reject"})
+_MAX_EXTENT_M = 1e6
+_MAX_BYTES: Final = 32 * 1024
+
+_Number = Annotated[float, Meta(ge=-1e7, le=1e7)]
+
+
+class AreaMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An area to stay out of. Places are (east_m, north_m), or (lat_deg, lon_deg) in the frame ``wgs84``."""
+
+    name: Annotated[str, Meta(pattern=_NAME)]
+    frame: Literal["local", "wgs84"] = "local"
+    circle: tuple[_Number, _Number, Annotated[float, Meta(gt=0.0, le=1e6)]] | None = None
+    """Centre, and radius in metres."""
+    polygon: Annotated[list[tuple[_Number, _Number]], Meta(max_length=200)] = []
+
+
+class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """An order as an operator's program publishes it."""
+
+    order_id: Annotated[str, Meta(pattern=_NAME)]
+    """Made up by the sender, another for each order: an order that comes twice is carried out once."""
+    action: Action
+    vehicles: (
+        Annotated[list[Annotated[int, Meta(ge=1, le=0xFFFF)]], Meta(min_length=1, max_length=1000)]
+        | Literal["all"]
+        | None
+    ) = None
+    plan_id: Annotated[int, Meta(ge=1)] | None = None
+    keep_out: AreaMessage | None = None
+    origin: Annotated[str, Meta(max_length=200)] = ""
+
+
+_decoder = msgspec.json.Decoder(OrderMessage)
+
+
+def order_key(mission: str) -> str:
+    """Key on which the service hears orders."""
+    return f"swarm/{mission}/order"
+
+
+def answer_key(mission: str) -> str:
+    """Key on which the service answers them."""
+    return f"swarm/{mission}/answer"
+
+
+def proposal_key(mission: str) -> str:
+    """Key on which the service shows the plan that waits for a word."""
+    return f"swarm/{mission}/proposal"
+
+
+def encode_order(message: OrderMessage) -> bytes:
+    """Write an order as it is published."""
+    return msgspec.json.encode(message)
+
+
+def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Order:
+    """Read what somebody published as an order; believe nothing.
+
+    Raises
+    ------
+    WireError
+        When it does not have the form of ``docs/orders.md``; the text says what is wrong.
+    """
+    if len(payload) > _MAX_BYTES:
+        raise WireError(key, f"{len(payload)} bytes are more than the {_MAX_BYTES} that an order may have")
+    message = parsed(key, payload, _decoder)
+    action = message.action
+    if action in _FOR_VEHICLES and message.vehicles is None:
+        raise WireError(key, f'vehicles: say for whom, a list of system ids or "all", to {action}')
+    if action in _FOR_PLANS and message.plan_id is None:
+        raise WireError(key, f"plan_id: say which plan to {action}")
+    if (action == "keep-out") != (message.keep_out is not None):
+        raise WireError(key, "keep_out: goes with the action keep-out, and with no other")
+    some = isinstance(message.vehicles, list)
+    return Order(
+        t_ns=t_ns,
+        order_id=message.order_id,
+        action=action,
+        vehicles=tuple(sorted(set(message.vehicles or ()))) if some else None,  # type: ignore[arg-type]
+        plan_id=message.plan_id if action in _FOR_PLANS else None,
+        keep_out=_area(key, message.keep_out, frame) if message.keep_out is not None else None,
+        origin=message.origin,
+    )
+
+
+def _area(key: str, area: AreaMessage, frame: LocalFrame) -> KeepOut:
+    if area.circle is not None and area.polygon:
+        raise WireError(key, "keep_out: a circle or a polygon, not both")
+    if area.polygon and len(area.polygon) < 3:
+        raise WireError(key, f"keep_out.polygon: at least 3 corners, got {len(area.polygon)}")
+    disc_m = None
+    if area.circle is not None:
+        disc_m = (*_place(key, area, area.circle[0], area.circle[1], frame), area.circle[2])
+    return KeepOut(area.name, disc_m, tuple(_place(key, area, a, b, frame) for a, b in area.polygon))
+
+
+def _place(key: str, area: AreaMessage, a: float, b: float, frame: LocalFrame) -> tuple[float, float]:
+    if area.frame == "local":
+        return a, b
+    if not (-90.0 <= a <= 90.0 and -180.0 <= b <= 180.0):
+        raise WireError(key, f"keep_out: expected (lat_deg, lon_deg), got ({a}, {b})")
+    place = frame.to_local(a, b)
+    if not math.hypot(*place) <= _MAX_EXTENT_M:
+        raise WireError(key, f"keep_out: ({a}, {b}) lies {math.hypot(*place) / 1e3:.0f} km from the mission")
+    return place

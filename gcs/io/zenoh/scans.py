@@ -1,0 +1,224 @@
+"""Scans on zenoh: what sensors of any maker publish, read with disbelief.
+
+A scan's JSON differs from the record (see ``docs/sensors.md``): it names the origin of its local frame and
+not the time of arrival, which only the receiver knows; and a sensor that measures range and bearing sends
+these, which become east/north here. It is believed only after every check below.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from gcs.errors import WireError
+from gcs.geo import LocalFrame
+from gcs.io.zenoh.messages import parsed
+from gcs.model import Polar, Scan, Sensor, read_only
+from gcs.tracking.models.sensors import measured, on_map, polar_sensor
+
+MAX_DETECTIONS = 20_000
+MAX_ORIGIN_OFFSET_M = 1.0
+"""How far a sensor's origin may lie from the mission's."""
+
+_NAME = r"^[A-Za-z0-9_-]{1,64}$"
+_SCAN_KEY = re.compile(r"swarm/[^/]+/sensor/(?P<sensor>[^/]+)/scan")
+
+_Name = Annotated[str, Meta(pattern=_NAME)]
+_Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+_Metres = Annotated[float, Meta(ge=-1e7, le=1e7)]
+_Variance = Annotated[float, Meta(ge=-1e10, le=1e10)]
+_Row = tuple[_Variance, _Variance]
+_Range = Annotated[float, Meta(ge=0.0, le=1e7)]
+_Bearing = Annotated[float, Meta(ge=-7.0, le=7.0)]
+_Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
+class OriginMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Where on WGS84 the sensor's east/north begin."""
+
+    lat_deg: Annotated[float, Meta(ge=-90.0, le=90.0)]
+    lon_deg: Annotated[float, Meta(ge=-180.0, le=180.0)]
+
+
+class SensorMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """What a sensor that reports positions says of itself, in each of its scans."""
+
+    name: _Name
+    detection_probability: _Probability
+    clutter_density_per_m2: Annotated[float, Meta(ge=0.0, le=1.0)]
+    noise_cov_m2: tuple[_Row, _Row]
+    field_of_view_m: tuple[_Metres, _Metres, _Metres, _Metres]
+
+
+class ScanMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Its scan. Fields that are not known here are passed over."""
+
+    sensor: SensorMessage
+    origin: OriginMessage
+    measured_t_ns: _Nanoseconds
+    z_m: Annotated[list[tuple[_Metres, _Metres]], Meta(max_length=MAX_DETECTIONS)]
+
+
+class PolarSensorMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """What a sensor that reports range and bearing says of itself."""
+
+    name: _Name
+    detection_probability: _Probability
+    clutter_density_per_m_rad: Annotated[float, Meta(ge=0.0, le=1e6)]
+    place_m: tuple[_Metres, _Metres]
+    range_std_m: Annotated[float, Meta(ge=0.0, le=1e5)]
+    bearing_std_rad: Annotated[float, Meta(ge=0.0, le=math.pi)]
+    least_range_m: _Range = 0.0
+    most_range_m: Annotated[float, Meta(gt=0.0, le=1e7)]
+    sector_centre_rad: _Bearing = 0.0
+    sector_width_rad: Annotated[float, Meta(gt=0.0, le=7.0)] = 2.0 * math.pi
+
+
+class PolarScanMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Its scan."""
+
+    sensor: PolarSensorMessage
+    origin: OriginMessage
+    measured_t_ns: _Nanoseconds
+    z_range_bearing: Annotated[list[tuple[_Range, _Bearing]], Meta(max_length=MAX_DETECTIONS)]
+
+
+class _SensorKind(msgspec.Struct, frozen=True):
+    kind: Literal["position", "range_bearing"] = "position"
+
+
+class _ScanKind(msgspec.Struct, frozen=True):
+    sensor: _SensorKind
+
+
+_kind_decoder = msgspec.json.Decoder(_ScanKind)
+_scan_decoder = msgspec.json.Decoder(ScanMessage)
+_polar_scan_decoder = msgspec.json.Decoder(PolarScanMessage)
+
+
+def encode_scan(scan: Scan, frame: LocalFrame) -> bytes:
+    """Write a scan as a sensor publishes it; `frame` is the one that its east/north refer to."""
+    origin = OriginMessage(lat_deg=frame.lat_deg, lon_deg=frame.lon_deg)
+    message: dict[str, Any] = {"origin": origin, "measured_t_ns": scan.measured_t_ns}
+    sensor, polar = scan.sensor, scan.sensor.polar
+    if polar is None:
+        message["sensor"] = {
+            "name": sensor.name,
+            "detection_probability": sensor.detection_probability,
+            "clutter_density_per_m2": sensor.clutter_density_per_m2,
+            "noise_cov_m2": sensor.noise_cov_m2.tolist(),
+            "field_of_view_m": sensor.field_of_view_m,
+        }
+        message["z_m"] = scan.z_m.tolist()
+    else:
+        message["sensor"] = {
+            "name": sensor.name,
+            "kind": "range_bearing",
+            "detection_probability": sensor.detection_probability,
+            "clutter_density_per_m_rad": polar.clutter_per_m_rad,
+            "place_m": (polar.east_m, polar.north_m),
+            "range_std_m": polar.range_std_m,
+            "bearing_std_rad": polar.bearing_std_rad,
+            "least_range_m": polar.range_m[0],
+            "most_range_m": polar.range_m[1],
+            "sector_centre_rad": polar.bearing_rad[0],
+            "sector_width_rad": 2.0 * polar.bearing_rad[1],
+        }
+        message["z_range_bearing"] = measured(sensor, scan.z_m).tolist()
+    return msgspec.json.encode(message)
+
+
+def decode_scan(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Scan:
+    """Read what somebody published as a scan; believe nothing.
+
+    Parameters
+    ----------
+    key
+        The key it was published on.
+    t_ns
+        When it arrived.
+    frame
+        The mission's local frame: a scan of another one is refused.
+
+    Raises
+    ------
+    WireError
+        When it does not have the form of ``docs/sensors.md``; the text says which field is at fault and why.
+    """
+    if parsed(key, payload, _kind_decoder).sensor.kind == "range_bearing":
+        polar_message = parsed(key, payload, _polar_scan_decoder)
+        _check_origin(key, polar_message.origin, frame)
+        polar = _believed_polar(key, polar_message.sensor)
+        sensor = polar_sensor(polar_message.sensor.name, polar_message.sensor.detection_probability, polar)
+        z_m = on_map(polar, np.reshape(polar_message.z_range_bearing, (-1, 2)))
+        return Scan(t_ns, polar_message.measured_t_ns, sensor, read_only(z_m))
+    message = parsed(key, payload, _scan_decoder)
+    _check_origin(key, message.origin, frame)
+    sensor = _believed_sensor(key, message.sensor)
+    return Scan(t_ns, message.measured_t_ns, sensor, read_only(np.reshape(message.z_m, (-1, 2))))
+
+
+def _believed_sensor(key: str, message: SensorMessage) -> Sensor:
+    _check_name(key, message.name)
+    (a, b), (c, d) = message.noise_cov_m2
+    if a < 0.0 or d < 0.0:
+        raise WireError(key, f"sensor.noise_cov_m2: a variance cannot be negative, got {a} and {d}")
+    if not math.isclose(b, c, rel_tol=1e-9, abs_tol=1e-12):
+        raise WireError(key, f"sensor.noise_cov_m2: a covariance is symmetric, got {b} and {c}")
+    if b * b > a * d * (1.0 + 1e-9):
+        raise WireError(key, f"sensor.noise_cov_m2: not positive semi-definite: {b}**2 > {a} * {d}")
+    east_min, north_min, east_max, north_max = message.field_of_view_m
+    if not (east_min < east_max and north_min < north_max):
+        raise WireError(
+            key, "sensor.field_of_view_m: expected [east_min, north_min, east_max, north_max] with min < max"
+        )
+    return Sensor(
+        message.name,
+        message.detection_probability,
+        message.clutter_density_per_m2,
+        read_only(message.noise_cov_m2),
+        message.field_of_view_m,
+    )
+
+
+def _believed_polar(key: str, message: PolarSensorMessage) -> Polar:
+    _check_name(key, message.name)
+    if not message.least_range_m < message.most_range_m:
+        raise WireError(key, "sensor.most_range_m: expected more than least_range_m")
+    return Polar(
+        *message.place_m,
+        message.range_std_m,
+        message.bearing_std_rad,
+        (message.least_range_m, message.most_range_m),
+        (message.sector_centre_rad, min(message.sector_width_rad / 2.0, math.pi)),
+        message.clutter_density_per_m_rad,
+    )
+
+
+def _check_name(key: str, name: str) -> None:
+    match = _SCAN_KEY.fullmatch(key)
+    if match is None:
+        raise WireError(key, "not a key for scans, which is swarm/<mission>/sensor/<name>/scan")
+    if name != match["sensor"]:
+        raise WireError(key, f"sensor.name: `{name}` published on the key of `{match['sensor']}`")
+
+
+def _check_origin(key: str, origin: OriginMessage, frame: LocalFrame) -> None:
+    offset_m = _origin_offset_m(frame, origin)
+    if not offset_m <= MAX_ORIGIN_OFFSET_M:
+        raise WireError(
+            key,
+            f"origin: ({origin.lat_deg}, {origin.lon_deg}) lies {offset_m:.1f} m from the "
+            f"mission's origin ({frame.lat_deg}, {frame.lon_deg}); give east/north in the mission's frame",
+        )
+
+
+@lru_cache(maxsize=256)
+def _origin_offset_m(frame: LocalFrame, origin: OriginMessage) -> float:
+    return math.hypot(*frame.to_local(origin.lat_deg, origin.lon_deg))

@@ -1,0 +1,126 @@
+"""The journal: one small file with what a service must know to take up where an earlier one was.
+
+It is replaced whole and atomically (written beside, synced, renamed), so that after SIGKILL or a power cut
+either the newest or the one before is there, never a part. It names its version and the mission file and seed
+it belongs to, and carries a checksum; whatever is wrong with it, the service starts clean and says why. A
+journal moves no aircraft by itself: what it says that a vehicle flies counts when the vehicle reads back the
+same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import msgspec
+
+from gcs.errors import JournalError, WireError
+from gcs.files import read_bytes
+from gcs.io.private_files import make_private, private
+from gcs.io.zenoh.messages import decode, encode
+from gcs.model import Memory, Resumed
+
+VERSION = 1
+_MAX_BYTES = 64 * 1024 * 1024
+
+
+class _Head(msgspec.Struct, frozen=True, kw_only=True):
+    """The first line."""
+
+    journal: int
+    """Version of the format."""
+    mission: str
+    fingerprint: str
+    """Of the mission file and the seed."""
+    checksum: str
+    """Of the second line, which is a `Memory`."""
+
+
+_head_decoder = msgspec.json.Decoder(_Head)
+
+
+def fingerprint(config_text: str, seed: int) -> str:
+    """What two runs have in common that fly the same mission."""
+    return hashlib.sha256(f"{seed}\n{config_text}".encode()).hexdigest()
+
+
+class Journal:
+    """The file of one mission.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder is made when it is not there.
+    """
+
+    def __init__(self, path: Path, mission: str, belongs_to: str) -> None:
+        self.path = path
+        self._mission, self._belongs_to = mission, belongs_to
+
+    def write(self, memory: Memory) -> None:
+        """Replace what the journal says: `encode` and `store`."""
+        self.store(self.encode(memory))
+
+    def encode(self, memory: Memory) -> bytes:
+        """Return the file that says this."""
+        body = encode(Resumed(memory.t_ns, memory))
+        head = _Head(
+            journal=VERSION,
+            mission=self._mission,
+            fingerprint=self._belongs_to,
+            checksum=hashlib.sha256(body).hexdigest(),
+        )
+        return msgspec.json.encode(head) + b"\n" + body + b"\n"
+
+    def store(self, data: bytes) -> None:
+        """Replace the file, and wait for the disk.
+
+        Raises
+        ------
+        JournalError
+            When it cannot be written; the one before stays.
+        """
+        beside = self.path.with_name(f"{self.path.name}.{os.getpid()}.new")
+        try:
+            make_private(self.path.parent, exist_ok=True)
+            with open(beside, "wb", opener=private) as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            beside.replace(self.path)
+        except OSError as error:
+            raise JournalError(str(self.path), f"cannot be written: {error.strerror}") from None
+
+    def read(self) -> Memory | None:
+        """Return what it says; None when there is none.
+
+        Raises
+        ------
+        JournalError
+            When it is damaged, of another version, or of another mission; the text says which.
+        """
+        try:
+            data = read_bytes(self.path, _MAX_BYTES)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise JournalError(str(self.path), f"cannot be read: {error.strerror}") from None
+        first, _, rest = data.partition(b"\n")
+        try:
+            head = _head_decoder.decode(first)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            raise JournalError(str(self.path), "is damaged, or no journal") from None
+        body = rest.removesuffix(b"\n")
+        if head.journal != VERSION:
+            raise JournalError(str(self.path), f"has version {head.journal}, this service reads {VERSION}")
+        if hashlib.sha256(body).hexdigest() != head.checksum:
+            raise JournalError(str(self.path), "is damaged: its checksum differs")
+        if head.fingerprint != self._belongs_to:
+            raise JournalError(
+                str(self.path), f"belongs to another mission file or seed ({head.mission}); it is left out"
+            )
+        try:
+            return decode(str(self.path), body, Resumed).memory
+        except WireError as error:
+            raise JournalError(str(self.path), f"makes no sense: {error.problem}") from None

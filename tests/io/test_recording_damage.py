@@ -1,0 +1,94 @@
+"""What is cut off or damaged is read up to the break, and the break is said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from recorded import texts, whole
+
+from gcs.errors import RecordingError
+from gcs.io.recording.reader import Damage, about, read
+from gcs.io.zenoh.messages import Recordable
+
+
+@pytest.mark.parametrize("step", [1, 997])
+def test_a_truncated_recording_is_read_up_to_the_break(
+    recording: tuple[Path, list[Recordable]], tmp_path: Path, step: int
+) -> None:
+    folder, values = recording
+    data = (folder / "run.mcap").read_bytes()
+    cuts = (
+        range(0, 600, 7) if step == 1 else [*range(600, len(data), step), *range(len(data) - 30, len(data))]
+    )
+    expected = texts(values)
+    path = tmp_path / "run.mcap"
+    most = 0
+    for cut in cuts:
+        path.write_bytes(data[:cut])
+        *records, last = list(read(path))
+        assert isinstance(last.value, Damage), cut
+        assert last.value.records == len(records)
+        assert "cut off" in last.value.problem
+        assert texts(whole(records)) == expected[: len(records)]
+        assert len(records) >= most
+        most = len(records)
+        about(path)
+    if step > 1:
+        assert most == len(values)
+
+
+def test_a_damaged_recording_gives_true_records_up_to_the_damage_and_says_so(
+    recording: tuple[Path, list[Recordable]], tmp_path: Path
+) -> None:
+    folder, values = recording
+    data = (folder / "run.mcap").read_bytes()
+    expected = texts(values)
+    rng = np.random.default_rng(3)
+    path = tmp_path / "run.mcap"
+    told = 0
+    for _ in range(150):
+        hurt = bytearray(data)
+        at = int(rng.integers(8, len(data)))
+        hurt[at : at + 4] = rng.bytes(4)
+        path.write_bytes(hurt)
+        records = list(read(path))
+        about(path)
+        values_read = whole(records)
+        assert texts(values_read) == expected[: len(values_read)]
+        told += isinstance(records[-1].value, Damage)
+        assert len(values_read) == len(values) or isinstance(records[-1].value, Damage)
+    assert told > 30
+
+
+def test_a_missing_piece_in_the_middle_is_noticed(
+    recording: tuple[Path, list[Recordable]], tmp_path: Path
+) -> None:
+    folder, values = recording
+    data = (folder / "run.mcap").read_bytes()
+    with (folder / "run.mcap").open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    gone = chunks[10]
+    path = tmp_path / "run.mcap"
+    path.write_bytes(data[: gone.chunk_start_offset] + data[gone.chunk_start_offset + gone.chunk_length :])
+    *records, last = list(read(path))
+    assert isinstance(last.value, Damage)
+    assert "records are missing" in last.value.problem
+    assert 0 < len(records) < len(values)
+
+
+def test_a_length_that_lies_costs_no_memory(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + b"\x06" + (2**62).to_bytes(8, "little") + bytes(100))
+    (only,) = list(read(path))
+    assert isinstance(only.value, Damage)
+
+
+@pytest.mark.parametrize("content", [b"PK\x03\x04 a zip file", b"hello"])
+def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "flight.mcap"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match="is no recording"):
+        list(read(path))
+    with pytest.raises(RecordingError, match="holds no recording"):
+        list(read(tmp_path))

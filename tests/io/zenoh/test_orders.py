@@ -1,0 +1,68 @@
+"""An order from outside is read strictly: a misspelt key may change what it means."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs.errors import WireError
+from gcs.geo import LocalFrame
+from gcs.io.zenoh.orders import decode_order, order_key
+from gcs.model import KeepOut, Order
+
+FRAME = LocalFrame(33.2, -87.6, 70.0)
+KEY = order_key("m")
+
+
+def read(**fields):
+    return decode_order(KEY, json.dumps({"order_id": "a-1", **fields}).encode(), 5, FRAME)
+
+
+def test_an_order_names_its_vehicles_once_each_and_in_order() -> None:
+    assert read(action="hold", vehicles=[3, 1, 3]) == Order(5, "a-1", "hold", (1, 3))
+    assert read(action="return", vehicles="all") == Order(5, "a-1", "return", None)
+
+
+def test_places_in_degrees_become_local_metres() -> None:
+    lat, lon = FRAME.to_geodetic(500.0, 900.0)
+    area = read(action="keep-out", keep_out={"name": "fire", "frame": "wgs84", "circle": [lat, lon, 80.0]})
+    assert area.keep_out is not None
+    assert area.keep_out.disc_m == pytest.approx((500.0, 900.0, 80.0), abs=1e-3)
+    square = [[0, 0], [100, 0], [100, 100]]
+    local = read(action="keep-out", keep_out={"name": "fire", "polygon": square})
+    assert local.keep_out == KeepOut("fire", None, ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0)))
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"action": "explode", "vehicles": "all"}, "action"),
+        ({"action": "arm"}, "for whom"),
+        ({"action": "hold", "vehicles": []}, "vehicles"),
+        ({"action": "hold", "vehicles": [0]}, "vehicles"),
+        ({"action": "hold", "vehicles": "some"}, "vehicles"),
+        ({"action": "hold", "vehicle": [1], "vehicles": "all"}, "unknown field"),
+        ({"action": "confirm"}, "which plan"),
+        ({"action": "keep-out"}, "keep_out"),
+        ({"action": "hold", "vehicles": "all", "keep_out": {"name": "x"}}, "keep_out"),
+        ({"action": "keep-out", "keep_out": {"name": "x", "polygon": [[0, 0], [1, 1]]}}, "3 corners"),
+        ({"action": "keep-out", "keep_out": {"name": "x", "circle": [0, 0, -1]}}, "circle"),
+        (
+            {"action": "keep-out", "keep_out": {"name": "x", "frame": "wgs84", "circle": [99, 0, 1]}},
+            "lat_deg",
+        ),
+        ({"action": "keep-out", "keep_out": {"name": "x", "frame": "wgs84", "circle": [0, 0, 1]}}, "km from"),
+    ],
+)
+def test_what_does_not_make_sense_is_refused_with_what_is_wrong(fields, words) -> None:
+    with pytest.raises(WireError, match=words):
+        read(**fields)
+
+
+@given(st.binary(max_size=60) | st.text(max_size=60).map(str.encode))
+def test_garbage_is_an_error_of_ours(payload: bytes) -> None:
+    with pytest.raises(WireError):
+        decode_order(KEY, payload, 0, FRAME)

@@ -1,0 +1,114 @@
+"""A journal that is damaged, hostile or another's must cost no more than a clean start."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from gcs.errors import JournalError
+from gcs.io.zenoh.messages import encode
+from gcs.model import Fate, KeepOut, Memory, Resumed, Route, Track, VehicleMemory, read_only
+from gcs.service.journal import Journal, fingerprint
+
+MINE = fingerprint("name = 'm'", 1)
+MEMORY = Memory(
+    7,
+    4,
+    2,
+    False,
+    (
+        VehicleMemory(
+            Fate(5, 1, "flying", None, (1.0, 2.0)),
+            "hold",
+            Route(1, (3, 4), read_only([[1.0, 2.0], [3.0, 4.5]]), 9.0),
+            ((16.0, 3.0, 332000000.0, -876000000.0, 100.0, 0.0, 10.0, 0.0, None, 1.0),),
+            1,
+            False,
+        ),
+    ),
+    (Track((3, 4), read_only([1.0, 2.0, 0.1, 0.2]), read_only([[1.0] * 4] * 4), 0.99, True),),
+    (KeepOut("fire", (1.0, 2.0, 3.0)),),
+)
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Journal:
+    return Journal(tmp_path / "runs" / "m.journal", "m", MINE)
+
+
+def same(a: Memory, b: Memory) -> bool:
+    return encode(Resumed(0, a)) == encode(Resumed(0, b))
+
+
+def test_what_was_written_is_read_and_nothing_else_lies_about(journal: Journal) -> None:
+    assert journal.read() is None
+    journal.write(MEMORY)
+    journal.write(MEMORY)
+    memory = journal.read()
+    assert memory is not None
+    assert same(memory, MEMORY)
+    assert [path.name for path in journal.path.parent.iterdir()] == ["m.journal"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda d: b"", "damaged"),
+        (lambda d: d[: len(d) // 2], "checksum"),
+        (lambda d: d[:-3], "checksum"),
+        (lambda d: d.replace(b'"hold"', b'"help"'), "checksum"),
+        (lambda d: d.replace(b'"journal":1', b'"journal":2'), "version 2"),
+        (lambda d: b"[" * 100_000, "damaged"),
+        (lambda d: b"\xff\xfe" + d, "damaged"),
+    ],
+)
+def test_damage_is_named(journal: Journal, spoil, words: str) -> None:
+    journal.write(MEMORY)
+    journal.path.write_bytes(spoil(journal.path.read_bytes()))
+    with pytest.raises(JournalError, match=words):
+        journal.read()
+
+
+def test_a_journal_with_a_right_checksum_may_still_make_no_sense(journal: Journal) -> None:
+    import hashlib
+
+    body = json.dumps({"t_ns": 1, "memory": {"t_ns": "late"}}).encode()
+    head = {"journal": 1, "mission": "m", "fingerprint": MINE, "checksum": hashlib.sha256(body).hexdigest()}
+    journal.path.parent.mkdir()
+    journal.path.write_bytes(json.dumps(head).encode() + b"\n" + body + b"\n")
+    with pytest.raises(JournalError, match="makes no sense"):
+        journal.read()
+
+
+def test_another_mission_file_or_seed_is_told(journal: Journal) -> None:
+    journal.write(MEMORY)
+    other = Journal(journal.path, "m", fingerprint("name = 'm'", 2))
+    with pytest.raises(JournalError, match="another mission file or seed"):
+        other.read()
+
+
+def test_a_journal_that_cannot_be_written_is_an_error_and_the_old_one_stays(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(JournalError, match="cannot be written"):
+        Journal(tmp_path / "file" / "m.journal", "m", MINE).write(MEMORY)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.binary(min_size=1, max_size=8))
+def test_any_change_of_bytes_is_an_error_of_ours_or_changes_nothing(
+    journal: Journal, place: int, junk: bytes
+) -> None:
+    journal.write(MEMORY)
+    data = journal.path.read_bytes()
+    place %= len(data)
+    journal.path.write_bytes(data[:place] + junk + data[place + len(junk) :])
+    try:
+        memory = journal.read()
+    except JournalError:
+        return
+    assert memory is not None
+    assert same(memory, MEMORY)
