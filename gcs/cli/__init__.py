@@ -15,10 +15,10 @@ from typing import Annotated
 import typer
 
 from gcs.cli import flying, preparing, recordings
-from gcs.commands.fence import app as fence_app
-from gcs.commands.keys import app as keys_app
-from gcs.commands.order import app as order_app
-from gcs.commands.param import app as param_app
+from gcs.cli.fly.order import app as order_app
+from gcs.cli.prepare.fence import app as fence_app
+from gcs.cli.prepare.keys import app as keys_app
+from gcs.cli.prepare.param import app as param_app
 
 app = typer.Typer(
     help="""Central command for a swarm of fixed-wing vehicles.

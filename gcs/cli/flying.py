@@ -73,7 +73,7 @@ def demo(
     Ends when every agent has reached a target or is lost, with a summary, a recording and a picture of the
     run. Ctrl-C ends it early and leaves a readable recording.
     """
-    from gcs.commands.demo import DemoOptions, run_demo
+    from gcs.cli.fly.demo import DemoOptions, run_demo
 
     options = DemoOptions(
         scenario,
@@ -216,7 +216,7 @@ def run(
     Ctrl-C ends it and leaves the vehicles alone: they fly their missions to the end. Started again, it goes
     on from there.
     """
-    from gcs.commands.serve import ServeOptions, serve
+    from gcs.cli.fly.run import ServeOptions, serve
     from gcs.io.clock import RunClock
 
     run_clock = RunClock()

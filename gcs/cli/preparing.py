@@ -66,7 +66,7 @@ def init(
     Waypoints of a plan and points of a KML become places of birth; points called "agent" or "vehicle" become
     starts, polygons a fence. A log and a link give the vehicles. Nothing on a vehicle is changed.
     """
-    from gcs.commands.init import InitOptions, run_init
+    from gcs.cli.prepare.init import InitOptions, run_init
 
     with errors_shown():
         run_init(InitOptions(source, listen, wait, name, out, force), console_for())
@@ -78,7 +78,7 @@ def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
 
     A mistake is shown with its file, its key and what was expected.
     """
-    from gcs.commands.check import describe
+    from gcs.cli.prepare.check import describe
 
     with errors_shown():
         describe(config, seed, console_for())
@@ -103,8 +103,8 @@ def preflight(
 
     Exit code 0: nothing is refused; 1: do not fly; 2: a mistake in the mission file.
     """
-    from gcs.commands.preflight import PreflightOptions
-    from gcs.commands.preflight import preflight as check_all
+    from gcs.cli.prepare.preflight import PreflightOptions
+    from gcs.cli.prepare.preflight import preflight as check_all
 
     options = PreflightOptions(config, seed, wait, link, sensors, brief, as_json)
     with errors_shown():
@@ -176,8 +176,8 @@ def plan(
     Exits with 1 when an agent stays without a route although there is a target for it, or a problem of
     --scen comes out longer or shorter than its optimal length.
     """
-    from gcs.commands.plan import PlanArguments, run_plan
-    from gcs.commands.problems import run_problems
+    from gcs.cli.prepare.plan import PlanArguments, run_plan
+    from gcs.cli.prepare.problems import run_problems
 
     with errors_shown():
         if scen_file is not None:

@@ -62,8 +62,8 @@ def replay(
 
     With --verify it exits with 1 when anything comes out differently by as much as a byte, and says where.
     """
-    from gcs.commands.replay import ReplayOptions, run_replay, speed_of
-    from gcs.commands.replaying import Window
+    from gcs.cli.analyse.replay import ReplayOptions, run_replay, speed_of
+    from gcs.service.replay import Window
 
     with errors_shown():
         window = Window(start, float("inf") if end is None else end)
@@ -106,8 +106,8 @@ def report(
     The page stands alone and opens in any browser. What a file does not hold, such as the truth of a real
     flight, the page says.
     """
-    from gcs.commands.paper import run_paper
-    from gcs.commands.report import ReportOptions, run_report
+    from gcs.cli.analyse.paper import run_paper
+    from gcs.cli.analyse.report import ReportOptions, run_report
 
     if (recording is None) != paper:
         raise typer.BadParameter("name a recording, or give --paper without one")
@@ -131,7 +131,7 @@ def info(
     as_json: JsonOption = False,
 ) -> None:
     """Say what is in a recording: vehicles, messages and their rates, gaps, loss, missions, damage."""
-    from gcs.commands.info import run_info
+    from gcs.cli.analyse.info import run_info
 
     with errors_shown():
         code = run_info(file, console_for(stderr=as_json), as_json=as_json)
@@ -176,7 +176,7 @@ def track(
 
     The truth judges the result and is not looked at before.
     """
-    from gcs.commands.track import TrackOptions, run_track
+    from gcs.cli.analyse.track import TrackOptions, run_track
 
     with errors_shown():
         run_track(

@@ -32,7 +32,7 @@ import numpy as np
 from draws import sets
 from scipy.optimize import linear_sum_assignment
 
-from gcs.commands.detections import Detections, load
+from gcs.io.detections.readers import Detections, load
 from gcs.tracking.glmb.filter import Glmb, warm_up
 from gcs.tracking.metrics import ospa, ospa2
 from gcs.tracking.models import constant_velocity

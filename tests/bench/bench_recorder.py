@@ -17,7 +17,7 @@ from typing import Any
 
 from rich.console import Console
 
-from gcs.commands.demo import DemoOptions, run_demo
+from gcs.cli.fly.demo import DemoOptions, run_demo
 from gcs.io.recording import packing
 from gcs.io.recording.mcap_writer import McapWriter
 from gcs.io.recording.writer import Recorder

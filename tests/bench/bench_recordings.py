@@ -21,13 +21,13 @@ from typing import Any, get_args
 
 from rich.console import Console
 
-from gcs.commands.replaying import Replay, Verifier, Window
-from gcs.commands.sinks import warm_up
+from gcs.cli.outputs import warm_up
 from gcs.config import Config, parse
 from gcs.core.engine import Command
 from gcs.io.recording.reader import about, read
 from gcs.io.recording.writer import Recorder, Run, versions
 from gcs.model import NS_PER_S, Effect, Event
+from gcs.service.replay import Replay, Verifier, Window
 from sim_vehicles.scenario import load
 from sim_vehicles.virtual import VirtualRun
 

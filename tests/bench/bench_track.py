@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from draws import sets
 
-from gcs.commands.detections import load
-from gcs.commands.track import Scores, score, track
+from gcs.cli.analyse.track import Scores, score, track
+from gcs.io.detections.readers import load
 from gcs.tracking.glmb.filter import warm_up
 
 

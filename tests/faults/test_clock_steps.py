@@ -11,8 +11,8 @@ from missions import short_mission
 from rich.console import Console
 from wall_clock import WallClock
 
-from gcs.commands.demo import DemoOptions, run_demo
-from gcs.commands.preflight import Ears
+from gcs.cli.fly.demo import DemoOptions, run_demo
+from gcs.cli.prepare.preflight import Ears
 from gcs.config import load
 from gcs.core.preflight.mission import sensor_checks
 from gcs.endpoints import Link, parse_endpoint

@@ -35,8 +35,8 @@ region_m = [-100.0, -100.0, 2100.0, 2100.0]
 """
 SERVER = """
 import json, os, resource, sys
-import gcs.cli, gcs.commands.info, gcs.commands.track, gcs.commands.replay, gcs.commands.report
-import gcs.commands.plan, gcs.commands.scans_info, gcs.io.recording.reader
+import gcs.cli, gcs.cli.analyse.info, gcs.cli.analyse.track, gcs.cli.analyse.replay, gcs.cli.analyse.report
+import gcs.cli.prepare.plan, gcs.cli.analyse.info_scans, gcs.io.recording.reader
 for line in sys.stdin:
     arguments, out = json.loads(line)
     child = os.fork()

@@ -17,8 +17,7 @@ import pytest
 from missions import short_mission
 from rich.console import Console
 
-from gcs.commands.resuming import JournalSink
-from gcs.commands.sinks import view_for
+from gcs.cli.outputs import view_for
 from gcs.config import load
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import RecordingError
@@ -32,6 +31,7 @@ from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Event, MissionEnded, Notice, Send, Tick
 from gcs.service.journal import Journal
+from gcs.service.resume import JournalSink
 from gcs.service.service import Service
 
 GCS = (sys.executable, "-P", "-c", "from gcs.cli import main; main()")

@@ -11,9 +11,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rich.console import Console
 
-from gcs.commands.resuming import take_up
-from gcs.commands.serve import ServeOptions, serve
-from gcs.commands.sinks import open_recorder
+from gcs.cli.fly.run import ServeOptions, serve
+from gcs.cli.outputs import open_recorder
 from gcs.config import load, read_text
 from gcs.config.tables import RecordingTable
 from gcs.endpoints import Link, parse_endpoint
@@ -27,6 +26,7 @@ from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import NS_PER_S, Datagram, LinkNews, Memory, Tick
 from gcs.service.journal import Journal
+from gcs.service.resume import take_up
 from gcs.service.service import Service
 
 MEMORY = Memory(1, 0, 0, False, (), (), ())
@@ -175,7 +175,7 @@ def test_recordings_and_journals_are_their_owners_alone(
 def test_a_start_that_fails_leaves_no_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     out = tmp_path / "flight"
-    monkeypatch.setattr("gcs.commands.serve.warm_up", lambda _: None)
+    monkeypatch.setattr("gcs.cli.fly.run.warm_up", lambda _: None)
     mission = tmp_path / "m.toml"
     text, _ = read_text("prescribed")
     taken = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1], load("prescribed").local_frame)

@@ -28,8 +28,7 @@ from typing import Any
 
 import msgspec
 
-from gcs.commands.replaying import Replay, Window
-from gcs.commands.whatif import Comparison
+from gcs.cli.analyse.whatif import Comparison
 from gcs.config import Config, parse
 from gcs.io.recording.reader import Damage, Record, about, read
 from gcs.io.recording.writer import Recorder, Run, versions
@@ -50,6 +49,7 @@ from gcs.model import (
     UploadReport,
 )
 from gcs.report.judge import Judge
+from gcs.service.replay import Replay, Window
 from sim_vehicles.scenario import Scenario, load, parse_scenario
 from sim_vehicles.virtual import START_T_NS, VirtualRun
 

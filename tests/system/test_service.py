@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import pytest
 
-from gcs.commands.resuming import JournalSink
 from gcs.config import load
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError, RecordingError
@@ -19,6 +18,7 @@ from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.model import NS_PER_S, Notice, Tick, Truth
 from gcs.service.journal import Journal
+from gcs.service.resume import JournalSink
 from gcs.service.service import Service
 
 

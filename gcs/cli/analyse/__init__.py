@@ -1,0 +1,1 @@
+"""Commands after a flight: replay, report, info, track."""

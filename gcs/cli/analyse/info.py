@@ -1,0 +1,184 @@
+"""`gcs info`: what is in a recording of ours, a telemetry log, raw MAVLink or a table of detections."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+from gcs.cli.analyse.info_contents import print_contents
+from gcs.errors import RecordingError
+from gcs.files import open_regular
+from gcs.io.detections.tables import ENDINGS
+from gcs.io.recording.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
+from gcs.io.recording.timestamps import TimeLine
+from gcs.io.recording.tlog import Logged, Unreadable, is_stamped, read_log
+from gcs.io.zenoh.messages import topic_of
+from gcs.mavlink.frames.codec import scan
+from gcs.model import NS_PER_S, Datagram, Fate, MissionEnded, Scan, Send
+from gcs.report.traffic import Traffic, rate_hz
+
+_MAX_LISTED: Final = 100
+_MAX_NAMES: Final = 10_000
+"""Of sensors, and of vehicles with a fate: later ones are not counted."""
+_BAR_ABOVE_BYTES: Final = 4_000_000
+_EVERY: Final = 4096
+
+
+def run_info(path: Path, console: Console, *, as_json: bool) -> int:
+    """Read a file to its end, say what is in it, and return the exit code.
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be read or is nothing that we know.
+    """
+    if path.suffix.lower() in ENDINGS and not path.is_dir():
+        # Here, since it knows sensors, whose kernels take a second and 60 MB to load.
+        from gcs.cli.analyse.info_scans import detections_contents, print_detections
+
+        contents = detections_contents(path)
+        print_detections(contents, console)
+    else:
+        contents = _recording(path, console) if is_recording(path) else _log(path, console)
+        print_contents(contents, console)
+    if as_json:
+        print(json.dumps(contents), flush=True)  # noqa: T201  the promised last line
+    return 0
+
+
+@dataclass(slots=True)
+class _Span:
+    """First and last time of something, and how often."""
+
+    count: int = 0
+    first_t_ns: int = 0
+    last_t_ns: int = 0
+
+    def take(self, t_ns: int) -> None:
+        """Count one."""
+        if self.count == 0:
+            self.first_t_ns = self.last_t_ns = t_ns
+        self.count += 1
+        self.first_t_ns = min(self.first_t_ns, t_ns)
+        self.last_t_ns = max(self.last_t_ns, t_ns)
+
+    def times(self) -> dict[str, Any]:
+        """Say when."""
+        seconds = (self.last_t_ns - self.first_t_ns) / NS_PER_S
+        return {"first_t_ns": self.first_t_ns, "last_t_ns": self.last_t_ns, "seconds": seconds}
+
+
+def _recording(path: Path, console: Console) -> dict[str, Any]:
+    size = recording_bytes(path)
+    made_with, traffic, span = about(path), Traffic(), _Span()
+    topics: dict[str, _Span] = {}
+    sensors: dict[str, Counter[str]] = {}
+    fates: dict[int, str] = {}
+    damage, ended = None, False
+    with reading_progress(console, path, size) as advance:
+        for record in read(path, advance):
+            value = record.value
+            if isinstance(value, Damage):
+                damage = asdict(value)
+                break
+            span.take(record.t_ns)
+            topics.setdefault(topic_of(value), _Span()).take(record.t_ns)
+            if isinstance(value, Datagram | Send):
+                for frame in scan(value.data).frames:
+                    traffic.take(record.t_ns, frame)
+            elif isinstance(value, Scan):
+                name = value.sensor.name
+                if name in sensors or len(sensors) < _MAX_NAMES:
+                    counts = sensors.setdefault(name, Counter())
+                    counts["scans"] += 1
+                    counts["detections"] += len(value.z_m)
+            elif isinstance(value, Fate) and (value.vehicle in fates or len(fates) < _MAX_NAMES):
+                fates[value.vehicle] = value.fate
+            elif isinstance(value, MissionEnded):
+                ended = True
+    return {
+        "kind": "recording",
+        "file": str(path),
+        "bytes": size,
+        "parts": len(mcap_paths(path)),
+        "scenario": None if made_with.run is None else made_with.run.scenario,
+        "seed": None if made_with.run is None else made_with.run.seed,
+        "versions": made_with.versions,
+        **span.times(),
+        "records": {
+            topic: {"count": of.count, "rate_hz": rate_hz(of.count, of.first_t_ns, of.last_t_ns)}
+            for topic, of in sorted(topics.items())
+        },
+        "sensors": {name: dict(counts) for name, counts in sorted(sensors.items())},
+        "fates": {str(vehicle): fate for vehicle, fate in sorted(fates.items())},
+        "mission_ended": ended,
+        "damage": [] if damage is None else [damage],
+        **traffic.summary(),
+    }
+
+
+def _log(path: Path, console: Console) -> dict[str, Any]:
+    size = _size(path)
+    traffic, span = Traffic(), _Span()
+    damage: list[Unreadable] = []
+    stretches = bad_bytes = 0
+    with open_regular(path) as file, reading_progress(console, path, size) as advance:
+        stamped = is_stamped(file, str(path))
+        line = TimeLine(stamped=stamped)
+        for number, part in enumerate(read_log(file, stamped=stamped)):
+            if number % _EVERY == 0:
+                advance(part.offset)
+            if isinstance(part, Unreadable):
+                stretches += 1
+                bad_bytes += part.length
+                if len(damage) < _MAX_LISTED:
+                    damage.append(part)
+            else:
+                t_ns = line(part)
+                span.take(t_ns)
+                _count(traffic, part, t_ns)
+    return {
+        "kind": "tlog" if stamped else "raw MAVLink",
+        "file": str(path),
+        "bytes": size,
+        "timed_by": line.timed_by,
+        **(span.times() if line.timed_by else {"first_t_ns": None, "last_t_ns": None, "seconds": None}),
+        "clock_jumps": line.jumps,
+        "damage": [{"offset": part.offset, "bytes": part.length} for part in damage],
+        "damaged_stretches": stretches,
+        "damaged_bytes": bad_bytes,
+        **traffic.summary(),
+    }
+
+
+def _count(traffic: Traffic, part: Logged, t_ns: int) -> None:
+    if part.standing == "good":
+        traffic.take(t_ns, part.frame)
+    elif part.standing == "unknown id":
+        traffic.take_unknown(part.frame)
+    else:
+        traffic.take_bad_checksum(part.frame)
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError as error:
+        raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
+
+
+@contextmanager
+def reading_progress(console: Console, path: Path, size: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar for what takes longer; yields what moves it to a byte of the file."""
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=size < _BAR_ABOVE_BYTES) as progress:
+        task = progress.add_task(path.name, total=size)
+        yield lambda offset: progress.update(task, completed=offset)

@@ -1,0 +1,380 @@
+"""`gcs report`: a run on one page, with figures, tables and the tracks as CSV.
+
+Everything is gathered in one pass over the file, whatever its kind: a recording of ours, a telemetry log, a
+raw MAVLink stream. What a file does not hold (truth, trackers, times) the page says, and shows the rest.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from gcs.cli.analyse.info import reading_progress
+from gcs.cli.outputs import warm_up
+from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
+from gcs.config import Config, load, parse
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.engine import Command
+from gcs.errors import ConfigError, GcsError, RecordingError
+from gcs.files import open_regular
+from gcs.geo import LocalFrame
+from gcs.io.recording.reader import Damage, about, is_recording, read, recording_bytes
+from gcs.io.recording.timestamps import TimedBy, TimeLine
+from gcs.io.recording.tlog import Logged, is_stamped, read_log
+from gcs.mavlink.frames.codec import scan
+from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
+from gcs.report.course import Course, CourseBuilder
+from gcs.report.flights import Flight, Flights
+from gcs.report.judge import Judge, Summary, judge_of
+from gcs.report.maps import Ground
+from gcs.report.run_page import Material, run_page
+from gcs.report.tracks_csv import TracksCsv
+from gcs.report.traffic import Traffic
+from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
+
+CSV_NAME = "tracks.csv"
+_EVERY = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class ReportOptions:
+    """What the command line says."""
+
+    path: Path
+    out: Path | None
+    config: str | None
+    seed: int | None
+    timing: bool
+    as_json: bool
+    detections: Path | None = None
+    """To lay beside a log."""
+    model: Path | None = None
+    """Of the detections, where their file has none."""
+    offset_s: float = 0.0
+
+
+def run_report(options: ReportOptions, console: Console) -> int:
+    """Read a file to its end and write its page; return the exit code.
+
+    Raises
+    ------
+    GcsError
+        When the file cannot be read, is nothing that we know, or the page cannot be written.
+    """
+    folder = options.out if options.out is not None else default_folder(options.path)
+    with _made(folder):
+        material = material_of(options, folder / CSV_NAME, console)
+    with console.status("drawing the figures"):
+        page = run_page(material, folder)
+    console.print(str(page), highlight=False, markup=False, soft_wrap=True)
+    for remark in material.remarks:
+        console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
+    if options.as_json:
+        print(json.dumps(_in_json(material, page, folder)), flush=True)  # noqa: T201  the promised last line
+    return 0
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder before the long work for it begins; take it away again when nothing came of that."""
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(
+            str(folder), f"cannot be made: {error.strerror}; choose another with -o"
+        ) from None
+    try:
+        yield
+    except GcsError:
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def default_folder(path: Path) -> Path:
+    """Return where the report of a file goes: into the folder of a recording, else beside nothing else."""
+    return path / "report" if path.is_dir() else Path(f"{path.stem}-report")
+
+
+def material_of(options: ReportOptions, csv: Path | None, console: Console) -> Material:
+    """Read a file once, to its end or to its damage, and return everything that is shown of it."""
+    if is_recording(options.path):
+        return _Reading(options, csv, console).recording()
+    refuse_detections(options.path)
+    return _Reading(options, csv, console).log()
+
+
+@dataclass(slots=True)
+class _Reading:
+    options: ReportOptions
+    csv: Path | None
+    console: Console
+    config: Config | None = None
+    seed: int = 0
+    remarks: list[str] = field(default_factory=list)
+    traffic: Traffic = field(default_factory=Traffic)
+    work_ms: dict[str, list[float]] = field(default_factory=lambda: {"scan": [], "plan": []})
+
+    def recording(self) -> Material:
+        """Read a recording of ours."""
+        path = self.options.path
+        if self.options.detections is not None:
+            raise RecordingError(
+                str(path), "is a recording with scans of its own; --detections goes with a log"
+            )
+        made_with = about(path)
+        self._find_mission(made_with.config_text)
+        seed = self.options.seed if self.options.seed is not None else made_with.run and made_with.run.seed
+        self.seed = seed or 0
+        ground = self._ground(known=seed is not None)
+        command = self._command(can_repeat=ground is not None)
+        judge, flights = self._judge(), self._flights()
+        builder = CourseBuilder(judge)
+        records = 0
+        with (
+            reading_progress(self.console, path, recording_bytes(path)) as advance,
+            TracksCsv(self.csv) as csv,
+        ):
+            for record in read(path, advance):
+                value = record.value
+                if isinstance(value, Damage):
+                    self.remarks.append(f"The recording breaks off: {value.problem}.")
+                    break
+                records += 1
+                if isinstance(value, Event) and command is not None:
+                    self._timed(command, value)
+                if isinstance(value, Datagram | Send):
+                    self._frames(record.t_ns, value.data, flights)
+                builder.take(value)
+                if isinstance(value, Picture):
+                    csv.take(value, builder.start_t_ns)
+        if records == 0:
+            raise RecordingError(str(path), "holds none of our records" + _because(self.remarks))
+        name = made_with.run.scenario if made_with.run else self.config.name if self.config else path.name
+        course = builder.course()
+        if not course.has_truth:
+            self.remarks.append(
+                "No truth is in this recording, as in any real flight: OSPA, deaths and arrivals cannot be "
+                "judged, and the maps show reports and tracks."
+            )
+        return self._material(name, "recording", course, flights, judge, ground, made_with.versions)
+
+    def log(self) -> Material:
+        """Read a telemetry log or a raw stream, with trackers when a mission is given."""
+        options, path = self.options, self.options.path
+        builder, judge, ground = CourseBuilder(), None, None
+        beside = self._beside()
+        if options.config is not None:
+            self.config, self.seed = load(options.config), options.seed or 0
+            judge, ground = self._judge(), self._ground(known=True)
+            builder = CourseBuilder(judge)
+        flights = self._flights()
+        timed_by, span = self._read_log(flights)
+        course = builder.course()
+        with TracksCsv(self.csv) as csv:
+            if self.config is not None:
+                for value in self._flown(self.config, beside):
+                    builder.take(value)
+                    if isinstance(value, Picture):
+                        csv.take(value, builder.start_t_ns)
+        if self.config is not None:
+            course = builder.course()
+        else:
+            self.remarks.append(
+                "A telemetry log holds no scans and no mission: the page shows what the vehicles reported. "
+                "With --config and a mission that names them, the agents' tracker runs on it."
+            )
+        if timed_by == "boot clocks":
+            self.remarks.append("A raw MAVLink stream: its times are those of the vehicles' own clocks.")
+        elif timed_by is None:
+            self.remarks.append("A raw MAVLink stream says not when: nothing over time can be shown.")
+        kind = "telemetry log" if timed_by == "stamps" else "raw MAVLink"
+        return self._material(path.name, kind, course, flights, judge, ground, {}, span)
+
+    def _read_log(self, flights: Flights) -> tuple[TimedBy | None, tuple[int, int]]:
+        """Take every frame; return where times come from, and the first and last one."""
+        path = self.options.path
+        size = path.stat().st_size
+        times, bad_bytes, stretches = [0, 0], 0, 0
+        with open_regular(path) as file, reading_progress(self.console, path, size) as advance:
+            stamped = is_stamped(file, str(path))
+            line = TimeLine(stamped=stamped)
+            for number, part in enumerate(read_log(file, stamped=stamped)):
+                if number % _EVERY == 0:
+                    advance(part.offset)
+                if not isinstance(part, Logged):
+                    stretches, bad_bytes = stretches + 1, bad_bytes + part.length
+                elif part.standing == "good":
+                    t_ns = line(part)
+                    times = [times[0] or t_ns, max(times[1], t_ns)]
+                    self.traffic.take(t_ns, part.frame)
+                    flights.take(t_ns, part.frame)
+        if bad_bytes:
+            places = _times(stretches, "stretch", "stretches")
+            self.remarks.append(f"{bad_bytes} damaged bytes, in {places}, were passed over.")
+        if line.jumps:
+            often = _times(line.jumps, "time", "times")
+            what = "Its clock was set" if stamped else "A vehicle was booted anew"
+            self.remarks.append(f"{what} {often} while it was written; the time line goes on.")
+        return line.timed_by, (times[0], times[1])
+
+    def _find_mission(self, text: str) -> None:
+        if self.options.config is not None:
+            self.config = load(self.options.config)
+            return
+        try:
+            if text:
+                self.config = parse(text, f"{self.options.path}: its mission file")
+        except ConfigError as error:
+            self.remarks.append(f"Its mission file cannot be used ({error}); name one with --config.")
+        if not text:
+            self.remarks.append(
+                "It holds no mission file: obstacles and judgement are missing; see --config."
+            )
+
+    def _ground(self, *, known: bool) -> Ground | None:
+        config = self.config
+        if config is None:
+            return None
+        if not known and config.map.random_threshold > 0.0:
+            self.remarks.append("It does not say its seed, and its obstacles are random; give --seed.")
+            return None
+        return Ground.of(mission_grid(config, self.seed))
+
+    def _judge(self) -> Judge:
+        config = self.config
+        if config is None:
+            return Judge(0.0, ())
+        return judge_of(config)
+
+    def _flights(self) -> Flights:
+        frame: LocalFrame | None = None if self.config is None else self.config.local_frame
+        return Flights(frame)
+
+    def _command(self, *, can_repeat: bool) -> Command | None:
+        if self.config is None or not (can_repeat and self.options.timing):
+            return None
+        warm_up(self.console, TRACKING, PLANNING, LINKS)
+        return Command(self.config, self.seed)
+
+    def _beside(self) -> Beside | None:
+        options = self.options
+        if options.detections is None:
+            return None
+        if options.config is None:
+            raise RecordingError(
+                str(options.path),
+                "--detections needs the mission that they were made in: name it with --config",
+            )
+        beside = load_beside(options.detections, options.model, options.offset_s)
+        self.remarks += beside.detections.remarks
+        return beside
+
+    def _flown(self, config: Config, beside: Beside | None) -> Iterator[object]:
+        """Yield the events of a telemetry log, and what central command makes of each."""
+        command = self._command(can_repeat=True) or Command(config, self.seed)
+        system_ids = [agent.system_id for agent in config.agents]
+        for record in telemetry_records(self.options.path, system_ids, beside):
+            assert isinstance(record.value, Event)
+            yield record.value
+            yield from self._timed(command, record.value)
+
+    def _timed(self, command: Command, event: Event) -> list[Effect]:
+        """Work an event and note how long scans and plans took; a plan's time includes its scan's."""
+        started = time.process_time()
+        effects = command.step(event)
+        took_ms = 1e3 * (time.process_time() - started)
+        planned = any(isinstance(effect, Plan) for effect in effects)
+        if planned:
+            self.work_ms["plan"].append(took_ms)
+        elif isinstance(event, Scan):
+            self.work_ms["scan"].append(took_ms)
+        return effects
+
+    def _frames(self, t_ns: int, data: bytes, flights: Flights) -> None:
+        for frame in scan(data).frames:
+            self.traffic.take(t_ns, frame)
+            flights.take(t_ns, frame)
+
+    def _material(
+        self,
+        name: str,
+        kind: str,
+        course: Course,
+        flights: Flights,
+        judge: Judge | None,
+        ground: Ground | None,
+        versions: dict[str, str],
+        span_t_ns: tuple[int, int] | None = None,
+    ) -> Material:
+        start_t_ns, duration_s = course.start_t_ns, course.duration_s
+        if span_t_ns is not None:
+            start_t_ns, duration_s = span_t_ns[0], (span_t_ns[1] - span_t_ns[0]) / 1e9
+            course = replace(course, start_t_ns=start_t_ns, duration_s=duration_s)
+        flown: dict[int, Flight] = flights.flights(start_t_ns)
+        return Material(
+            name=name,
+            kind=kind,
+            file=self.options.path,
+            seed=self.seed if self.config is not None else None,
+            course=course,
+            start_t_ns=start_t_ns,
+            duration_s=duration_s,
+            summary=self._summary(judge, course),
+            flights=flown,
+            traffic=self.traffic.summary(),
+            ground=ground,
+            work_ms=self.work_ms,
+            versions=versions,
+            remarks=tuple(self.remarks),
+        )
+
+    def _summary(self, judge: Judge | None, course: Course) -> Summary | None:
+        if judge is None or self.config is None:
+            return None
+        return judge.summary(
+            scenario=self.config.name,
+            seed=self.seed,
+            duration_s=course.duration_s,
+            scan_ms_p99=_p99(self.work_ms["scan"]),
+            plan_ms_p99=_p99(self.work_ms["plan"]),
+            recording=str(self.options.path),
+        )
+
+
+def _p99(values_ms: list[float]) -> float:
+    return float(np.percentile(values_ms, 99)) if values_ms else float("nan")
+
+
+def _times(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
+
+
+def _because(remarks: list[str]) -> str:
+    return f": {remarks[-1]}" if remarks else ""
+
+
+def _in_json(material: Material, page: Path, folder: Path) -> dict[str, Any]:
+    from gcs.report.judge import summary_json
+
+    return {
+        "file": str(material.file),
+        "kind": material.kind,
+        "page": str(page),
+        "figures": sorted(str(path) for path in (folder / "figures").iterdir()),
+        "tracks": str(folder / CSV_NAME),
+        "has_truth": material.course.has_truth,
+        "seconds": material.duration_s,
+        "remarks": list(material.remarks),
+        "summary": None if material.summary is None else json.loads(summary_json(material.summary)),
+    }

@@ -1,0 +1,1 @@
+"""Commands that fly: `gcs demo`, `gcs run`, `gcs order`."""

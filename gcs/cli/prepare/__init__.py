@@ -1,0 +1,1 @@
+"""Commands before a flight: mission files, plans, vehicles, keys."""

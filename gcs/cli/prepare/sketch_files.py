@@ -1,0 +1,256 @@
+"""Missions drawn in other programs: `.plan` of QGroundControl, and KML.
+
+Plan: https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html. KML:
+https://developers.google.com/kml/documentation/kmlreference. The files may come from anybody: they are read
+up to a size, and XML without a document type, so that nothing in it can expand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree as ET
+
+import msgspec
+
+from gcs.cli.prepare.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start, is_place
+from gcs.errors import ConfigError
+from gcs.files import read_bytes
+
+_MAX_BYTES: Final = 4_000_000
+_MAX_DEPTH: Final = 40
+_TARGET_COMMANDS: Final = (16, 17, 18, 19, 31, 82)
+"""NAV_WAYPOINT, the three loiters, LOITER_TO_ALT and SPLINE_WAYPOINT."""
+_MAX_SPEED_M_S: Final = 100.0
+_MAX_NUMBER: Final = 1e9
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_bytes(path, _MAX_BYTES).decode("utf-8-sig")
+    except OSError as error:
+        raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(str(path), "", "is not text in UTF-8; a KMZ must be unzipped first") from None
+
+
+# ---------------------------------------------------------------- .plan
+
+
+def read_plan(path: Path) -> Sketch:
+    """Read a `.plan` of QGroundControl: waypoints become targets, the planned home becomes a start.
+
+    Raises
+    ------
+    ConfigError
+        When it is none, or a place in it makes no sense.
+    """
+    source = str(path)
+    try:
+        raw = msgspec.json.decode(_text(path))
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise ConfigError(source, "", f"is not JSON: {error}") from None
+    if not isinstance(raw, dict) or raw.get("fileType") != "Plan":
+        raise ConfigError(source, "fileType", 'expected "Plan": a plan file of QGroundControl')
+    mission = _table(raw, "mission")
+    sketch = Sketch()
+    home = mission.get("plannedHomePosition")
+    if home is not None:
+        lat_deg, lon_deg, alt_m = _numbers(home, 3, source, "mission.plannedHomePosition")
+        note = "a .plan is for one vehicle: add the others, and set system ids"
+        sketch.starts.append(
+            Start(_place(lat_deg, lon_deg, source, "mission.plannedHomePosition"), note=note)
+        )
+        sketch.ground_msl_m = alt_m
+    speed = mission.get("cruiseSpeed")
+    if isinstance(speed, int | float) and 0.0 < speed <= _MAX_SPEED_M_S:
+        sketch.speed_m_s = float(speed)
+    _plan_items(_list(mission, "items"), sketch, source)
+    _plan_fence(_table(raw, "geoFence"), sketch, source)
+    for index, point in enumerate(_list(_table(raw, "rallyPoints"), "points")):
+        key = f"rallyPoints.points[{index}]"
+        lat_deg, lon_deg, alt_m = _numbers(point, 3, source, key)
+        sketch.rally.append((*_place(lat_deg, lon_deg, source, key), alt_m))
+    return sketch
+
+
+def _plan_items(items: list[Any], sketch: Sketch, source: str) -> None:
+    left_out = 0
+    for index, item in enumerate(items):
+        key = f"mission.items[{index}]"
+        if not isinstance(item, dict) or item.get("type") != "SimpleItem":
+            left_out += 1
+            continue
+        if item.get("command") not in _TARGET_COMMANDS:
+            continue
+        params = item.get("params")
+        if not isinstance(params, list) or len(params) < 6:
+            raise ConfigError(source, f"{key}.params", "expected a list of seven parameters")
+        lat_deg, lon_deg = _numbers(params[4:6], 2, source, f"{key}.params[4:6]")
+        sketch.targets.append((_place(lat_deg, lon_deg, source, key), f"item {index + 1} of the plan"))
+    if left_out:
+        sketch.notes.append(f"{left_out} surveys and other patterns of the plan are left out")
+
+
+def _plan_fence(fence: dict[str, Any], sketch: Sketch, source: str) -> None:
+    for index, row in enumerate(_list(fence, "polygons")):
+        key = f"geoFence.polygons[{index}]"
+        corners = _list(_dict(row, source, key), "polygon")
+        places = [_numbers(corner, 2, source, f"{key}.polygon[{n}]") for n, corner in enumerate(corners)]
+        polygon = tuple(_place(lat_deg, lon_deg, source, key) for lat_deg, lon_deg in places)
+        if len(polygon) < 3:
+            raise ConfigError(source, key, "expected at least three corners")
+        sketch.areas.append(FenceArea(row.get("inclusion") is True, polygon))
+    for index, row in enumerate(_list(fence, "circles")):
+        key = f"geoFence.circles[{index}]"
+        circle = _dict(_dict(row, source, key).get("circle"), source, f"{key}.circle")
+        lat_deg, lon_deg = _numbers(circle.get("center"), 2, source, f"{key}.circle.center")
+        (radius_m,) = _numbers([circle.get("radius")], 1, source, f"{key}.circle.radius")
+        if not 0.0 < radius_m <= 100_000.0:
+            raise ConfigError(source, f"{key}.circle.radius", "expected metres, above 0")
+        place = _place(lat_deg, lon_deg, source, key)
+        sketch.areas.append(FenceArea(row.get("inclusion") is True, (), (*place, radius_m)))
+
+
+def _table(raw: dict[str, Any], name: str) -> dict[str, Any]:
+    value = raw.get(name)
+    return value if isinstance(value, dict) else {}
+
+
+def _dict(value: Any, source: str, key: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ConfigError(source, key, "expected an object")
+    return value
+
+
+def _list(raw: dict[str, Any], name: str) -> list[Any]:
+    value = raw.get(name)
+    return value if isinstance(value, list) else []
+
+
+def _numbers(value: Any, count: int, source: str, key: str) -> tuple[float, ...]:
+    if isinstance(value, list) and len(value) >= count:
+        numbers = value[:count]
+        if all(isinstance(one, int | float) and abs(one) < _MAX_NUMBER for one in numbers):
+            return tuple(float(one) for one in numbers)
+    raise ConfigError(source, key, f"expected {count} numbers")
+
+
+def _place(lat_deg: float, lon_deg: float, source: str, key: str) -> Place:
+    if not is_place(lat_deg, lon_deg):
+        raise ConfigError(source, key, f"{lat_deg}, {lon_deg} is no latitude and longitude")
+    return lat_deg, lon_deg
+
+
+# ---------------------------------------------------------------- KML
+
+
+def read_kml(path: Path) -> Sketch:
+    """Read KML: points become targets, or starts when their name begins with "agent" or "vehicle".
+
+    A polygon is an area to stay out of, or in when its name holds "fence" or "boundary".
+
+    Raises
+    ------
+    ConfigError
+        When it is none, or a place in it makes no sense.
+    """
+    source, text = str(path), _text(path)
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise ConfigError(source, "", "has a document type, which KML does not need: not read")
+    try:
+        # Bounded, and nothing in it can expand without a DOCTYPE.
+        root = ET.fromstring(text, ET.XMLParser(target=_Tree(source)))  # noqa: S314
+    except (ET.ParseError, ValueError) as error:
+        raise ConfigError(source, "", f"is not XML: {error}") from None
+    if _tag(root) != "kml":
+        raise ConfigError(source, "", f"expected KML, got <{_tag(root)[:40]}>")
+    sketch, paths = Sketch(), 0
+    for placemark in (one for one in root.iter() if _tag(one) == "Placemark"):
+        name = next((one.text or "" for one in placemark if _tag(one) == "name"), "").strip()[:60]
+        for shape in placemark.iter():
+            match _tag(shape):
+                case "Point":
+                    _take_point(name, _coordinates(shape, name, source), sketch, source)
+                case "Polygon":
+                    _take_polygon(name, shape, sketch, source)
+                case "LineString" | "Track":
+                    paths += 1
+    if paths:
+        sketch.notes.append(f"{paths} paths of the KML are left out: routes are planned")
+    return sketch
+
+
+class _Tree(ET.TreeBuilder):
+    """Builds a tree that is not deep: in a deep one, looking through each element would not end."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self._source, self._depth = source, 0
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            raise ConfigError(self._source, "", f"is nested deeper than {_MAX_DEPTH} elements")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
+
+
+def _tag(element: ET.Element) -> str:
+    """Return the name of an element without its namespace."""
+    return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
+
+
+def _take_point(name: str, places: list[Place], sketch: Sketch, source: str) -> None:
+    if len(places) != 1:
+        raise ConfigError(source, f"Placemark {name!r}", "expected one place in a Point")
+    if not name.lower().startswith(("agent", "vehicle")):
+        sketch.targets.append((places[0], name))
+        return
+    number = "".join(one for one in name if one in "0123456789")[:4]
+    used = {start.system_id for start in sketch.starts}
+    free = next((n for n in range(1, 251) if n not in used), 0)
+    if not free:
+        raise ConfigError(source, f"Placemark {name!r}", "there are more than 250 vehicles")
+    wanted = int(number) if number else free
+    if not 1 <= wanted <= 250 or wanted in used:
+        raise ConfigError(source, f"Placemark {name!r}", "expected a system id of its own, 1 to 250")
+    sketch.starts.append(Start(places[0], wanted, note=name))
+
+
+def _take_polygon(name: str, shape: ET.Element, sketch: Sketch, source: str) -> None:
+    rings = [one for one in shape.iter() if _tag(one) == "outerBoundaryIs"]
+    corners = _coordinates(rings[0], name, source) if rings else []
+    if len(corners) > 1 and corners[0] == corners[-1]:
+        corners.pop()
+    if len(set(corners)) < 3:
+        raise ConfigError(source, f"Placemark {name!r}", "expected at least three corners in a Polygon")
+    stay_in = any(word in name.lower() for word in ("fence", "boundary"))
+    sketch.areas.append(FenceArea(stay_in, tuple(corners)))
+
+
+def _coordinates(shape: ET.Element, name: str, source: str) -> list[Place]:
+    places = []
+    for words in _tuples(shape):
+        try:
+            lon_deg, lat_deg = (float(word) for word in words.split(",")[:2])
+        except ValueError:
+            lon_deg = lat_deg = math.nan
+        if not is_place(lat_deg, lon_deg):
+            expected = f"expected longitude,latitude in degrees, got {words[:60]!r}"
+            raise ConfigError(source, f"Placemark {name!r}", expected)
+        places.append((lat_deg, lon_deg))
+        if len(places) > MAX_PLACES:
+            raise ConfigError(source, f"Placemark {name!r}", f"has more than {MAX_PLACES} places")
+    return places
+
+
+def _tuples(shape: ET.Element) -> Iterator[str]:
+    for element in shape.iter():
+        if _tag(element) == "coordinates":
+            yield from (element.text or "").split()

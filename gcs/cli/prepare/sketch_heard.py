@@ -1,0 +1,187 @@
+"""Vehicles that are heard: in a telemetry log, or on a link now."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.cli.prepare.sketch import Sketch, Start, is_place
+from gcs.endpoints import parse_endpoint
+from gcs.errors import LinkError, RecordingError
+from gcs.files import open_regular
+from gcs.io.links.manager import TRANSPORTS
+from gcs.io.recording.tlog import Logged, is_stamped, read_log
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Message, scan
+from gcs.model import Level
+
+_MAX_LOG_BYTES: Final = 256_000_000
+"""What lies behind is not read: vehicles are heard long before."""
+_ASK_EVERY_S: Final = 1.0
+_POSITIONS: Final = (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_HOME_POSITION)
+_FIRMWARES: Final = {3: "ArduPilot", 12: "PX4"}
+_UNKNOWN_HEADING: Final = 65535
+_NO_AUTOPILOT: Final = 8
+
+
+@dataclass(slots=True)
+class _Vehicle:
+    kind: str = ""
+    place: tuple[float, float] | None = None
+    course_deg: float | None = None
+    ground_msl_m: float | None = None
+    has_home: bool = False
+
+    def take(self, message: Message) -> None:
+        """Take a position or a home."""
+        if message.get_type() == "HOME_POSITION":
+            self.ground_msl_m, self.has_home = message.altitude * 1e-3, True
+            return
+        place = message.lat * 1e-7, message.lon * 1e-7
+        if not is_place(*place):
+            return
+        if not self.has_home:  # the last one counts: before it has a home, heights mean little
+            self.ground_msl_m = (message.alt - message.relative_alt) * 1e-3
+        if self.place is None:
+            self.place = place
+            self.course_deg = message.hdg * 0.01 if message.hdg != _UNKNOWN_HEADING else None
+
+
+class Heard:
+    """Vehicles by system id, from their frames: the first place that each reports."""
+
+    def __init__(self) -> None:
+        self.vehicles: dict[int, _Vehicle] = {}
+
+    def take(self, frame: Frame) -> None:
+        """Take one frame whose checksum holds."""
+        if frame.component_id != AUTOPILOT_COMPONENT_ID or not 1 <= frame.system_id <= 250:
+            return
+        if frame.message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            message = frame.message()
+            if message is not None and message.autopilot != _NO_AUTOPILOT and message.type != 6:
+                vehicle = self.vehicles.setdefault(frame.system_id, _Vehicle())
+                wing = "fixed wing" if message.type == 1 else f"MAV_TYPE {message.type}, not a fixed wing"
+                vehicle.kind = f"{_FIRMWARES.get(message.autopilot, 'unknown firmware')}, {wing}"
+        elif frame.message_id in _POSITIONS and frame.system_id in self.vehicles:
+            message = frame.message()
+            if message is not None:
+                self.vehicles[frame.system_id].take(message)
+
+    @property
+    def unplaced(self) -> list[int]:
+        """Vehicles that have not said where they are."""
+        return [system_id for system_id, vehicle in self.vehicles.items() if vehicle.place is None]
+
+    def sketch(self) -> Sketch:
+        """Return what was heard as a sketch."""
+        sketch = Sketch()
+        for system_id, vehicle in sorted(self.vehicles.items()):
+            if vehicle.place is None:
+                sketch.notes.append(f"system {system_id} ({vehicle.kind}) gave no position: left out")
+                continue
+            course = None if vehicle.course_deg is None else vehicle.course_deg % 360.0
+            sketch.starts.append(Start(vehicle.place, system_id, course, vehicle.kind))
+            if sketch.ground_msl_m is None:
+                sketch.ground_msl_m = vehicle.ground_msl_m
+        return sketch
+
+
+def read_heard(path: Path) -> Sketch:
+    """Read the vehicles of a telemetry log, or of a raw MAVLink stream.
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be read, or no vehicle in it says where it is.
+    """
+    heard = Heard()
+    try:
+        with open_regular(path) as file:
+            _read_into(heard, file, str(path))
+    except OSError as error:
+        raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
+    sketch = heard.sketch()
+    if not sketch.starts:
+        raise RecordingError(str(path), "no vehicle in it says where it is (GLOBAL_POSITION_INT)")
+    return sketch
+
+
+def _read_into(heard: Heard, file: BinaryIO, name: str) -> None:
+    for part in read_log(file, stamped=is_stamped(file, name)):
+        if isinstance(part, Logged) and part.standing == "good":
+            heard.take(part.frame)
+        if part.offset > _MAX_LOG_BYTES:
+            return
+
+
+def listen(endpoint: str, seconds: float) -> Sketch:
+    """Listen on a link for some seconds, and ask vehicles where they are. No heartbeat is sent.
+
+    A vehicle whose failsafe watches a ground station would act when the heartbeats end again.
+
+    Raises
+    ------
+    LinkError
+        When the endpoint cannot be opened, or nobody is heard.
+    """
+    visitor = _Visitor(endpoint)
+    asyncio.run(visitor.run(seconds))
+    sketch = visitor.found.sketch()
+    if not sketch.starts:
+        silent = visitor.found.unplaced
+        said = f"systems {silent} gave no position: wait for a fix" if silent else "no vehicle was heard"
+        raise LinkError(endpoint, f"{said} within {seconds:g} s{visitor.trouble}")
+    return sketch
+
+
+class _Visitor:
+    """Listens on one endpoint (`gcs.io.links.transport.Listener`) and asks for positions."""
+
+    def __init__(self, endpoint: str) -> None:
+        parsed = parse_endpoint(endpoint)
+        self.found, self.trouble = Heard(), ""
+        self._transport = TRANSPORTS[parsed.kind](parsed)
+        self._peers: dict[int, str] = {}
+        self._encode = Encoder()
+
+    async def run(self, seconds: float) -> None:
+        """Listen, and ask once a second who has not said where it is."""
+        loop = asyncio.get_running_loop()
+        self._transport.start(loop, self)
+        try:
+            end_s = loop.time() + seconds
+            while (left_s := end_s - loop.time()) > 0.0:
+                await asyncio.sleep(min(_ASK_EVERY_S, left_s))
+                for system_id in self.found.unplaced:
+                    self._transport.send(self._peers[system_id], self._encode(_position_request(system_id)))
+        finally:
+            self._transport.close()
+
+    def heard(self, peer: str, data: bytes) -> None:
+        """Take what came."""
+        for frame in scan(data).frames:
+            self.found.take(frame)
+            self._peers[frame.system_id] = peer
+
+    def joined(self, peer: str) -> None:
+        """Connections do not matter here."""
+
+    def gone(self, peer: str) -> None:
+        """Connections do not matter here."""
+
+    def news(self, level: Level, text: str) -> None:
+        """Keep the last trouble of the link, for the error."""
+        if level != "info":
+            self.trouble = f"; {text}"
+
+
+def _position_request(system_id: int) -> dialect.MAVLink_message:
+    request: Callable[..., dialect.MAVLink_message] = dialect.MAVLink_command_long_message
+    position = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+    command = dialect.MAV_CMD_REQUEST_MESSAGE
+    return request(system_id, AUTOPILOT_COMPONENT_ID, command, 0, position, 0, 0, 0, 0, 0, 0)

@@ -1,0 +1,1 @@
+"""Tables of detections of other programs: columns, models, ground truth, sanity warnings."""

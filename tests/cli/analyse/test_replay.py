@@ -1,0 +1,316 @@
+"""A flight replays exactly, says where it does not, and says what other settings would have changed."""
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from typer.testing import CliRunner
+
+from gcs.cli import app
+from gcs.config import load
+from gcs.io.recording.reader import Damage, Record, about, read
+from gcs.io.recording.writer import Recorder, Run
+from gcs.io.zenoh.messages import Recordable, encode
+from gcs.model import (
+    BadInput,
+    Datagram,
+    Notice,
+    Picture,
+    Plan,
+    Scan,
+    Send,
+    Tick,
+    Truth,
+    read_only,
+)
+from gcs.service.foreign_logs import telemetry_records
+from gcs.service.replay import Replay, Window
+from gcs.service.service import LAG_TEXT
+
+EVENTS = (Datagram, Scan, Tick, BadInput)
+Rows = list[tuple[int, Recordable]]
+
+
+def replay(*arguments: object) -> tuple[int, str, dict[str, Any]]:
+    """Exit code, everything printed, and the JSON of the last line (empty when there is none)."""
+    result = CliRunner().invoke(app, ["replay", *map(str, arguments), "--json"], catch_exceptions=False)
+    last = result.stdout.strip().splitlines()[-1:] if result.exit_code != 2 else []
+    return result.exit_code, " ".join(result.output.split()), json.loads(last[0]) if last else {}
+
+
+def written(folder: Path, records: Iterable[tuple[int, Recordable]], run: Run | None, config: str) -> Path:
+    with Recorder(folder, config, {}, run) as recorder:
+        for t_ns, value in records:
+            if isinstance(value, EVENTS):
+                recorder.event(value)
+            elif isinstance(value, Truth):
+                recorder.truth(value)
+            else:
+                recorder.effect(t_ns, value)
+    return folder
+
+
+def changed(
+    flight: Path, folder: Path, change: Callable[[list[Record]], list[tuple[int, Recordable]]]
+) -> Path:
+    """Write the flight again with a change to its records."""
+    made_with = about(flight)
+    return written(folder, change(list(read(flight))), made_with.run, made_with.config_text)
+
+
+def plain(record: Record) -> tuple[int, Recordable]:
+    assert not isinstance(record.value, Damage)
+    return record.t_ns, record.value
+
+
+def test_a_flight_replays_byte_for_byte(flight: Path) -> None:
+    code, text, found = replay(flight, "--verify")
+    recorded = [record for record in read(flight) if isinstance(record.value, Picture | Plan | Send)]
+    assert (code, found["verified"], found["different"]) == (0, True, 0)
+    assert "equal, byte for byte" in text
+    counted = found["equal"]
+    assert counted["/effect/plan"] >= 1
+    assert counted["/effect/send"] > 100
+    assert sum(
+        counted[topic]
+        for topic in ("/effect/picture/agents", "/effect/picture/targets", "/effect/plan", "/effect/send")
+    ) == len(recorded)
+    assert 24.0 < found["seconds"] < 26.0
+
+
+def test_a_changed_byte_is_found_and_named(flight: Path, tmp_path: Path) -> None:
+    at = next(i for i, r in enumerate(read(flight)) if isinstance(r.value, Picture) and r.sequence > 600)
+
+    def change(records: list[Record]) -> Rows:
+        rows = [plain(record) for record in records]
+        picture = rows[at][1]
+        assert isinstance(picture, Picture)
+        rows[at] = (
+            rows[at][0],
+            replace(picture, cardinality=read_only(np.nextafter(picture.cardinality, 2.0))),
+        )
+        return rows
+
+    code, text, found = replay(changed(flight, tmp_path / "run", change), "--verify")
+    first = found["first_difference"]
+    assert (code, found["different"], first["number"]) == (1, 1, at)
+    assert first["topic"].startswith("/effect/picture/")
+    assert first["recorded"] != first["replayed"]
+    assert len(first["recorded"]) < 200
+    assert f"record {at} at" in text
+
+
+def test_a_record_that_is_missing_is_found(flight: Path, tmp_path: Path) -> None:
+    def change(records: list[Record]) -> Rows:
+        first = next(i for i, record in enumerate(records) if isinstance(record.value, Plan))
+        return [plain(record) for i, record in enumerate(records) if i != first]
+
+    code, _, found = replay(changed(flight, tmp_path / "run", change), "--verify")
+    assert code == 1
+    assert found["first_difference"]["replayed"] != "nothing"
+    assert found["first_difference"]["topic"] in ("/effect/plan", "/effect/send", "/effect/notice")
+
+
+def test_a_record_too_many_is_found(flight: Path, tmp_path: Path) -> None:
+    def change(records: list[Record]) -> Rows:
+        rows = [plain(record) for record in records]
+        return [*rows, (rows[-1][0], Notice(rows[-1][0], "info", "never said"))]
+
+    code, _, found = replay(changed(flight, tmp_path / "run", change), "--verify")
+    assert (code, found["different"]) == (1, 1)
+    assert found["first_difference"]["replayed"] == "nothing"
+    assert "never said" in found["first_difference"]["recorded"]
+
+
+def test_what_the_service_said_of_itself_is_no_difference(flight: Path, tmp_path: Path) -> None:
+    def change(records: list[Record]) -> Rows:
+        rows = [plain(record) for record in records]
+        events = [i for i, row in enumerate(rows) if isinstance(row[1], EVENTS)]
+        at = events[len(events) // 2]
+        t_ns = rows[at][0]
+        rows.insert(at, (t_ns, Notice(t_ns, "warning", f"{LAG_TEXT}: input waited 1.0 s")))
+        return rows
+
+    code, _, found = replay(changed(flight, tmp_path / "run", change), "--verify")
+    assert (code, found["verified"]) == (0, True)
+
+
+def test_another_seed_does_not_give_the_same(flight: Path) -> None:
+    code, _, found = replay(flight, "--verify", "--seed", 4)
+    assert code == 1
+    assert found["first_difference"]["topic"].startswith("/effect/")
+
+
+def test_a_recording_without_a_seed_asks_for_it(flight: Path, tmp_path: Path) -> None:
+    records = [plain(record) for record in read(flight)][:2000]
+    while not isinstance(records[-1][1], Tick):
+        records.pop()
+    records.pop()
+    old = written(tmp_path / "old", records, None, about(flight).config_text)
+    code, text, _ = replay(old, "--verify")
+    assert code == 2
+    assert "--seed" in text
+    assert replay(old, "--verify", "--seed", 3)[0] == 0
+
+
+def test_a_cut_off_flight_is_replayed_up_to_the_break(flight: Path, tmp_path: Path) -> None:
+    data = (flight / "run.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 9 // 10])
+    code, text, found = replay(tmp_path / "cut.mcap", "--verify")
+    assert code == 0
+    assert "breaks off" in text
+    assert found["damage"]["offset"] <= len(data) * 9 // 10
+
+
+def test_an_event_whose_effects_were_never_written_is_no_difference(flight: Path, tmp_path: Path) -> None:
+    made_with = about(flight)
+    recorder = Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run)
+    scans = 0
+    for record in read(flight):
+        t_ns, value = plain(record)
+        scans += isinstance(value, Scan)
+        if isinstance(value, EVENTS):
+            recorder.event(value)
+        elif not isinstance(value, Truth):
+            recorder.effect(t_ns, value)
+        if scans == 10:
+            break
+    recorder.flush()  # and the process is killed
+    code, _, found = replay(tmp_path / "run", "--verify")
+    assert (code, found["verified"]) == (0, True)
+    assert found["equal"]["/effect/picture/agents"] == 9
+    assert "cut off" in found["damage"]["problem"]
+
+
+def test_a_part_is_shown_and_judged_alone(flight: Path) -> None:
+    code, _, found = replay(flight, "--verify", "--from", 10, "--to", 20)
+    assert (code, found["verified"]) == (0, True)
+    assert 19.9 < found["seconds"] <= 20.0
+    assert found["equal"]["/effect/picture/agents"] == found["equal"]["/effect/picture/targets"] == 11
+    _, text, _ = replay(flight, "--from", 10, "--to", 20, "--headless")
+    _, whole, _ = replay(flight, "--headless")
+    assert "stranger" in whole or "in contact" in whole
+    assert "in contact" not in text
+
+
+def test_the_same_mission_file_changes_nothing(flight: Path) -> None:
+    code, text, found = replay(flight, "--config", flight / "mission.toml", "--headless")
+    assert code == 0
+    assert found["settings"] == []
+    assert not any(row["differs"] for row in found["outcome"])
+    assert "nothing would have been different" in text
+
+
+def test_another_mission_file_shows_what_differs(flight: Path, tmp_path: Path) -> None:
+    text = (flight / "mission.toml").read_text(encoding="utf-8")
+    assert "\nperiod_s = 5.0" in text
+    other = tmp_path / "other.toml"
+    other.write_text(text.replace("\nperiod_s = 5.0", "\nperiod_s = 2.0"), encoding="utf-8")
+    code, _, found = replay(flight, "--config", other, "--headless")
+    assert code == 0
+    assert found["settings"] == [{"what": "planning.period_s", "recorded": "5.0", "replayed": "2.0"}]
+    assert any(row["differs"] for row in found["outcome"])
+
+
+def test_telemetry_alone_drives_the_picture_of_the_agents(flight: Path, tmp_path: Path) -> None:
+    config = load(str(flight / "mission.toml"))
+    ids = [agent.system_id for agent in config.agents]
+    pictures: list[Picture] = []
+
+    class Keep:
+        def event(self, event: object) -> None:
+            pass
+
+        def effect(self, t_ns: int, effect: object) -> None:
+            if isinstance(effect, Picture) and effect.kind == "agents":
+                pictures.append(effect)
+
+    run = Replay(config, 3, telemetry_records(flight / "link.tlog", ids), Window())
+    run.sinks.append(Keep())
+    asyncio.run(run.run(asyncio.Event(), float("inf")))
+    truth = [record.value for record in read(flight) if isinstance(record.value, Truth)][-1]
+    seen = np.array([track.mean[:2] for track in pictures[-1].tracks if track.estimated])
+    alive = [o for o in truth.objects if o.kind == "agents" and o.alive]
+    assert len(seen) == len(alive)
+    for one in alive:
+        assert np.hypot(*(seen - (one.east_m, one.north_m)).T).min() < 40.0
+
+
+def test_a_tlog_is_replayed_with_a_mission_file(flight: Path) -> None:
+    code, _, found = replay(flight / "link.tlog", "--config", flight / "mission.toml", "--headless")
+    assert code == 0
+    assert found["events"] > 500
+    assert found["effects"] > 50
+
+
+def test_a_tlog_without_the_missions_vehicles_says_whom_it_holds(flight: Path, tmp_path: Path) -> None:
+    text = (flight / "mission.toml").read_text(encoding="utf-8")
+    other = tmp_path / "other.toml"
+    other.write_text(text.replace("system_id = ", "system_id = 10"), encoding="utf-8")
+    code, text, _ = replay(flight / "link.tlog", "--config", other)
+    assert code == 2
+    assert "it holds systems 1, 2, 3, 4, 255" in text
+
+
+def test_mistakes_are_named(flight: Path, tmp_path: Path) -> None:
+    (tmp_path / "text.txt").write_text("no recording at all")
+    (tmp_path / "empty").mkdir()
+    tlog = flight / "link.tlog"
+    for arguments, expected in [
+        ((tmp_path / "nothing",), "No such file"),
+        ((tmp_path / "empty",), "holds no recording"),
+        ((tmp_path / "text.txt",), "no MAVLink frame"),
+        ((tmp_path / "text.txt", "--config", "prescribed"), "no recording"),
+        ((tlog,), "--config"),
+        ((tlog, "--config", "prescribed", "--verify"), "nothing to verify"),
+        ((flight, "--speed", "fast"), "neither a positive number nor"),
+        ((flight, "--speed", "0"), "neither a positive number nor"),
+        ((flight, "--config", "no-such-scenario"), "no such file or scenario"),
+    ]:
+        code, text, _ = replay(*arguments)
+        assert code == 2, arguments
+        assert expected in text, arguments
+
+
+def test_an_interrupt_ends_it_in_order(flight: Path) -> None:
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-P",
+            "-c",
+            "from gcs.cli import main; main()",
+            "replay",
+            str(flight),
+            "--speed",
+            "1",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "replayed" in rest
+    assert "Traceback" not in rest
+
+
+def test_payloads_are_what_was_recorded(flight: Path) -> None:
+    """Verification compares them: they must be the bytes that the recorder would write again."""
+    for record in read(flight):
+        assert not isinstance(record.value, Damage)
+        assert encode(record.value) == record.payload

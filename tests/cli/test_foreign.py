@@ -1,0 +1,303 @@
+"""Recordings of others: detections laid beside a log, raw streams, and files that are not what they were."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from rich.console import Console
+from typer.testing import CliRunner
+
+from gcs.cli import app
+from gcs.cli.analyse.report import ReportOptions, material_of
+from gcs.config import load
+from gcs.io.detections import tables
+from gcs.io.detections.readers import load as load_detections
+from gcs.io.recording.reader import about, read
+from gcs.io.recording.timestamps import START_NS, TimeLine
+from gcs.io.recording.tlog import Logged, read_log
+from gcs.io.recording.writer import Recorder
+from gcs.mavlink.frames.codec import scan
+from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
+from gcs.report.run_page import Material
+from gcs.service.foreign_logs import Beside, telemetry_records
+from gcs.service.replay import Replay, Window
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+MODEL = """
+accel_std_m_s2 = 1.0
+survival_probability = 0.99
+detection_probability = 0.98
+clutter_per_scan = 20.0
+noise_std_m = 3.2
+region_m = [-100.0, -100.0, 2100.0, 2100.0]
+"""
+
+
+def run(*arguments: object) -> tuple[int, str, dict[str, Any]]:
+    """Exit code, everything printed, and the JSON of the last line (empty when there is none)."""
+    result = CliRunner().invoke(app, [*map(str, arguments), "--json"], catch_exceptions=False)
+    last = result.stdout.strip().splitlines()[-1:] if result.exit_code != 2 else []
+    return result.exit_code, " ".join(result.output.split()), json.loads(last[0]) if last else {}
+
+
+def raw_of(tlog: Path, path: Path) -> Path:
+    """Leave the stamps of a log out."""
+    with tlog.open("rb") as file:
+        path.write_bytes(b"".join(part.frame.data for part in read_log(file) if isinstance(part, Logged)))
+    return path
+
+
+def reported(path: Path) -> Material:
+    """What a report would show."""
+    return material_of(ReportOptions(path, None, None, None, False, True), None, Console(quiet=True))
+
+
+@pytest.fixture(scope="module")
+def scans(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the radar of the flight saw, as a CSV with Unix times, and the model of the radar."""
+    folder = tmp_path_factory.mktemp("scans")
+    (folder / "radar.toml").write_text(MODEL)
+    rows = ["t_ns,x,y"]
+    for record in read(flight):
+        if isinstance(record.value, Scan):
+            t_ns = record.value.t_ns
+            rows += [f"{t_ns},{x},{y}" for x, y in record.value.z_m] or [f"{t_ns},,"]
+    (folder / "radar.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def pictures_of(flight: Path, log: Path, beside: Beside | None) -> list[Picture]:
+    config = load(str(flight / "mission.toml"))
+    found: list[Picture] = []
+
+    class Keep:
+        def event(self, event: object) -> None:
+            pass
+
+        def effect(self, t_ns: int, effect: object) -> None:
+            if isinstance(effect, Picture):
+                found.append(effect)
+
+    replay = Replay(config, 3, telemetry_records(log, [a.vehicle for a in config.agents], beside), Window())
+    replay.sinks.append(Keep())
+    asyncio.run(replay.run(asyncio.Event(), float("inf")))
+    return found
+
+
+def missed_m(flight: Path, pictures: list[Picture], kind: str) -> list[float]:
+    """Distance from each living object at the end to the nearest track in the estimate."""
+    last = [picture for picture in pictures if picture.kind == kind][-1]
+    truth = [record.value for record in read(flight) if isinstance(record.value, Truth)][-1]
+    tracks = [track.mean[:2] for track in last.tracks if track.estimated]
+    alive = [o for o in truth.objects if o.kind == kind and o.alive]
+    assert len(tracks) == len(alive)
+    return [min(np.hypot(*(track - (o.east_m, o.north_m))) for track in tracks) for o in alive]
+
+
+@pytest.mark.parametrize("unit", ["t_ns", "t_s", "recording"])
+def test_detections_laid_beside_a_log_let_both_trackers_see(
+    flight: Path, scans: Path, tmp_path: Path, unit: str
+) -> None:
+    path, offset_s = scans / "radar.csv", 0.0
+    if unit == "recording":
+        path = flight
+    elif unit == "t_s":  # on a clock of its own, that began ten seconds before the log
+        with (flight / "link.tlog").open("rb") as file:
+            start_ns = next(part.t_ns for part in read_log(file) if isinstance(part, Logged))
+        rows = [line.split(",", 1) for line in path.read_text().splitlines()[1:]]
+        text = "\n".join(f"{(int(t_ns) - start_ns) / 1e9 + 10.0:.6f},{rest}" for t_ns, rest in rows)
+        path, offset_s = tmp_path / "radar.csv", -10.0
+        path.write_text(f"t_s,x,y\n{text}\n")
+    model = None if unit == "recording" else scans / "radar.toml"
+    detections = load_detections(path, model, None)
+    pictures = pictures_of(flight, flight / "link.tlog", Beside(path.name, detections, offset_s))
+    for kind in ("agents", "targets"):
+        assert max(missed_m(flight, pictures, kind)) < 25.0
+    times = [picture.scan_t_ns for picture in pictures if picture.kind == "targets"]
+    assert times == sorted(times)
+    assert len(times) <= len(detections.looks) + 1  # no blind scan where a sensor sees
+
+
+def test_events_enter_in_the_order_of_time(flight: Path, scans: Path) -> None:
+    detections = load_detections(scans / "radar.csv", scans / "radar.toml", None)
+    records = telemetry_records(flight / "link.tlog", [1, 2, 3, 4], Beside("radar", detections, 2.5))
+    events = [record.value for record in records]
+    times = [event.t_ns for event in events if isinstance(event, Event)]
+    assert times == sorted(times)
+    seen = [event for event in events if isinstance(event, Scan)]
+    assert [scan.sensor.name for scan in seen[:3]] == ["blind", "blind", "radar.csv"]
+    assert sum(scan.sensor.name == "radar.csv" for scan in seen) == len(detections.looks) - 3
+
+
+def test_a_replay_with_detections_from_the_command_line(flight: Path, scans: Path) -> None:
+    log = (flight / "link.tlog", "--config", flight / "mission.toml", "--headless")
+    beside = ("--detections", scans / "radar.csv", "--model", scans / "radar.toml")
+    code, _, found = run("replay", *log, *beside)
+    assert (code, found["damage"]) == (0, None)
+    code, text, _ = run("replay", *log, *beside, "--offset", 1000)
+    assert code == 2
+    assert "none of its 26 scans lies beside the log, which lasts 2" in text
+    assert "--offset" in text
+    code, text, _ = run("replay", flight, *beside)
+    assert code == 2
+    assert "--detections goes with a log" in text
+    code, text, _ = run("replay", *log, "--detections", scans / "radar.csv")
+    assert code == 2
+    assert "--model" in text
+
+
+def test_a_report_shows_what_both_trackers_made_of_detections_beside_a_log(
+    flight: Path, scans: Path, tmp_path: Path
+) -> None:
+    log = (flight / "link.tlog", "-o", tmp_path / "report")
+    beside = ("--detections", scans / "radar.csv", "--model", scans / "radar.toml")
+    code, _, found = run("report", *log, "--config", flight / "mission.toml", *beside)
+    assert (code, found["kind"]) == (0, "telemetry log")
+    with Path(found["tracks"]).open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["estimated"] == "1"]
+    truth = [record.value for record in read(flight) if isinstance(record.value, Truth)][-1]
+    for kind in ("agents", "targets"):
+        last = max(float(row["t"]) for row in rows if row["kind"] == kind)
+        places = [(float(r["x"]), float(r["y"])) for r in rows if r["kind"] == kind and float(r["t"]) == last]
+        alive = [(o.east_m, o.north_m) for o in truth.objects if o.kind == kind and o.alive]
+        assert len(places) == len(alive)
+        assert max(min(np.hypot(x - e, y - n) for x, y in places) for e, n in alive) < 25.0
+    code, text, _ = run("report", *log, *beside)
+    assert code == 2
+    assert "name it with --config" in text
+    code, text, _ = run("report", *log, "--config", flight / "mission.toml", *beside, "--offset", 1000)
+    assert code == 2
+    assert "shift them with --offset" in text
+    code, text, _ = run("report", flight, *beside)
+    assert code == 2
+    assert "--detections goes with a log" in text
+
+
+def test_a_raw_stream_is_timed_by_the_vehicles_own_clocks(flight: Path, tmp_path: Path) -> None:
+    raw = raw_of(flight / "link.tlog", tmp_path / "uart.bin")
+    stamped = run("info", flight / "link.tlog")[2]
+    code, text, found = run("info", raw)
+    assert (code, found["kind"], found["clock_jumps"]) == (0, "raw MAVLink", 0)
+    assert found["timed_by"] == "boot clocks"
+    assert "by the vehicles' own clocks" in text
+    assert found["seconds"] == pytest.approx(stamped["seconds"], abs=1.5)
+    for one, other in zip(found["vehicles"], stamped["vehicles"], strict=True):
+        assert one["rate_hz"] == pytest.approx(other["rate_hz"], rel=0.1)
+        assert (one["frames"], one["lost"]) == (other["frames"], other["lost"])
+    code, _, found = run("replay", raw, "--config", flight / "mission.toml", "--headless")
+    assert code == 0
+    assert found["seconds"] == pytest.approx(stamped["seconds"], abs=1.5)
+    assert max(missed_m(flight, pictures_of(flight, raw, None), "agents")) < 40.0
+    material = reported(raw)
+    assert (material.kind, len(material.flights)) == ("raw MAVLink", 4)
+    assert material.duration_s == pytest.approx(stamped["seconds"], abs=1.5)
+    assert "the vehicles' own clocks" in " ".join(material.remarks)
+
+
+def test_a_stream_that_says_no_times_is_said_to(tmp_path: Path) -> None:
+    packer = mavlink.MAVLink(None, srcSystem=1)
+    beat = mavlink.MAVLink_heartbeat_message(1, 3, 128, 10, 4, 3)
+    (tmp_path / "uart.raw").write_bytes(beat.pack(packer) * 50)
+    code, text, found = run("info", tmp_path / "uart.raw")
+    assert (code, found["seconds"], found["timed_by"]) == (0, None, None)
+    assert "without times" in text
+    code, text, _ = run("replay", tmp_path / "uart.raw", "--config", "prescribed", "--headless")
+    assert code == 2
+    assert "says not when" in text
+    assert "says not when" in " ".join(reported(tmp_path / "uart.raw").remarks)
+
+
+def attitude(system: int, boot_s: float) -> Logged:
+    message = mavlink.MAVLink_attitude_message(round(boot_s * 1000), 0, 0, 0, 0, 0, 0)
+    frame = scan(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=1))).frames[0]
+    return Logged(0, 0, frame, "good")
+
+
+def test_vehicles_that_were_booted_at_different_times_share_one_time_line() -> None:
+    line = TimeLine(stamped=False)
+    said = [(1, 100.0), (1, 101.0), (2, 7.0), (2, 8.0), (1, 102.5), (1, 102.4), (1, 0.0), (1, 1.0), (2, 10.6)]
+    at_s = [(line(attitude(*one)) - START_NS) / NS_PER_S for one in said]
+    assert at_s == [0.0, 1.0, 1.0, 2.0, 2.5, 2.5, 2.5, 3.5, 4.6]
+    assert line.jumps == 1
+
+
+def test_a_log_out_of_order_never_runs_back(flight: Path, tmp_path: Path) -> None:
+    with (flight / "link.tlog").open("rb") as file:
+        parts = [part for part in read_log(file) if isinstance(part, Logged)]
+    order = np.argsort(np.arange(len(parts)) + np.random.default_rng(1).uniform(0, 40, len(parts)))
+    data = b"".join((parts[i].t_ns // 1000).to_bytes(8, "big") + parts[i].frame.data for i in order)
+    (tmp_path / "mixed.tlog").write_bytes(data)
+    times = [record.t_ns for record in telemetry_records(tmp_path / "mixed.tlog", [1, 2, 3, 4])]
+    assert times == sorted(times)
+    mixed, whole = (run("info", path)[2] for path in (tmp_path / "mixed.tlog", flight / "link.tlog"))
+    assert mixed["seconds"] == whole["seconds"]
+
+
+def test_detections_that_break_off_are_tracked_up_to_there(flight: Path, scans: Path, tmp_path: Path) -> None:
+    (tmp_path / "radar.toml").write_text(MODEL + "[anywhere]\nper_s = 0.1\n")
+    text = (scans / "radar.csv").read_text()
+    (tmp_path / "cut.csv").write_text(text[: text.rindex(",")])
+    code, said, found = run("track", tmp_path / "cut.csv", "--model", tmp_path / "radar.toml")
+    assert (code, found["scans"]) == (0, 26)
+    assert "the last, breaks off and is left out" in said
+    (tmp_path / "bad.csv").write_text(text.replace("\n", "\nwhat is this\n", 40))
+    assert run("track", tmp_path / "bad.csv", "--model", tmp_path / "radar.toml")[0] == 2
+    with Recorder(tmp_path / "run", about(flight).config_text, {}) as recorder:
+        for record in read(flight):
+            if isinstance(record.value, Event):
+                recorder.event(record.value)
+            if record.sequence % 200 == 0:
+                recorder.flush()
+    mcap = tmp_path / "run" / "run.mcap"
+    mcap.write_bytes(mcap.read_bytes()[: mcap.stat().st_size * 2 // 3])
+    code, said, found = run("track", tmp_path / "run")
+    assert code == 0
+    assert 5 < found["scans"] < 26
+    assert "cut off" in said
+    assert "breaks off" in found["remarks"][0]
+
+
+def test_files_that_would_not_fit_into_memory_are_refused_before_they_are_read(
+    scans: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tables, "MOST_NUMBERS", 100)
+    code, text, _ = run("track", scans / "radar.csv", "--model", scans / "radar.toml")
+    assert code == 2
+    assert "holds more than 100 numbers" in text
+    np.savez_compressed(tmp_path / "bomb.npz", meas=np.zeros((1000, 3)))
+    code, text, _ = run("track", tmp_path / "bomb.npz", "--model", scans / "radar.toml")
+    assert code == 2
+    assert "unpacks to" in text
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data are not here")
+def test_shared_logs_and_detections_go_together(tmp_path: Path) -> None:
+    log = SHARED / "arduplane" / "three_planes.tlog"
+    with log.open("rb") as file:
+        positions = [
+            message
+            for part in read_log(file)
+            if isinstance(part, Logged) and part.frame.message_id == 33 and (message := part.frame.message())
+        ]
+    text = Path("config/scenarios/prescribed.toml").read_text(encoding="utf-8")
+    text = text.replace("lat_deg = 33.2000", f"lat_deg = {positions[0].lat / 1e7 - 0.009}")
+    text = text.replace("lon_deg = -87.6000", f"lon_deg = {positions[0].lon / 1e7 - 0.011}")
+    (tmp_path / "mission.toml").write_text(text, encoding="utf-8")
+    raw = raw_of(log, tmp_path / "planes.mavlink")
+    stamped, found = run("info", log)[2], run("info", raw)[2]
+    assert found["seconds"] == pytest.approx(stamped["seconds"], abs=5.0)
+    demo = SHARED / "vo_linear_gaussian" / "demo_mc00.npz"
+    for path in (log, raw):
+        code, _, found = run(
+            "replay", path, "--config", tmp_path / "mission.toml", "--headless", "--to", 20,
+            "--detections", demo, "--offset", 10,
+        )  # fmt: skip
+        assert code == 0
+        assert found["seconds"] == pytest.approx(20.0, abs=1.0)

@@ -1,0 +1,155 @@
+"""What commands print can be read on a narrow terminal, and searched and printed from a file."""
+
+import asyncio
+import io
+import re
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from gcs.cli.live_view import LiveView
+from gcs.cli.outputs import view_for
+from gcs.cli.prepare.preflight import show
+from gcs.config import load
+from gcs.core.engine import Command
+from gcs.core.preflight.result import Check
+from gcs.io.console import console_for
+from gcs.model import Notice, Picture, Tick, Track, UploadReport, read_only
+
+CHECKS = [
+    Check(1, "link", "ok", "alive"),
+    Check(1, "BATT_FS_LOW_ACT", "warning", "0", "1 ... 6", "set it: without a link it circles until the end"),
+    Check(None, "scans", "refused", "none came", "within 1 s", "is the sensor there?"),
+]
+
+
+def shown(width: int, *, terminal: bool) -> str:
+    console = Console(file=io.StringIO(), force_terminal=terminal, width=width, color_system=None)
+    show(CHECKS, "m", console)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize(("width", "terminal"), [(60, True), (80, True), (80, False), (200, False)])
+def test_a_check_is_one_line_with_its_words_whole(width: int, terminal: bool) -> None:
+    lines = shown(width, terminal=terminal).splitlines()
+    assert lines[1] == "agent 1"
+    (battery,) = [line for line in lines if "BATT_FS_LOW_ACT" in line]
+    assert " ".join(battery.split()).startswith(
+        "warning BATT_FS_LOW_ACT 0, wanted: 1 ... 6 – set it: without"
+    )
+    assert lines[-2:] == [
+        "mission",
+        "  refused scans            none came, wanted: within 1 s – is the sensor there?",
+    ]
+
+
+def test_a_wide_terminal_gets_a_table() -> None:
+    assert "what to do" in shown(140, terminal=True)
+
+
+def test_sentences_in_a_file_are_not_cut(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    console_for().print("word " * 30)
+    assert len(capsys.readouterr().out.splitlines()) == 1
+    monkeypatch.setenv("COLUMNS", "60")
+    assert console_for().width == 60
+
+
+@pytest.mark.parametrize("width", [60, 80, 160])
+def test_the_live_view_says_who_is_who_on_any_terminal(width: int) -> None:
+    config = load("prescribed")
+    console = Console(file=io.StringIO(), width=width, height=40, color_system=None)
+    console.print(LiveView(config, Command(config, 1), 1.0))
+    assert isinstance(console.file, io.StringIO)
+    titles = next(line for line in console.file.getvalue().splitlines() if "fate" in line)
+    words = titles.replace("│", " ").split()
+    assert {"id", "fate", "mode", "target", "mission"} <= set(words)
+    assert ("exist." in words) is (width >= 100)
+
+
+def live_view(scenario: str, width: int, height: int) -> list[str]:
+    """Draw a mission with a target for each agent, and an agent of which an upload failed."""
+    config = load(scenario)
+    count = len(config.agents)
+    view = LiveView(config, Command(config, 1), 1.0)
+    view.event(Tick(0))
+    state, cov = read_only([10.0, 20.0, 3.0, 1.0]), read_only(np.eye(4))
+    tracks = tuple(Track((0, index), state, cov, 0.99, True) for index in range(count))
+    view.effect(0, Picture(0, 0, "targets", tracks, read_only(np.ones(count + 1))))
+    view.effect(0, UploadReport(0, count, 1, 8, False, "no answer", 1.0, 0))
+    view.effect(0, Notice(0, "alarm", "a long alarm " * 20 + "the newest", 1))
+    return drawn(view, width, height)
+
+
+def drawn(view: LiveView, width: int, height: int) -> list[str]:
+    console = Console(file=io.StringIO(), width=width, height=height, color_system=None)
+    console.print(view)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue().splitlines()
+
+
+def test_a_small_terminal_shows_all_targets_and_the_newest_alarm() -> None:
+    lines = live_view("prescribed", 80, 24)
+    assert len(lines) <= 24
+    for target in ("T0.0", "T0.1", "T0.2", "T0.3"):
+        assert any(line.strip().startswith(target) for line in lines), target
+    assert any("the newest" in line for line in lines)
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (200, 50)])
+def test_rows_without_room_are_counted_and_those_in_trouble_are_shown(width: int, height: int) -> None:
+    lines = live_view("swarm-50", width, height)
+    assert len(lines) <= height
+    tables = [line.rsplit("│ ", 1)[-1] if width > 100 else line for line in lines]
+    first_target = next(index for index, line in enumerate(tables) if "Targets" in line)
+    for part in (tables[:first_target], tables[first_target:]):
+        shown = sum("flying" in line or "T0." in line for line in part)
+        more = next(re.search(r"and (\d+) more, sorted by trouble", line) for line in part if "more" in line)
+        assert more is not None
+        assert shown + int(more[1]) == 50
+    assert sum("failed" in line for line in tables) >= 1
+
+
+@pytest.mark.parametrize(
+    ("scenario", "width", "height"),
+    [("prescribed", 80, 24), ("prescribed", 200, 50), ("swarm-50", 80, 24), ("swarm-50", 200, 50)],
+)
+def test_vehicles_in_modes_that_are_not_ours_are_named_with_what_to_do(
+    scenario: str, width: int, height: int
+) -> None:
+    """The warning when it began has long left the events; LOITER looks like ours."""
+    config = load(scenario)
+    command = Command(config, 1)
+    for vehicle, mode in {2: "LOITER", 3: "RTL", 4: "FBWA"}.items():
+        command.tasking._custody[vehicle].heard("AUTO")
+        command.tasking._custody[vehicle].heard(mode)
+    lines = drawn(LiveView(config, command, 1.0), width, height)
+    assert len(lines) <= height
+    wanted = "not ours: 2 in LOITER: gcs order resume 2; 3 in RTL: gcs order resume 3; 4 in FBWA: "
+    assert any(wanted[: min(width, len(wanted)) - 1] in line for line in lines)
+    first = [line.rsplit("│ ", 1)[-1].split()[0] for line in lines if "flying" in line]
+    assert set(first[:4]) >= {"2", "3", "4"}
+
+
+def test_a_dumb_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    config, screen = load("prescribed"), io.StringIO()
+    console = Console(file=screen, force_terminal=True)
+
+    class Run:
+        links = None
+        sinks: ClassVar[list[Any]] = []
+
+    Run.config, Run.command = config, Command(config, 1)
+
+    async def show() -> None:
+        async with view_for(Run(), console, speed=1.0, headless=False):
+            Run.sinks[0].effect(0, Notice(0, "alarm", "not heard at all", 3))
+
+    asyncio.run(show())
+    assert "agent 3: not heard at all" in screen.getvalue()
