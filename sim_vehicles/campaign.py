@@ -26,9 +26,9 @@ from gcs.core.perception.fusion import Trackers
 from gcs.errors import RecordingError
 from gcs.io.recording.writer import versions
 from gcs.model import Effect, Truth
-from gcs.report.campaign import Row
-from gcs.report.deaths import DeathWatch
-from gcs.report.judge import judge_of
+from gcs.report.campaign.results import Row
+from gcs.report.paper.losses import DeathWatch
+from gcs.report.run.evaluation import judge_of
 from gcs.settings import with_settings
 from sim_vehicles.clairvoyant import TrueTrackers
 from sim_vehicles.scenario import parse_scenario

@@ -16,8 +16,8 @@ from gcs.cli.warm_up_progress import LINKS, PLANNING, RECORDING, TRACKING, load_
 from gcs.io.console import console_for
 from gcs.io.recording.writer import Recorder, Room, Run, versions
 from gcs.model import Effect, Event, Truth
-from gcs.report.judge import Summary, judge_of, summary_json
-from gcs.report.summary import print_summary
+from gcs.report.run.evaluation import Summary, judge_of, summary_json
+from gcs.report.run.summary import print_summary
 from sim_vehicles.scenario import Scenario
 from sim_vehicles.virtual import VirtualRun
 

@@ -27,7 +27,7 @@ from gcs.io.recording.unfinished import remove_empty
 from gcs.io.recording.writer import Recorder, Room, Run, versions
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.model import Effect, Event
-from gcs.report.judge import Judge
+from gcs.report.run.evaluation import Judge
 from gcs.service.service import Sink
 
 _REFRESH_S = 0.25
@@ -119,8 +119,8 @@ def _remove_empty(folder: Path) -> bool:
 
 def draw_recording(folder: Path, config: Config, seed: int) -> Path:
     """Draw the picture of a recorded run into its folder; return the file."""
-    from gcs.report.figures import draw_run
-    from gcs.report.maps import Ground
+    from gcs.report.plots.figures import draw_run
+    from gcs.report.plots.maps import Ground
 
     ground = Ground.of(mission_grid(config, seed))
     picture = folder / "run.png"

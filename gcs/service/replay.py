@@ -18,7 +18,7 @@ from gcs.core.engine import Command
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.zenoh.messages import encode, topic_of
 from gcs.model import NS_PER_S, Effect, Event, Notice, Truth
-from gcs.report.verification import Output, Verification
+from gcs.report.run.verification import Output, Verification
 from gcs.service.service import LAG_TEXT, Sink
 
 _YIELD_S = 0.02

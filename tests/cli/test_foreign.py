@@ -25,7 +25,7 @@ from gcs.io.recording.tlog import Logged, read_log
 from gcs.io.recording.writer import Recorder
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
-from gcs.report.run_page import Material
+from gcs.report.run.page import Material
 from gcs.service.foreign_logs import Beside, telemetry_records
 from gcs.service.replay import Replay, Window
 

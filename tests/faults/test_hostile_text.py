@@ -25,7 +25,7 @@ from gcs.io.zenoh.scans import decode_scan
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.frames.codec import dialect
 from gcs.model import BadInput, LinkNews, Notice, Order, OrderAnswer, UploadAnswer, UploadReport
-from gcs.report.page import Page, save_page
+from gcs.report.html_page import Page, save_page
 from gcs.safe_text import REPLACEMENT, printable
 
 CLEAR = "\x1b[2J\x1b]52;c;cm0gLXJm\x07"

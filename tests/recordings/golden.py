@@ -48,7 +48,7 @@ from gcs.model import (
     Truth,
     UploadReport,
 )
-from gcs.report.judge import Judge
+from gcs.report.run.evaluation import Judge
 from gcs.service.replay import Replay, Window
 from sim_vehicles.scenario import Scenario, load, parse_scenario
 from sim_vehicles.virtual import START_T_NS, VirtualRun

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from gcs.report.judge import AgentOutcome, Summary
+from gcs.report.run.evaluation import AgentOutcome, Summary
 from sim_vehicles.simulate import seeds_table
 
 

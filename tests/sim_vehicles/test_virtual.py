@@ -25,7 +25,7 @@ from gcs.model import (
     Truth,
     UploadReport,
 )
-from gcs.report.judge import Judge, Summary
+from gcs.report.run.evaluation import Judge, Summary
 from sim_vehicles.scenario import load, parse_scenario
 from sim_vehicles.vehicle import SimVehicle
 from sim_vehicles.virtual import START_T_NS, STEP_NS, VirtualRun

@@ -23,7 +23,7 @@ from gcs.io.recording.tlog import Logged, Unreadable, is_stamped, read_log
 from gcs.io.zenoh.messages import topic_of
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, MissionEnded, Scan, Send
-from gcs.report.traffic import Traffic, rate_hz
+from gcs.report.telemetry.traffic import Traffic, rate_hz
 
 _MAX_LISTED: Final = 100
 _MAX_NAMES: Final = 10_000

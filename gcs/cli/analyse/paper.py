@@ -22,12 +22,21 @@ from gcs.cli.analyse.report import ReportOptions, material_of
 from gcs.config import load, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.errors import RecordingError, SimulationError
-from gcs.report.claims import FIGURE_3, FIGURES_4_5, FIGURES_6_7, FIGURES_8_9, Claim, Runs, claims, markdown
-from gcs.report.judge import Summary
-from gcs.report.maps import Ground, ground_truth_figure, tracker_figure, truth_figure
-from gcs.report.measures import Flown
-from gcs.report.page import Page, Picture, Section, save_figure, save_page
-from gcs.report.tables import Table
+from gcs.report.html_page import Page, Picture, Section, save_figure, save_page
+from gcs.report.paper.claims import (
+    FIGURE_3,
+    FIGURES_4_5,
+    FIGURES_6_7,
+    FIGURES_8_9,
+    Claim,
+    Runs,
+    claims,
+    markdown,
+)
+from gcs.report.paper.measures import Flown
+from gcs.report.plots.maps import Ground, ground_truth_figure, tracker_figure, truth_figure
+from gcs.report.run.evaluation import Summary
+from gcs.report.run.tables import Table
 
 SEEDS: Final = {FIGURE_3: 1, FIGURES_4_5: 1, FIGURES_6_7: 4, FIGURES_8_9: 4}
 """Where deaths are random: the first seed with which one agent dies, as in the paper's figures."""

@@ -26,7 +26,7 @@ from gcs.io.recording.reader import About, Record, about, is_recording, read
 from gcs.io.recording.tlog import is_stamped
 from gcs.io.recording.writer import versions
 from gcs.model import Effect, Event
-from gcs.report.verification import Verification
+from gcs.report.run.verification import Verification
 from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
 from gcs.service.replay import Replay, Verifier, Window
 from gcs.service.service import wait_for_interrupt

@@ -31,13 +31,13 @@ from gcs.io.recording.timestamps import TimedBy, TimeLine
 from gcs.io.recording.tlog import Logged, is_stamped, read_log
 from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
-from gcs.report.course import Course, CourseBuilder
-from gcs.report.flights import Flight, Flights
-from gcs.report.judge import Judge, Summary, judge_of
-from gcs.report.maps import Ground
-from gcs.report.run_page import Material, run_page
-from gcs.report.tracks_csv import TracksCsv
-from gcs.report.traffic import Traffic
+from gcs.report.plots.maps import Ground
+from gcs.report.run.evaluation import Judge, Summary, judge_of
+from gcs.report.run.page import Material, run_page
+from gcs.report.run.timeline import Course, CourseBuilder
+from gcs.report.run.tracks_csv import TracksCsv
+from gcs.report.telemetry.flights import Flight, Flights
+from gcs.report.telemetry.traffic import Traffic
 from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
 
 CSV_NAME = "tracks.csv"
@@ -365,7 +365,7 @@ def _because(remarks: list[str]) -> str:
 
 
 def _in_json(material: Material, page: Path, folder: Path) -> dict[str, Any]:
-    from gcs.report.judge import summary_json
+    from gcs.report.run.evaluation import summary_json
 
     return {
         "file": str(material.file),

@@ -24,7 +24,7 @@ from gcs.cli.warm_up_progress import HISTORIES, TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.io.detections.readers import Detections, load
 from gcs.model import FloatArray, Label
-from gcs.report.tracking import Drawing, draw_tracking
+from gcs.report.plots.tracking import Drawing, draw_tracking
 from gcs.tracking.glmb.filter import Birth, Glmb
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
 from gcs.tracking.models.adaptive_birth import UnknownBirths

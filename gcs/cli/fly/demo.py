@@ -35,8 +35,8 @@ from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.messages import decode_truth, truth_key
 from gcs.io.zenoh.session import Bus, free_endpoint
 from gcs.model import NS_PER_S
-from gcs.report.judge import Judge, Summary, judge_of, summary_json
-from gcs.report.summary import print_summary
+from gcs.report.run.evaluation import Judge, Summary, judge_of, summary_json
+from gcs.report.run.summary import print_summary
 from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
 _STARTS_WITHIN_S = 90.0

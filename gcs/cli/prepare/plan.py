@@ -36,7 +36,7 @@ from gcs.planning.options import AgentStart, PlanOptions
 from gcs.planning.planner import PlanResult, Stage, plan_routes
 from gcs.planning.terminal.landing import Landing, WayHome, way_home
 from gcs.planning.vehicle_model import Circle
-from gcs.report.plan import Drawing, draw_plan
+from gcs.report.plots.plan import Drawing, draw_plan
 
 _PICTURES = (".png", ".pdf", ".svg")
 

@@ -22,7 +22,7 @@ from gcs.io.recording.reader import Damage, about, read
 from gcs.io.recording.tlog import tlog_entries
 from gcs.io.recording.writer import Recorder, Room
 from gcs.model import NS_PER_S, Effect, Event, Picture, Scan, Truth
-from gcs.report.judge import Judge
+from gcs.report.run.evaluation import Judge
 
 T0_NS = 1_700_000_000 * NS_PER_S
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"

@@ -11,8 +11,8 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gcs.report.causes import counted
-from gcs.report.judge import AgentOutcome, Retask, Summary
+from gcs.report.run.evaluation import AgentOutcome, Retask, Summary
+from gcs.report.run.triggers import counted
 
 _COLOURS = {"arrived": "green", "dead": "red", "flying": "yellow"}
 _ROWS = 12

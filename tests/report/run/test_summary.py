@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from gcs.report.judge import AgentOutcome, Retask, Summary
-from gcs.report.summary import print_summary
+from gcs.report.run.evaluation import AgentOutcome, Retask, Summary
+from gcs.report.run.summary import print_summary
 
 GOOD = Summary(
     scenario="prescribed",

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs.errors import RecordingError
-from gcs.report.style import svg_of
-from gcs.report.tables import Table
+from gcs.report.plots.style import svg_of
+from gcs.report.run.tables import Table
 from gcs.safe_text import printable
 
 if TYPE_CHECKING:

@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from gcs.model import FloatArray, read_only
-from gcs.report.causes import COLOURS
-from gcs.report.course import Course
-from gcs.report.flights import Flight
-from gcs.report.judge import OSPA_CUTOFF_M
-from gcs.report.style import (
+from gcs.report.plots.style import (
     INK,
     KINDS,
     LABELLED,
@@ -25,6 +21,10 @@ from gcs.report.style import (
     size_for,
     tidy,
 )
+from gcs.report.run.evaluation import OSPA_CUTOFF_M
+from gcs.report.run.timeline import Course
+from gcs.report.run.triggers import COLOURS
+from gcs.report.telemetry.flights import Flight
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

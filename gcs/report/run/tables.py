@@ -12,9 +12,9 @@ from typing import Any, Final
 import numpy as np
 
 from gcs.model import NS_PER_S
-from gcs.report.course import KINDS, Course
-from gcs.report.flights import Flight
-from gcs.report.judge import Summary
+from gcs.report.run.evaluation import Summary
+from gcs.report.run.timeline import KINDS, Course
+from gcs.report.telemetry.flights import Flight
 
 _ROWS: Final = 300
 NONE: Final = "–"

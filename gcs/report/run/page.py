@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from gcs.model import NS_PER_S
-from gcs.report import tables
-from gcs.report.charts import flight_figure, quality_figure, timeline_figure, times_figure
-from gcs.report.course import Course
-from gcs.report.flights import Flight
-from gcs.report.judge import Summary
-from gcs.report.maps import Ground, tracker_figure, truth_figure
-from gcs.report.page import Fact, Page, Section, save_figure, save_page
-from gcs.report.tables import number
+from gcs.report.html_page import Fact, Page, Section, save_figure, save_page
+from gcs.report.plots.charts import flight_figure, quality_figure, timeline_figure, times_figure
+from gcs.report.plots.maps import Ground, tracker_figure, truth_figure
+from gcs.report.run import tables
+from gcs.report.run.evaluation import Summary
+from gcs.report.run.tables import number
+from gcs.report.run.timeline import Course
+from gcs.report.telemetry.flights import Flight
 
 PAGE_NAME = "index.html"
 

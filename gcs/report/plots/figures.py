@@ -15,11 +15,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.model import FloatArray
-from gcs.report.charts import draw_cardinality, draw_lanes, lanes
-from gcs.report.course import Course, gather
-from gcs.report.judge import OSPA_CUTOFF_M
-from gcs.report.maps import draw_clutter, draw_obstacles, draw_some_estimates, legend_entries, truth_until
-from gcs.report.style import INK, KINDS, colours, heading, legend, say, tidy
+from gcs.report.plots.charts import draw_cardinality, draw_lanes, lanes
+from gcs.report.plots.maps import (
+    draw_clutter,
+    draw_obstacles,
+    draw_some_estimates,
+    legend_entries,
+    truth_until,
+)
+from gcs.report.plots.style import INK, KINDS, colours, heading, legend, say, tidy
+from gcs.report.run.evaluation import OSPA_CUTOFF_M
+from gcs.report.run.timeline import Course, gather
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,7 +23,7 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
-from gcs.report.judge import Judge, Summary, summary_json
+from gcs.report.run.evaluation import Judge, Summary, summary_json
 
 T0 = 1_767_225_600 * NS_PER_S
 RADIUS_M = 40.0

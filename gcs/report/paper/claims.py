@@ -15,9 +15,7 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from gcs.report.course import KINDS
-from gcs.report.judge import Summary
-from gcs.report.measures import (
+from gcs.report.paper.measures import (
     NEAR_M,
     RE_ROUTED_WITHIN_S,
     Flown,
@@ -30,6 +28,8 @@ from gcs.report.measures import (
     waviness,
     wrong_kind,
 )
+from gcs.report.run.evaluation import Summary
+from gcs.report.run.timeline import KINDS
 
 Verdict: TypeAlias = Literal["holds", "holds in part", "does not hold", "not seen here", "differs by design"]
 

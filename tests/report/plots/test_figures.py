@@ -24,8 +24,8 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
-from gcs.report.course import gather
-from gcs.report.figures import draw_run
+from gcs.report.plots.figures import draw_run
+from gcs.report.run.timeline import gather
 
 T0 = 1_767_225_600 * NS_PER_S
 SENSOR = Sensor("radar", 0.98, 5e-6, read_only(np.eye(2) * 10), (0.0, 0.0, 2000.0, 1000.0))
@@ -117,5 +117,5 @@ def test_a_run_is_drawn_from_whatever_there_is(tmp_path: Path, leave_out: tuple[
 
 
 def test_a_command_that_draws_nothing_does_not_wait_for_matplotlib() -> None:
-    check = "import sys, gcs.report.figures; sys.exit('matplotlib' in sys.modules)"
+    check = "import sys, gcs.report.plots.figures; sys.exit('matplotlib' in sys.modules)"
     subprocess.run([sys.executable, "-P", "-c", check], check=True, cwd=Path(__file__).parents[2])

@@ -30,8 +30,8 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
-from gcs.report.causes import causes_of
-from gcs.report.judge import Judge, OspaSeries
+from gcs.report.run.evaluation import Judge, OspaSeries
+from gcs.report.run.triggers import causes_of
 
 KINDS: tuple[Kind, ...] = ("agents", "targets")
 MAX_DETECTIONS = 40_000
@@ -82,7 +82,7 @@ class Decision:
     """Where each of the new routes ends."""
     reason: str
     causes: tuple[str, ...]
-    """Its kinds (`gcs.report.causes`)."""
+    """Its kinds (`gcs.report.run.triggers`)."""
 
 
 @dataclass(frozen=True, slots=True)

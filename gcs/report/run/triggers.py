@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from gcs.model import Cause, Plan
-from gcs.report.style import RED
+from gcs.report.plots.style import RED
 
 COLOURS: Final[dict[str, str]] = {
     "first plan": "#7a5cc0",

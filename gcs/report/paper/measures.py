@@ -10,8 +10,8 @@ import numpy as np
 from gcs.model import FloatArray, Kind
 from gcs.planning.map.grid import Grid, Node
 from gcs.planning.search.shortest import distances_m, nearest_free
-from gcs.report.course import KINDS, Course, Decision, Estimate, Path
-from gcs.report.judge import Summary
+from gcs.report.run.evaluation import Summary
+from gcs.report.run.timeline import KINDS, Course, Decision, Estimate, Path
 
 NEAR_M = 100.0
 """Within this an estimate belongs to an object, or a route's end to a target: OSPA's cut-off."""

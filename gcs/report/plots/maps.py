@@ -15,9 +15,7 @@ import numpy as np
 
 from gcs.model import FloatArray, Kind, Label
 from gcs.planning.map.grid import Grid
-from gcs.report.course import Course, area_of
-from gcs.report.flights import Flight
-from gcs.report.style import (
+from gcs.report.plots.style import (
     AGENTS,
     AXIS,
     CLUTTER,
@@ -33,6 +31,8 @@ from gcs.report.style import (
     size_for,
     tidy,
 )
+from gcs.report.run.timeline import Course, area_of
+from gcs.report.telemetry.flights import Flight
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

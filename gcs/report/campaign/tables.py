@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from gcs.errors import RecordingError
-from gcs.report.campaign import Row
+from gcs.report.campaign.results import Row
 
 
 def write_csv(rows: Sequence[Row], path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 
 from gcs.model import Cause, Plan
-from gcs.report.causes import COLOURS, causes_of, counted
+from gcs.report.run.triggers import COLOURS, causes_of, counted
 
 
 def plan(reason: str, causes: tuple[Cause, ...] = ()) -> Plan:

@@ -1,6 +1,6 @@
 """A campaign's report: a page with its figures, curves over the swept key, and what went wrong.
 
-Every figure stands with its 95 % confidence interval (see `gcs.report.campaign`).
+Every figure stands with its 95 % confidence interval (see `gcs.report.campaign.results`).
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from gcs.report.campaign import Estimate, Group, Row
-from gcs.report.page import Fact, Page, Picture, Section, save_figure, save_page
-from gcs.report.style import AGENTS, heading, legend, new_figure, say, tidy
-from gcs.report.tables import NONE, Table, number
+from gcs.report.campaign.results import Estimate, Group, Row
+from gcs.report.html_page import Fact, Page, Picture, Section, save_figure, save_page
+from gcs.report.plots.style import AGENTS, heading, legend, new_figure, say, tidy
+from gcs.report.run.tables import NONE, Table, number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

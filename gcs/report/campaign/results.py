@@ -15,8 +15,8 @@ import msgspec
 import numpy as np
 from scipy import stats
 
-from gcs.report.deaths import DeathWatch
-from gcs.report.judge import Summary
+from gcs.report.paper.losses import DeathWatch
+from gcs.report.run.evaluation import Summary
 
 CONFIDENCE = 0.95
 

@@ -45,8 +45,8 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
-from gcs.report.causes import causes_of
-from gcs.report.truths import Truths
+from gcs.report.run.triggers import causes_of
+from gcs.report.run.truth import Truths
 from gcs.tracking.metrics import ospa
 
 OSPA_CUTOFF_M = 100.0
@@ -76,7 +76,7 @@ class Retask:
     """Those with a new route that had one before."""
     reason: str
     causes: tuple[str, ...]
-    """Kinds of the reasons (`gcs.report.causes`)."""
+    """Kinds of the reasons (`gcs.report.run.triggers`)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,10 +24,8 @@ from gcs.model import (
     read_only,
 )
 from gcs.planning.map.grid import Grid, free_grid
-from gcs.report.claims import SCENARIOS, Claim, Runs, claims, markdown
-from gcs.report.course import CourseBuilder
-from gcs.report.judge import Judge
-from gcs.report.measures import (
+from gcs.report.paper.claims import SCENARIOS, Claim, Runs, claims, markdown
+from gcs.report.paper.measures import (
     Flown,
     astray,
     false_and_missed,
@@ -37,6 +35,8 @@ from gcs.report.measures import (
     waviness,
     wrong_kind,
 )
+from gcs.report.run.evaluation import Judge
+from gcs.report.run.timeline import CourseBuilder
 
 SENSOR = Sensor("radar", 0.98, 5e-6, read_only(np.eye(2) * 10), (0.0, 0.0, 1000.0, 1000.0))
 TARGETS = {0: (900.0, 100.0), 1: (900.0, 300.0)}

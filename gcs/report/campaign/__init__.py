@@ -1,0 +1,1 @@
+"""Campaigns of many missions: results with confidence intervals, tables and page."""

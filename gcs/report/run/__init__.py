@@ -1,0 +1,1 @@
+"""One run: its timeline, evaluation, tables and page."""
