@@ -15,9 +15,9 @@ import typer
 from gcs.cli.errors import complain
 from gcs.errors import GcsError
 from gcs.io.console import console_for
-from sim_vehicles.firmware import parse_sitl
-from sim_vehicles.scenario import load
+from sim_vehicles.autopilots.firmware import parse_sitl
 from sim_vehicles.supervisor import Plan, Supervisor
+from sim_vehicles.world.scenario import load
 
 app = typer.Typer(
     help="Simulated fixed-wing vehicles and the world they fly in, over real MAVLink and real zenoh.",
@@ -210,7 +210,7 @@ def simulate(
     ] = None,
 ) -> None:
     """Fly whole missions on virtual time, as fast as the machine can; the same seed, the same outcome."""
-    from sim_vehicles.simulate import simulate as simulate_runs
+    from sim_vehicles.campaign.simulate import simulate as simulate_runs
 
     try:
         complete = simulate_runs(load(scenario), seed, runs, as_json, out, loss, duration)
@@ -224,7 +224,7 @@ def montecarlo(options: str) -> None:
     """Fly a campaign; `options` is the JSON of `MontecarloOptions`. People say `gcs montecarlo`."""
     import msgspec
 
-    from sim_vehicles.montecarlo import MontecarloOptions, run_montecarlo
+    from sim_vehicles.campaign.montecarlo import MontecarloOptions, run_montecarlo
 
     try:
         complete = run_montecarlo(msgspec.json.decode(options, type=MontecarloOptions))

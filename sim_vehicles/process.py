@@ -35,10 +35,10 @@ from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
 from gcs.io.signing.keystore import read_keys
 from gcs.model import NS_PER_S
-from sim_vehicles.frames import Outbox
-from sim_vehicles.missions import NEVER_NS
-from sim_vehicles.telling import tell
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.autopilots.missions import NEVER_NS
+from sim_vehicles.error_output import tell
+from sim_vehicles.vehicle.frames import Outbox
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 Address = tuple[str, int]
 

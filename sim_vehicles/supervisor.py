@@ -21,9 +21,9 @@ from typing import Any
 
 from gcs.errors import SimulationError
 from gcs.model import NS_PER_S
-from sim_vehicles.scenario import Scenario
-from sim_vehicles.specs import vehicle_specs
-from sim_vehicles.vehicle import VehicleSpec
+from sim_vehicles.vehicle.vehicle import VehicleSpec
+from sim_vehicles.world.scenario import Scenario
+from sim_vehicles.world.specs import vehicle_specs
 
 _READY_WITHIN_S = 60.0
 _AIRBORNE_WITHIN_S = 180.0
@@ -59,7 +59,7 @@ class Plan:
     waits_for_ground: bool = False
     """True if targets move and deaths count only from when a ground station is there."""
     sitl: Mapping[str, Path] = field(default_factory=dict)
-    """Real firmware to fly instead of simulated autopilots: programs by name (`sim_vehicles.firmware`)."""
+    """Real firmware to fly instead of simulated autopilots: programs by name (`sim_vehicles.autopilots.firmware`)."""
     folder: Path | None = None
     """Where firmware keeps its files; None for a temporary one."""
     truth_links: Sequence[str] = ()
@@ -89,7 +89,7 @@ class Supervisor:
         SimulationError
             When a process does not come up; its own words are on standard error.
         """
-        world = self._spawn(["-m", "sim_vehicles.world_process", *self._world_arguments()])
+        world = self._spawn(["-m", "sim_vehicles.world.process", *self._world_arguments()])
         truth_port = self._await_ready(world).split()[1]
         specs = [
             replace(spec, waits_for_ground=self.plan.waits_for_ground)
@@ -98,7 +98,14 @@ class Supervisor:
         if self.plan.truth_links:
             for link in self.plan.truth_links:
                 self._spawn(
-                    ["-m", "sim_vehicles.truth_link", "--link", link, "--truth", f"127.0.0.1:{truth_port}"]
+                    [
+                        "-m",
+                        "sim_vehicles.world.truth_link",
+                        "--link",
+                        link,
+                        "--truth",
+                        f"127.0.0.1:{truth_port}",
+                    ]
                 )
         elif self.plan.sitl:
             self._spawn_firmware(specs, truth_port)
@@ -128,7 +135,11 @@ class Supervisor:
             if name not in sitl:
                 (name,) = sitl
             spec = replace(spec, autopilot="px4" if name == "px4" else "ardupilot")
-            arguments = ["-m", "sim_vehicles.firmware_process", *self._vehicle_arguments(truth_port, [spec])]
+            arguments = [
+                "-m",
+                "sim_vehicles.autopilots.firmware_process",
+                *self._vehicle_arguments(truth_port, [spec]),
+            ]
             arguments += ["--firmware", name, "--binary", str(sitl[name]), "--instance", str(instance)]
             arguments += [
                 "--speed",

@@ -10,7 +10,7 @@ from gcs.cli import app
 from gcs.config import load, parse, read_text, scenario_names
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
-from sim_vehicles.scenario import parse_scenario
+from sim_vehicles.world.scenario import parse_scenario
 
 GOOD = """
 name = "x"

@@ -28,7 +28,7 @@ from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Fate, FloatArray, Plan, Truth, UploadReport
 from gcs.planning.map.grid import Grid
-from sim_vehicles.flown import distance_to_obstacle_m
+from sim_vehicles.campaign.flown import distance_to_obstacle_m
 
 SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")
 FIRST_LEG_NS = (1.0 * NS_PER_S, 3.0 * NS_PER_S)

@@ -16,8 +16,8 @@ import numpy as np
 
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
-from sim_vehicles.flown import Homeward, Nearest, flown_home, in_wind, landing, nearest
-from sim_vehicles.scenario import Scenario, WindTable, load
+from sim_vehicles.campaign.flown import Homeward, Nearest, flown_home, in_wind, landing, nearest
+from sim_vehicles.world.scenario import Scenario, WindTable, load
 
 SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")
 GUSTS_M_S = 0.8

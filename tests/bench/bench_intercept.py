@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs.config import read_text
 from gcs.settings import with_settings
-from sim_vehicles.campaign import Job, fly, warm_up
+from sim_vehicles.campaign.campaign import Job, fly, warm_up
 
 SPEED_M_S = 15.0
 PLACES_M = [(2600.0, 900.0), (2000.0, 1700.0), (2600.0, 2500.0), (2000.0, 3200.0)]

@@ -28,8 +28,8 @@ from gcs.io.recording.reader import about, read
 from gcs.io.recording.writer import Recorder, Run, versions
 from gcs.model import NS_PER_S, Effect, Event
 from gcs.service.replay import Replay, Verifier, Window
-from sim_vehicles.scenario import load
-from sim_vehicles.virtual import VirtualRun
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import load
 
 
 def cpu_s(work: Callable[[], Any]) -> float:

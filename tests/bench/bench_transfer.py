@@ -100,7 +100,7 @@ def table(losses: list[float], trials: int) -> None:
 
 def short(autopilot: str, seed: int, loss: float, delay_s: float = 0.01) -> tuple[bool, float, int]:
     """Whether 8 items were delivered, after how many seconds, and messages sent again."""
-    from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+    from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
     spec = VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0, autopilot=autopilot)
     vehicle, profile = SimVehicle(spec, LocalFrame(*HOME), 0), {"ardupilot": ARDUPLANE, "px4": PX4}[autopilot]
@@ -156,7 +156,7 @@ def shorts(losses: list[float], trials: int) -> None:
 async def upload(uploader: str, loss: float, seed: int) -> tuple[bool, float]:
     """Upload 20 items to one simulated ArduPlane that waits; whether it holds them, and seconds."""
     from gcs.io.mavsdk.uploader import MavsdkUploader
-    from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+    from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
     rng = np.random.default_rng(seed)
     vehicle = SimVehicle(VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0), LocalFrame(*HOME), time.time_ns())

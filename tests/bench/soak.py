@@ -31,10 +31,10 @@ from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.service.journal import Journal, fingerprint
 from gcs.settings import with_settings
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
-from sim_vehicles.scenario import parse_scenario
-from sim_vehicles.targets import Target
-from sim_vehicles.vehicle import SimVehicle
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.vehicle.vehicle import SimVehicle
+from sim_vehicles.world.scenario import parse_scenario
+from sim_vehicles.world.targets import Target
 
 SETTINGS = (
     "planning.capture_radius_m=0.01",

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from sim_vehicles.scenario import load
-from sim_vehicles.simulate import fly
+from sim_vehicles.campaign.simulate import fly
+from sim_vehicles.world.scenario import load
 
 
 @pytest.fixture(scope="session")

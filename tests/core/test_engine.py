@@ -35,8 +35,8 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
-from sim_vehicles.scenario import load
-from sim_vehicles.virtual import LINK, VirtualRun
+from sim_vehicles.campaign.virtual_run import LINK, VirtualRun
+from sim_vehicles.world.scenario import load
 
 T = TypeVar("T")
 SEED = 1

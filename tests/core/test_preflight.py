@@ -22,10 +22,10 @@ from gcs.mavlink.frames.signing import signed, timestamp_of
 from gcs.mavlink.services.preflight_query import NEEDED_IDS, Inspection
 from gcs.model import Datagram, Scan, Send
 from gcs.settings import with_settings
-from sim_vehicles.personality import Mode
-from sim_vehicles.scenario import load
-from sim_vehicles.sensor import make_sensors
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.world.scenario import load
+from sim_vehicles.world.sensor import make_sensors
 
 S = 1_000_000_000
 START_NS = 1_767_225_600 * S

@@ -17,7 +17,7 @@ from gcs.core.operator.plan_approval import MIN_READING_S, Approval
 from gcs.core.replanning.inputs import Situation
 from gcs.core.replanning.replanner import Replanner
 from gcs.model import Effect, Label, MissionEnded, Order, OrderAnswer, Plan, Proposal, Route
-from sim_vehicles.virtual import START_T_NS
+from sim_vehicles.campaign.virtual_run import START_T_NS
 
 A, B = (0, 0), (0, 1)
 CONFIRM = '[planning]\nretask = "confirm"\n'

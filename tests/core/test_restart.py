@@ -31,9 +31,9 @@ from gcs.model import (
     Tick,
 )
 from gcs.settings import with_settings
-from sim_vehicles.personality import Mode
-from sim_vehicles.scenario import Scenario, load, parse_scenario
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gcs.model import Effect, Fate, KeepOut, Memory, Notice, Plan
-from sim_vehicles.scenario import load
-from sim_vehicles.virtual import VirtualRun
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import load
 
 SEED, LOST, AT_S = 1, 1, 30.0
 

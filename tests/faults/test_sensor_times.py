@@ -8,8 +8,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.mavlink.frames.codec import scan as frames_of
 from gcs.model import NS_PER_S, Effect, Event, Fate, MissionEnded, Notice, Scan, Send
-from sim_vehicles.scenario import Scenario, load
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.world.scenario import Scenario, load
 
 
 def with_latency(name: str, delay_s: float) -> Scenario:

@@ -7,7 +7,7 @@ import pytest
 from gcs.geo import LocalFrame
 from gcs.io.vehicles.parameters import ParameterTalk
 from gcs.mavlink.frames.codec import Encoder, decode
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
 

@@ -13,8 +13,8 @@ from gcs.planning.path.turns import Corners
 from gcs.planning.planner import plan_routes
 from gcs.planning.route_capture import by_itself_m, is_spelt_out, turn_s
 from gcs.planning.vehicle_model import Motion
-from sim_vehicles.airframe import Airframe
-from sim_vehicles.guidance import ToPoint
+from sim_vehicles.vehicle.airframe import Airframe
+from sim_vehicles.vehicle.guidance import ToPoint
 
 OPEN = free_grid((51, 51), 40.0)
 RADIUS_M, LAG_S = 58.0, 2.8

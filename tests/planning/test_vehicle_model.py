@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from gcs.geo import wrap_pi
 from gcs.planning.map.grid import free_grid
 from gcs.planning.vehicle_model import Ahead, Circle, Motion, expected, fly
-from sim_vehicles.airframe import TURN_TIME_S, Airframe
-from sim_vehicles.guidance import Circle as Flown
-from sim_vehicles.guidance import ToPoint
+from sim_vehicles.vehicle.airframe import TURN_TIME_S, Airframe
+from sim_vehicles.vehicle.guidance import Circle as Flown
+from sim_vehicles.vehicle.guidance import ToPoint
 
 OPEN = free_grid((51, 51), 40.0)
 EAST = math.pi / 2.0

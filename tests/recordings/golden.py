@@ -50,8 +50,8 @@ from gcs.model import (
 )
 from gcs.report.run.evaluation import Judge
 from gcs.service.replay import Replay, Window
-from sim_vehicles.scenario import Scenario, load, parse_scenario
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 
 HERE = Path(__file__).parent
 JUDGED = (Picture, Plan, UploadReport, Fate, MissionEnded, OrderAnswer, Proposal)

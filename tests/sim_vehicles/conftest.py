@@ -16,7 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -22,9 +22,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
-from sim_vehicles.missions import RALLY, Item
-from sim_vehicles.personality import Mode
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.autopilots.missions import RALLY, Item
+from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 FRAME = LocalFrame(-35.372275, 149.148714, 584.0)
 AIRSPEED_M_S = 23.5

@@ -7,9 +7,9 @@ import pytest
 from gcs.mavlink.mission import upload_steps
 from gcs.mavlink.services import command_messages
 from gcs.model import Fate, Notice
-from sim_vehicles.guidance import ToPoint
-from sim_vehicles.scenario import load
-from sim_vehicles.virtual import VirtualRun
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.vehicle.guidance import ToPoint
+from sim_vehicles.world.scenario import load
 
 
 def by_one_command(vehicle, profile, item):

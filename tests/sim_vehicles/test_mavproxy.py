@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from gcs.geo import LocalFrame
-from sim_vehicles.vehicle import VehicleSpec
+from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 SEARCH_PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 MAVPROXY = shutil.which("mavproxy.py", path=SEARCH_PATH)

@@ -9,7 +9,7 @@ import socket
 import pytest
 
 from gcs.geo import LocalFrame
-from sim_vehicles.vehicle import VehicleSpec
+from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 mavsdk = pytest.importorskip(
     "mavsdk.asyncio", reason="MAVSDK is not installed: pip install 'swarm-gcs[mavsdk]'"

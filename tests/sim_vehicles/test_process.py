@@ -14,7 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
-from sim_vehicles.vehicle import VehicleSpec
+from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 

@@ -9,8 +9,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import Fate, UploadReport
-from sim_vehicles.scenario import load
-from sim_vehicles.virtual import VirtualRun
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import load
 
 AUTO, LOITER = 4 << 16 | 4 << 24, 4 << 16 | 3 << 24
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM

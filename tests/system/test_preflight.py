@@ -21,7 +21,7 @@ from gcs.config import parse, read_text
 from gcs.io.zenoh.discovery import services
 from gcs.io.zenoh.session import free_endpoint
 from gcs.settings import with_settings
-from sim_vehicles.vehicle import VehicleSpec
+from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 FENCE = 'fence.areas=[{kind="exclusion", circle=[33.2, -87.57, 50.0]}]'
 RALLY = "rally=[{lat_deg=33.202, lon_deg=-87.598, alt_rel_m=80}]"

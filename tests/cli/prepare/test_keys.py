@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from gcs.cli import app
 from gcs.io.signing.keystore import read_keys
 from gcs.mavlink.frames.signing import fingerprint, passphrase_key
-from sim_vehicles.vehicle import VehicleSpec
+from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 
 def keys(*arguments: object, words: str | None = None):

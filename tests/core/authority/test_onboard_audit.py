@@ -6,8 +6,8 @@ import pytest
 from test_recovery import SEED, standing, through_the_journal
 
 from gcs.model import Effect, Notice, UploadReport
-from sim_vehicles.personality import Mode
-from sim_vehicles.virtual import VirtualRun
+from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.campaign.virtual_run import VirtualRun
 
 S = 1_000_000_000
 

@@ -34,8 +34,8 @@ from gcs.model import (
     UploadReport,
 )
 from gcs.planning.map.line_of_sight import line_of_sight
-from sim_vehicles.scenario import Scenario, load
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.world.scenario import Scenario, load
 
 SEED = 1
 

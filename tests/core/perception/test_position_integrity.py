@@ -12,8 +12,8 @@ from gcs.core.perception.fusion import squared_distances
 from gcs.core.perception.position_integrity import _GATE_CHI2, Witness, _near
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.model import NS_PER_S, Notice, Scan, Sensor, Track, VehicleState, read_only
-from sim_vehicles.scenario import load
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.world.scenario import load
 
 S = NS_PER_S
 

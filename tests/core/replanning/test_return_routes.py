@@ -8,9 +8,9 @@ import numpy as np
 
 from gcs.model import Fate, KeepOut, Notice, Order, Plan, UploadReport
 from gcs.planning.map.line_of_sight import line_of_sight
-from sim_vehicles.flown import landing
-from sim_vehicles.scenario import load
-from sim_vehicles.virtual import VirtualRun
+from sim_vehicles.campaign.flown import landing
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import load
 
 
 class Flight:

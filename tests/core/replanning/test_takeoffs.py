@@ -10,10 +10,10 @@ from staging import S
 from gcs.mavlink.frames.codec import decode
 from gcs.model import KeepOut, Notice, Order, Send, UploadReport
 from gcs.planning.map.line_of_sight import line_of_sight
-from sim_vehicles.scenario import parse_scenario
-from sim_vehicles.specs import vehicle_specs
-from sim_vehicles.vehicle import SimVehicle
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.vehicle.vehicle import SimVehicle
+from sim_vehicles.world.scenario import parse_scenario
+from sim_vehicles.world.specs import vehicle_specs
 
 TAKEOFF = 22
 # The field of a flight with ArduPlane: it flew 45 m deep through the box ahead of the runway.

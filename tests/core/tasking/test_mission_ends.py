@@ -10,9 +10,9 @@ from gcs.core.tasking.onboard_missions import Flown, Holding
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.items import Home
 from gcs.model import NS_PER_S, Notice, Route, UploadReport, read_only
-from sim_vehicles.personality import Mode
-from sim_vehicles.scenario import load
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.world.scenario import load
 
 
 class Tasking:

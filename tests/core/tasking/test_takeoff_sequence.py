@@ -11,10 +11,10 @@ from gcs.core.preflight.mission import mission_checks, rehearse
 from gcs.core.tasking.takeoff_sequence import Departures
 from gcs.mavlink.mission.items import Home
 from gcs.model import Notice, Order, OrderAnswer
-from sim_vehicles.scenario import parse_scenario
-from sim_vehicles.specs import vehicle_specs
-from sim_vehicles.vehicle import SimVehicle
-from sim_vehicles.virtual import START_T_NS, VirtualRun
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.vehicle.vehicle import SimVehicle
+from sim_vehicles.world.scenario import parse_scenario
+from sim_vehicles.world.specs import vehicle_specs
 
 SECOND = """
 [[agents]]

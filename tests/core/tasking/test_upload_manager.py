@@ -9,9 +9,9 @@ from gcs.core.tasking.upload_manager import Tasking
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
-from sim_vehicles.personality import Mode
-from sim_vehicles.scenario import load
-from sim_vehicles.virtual import VirtualRun
+from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import load
 
 FRAME = LocalFrame(-35.3632621, 149.165237, 584.09)
 ROUTE = read_only([[0.0, 500.0], [500.0, 500.0], [900.0, 0.0]])

@@ -13,7 +13,7 @@ from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Upload, Waypoint
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 pytest.importorskip("mavsdk", reason="MAVSDK is not installed: pip install 'swarm-gcs[mavsdk]'")
 from gcs.io.mavsdk.uploader import MavsdkUploader, mavsdk_problem

@@ -18,7 +18,7 @@ from gcs.io.signing.gate import Signing
 from gcs.io.signing.keystore import KeyFile, TimeFile, read_keys
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signing_time
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
 NOW = 1_767_225_600 * S

@@ -19,7 +19,7 @@ from gcs.mavlink.mission.geofence_rally import (
     rally_items,
 )
 from gcs.mavlink.mission.list_task import ListTask
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
 FRAME = LocalFrame(33.2, -87.6, 70.0)

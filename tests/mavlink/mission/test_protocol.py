@@ -17,7 +17,7 @@ from gcs.mavlink.mission.upload_task import MissionTask
 from gcs.mavlink.services.retry import Asking
 from gcs.mavlink.services.rtt import Pace
 from gcs.model import Mission, Waypoint
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
 TO = (1, 1)

@@ -19,7 +19,7 @@ from gcs.mavlink.services.parameters import (
     misfit,
     value_of,
 )
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
 FRAME = LocalFrame(33.2, -87.6, 70.0)

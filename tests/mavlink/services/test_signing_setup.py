@@ -9,7 +9,7 @@ import pytest
 from gcs.geo import LocalFrame
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.services.signing_setup import Installation
-from sim_vehicles.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
 NOW = 1_767_225_600 * S

@@ -16,8 +16,8 @@ from gcs.planning.options import AgentStart, PlanOptions
 from gcs.planning.path.turns import Corners
 from gcs.planning.planner import plan_routes
 from gcs.planning.terminal.landing import Landing, way_home
-from sim_vehicles.airframe import Airframe
-from sim_vehicles.guidance import ToPoint
+from sim_vehicles.vehicle.airframe import Airframe
+from sim_vehicles.vehicle.guidance import ToPoint
 
 OPEN = free_grid((51, 51), 40.0)
 CORNERS = Corners(40.0, 42.0, 10.0)

@@ -13,8 +13,8 @@ from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.options import AgentStart, PlanOptions, Wait
 from gcs.planning.path.turns import Corners
 from gcs.planning.planner import plan_routes
-from sim_vehicles.airframe import Airframe
-from sim_vehicles.guidance import Circle, ToPoint
+from sim_vehicles.vehicle.airframe import Airframe
+from sim_vehicles.vehicle.guidance import Circle, ToPoint
 
 OPEN = free_grid((51, 51), 40.0)
 CORNERS = Corners(40.0, 42.0, 10.0)

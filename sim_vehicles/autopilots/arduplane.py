@@ -1,0 +1,439 @@
+"""The autopilot: modes, arming, mission execution and failsafe, after ArduPlane.
+
+What it shares with ArduPlane, because ground stations trip over it:
+
+- The active item is cached. An item that is replaced while it is flown keeps being flown as it was, until the
+  mission moves on, AUTO is entered anew, or ``DO_SET_MISSION_CURRENT`` reads it again.
+- ``set_current(0)`` means item 1; an index outside the mission is refused.
+- A mission that ends goes to RTL, and so does AUTO without a mission.
+- Entering AUTO resumes at the current item (from the first, when the mission had been completed or shortened
+  below it).
+- A leg begins at the waypoint before, and its line is followed (`sim_vehicles.vehicle.legs`). An item that
+  ``DO_SET_MISSION_CURRENT`` selects in flight begins at the OLD waypoint; by the second such command, or by
+  ``MISSION_SET_CURRENT``, it begins where the vehicle is.
+- A waypoint is passed within its radius, or beyond the finish line of its leg, however far off.
+- A take-off holds the heading of the runway up to its altitude.
+- Arming is refused for a while after boot, while a pre-arm check fails, and in RTL.
+
+Guidance and checks run at 10 Hz, as ArduPlane's do; the airframe runs at 100 Hz.
+
+What it leaves out: stick input (MANUAL, FBWA and their like hold heading and altitude), glide slopes between
+items, and any item but waypoint, unlimited loiter, take-off, landing and return.
+
+Positions are local east/north metres; altitudes are metres above the local frame's origin.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.model import NS_PER_S
+from sim_vehicles.autopilots.missions import MISSION, Item, MissionStore
+from sim_vehicles.autopilots.personality import ARDUPLANE, Mode, Personality
+from sim_vehicles.autopilots.state import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
+from sim_vehicles.vehicle.airframe import Airframe
+from sim_vehicles.vehicle.failsafe import Failsafe, PlaneFailsafe
+from sim_vehicles.vehicle.fence import FenceGuard
+from sim_vehicles.vehicle.geodesy import Geodesy
+from sim_vehicles.vehicle.guidance import Circle, Goal, Straight, ToPoint, Tuning, density_ratio
+from sim_vehicles.vehicle.legs import Legs
+from sim_vehicles.vehicle.parameters import Parameters
+
+_CHECK_NS = NS_PER_S // 10
+_GLIDE_SLOPE = 0.1
+_TOUCHDOWN_M = 0.5
+_ALT_REACHED_M = 1.0
+
+
+_NOT_ARMABLE = frozenset({Mode.RTL})
+_MANUAL_LIKE = frozenset(
+    {Mode.MANUAL, Mode.STABILIZE, Mode.TRAINING, Mode.ACRO, Mode.FBWA, Mode.FBWB, Mode.CRUISE}
+)
+
+
+class Autopilot:
+    """One vehicle's autopilot.
+
+    Parameters
+    ----------
+    airframe : Airframe
+        What it flies; `step` moves it.
+    airborne : bool
+        True: armed, circling where it is, ready at once. False: disarmed on the ground, as after switching
+        on.
+    boot_t_ns : int
+        When it was switched on.
+    """
+
+    _widens_circles = True
+    _failsafe: type[Failsafe] = PlaneFailsafe
+
+    def __init__(
+        self,
+        airframe: Airframe,
+        parameters: Parameters,
+        geodesy: Geodesy,
+        forward_speed_m_s: float,
+        boot_t_ns: int,
+        airborne: bool,
+        personality: Personality = ARDUPLANE,
+    ) -> None:
+        self.airframe = airframe
+        self.parameters = parameters
+        self.geodesy = geodesy
+        self.forward_speed_m_s = forward_speed_m_s
+        self.boot_t_ns = boot_t_ns
+        self.personality = personality
+        self._first = personality.home_items
+        self.mission = MissionStore(MISSION, self.mission_home if self._first else None)
+        self.fence = FenceGuard(parameters, geodesy, px4=personality.atomic)
+        self.notices: deque[StatusText | ItemReached] = deque()
+        self.home = Home(airframe.east_m, airframe.north_m, 0.0)
+        self.mode = Mode.MANUAL
+        self.armed = self.flying = airborne
+        self.seq = 0
+        """Item that is flown, 0 before any; as ArduPlane reports it, even beyond a shortened mission."""
+        self.goal: Goal = Straight(airframe.heading_rad)
+        self.alt_command_m = airframe.alt_rel_m
+        self._command = 0.0
+        self.legs = Legs(airframe)
+        self.failsafe = self._failsafe(self)
+        self._mission_running = False
+        self._mission_complete = False
+        self._item: Item | None = None
+        self._landing = False
+        self._check_ns = boot_t_ns
+        # An airborne start has its ground checks behind it.
+        self._checks_done_ns = (
+            boot_t_ns if airborne else boot_t_ns + int(parameters["ARMING_DELAY_S"] * NS_PER_S)
+        )
+        if airborne:
+            self.set_mode(Mode.LOITER)
+
+    # ------------------------------------------------------------ what the ground may ask
+
+    def set_mode(self, mode: Mode) -> None:
+        """Change mode; nothing happens when it is the present one."""
+        if mode is self.mode:
+            return
+        self._mission_running = False
+        self._landing = False
+        self.mode = mode
+        airframe = self.airframe
+        airframe.is_climbing_out = False
+        self.legs.leave()
+        if mode is Mode.AUTO:
+            self._resume_mission()
+        elif mode is Mode.RTL:
+            self._return()
+        elif mode in _MANUAL_LIKE:
+            self._fly(Straight(airframe.heading_rad), airframe.alt_rel_m)
+        elif mode is Mode.TAKEOFF:
+            airframe.is_climbing_out = True
+            self._fly(
+                Straight(airframe.heading_rad),
+                max(self.home.alt_m + self.parameters["TKOFF_ALT"], airframe.alt_rel_m),
+            )
+        else:  # LOITER, CIRCLE, GUIDED without a target: round the place where it was entered
+            self._circle_here()
+
+    def prearm_failure(self, t_ns: int) -> str | None:
+        """Why it cannot arm now, in ArduPilot's words."""
+        if self.mode in _NOT_ARMABLE:
+            return f"{self.mode.name} mode not armable"
+        if int(self.parameters["ARMING_CHECK"]) == 0 or t_ns >= self._checks_done_ns:
+            return None
+        return "Gyros inconsistent"
+
+    def report_prearm_failure(self, t_ns: int) -> bool:
+        """Say as a status text why it cannot arm now; return True if there is a reason."""
+        failure = self.prearm_failure(t_ns)
+        if failure is not None:
+            self.tell(mavlink.MAV_SEVERITY_CRITICAL, f"PreArm: {failure}")
+        return failure is not None
+
+    def is_position_known(self, t_ns: int) -> bool:
+        """Whether there is a fix and an origin: half-way through the start-up checks."""
+        return t_ns >= (self.boot_t_ns + self._checks_done_ns) // 2
+
+    def arm(self, t_ns: int, force: bool = False) -> bool:
+        """Arm, if the checks let it; the reason of a refusal is told as a status text."""
+        if self.armed:
+            return True
+        if not force and self.report_prearm_failure(t_ns):
+            return False
+        self.armed = True
+        self.home = Home(self.airframe.east_m, self.airframe.north_m, self.airframe.alt_rel_m)
+        self.tell(mavlink.MAV_SEVERITY_INFO, "Throttle armed")
+        return True
+
+    def disarm(self) -> bool:
+        """Disarm; refused in the air."""
+        if self.flying:
+            return False
+        if self.armed:
+            self.armed = False
+            self.tell(mavlink.MAV_SEVERITY_INFO, "Throttle disarmed")
+        return True
+
+    def set_current(self, seq: int, by_message: bool = False) -> bool:
+        """Fly item `seq` as it is stored now (in AUTO at once, else next time); False when there is none.
+
+        Parameters
+        ----------
+        by_message
+            True if ``MISSION_SET_CURRENT`` said so, not the command ``DO_SET_MISSION_CURRENT``. See the
+            module's docstring for what the difference is in flight.
+        """
+        seq = max(seq, self._first)
+        if by_message:
+            self.legs.do_join = False
+        if seq >= len(self.mission):
+            return False
+        self._mission_complete = False
+        if self._mission_running:
+            self._start_item(seq)
+        else:
+            self.seq = seq
+        self.legs.do_join = self.legs.do_join and by_message
+        return True
+
+    def mission_cleared(self) -> None:
+        """The mission was cleared: nothing of it is remembered."""
+        self.seq = 0
+        self._item = None
+        self._mission_complete = False
+
+    def mission_replaced(self, first: int | None) -> None:
+        """Another mission is stored as a whole: begin at item `first`, or go on with the same number."""
+        self._mission_complete = False
+        self.seq = first if first is not None else self.seq if self.seq < len(self.mission) else self._first
+        if self._mission_running:
+            self.legs.leave()
+            self._start_item(self.seq)
+
+    def guide_to(self, east_m: float, north_m: float, alt_m: float | None, radius_m: float = 0.0) -> bool:
+        """In GUIDED: go to a place and circle it. False in any other mode."""
+        if self.mode is not Mode.GUIDED:
+            return False
+        self._fly(self._circle(east_m, north_m, radius_m), self.alt_command_m if alt_m is None else alt_m)
+        return True
+
+    def heard_gcs(self, system_id: int, t_ns: int) -> None:
+        """Take a ground station's heartbeat."""
+        if system_id == int(self.parameters["SYSID_MYGCS"]):
+            self.failsafe.heard(t_ns)
+
+    @property
+    def is_landing(self) -> bool:
+        """True if the item that is flown is a landing."""
+        item = self._item
+        return self._mission_running and item is not None and item.command == mavlink.MAV_CMD_NAV_LAND
+
+    @property
+    def mission_state(self) -> MissionState:
+        """What MISSION_CURRENT says of the mission."""
+        if len(self.mission) <= self._first:
+            return MissionState.NO_MISSION
+        if self._mission_running:
+            return MissionState.ACTIVE
+        return MissionState.COMPLETE if self._mission_complete else MissionState.NOT_STARTED
+
+    # ------------------------------------------------------------ flying
+
+    def step(self, t_ns: int) -> None:
+        """Guide and move the airframe by one step of 10 ms; `t_ns` is its end."""
+        if t_ns >= self._check_ns:
+            self._check_ns = t_ns + _CHECK_NS
+            self._check(t_ns)
+        if not self.flying:
+            return
+        airframe = self.airframe
+        speed = self.forward_speed_m_s
+        if self.is_landing:
+            speed *= self._approach_fraction()
+            if self._landing and airframe.alt_rel_m <= self.home.alt_m + _TOUCHDOWN_M:
+                speed = 0.0
+                if airframe.speed_m_s == 0.0:
+                    self._landed()
+                    return
+        airframe.step(self._command, self.alt_command_m, speed)
+
+    def _check(self, t_ns: int) -> None:
+        """What is done at 10 Hz: failsafes, fence, mission, guidance."""
+        self.failsafe.check(t_ns)
+        if not self.flying:
+            if not (self.armed and self._is_launching()):
+                return
+            self.flying = True
+        self._check_fence()
+        if self._mission_running:
+            self._watch_item()
+        elif self.mode is Mode.TAKEOFF and isinstance(self.goal, Straight) and self._is_alt_reached():
+            self._circle_here()
+        parameters = self.parameters
+        tuning = Tuning(parameters["NAVL1_PERIOD"], parameters["NAVL1_DAMPING"])
+        self._command = self.airframe.command_for(self.goal, tuning)
+
+    def _is_launching(self) -> bool:
+        """True if an armed vehicle leaves the ground by itself: for a take-off alone."""
+        if self.mode is Mode.TAKEOFF:
+            return True
+        if self.mode is not Mode.AUTO or self._item is None:
+            return False
+        return bool(self._item.command == mavlink.MAV_CMD_NAV_TAKEOFF)
+
+    def _approach_fraction(self) -> float:
+        """Approach speed as a fraction of the cruising speed: ArduPlane's mean of cruise and minimum."""
+        return 0.5 + 0.5 * min(self.parameters["AIRSPEED_MIN"] / self.parameters["AIRSPEED_CRUISE"], 1.0)
+
+    def _is_alt_reached(self) -> bool:
+        return self.airframe.alt_rel_m >= self.alt_command_m - _ALT_REACHED_M
+
+    def _watch_item(self) -> None:
+        item, goal, airframe = self._item, self.goal, self.airframe
+        if item is None or self._landing:
+            return
+        if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            if self._is_alt_reached():
+                self.tell(mavlink.MAV_SEVERITY_INFO, f"Takeoff complete at {airframe.alt_rel_m:.2f}m")
+                airframe.is_climbing_out = False
+                self.legs.leave()
+                self._next_item()
+        elif isinstance(goal, ToPoint):
+            if item.command == mavlink.MAV_CMD_NAV_LAND:
+                glide_m = self.home.alt_m + _GLIDE_SLOPE * goal.distance_m(airframe)
+                self.alt_command_m = min(self.alt_command_m, glide_m)
+            if goal.is_reached(airframe):
+                self._waypoint_reached(item, goal)
+
+    def _waypoint_reached(self, item: Item, goal: ToPoint) -> None:
+        distance_m = goal.distance_m(self.airframe)
+        if item.command == mavlink.MAV_CMD_NAV_LAND:
+            self._landing = True
+            self._fly(Straight(self.airframe.heading_rad), self.home.alt_m)
+            return
+        word = "Reached" if distance_m <= goal.accept_radius_m else "Passed"
+        self.tell(mavlink.MAV_SEVERITY_INFO, f"{word} waypoint #{self.seq} dist {distance_m:.0f}m")
+        self._next_item()
+
+    def _landed(self) -> None:
+        self.airframe.rest()
+        self.flying = self._landing = False
+        self.notices.append(ItemReached(self.seq))
+        self._mission_running, self._mission_complete = False, True
+        self.disarm()
+
+    def _next_item(self) -> None:
+        self.notices.append(ItemReached(self.seq))
+        if self.seq + 1 < len(self.mission):
+            self._start_item(self.seq + 1)
+        else:
+            self._end_mission()
+
+    def _end_mission(self) -> None:
+        self._mission_complete = True
+        mode = self.personality.ends_in
+        self.tell(mavlink.MAV_SEVERITY_INFO, f"Mission complete, changing mode to {mode.name}")
+        self.set_mode(mode)
+
+    def _resume_mission(self) -> None:
+        if len(self.mission) <= self._first:
+            self._end_mission()
+            return
+        first = self._mission_complete or not self._first <= self.seq < len(self.mission)
+        self._mission_running, self._mission_complete = True, False
+        self._start_item(self._first if first else self.seq)
+
+    def _start_item(self, seq: int) -> None:
+        item = self.mission[seq]
+        self.seq, self._item, self._landing = seq, item, False
+        airframe = self.airframe
+        east_m, north_m = self._place(item)
+        alt_m = self._alt_m(item)
+        self.tell(mavlink.MAV_SEVERITY_INFO, f"Mission: {seq} {ITEM_NAMES[item.command]}")
+        if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
+            leg = self.legs.begin(east_m, north_m, 0.0)
+            self._fly(self._circle(east_m, north_m, item.param3, leg), alt_m)
+        elif item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            airframe.is_climbing_out = True
+            self._fly(self._climb_goal(item), alt_m)
+        elif item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            self.set_mode(Mode.RTL)
+        else:
+            # A landing glides down from wherever it is.
+            is_landing = item.command == mavlink.MAV_CMD_NAV_LAND
+            radius_m = 0.0 if is_landing else item.param2
+            leg = self.legs.begin(east_m, north_m, radius_m or self.parameters["WP_RADIUS"])
+            self._fly(leg, airframe.alt_rel_m if is_landing else alt_m)
+
+    def _climb_goal(self, _item: Item) -> Goal:
+        """Where a take-off goes: along the runway, whatever place it names."""
+        return Straight(self.airframe.heading_rad)
+
+    def _place(self, item: Item) -> tuple[float, float]:
+        if item.x == 0 and item.y == 0:  # ArduPilot takes this as "here"
+            return self.airframe.east_m, self.airframe.north_m
+        return self.geodesy.to_local(item.x * 1e-7, item.y * 1e-7)
+
+    def _alt_m(self, item: Item) -> float:
+        if item.frame in (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT):
+            return item.z - self.geodesy.frame.alt_msl_m
+        return self.home.alt_m + item.z
+
+    def mission_home(self) -> Item:
+        """Home as item 0 of the mission: latitude, longitude, altitude above sea level."""
+        lat_deg, lon_deg = self.geodesy.to_geodetic(self.home.east_m, self.home.north_m)
+        alt_msl_m = round(self.geodesy.frame.alt_msl_m + self.home.alt_m, 2)
+        return Item(
+            mavlink.MAV_CMD_NAV_WAYPOINT,
+            mavlink.MAV_FRAME_GLOBAL,
+            x=round(lat_deg * 1e7),
+            y=round(lon_deg * 1e7),
+            z=alt_msl_m,
+        )
+
+    def _return(self) -> None:
+        altitude_m = self.parameters["RTL_ALTITUDE"]
+        radius_m = self.parameters["RTL_RADIUS"]
+        rally = self.fence.returns_to((self.airframe.east_m, self.airframe.north_m))
+        if rally is not None:
+            self._fly(self._circle(rally[0], rally[1], radius_m), self.home.alt_m + rally[2])
+            return
+        self._fly(
+            self._circle(self.home.east_m, self.home.north_m, radius_m),
+            self.airframe.alt_rel_m if altitude_m < 0.0 else self.home.alt_m + altitude_m,
+        )
+
+    def _circle_here(self) -> None:
+        airframe = self.airframe
+        airframe.is_climbing_out = False
+        self._fly(self._circle(airframe.east_m, airframe.north_m), airframe.alt_rel_m)
+
+    def _circle(
+        self, east_m: float, north_m: float, radius_m: float = 0.0, leg: ToPoint | None = None
+    ) -> Circle:
+        """Return a circle; ArduPlane widens its radius as the air grows thin."""
+        radius_m = radius_m or self.parameters["WP_LOITER_RAD"]
+        if self._widens_circles:
+            radius_m /= density_ratio(self.geodesy.frame.alt_msl_m + self.airframe.alt_rel_m)
+        return Circle(east_m, north_m, radius_m, leg)
+
+    def _fly(self, goal: Goal, alt_m: float) -> None:
+        self.goal, self.alt_command_m = goal, alt_m
+
+    def _check_fence(self) -> None:
+        airframe, home = self.airframe, self.home
+        place, home_m = (airframe.east_m, airframe.north_m), (home.east_m, home.north_m)
+        fence = self.fence
+        text, reaction = fence.check(place, home_m, airframe.alt_rel_m - home.alt_m), fence.reaction
+        if text:
+            self.tell(mavlink.MAV_SEVERITY_WARNING, text)
+            if fence.is_breached and reaction is not None:
+                self.set_mode(reaction)
+
+    def tell(self, severity: int, text: str) -> None:
+        """Say something to the ground."""
+        self.notices.append(StatusText(severity, text))

@@ -1,0 +1,331 @@
+"""The process around one real firmware: starts it, flies it to its start, and carries its bytes.
+
+``python -m sim_vehicles.autopilots.firmware_process --firmware arduplane --binary PATH --instance 0 --folder DIR
+--frame-json ... --spec-json ... --gcs 127.0.0.1:14550 --truth 127.0.0.1:PORT`` starts the firmware in `DIR`,
+brings the vehicle into LOITER above its start, prints ``ready``, reads the clock as one JSON line, and then
+stands between the firmware and the ground station as `sim_vehicles.process` stands for a simulated vehicle:
+one UDP socket towards the ground station, the true state towards the simulated world ten times a second of
+run time, and an end when standard input closes. A vehicle that dies by the scenario has its firmware killed.
+
+Run time is wall time scaled; the firmware keeps up with it as the machine allows. When it falls behind by
+more than a tenth, a line on standard error says so: figures of such a run are not to be trusted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ctypes
+import json
+import os
+import select
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.errors import SimulationError
+from gcs.geo import LocalFrame
+from gcs.io.clock import RunClock
+from gcs.model import NS_PER_S
+from sim_vehicles.autopilots.firmware import (
+    FIRMWARES,
+    Launch,
+    Ports,
+    Stage,
+    arduplane_command,
+    px4_command,
+    true_place,
+    truth_messages,
+)
+from sim_vehicles.error_output import tell
+from sim_vehicles.process import GROUND_HEARTBEAT, Address, add_vehicle_arguments, clock_of
+from sim_vehicles.vehicle.frames import FrameReader, Outbox
+from sim_vehicles.vehicle.vehicle import VehicleSpec
+from sim_vehicles.world.ground import GroundContact
+
+_LAUNCH_WITHIN_S = 150.0
+"""Wall time; some 20 s on an idle machine."""
+_NAP_S = 0.05
+_PR_SET_PDEATHSIG = 1
+_LAUNCH_SYSTEM_ID = 250
+"""Of the commands that bring the vehicle into the air: no failsafe waits for a heartbeat of this one."""
+_LAG_PART = 0.1
+_LAG_CHECK_NS = 20 * NS_PER_S
+
+
+def _die_with_parent() -> None:
+    """Have the kernel kill the firmware when its host is killed (Linux)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+class _Port:
+    """A UDP socket towards the firmware, which speaks first and is answered where it spoke from."""
+
+    def __init__(self, port: int = 0, peer: Address | None = None) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", port))
+        self.socket.setblocking(False)
+        self.port: int = self.socket.getsockname()[1]
+        self.peer = peer
+
+    def take(self) -> list[bytes]:
+        """Every datagram that waits."""
+        datagrams: list[bytes] = []
+        while True:
+            try:
+                data, self.peer = self.socket.recvfrom(4096)
+            except (BlockingIOError, ConnectionError):
+                return datagrams
+            datagrams.append(data)
+
+    def send(self, data: bytes) -> None:
+        """Send to the firmware; lost when nobody is there."""
+        if self.peer is not None:
+            with contextlib.suppress(OSError):
+                self.socket.sendto(data, self.peer)
+
+
+class FirmwareHost:
+    """One firmware, its two ports, and the sockets towards the ground station and the world."""
+
+    def __init__(self, arguments: argparse.Namespace, spec: VehicleSpec) -> None:
+        self.spec = spec
+        self.frame = LocalFrame(**json.loads(arguments.frame_json))
+        self.launch = Launch(spec, self.frame)
+        folder: Path = arguments.folder
+        folder.mkdir(parents=True, exist_ok=True)
+        environment: dict[str, str] = {}
+        if arguments.firmware == "px4":
+            at = arguments.instance
+            self._ground = self._truth_port = _Port(14540 + at, ("127.0.0.1", 14580 + at))
+            command, environment = px4_command(arguments.binary, spec, self.frame, at, arguments.speed)
+        else:
+            self._ground, self._truth_port = _Port(), _Port()
+            ports = Ports(self._ground.port, self._truth_port.port)
+            command = arduplane_command(arguments.binary, spec, self.frame, ports, arguments.instance, folder)
+        self._log = (folder / "firmware.log").open("wb")
+        self.process = subprocess.Popen(  # noqa: S603  the program that the user named, no shell
+            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT,
+            env={**os.environ, **environment}, start_new_session=True, preexec_fn=_die_with_parent,
+        )  # fmt: skip
+        self.log_path = folder / "firmware.log"
+        self._reader = FrameReader()
+        self._commands = Outbox(_LAUNCH_SYSTEM_ID)
+        self._truths = Outbox(spec.system_id)
+        self._towards_gcs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._towards_gcs.setblocking(False)
+        self._gcs, self._world, self._loss = arguments.gcs, arguments.truth, arguments.loss
+        self._rng = np.random.default_rng([spec.seed, spec.system_id])
+        self._death_rng = np.random.default_rng([spec.seed, zlib.crc32(b"death"), spec.system_id])
+        self._ground_contact = GroundContact()
+        self._death_check_ns = self._start_ns = 0
+        self._deaths_from_ns: int | None = None
+        self._lag_from: tuple[int, int] | None = None
+
+    # ------------------------------------------------------------ before the clock starts
+
+    def bring_up(self) -> bool:
+        """Start and launch the vehicle; False when standard input closed before it was in the air.
+
+        Raises
+        ------
+        SimulationError
+            The firmware ended, or the vehicle was not in LOITER above its start in time.
+        """
+        deadline = time.monotonic() + _LAUNCH_WITHIN_S
+        while self.launch.stage is not Stage.DONE:
+            if self.process.poll() is not None:
+                raise SimulationError(
+                    f"the firmware ended with code {self.process.returncode}: see {self.log_path}"
+                )
+            if time.monotonic() > deadline:
+                raise SimulationError(
+                    f"not in the air after {_LAUNCH_WITHIN_S:.0f} s ({self.launch.stage.name}): "
+                    f"{self.launch.said or 'the firmware said nothing'}; see {self.log_path}"
+                )
+            if select.select([sys.stdin], [], [], 0.02)[0]:
+                return False
+            datagrams = self._truth_port.take()
+            if self._truth_port is not self._ground:
+                self._ground.take()  # nobody listens yet
+            for data in datagrams:
+                for message in self._reader.messages(data):
+                    self.launch.receive(message)
+            for command in self.launch.poll(time.monotonic_ns()):
+                self._commands.send(command)
+            for data in self._commands.take():
+                self._truth_port.send(data)
+        return True
+
+    def set_speed(self, speed: float) -> None:
+        """Let ArduPlane's simulation run at the run's speed; PX4's has run at it from the start."""
+        name = b"SIM_SPEEDUP"
+        parameter = mavlink.MAVLink_param_set_message(
+            self.spec.system_id, 1, name, speed, mavlink.MAV_PARAM_TYPE_REAL32
+        )
+        for _ in range(3):
+            self._truth_port.send(self._commands.encode(parameter))
+
+    def begin(self, t_ns: int) -> None:
+        """Count time from here, and deaths unless they wait for a ground station."""
+        self._start_ns = t_ns
+        if not self.spec.waits_for_ground:
+            self._count_deaths_from(t_ns)
+
+    def _count_deaths_from(self, t_ns: int) -> None:
+        self._deaths_from_ns = t_ns
+        self._death_check_ns = t_ns + int(self.spec.death_check_period_s * NS_PER_S)
+
+    # ------------------------------------------------------------ while the mission is flown
+
+    @property
+    def sockets(self) -> list[socket.socket]:
+        """What may have something to read."""
+        ports = {self._ground.socket, self._truth_port.socket, self._towards_gcs}
+        return sorted(ports, key=lambda one: one.fileno())
+
+    def work(self, t_ns: int) -> None:
+        """Carry what waits, both ways, and let the vehicle die when it is time."""
+        if self.process.poll() is not None:
+            return
+        if self._dies(t_ns):
+            self.stop()
+            self._tell_world(t_ns, None)  # a time without a state: it has died
+            return
+        for data in self._ground.take():
+            if not self._is_lost():
+                with contextlib.suppress(OSError):  # nobody there, or the buffer full
+                    self._towards_gcs.sendto(data, self._gcs)
+            if self._truth_port is self._ground:
+                self._take_truth(data, t_ns)
+        if self._truth_port is not self._ground:
+            for data in self._truth_port.take():
+                self._take_truth(data, t_ns)
+        while True:
+            try:
+                data, sender = self._towards_gcs.recvfrom(4096)
+            except BlockingIOError:
+                break
+            except ConnectionError:
+                continue
+            if sender == self._gcs and not self._is_lost():
+                if self._ground_contact.hear(t_ns) and self.spec.waits_for_ground:
+                    self._count_deaths_from(t_ns)
+                self._ground.send(data)
+
+    def _dies(self, t_ns: int) -> bool:
+        spec, from_ns = self.spec, self._deaths_from_ns
+        if from_ns is None:
+            return False
+        if spec.dies_at_s is not None and t_ns - from_ns >= spec.dies_at_s * NS_PER_S:
+            return True
+        while spec.survival_probability < 1.0 and self._death_check_ns <= t_ns:
+            self._death_check_ns += int(spec.death_check_period_s * NS_PER_S)
+            if self._death_rng.random() > spec.survival_probability:
+                return True
+        return False
+
+    def _take_truth(self, data: bytes, t_ns: int) -> None:
+        for message in self._reader.messages(data):
+            place = true_place(message)
+            if place is not None:
+                self._tell_world(t_ns, place)
+            elif message.get_type() == "SYSTEM_TIME":
+                self._watch_lag(message.time_boot_ms, t_ns)
+
+    def _tell_world(self, t_ns: int, place: tuple[float, float] | None) -> None:
+        for message in truth_messages(t_ns, place):
+            self._truths.send(message)
+        if place is not None and self._ground_contact.began_t_ns is not None:
+            self._truths.send(GROUND_HEARTBEAT)
+        for data in self._truths.take():
+            with contextlib.suppress(OSError):
+                self._towards_gcs.sendto(data, self._world)
+
+    def _watch_lag(self, boot_ms: int, t_ns: int) -> None:
+        if self._lag_from is None:
+            self._lag_from = boot_ms, t_ns
+            return
+        passed_ns = t_ns - self._lag_from[1]
+        if passed_ns < _LAG_CHECK_NS:
+            return
+        flown_ns = (boot_ms - self._lag_from[0]) * 1_000_000
+        self._lag_from = boot_ms, t_ns
+        if flown_ns < (1.0 - _LAG_PART) * passed_ns:
+            tell(
+                f"vehicle {self.spec.system_id}: the firmware runs at {flown_ns / passed_ns:.2f} of the "
+                "run's speed; lower --speed"
+            )
+
+    def _is_lost(self) -> bool:
+        return bool(self._loss > 0.0 and self._rng.random() < self._loss)
+
+    def stop(self) -> None:
+        """End the firmware and everything that it started."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        self._log.close()
+
+
+def fly(host: FirmwareHost, clock: RunClock) -> None:
+    """Carry bytes until standard input closes."""
+    with selectors.DefaultSelector() as selector:
+        selector.register(sys.stdin, selectors.EVENT_READ, "stdin")
+        for one in host.sockets:
+            selector.register(one, selectors.EVENT_READ)
+        while True:
+            for key, _ in selector.select(_NAP_S):
+                if key.data == "stdin" and not os.read(sys.stdin.fileno(), 1024):
+                    return
+            host.work(clock.now_ns())
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run until standard input closes or a signal comes."""
+    parser = argparse.ArgumentParser(
+        prog="python -m sim_vehicles.autopilots.firmware_process", description=__doc__
+    )
+    add_vehicle_arguments(parser)
+    parser.add_argument("--firmware", choices=FIRMWARES, required=True)
+    parser.add_argument("--binary", type=Path, required=True, help="the firmware's program")
+    parser.add_argument("--instance", type=int, required=True, help="its number: ports follow from it")
+    parser.add_argument("--speed", type=float, required=True, help="run time for each second of wall time")
+    parser.add_argument("--folder", type=Path, required=True, help="where it runs and keeps its files")
+    arguments = parser.parse_args(argv)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: sys.exit(0))
+    (spec,) = arguments.spec_json
+    host = FirmwareHost(arguments, spec)
+    try:
+        try:
+            if not host.bring_up():
+                return 0
+        except SimulationError as error:
+            sys.stderr.write(f"vehicle {spec.system_id}: {error}\n")
+            return 1
+        sys.stdout.write("ready\n")
+        sys.stdout.flush()
+        line = sys.stdin.buffer.readline()
+        if not line.strip():
+            return 0
+        clock = clock_of(line)
+        host.set_speed(clock.speed)
+        host.begin(clock.start_t_ns)
+        fly(host, clock)
+    finally:
+        host.stop()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Whole missions on virtual time: one, many, and their evaluation."""

@@ -1,0 +1,235 @@
+"""Campaigns: many missions on virtual time, over seeds, settings and planners, in many processes.
+
+A campaign is a list of jobs; a job is all that one mission needs, as plain data, and gives one row. Rows are
+appended to ``runs.jsonl`` in the campaign's folder as they come: a campaign that was interrupted goes on
+where it was, and one with more seeds or values adds to what is there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Literal, cast
+
+import msgspec
+from rich.console import Console
+
+from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
+from gcs.config import read_text
+from gcs.core.perception.fusion import Trackers
+from gcs.errors import RecordingError
+from gcs.io.recording.writer import versions
+from gcs.model import Effect, Truth
+from gcs.report.campaign.results import Row
+from gcs.report.paper.losses import DeathWatch
+from gcs.report.run.evaluation import judge_of
+from gcs.settings import with_settings
+from sim_vehicles.campaign.ground_truth_trackers import TrueTrackers
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import parse_scenario
+
+ROWS_NAME = "runs.jsonl"
+Planner = Literal["own", "truth"]
+"""Whose picture plans: the trackers' own, or the truth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One mission to fly."""
+
+    text: str
+    """The mission file, settings laid over it."""
+    scenario: str
+    value: str
+    """Of the key that is swept; empty without a sweep."""
+    seed: int
+    planner: Planner
+    loss: float
+
+    @property
+    def digest(self) -> str:
+        """Of everything that the outcome depends on, but for the versions of software."""
+        return hashlib.sha256(f"{self.text}\0{self.seed}\0{self.planner}\0{self.loss}".encode()).hexdigest()[
+            :16
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What to fly: every scenario, value, seed and planner with every other."""
+
+    scenarios: tuple[str, ...]
+    runs: int
+    seed: int = 1
+    settings: tuple[str, ...] = ()
+    sweep_key: str = ""
+    sweep_values: tuple[str, ...] = ("",)
+    loss: float = 0.0
+    planners: tuple[Planner, ...] = ("own", "truth")
+
+    def jobs(self) -> list[Job]:
+        """All jobs, seed by seed, so that early results cover everything.
+
+        Raises
+        ------
+        ConfigError
+            When a scenario, a setting or a value is wrong: before anything is flown.
+        """
+        texts = []
+        for scenario in self.scenarios:
+            text, source = read_text(scenario)
+            for value in self.sweep_values:
+                swept = (f"{self.sweep_key}={value}",) if self.sweep_key else ()
+                changed = with_settings(text, [*self.settings, *swept], source)
+                name = parse_scenario(changed, source).config.name
+                texts.append((changed, name, value))
+        return [
+            Job(text, name, value, seed, planner, self.loss)
+            for seed in range(self.seed, self.seed + self.runs)
+            for text, name, value in texts
+            for planner in self.planners
+        ]
+
+
+def warm_up() -> None:
+    """Load the compiled kernels, in a process that shows nothing."""
+    load_kernels(Console(quiet=True), TRACKING, PLANNING, LINKS)
+
+
+def fly(job: Job) -> Row:
+    """Fly one mission and judge it. Runs in any process that has this project installed."""
+    scenario = parse_scenario(job.text, job.scenario)
+    config = scenario.config
+    judge = judge_of(config)
+    deaths, truths = DeathWatch(), TrueTrackers(config)
+    run = VirtualRun(scenario, job.seed, loss=job.loss)
+
+    def on_effect(_t_ns: int, effect: Effect) -> None:
+        judge.effect(effect)
+        deaths.effect(effect)
+
+    def on_truth(truth: Truth) -> None:
+        truths.truth = truth
+        judge.truth(truth)
+        deaths.truth(truth)
+
+    run.on_effect, run.on_truth = on_effect, on_truth
+    if job.planner == "truth":
+        run.command.trackers = cast("Trackers", truths)
+    duration_s = run.run()
+    summary = judge.summary(
+        scenario=config.name,
+        seed=job.seed,
+        duration_s=duration_s,
+        scan_ms_p99=0.0,
+        plan_ms_p99=0.0,
+        recording="",
+    )
+    return Row.of(job.value, job.planner, job.digest, summary, deaths)
+
+
+class Store:
+    """The rows of a campaign, in its folder.
+
+    Raises
+    ------
+    RecordingError
+        When the folder holds a campaign that was flown with other software, or cannot be written to.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / ROWS_NAME
+        self.rows: dict[str, Row] = {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._check_versions(folder)
+            self._read()
+            self._file: IO[bytes] = self._path.open("ab")
+        except OSError as error:
+            raise RecordingError(str(folder), f"cannot be written to: {error}") from None
+
+    def add(self, row: Row) -> None:
+        """Append a row; it survives whatever happens to this process afterwards."""
+        self.rows[row.digest] = row
+        self._file.write(msgspec.json.encode(row) + b"\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        """Write everything through to the disk."""
+        os.fsync(self._file.fileno())
+        self._file.close()
+
+    def _check_versions(self, folder: Path) -> None:
+        path, now = folder / "versions.json", versions()
+        with suppress(FileNotFoundError, json.JSONDecodeError):
+            then = json.loads(path.read_text(encoding="utf-8"))
+            changed = [
+                f"{name} {then.get(name)} -> {now.get(name)}" for name in now if then.get(name) != now[name]
+            ]
+            if changed and self._path.exists():
+                raise RecordingError(
+                    str(folder),
+                    f"was flown with other software ({', '.join(changed)}): choose another folder",
+                )
+        path.write_text(json.dumps(now, indent=1) + "\n", encoding="utf-8")
+
+    def _read(self) -> None:
+        """Read the rows that are there; a last line that was cut off is flown again."""
+        if not self._path.exists():
+            return
+        whole = 0
+        with self._path.open("rb") as file:
+            for line in file:
+                try:
+                    row = msgspec.json.decode(line, type=Row) if line.endswith(b"\n") else None
+                except msgspec.DecodeError:
+                    row = None
+                if row is None:
+                    break
+                self.rows[row.digest] = row
+                whole += len(line)
+        os.truncate(self._path, whole)
+
+
+def fly_all(jobs: Sequence[Job], workers: int) -> Iterator[Row]:
+    """Fly jobs in `workers` processes; yield rows as they come. With one worker, in this process."""
+    if workers == 1:
+        warm_up()
+        yield from map(fly, jobs)
+        return
+    with ProcessPoolExecutor(workers, initializer=warm_up) as pool:
+        futures = [pool.submit(fly, job) for job in jobs]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def fly_on_dask(jobs: Sequence[Job], address: str, timeout_s: float = 10.0) -> Iterator[Row]:
+    """Fly jobs on a Dask cluster whose workers have this project installed; yield rows as they come.
+
+    Raises
+    ------
+    RecordingError
+        When dask.distributed is not installed, or nobody answers at the address.
+    """
+    try:
+        from distributed import Client
+        from distributed import as_completed as completed
+    except ImportError:
+        raise RecordingError(address, "needs Dask: pip install 'swarm-gcs[campaign]'") from None
+    try:
+        client = Client(address, timeout=timeout_s)
+    except (OSError, ValueError) as error:
+        raise RecordingError(address, f"no Dask scheduler answers there: {error}") from None
+    with client:
+        futures = client.map(fly, jobs, pure=False)
+        for _, row in completed(futures, with_results=True):
+            yield row

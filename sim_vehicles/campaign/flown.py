@@ -1,0 +1,167 @@
+"""What was flown: how near vehicles of a virtual mission came to obstacles, and when that was.
+
+The last metres to a target are the target's: it may pass beside an obstacle, or over one. So a track is
+looked at until its vehicle is within twice the capture radius of the end of its route, or has arrived; how
+near vehicles come to obstacles there, circling among it, is a figure of its own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from gcs.model import NS_PER_S, Effect, Event, Fate, FloatArray, Plan, Tick
+from gcs.planning.map.grid import Grid
+from sim_vehicles.campaign.virtual_run import START_T_NS, STEP_NS, VirtualRun
+from sim_vehicles.world.scenario import DeathTable, Scenario, WindTable
+
+_EVERY = 4
+"""Ticks between two looks: 0.2 s, 3 m."""
+_MORE_S, _LATEST_S = 10.0, 1200.0
+"""A mission ends when targets are reached; vehicles that go home then fly on so long."""
+
+
+@dataclass(frozen=True, slots=True)
+class Nearest:
+    """Where a vehicle came nearest to an obstacle."""
+
+    room_m: float
+    """From the nearest blocked cell; 0 inside one."""
+    vehicle: int
+    t_s: float
+    """From the mission's start."""
+    tasked_s: float
+    """Since the vehicle's route was last changed."""
+    routes: int
+    """How many it had had by then."""
+    east_m: float
+    north_m: float
+    at_end_m: float = math.inf
+    """The same within twice the capture radius of the end of a route, and after arrival."""
+
+
+@dataclass(frozen=True, slots=True)
+class Homeward:
+    """How a vehicle came home from its target."""
+
+    room_m: float
+    """Least distance from blocked cells, from its arrival at the target to its landing; 0 inside one."""
+    home_m: float
+    """Distance from home where it landed, or was last."""
+
+
+def in_wind(scenario: Scenario, wind: WindTable, planned_m_s: float) -> Scenario:
+    """Return a scenario in a wind, for which its routes allow by `[airframe] wind_m_s`."""
+    airframe = msgspec.structs.replace(scenario.config.airframe, wind_m_s=planned_m_s)
+    return dataclasses.replace(
+        scenario,
+        config=msgspec.structs.replace(scenario.config, airframe=airframe),
+        simulation=msgspec.structs.replace(scenario.simulation, wind=wind),
+    )
+
+
+def nearest(scenario: Scenario, seed: int) -> Nearest:
+    """Fly a whole mission; return where any vehicle came nearest to any blocked cell on its way."""
+    near_m = 2.0 * scenario.config.planning.capture_radius_m
+    ends: dict[int, FloatArray] = {}
+    tasked: dict[int, tuple[int, int]] = {}
+    done: set[int] = set()
+    best, at_end_m = Nearest(math.inf, 0, 0.0, 0.0, 0, 0.0, 0.0), math.inf
+    ticks = 0
+
+    def on_effect(t_ns: int, effect: Effect) -> None:
+        if isinstance(effect, Plan):
+            ends.update({route.vehicle: route.points_m[-1] for route in effect.routes})
+            tasked.update({v: (t_ns, tasked.get(v, (0, 0))[1] + 1) for v in effect.changed})
+        elif isinstance(effect, Fate) and effect.fate != "flying":
+            done.add(effect.vehicle)
+
+    def on_event(event: Event) -> None:
+        nonlocal best, at_end_m, ticks
+        if not isinstance(event, Tick):
+            return
+        ticks += 1
+        if ticks % _EVERY:
+            return
+        for vehicle in run.vehicles.values():
+            number, place = vehicle.system_id, (vehicle.east_m, vehicle.north_m)
+            if number not in ends or not vehicle.alive:
+                continue
+            room_m = distance_to_obstacle_m(run.command.grid, cells, place)
+            if number in done or math.dist(place, ends[number]) <= near_m:
+                at_end_m = min(at_end_m, room_m)
+                continue
+            if room_m < best.room_m:
+                t_ns, count = tasked[number]
+                best = Nearest(
+                    room_m,
+                    number,
+                    (event.t_ns - START_T_NS) / NS_PER_S,
+                    (event.t_ns - t_ns) / NS_PER_S,
+                    count,
+                    *place,
+                )
+
+    run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
+    cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
+    run.run()
+    return dataclasses.replace(best, at_end_m=at_end_m)
+
+
+def landing(scenario: Scenario) -> Scenario:
+    """Return a scenario whose vehicles land at home after their targets, and die of nothing else."""
+    mission = msgspec.structs.replace(scenario.config.mission, end="land")
+    return dataclasses.replace(
+        scenario,
+        config=msgspec.structs.replace(scenario.config, mission=mission),
+        simulation=msgspec.structs.replace(scenario.simulation, death=DeathTable()),
+    )
+
+
+def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict[int, Homeward]:
+    """Fly a whole mission that ends at home; return how each vehicle that reached its target came home.
+
+    With `straight` ways home are planned as if there were no obstacles.
+    """
+    arrived: dict[int, Homeward] = {}
+
+    def on_effect(_t_ns: int, effect: Effect) -> None:
+        if isinstance(effect, Fate) and effect.fate == "arrived":
+            arrived.setdefault(effect.vehicle, Homeward(math.inf, math.inf))
+
+    def on_event(event: Event) -> None:
+        if not isinstance(event, Tick) or (event.t_ns - START_T_NS) // STEP_NS % _EVERY:
+            return
+        for vehicle in run.vehicles.values():
+            if vehicle.system_id in arrived and vehicle.autopilot.flying:
+                home, place = vehicle.autopilot.home, (vehicle.east_m, vehicle.north_m)
+                arrived[vehicle.system_id] = Homeward(
+                    min(
+                        arrived[vehicle.system_id].room_m,
+                        distance_to_obstacle_m(run.command.grid, cells, place),
+                    ),
+                    math.dist(place, (home.east_m, home.north_m)),
+                )
+
+    run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
+    cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
+    if straight:
+        run.command.homing.grid = Grid(
+            run.command.grid.origin_m, run.command.grid.spacing_m, np.zeros_like(run.command.grid.blocked)
+        )
+    flown_s = run.run()
+    while any(run.vehicles[peer].autopilot.flying for peer in run.vehicles) and flown_s < _LATEST_S:
+        run.ended = False
+        flown_s = run.run(flown_s + _MORE_S)
+    return arrived
+
+
+def distance_to_obstacle_m(grid: Grid, cells: FloatArray, place: tuple[float, float]) -> float:
+    """Return the distance of a place from the nearest of the blocked `cells` (column, row); 0 inside one."""
+    at = (np.array(place) - grid.origin_m) / grid.spacing_m
+    gaps = np.maximum(np.abs(at - cells) - 0.5, 0.0)
+    return float(np.hypot(gaps[:, 0], gaps[:, 1]).min(initial=math.inf)) * grid.spacing_m

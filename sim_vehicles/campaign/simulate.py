@@ -1,0 +1,136 @@
+"""`gcs simulate`: whole missions on virtual time, judged; one line a seed, one summary."""
+
+from __future__ import annotations
+
+import json
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from gcs.cli.warm_up_progress import LINKS, PLANNING, RECORDING, TRACKING, load_kernels
+from gcs.io.console import console_for
+from gcs.io.recording.writer import Recorder, Room, Run, versions
+from gcs.model import Effect, Event, Truth
+from gcs.report.run.evaluation import Summary, judge_of, summary_json
+from gcs.report.run.summary import print_summary
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import Scenario
+
+
+def simulate(
+    scenario: Scenario,
+    seed: int,
+    runs: int,
+    as_json: bool,
+    out: Path | None,
+    loss: float,
+    duration_s: float | None,
+) -> bool:
+    """Fly `runs` missions with seeds from `seed` upwards; return whether every one was complete."""
+    console = console_for(stderr=as_json)
+    load_kernels(console, TRACKING, PLANNING, LINKS, *([] if out is None else [RECORDING]))
+    started = time.perf_counter()
+    summaries = []
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=runs == 1) as progress:
+        task = progress.add_task(scenario.config.name, total=runs)
+        for one_seed in range(seed, seed + runs):
+            folder = (
+                None if out is None else (out if runs == 1 else out / f"{scenario.config.name}-{one_seed}")
+            )
+            summaries.append(fly(scenario, one_seed, folder, loss, duration_s))
+            progress.advance(task)
+    wall_s = time.perf_counter() - started
+    complete = sum(summary.outcome == "complete" for summary in summaries)
+    ratio = sum(summary.duration_s for summary in summaries) / wall_s
+    if runs == 1:
+        print_summary(summaries[0], console)
+    else:
+        console.print(seeds_table(summaries))
+    console.print(f"{complete} of {runs} complete; {ratio:.0f} times real time", highlight=False)
+    if as_json:
+        one = summary_json(summaries[0])
+        many = {
+            "scenario": scenario.config.name,
+            "runs": [json.loads(summary_json(s)) for s in summaries],
+            "complete": complete,
+        }
+        print(one if runs == 1 else json.dumps(many), flush=True)  # noqa: T201  the promised last line
+    return complete == runs
+
+
+def fly(
+    scenario: Scenario,
+    seed: int,
+    folder: Path | None = None,
+    loss: float = 0.0,
+    duration_s: float | None = None,
+) -> Summary:
+    """Fly one mission, recorded in `folder` if there is one, and judge it."""
+    config = scenario.config
+    judge = judge_of(config)
+    room = Room(int(config.recording.rotate_mb * 1e6))
+    with (
+        nullcontext()
+        if folder is None
+        else Recorder(folder, scenario.text, versions(), Run(config.name, seed), room) as recorder
+    ):
+
+        def on_event(event: Event) -> None:
+            if recorder is not None:
+                recorder.event(event)
+
+        def on_effect(t_ns: int, effect: Effect) -> None:
+            judge.effect(effect)
+            if recorder is not None:
+                recorder.effect(t_ns, effect)
+
+        def on_truth(truth: Truth) -> None:
+            judge.truth(truth)
+            if recorder is not None:
+                recorder.truth(truth)
+
+        run = VirtualRun(scenario, seed, on_event, on_effect, on_truth, loss)
+        flown_s = run.run(duration_s)
+    timings = run.timings
+    return judge.summary(
+        scenario=config.name,
+        seed=seed,
+        duration_s=flown_s,
+        scan_ms_p99=float(np.percentile(timings.scan_ms, 99)) if timings.scan_ms else 0.0,
+        plan_ms_p99=float(np.percentile(timings.plan_ms, 99)) if timings.plan_ms else 0.0,
+        recording="" if folder is None else str(folder),
+    )
+
+
+def seeds_table(summaries: list[Summary]) -> Table:
+    """A row for each seed, on 80 columns; below them why missions did not end as they should."""
+    reasons = [f"seed {s.seed}: {s.reason}" for s in summaries if s.outcome != "complete"]
+    table = Table(
+        title=f"{summaries[0].scenario}: {len(summaries)} seeds",
+        caption="\n".join(reasons),
+        title_justify="left",
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=0,
+        show_edge=False,
+    )
+    table.add_column("seed", justify="right")
+    table.add_column("outcome", justify="left", no_wrap=True)
+    for name in ("time\ns", "arrived", "lost", "targets", "re-tasks", "uploads"):
+        table.add_column(name, justify="right")
+    for kind in ("agents", "targets"):
+        table.add_column(f"OSPA m\n{kind}", justify="right")
+    for s in summaries:
+        fates = [agent.fate for agent in s.agents]
+        table.add_row(
+            str(s.seed), s.outcome, f"{s.duration_s:.1f}", str(fates.count("arrived")),
+            str(fates.count("dead")), f"{s.targets_reached}/{s.targets_total}", str(s.retasks),
+            str(s.uploads), f"{s.ospa_agents_mean_m:.2f}", f"{s.ospa_targets_mean_m:.2f}",
+        )  # fmt: skip
+    return table

@@ -1,0 +1,1 @@
+"""One simulated vehicle: airframe, guidance, failsafes and its side of the link."""

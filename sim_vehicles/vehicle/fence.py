@@ -1,0 +1,115 @@
+"""The vehicle's fence and rally points in the air: where it may be, and where it returns to.
+
+As ArduPlane with FENCE_ACTION 1: a breach of an enabled fence changes the mode to RTL, once, and is told. Of
+the kinds of fence (FENCE_TYPE) there are the greatest height (bit 0), the circle round home (bit 1) and the
+uploaded areas (bit 2). PX4 has no switch: it watches GF_MAX_VER_DIST, GF_MAX_HOR_DIST and uploaded areas, and
+a breach does what GF_ACTION says (2 Hold, 3 return). RTL goes to the nearest rally point within
+RALLY_LIMIT_KM; home counts as one of them only when there is no other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs.fence import Area
+from gcs.mavlink.mission.geofence_rally import fence_held
+from gcs.mavlink.mission.items import Item as MissionItem
+from sim_vehicles.autopilots.missions import FENCE, RALLY, Item, MissionStore
+from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.vehicle.geodesy import Geodesy
+from sim_vehicles.vehicle.parameters import Parameters
+
+_PX4_REACTIONS = {2: Mode.LOITER, 3: Mode.RTL}
+_RTL = 1
+_HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
+
+
+class FenceGuard:
+    """What the autopilot knows of its fence and its rally points."""
+
+    def __init__(self, parameters: Parameters, geodesy: Geodesy, px4: bool = False) -> None:
+        self._px4 = px4
+        self.stores = {FENCE: MissionStore(FENCE), RALLY: MissionStore(RALLY)}
+        self._parameters, self._geodesy = parameters, geodesy
+        self._items: tuple[Item, ...] = ()
+        self._areas: tuple[Area, ...] = ()
+        self._breached = ""
+
+    @property
+    def is_enabled(self) -> bool:
+        """True if the fence is watched."""
+        return self._px4 or bool(self._parameters["FENCE_ENABLE"])
+
+    @property
+    def is_breached(self) -> bool:
+        """True if the vehicle was beyond its enabled fence at the last check."""
+        return bool(self._breached)
+
+    def check(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
+        """Return what to tell of the fence, if anything; `is_breached` says more."""
+        kind, was = self.breach(place_m, home_m, alt_m), self._breached
+        self._breached = kind
+        if kind and not was:
+            return f"{kind} fence breached"
+        return "Fence breach cleared" if was and not kind else ""
+
+    @property
+    def reaction(self) -> Mode | None:
+        """Mode that a breach changes to; None for none."""
+        if self._px4:
+            return _PX4_REACTIONS.get(int(self._parameters["GF_ACTION"]))
+        return Mode.RTL if int(self._parameters["FENCE_ACTION"]) == _RTL else None
+
+    def breach(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
+        """Say which kind of fence is breached; empty while none is, or when the fence is off.
+
+        Parameters
+        ----------
+        alt_m
+            Above home.
+        """
+        parameters = self._parameters
+        if self._px4:
+            return self._px4_breach(place_m, home_m, alt_m)
+        if not self.is_enabled:
+            return ""
+        kinds = int(parameters["FENCE_TYPE"])
+        if kinds & _HEIGHT and alt_m > parameters["FENCE_ALT_MAX"]:
+            return "Max Alt"
+        if kinds & _CIRCLE and math.dist(place_m, home_m) > parameters["FENCE_RADIUS"]:
+            return "Circle"
+        return "Polygon" if kinds & _AREAS and self._is_beyond(place_m) else ""
+
+    def _px4_breach(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
+        ceiling_m, radius_m = (self._parameters[f"GF_MAX_{axis}_DIST"] for axis in ("VER", "HOR"))
+        if 0.0 < ceiling_m < alt_m:
+            return "Max Alt"
+        if 0.0 < radius_m < math.dist(place_m, home_m):
+            return "Circle"
+        return "Polygon" if self._is_beyond(place_m) else ""
+
+    def _is_beyond(self, place_m: tuple[float, float]) -> bool:
+        items = tuple(self.stores[FENCE])
+        if items != self._items:
+            self._items = items
+            held = fence_held([MissionItem(i.command, i.frame, i.x, i.y, i.z, i.param1) for i in items])
+            self._areas = () if held is None else held.areas
+        point, frame = np.array([place_m]), self._geodesy.frame
+        return any(bool(area.holds(point, frame)[0]) != area.stay_in for area in self._areas)
+
+    def returns_to(self, place_m: tuple[float, float]) -> tuple[float, float, float] | None:
+        """Nearest rally point: east, north, height above home; None when home it is."""
+        points = [(*self._geodesy.to_local(i.x * 1e-7, i.y * 1e-7), i.z) for i in self.stores[RALLY]]
+        return _nearest(points, place_m, 1000.0 * self._parameters["RALLY_LIMIT_KM"])
+
+
+def _nearest(
+    points: Sequence[tuple[float, float, float]], place_m: tuple[float, float], limit_m: float
+) -> tuple[float, float, float] | None:
+    near = min(points, key=lambda point: math.dist(point[:2], place_m), default=None)
+    if near is None or (limit_m > 0.0 and math.dist(near[:2], place_m) > limit_m):
+        return None
+    return near

@@ -1,0 +1,382 @@
+"""What the vehicle tells of itself: one builder for each message, and when each is due.
+
+Message definitions: https://mavlink.io/en/messages/common.html and ardupilotmega.html. Default rates are
+ArduPlane's, about 1 Hz; the groups of REQUEST_DATA_STREAM follow ArduPlane's ``SR*`` streams.
+
+Positions carry white Gaussian noise of `gps_noise_std_m` on each axis, drawn anew for each report; velocities
+and attitude are exact. Before the position is known (a ground start, for the first seconds) reports look as
+ArduPlane's do: near latitude and longitude zero, not at it, and without a fix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.model import NS_PER_S
+from sim_vehicles.autopilots.arduplane import Autopilot
+from sim_vehicles.autopilots.missions import NEVER_NS
+from sim_vehicles.autopilots.personality import PX4, Mode
+from sim_vehicles.vehicle.guidance import REFERENCE_S, Straight
+
+_MIN_PERIOD_NS = NS_PER_S // 50
+_NO_ORIGIN_E7 = (1000, -300)
+_SENSORS = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | mavlink.MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL
+    | mavlink.MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION
+    | mavlink.MAV_SYS_STATUS_SENSOR_YAW_POSITION
+    | mavlink.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
+    | mavlink.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+    | mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    | mavlink.MAV_SYS_STATUS_AHRS
+    | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+)
+_GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
+_GEOFENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
+_PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+_EKF_READY = (
+    mavlink.EKF_ATTITUDE
+    | mavlink.EKF_VELOCITY_HORIZ
+    | mavlink.EKF_VELOCITY_VERT
+    | mavlink.EKF_POS_HORIZ_REL
+    | mavlink.EKF_POS_HORIZ_ABS
+    | mavlink.EKF_POS_VERT_ABS
+    | mavlink.EKF_PRED_POS_HORIZ_REL
+    | mavlink.EKF_PRED_POS_HORIZ_ABS
+)
+_MODE_BITS = {
+    Mode.AUTO: mavlink.MAV_MODE_FLAG_AUTO_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
+    Mode.RTL: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
+    Mode.LOITER: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
+    Mode.GUIDED: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
+    Mode.TAKEOFF: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
+    Mode.CIRCLE: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
+}
+_ENDURANCE_S = 3600.0
+
+
+def _signed_deg(angle_deg: float) -> int:
+    return int((angle_deg + 180.0) % 360.0 - 180.0)
+
+
+class Telemetry:
+    """Builds messages from the state of a vehicle."""
+
+    def __init__(self, autopilot: Autopilot, gps_noise_std_m: float, rng: np.random.Generator) -> None:
+        self._autopilot = autopilot
+        self._airframe = autopilot.airframe
+        self._geodesy = autopilot.geodesy
+        self._noise_std_m = gps_noise_std_m
+        self._rng = rng
+        self._builders: dict[int, Callable[[int], Any]] = {
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self.heartbeat,
+            mavlink.MAVLINK_MSG_ID_SYS_STATUS: self.sys_status,
+            mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: self.system_time,
+            mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: self.gps_raw_int,
+            mavlink.MAVLINK_MSG_ID_ATTITUDE: self.attitude,
+            mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self.global_position_int,
+            mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: self.mission_current,
+            mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self.nav_controller_output,
+            mavlink.MAVLINK_MSG_ID_VFR_HUD: self.vfr_hud,
+            mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self.battery_status,
+            mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.ekf_status_report,
+            mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self.estimator_status,
+            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.extended_sys_state,
+            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self.autopilot_version,
+            mavlink.MAVLINK_MSG_ID_HOME_POSITION: self.home_position,
+        }
+
+    def __contains__(self, message_id: int) -> bool:
+        return message_id in self._builders
+
+    def build(self, message_id: int, t_ns: int) -> Any | None:
+        """Return the message as of `t_ns`; None when there is nothing to say yet."""
+        return self._builders[message_id](t_ns)
+
+    def _boot_ms(self, t_ns: int) -> int:
+        return (t_ns - self._autopilot.boot_t_ns) // 1_000_000 & 0xFFFFFFFF
+
+    def _lat_lon_alt(self, t_ns: int) -> tuple[int, int, int]:
+        """1e-7 degrees, 1e-7 degrees and millimetres above sea level, with noise."""
+        airframe = self._airframe
+        alt_mm = round((self._geodesy.frame.alt_msl_m + airframe.alt_rel_m) * 1e3)
+        if not self._autopilot.is_position_known(t_ns):
+            return (*_NO_ORIGIN_E7, alt_mm)
+        std, normal = self._noise_std_m, self._rng.standard_normal
+        lat, lon = self._geodesy.to_geodetic(
+            airframe.east_m + std * normal(), airframe.north_m + std * normal()
+        )
+        return round(lat * 1e7), round(lon * 1e7), alt_mm
+
+    def heartbeat(self, _t_ns: int) -> Any:
+        """Type, mode and whether it is armed."""
+        autopilot = self._autopilot
+        base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _MODE_BITS.get(autopilot.mode, 0)
+        if autopilot.mode is Mode.MANUAL:
+            base |= mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+        else:
+            base |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+        if autopilot.armed:
+            base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        status = mavlink.MAV_STATE_ACTIVE if autopilot.flying else mavlink.MAV_STATE_STANDBY
+        if autopilot.failsafe.is_on:
+            status = mavlink.MAV_STATE_CRITICAL
+        return mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_FIXED_WING,
+            autopilot.personality.mav_autopilot,
+            base,
+            autopilot.personality.custom_mode(autopilot.mode),
+            status,
+            3,
+        )
+
+    def _battery_percent(self, t_ns: int) -> int:
+        flown_s = (t_ns - self._autopilot.boot_t_ns) / NS_PER_S
+        return max(0, round(100.0 * (1.0 - flown_s / _ENDURANCE_S)))
+
+    def _battery_mv(self, t_ns: int) -> int:
+        return 10_500 + 21 * self._battery_percent(t_ns)
+
+    def sys_status(self, t_ns: int) -> Any:
+        """Sensors present, enabled and healthy; battery."""
+        known = self._autopilot.is_position_known(t_ns)
+        ready = self._autopilot.prearm_failure(t_ns) is None
+        present = _SENSORS | _GPS | _PREARM
+        fence = self._autopilot.fence
+        enabled = present | (_GEOFENCE if fence.is_enabled else 0)
+        present |= _GEOFENCE
+        health = (
+            (0 if fence.is_breached else _GEOFENCE)
+            | _SENSORS
+            | (_GPS if known else 0)
+            | (_PREARM if ready else 0)
+        )
+        return mavlink.MAVLink_sys_status_message(
+            present,
+            enabled,
+            health,
+            180,
+            self._battery_mv(t_ns),
+            1200,
+            self._battery_percent(t_ns),
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+        )
+
+    def system_time(self, t_ns: int) -> Any:
+        """The run's clock."""
+        return mavlink.MAVLink_system_time_message(t_ns // 1000, self._boot_ms(t_ns))
+
+    def gps_raw_int(self, t_ns: int) -> Any:
+        """The receiver's fix."""
+        if not self._autopilot.is_position_known(t_ns):
+            return mavlink.MAVLink_gps_raw_int_message(
+                t_ns // 1000, mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0, 9999, 9999, 0, 0, 0
+            )
+        airframe = self._airframe
+        lat, lon, alt = self._lat_lon_alt(t_ns)
+        speed = math.hypot(airframe.speed_m_s, airframe.sideslip_m_s)
+        course_cdeg = int(math.degrees(airframe.course_rad) * 100.0) % 36000
+        accuracy_mm = round(self._noise_std_m * 1e3)
+        return mavlink.MAVLink_gps_raw_int_message(
+            t_ns // 1000, mavlink.GPS_FIX_TYPE_3D_FIX, lat, lon, alt, 121, 200, round(speed * 100),
+            course_cdeg, 10, alt, accuracy_mm, accuracy_mm, 200,
+        )  # fmt: skip
+
+    def attitude(self, t_ns: int) -> Any:
+        """Bank, heading and their rates; pitch is not modelled."""
+        a = self._airframe
+        yaw = (a.heading_rad + math.pi) % (2.0 * math.pi) - math.pi
+        return mavlink.MAVLink_attitude_message(
+            self._boot_ms(t_ns), a.roll_rad, 0.0, yaw, a.roll_rate_rad_s, 0.0, a.yaw_rate_rad_s
+        )
+
+    def global_position_int(self, t_ns: int) -> Any:
+        """Position and velocity over ground."""
+        a = self._airframe
+        lat, lon, alt_mm = self._lat_lon_alt(t_ns)
+        east, north = a.velocity_m_s
+        return mavlink.MAVLink_global_position_int_message(
+            self._boot_ms(t_ns), lat, lon, alt_mm, round((a.alt_rel_m - self._autopilot.home.alt_m) * 1e3),
+            round(north * 100), round(east * 100), round(-a.climb_m_s * 100),
+            int(math.degrees(a.heading_rad) * 100.0) % 36000,
+        )  # fmt: skip
+
+    def mission_current(self, _t_ns: int) -> Any:
+        """Item that is flown; `total` does not count home."""
+        autopilot = self._autopilot
+        return mavlink.MAVLink_mission_current_message(
+            autopilot.seq, max(len(autopilot.mission) - autopilot.personality.home_items, 0),
+            int(autopilot.mission_state),
+            1 if autopilot.mode is Mode.AUTO else 2,
+        )  # fmt: skip
+
+    def nav_controller_output(self, _t_ns: int) -> Any:
+        """Wanted course, bearing and distance of the waypoint, distance off the path."""
+        a, goal = self._airframe, self._autopilot.goal
+        nav_deg, point_deg, distance_m, off_m = 0.0, 0.0, 0.0, 0.0
+        if isinstance(goal, Straight):
+            nav_deg = point_deg = math.degrees(goal.heading_rad)
+        else:
+            nav_deg = math.degrees(goal.bearing_rad(a, REFERENCE_S * a.speed_m_s))
+            point_deg = math.degrees(math.atan2(goal.east_m - a.east_m, goal.north_m - a.north_m))
+            distance_m, off_m = goal.distance_m(a), goal.cross_track_m(a)
+        return mavlink.MAVLink_nav_controller_output_message(
+            math.degrees(a.roll_rad), 0.0, _signed_deg(nav_deg), _signed_deg(point_deg),
+            min(round(distance_m), 65535), self._autopilot.alt_command_m - a.alt_rel_m, 0.0, off_m,
+        )  # fmt: skip
+
+    def vfr_hud(self, _t_ns: int) -> Any:
+        """Speeds, heading, altitude and climb."""
+        a = self._airframe
+        speed = math.hypot(a.speed_m_s, a.sideslip_m_s)
+        return mavlink.MAVLink_vfr_hud_message(
+            a.speed_m_s, speed, int(math.degrees(a.heading_rad) % 360.0), 50 if self._autopilot.flying else 0,
+            self._geodesy.frame.alt_msl_m + a.alt_rel_m, a.climb_m_s,
+        )  # fmt: skip
+
+    def battery_status(self, t_ns: int) -> Any:
+        """One battery that lasts an hour."""
+        percent = self._battery_percent(t_ns)
+        return mavlink.MAVLink_battery_status_message(
+            0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 2500,
+            [self._battery_mv(t_ns)] + [65535] * 9, 1200, 33 * (100 - percent), -1, percent,
+        )  # fmt: skip
+
+    def ekf_status_report(self, t_ns: int) -> Any:
+        """Whether position and attitude can be trusted."""
+        flags = _EKF_READY if self._autopilot.is_position_known(t_ns) else mavlink.EKF_ATTITUDE
+        return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, 0.05, 0.0)
+
+    def estimator_status(self, t_ns: int) -> Any:
+        """As PX4 says the same."""
+        ready = self._autopilot.is_position_known(t_ns)
+        flags = (_EKF_READY if ready else 0) | mavlink.ESTIMATOR_ATTITUDE
+        ratios = [0.05] * 6
+        return mavlink.MAVLink_estimator_status_message(t_ns // 1000, flags, *ratios, 1.0, 1.0)
+
+    def extended_sys_state(self, _t_ns: int) -> Any:
+        """On the ground or in the air."""
+        in_air = self._autopilot.flying
+        state = mavlink.MAV_LANDED_STATE_IN_AIR if in_air else mavlink.MAV_LANDED_STATE_ON_GROUND
+        return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
+
+    def autopilot_version(self, _t_ns: int) -> Any:
+        """Capabilities and version, as ArduPlane 4.6.0 and PX4 1.15.0 give them (no FTP)."""
+        capabilities = (
+            mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
+            | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+            | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+            | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+            | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+            | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+            | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+        )
+        capabilities |= (
+            mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+            if self._autopilot.personality is PX4
+            else mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+        )
+        major, minor = (1, 15) if self._autopilot.personality is PX4 else (4, 6)
+        version = major << 24 | minor << 16 | mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL
+        system_id = int(self._autopilot.parameters["SYSID_THISMAV"])
+        return mavlink.MAVLink_autopilot_version_message(
+            capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, system_id
+        )
+
+    def home_position(self, t_ns: int) -> Any | None:
+        """Where RTL returns to; nothing before there is an origin."""
+        if not self._autopilot.is_position_known(t_ns):
+            return None
+        home = self._autopilot.mission_home()
+        return mavlink.MAVLink_home_position_message(
+            home.x,
+            home.y,
+            round(home.z * 1e3),
+            0.0,
+            0.0,
+            0.0,
+            [1.0, 0.0, 0.0, 0.0],
+            0.0,
+            0.0,
+            0.0,
+            t_ns // 1000,
+        )
+
+
+# Message ids by stream of REQUEST_DATA_STREAM.
+_GROUPS: dict[int, tuple[int, ...]] = {
+    mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (
+        mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+        mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,
+        mavlink.MAVLINK_MSG_ID_MISSION_CURRENT,
+        mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT,
+    ),
+    mavlink.MAV_DATA_STREAM_POSITION: (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,),
+    mavlink.MAV_DATA_STREAM_EXTRA1: (mavlink.MAVLINK_MSG_ID_ATTITUDE,),
+    mavlink.MAV_DATA_STREAM_EXTRA2: (mavlink.MAVLINK_MSG_ID_VFR_HUD,),
+    mavlink.MAV_DATA_STREAM_EXTRA3: (
+        mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
+        mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
+        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    ),
+}
+_GROUPS[mavlink.MAV_DATA_STREAM_ALL] = tuple(message_id for group in _GROUPS.values() for message_id in group)
+
+_DEFAULT_PERIOD_NS = dict.fromkeys(
+    (mavlink.MAVLINK_MSG_ID_HEARTBEAT, *_GROUPS[mavlink.MAV_DATA_STREAM_ALL]), NS_PER_S
+)
+
+
+class Streams:
+    """When each message is due; the first of each at the start."""
+
+    def __init__(self, start_t_ns: int) -> None:
+        self._period_ns = dict(_DEFAULT_PERIOD_NS)
+        self._due_ns = dict.fromkeys(self._period_ns, start_t_ns)
+        self.due_ns = start_t_ns
+
+    def take_due(self, t_ns: int) -> list[int]:
+        """Message ids due at `t_ns`; each is put off by its period, and missed turns are not made up."""
+        if t_ns < self.due_ns:
+            return []
+        due = [message_id for message_id, at_ns in self._due_ns.items() if at_ns <= t_ns]
+        for message_id in due:
+            period_ns = self._period_ns[message_id]
+            self._due_ns[message_id] += period_ns * ((t_ns - self._due_ns[message_id]) // period_ns + 1)
+        self.due_ns = min(self._due_ns.values(), default=NEVER_NS)
+        return due
+
+    def set_interval(self, message_id: int, interval_us: int, t_ns: int) -> None:
+        """As SET_MESSAGE_INTERVAL: microseconds, 0 for the default, negative to stop."""
+        period_ns = interval_us * 1000 if interval_us else _DEFAULT_PERIOD_NS.get(message_id, -1)
+        if period_ns < 0:
+            self._period_ns.pop(message_id, None)
+            self._due_ns.pop(message_id, None)
+        else:
+            self._period_ns[message_id] = max(period_ns, _MIN_PERIOD_NS)
+            self._due_ns[message_id] = t_ns + self._period_ns[message_id]
+        self.due_ns = min(self._due_ns.values(), default=NEVER_NS)
+
+    def interval_us(self, message_id: int) -> int:
+        """As MESSAGE_INTERVAL reports it: -1 when it is not sent."""
+        period_ns = self._period_ns.get(message_id)
+        return -1 if period_ns is None else period_ns // 1000
+
+    def set_group(self, stream_id: int, rate_hz: int, is_on: bool, t_ns: int) -> None:
+        """As REQUEST_DATA_STREAM; an unknown stream is ignored."""
+        interval_us = 1_000_000 // rate_hz if is_on and rate_hz > 0 else -1
+        for message_id in _GROUPS.get(stream_id, ()):
+            self.set_interval(message_id, interval_us, t_ns)

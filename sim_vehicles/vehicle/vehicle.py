@@ -1,0 +1,265 @@
+"""One simulated vehicle: airframe, autopilot and link on one clock, and the chance to die.
+
+The same object flies in virtual time and in a process of its own: whoever holds it carries its bytes and
+moves its clock. What it does depends on the times it is given, not on how often it is called.
+
+Death: at each check (`death_check_period_s`) a uniform number is drawn; when it exceeds the survival
+probability, the vehicle dies. A dead vehicle stops everything, silently: no telemetry, no answers, its
+position frozen.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.geo import LocalFrame
+from gcs.model import NS_PER_S
+from sim_vehicles.autopilots.arduplane import Autopilot
+from sim_vehicles.autopilots.missions import NEVER_NS
+from sim_vehicles.autopilots.personality import PERSONALITIES
+from sim_vehicles.autopilots.px4 import Px4Autopilot
+from sim_vehicles.vehicle.airframe import STEP_NS, Airframe
+from sim_vehicles.vehicle.banked_airframe import BankedAirframe
+from sim_vehicles.vehicle.geodesy import Geodesy
+from sim_vehicles.vehicle.link import VehicleLink
+from sim_vehicles.vehicle.parameters import Parameters
+from sim_vehicles.vehicle.wind import Wind
+from sim_vehicles.world.ground import GroundContact
+
+AIRFRAMES: dict[str, type[Airframe]] = {"paper": Airframe, "banked": BankedAirframe}
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSpec:
+    """What a vehicle is and where it starts."""
+
+    system_id: int
+    east_m: float
+    north_m: float
+    course_rad: float
+    """Clockwise from north."""
+    alt_rel_m: float
+    """Above the local frame's origin; a vehicle that starts on the ground stands at 0."""
+    forward_speed_m_s: float
+    airborne: bool = True
+    """True: armed, circling at its start. False: disarmed on the ground, as after switching on."""
+    survival_probability: float = 1.0
+    """At each check."""
+    death_check_period_s: float = 1.0
+    dies_at_s: float | None = None
+    """Seconds from the start, or from when a ground station is there; None leaves it to chance."""
+    waits_for_ground: bool = False
+    """True if deaths count from when a ground station is there (`GroundContact`), not from the start."""
+    seed: int = 0
+    accept_radius_m: float = 10.0
+    """Of waypoints that name none."""
+    gps_noise_std_m: float = 1.0
+    airframe: str = "paper"
+    """What it flies: "paper" (`sim_vehicles.vehicle.airframe`) or "banked" (`sim_vehicles.vehicle.banked_airframe`)."""
+    autopilot: str = "ardupilot"
+    """Which one it plays: "ardupilot" or "px4"."""
+    wind_east_m_s: float = 0.0
+    """As the air moves."""
+    wind_north_m_s: float = 0.0
+    gust_std_m_s: float = 0.0
+    gust_time_s: float = 5.0
+    arming_delay_s: float = 20.0
+    """How long after a start on the ground arming is refused."""
+    key_file: str = ""
+    """Of signing keys, in which a process finds this vehicle's; empty for none."""
+    parameters: dict[str, float] = field(default_factory=dict)
+    """Values other than the defaults."""
+
+    def to_json(self) -> str:
+        """One line of JSON."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> VehicleSpec:
+        """Read `to_json`'s form; TypeError or ValueError when it is not that."""
+        raw = json.loads(text)
+        if not isinstance(raw, dict):
+            raise ValueError("a vehicle specification is a JSON object")
+        return cls(**raw)
+
+
+def _generator(spec: VehicleSpec, purpose: str) -> np.random.Generator:
+    return np.random.default_rng([spec.seed, zlib.crc32(purpose.encode()), spec.system_id])
+
+
+class SimVehicle:
+    """A vehicle from `start_t_ns` on.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    frame : LocalFrame
+        Where the local frame lies on Earth.
+    start_t_ns : int
+        Its first moment: it boots, telemetry begins; its chances of death are counted from here unless it
+        waits for a ground station.
+    key : bytes, optional
+        Signing key that it holds.
+    """
+
+    def __init__(
+        self, spec: VehicleSpec, frame: LocalFrame, start_t_ns: int, key: bytes | None = None
+    ) -> None:
+        self.spec = spec
+        self.system_id = spec.system_id
+        self.alive = True
+        self.airframe = AIRFRAMES[spec.airframe](
+            spec.east_m,
+            spec.north_m,
+            spec.alt_rel_m if spec.airborne else 0.0,
+            spec.course_rad,
+            spec.forward_speed_m_s if spec.airborne else 0.0,
+        )
+        parameters = Parameters(
+            px4=spec.autopilot == "px4",
+            SYSID_THISMAV=spec.system_id,
+            WP_RADIUS=spec.accept_radius_m,
+            AIRSPEED_CRUISE=spec.forward_speed_m_s,
+            ARMING_DELAY_S=spec.arming_delay_s,
+        )
+        for name in parameters:
+            if name in spec.parameters:
+                parameters.store(name, spec.parameters[name])
+        self.geodesy = Geodesy(frame)
+        self.autopilot = (Px4Autopilot if spec.autopilot == "px4" else Autopilot)(
+            self.airframe,
+            parameters,
+            self.geodesy,
+            spec.forward_speed_m_s,
+            start_t_ns,
+            spec.airborne,
+            PERSONALITIES[spec.autopilot],
+        )
+        self._link = VehicleLink(
+            spec.system_id, self.autopilot, start_t_ns, spec.gps_noise_std_m, _generator(spec, "gps"), key
+        )
+        self._death_rng = _generator(spec, "death")
+        self._wind: Wind | None = None
+        if spec.wind_east_m_s or spec.wind_north_m_s or spec.gust_std_m_s:
+            self._wind = Wind(
+                spec.wind_east_m_s,
+                spec.wind_north_m_s,
+                spec.gust_std_m_s,
+                spec.gust_time_s,
+                _generator(spec, "wind"),
+                start_t_ns,
+            )
+        self._start_t_ns = start_t_ns
+        self.ground = GroundContact()
+        self._check_period_ns = max(int(spec.death_check_period_s * NS_PER_S), STEP_NS)
+        self._death_check_ns = self._dies_ns = NEVER_NS
+        if not spec.waits_for_ground:
+            self._count_deaths_from(start_t_ns)
+        self._stepped_ns = start_t_ns
+
+    def _count_deaths_from(self, t_ns: int) -> None:
+        if self.spec.survival_probability < 1.0:
+            self._death_check_ns = t_ns + self._check_period_ns
+        if self.spec.dies_at_s is not None:
+            self._dies_ns = t_ns + int(self.spec.dies_at_s * NS_PER_S)
+
+    @property
+    def east_m(self) -> float:
+        """True position."""
+        return self.airframe.east_m
+
+    @property
+    def north_m(self) -> float:
+        """True position."""
+        return self.airframe.north_m
+
+    @property
+    def alt_rel_m(self) -> float:
+        """Above the local frame's origin."""
+        return self.airframe.alt_rel_m
+
+    @property
+    def course_rad(self) -> float:
+        """Direction of motion over ground, clockwise from north, in [0, 2 pi)."""
+        return self.airframe.course_rad
+
+    @property
+    def speed_m_s(self) -> float:
+        """Forward speed."""
+        return self.airframe.speed_m_s
+
+    @property
+    def due_ns(self) -> int:
+        """When the vehicle next has something to do beside flying on; far in the future once it is dead."""
+        return min(self._link.due_ns, self._death_check_ns, self._dies_ns) if self.alive else NEVER_NS
+
+    def advance(self, t_ns: int) -> None:
+        """Fly every 10 ms step that ends at or before `t_ns`, and send what falls due on the way."""
+        while self.alive and self._stepped_ns <= t_ns:
+            due_ns = self.due_ns
+            if due_ns <= self._stepped_ns:
+                self._handle_due(self._stepped_ns)
+                continue
+            # Steps are counted up to the first that is not due, or that ends when something else is.
+            until_ns = min(due_ns + STEP_NS - 1, t_ns)
+            if self._stepped_ns + STEP_NS > until_ns:
+                return
+            self._fly(until_ns)
+
+    def _fly(self, until_ns: int) -> None:
+        autopilot, now_ns = self.autopilot, self._stepped_ns
+        step, notices, wind = autopilot.step, autopilot.notices, self._wind
+        while (now_ns := now_ns + STEP_NS) <= until_ns:
+            self._stepped_ns = now_ns
+            if wind is not None and autopilot.flying:
+                wind.blow(self.airframe, now_ns)
+            step(now_ns)
+            if notices:
+                self._link.tell_notices(now_ns)
+
+    def _handle_due(self, t_ns: int) -> None:
+        if self._dies_ns <= t_ns:
+            self.alive = False
+            return
+        if self._death_check_ns <= t_ns:
+            self._death_check_ns += self._check_period_ns
+            if self._death_rng.random() > self.spec.survival_probability:
+                self.alive = False
+                return
+        self._link.handle_timer(t_ns)
+
+    def receive_datagram(self, data: bytes, t_ns: int) -> None:
+        """Take one datagram from the ground, after flying up to `t_ns`. Bad bytes are stepped over."""
+        self.advance(t_ns)
+        if self.alive and t_ns >= self._start_t_ns:
+            if self.ground.hear(t_ns) and self.spec.waits_for_ground:
+                self._count_deaths_from(t_ns)
+            self._link.receive_datagram(data, t_ns)
+            self._link.tell_notices(t_ns)
+
+    def datagrams_to_send(self, t_ns: int) -> list[bytes]:
+        """Whatever was queued up to `t_ns`: whole frames, at most 1400 bytes a datagram."""
+        self.advance(t_ns)
+        return self._link.outbox.take()
+
+    def truth_messages(self, t_ns: int) -> tuple[Any, Any]:
+        """SYSTEM_TIME and SIM_STATE: the true state, for the simulated world alone."""
+        airframe = self.airframe
+        lat_deg, lon_deg = self.geodesy.to_geodetic(airframe.east_m, airframe.north_m)
+        east_m_s, north_m_s = airframe.velocity_m_s
+        alt_msl_m = self.geodesy.frame.alt_msl_m + airframe.alt_rel_m
+        boot_ms = (t_ns - self._start_t_ns) // 1_000_000
+        return (
+            mavlink.MAVLink_system_time_message(t_ns // 1000, boot_ms & 0xFFFFFFFF),
+            mavlink.MAVLink_sim_state_message(
+                1.0, 0.0, 0.0, 0.0, airframe.roll_rad, 0.0, airframe.heading_rad, 0.0, 0.0, 0.0,
+                airframe.roll_rate_rad_s, 0.0, airframe.yaw_rate_rad_s, lat_deg, lon_deg, alt_msl_m, 0.0, 0.0,
+                north_m_s, east_m_s, -airframe.climb_m_s, round(lat_deg * 1e7), round(lon_deg * 1e7),
+            ),
+        )  # fmt: skip

@@ -1,0 +1,1 @@
+"""The simulated world: targets, sensors, ground truth, scenarios."""

@@ -1,0 +1,212 @@
+"""The simulated side of a mission file: the `[simulation]` table, validated, and what a seed makes of it.
+
+Central command never reads this table: it holds the truth (where targets really are and how they move, who
+dies and when, what the sensor really does). Everything random here is drawn from generators seeded by
+(seed, purpose), so that a seed means the same world in every process and at every speed.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from gcs.config import Config, Table, convert, local_places, parse, read_text
+from gcs.config.tables import Box, NotNegative, Positive, Probability, SystemId
+from gcs.errors import ConfigError
+from gcs.geo import LocalFrame
+from sim_vehicles.vehicle.parameters import Parameters
+
+
+class SensorTable(Table, frozen=True, kw_only=True):
+    """What one of the world's sensors does: where it looks, misses, noise, clutter."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "radar"
+    kind: Literal["position", "range_bearing"] = "position"
+    period_s: Annotated[float, Meta(ge=0.05, le=60.0)] = 1.0
+    offset_s: NotNegative = 0.0
+    delay_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    detection_probability: Probability = 0.98
+    clutter_per_scan: NotNegative = 20.0
+    # kind = "position"
+    noise_std_m: Positive = 3.16
+    field_margin_m: NotNegative = 100.0
+    field_m: Box | None = None
+    # kind = "range_bearing"
+    east_m: float = 0.0
+    north_m: float = 0.0
+    range_std_m: Positive = 5.0
+    bearing_std_deg: Annotated[float, Meta(gt=0.0, le=30.0)] = 0.5
+    least_range_m: NotNegative = 0.0
+    most_range_m: Positive = 3000.0
+    sector_centre_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 0.0
+    sector_width_deg: Annotated[float, Meta(gt=0.0, le=360.0)] = 360.0
+
+
+class PrescribedDeath(Table, frozen=True, kw_only=True):
+    """An agent that dies at a given time."""
+
+    system_id: SystemId
+    at_s: NotNegative
+
+
+class DeathTable(Table, frozen=True, kw_only=True):
+    """The death process of the agents."""
+
+    survival_probability: Probability = 1.0
+    check_period_s: Annotated[float, Meta(ge=0.01)] = 1.0
+    prescribed: list[PrescribedDeath] = []
+
+
+class TargetTable(Table, frozen=True, kw_only=True):
+    """One target with prescribed motion."""
+
+    east_m: float
+    north_m: float
+    v_east_m_s: float = 0.0
+    v_north_m_s: float = 0.0
+    appears_s: NotNegative = 0.0
+
+
+class GaussianTargets(Table, frozen=True, kw_only=True):
+    """Targets whose places and velocities are drawn: place i from `births[i]`, velocity from a Gaussian.
+
+    A velocity that would take its target off the map within `inside_for_s` is drawn again.
+    """
+
+    speed_std_m_s: NotNegative
+    max_speed_m_s: Positive
+    appear_by_s: NotNegative = 0.0
+    inside_for_s: NotNegative = 240.0
+
+
+class WindTable(Table, frozen=True, kw_only=True):
+    """The wind: a steady part and gusts (see `sim_vehicles.vehicle.wind`)."""
+
+    east_m_s: Annotated[float, Meta(ge=-30.0, le=30.0)] = 0.0
+    north_m_s: Annotated[float, Meta(ge=-30.0, le=30.0)] = 0.0
+    gust_std_m_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    gust_time_s: Annotated[float, Meta(ge=0.1, le=600.0)] = 5.0
+
+
+class Simulation(Table, frozen=True, kw_only=True):
+    """The `[simulation]` table."""
+
+    forward_speed_m_s: Positive
+    airframe: Literal["paper", "banked"] = "paper"
+    gps_noise_std_m: NotNegative = 1.0
+    px4: list[SystemId] = []
+    parameters: dict[str, float] = {}
+    sensor: SensorTable = SensorTable()
+    more_sensors: list[SensorTable] = []
+    death: DeathTable = DeathTable()
+    wind: WindTable = WindTable()
+    targets: list[TargetTable] = []
+    gaussian_targets: GaussianTargets | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A mission file as the simulated world sees it."""
+
+    config: Config
+    simulation: Simulation
+    source: str
+    text: str
+    """The file as it was read, for recordings."""
+
+    @property
+    def sensors(self) -> list[SensorTable]:
+        """All sensors of the world."""
+        return [self.simulation.sensor, *self.simulation.more_sensors]
+
+    @property
+    def frame(self) -> LocalFrame:
+        """The mission's local frame."""
+        return self.config.local_frame
+
+
+def load(scenario: str) -> Scenario:
+    """Read a shipped scenario or a file.
+
+    Raises
+    ------
+    ConfigError
+        Also when the file has no usable `[simulation]` table.
+    """
+    return parse_scenario(*read_text(scenario))
+
+
+def parse_scenario(text: str, source: str) -> Scenario:
+    """Validate the text of a mission file, its world included; raises as `load` does."""
+    config = parse(text, source)
+    if not config.simulation:
+        raise ConfigError(
+            source,
+            "simulation",
+            "the table is missing: this file describes a mission, but no world to simulate",
+        )
+    raw = dict(config.simulation)
+    if isinstance(raw.get("targets"), list):
+        raw["targets"] = local_places(raw["targets"], config.local_frame, source, "simulation.targets")
+    simulation = convert(raw, Simulation, source, "simulation")
+    _cross_check(config, simulation, source)
+    return Scenario(config, simulation, source, text)
+
+
+def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
+    for index, agent in enumerate(config.agents):
+        if agent.network:
+            raise ConfigError(source, f"agents[{index}].network", "simulated vehicles are on network 0")
+    known = {agent.system_id for agent in config.agents}
+    for index, death in enumerate(simulation.death.prescribed):
+        if death.system_id not in known:
+            raise ConfigError(
+                source,
+                f"simulation.death.prescribed[{index}].system_id",
+                f"{death.system_id} is none of the agents",
+            )
+    known_names = Parameters(px4=True)
+    for name in simulation.parameters:
+        if name not in known_names:
+            raise ConfigError(source, f"simulation.parameters.{name}", "no simulated vehicle has it")
+    _check_sensors(simulation, source)
+    width_m, height_m = config.map.width_m, config.map.height_m
+    for index, target in enumerate(simulation.targets):
+        if not (0.0 <= target.east_m <= width_m and 0.0 <= target.north_m <= height_m):
+            raise ConfigError(
+                source,
+                f"simulation.targets[{index}]",
+                f"({target.east_m}, {target.north_m}) lies outside the map: {width_m} m x {height_m} m",
+            )
+    if simulation.targets and simulation.gaussian_targets:
+        raise ConfigError(source, "simulation", "give either `targets` or `gaussian_targets`, not both")
+    if simulation.gaussian_targets and not config.births:
+        raise ConfigError(source, "simulation.gaussian_targets", "needs `[[births]]` to draw the places from")
+
+
+def _check_sensors(simulation: Simulation, source: str) -> None:
+    tables = {"sensor": simulation.sensor}
+    tables |= {f"more_sensors[{i}]": table for i, table in enumerate(simulation.more_sensors)}
+    names: set[str] = set()
+    for where, table in tables.items():
+        key, box = f"simulation.{where}", table.field_m
+        if table.name in names:
+            raise ConfigError(
+                source, f"{key}.name", f"`{table.name}` is used twice; each sensor needs its own"
+            )
+        names.add(table.name)
+        if box is not None and not (box[0] < box[2] and box[1] < box[3]):
+            raise ConfigError(
+                source, f"{key}.field_m", "expected [east_min, north_min, east_max, north_max] with min < max"
+            )
+        if table.least_range_m >= table.most_range_m:
+            raise ConfigError(source, f"{key}.most_range_m", "expected more than least_range_m")
+
+
+def generator(seed: int, purpose: str, *index: int) -> np.random.Generator:
+    """Return the random generator for one purpose of one seed, independent of all others."""
+    return np.random.default_rng([seed, zlib.crc32(purpose.encode()), *index])

@@ -1,0 +1,98 @@
+"""The world's sensors: truth and a random generator in, one scan out.
+
+Each object inside the field of view is detected with probability p_D where it is, plus Gaussian noise on what
+the sensor measures: east and north, or range and bearing. Clutter is Poisson in number and uniform over the
+field of view in the same coordinates. All points come in random order and without
+identity: the standard multi-object observation model (Vo & Vo 2013, section III-C).
+
+Every scan has a generator of its own, and draws for every object whether or not it is there, so that one
+agent's death does not change what is seen of the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs.config.tables import MapTable
+from gcs.model import FloatArray, Polar, Scan, Sensor, TruthObject, read_only
+from gcs.tracking.models.sensors import covers, expected_clutter, measured, on_map, polar_sensor, sector
+from sim_vehicles.world.scenario import Scenario, SensorTable, generator
+
+
+def make_sensors(scenario: Scenario) -> list[Sensor]:
+    """What the scenario's sensors announce of themselves: the truth, as calibrated sensors would."""
+    return [_make_sensor(table, scenario.config.map) for table in scenario.sensors]
+
+
+def _make_sensor(table: SensorTable, area: MapTable) -> Sensor:
+    if table.kind == "range_bearing":
+        polar = sector(
+            (table.east_m, table.north_m),
+            (table.range_std_m, table.bearing_std_deg),
+            (table.least_range_m, table.most_range_m),
+            (table.sector_centre_deg, table.sector_width_deg),
+            table.clutter_per_scan,
+        )
+        return polar_sensor(table.name, table.detection_probability, polar)
+    margin = table.field_margin_m
+    field = (-margin, -margin, area.width_m + margin, area.height_m + margin)
+    if table.field_m is not None:
+        west, south, east, north = table.field_m
+        field = (west, south, east, north)
+    return Sensor(
+        name=table.name,
+        detection_probability=table.detection_probability,
+        clutter_density_per_m2=table.clutter_per_scan / _area_m2(field),
+        noise_cov_m2=read_only(np.eye(2) * table.noise_std_m**2),
+        field_of_view_m=field,
+    )
+
+
+def observe(
+    sensor: Sensor,
+    objects: Sequence[TruthObject],
+    seed: int,
+    scan_index: int,
+    t_ns: int,
+    purpose: str = "scan",
+) -> Scan:
+    """One scan of `objects` at `t_ns`. `objects` lists everything, the dead with alive False."""
+    rng = generator(seed, purpose, scan_index)
+    detected, noise = np.empty(len(objects), np.bool_), np.empty((len(objects), 2))
+    for i in range(len(objects)):
+        detected[i] = rng.random() < sensor.detection_probability
+        noise[i] = rng.standard_normal(2)
+    places = np.reshape([(thing.east_m, thing.north_m) for thing in objects], (-1, 2))
+    alive = np.array([thing.alive for thing in objects], np.bool_)
+    seen = detected & alive & covers(sensor, places)
+    if sensor.polar is None:
+        points = _positions(sensor, places[seen], noise[seen], rng)
+    else:
+        points = _ranges_and_bearings(sensor, sensor.polar, places[seen], noise[seen], rng)
+    return Scan(t_ns, t_ns, sensor, read_only(rng.permutation(points)))
+
+
+def _positions(sensor: Sensor, places: FloatArray, noise: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Detections of a sensor that reports positions, and its clutter."""
+    east_min, north_min, east_max, north_max = sensor.field_of_view_m
+    points = places + np.sqrt(np.diag(sensor.noise_cov_m2)) * noise
+    count = rng.poisson(expected_clutter(sensor))
+    return np.concatenate([points, rng.uniform([east_min, north_min], [east_max, north_max], (count, 2))])
+
+
+def _ranges_and_bearings(
+    sensor: Sensor, polar: Polar, places: FloatArray, noise: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Detections, as east/north, of a sensor that reports range and bearing, and its clutter."""
+    z = measured(sensor, places) + noise * (polar.range_std_m, polar.bearing_std_rad)
+    count = rng.poisson(expected_clutter(sensor))
+    centre_rad, half_rad = polar.bearing_rad
+    least, most = (polar.range_m[0], centre_rad - half_rad), (polar.range_m[1], centre_rad + half_rad)
+    return on_map(polar, np.concatenate([z, rng.uniform(least, most, (count, 2))]))
+
+
+def _area_m2(field: tuple[float, float, float, float]) -> float:
+    east_min, north_min, east_max, north_max = field
+    return (east_max - east_min) * (north_max - north_min)

@@ -1,0 +1,39 @@
+"""What each simulated vehicle of a scenario is, for a seed."""
+
+from __future__ import annotations
+
+import math
+
+from sim_vehicles.vehicle.vehicle import VehicleSpec
+from sim_vehicles.world.scenario import Scenario
+
+
+def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
+    """One specification for each agent of the mission file, in its order."""
+    simulation, mission = scenario.simulation, scenario.config.mission
+    dies_at_s = {death.system_id: death.at_s for death in simulation.death.prescribed}
+    return [
+        VehicleSpec(
+            system_id=agent.system_id,
+            east_m=agent.east_m,
+            north_m=agent.north_m,
+            course_rad=math.radians(agent.course_deg),
+            alt_rel_m=mission.altitude_rel_m,
+            forward_speed_m_s=agent.speed_m_s or simulation.forward_speed_m_s,
+            airborne=True,
+            airframe=simulation.airframe,
+            autopilot="px4" if agent.system_id in simulation.px4 else "ardupilot",
+            survival_probability=simulation.death.survival_probability,
+            death_check_period_s=simulation.death.check_period_s,
+            dies_at_s=dies_at_s.get(agent.system_id),
+            seed=seed,
+            parameters=simulation.parameters,
+            gps_noise_std_m=simulation.gps_noise_std_m,
+            key_file=str(scenario.config.links.key_file(scenario.source) or ""),
+            wind_east_m_s=simulation.wind.east_m_s,
+            wind_north_m_s=simulation.wind.north_m_s,
+            gust_std_m_s=simulation.wind.gust_std_m_s,
+            gust_time_s=simulation.wind.gust_time_s,
+        )
+        for agent in scenario.config.agents
+    ]

@@ -1,0 +1,142 @@
+"""True positions of vehicles that fly already, from a link to their simulation, for the simulated world.
+
+``python -m sim_vehicles.world.truth_link --link tcp:127.0.0.1:5762 --truth 127.0.0.1:PORT`` connects to the
+endpoint, asks each vehicle that it hears for SIMSTATE (ArduPilot's SITL) and HIL_STATE_QUATERNION (PX4), and
+sends the true positions to the world process. It prints ``ready``, reads the clock as one JSON line, and
+ends when standard input closes. It sends no heartbeat: no vehicle takes it for a ground station.
+
+A vehicle that tells no true position within some seconds has its reported one (GLOBAL_POSITION_INT) taken
+instead, with a line on standard error: its errors are then the sensor's too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import select
+import socket
+import sys
+import time
+from typing import Any
+
+os.environ.setdefault("MAVLINK20", "1")  # read by mavutil when it is imported
+
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.io.clock import RunClock
+from sim_vehicles.autopilots.firmware import true_place, truth_messages
+from sim_vehicles.error_output import tell
+from sim_vehicles.process import Address, address_of, clock_of
+from sim_vehicles.vehicle.frames import Outbox
+
+_POLL_S = 0.01
+_RETRIES = 3
+_SYSTEM_ID = 250
+_AGAIN_S = 2.0
+_REPORTED_AFTER_S = 8.0
+_RATE_HZ = 10.0
+_ASKED = (
+    mavlink.MAVLINK_MSG_ID_SIMSTATE,
+    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+)
+
+
+class TruthSource:
+    """One vehicle on the link: what to ask it for, and the position to take."""
+
+    def __init__(self, system_id: int, now_s: float) -> None:
+        self.system_id = system_id
+        self._has_truth = self._is_reported = False
+        self._heard_s, self._asked_s = now_s, -_AGAIN_S
+
+    def requests(self, now_s: float) -> list[Any]:
+        """Return the requests that are due, until a true position comes."""
+        if self._has_truth or now_s - self._asked_s < _AGAIN_S:
+            return []
+        self._asked_s = now_s
+        command, interval_us = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 1e6 / _RATE_HZ
+        return [
+            mavlink.MAVLink_command_long_message(
+                self.system_id, 1, command, 0, number, interval_us, 0, 0, 0, 0, 0
+            )
+            for number in _ASKED
+        ]
+
+    def place(self, message: Any, now_s: float) -> tuple[float, float] | None:
+        """Return the latitude and longitude (degrees) to take from a message, or None."""
+        place = true_place(message)
+        if place is not None:
+            self._has_truth = True
+            return place
+        is_late = now_s - self._heard_s >= _REPORTED_AFTER_S
+        if self._has_truth or not is_late or message.get_type() != "GLOBAL_POSITION_INT":
+            return None
+        if not self._is_reported:
+            self._is_reported = True
+            tell(
+                f"vehicle {self.system_id} tells no true position (SIMSTATE, HIL_STATE_QUATERNION): "
+                "the position that it reports is taken instead"
+            )
+        return message.lat * 1e-7, message.lon * 1e-7
+
+
+def carry(link: Any, clock: RunClock, world: Address) -> None:
+    """Carry true states from the link to the world until standard input closes."""
+    sources: dict[int, TruthSource] = {}
+    outboxes: dict[int, Outbox] = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as towards_world:
+        while True:
+            if select.select([sys.stdin], [], [], 0.0)[0] and not os.read(sys.stdin.fileno(), 1024):
+                return
+            message = link.recv_match(blocking=True, timeout=_POLL_S)
+            now_s = time.monotonic()
+            if message is None or message.get_srcComponent() != mavlink.MAV_COMP_ID_AUTOPILOT1:
+                continue
+            system_id = message.get_srcSystem()
+            source = sources.setdefault(system_id, TruthSource(system_id, now_s))
+            for request in source.requests(now_s):
+                link.mav.send(request)
+            place = source.place(message, now_s)
+            if place is None:
+                continue
+            outbox = outboxes.setdefault(system_id, Outbox(system_id))
+            for truth in truth_messages(clock.now_ns(), place):
+                outbox.send(truth)
+            for data in outbox.take():
+                with contextlib.suppress(OSError):  # the buffer is full: the next one comes soon
+                    towards_world.sendto(data, world)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run until standard input closes."""
+    parser = argparse.ArgumentParser(prog="python -m sim_vehicles.world.truth_link", description=__doc__)
+    parser.add_argument("--link", required=True, help="MAVLink endpoint, such as tcp:127.0.0.1:5762")
+    parser.add_argument("--truth", required=True, type=address_of, help="host:port of the simulated world")
+    arguments = parser.parse_args(argv)
+    endpoint = arguments.link.removeprefix("serial:")
+    baud = 57600
+    if endpoint != arguments.link:
+        endpoint, _, rate = endpoint.rpartition(":")
+        baud = int(rate)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # mavutil prints there; the supervisor reads ours
+            link = mavutil.mavlink_connection(
+                endpoint, baud=baud, source_system=_SYSTEM_ID, autoreconnect=True, retries=_RETRIES
+            )
+    except OSError as error:
+        sys.stderr.write(f"{arguments.link}: {error.strerror or error}; is the simulation running?\n")
+        return 1
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    line = sys.stdin.buffer.readline()
+    if line.strip():
+        with contextlib.redirect_stdout(sys.stderr):
+            carry(link, clock_of(line), arguments.truth)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

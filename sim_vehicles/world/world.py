@@ -1,0 +1,92 @@
+"""The truth of a simulated world and the scans made of it: pure, shared by processes and virtual time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from gcs.model import NS_PER_S, Scan, Sensor, Truth, TruthObject
+from sim_vehicles.world.scenario import Scenario
+from sim_vehicles.world.sensor import make_sensors, observe
+from sim_vehicles.world.targets import Target, make_targets
+
+_LOOKS_KEPT = 10_000
+"""More than are ever on their way: an index farther back is an error."""
+
+
+class _Look(NamedTuple):
+    """One scan to be made; earlier ones are less."""
+
+    t_ns: int
+    sensor: int
+    number: int
+    """How many scans this sensor made before."""
+
+
+@dataclass(slots=True)
+class World:
+    """Targets and sensors of a scenario for one seed; the agents' true states come from outside.
+
+    The sensors' scans are numbered together, in the order in which they are measured; at the same moment, in
+    the order of the scenario.
+    """
+
+    scenario: Scenario
+    seed: int
+    start_t_ns: int
+    moves_from_t_ns: int = -1
+    """When targets begin to move and to appear; until then they stand at their starts. -1: `start_t_ns`."""
+    targets: list[Target] = field(init=False)
+    sensors: list[Sensor] = field(init=False)
+    _looks: deque[_Look] = field(init=False, default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
+    _looks_made: int = field(init=False, default=0)
+    _next_looks: list[_Look] = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.moves_from_t_ns < 0:
+            self.moves_from_t_ns = self.start_t_ns
+        self.targets = make_targets(self.scenario, self.seed)
+        self.sensors = make_sensors(self.scenario)
+        self._next_looks = [self._look(sensor, 0) for sensor in range(len(self.sensors))]
+
+    def _look(self, sensor: int, count: int) -> _Look:
+        table = self.scenario.sensors[sensor]
+        t_ns = self.start_t_ns + round(table.offset_s * NS_PER_S) + count * round(table.period_s * NS_PER_S)
+        return _Look(t_ns, sensor, count)
+
+    def _numbered(self, index: int) -> _Look:
+        while self._looks_made <= index:
+            look = min(self._next_looks)
+            self._next_looks[look.sensor] = self._look(look.sensor, look.number + 1)
+            self._looks.append(look)
+            self._looks_made += 1
+        return self._looks[index - self._looks_made]  # counted from the newest
+
+    def scan_t_ns(self, index: int) -> int:
+        """When scan `index` is measured."""
+        return self._numbered(index).t_ns
+
+    def arrival_t_ns(self, index: int) -> int:
+        """When scan `index` is published: later by its sensor's delay."""
+        look = self._numbered(index)
+        return look.t_ns + round(self.scenario.sensors[look.sensor].delay_s * NS_PER_S)
+
+    def truth(self, t_ns: int, agents: Iterable[TruthObject]) -> Truth:
+        """Everything there is at `t_ns`; a target that has not appeared yet is not alive."""
+        area = self.scenario.config.map
+        objects = sorted(agents, key=lambda agent: agent.id)
+        for target in self.targets:
+            moved_s = max(0, t_ns - self.moves_from_t_ns) / NS_PER_S
+            place = target.position_m(moved_s, area.width_m, area.height_m)
+            east, north = place or (target.east_m, target.north_m)
+            objects.append(TruthObject("targets", target.id, east, north, place is not None))
+        return Truth(t_ns, tuple(objects))
+
+    def scan(self, index: int, truth: Truth) -> Scan:
+        """What a sensor sees of the truth at scan `index`."""
+        look = self._numbered(index)
+        sensor = self.sensors[look.sensor]
+        purpose = f"scan {sensor.name}" if look.sensor else "scan"
+        return observe(sensor, truth.objects, self.seed, look.number, truth.t_ns, purpose)

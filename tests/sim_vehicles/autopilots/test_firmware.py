@@ -1,0 +1,102 @@
+"""Real firmware in place of simulated autopilots: command lines, the launch, a mission with the binary."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from gcs.errors import SimulationError
+from gcs.geo import LocalFrame
+from gcs.model import NS_PER_S
+from sim_vehicles.autopilots.firmware import (
+    Launch,
+    Ports,
+    Stage,
+    arduplane_command,
+    parse_sitl,
+    px4_command,
+    true_place,
+)
+from sim_vehicles.vehicle.frames import FrameReader, Outbox
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
+
+FRAME = LocalFrame(33.2, -87.6, 50.0)
+SPEC = VehicleSpec(3, 120.0, 720.0, 1.5707963, 100.0, 15.0, airborne=False, wind_east_m_s=6.0)
+
+
+@pytest.mark.parametrize("text", ["arduplane", "arduplane=", "copter=/bin/true", "arduplane=/no/such/file"])
+def test_a_wrong_sitl_option_is_named(text: str) -> None:
+    with pytest.raises(SimulationError, match="--sitl"):
+        parse_sitl(text)
+
+
+def test_a_program_is_found() -> None:
+    assert parse_sitl(f"px4={sys.executable}") == ("px4", Path(sys.executable).resolve())
+
+
+def test_arduplane_starts_at_the_scenarios_place_with_its_speed_and_wind(tmp_path: Path) -> None:
+    command = arduplane_command(Path("/x/arduplane"), SPEC, FRAME, Ports(7001, 7002), 2, tmp_path)
+    option = dict(pairwise(command))
+    lat_deg, lon_deg, alt_m, heading_deg = map(float, option["--home"].split(","))
+    assert FRAME.to_local(lat_deg, lon_deg) == pytest.approx((120.0, 720.0), abs=0.1)
+    assert (alt_m, heading_deg) == (50.0, 90.0)
+    assert option["--serial0"] == "udpclient:127.0.0.1:7001"
+    assert (option["--sysid"], option["--instance"]) == ("3", "2")
+    parameters = dict(line.split() for line in (tmp_path / "scenario.parm").read_text().splitlines())
+    assert parameters["AIRSPEED_CRUISE"] == "15"
+    assert (parameters["SIM_WIND_SPD"], parameters["SIM_WIND_DIR"]) == ("6", "270")  # from the west
+
+
+def test_px4_takes_place_and_parameters_from_its_environment() -> None:
+    command, environment = px4_command(Path("/build/bin/px4"), SPEC, FRAME, 2, 3.0)
+    assert command == ["/build/bin/px4", "-i", "2", "-d", "/build/etc"]
+    assert environment["PX4_PARAM_MAV_SYS_ID"] == "3"
+    assert environment["PX4_SIM_SPEED_FACTOR"] == "3"
+
+
+def test_a_launch_ends_in_loiter_above_the_start() -> None:
+    spec = replace(SPEC, parameters={"TKOFF_ALT": 100.0})
+    vehicle, launch = SimVehicle(spec, FRAME, 0), Launch(spec, FRAME)
+    reader, commands = FrameReader(), Outbox(250)
+    t_ns = 0
+    while launch.stage is not Stage.DONE:
+        t_ns += NS_PER_S // 10
+        assert t_ns < 200 * NS_PER_S, (launch.stage, launch.said)
+        for data in vehicle.datagrams_to_send(t_ns):
+            for message in reader.messages(data):
+                launch.receive(message)
+        for command in launch.poll(t_ns):
+            commands.send(command)
+        for data in commands.take():
+            vehicle.receive_datagram(data, t_ns)
+    assert vehicle.alt_rel_m == pytest.approx(100.0, abs=11.0)
+    assert (vehicle.east_m - 120.0) ** 2 + (vehicle.north_m - 720.0) ** 2 < 300.0**2
+    assert vehicle.autopilot.mode.name == "LOITER"
+
+
+def test_only_the_simulations_own_messages_are_the_truth() -> None:
+    vehicle = SimVehicle(SPEC, FRAME, 0)
+    assert true_place(vehicle.truth_messages(0)[0]) is None
+
+
+@pytest.mark.parametrize("name", ["arduplane", "px4"])
+@pytest.mark.timeout(600)
+def test_real_firmware_flies_a_mission(tmp_path: Path, name: str) -> None:
+    binary = os.environ.get(name.upper())
+    if not binary:
+        pytest.skip(f"{name.upper()} names no firmware binary")
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", "from gcs.cli import main; main()", "demo", "prescribed", "--headless",
+         "--speed", "4" if name == "arduplane" else "1.5", "--json", "--out", str(tmp_path / "run"),
+         "--sitl", f"{name}={binary}"],
+        capture_output=True, text=True, timeout=550, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-3000:]
+    result = json.loads(done.stdout.strip().splitlines()[-1])
+    assert result["outcome"] == "complete"
+    assert result["upload_failures"] == 0

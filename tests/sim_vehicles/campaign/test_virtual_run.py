@@ -1,0 +1,352 @@
+"""A user would lose the workhorse: missions on virtual time that fail, differ from run to run, or cheat."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, field
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.io.zenoh.messages import encode
+from gcs.model import (
+    NS_PER_S,
+    Datagram,
+    Effect,
+    Event,
+    Fate,
+    MissionEnded,
+    Notice,
+    Plan,
+    Scan,
+    Send,
+    Tick,
+    Truth,
+    UploadReport,
+)
+from gcs.report.run.evaluation import Judge, Summary
+from sim_vehicles.campaign.virtual_run import START_T_NS, STEP_NS, VirtualRun
+from sim_vehicles.vehicle.vehicle import SimVehicle
+from sim_vehicles.world.scenario import load, parse_scenario
+
+PAPER = ["deterministic", "prescribed", "random-obstacles", "random-targets"]
+FIRST_PLAN_S = 2.0
+"""Everybody is believed at the third scan."""
+
+
+@dataclass
+class Flown:
+    """A mission that was flown: its verdict, its recording, what was told."""
+
+    summary: Summary
+    effects: list[Effect] = field(default_factory=list)
+    truths: list[Truth] = field(default_factory=list)
+    recording: str = ""
+
+    def fates(self) -> dict[int, list[tuple[float, str]]]:
+        """Seconds and fate of each change, by vehicle."""
+        told: dict[int, list[tuple[float, str]]] = {}
+        for effect in self.effects:
+            if isinstance(effect, Fate):
+                told.setdefault(effect.vehicle, []).append(
+                    ((effect.t_ns - START_T_NS) / NS_PER_S, effect.fate)
+                )
+        return told
+
+
+def fly(name: str, seed: int, *, loss: float = 0.0, kills: dict[int, float] | None = None) -> Flown:
+    scenario = load(name)
+    config = scenario.config
+    judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    effects: list[Effect] = []
+    truths: list[Truth] = []
+    recording = hashlib.sha256()
+
+    def on_effect(_t_ns: int, effect: Effect) -> None:
+        judge.effect(effect)
+        effects.append(effect)
+        recording.update(encode(effect))
+
+    def on_truth(truth: Truth) -> None:
+        judge.truth(truth)
+        truths.append(truth)
+        recording.update(encode(truth))
+
+    def on_event(event: Event) -> None:
+        recording.update(encode(event))
+
+    run = VirtualRun(scenario, seed, on_event, on_effect, on_truth, loss, kills or {})
+    flown_s = run.run()
+    summary = judge.summary(
+        scenario=name, seed=seed, duration_s=flown_s, scan_ms_p99=0.0, plan_ms_p99=0.0, recording=""
+    )
+    return Flown(summary, effects, truths, recording.hexdigest())
+
+
+def assert_complete(flown: Flown) -> None:
+    assert flown.summary.outcome == "complete", flown.summary.reason
+    targets = [agent.target for agent in flown.summary.agents if agent.fate == "arrived"]
+    assert len(set(targets)) == len(targets)
+    assert None not in targets
+    assert all(agent.fate != "flying" for agent in flown.summary.agents)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("name", PAPER)
+def test_the_papers_missions_complete(name: str, seed: int) -> None:
+    flown = fly(name, seed)
+    assert_complete(flown)
+    assert flown.summary.false_deaths == 0
+    assert flown.summary.upload_failures <= flown.summary.deaths
+    assert sum(isinstance(effect, MissionEnded) for effect in flown.effects) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", PAPER)
+def test_the_papers_missions_complete_for_a_hundred_seeds(name: str) -> None:
+    failed = {}
+    for seed in range(100):
+        summary = fly(name, seed).summary
+        if summary.outcome != "complete":
+            failed[seed] = summary.reason
+    assert failed == {}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", PAPER)
+def test_missions_complete_over_links_that_lose_a_fifth_for_thirty_seeds(name: str) -> None:
+    failed = {}
+    for seed in range(30):
+        summary = fly(name, seed, loss=0.2).summary
+        if summary.outcome != "complete":
+            failed[seed] = summary.reason
+    assert failed == {}
+
+
+def test_a_seed_means_one_recording_byte_for_byte_and_another_seed_another() -> None:
+    recordings = [fly("random-targets", seed, loss=0.1).recording for seed in (2, 2, 3)]
+    assert recordings[0] == recordings[1] != recordings[2]
+
+
+@pytest.mark.parametrize("name", ["prescribed", "random-targets"])
+def test_links_that_lose_a_fifth_each_way_still_complete(name: str) -> None:
+    flown, clean = fly(name, 1, loss=0.2), fly(name, 1)
+    assert_complete(flown)
+    uploads = (flown.summary.uploads, clean.summary.uploads)
+    assert flown.recording != clean.recording, uploads
+
+
+def test_losses_do_not_change_the_world() -> None:
+    """Targets move and agents die as they would: only what is heard differs."""
+    worlds = []
+    for loss in (0.0, 0.3):
+        truths = fly("random-obstacles", 3, loss=loss).truths[:100]
+        worlds.append(
+            [[(t.kind, t.id, t.alive) for t in truth.objects] for truth in truths]
+            + [[(t.east_m, t.north_m) for t in truth.objects if t.kind == "targets"] for truth in truths]
+        )
+    assert worlds[0] == worlds[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "vehicle", "at_s"),
+    [
+        ("deterministic", 3, 1.5),  # seen, but before the first plan
+        ("deterministic", 1, FIRST_PLAN_S + 0.1),  # while its first mission is on its way
+        ("prescribed", 1, 5.5),
+        ("prescribed", 3, 60.0),  # in mid-flight, after agent 2
+        ("random-targets", 4, 90.0),
+        ("deterministic", 4, 121.0),  # less than 100 m from its target
+    ],
+)
+def test_a_killed_vehicle_is_called_dead_within_five_seconds_and_the_others_arrive(
+    name: str, vehicle: int, at_s: float
+) -> None:
+    flown = fly(name, 0, kills={vehicle: at_s})
+    first, *more = flown.fates()[vehicle]
+    assert more == []
+    assert first[1] == "dead"
+    assert at_s <= first[0] <= at_s + 5.0
+    assert_complete(flown)
+    assert flown.summary.false_deaths == 0
+
+
+def test_a_vehicle_killed_before_it_was_known_by_its_track_is_called_dead_soon_too() -> None:
+    flown = fly("prescribed", 0, kills={3: 0.5})
+    (told,) = flown.fates()[3]
+    assert told[1] == "dead"
+    assert 0.5 < told[0] < 8.0
+    assert_complete(flown)
+
+
+def test_a_vehicle_that_never_shows_up_is_given_up_and_the_others_go() -> None:
+    flown = fly("deterministic", 0, kills={2: 0.0})
+    (told,) = flown.fates()[2]
+    assert told[1] == "dead"
+    assert 20.0 < told[0] < 25.0
+    assert_complete(flown)
+    first = next(effect for effect in flown.effects if isinstance(effect, Plan))
+    assert (first.t_ns - START_T_NS) / NS_PER_S == pytest.approx(5.0, abs=1.0)
+    assert [route.vehicle for route in first.routes] == [1, 3, 4]
+
+
+def test_when_all_are_killed_the_mission_ends_with_nobody() -> None:
+    flown = fly("deterministic", 0, kills=dict.fromkeys((1, 2, 3, 4), 30.0))
+    (ended,) = [effect for effect in flown.effects if isinstance(effect, MissionEnded)]
+    assert (ended.arrived, ended.dead) == ((), (1, 2, 3, 4))
+    assert flown.summary.duration_s < 36.0
+
+
+def test_a_killed_vehicle_says_nothing_more_and_stays_where_it_fell() -> None:
+    heard: list[Datagram] = []
+    truths: list[Truth] = []
+
+    def on_event(event: Event) -> None:
+        if isinstance(event, Datagram):
+            heard.append(event)
+
+    VirtualRun(load("prescribed"), 0, on_event, on_truth=truths.append, kills={1: 10.0}).run(20.0)
+    last_ns = max(event.t_ns for event in heard if event.peer == "vehicle:1")
+    assert 9.0 < (last_ns - START_T_NS) / NS_PER_S < 10.0
+    fallen = [truth.objects[0] for truth in truths if truth.t_ns >= START_T_NS + 10 * NS_PER_S]
+    assert len(set(fallen)) == 1
+    assert (fallen[0].id, fallen[0].alive) == (1, False)
+    assert truths[9].objects[0].alive
+
+
+def test_time_goes_on_in_equal_steps_and_events_are_in_its_order() -> None:
+    events: list[Event] = []
+    VirtualRun(load("prescribed"), 0, events.append).run(10.0)
+    ticks = [event.t_ns for event in events if isinstance(event, Tick)]
+    assert ticks == [START_T_NS + i * STEP_NS for i in range(len(ticks))]
+    times = [event.t_ns for event in events]
+    assert times == sorted(times)
+    scans = [event.measured_t_ns for event in events if isinstance(event, Scan)]
+    assert scans == [START_T_NS + i * NS_PER_S for i in range(11)]
+
+
+def test_a_run_that_takes_too_long_is_cut_off_where_it_was_told() -> None:
+    run = VirtualRun(load("deterministic"), 0)
+    assert run.run(12.0) == pytest.approx(12.0, abs=0.1)
+    assert not run.ended
+    assert len(run.timings.scan_ms) == 13
+    assert len(run.timings.plan_ms) == 1
+
+
+@dataclass
+class Traffic:
+    """What passes over the links of a run, at either end."""
+
+    said: list[tuple[int, str, bytes]] = field(default_factory=list)
+    """By vehicles."""
+    heard: list[tuple[int, str, bytes]] = field(default_factory=list)
+    """By central command."""
+    sent: list[tuple[int, str, bytes]] = field(default_factory=list)
+    """By central command, with the time at which it is due at the vehicle."""
+    got: list[tuple[int, str, bytes]] = field(default_factory=list)
+    """By vehicles."""
+
+
+def traffic(monkeypatch: pytest.MonkeyPatch, seconds: float, loss: float) -> Traffic:
+    seen = Traffic()
+
+    def on_event(event: Event) -> None:
+        if isinstance(event, Datagram):
+            seen.heard.append((event.t_ns, event.peer, event.data))
+
+    def on_effect(t_ns: int, effect: Effect) -> None:
+        if isinstance(effect, Send):
+            seen.sent.append((t_ns + STEP_NS, effect.peer, effect.data))
+
+    say, take = SimVehicle.datagrams_to_send, SimVehicle.receive_datagram
+
+    def datagrams_to_send(vehicle: SimVehicle, t_ns: int) -> list[bytes]:
+        datagrams = say(vehicle, t_ns)
+        seen.said.extend((t_ns, f"vehicle:{vehicle.system_id}", data) for data in datagrams)
+        return datagrams
+
+    def receive_datagram(vehicle: SimVehicle, data: bytes, t_ns: int) -> None:
+        seen.got.append((t_ns, f"vehicle:{vehicle.system_id}", data))
+        take(vehicle, data, t_ns)
+
+    monkeypatch.setattr(SimVehicle, "datagrams_to_send", datagrams_to_send)
+    monkeypatch.setattr(SimVehicle, "receive_datagram", receive_datagram)
+    run = VirtualRun(load("deterministic"), 0, on_event, on_effect, loss=loss)
+    run.run(seconds)
+    seen.sent = [one for one in seen.sent if one[0] < run.t_ns]
+    return seen
+
+
+def test_bytes_arrive_whole_and_only_at_their_vehicle_a_step_after_they_were_sent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen = traffic(monkeypatch, 6.0, loss=0.0)
+    assert len(seen.sent) > 50
+    assert sorted(seen.got) == sorted(seen.sent)
+    assert seen.heard == seen.said
+
+
+def test_each_way_loses_the_share_it_was_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = traffic(monkeypatch, 60.0, loss=0.3)
+    assert set(seen.heard) <= set(seen.said)
+    assert set(seen.got) <= set(seen.sent)
+    for arrived, sent in ((seen.heard, seen.said), (seen.got, seen.sent)):
+        n = len(sent)
+        assert n > 200
+        assert len(arrived) == pytest.approx(0.7 * n, abs=5 * math.sqrt(0.21 * n))
+
+
+def test_a_vehicle_that_somebody_sent_home_is_left_alone() -> None:
+    encoder = mavlink.MAVLink(None, 254, 190)
+    rtl = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 11, 0, 0, 0, 0, 0)
+    effects: list[tuple[int, object]] = []
+    sent_home_t_ns = START_T_NS + 30 * NS_PER_S
+
+    def on_event(event: object) -> None:
+        if isinstance(event, Tick) and event.t_ns == sent_home_t_ns:
+            run.vehicles["vehicle:1"].receive_datagram(bytes(rtl.pack(encoder)), event.t_ns)
+
+    run = VirtualRun(load("prescribed"), 1, on_event, lambda t_ns, effect: effects.append((t_ns, effect)))
+    run.run(90.0)
+    state = run.command.fleet.state(1)
+    assert state is not None
+    assert state.mode == "RTL"
+    later = [effect for t_ns, effect in effects if t_ns >= sent_home_t_ns + NS_PER_S]
+    plans = [effect for effect in later if isinstance(effect, Plan)]
+    assert any("agent 1 is in RTL and left alone" in plan.reason for plan in plans)
+    assert not any(isinstance(effect, UploadReport) and effect.vehicle == 1 for effect in later)
+    assert any(isinstance(effect, UploadReport) and effect.vehicle == 4 for effect in later)
+
+
+def begun_50_s_ago(text: str) -> str:
+    """A scenario whose targets have moved for 50 s when it starts."""
+    head, *tables = text.split("[[simulation.targets]]\n")
+    moved = []
+    for table in tables:
+        values = {key: float(value) for key, _, value in (row.partition(" = ") for row in numbers(table))}
+        east, north = (values[f"{axis}_m"] + 50.0 * values[f"v_{axis}_m_s"] for axis in ("east", "north"))
+        velocity = f"v_east_m_s = {values['v_east_m_s']}\nv_north_m_s = {values['v_north_m_s']}\n"
+        moved.append(f"east_m = {east}\nnorth_m = {north}\n{velocity}\n")
+    return "[[simulation.targets]]\n".join([head, *moved])
+
+
+def numbers(table: str) -> list[str]:
+    return [row.split("#")[0].strip() for row in table.splitlines() if "=" in row]
+
+
+@pytest.mark.parametrize("births_anywhere", [True, False])
+def test_targets_that_left_their_places_of_birth_are_found_or_told_of(births_anywhere):
+    text = begun_50_s_ago(load("prescribed").text)
+    if not births_anywhere:
+        text = text.replace("per_s = 0.0005", "per_s = 0.0")
+    run = VirtualRun(parse_scenario(text, "begun"), seed=1)
+    effects: list[Effect] = []
+    run.on_effect = lambda _, effect: effects.append(effect)
+    run.run(20.0)
+    targets = run.command.trackers.targets.beliefs.tracks
+    alarms = [one.text for one in effects if isinstance(one, Notice) and "detections persist" in one.text]
+    assert len(targets) == (5 if births_anywhere else 1)  # one moves so slowly that it is near its place
+    assert len(alarms) in ([0] if births_anywhere else [1, 2])
