@@ -46,7 +46,7 @@ def test_the_short_form_of_help_and_the_package_itself_are_understood() -> None:
 
 def test_warm_up_compiles_everything_and_a_flight_only_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, ...]] = []
-    monkeypatch.setattr("gcs.compiling.warm_up", lambda *rooms, **_: asked.append(rooms))
+    monkeypatch.setattr("gcs.jit.warm_up", lambda *rooms, **_: asked.append(rooms))
     shown = CliRunner().invoke(app, ["warm-up"])
     assert (shown.exit_code, shown.stdout.strip()) == (0, "all kernels are ready")
     warm_up_progress.load_kernels(Console(quiet=True))

@@ -7,7 +7,7 @@ from typing import Final
 
 from rich.console import Console
 
-from gcs import compiling
+from gcs import jit
 
 TRACKING: Final = "gcs.tracking.glmb.filter"
 HISTORIES: Final = "gcs.tracking.trajectories.recovery"
@@ -46,7 +46,7 @@ def load_kernels(console: Console, *rooms: str) -> None:
                     console.print(f"compiling {count} kernels: {name}", highlight=False)
             status.update(f"compiling kernel {number} of {count}: {name}")
 
-        compiling.warm_up(*(rooms or FLYING), on_compiled=on_compiled)
+        jit.warm_up(*(rooms or FLYING), on_compiled=on_compiled)
     if cold:
         taken_s = time.perf_counter() - began_s
         console.print(f"compiled in {taken_s:.0f} s; later starts load them from the cache", highlight=False)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.compiling import Call, kernel
+from gcs.jit import Call, kernel
 from gcs.model import FloatArray
 
 _STEP_S = 1.0

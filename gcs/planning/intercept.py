@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.compiling import Call, kernel
+from gcs.jit import Call, kernel
 from gcs.model import FloatArray, Track, read_only
 from gcs.planning.map.grid import Grid, Point
 

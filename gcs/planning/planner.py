@@ -18,7 +18,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from gcs import compiling
+from gcs import jit
 from gcs.model import FloatArray, Label, Route, read_only, target_name, vehicle_name
 from gcs.planning import deconfliction, intercept, vehicle_model
 from gcs.planning.assignment import assign
@@ -226,7 +226,7 @@ def _places_notes(
     return notes
 
 
-def warm_up_calls() -> list[compiling.Call]:
+def warm_up_calls() -> list[jit.Call]:
     """One call of every kernel, types as in a plan; the longest to compile stand at the ends."""
     grid = free_grid((2, 2), 10.0)
     blocked, smap, xy = grid.blocked, search_map(grid), np.zeros((1, 2))
@@ -254,4 +254,4 @@ def warm_up_calls() -> list[compiling.Call]:
 
 def warm_up() -> None:
     """Compile every kernel, or load it from the cache: seconds, once; without it the first plan pays."""
-    compiling.warm_up(__name__)
+    jit.warm_up(__name__)

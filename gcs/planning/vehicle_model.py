@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.compiling import Call, inlined, kernel
+from gcs.jit import Call, inlined, kernel
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import clear_leg

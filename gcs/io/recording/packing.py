@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from gcs import compiling
+from gcs import jit
 from gcs.io.recording.tlog import tlog_entries
 from gcs.io.zenoh.messages import Recordable, encode, topic_of
 from gcs.model import Datagram, Send
@@ -42,7 +42,7 @@ _TIME: Final = b'{"t_ns":'
 _NOT_FRAMES: Final = -1
 
 
-@compiling.leaf
+@jit.leaf
 def _put(out, at, value, size):  # type: ignore[no-untyped-def]
     """Write a number, little end first; return the place behind it."""
     for k in range(size):
@@ -50,7 +50,7 @@ def _put(out, at, value, size):  # type: ignore[no-untyped-def]
     return at + size
 
 
-@compiling.leaf
+@jit.leaf
 def _put_time(out, at, t_ns):  # type: ignore[no-untyped-def]
     """Write the beginning of a datagram's JSON."""
     for k in range(len(_TIME)):
@@ -69,7 +69,7 @@ def _put_time(out, at, t_ns):  # type: ignore[no-untyped-def]
     return at + digits
 
 
-@compiling.leaf
+@jit.leaf
 def _put_base64(out, at, data, begin, end):  # type: ignore[no-untyped-def]
     for k in range(begin, end, 3):
         word, left = np.int64(0), 0
@@ -84,7 +84,7 @@ def _put_base64(out, at, data, begin, end):  # type: ignore[no-untyped-def]
     return at
 
 
-@compiling.leaf
+@jit.leaf
 def _put_entries(log, at, data, begin, end, t_us):  # type: ignore[no-untyped-def]
     """Write the frames that fill a datagram from end to end, each with its stamp; see `split_frames`."""
     while begin < end:
@@ -105,7 +105,7 @@ def _put_entries(log, at, data, begin, end, t_us):  # type: ignore[no-untyped-de
     return at
 
 
-@compiling.leaf
+@jit.leaf
 def _pack_all(data, ends, forms, times_ns, sequence, table, heads, out, places, log):  # type: ignore[no-untyped-def]
     at = begin = logged = 0
     for i in range(len(ends)):
@@ -137,7 +137,7 @@ def _pack_all(data, ends, forms, times_ns, sequence, table, heads, out, places, 
     return at, logged
 
 
-@compiling.kernel
+@jit.kernel
 def _pack(data, ends, forms, times_ns, sequence, table, heads, out, places, log):  # type: ignore[no-untyped-def]
     """Write messages to `out`, their times and places, and entries to `log`; return the sizes of both.
 
@@ -252,7 +252,7 @@ class Packer:
         return Packed(out[:size].tobytes(), rows[:, 0].astype(np.uint16), places, entries)
 
 
-def warm_up_calls() -> list[compiling.Call]:
+def warm_up_calls() -> list[jit.Call]:
     """List one call of each kernel."""
     text, out, numbers = np.frombuffer(b" ", np.uint8), np.zeros(99, np.uint8), np.zeros(1, np.int64)
     places, table = np.zeros((1, 2), np.uint64), np.zeros((1, 4), np.int64)

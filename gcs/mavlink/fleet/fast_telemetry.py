@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs import compiling
+from gcs import jit
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.position_checks import EARTH_RADIUS_M, MAX_ALT_M, MIN_ALT_M, NULL_DEG
 from gcs.mavlink.fleet.position_plausibility import BOOTS_APART_S, SLACK_M, STANDING_M_S
@@ -93,12 +93,12 @@ _MARGIN: Final = 0.98
 bit of its sine and the shape of the Earth say."""
 
 
-@compiling.leaf
+@jit.leaf
 def _byte(data, begin, offset, size):  # type: ignore[no-untyped-def]
     return np.int64(data[begin + offset]) if offset < size else np.int64(0)
 
 
-@compiling.leaf
+@jit.leaf
 def _number(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
     """Little-endian and unsigned."""
     value = np.int64(0)
@@ -107,14 +107,14 @@ def _number(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
     return value
 
 
-@compiling.leaf
+@jit.leaf
 def _signed(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
     value = _number(data, begin, offset, size, width)
     half = np.int64(1) << 8 * width - 1
     return (value ^ half) - half
 
 
-@compiling.leaf
+@jit.leaf
 def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
     """Whether a place (1e-7 degrees) is well within reach, as `gcs.mavlink.fleet.position_checks.distance_m` measures.
 
@@ -129,7 +129,7 @@ def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
     return 2.0 * _EARTH_M * math.asin(min(1.0, math.sqrt(chord))) < _MARGIN * origin[2]
 
 
-@compiling.leaf
+@jit.leaf
 def _goes_on(row, boot_ms, t_ns, lat, lon, speed2, max_speed_m_s):  # type: ignore[no-untyped-def]
     """Whether a position surely goes on from the one before, as `gcs.mavlink.fleet.position_plausibility` judges.
 
@@ -153,7 +153,7 @@ def _goes_on(row, boot_ms, t_ns, lat, lon, speed2, max_speed_m_s):  # type: igno
     return north_m * north_m + east_m * east_m < reach_m * reach_m
 
 
-@compiling.leaf
+@jit.leaf
 def _take_position(data, begin, size, t_ns, row, origin):  # type: ignore[no-untyped-def]
     """Take a position that is newer and can be believed; return whether it was taken."""
     boot_ms = _number(data, begin, 0, size, 4)
@@ -180,7 +180,7 @@ def _take_position(data, begin, size, t_ns, row, origin):  # type: ignore[no-unt
     return True
 
 
-@compiling.leaf
+@jit.leaf
 def _count(row, sequence, t_ns):  # type: ignore[no-untyped-def]
     """Count a frame and the gap before it; return by how much `LOST` changed."""
     row[FRAMES] += 1
@@ -198,7 +198,7 @@ def _count(row, sequence, t_ns):  # type: ignore[no-untyped-def]
     return row[LOST] - before
 
 
-@compiling.leaf
+@jit.leaf
 def _fold_on(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ignore[no-untyped-def]
     """Fold frames in from row `at` on; stop before the first that is not quiet.
 
@@ -247,7 +247,7 @@ def _fold_on(data, frames, at, address, t_ns, rows_of, table, origin):  # type: 
     return at, lost
 
 
-@compiling.kernel
+@jit.kernel
 def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ignore[no-untyped-def]
     return _fold_on(data, frames, at, address, t_ns, rows_of, table, origin)
 
@@ -304,7 +304,7 @@ class Ledger:
         return next_at, lost
 
 
-def warm_up_calls() -> list[compiling.Call]:
+def warm_up_calls() -> list[jit.Call]:
     """List one call of each kernel, those of framing and gathering among them."""
     frames = np.zeros((2, CHECKED + 1), np.int32)
     rows_of, table = np.full(_SYSTEMS + _IDS, NONE, np.int64), np.zeros((1, WIDTH), np.int64)
@@ -317,4 +317,4 @@ def warm_up_calls() -> list[compiling.Call]:
 
 def warm_up() -> None:
     """Load the kernels from the cache, or compile them."""
-    compiling.warm_up(__name__)
+    jit.warm_up(__name__)

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from gcs import compiling
+from gcs import jit
 from gcs.mavlink.frames.fast_scan import CHECKED, EXTRAS, WIDTH, frame_at
 
 MAX_BYTES: Final = 1400
@@ -21,7 +21,7 @@ _SEATS: Final = 1024
 _ALONE: Final = -1
 
 
-@compiling.leaf
+@jit.leaf
 def _is_clean(data, end, extras, scratch):  # type: ignore[no-untyped-def]
     at = 0
     while at < end:
@@ -32,7 +32,7 @@ def _is_clean(data, end, extras, scratch):  # type: ignore[no-untyped-def]
     return True
 
 
-@compiling.leaf
+@jit.leaf
 def _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, seats, out, groups, ends):  # type: ignore[no-untyped-def]
     number = 0
     for i in range(count):
@@ -58,7 +58,7 @@ def _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, sea
     return number
 
 
-@compiling.kernel
+@jit.kernel
 def _gather(slots, count, lengths, senders, extras, out, groups, ends):  # type: ignore[no-untyped-def]
     """Copy datagrams, grouped, into `out`; put a datagram of each group, and its end, where they belong."""
     scratch = np.empty((1, WIDTH), np.int32)
@@ -92,7 +92,7 @@ class Gatherer:
         return found
 
 
-def warm_up_calls() -> list[compiling.Call]:
+def warm_up_calls() -> list[jit.Call]:
     """List one call of each kernel."""
     numbers = np.zeros(1, np.int64)
     slots, out = np.zeros((1, 64), np.uint8), np.zeros(1, np.uint8)

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs import compiling
+from gcs import jit
 from gcs.mavlink.frames.codec import Frame
 
 Ints = npt.NDArray[np.int32]
@@ -60,20 +60,20 @@ def _extras() -> npt.NDArray[np.int16]:
 EXTRAS: Final = _extras()
 
 
-@compiling.leaf
+@jit.leaf
 def _two(data, at):  # type: ignore[no-untyped-def]
     """Two bytes as a number: signed, since numba makes a float of an unsigned number and a signed one."""
     return np.int64(data[at]) | np.int64(data[at + 1]) << 8
 
 
-@compiling.leaf
+@jit.leaf
 def _message_id(data, at):  # type: ignore[no-untyped-def]
     if data[at] == 0xFE:
         return np.int64(data[at + 5])
     return _two(data, at + 7) | np.int64(data[at + 9]) << 16
 
 
-@compiling.leaf
+@jit.leaf
 def _crc(data, begin, end, extra):  # type: ignore[no-untyped-def]
     """Checksum of `data[begin:end]` and the extra byte."""
     crc = np.int64(0xFFFF)
@@ -88,7 +88,7 @@ def _crc(data, begin, end, extra):  # type: ignore[no-untyped-def]
     return crc >> 8 ^ _STEPS[0, (crc ^ extra) & 0xFF]
 
 
-@compiling.leaf
+@jit.leaf
 def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def]
     """Put the frame that may start at `at` into `frames[row]`.
 
@@ -130,7 +130,7 @@ def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def
     return length
 
 
-@compiling.leaf
+@jit.leaf
 def _covers_good_frame(data, at, length, extras, frames, row, tries):  # type: ignore[no-untyped-def]
     """Tell whether a good frame starts within the one claimed at `at`, and how many tries are left.
 
@@ -150,7 +150,7 @@ def _covers_good_frame(data, at, length, extras, frames, row, tries):  # type: i
     return False, tries
 
 
-@compiling.leaf
+@jit.leaf
 def _all(data, extras, frames):  # type: ignore[no-untyped-def]
     """Fill `frames` from its second row on, and the counters into its first."""
     count = bad_bytes = crc_errors = unknown = false_starts = 0
@@ -186,7 +186,7 @@ def _all(data, extras, frames):  # type: ignore[no-untyped-def]
     )
 
 
-@compiling.kernel
+@jit.kernel
 def _find(data, extras, frames):  # type: ignore[no-untyped-def]
     _all(data, extras, frames)
 
@@ -223,6 +223,6 @@ class Frames:
         return Frame(system, component, sequence, message_id, bool(signed), data)
 
 
-def warm_up_calls() -> list[compiling.Call]:
+def warm_up_calls() -> list[jit.Call]:
     """List one call of each kernel."""
     return [(_find, b"\xfd", EXTRAS, np.zeros((2, WIDTH), np.int32))]

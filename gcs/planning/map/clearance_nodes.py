@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gcs.compiling import Call, kernel
+from gcs.jit import Call, kernel
 from gcs.planning.map.grid import free_grid
 from gcs.planning.map.line_of_sight import clear_leg, is_clear_at, room_at
 

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.jit import inlined, kernel, leaf
 from gcs.planning.map.grid import TOUCH, Grid, Point
 
 _NO_LEG = 1e-100

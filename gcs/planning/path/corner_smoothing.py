@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 
-from gcs.compiling import called, inlined, leaf
+from gcs.jit import called, inlined, leaf
 from gcs.planning.map.line_of_sight import blocker
 
 _UNFIT = 4.0

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel
+from gcs.jit import inlined, kernel
 from gcs.model import FloatArray
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from gcs.compiling import kernel, leaf
+from gcs.jit import kernel, leaf
 from gcs.planning.map.grid import TOUCH
 from gcs.planning.map.line_of_sight import clear_leg, room_at
 

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from gcs.compiling import called
+from gcs.jit import called
 from gcs.planning.map.line_of_sight import clear_leg
 from gcs.planning.path.dubins import TURNS, words
 from gcs.planning.path.initial_turn import MOST_ARC, arc_is_clear, arc_to

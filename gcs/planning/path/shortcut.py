@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel
+from gcs.jit import called, inlined, kernel
 from gcs.model import FloatArray
 from gcs.planning.map.grid import BoolArray
 from gcs.planning.map.line_of_sight import clear_leg, room_at

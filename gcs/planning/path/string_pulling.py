@@ -26,7 +26,7 @@ import math
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel, leaf
+from gcs.jit import called, inlined, kernel, leaf
 from gcs.planning.map.grid import TOUCH
 from gcs.planning.map.line_of_sight import blocker, clear_leg, leg_room
 from gcs.planning.path.initial_turn import start_arc, start_is_clear, start_room

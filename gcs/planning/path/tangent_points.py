@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from gcs.compiling import called, inlined, leaf
+from gcs.jit import called, inlined, leaf
 from gcs.planning.map.line_of_sight import is_clear_at
 
 _WIDTH = 2.5

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel
+from gcs.jit import called, inlined, kernel
 from gcs.model import FloatArray
 from gcs.planning.map.line_of_sight import clear_leg, leg_room
 from gcs.planning.path.corner_smoothing import cost, ease, half_turn, is_flown, leg_fits

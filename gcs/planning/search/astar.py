@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gcs.compiling import fetch_early, inlined, kernel
+from gcs.jit import fetch_early, inlined, kernel
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid
 from gcs.planning.search.canonical_ordering import (

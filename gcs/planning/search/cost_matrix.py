@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gcs.compiling import Call, kernel
+from gcs.jit import Call, kernel
 from gcs.model import FloatArray
 from gcs.planning.map.grid import BoolArray, Grid, free_grid
 from gcs.planning.path.shortcut import close_and_seen

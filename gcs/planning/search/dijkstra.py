@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from gcs.compiling import fetch_early, kernel, leaf
+from gcs.jit import fetch_early, kernel, leaf
 from gcs.planning.search.canonical_ordering import DIAGONAL, LED, LISTED, MOST_MOVES, NEAR_BIT, NO_MOVE, TIGHT
 from gcs.planning.search.neighbours import SearchMap
 

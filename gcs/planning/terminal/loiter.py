@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.compiling import Call, kernel, leaf
+from gcs.jit import Call, kernel, leaf
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import is_clear_at, leg_room, to_cells

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, leaf
+from gcs.jit import inlined, leaf
 from gcs.tracking.glmb.hypotheses import Groups, Options
 from gcs.tracking.numerics.fast_math import exponentials
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf, spliced
+from gcs.jit import ZERO, inlined, kernel, leaf, spliced
 from gcs.tracking.glmb.hypotheses import Groups, Limits, filled, key_of, room_for_groups
 from gcs.tracking.numerics.fast_math import exponentials
 from gcs.tracking.numerics.sorting import Distinct, distinct, head, rank, room_for_distinct

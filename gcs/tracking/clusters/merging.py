@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf, spliced
+from gcs.jit import ZERO, inlined, kernel, leaf, spliced
 from gcs.tracking.clusters.contention import room_for_claims, root_of, unite
 from gcs.tracking.glmb.hypotheses import Groups, Limits, Options, filled, room_for_groups
 from gcs.tracking.numerics.sorting import Order, greatest_first, head, room_to_order

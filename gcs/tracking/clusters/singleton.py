@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, fetch_early, inlined, kernel, leaf, spliced
+from gcs.jit import ZERO, fetch_early, inlined, kernel, leaf, spliced
 from gcs.tracking.glmb.hypotheses import DIED, Groups, Limits, Options
 from gcs.tracking.glmb.kalman import updated
 from gcs.tracking.glmb.merging import factor, far, near

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, leaf
+from gcs.jit import ZERO, inlined, leaf
 from gcs.tracking.clusters.factorisation import part, renumber
 from gcs.tracking.clusters.merging import meet
 from gcs.tracking.clusters.singleton import Made, Tracks, alone

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.jit import ZERO, inlined, kernel, leaf
 from gcs.tracking.glmb.hypotheses import Groups
 from gcs.tracking.glmb.marginals import Summary, summary
 from gcs.tracking.glmb.merging import factor, near

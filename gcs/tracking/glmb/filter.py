@@ -25,7 +25,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gcs import compiling
+from gcs import jit
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
 from gcs.tracking.glmb import extraction, kalman, recursion
 from gcs.tracking.glmb.extraction import Estimates
@@ -207,7 +207,7 @@ def _process_noise(
     return constant_velocity.process_noise(dt_s, accel_std_m_s2, acceleration)
 
 
-def warm_up_calls() -> list[compiling.Call]:
+def warm_up_calls() -> list[jit.Call]:
     """One call of every kernel that a tracker calls, types as there; for histories see `recovery`."""
     return [
         *extraction.warm_up_calls(),
@@ -217,11 +217,11 @@ def warm_up_calls() -> list[compiling.Call]:
     ]
 
 
-def warm_up_parts() -> list[compiling.Call]:
+def warm_up_parts() -> list[jit.Call]:
     """One call of every kernel that is a part of these, types as there."""
     return recursion.warm_up_parts()
 
 
 def warm_up() -> None:
     """Compile every kernel, or load it from the cache: seconds, once; without it the first scans pay."""
-    compiling.warm_up(__name__)
+    jit.warm_up(__name__)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, leaf
+from gcs.jit import ZERO, inlined, leaf
 from gcs.tracking.models.measurement import View, wrapped
 from gcs.tracking.numerics.sorting import Order, greatest_first, room_to_order
 

@@ -5,7 +5,7 @@ Weights are logarithms throughout; hypotheses of a group are sorted, best first,
 Lists of lists are flat: list i is `items[start[i]:start[i + 1]]`. Before a scan's update a hypothesis's items
 are tracks. A child's are option indices, which name (track, detection) pairs and so become the next scan's
 tracks. Why the kernels of this room look as they do, and which file's cache to clear after an edit: see
-`gcs.compiling`.
+`gcs.jit`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined
+from gcs.jit import inlined
 from gcs.tracking.numerics.sorting import head
 
 DIED = -2

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, leaf, spliced
+from gcs.jit import ZERO, inlined, leaf, spliced
 from gcs.tracking.glmb.hypotheses import DIED, Limits, Options, key_of
 from gcs.tracking.numerics.sorting import Order, greatest_first, power_of_two, room_to_order
 

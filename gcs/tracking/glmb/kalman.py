@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, leaf, spliced
+from gcs.jit import inlined, leaf, spliced
 from gcs.tracking.glmb.gating import innovation
 from gcs.tracking.glmb.hypotheses import Groups, room_for_groups
 from gcs.tracking.models.measurement import View, wrapped

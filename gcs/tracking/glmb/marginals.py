@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.jit import ZERO, inlined, kernel, leaf
 from gcs.tracking.glmb.hypotheses import Groups
 from gcs.tracking.numerics.fast_math import exponentials
 from gcs.tracking.numerics.sorting import head

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined
+from gcs.jit import ZERO, inlined
 from gcs.tracking.glmb.gating import put_in_strips
 from gcs.tracking.models import sensors
 from gcs.tracking.numerics.sorting import head

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf
+from gcs.jit import ZERO, inlined, kernel, leaf
 from gcs.tracking.glmb.hypotheses import Groups, key_of
 from gcs.tracking.numerics.fast_math import exponentials
 from gcs.tracking.numerics.sorting import (

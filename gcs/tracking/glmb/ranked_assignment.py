@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, inlined, kernel, leaf, spliced
+from gcs.jit import ZERO, inlined, kernel, leaf, spliced
 from gcs.tracking.glmb.hypotheses import Groups, Limits, Options, filled, key_of, mix, room_for_groups
 from gcs.tracking.glmb.hypothesis_pool import Pool, offer, room_for_children
 from gcs.tracking.numerics.sorting import Order, greatest_first, power_of_two, room_to_order

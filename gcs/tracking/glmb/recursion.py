@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import Call, kernel, leaf
+from gcs.jit import Call, kernel, leaf
 from gcs.tracking.clusters.factorisation import part, renumber
 from gcs.tracking.clusters.merging import meet
 from gcs.tracking.clusters.singleton import Made, alone

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.compiling import Call, kernel
+from gcs.jit import Call, kernel
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray

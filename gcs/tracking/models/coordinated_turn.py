@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.jit import inlined, kernel, leaf
 from gcs.model import FloatArray
 from gcs.tracking.models.measurement import View, wrapped
 

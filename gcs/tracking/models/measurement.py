@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from gcs.compiling import called, inlined, kernel, leaf
+from gcs.jit import called, inlined, kernel, leaf
 from gcs.tracking.models.sensors import MOST_DETECTION, box
 
 if TYPE_CHECKING:

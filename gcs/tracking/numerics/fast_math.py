@@ -15,7 +15,7 @@ from typing import Any
 from numba.core import types
 from numba.extending import intrinsic
 
-from gcs.compiling import leaf
+from gcs.jit import leaf
 
 _PER_LN2 = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10

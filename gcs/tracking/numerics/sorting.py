@@ -1,7 +1,7 @@
 """Compiled sorting and joining of hypotheses, shared by the kernels of this room.
 
 Its functions are compiled into the kernels of other files, so their caches must be cleared after an edit here
-(see `gcs.compiling`).
+(see `gcs.jit`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, called, inlined, leaf, spliced
+from gcs.jit import ZERO, called, inlined, leaf, spliced
 
 _FEW = 8
 

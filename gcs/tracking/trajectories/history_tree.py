@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import inlined, kernel, leaf
+from gcs.jit import inlined, kernel, leaf
 from gcs.tracking.glmb.marginals import map_tracks
 
 if TYPE_CHECKING:

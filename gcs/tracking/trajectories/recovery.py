@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from gcs.compiling import Call
+from gcs.jit import Call
 from gcs.model import FloatArray, Label, Sensor, read_only
 from gcs.tracking.glmb.recursion import Believed, Passed, Taken
 from gcs.tracking.models import constant_velocity

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs.compiling import ZERO, Call, kernel, leaf
+from gcs.jit import ZERO, Call, kernel, leaf
 from gcs.model import FloatArray, Sensor
 from gcs.tracking.glmb.kalman import moved, updated
 from gcs.tracking.models import coordinated_turn, measurement

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.compiling import kernel
+from gcs.jit import kernel
 from gcs.planning.map.grid import TOUCH, Grid, free_grid
 from gcs.planning.map.line_of_sight import blocker, clear_leg, is_clear_at, leg_room, line_of_sight
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from gcs.compiling import kernel
+from gcs.jit import kernel
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import clear_leg, leg_room
 from gcs.planning.options import AgentStart, PlanOptions

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gcs import compiling
+from gcs import jit
 from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb import hypotheses, marginals
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams, warm_up, warm_up_calls
@@ -281,7 +281,7 @@ def test_state_does_not_grow_over_a_thousand_scans():
 def test_nothing_is_compiled_in_flight_after_the_warm_up():
     warm_up()
     kernels = [call[0] for call in [*warm_up_calls(), *recovery.warm_up_calls()]]
-    compiling.warm_up(recovery.__name__)
+    jit.warm_up(recovery.__name__)
     before = [len(kernel.signatures) for kernel in kernels]
     busy_run(1, scans=30)
     of = Glmb("targets", GlmbParams(accel_std_m_s2=1, turn_rate_std_rad_s=1), 1, keep_histories=True)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gcs.compiling import kernel
+from gcs.jit import kernel
 from gcs.tracking.numerics.fast_math import exponentials, take_logarithms
 
 

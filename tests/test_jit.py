@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOM = """
-from gcs.compiling import kernel
+from gcs.jit import kernel
 
 @kernel
 def one(x):
@@ -24,7 +24,7 @@ def warm_up_calls():
 
 
 PARTS = """
-from gcs.compiling import kernel, leaf
+from gcs.jit import kernel, leaf
 
 @leaf
 def part(x):
@@ -143,7 +143,7 @@ def test_no_kernel_of_the_trackers_has_numba_prepare_to_compile_where_all_are_in
 
 def test_a_cache_that_names_what_an_upgrade_moved_is_renewed(tmp_path):
     kernels = """
-from gcs.compiling import kernel
+from gcs.jit import kernel
 from MODULE import Pair
 
 @kernel

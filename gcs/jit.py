@@ -269,7 +269,7 @@ def _helper(rooms: Sequence[str]) -> Iterator[None]:
     helper = None
     with contextlib.suppress(OSError):
         helper = subprocess.Popen(  # noqa: S603  ourselves
-            [sys.executable, "-P", "-m", "gcs.compiling", *rooms],
+            [sys.executable, "-P", "-m", "gcs.jit", *rooms],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
