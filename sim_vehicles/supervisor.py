@@ -59,7 +59,7 @@ class Plan:
     waits_for_ground: bool = False
     """True if targets move and deaths count only from when a ground station is there."""
     sitl: Mapping[str, Path] = field(default_factory=dict)
-    """Real firmware to fly instead of simulated autopilots: programs by name (`sim_vehicles.autopilots.firmware`)."""
+    """Programs of real firmware by name, in place of simulated autopilots (`autopilots.firmware`)."""
     folder: Path | None = None
     """Where firmware keeps its files; None for a temporary one."""
     truth_links: Sequence[str] = ()

@@ -4,8 +4,9 @@ Memory alone decides nothing:
 
 * A vehicle flies its remembered route when its mission reads back equal; then nothing is uploaded again. One
   that stores another mission was given it by somebody else: it is set aside and the operator is told. One
-  that does not answer may hold anything, and is not tasked before it does (`gcs.core.authority.onboard_audit`). One
-  whose transfer was under way, or left a mix behind, may hold one: it is told to hold, and planned for anew.
+  that does not answer may hold anything, and is not tasked before it does
+  (`gcs.core.authority.onboard_audit`). One whose transfer was under way, or left a mix behind, may hold one:
+  it is told to hold, and planned for anew.
 * A vehicle that somebody took, by choosing its mode or by writing a mission to it, stays theirs.
 * Targets are expected where they were believed to be and must be seen there again; their tracks get new
   labels, and the remembered routes follow them. A target that was reached stays reached.

@@ -1,6 +1,7 @@
 """The process around one real firmware: starts it, flies it to its start, and carries its bytes.
 
-``python -m sim_vehicles.autopilots.firmware_process --firmware arduplane --binary PATH --instance 0 --folder DIR
+``python -m sim_vehicles.autopilots.firmware_process --firmware arduplane --binary PATH --instance 0 --folder
+DIR
 --frame-json ... --spec-json ... --gcs 127.0.0.1:14550 --truth 127.0.0.1:PORT`` starts the firmware in `DIR`,
 brings the vehicle into LOITER above its start, prints ``ready``, reads the clock as one JSON line, and then
 stands between the firmware and the ground station as `sim_vehicles.process` stands for a simulated vehicle:

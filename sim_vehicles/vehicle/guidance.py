@@ -11,11 +11,11 @@ R the wanted course is the tangent, turned inwards by ``atan((d - R) / (u tau))`
 turning command only with a lag: a turn at rate w takes a heading error of ``TURN_TIME_S * w``. So the rate at
 which the field itself turns along the flight path is fed forward, and the circle is held at R, not outside.
 
-**Lateral acceleration** (`sim_vehicles.vehicle.banked_airframe`). L1 guidance as ArduPlane flies it (S. Park, J. Deyst and J.
-How, "A new nonlinear guidance logic for trajectory tracking", AIAA 2004; NAVL1_PERIOD, NAVL1_DAMPING). The
-ground velocity is turned on to a reference point ``L1 = damping period speed / pi`` ahead. A circle is a
-damped oscillator in the distance from it, with the centripetal acceleration fed forward; from outside, the
-centre is headed for until the circle asks for more.
+**Lateral acceleration** (`sim_vehicles.vehicle.banked_airframe`). L1 guidance as ArduPlane flies it (S. Park,
+J. Deyst and J. How, "A new nonlinear guidance logic for trajectory tracking", AIAA 2004; NAVL1_PERIOD,
+NAVL1_DAMPING). The ground velocity is turned on to a reference point ``L1 = damping period speed / pi``
+ahead. A circle is a damped oscillator in the distance from it, with the centripetal acceleration fed forward;
+from outside, the centre is headed for until the circle asks for more.
 
 Both catch a path at no more than 45 degrees.
 """

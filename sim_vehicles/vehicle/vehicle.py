@@ -61,7 +61,7 @@ class VehicleSpec:
     """Of waypoints that name none."""
     gps_noise_std_m: float = 1.0
     airframe: str = "paper"
-    """What it flies: "paper" (`sim_vehicles.vehicle.airframe`) or "banked" (`sim_vehicles.vehicle.banked_airframe`)."""
+    """Airframe: "paper" (`sim_vehicles.vehicle.airframe`) or "banked" (`banked_airframe`)."""
     autopilot: str = "ardupilot"
     """Which one it plays: "ardupilot" or "px4"."""
     wind_east_m_s: float = 0.0

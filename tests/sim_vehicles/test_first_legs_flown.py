@@ -48,7 +48,7 @@ def test_re_tasked_vehicles_stay_near_the_lines_of_their_missions():
 def test_the_command_sent_once_starts_first_legs_hundreds_of_metres_off_and_it_is_told(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    monkeypatch.setattr(steps, "select", by_one_command)
+    monkeypatch.setattr(upload_steps, "select", by_one_command)
     most_m, notices, _ = flown()
     assert most_m > 200.0
     assert notices

@@ -1,7 +1,7 @@
 """What other ground stations tell our vehicles, and which vehicles they have taken over by it.
 
-Frames of guests come here after they were sent on (`gcs.mavlink.router.router`). Somebody with full access may
-upload a mission to one of our vehicles. From its first frame on the vehicle is theirs: its route is given
+Frames of guests come here after they were sent on (`gcs.mavlink.router.router`). Somebody with full access
+may upload a mission to one of our vehicles. From its first frame on the vehicle is theirs: its route is given
 up, its target is free for others, and it is not tasked until an operator orders it to resume. While a mission
 of ours is on its way to it nothing of theirs gets there, so two uploads never meet; should they have met in
 flight, ours is settled by its read-back, and the vehicle stays ours. An upload that breaks off is an alarm:

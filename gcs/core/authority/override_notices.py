@@ -1,8 +1,8 @@
 """Tells of vehicles in modes that are not ours, and of targets that nobody is sent to.
 
 What a vehicle does by somebody else's choice (a pilot, a failsafe, another ground station) is left alone
-(`gcs.mavlink.fleet.mode_authority`). The operator is told when it begins, also of what a service finds at its start, with
-what to do, and when it ends.
+(`gcs.mavlink.fleet.mode_authority`). The operator is told when it begins, also of what a service finds at its
+start, with what to do, and when it ends.
 """
 
 from __future__ import annotations

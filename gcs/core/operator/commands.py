@@ -13,8 +13,9 @@ refused, and says so.
 Arming happens here and nowhere else, and only for an order that says so. It is refused in a mode in which the
 vehicle would take off at once, unless it does so with a mission that was read back from it and is wanted now:
 PX4 and ArduPlane both begin the stored mission anew when they are armed in AUTO. It is refused, too, while
-another vehicle is in the way of that take-off (`gcs.core.tasking.takeoff_sequence`). Disarming is refused unless
-the vehicle reports that it stands on the ground, and it is never forced: the autopilot may refuse it as well.
+another vehicle is in the way of that take-off (`gcs.core.tasking.takeoff_sequence`). Disarming is refused
+unless the vehicle reports that it stands on the ground, and it is never forced: the autopilot may refuse it
+as well.
 """
 
 from __future__ import annotations

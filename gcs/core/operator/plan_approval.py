@@ -5,9 +5,10 @@ some vehicles. Until then every vehicle flies the mission that it has.
 
 A number stays as long as its assignment does (who flies to which target). Its routes are planned anew from
 where the vehicles are, every `RENEW_S`, and once more when it is confirmed: what is flown begins where the
-vehicles are then. A plan that became another one gets another number (`gcs.core.operator.plan_figures` says when), but
-not before a person could read the last one, unless it is urgent: a vehicle was lost or set aside, an area was
-closed, somebody would hit something. Confirmed meanwhile, it is refused with the reason and proposed again.
+vehicles are then. A plan that became another one gets another number (`gcs.core.operator.plan_figures` says
+when), but not before a person could read the last one, unless it is urgent: a vehicle was lost or set aside,
+an area was closed, somebody would hit something. Confirmed meanwhile, it is refused with the reason and
+proposed again.
 
 What was rejected is not proposed again before something changes (`Replanner.proposed` remembers it).
 """

@@ -1,4 +1,4 @@
-"""What stands against a flight of each vehicle: its answers to `gcs.mavlink.services.preflight_query`, judged. Pure."""
+"""Pre-flight checks of one vehicle, from its answers to `gcs.mavlink.services.preflight_query`."""
 
 from __future__ import annotations
 

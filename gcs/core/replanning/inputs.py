@@ -45,7 +45,7 @@ class Situation:
     motions: Mapping[int, Motion] = field(default_factory=dict)
     """How agents move; who is not among them flies as its track does."""
     late_s: Mapping[int, float] = field(default_factory=dict)
-    """How much longer than on a good link a mission takes to a vehicle (`gcs.core.tasking.upload_latency`)."""
+    """Upload time beyond that of a good link (`gcs.core.tasking.upload_latency`)."""
     left_s: Mapping[int, float] = field(default_factory=dict)
     """Until vehicles fly the mission that is under way to them."""
     climbs: Mapping[int, Climb] = field(default_factory=dict)

@@ -1,8 +1,8 @@
 """What each vehicle holds by the last read-back, and what it flies to by itself because of it.
 
-Over a mixed store nobody may take the next item (`gcs.mavlink.mission.upload_task`); whoever is about to would have to
-hold, which is a turn that nobody planned, from where it happens to be. It is past its item within seconds: so
-long a transfer should wait.
+Over a mixed store nobody may take the next item (`gcs.mavlink.mission.upload_task`); whoever is about to
+would have to hold, which is a turn that nobody planned, from where it happens to be. It is past its item
+within seconds: so long a transfer should wait.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ has been replaced for long already; other routes wait until their link has room 
 (`gcs.core.tasking.upload_queue`, `gcs.core.tasking.link_window`).
 
 What a task leaves behind is kept: what each vehicle holds (`gcs.core.tasking.onboard_missions`), whose it is
-(`gcs.mavlink.fleet.mode_authority`), and whether it may hold a mix. A vehicle that may is held and cleared as soon as it
-is heard, if no new mission does away with the mix first.
+(`gcs.mavlink.fleet.mode_authority`), and whether it may hold a mix. A vehicle that may is held and cleared as
+soon as it is heard, if no new mission does away with the mix first.
 """
 
 from __future__ import annotations

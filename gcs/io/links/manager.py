@@ -1,9 +1,9 @@
 """All MAVLink endpoints of a run: vehicles' and other ground stations', and the routes between them.
 
-What vehicles send goes to central command as it came, but for frames that a signed link keeps out, and to
-the guests whom it is for. What guests send goes to the vehicles that it is for, as far as the guests may
-(`gcs.mavlink.router.router`), and what went there goes to central command as well: it must know what others tell
-its vehicles. Routing happens here and not behind the queue, so that a ground station's command does not
+What vehicles send goes to central command as it came, but for frames that a signed link keeps out, and to the
+guests whom it is for. What guests send goes to the vehicles that it is for, as far as the guests may
+(`gcs.mavlink.router.router`), and what went there goes to central command as well: it must know what others
+tell its vehicles. Routing happens here and not behind the queue, so that a ground station's command does not
 stand in line behind scans.
 """
 

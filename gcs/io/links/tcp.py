@@ -1,8 +1,8 @@
 """MAVLink over TCP: connect to somebody, again and again until it works, or let others connect.
 
-A stream is cut into frames by `gcs.mavlink.frames.stream`. A peer that does not read is not waited for: beyond a
-bound, what is for it is dropped and counted. A connection over which no valid frame came for ten seconds is
-closed. When a port is full, the connection that was idle for longest gives its place to a new one.
+A stream is cut into frames by `gcs.mavlink.frames.stream`. A peer that does not read is not waited for:
+beyond a bound, what is for it is dropped and counted. A connection over which no valid frame came for ten
+seconds is closed. When a port is full, the connection that was idle for longest gives its place to a new one.
 """
 
 from __future__ import annotations

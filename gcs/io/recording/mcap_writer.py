@@ -2,8 +2,9 @@
 
 The library packs a message field by field, through eight Python calls; a flight has hundreds of messages a
 second, and that was two thirds of what recording cost. Here messages come packed, many at once
-(`gcs.io.recording.packing`), and the index of a chunk is made of arrays. Everything that is written once is left to
-the library's records, and the file is the library's writer's, byte for byte: that is how this one is tested.
+(`gcs.io.recording.packing`), and the index of a chunk is made of arrays. Everything that is written once is
+left to the library's records, and the file is the library's writer's, byte for byte: that is how this one is
+tested.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ def _signed(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
 
 @jit.leaf
 def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
-    """Whether a place (1e-7 degrees) is well within reach, as `gcs.mavlink.fleet.position_checks.distance_m` measures.
+    """Return True if a place (1e-7 degrees) is well within reach (`position_checks.distance_m`).
 
     The way along the meridian and then along the equator's circle is never shorter: it mostly suffices.
     """
@@ -131,7 +131,7 @@ def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
 
 @jit.leaf
 def _goes_on(row, boot_ms, t_ns, lat, lon, speed2, max_speed_m_s):  # type: ignore[no-untyped-def]
-    """Whether a position surely goes on from the one before, as `gcs.mavlink.fleet.position_plausibility` judges.
+    """Return True if a position surely goes on from the one before (`position_plausibility`).
 
     `speed2` is the square of the speed, in cm/s. A way to the east is never longer than on the equator: that
     mostly suffices, and spares the cosine.

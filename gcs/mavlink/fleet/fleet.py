@@ -190,8 +190,8 @@ class Fleet:
     def receive(self, datagram: Datagram) -> list[tuple[int, Message]]:
         """Take one datagram; returns what vehicles of ours said in it, for their mission tasks.
 
-        Positions and other quiet frames (`gcs.mavlink.fleet.fast_telemetry`) are not among it: they are in the states. Who
-        waits for a heartbeat that says nothing new must `attend`.
+        Positions and other quiet frames (`gcs.mavlink.fleet.fast_telemetry`) are not among it: they are in
+        the states. Who waits for a heartbeat that says nothing new must `attend`.
         """
         frames = self._frames
         frames.take(datagram.data)

@@ -1,7 +1,7 @@
 """What a vehicle's quiet frames change: one row of integers for each, as they came over the link.
 
-Integers, so that a compiled kernel (`gcs.mavlink.fleet.fast_telemetry`) and Python (`gcs.mavlink.fleet.vehicle`) can work on the
-same row and agree to the last bit.
+Integers, so that a compiled kernel (`gcs.mavlink.fleet.fast_telemetry`) and Python
+(`gcs.mavlink.fleet.vehicle`) can work on the same row and agree to the last bit.
 """
 
 from __future__ import annotations

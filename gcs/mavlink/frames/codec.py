@@ -118,7 +118,7 @@ class Scanned(NamedTuple):
 
 
 class SimpleFrames:
-    """The frames of one datagram at a time, by `scan`: the simple form of `gcs.mavlink.frames.fast_scan.Frames`."""
+    """The frames of one datagram at a time, by `scan`: the plain form of `fast_scan.Frames`."""
 
     def __init__(self) -> None:
         self.take(b"")

@@ -1,9 +1,10 @@
-"""Signed datagrams checked in one go: what `gcs.mavlink.frames.signing.Gate` finds, at a fraction of its price.
+"""Signatures of many datagrams in one call: the fast form of `gcs.mavlink.frames.signing.Gate`.
 
-A datagram of which everything is in order is framed by the compiled kernel (`gcs.mavlink.frames.fast_scan`); what is left
-for each frame is its hash. Whenever anything is out of the ordinary (bytes in no frame, an id not known here,
-a frame that is not signed, by another key, late, or the first of its stream) nothing is noted, and the gate
-looks at the datagram in its own, simple way: theirs is the word on what is let in and why.
+A datagram of which everything is in order is framed by the compiled kernel (`gcs.mavlink.frames.fast_scan`);
+what is left for each frame is its hash. Whenever anything is out of the ordinary (bytes in no frame, an id
+not known here, a frame that is not signed, by another key, late, or the first of its stream) nothing is
+noted, and the gate looks at the datagram in its own, simple way: theirs is the word on what is let in and
+why.
 """
 
 from __future__ import annotations

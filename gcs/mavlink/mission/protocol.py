@@ -14,7 +14,8 @@ A read-back is led by us. ArduPilot answers whatever item is asked for, so a win
 its way. PX4 keeps count: any item but the next one, or the last one again, ends the conversation, so there
 the window is one, and a conversation that has ended is begun anew.
 
-Both know only what has been said in them; what to make of the outcome is the task's (`gcs.mavlink.mission.upload_task`).
+Both know only what has been said in them; what to make of the outcome is the task's
+(`gcs.mavlink.mission.upload_task`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The terms of a mission task: what it waits for, and what it reports.
 
-How long an answer is waited for is learnt from the link (`gcs.mavlink.services.rtt`); the bounds here follow what
-ArduPlane does. Radios that are slow get other numbers, not other code.
+How long an answer is waited for is learnt from the link (`gcs.mavlink.services.rtt`); the bounds here follow
+what ArduPlane does. Radios that are slow get other numbers, not other code.
 """
 
 from __future__ import annotations

@@ -20,7 +20,8 @@ Why it is shaped like this:
   selected yet: that number may be beyond its end, and the vehicle would return to launch.
 * When repairs are used up: LOITER, then MISSION_CLEAR_ALL (refused while in AUTO), checked. The report says
   what the vehicle holds; a mix is never left to be flown.
-* Somebody else may choose another mode meanwhile (`gcs.mavlink.fleet.mode_authority`). Then the store is brought to a good
+* Somebody else may choose another mode meanwhile (`gcs.mavlink.fleet.mode_authority`). Then the store is
+brought to a good
   end all the same, selected item and all, but no mode is commanded.
 * The vehicle leads the upload. A failure ACK is believed after a pause without requests; ACK 13 answers a
   duplicate and is never final.

@@ -1,8 +1,8 @@
-"""How a vehicle gets on to its first leg where the plain turn (`gcs.planning.path.initial_turn`) would hit something.
+"""The first turn where the plain one (`gcs.planning.path.initial_turn`) would hit an obstacle.
 
 The shortest first, the turn to either side and its tangent are tried, and every Dubins word
-(`gcs.planning.path.dubins`) that ends along the leg: at the leg's end, or soon, where the vehicle swings back on
-to the leg that the plain turn would leave it beside. Arcs become the corners of the tangents around them.
+(`gcs.planning.path.dubins`) that ends along the leg: at the leg's end, or soon, where the vehicle swings back
+on to the leg that the plain turn would leave it beside. Arcs become the corners of the tangents around them.
 
 Places in cells; angles counter-clockwise from east.
 """

@@ -14,8 +14,8 @@ Shaping then takes the nodes of the way and
 3. draws the string taut around the obstacles ("pulled"; `gcs.planning.path.string_pulling`);
 4. gives it turns that a fixed wing can fly ("flyable"; `gcs.planning.path.turns`).
 
-Every new leg keeps the clearance exactly (`gcs.planning.map.line_of_sight`). Where the way itself is tighter, it stays as
-tight. Places are in cells here: x = column, y = row.
+Every new leg keeps the clearance exactly (`gcs.planning.map.line_of_sight`). Where the way itself is tighter,
+it stays as tight. Places are in cells here: x = column, y = row.
 """
 
 from __future__ import annotations

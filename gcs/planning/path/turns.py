@@ -4,8 +4,8 @@ A vehicle at speed V and bank phi turns on a circle of R = V^2 / (g tan phi), no
 
 - *Corners* are flown as arcs that touch both legs. The arc passes inside the corner by R (sec(a/2) - 1), a
   the angle of the turn, and where the string is taut an obstacle stands just there. So corners are moved, all
-  together, until the arcs are clear and the legs long enough for them (`gcs.planning.path.corner_smoothing`). Then two
-  corners become one where their outer legs meet, or one goes, if that is clear and hardly dearer.
+  together, until the arcs are clear and the legs long enough for them (`gcs.planning.path.corner_smoothing`).
+  Then two corners become one where their outer legs meet, or one goes, if that is clear and hardly dearer.
 - *The start* follows the vehicle's course: an arc and its tangent to the first corner, to the nearer side, as
   an autopilot flies it by itself. If that hits something, the shortest way that is clear leads on to the
   first leg (`gcs.planning.path.initial_turn_search`). Its arcs become waypoints.

@@ -1,8 +1,8 @@
 """Shortest ways between nodes of a grid: one path, or the distances to all.
 
-The searches themselves are kernels: `gcs.planning.search.astar` for one path, `gcs.planning.search.dijkstra` for one to
-all, on what `gcs.planning.search.neighbours` makes of a grid. `gcs.planning.search.cost_matrix` finds the ways of all pairs of two
-sets of places.
+The searches themselves are kernels: `gcs.planning.search.astar` for one path, `gcs.planning.search.dijkstra`
+for one to all, on what `gcs.planning.search.neighbours` makes of a grid. `gcs.planning.search.cost_matrix`
+finds the ways of all pairs of two sets of places.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ long as the straight way there, the leg and the turns on to them are clear. Else
 round home, and the way to it is a route like any other: by the same search, with the same clearance and turns
 that can be flown. It comes on to the leg straight, or by a base leg to either side of it, as in a traffic
 pattern. The shortest way is taken whose legs keep the most of the clearance and which is clear when it is
-flown ahead in thought (`gcs.planning.vehicle_model`), from before the target to the middle of the leg, with the
-expected turn lag and with half of it.
+flown ahead in thought (`gcs.planning.vehicle_model`), from before the target to the middle of the leg, with
+the expected turn lag and with half of it.
 
 Nobody is refused to land: where no way is clear, the best there is goes with a word of what is wrong with it.
 """
