@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from gcs.cli.proposal import MAX_ROUTES, proposal_title, route_lines
 from gcs.model import (
+    AgentStatus,
     Effect,
-    Fate,
     Label,
     MissionEnded,
     Notice,
@@ -47,14 +47,14 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
             )
         case UploadReport():
             return f"agent {vehicle_name(effect.vehicle)}: mission transfer failed: {effect.detail}", "alarm"
-        case Fate(fate="arrived"):
+        case AgentStatus(fate="arrived"):
             return (
                 f"agent {vehicle_name(effect.vehicle)}: reached target {target_text(effect.target)}",
                 "info",
             )
-        case Fate(fate="dead"):
+        case AgentStatus(fate="dead"):
             return f"agent {vehicle_name(effect.vehicle)}: lost", "alarm"
-        case Fate():
+        case AgentStatus():
             return f"agent {vehicle_name(effect.vehicle)}: is back", "warning"
         case OrderAnswer():
             return answer_line(effect)

@@ -24,13 +24,13 @@ from gcs.cli.link_table import link_rows, link_table
 from gcs.cli.proposal import MAX_ROUTES, ProposalLog, proposal_title, route_lines
 from gcs.config import Config
 from gcs.core.authority.override_notices import not_ours_text
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.io.links.manager import Links
 from gcs.model import (
     NS_PER_S,
+    AgentStatus,
     Effect,
     Event,
-    Fate,
     Label,
     Notice,
     Picture,
@@ -98,7 +98,7 @@ class PlainLines:
 class LiveView:
     """Keeps what the live view shows; `render` draws it."""
 
-    def __init__(self, config: Config, command: Command, speed: float, links: Links | None = None) -> None:
+    def __init__(self, config: Config, command: Engine, speed: float, links: Links | None = None) -> None:
         self._config = config
         self._command = command
         self._links = links
@@ -224,7 +224,7 @@ class LiveView:
             table.add_row(*(shown[name] for name in names))
         return _with_more(table, more)
 
-    def _trouble(self, fate: Fate) -> int:
+    def _trouble(self, fate: AgentStatus) -> int:
         """How soon an operator must see this agent; the smallest first."""
         vehicle = fate.vehicle
         if vehicle in self._command.witness.doubted():
@@ -239,7 +239,7 @@ class LiveView:
             return 3
         return 5 if vehicle in self._command.ties.labels else 4
 
-    def _standing(self, fate: Fate) -> Text:
+    def _standing(self, fate: AgentStatus) -> Text:
         """What became of an agent, the order that sets it aside, or that its reports are false."""
         aside = self._command.orders.aside.get(fate.vehicle)
         if aside is not None and fate.fate == "flying":

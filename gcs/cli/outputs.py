@@ -17,17 +17,17 @@ from gcs.cli.warm_up_progress import load_kernels
 from gcs.config import Config
 from gcs.config.tables import RecordingTable
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.io.console import Printable, console_for
 from gcs.io.links.manager import Links
 from gcs.io.output import is_busy
 from gcs.io.private_files import new_folder
 from gcs.io.recording.reader import read
 from gcs.io.recording.unfinished import remove_empty
-from gcs.io.recording.writer import Recorder, Room, Run, versions
+from gcs.io.recording.writer import DiskBudget, Recorder, Run, versions
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.model import Effect, Event
-from gcs.report.run.evaluation import Judge
+from gcs.report.run.evaluation import Evaluator
 from gcs.service.service import Sink
 
 _REFRESH_S = 0.25
@@ -35,10 +35,10 @@ _COLLECT_AFTER = 100_000
 """Objects allocated between garbage collections in flight: fewer than in a start, for short pauses."""
 
 
-class JudgeSink:
+class EvaluatorSink:
     """Feeds the judge."""
 
-    def __init__(self, judge: Judge) -> None:
+    def __init__(self, judge: Evaluator) -> None:
         self._judge = judge
 
     def event(self, event: Event) -> None:
@@ -53,7 +53,7 @@ class Shown(Protocol):
     """What a view needs of a run: a live service, or a replay."""
 
     config: Config
-    command: Command
+    command: Engine
     sinks: list[Sink]
 
     @property
@@ -106,7 +106,7 @@ def open_recorder(
     if _remove_empty(folder):
         text = f"{folder} held an empty recording, of a run that was killed at its start: replaced"
         console_for(stderr=True).print(text, highlight=False, markup=False, soft_wrap=True)
-    room = Room(int(table.rotate_mb * 1e6), table.max_gb * 1e9, table.min_free_mb * 1e6)
+    room = DiskBudget(int(table.rotate_mb * 1e6), table.max_gb * 1e9, table.min_free_mb * 1e6)
     return RecorderThread(Recorder(folder, config_text, versions(), run, room))
 
 

@@ -1,6 +1,6 @@
 """The fold: one event in, effects out. The one place where tracking, planning and the vehicle links meet.
 
-``Command.step`` is synchronous and reads no clock, no socket and no random source: the same events give the
+``Engine.step`` is synchronous and reads no clock, no socket and no random source: the same events give the
 same effects, byte for byte. A recording is the list of events, and replaying it is calling `step` on them.
 
 - A datagram goes to the fleet (what vehicles say of themselves) and to the mission transfer of its vehicle;
@@ -17,56 +17,56 @@ from collections.abc import Container, Iterable
 from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_PARAM_VALUE
 
 from gcs.config import Config
-from gcs.core.airspace.incursion_warning import Trespass
-from gcs.core.airspace.mission_bounds import LastCheck
-from gcs.core.airspace.no_fly_zones import KeepOuts
+from gcs.core.airspace.incursion_warning import IncursionWarnings
+from gcs.core.airspace.mission_bounds import MissionBoundsCheck
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.authority.external_uploads import Guests
-from gcs.core.authority.grounded_vehicles import Grounded
-from gcs.core.authority.onboard_audit import Rereading
-from gcs.core.authority.override_notices import Takeovers, Unattended, not_ours_text
+from gcs.core.authority.external_uploads import ExternalUploads
+from gcs.core.authority.grounded_vehicles import GroundedVehicles
+from gcs.core.authority.onboard_audit import OnboardAudit
+from gcs.core.authority.override_notices import OverrideNotices, Unattended, not_ours_text
 from gcs.core.operator.commands import Orders
-from gcs.core.operator.plan_approval import Approval
-from gcs.core.operator.replies import Ongoing, named
-from gcs.core.perception.agent_status import Fates
-from gcs.core.perception.fusion import Trackers
+from gcs.core.operator.plan_approval import PlanApproval
+from gcs.core.operator.replies import OrderInProgress, named
+from gcs.core.perception.agent_status import AgentStatusMonitor
+from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.input_errors import InputErrors
-from gcs.core.perception.oosm_buffer import Reordering
-from gcs.core.perception.position_integrity import Witness
+from gcs.core.perception.oosm_buffer import OutOfSequenceBuffer
+from gcs.core.perception.position_integrity import PositionIntegrityMonitor
 from gcs.core.perception.report_history import ReportHistory
 from gcs.core.perception.scan_timing import ScanTiming
 from gcs.core.perception.sensor_watchdog import SensorWatchdog
-from gcs.core.perception.track_to_vehicle import Ties
-from gcs.core.perception.vehicle_kinematics import Motions
+from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
+from gcs.core.perception.vehicle_kinematics import VehicleKinematics
 from gcs.core.perception.vehicle_watchdog import VehicleWatchdog
-from gcs.core.replanning.inputs import Bystander, Situation
+from gcs.core.replanning.inputs import OtherVehicle, PlanningInputs
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_heights import Returns
-from gcs.core.replanning.return_routes import Homing
+from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.replanning.takeoffs import Takeoffs
-from gcs.core.restart import Recovery
+from gcs.core.restart import Restart
 from gcs.core.tasking.dispatch import Dispatch
 from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.takeoff_sequence import Departures
-from gcs.core.tasking.upload_latency import Delays
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.upload_latency import UploadLatency
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import RTL
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.model import (
     NS_PER_S,
+    AgentStatus,
     BadInput,
     ClockStep,
     Datagram,
     Effect,
     Event,
-    Fate,
     Label,
     LinkNews,
-    Memory,
     MissionEnded,
     Notice,
     Order,
+    PersistedState,
     Resumed,
     Scan,
     Tick,
@@ -79,7 +79,7 @@ _TASKABLE_MODES = ("", "AUTO", "LOITER")
 """Before the first heartbeat, on a mission, and waiting for one."""
 
 
-class Command:
+class Engine:
     """Central command's whole state.
 
     Parameters
@@ -94,7 +94,7 @@ class Command:
         vehicles = [agent.vehicle for agent in config.agents]
         tracking, telemetry = config.tracking, config.telemetry
         self.grid = mission_grid(config, seed)
-        self.keep_outs = KeepOuts(self.grid)
+        self.keep_outs = NoFlyZones(self.grid)
         links = config.mavlink_links
         self.fleet = Fleet(
             vehicles,
@@ -107,17 +107,17 @@ class Command:
             links=[link for link in links if link.role == "vehicles"],
             also=[MAVLINK_MSG_ID_PARAM_VALUE],
         )
-        self.guests = Guests(links, vehicles, self.fleet.is_atomic)
-        self.trackers = Trackers(config)
-        self.reordering = Reordering(tracking.reorder_window_s)
-        self.ties = Ties(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
-        self.witness = Witness(telemetry)
-        self.motions = Motions(telemetry.max_age_s)
-        self.delays = Delays()
-        self.fates = Fates(vehicles, config.planning.capture_radius_m)
-        self.replanner, self.homing = Replanner(config, self.grid), Homing(config, self.grid)
+        self.guests = ExternalUploads(links, vehicles, self.fleet.is_atomic)
+        self.trackers = MultiSensorTracker(config)
+        self.reordering = OutOfSequenceBuffer(tracking.reorder_window_s)
+        self.ties = TrackVehicleAssociation(tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s)
+        self.witness = PositionIntegrityMonitor(telemetry)
+        self.motions = VehicleKinematics(telemetry.max_age_s)
+        self.delays = UploadLatency()
+        self.fates = AgentStatusMonitor(vehicles, config.planning.capture_radius_m)
+        self.replanner, self.homing = Replanner(config, self.grid), ReturnRoutes(config, self.grid)
         self.takeoffs = Takeoffs(config, self.grid, self.fleet)
-        self.tasking = Tasking(
+        self.tasking = UploadManager(
             config.mission,
             config.airframe,
             config.local_frame,
@@ -125,14 +125,14 @@ class Command:
             config.links.max_parallel_uploads,
             self.homing,
             self.takeoffs,
-            LastCheck(config, self.grid),
+            MissionBoundsCheck(config, self.grid),
             lambda vehicle: self.departures.holds_back(vehicle, self.orders.launching()),
         )
         self.returns = Returns(config, self.fleet)
         self.departures = Departures(config, self.fleet, self.tasking)
-        self.trespass = Trespass(self.tasking)
+        self.trespass = IncursionWarnings(self.tasking)
         self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
-        self.approval = Approval(config, self.replanner)
+        self.approval = PlanApproval(config, self.replanner)
         self.dispatch = Dispatch(self.replanner, self.approval, self.tasking, self.delays, self.guests)
         self.scan_timing, self.report_history = ScanTiming(), ReportHistory()
         self.sensor_watchdog = SensorWatchdog()
@@ -141,10 +141,10 @@ class Command:
         self.orders = Orders(
             self.fleet, self.tasking, self.replanner, self.departures, self.returns, self._outlook
         )
-        self.grounded = Grounded(self.fleet, self.tasking, self.orders)
-        self.takeovers, self.unattended = Takeovers(), Unattended()
-        self.rereading = Rereading(self.fleet, self.tasking, self.replanner, self.orders)
-        self.recovery = Recovery(
+        self.grounded = GroundedVehicles(self.fleet, self.tasking, self.orders)
+        self.takeovers, self.unattended = OverrideNotices(), Unattended()
+        self.rereading = OnboardAudit(self.fleet, self.tasking, self.replanner, self.orders)
+        self.recovery = Restart(
             self.fleet,
             self.tasking,
             self.replanner,
@@ -191,9 +191,9 @@ class Command:
         )
         return Notice(event.t_ns, "warning", text)
 
-    def memory(self, t_ns: int) -> Memory:
+    def memory(self, t_ns: int) -> PersistedState:
         """What another service must know to take up from here (`Resumed`)."""
-        return Memory(
+        return PersistedState(
             t_ns=t_ns,
             missions=self.tasking.missions,
             plans=self.approval.count,
@@ -259,7 +259,7 @@ class Command:
         """Answer an order about plans with the vehicles that no plan is made for, before its own answer."""
         taken = self.not_ours()
         text = not_ours_text(taken)
-        return [Ongoing(event, taken).answer(event.t_ns, "accepted", text)] if text else []
+        return [OrderInProgress(event, taken).answer(event.t_ns, "accepted", text)] if text else []
 
     def _outlook(self, vehicle: int) -> str:
         """What a vehicle that is ours again and waits in LOITER can expect, in words."""
@@ -277,7 +277,7 @@ class Command:
 
     def _close(self, event: Order) -> list[Effect]:
         """Close or open an area, and plan again at once."""
-        area, ongoing = event.keep_out, Ongoing(event)
+        area, ongoing = event.keep_out, OrderInProgress(event)
         assert area is not None
         refusal = self.keep_outs.refusal(area)
         if refusal:
@@ -381,7 +381,7 @@ class Command:
         effects += self.trackers.untracked.notices(event.t_ns)
         return effects
 
-    def _follow(self, fate: Fate) -> list[Effect]:
+    def _follow(self, fate: AgentStatus) -> list[Effect]:
         if fate.fate != "flying":
             self.replanner.drop(fate.vehicle)
         if fate.fate == "dead":
@@ -411,13 +411,13 @@ class Command:
         """What the last look has to say besides a plan."""
         return [Notice(t_ns, "warning", note) for note in self.replanner.notes]
 
-    def _situation(self, t_ns: int, picture_t_ns: int) -> Situation:
+    def _situation(self, t_ns: int, picture_t_ns: int) -> PlanningInputs:
         agents, labels = self.trackers.agents.beliefs.tracks, self.ties.labels
         away = self._not_tasked()
         tracks = {v: agents[label] for v, label in labels.items() if label in agents}
         tracks |= {v: track for v, track in self.ties.beside.items() if v in self.replanner.planned}
         flying = {v: tracks[v] for v in self.fates.flying() if v not in away and v in tracks}
-        return Situation(
+        return PlanningInputs(
             t_ns=t_ns,
             picture_t_ns=picture_t_ns,
             agents=flying,
@@ -434,7 +434,7 @@ class Command:
             away=away,
         )
 
-    def _bystanders(self, planned: Container[int]) -> tuple[Bystander, ...]:
+    def _bystanders(self, planned: Container[int]) -> tuple[OtherVehicle, ...]:
         """Vehicles in the air that are not planned for now."""
         away, found = self.away(), []
         for state in self.fleet.states():
@@ -446,7 +446,7 @@ class Command:
             to_m = place_m
             if state.mode == RTL and home is not None:
                 to_m = self._frame.to_local(home.lat_deg, home.lon_deg)
-            found.append(Bystander(vehicle, place_m, to_m, self.tasking.height_m(state)))
+            found.append(OtherVehicle(vehicle, place_m, to_m, self.tasking.height_m(state)))
         return tuple(found)
 
     def _left_s(self, vehicles: Iterable[int], t_ns: int) -> dict[int, float]:

@@ -25,19 +25,19 @@ from typing import Final
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gcs.core.authority.external_uploads import Guests
-from gcs.core.authority.onboard_audit import Rereading
+from gcs.core.authority.external_uploads import ExternalUploads
+from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.operator.commands import Orders
 from gcs.core.operator.replies import named
-from gcs.core.perception.agent_status import Fates
-from gcs.core.perception.fusion import Trackers
+from gcs.core.perception.agent_status import AgentStatusMonitor
+from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.tasking.onboard_missions import Flown
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.onboard_missions import OnboardMission
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.items import Item
-from gcs.model import NS_PER_S, Effect, Label, Memory, Notice, Resumed, Route, Track, VehicleMemory
+from gcs.model import NS_PER_S, Effect, Label, Notice, PersistedState, PersistedVehicle, Resumed, Route, Track
 
 _LONGEST_S: Final = 25.0
 """After this a plan is made with what is known."""
@@ -48,7 +48,7 @@ _GATE_CHI2: Final = 13.8
 _FAR_M: Final = 1e9
 
 
-class Recovery:
+class Restart:
     """What is left to be found out after a restart.
 
     Parameters
@@ -60,13 +60,13 @@ class Recovery:
     def __init__(
         self,
         fleet: Fleet,
-        tasking: Tasking,
+        tasking: UploadManager,
         replanner: Replanner,
         orders: Orders,
-        fates: Fates,
-        trackers: Trackers,
-        guests: Guests,
-        rereading: Rereading,
+        fates: AgentStatusMonitor,
+        trackers: MultiSensorTracker,
+        guests: ExternalUploads,
+        rereading: OnboardAudit,
     ) -> None:
         self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
         self._orders, self._fates, self._trackers, self._guests = orders, fates, trackers, guests
@@ -82,7 +82,7 @@ class Recovery:
 
     # ------------------------------------------------------------ remembering
 
-    def vehicles(self) -> tuple[VehicleMemory, ...]:
+    def vehicles(self) -> tuple[PersistedVehicle, ...]:
         """Return what is to be remembered of every vehicle."""
         return tuple(self._memory(vehicle) for vehicle in self._fates.by_vehicle)
 
@@ -93,7 +93,7 @@ class Recovery:
         then_t_ns, expected = self._expected
         return self._trackers.moved_on(expected, (t_ns - then_t_ns) / NS_PER_S)
 
-    def _memory(self, vehicle: int) -> VehicleMemory:
+    def _memory(self, vehicle: int) -> PersistedVehicle:
         asked = self._rereading.flown(vehicle)  # not known yet: still what was remembered
         flown = asked or self._tasking.flown(vehicle)
         wanted = (self._replanner.routes, self._orders.suspended, self._verified)
@@ -105,7 +105,7 @@ class Recovery:
         if flown is None or flown.route is not route:
             flown = None
         fate = self._fates.by_vehicle[vehicle]
-        return VehicleMemory(
+        return PersistedVehicle(
             fate=replace(fate, target=self._reached.get(vehicle, fate.target)),
             aside=self._orders.aside.get(vehicle),
             route=route,
@@ -152,7 +152,7 @@ class Recovery:
                 text = "was being given a mission, or left with a part of one: it may hold a mix"
                 effects.append(Notice(t_ns, "warning", text, vehicle))
             elif one.items and one.route is not None and one.fate.fate == "flying":
-                flown = Flown(one.route, tuple(_item(row) for row in one.items), one.first_point)
+                flown = OnboardMission(one.route, tuple(_item(row) for row in one.items), one.first_point)
                 if not one.spare:
                     self._asked.add(vehicle)
                 self._rereading.begin(flown, t_ns, self._take_up, known_t_ns=memory.t_ns)
@@ -163,7 +163,7 @@ class Recovery:
         """True if who flies what is still being found out."""
         return self._until_t_ns is not None or self._rereading.hurries
 
-    def _take_up(self, flown: Flown) -> None:
+    def _take_up(self, flown: OnboardMission) -> None:
         """Take up the route of a vehicle that flies it."""
         vehicle = flown.route.vehicle
         if vehicle in self._asked and self._until_t_ns is not None:
@@ -234,7 +234,7 @@ class Recovery:
         return state is not None and state.mode == AUTO and vehicle not in self._orders.commanded
 
 
-def _contents(memory: Memory, known: Container[int]) -> str:
+def _contents(memory: PersistedState, known: Container[int]) -> str:
     """Say what a memory holds of the vehicles that the mission has."""
     vehicles = [one for one in memory.vehicles if one.fate.vehicle in known]
     groups = {

@@ -8,11 +8,11 @@ Events go into `gcs.core`, effects come out; both are plain data, so a recording
 """
 
 from gcs.model.basics import NS_PER_S, FloatArray, Kind, Label, Level, read_only
-from gcs.model.effects import Effect, Fate, MissionEnded, Notice, Send, Upload, UploadReport
+from gcs.model.effects import AgentStatus, Effect, MissionEnded, Notice, Send, Upload, UploadReport
 from gcs.model.events import BadInput, ClockStep, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
-from gcs.model.memory import Aside, CustodyMemory, GuestMission, Memory, VehicleMemory
+from gcs.model.memory import Aside, ExternalMission, PersistedAuthority, PersistedState, PersistedVehicle
 from gcs.model.names import network_of, system_of, target_name, vehicle_id, vehicle_name, vehicle_of
-from gcs.model.orders import Action, AnswerState, KeepOut, Order, OrderAnswer, Proposal, RouteFigures
+from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
 from gcs.model.scans import Polar, Scan, Sensor
@@ -22,29 +22,30 @@ __all__ = [
     "APPROACH_M",
     "NS_PER_S",
     "Action",
+    "AgentStatus",
     "AnswerState",
     "Aside",
     "BadInput",
     "Cause",
     "ClockStep",
-    "CustodyMemory",
     "Datagram",
     "Effect",
     "Event",
-    "Fate",
+    "ExternalMission",
     "FloatArray",
-    "GuestMission",
-    "KeepOut",
     "Kind",
     "Label",
     "Level",
     "LinkNews",
-    "Memory",
     "Mission",
     "MissionEnded",
+    "NoFlyZone",
     "Notice",
     "Order",
     "OrderAnswer",
+    "PersistedAuthority",
+    "PersistedState",
+    "PersistedVehicle",
     "Picture",
     "Plan",
     "Polar",
@@ -62,7 +63,6 @@ __all__ = [
     "Upload",
     "UploadAnswer",
     "UploadReport",
-    "VehicleMemory",
     "VehicleState",
     "Waypoint",
     "network_of",

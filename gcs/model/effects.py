@@ -66,7 +66,7 @@ class Notice:
 
 
 @dataclass(frozen=True, slots=True)
-class Fate:
+class AgentStatus:
     """What became of an agent, as central command sees it from measurements."""
 
     t_ns: int
@@ -87,5 +87,14 @@ class MissionEnded:
 
 
 Effect: TypeAlias = (
-    Send | Upload | Picture | Plan | UploadReport | Notice | Fate | MissionEnded | OrderAnswer | Proposal
+    Send
+    | Upload
+    | Picture
+    | Plan
+    | UploadReport
+    | Notice
+    | AgentStatus
+    | MissionEnded
+    | OrderAnswer
+    | Proposal
 )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from gcs.model.basics import Level
-from gcs.model.memory import Memory
+from gcs.model.memory import PersistedState
 from gcs.model.orders import Order
 from gcs.model.scans import Scan
 from gcs.safe_text import printable
@@ -92,7 +92,7 @@ class Resumed:
     """The service was started anew and takes up where an earlier one was."""
 
     t_ns: int
-    memory: Memory
+    memory: PersistedState
 
 
 Event: TypeAlias = Datagram | Scan | Tick | BadInput | LinkNews | ClockStep | Order | UploadAnswer | Resumed

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from gcs.model.effects import Fate
-from gcs.model.orders import KeepOut
+from gcs.model.effects import AgentStatus
+from gcs.model.orders import NoFlyZone
 from gcs.model.picture import Track
 from gcs.model.plans import Route
 
@@ -15,7 +15,7 @@ Aside: TypeAlias = Literal["hold", "return", "found"]
 
 
 @dataclass(frozen=True, slots=True)
-class CustodyMemory:
+class PersistedAuthority:
     """Who chose the mode that a vehicle was in (`gcs.mavlink.fleet.mode_authority`)."""
 
     mode: str
@@ -25,7 +25,7 @@ class CustodyMemory:
 
 
 @dataclass(frozen=True, slots=True)
-class GuestMission:
+class ExternalMission:
     """A mission that another ground station writes, or wrote, to a vehicle of ours."""
 
     system_id: int
@@ -38,10 +38,10 @@ class GuestMission:
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleMemory:
+class PersistedVehicle:
     """What the service knew of one vehicle."""
 
-    fate: Fate
+    fate: AgentStatus
     aside: Aside | None
     route: Route | None
     """What it flies; of a vehicle that is set aside, what it flew."""
@@ -51,16 +51,16 @@ class VehicleMemory:
     """Number of the item that is the route's first point."""
     unsure: bool
     """Whether a transfer was under way, or left a mix behind: it may hold one."""
-    custody: CustodyMemory | None = None
+    custody: PersistedAuthority | None = None
     """None in what was written before this was remembered."""
-    guest: GuestMission | None = None
+    guest: ExternalMission | None = None
     """Whose mission it holds, when not ours."""
     spare: bool = False
     """Whether the route is only what it stores: it was not to be flown any more."""
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class PersistedState:
     """What a service must know to take up where an earlier one was."""
 
     t_ns: int
@@ -69,7 +69,7 @@ class Memory:
     plans: int
     """Number of the last plan that was put to an operator."""
     ended: bool
-    vehicles: tuple[VehicleMemory, ...]
+    vehicles: tuple[PersistedVehicle, ...]
     targets: tuple[Track, ...]
     """Believed then."""
-    keep_outs: tuple[KeepOut, ...]
+    keep_outs: tuple[NoFlyZone, ...]

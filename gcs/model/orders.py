@@ -15,7 +15,7 @@ Action: TypeAlias = Literal[
 
 
 @dataclass(frozen=True, slots=True)
-class KeepOut:
+class NoFlyZone:
     """An area that routes stay out of: a disc or a polygon, in the mission's local frame.
 
     One of a name replaces the one before; with neither disc nor polygon the name's area is open again.
@@ -39,7 +39,7 @@ class Order:
     """System ids in order; None for all of the mission."""
     plan_id: int | None = None
     """Of the proposal that is confirmed or rejected."""
-    keep_out: KeepOut | None = None
+    keep_out: NoFlyZone | None = None
     origin: str = ""
     """Who gave it, in words."""
 

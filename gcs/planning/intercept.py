@@ -35,7 +35,7 @@ _LEAST_LEAD_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Outlook:
+class TargetPrediction:
     """Places on the ways of m targets, one target after another.
 
     Attributes
@@ -62,7 +62,7 @@ def led_velocity(track: Track) -> tuple[float, float]:
 
 def outlook(
     grid: Grid, places_m: Sequence[Point], velocities_m_s: Sequence[Point], horizon_s: float
-) -> Outlook:
+) -> TargetPrediction:
     """Look along the ways of targets, as long as they are on the map."""
     found: list[Point] = []
     after: list[float] = []
@@ -78,10 +78,12 @@ def outlook(
                 found.append(place)
                 after.append(t_s)
         first.append(len(found))
-    return Outlook(np.reshape(found, (-1, 2)), read_only(after), tuple(first))
+    return TargetPrediction(np.reshape(found, (-1, 2)), read_only(after), tuple(first))
 
 
-def meetings(lengths_m: FloatArray, view: Outlook, speeds_m_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def meetings(
+    lengths_m: FloatArray, view: TargetPrediction, speeds_m_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """When agents meet targets.
 
     Parameters

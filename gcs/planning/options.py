@@ -40,7 +40,7 @@ class Terms:
 
 
 @dataclass(frozen=True, slots=True)
-class Wait:
+class LoiterSpec:
     """What agents do at the end of a route, and how near to a target they have reached it."""
 
     radius_m: float
@@ -90,4 +90,4 @@ class PlanOptions:
     cost: Literal["length", "arrival"] = "length"
     objective: Objective = "total"
     spare: Literal["hold", "double"] = "hold"
-    wait: Wait | None = None
+    wait: LoiterSpec | None = None

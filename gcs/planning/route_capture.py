@@ -21,7 +21,7 @@ from gcs.planning.map.line_of_sight import to_cells
 from gcs.planning.options import AgentStart
 from gcs.planning.path.initial_turn import TIGHT, start_room
 from gcs.planning.path.turns import Corners
-from gcs.planning.vehicle_model import Ahead, Motion, fly
+from gcs.planning.vehicle_model import ForwardSimulation, Motion, fly
 
 _SAME_RAD = 1e-3
 SHARE = 0.25
@@ -82,7 +82,7 @@ def by_itself_m(
     """
     points = [motion.place_m, *map(tuple, points_m.tolist())]
     radii_m = corners.acceptance_m(np.array(points))
-    starting = replace(motion, age_s=0.0, ahead=Ahead(tuple(points[1:]), tuple(radii_m.tolist())))
+    starting = replace(motion, age_s=0.0, ahead=ForwardSimulation(tuple(points[1:]), tuple(radii_m.tolist())))
     speed_m_s = max(motion.speed_m_s, 1.0)
     look_s = min(look_s, _length_m(points) / speed_m_s)
     for lag in (TIGHT * lag_s, lag_s):

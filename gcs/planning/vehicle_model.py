@@ -40,7 +40,7 @@ class Circle:
 
 
 @dataclass(frozen=True, slots=True)
-class Ahead:
+class ForwardSimulation:
     """What a vehicle flies to by itself."""
 
     points_m: tuple[Point, ...] = ()
@@ -67,7 +67,7 @@ class Motion:
     turn_rate_rad_s: float = 0.0
     """To the right."""
     age_s: float = 0.0
-    ahead: Ahead = Ahead()
+    ahead: ForwardSimulation = ForwardSimulation()
 
     @property
     def place_m(self) -> Point:
@@ -91,7 +91,7 @@ class Flight:
         """How the vehicle moves then, and what is ahead of it."""
         east_m, north_m, course_rad, rate, passed = self.way[index].tolist()
         ahead, count = self.began.ahead, int(passed)
-        left = Ahead(ahead.points_m[count:], ahead.radii_m[count:], circle=ahead.circle)
+        left = ForwardSimulation(ahead.points_m[count:], ahead.radii_m[count:], circle=ahead.circle)
         return Motion(east_m, north_m, self.began.speed_m_s, course_rad, rate, 0.0, left)
 
 

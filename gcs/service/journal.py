@@ -19,7 +19,7 @@ from gcs.errors import JournalError, WireError
 from gcs.files import read_bytes
 from gcs.io.private_files import make_private, private
 from gcs.io.zenoh.messages import decode, encode
-from gcs.model import Memory, Resumed
+from gcs.model import PersistedState, Resumed
 
 VERSION = 1
 _MAX_BYTES = 64 * 1024 * 1024
@@ -34,7 +34,7 @@ class _Head(msgspec.Struct, frozen=True, kw_only=True):
     fingerprint: str
     """Of the mission file and the seed."""
     checksum: str
-    """Of the second line, which is a `Memory`."""
+    """Of the second line, which is a `PersistedState`."""
 
 
 _head_decoder = msgspec.json.Decoder(_Head)
@@ -58,11 +58,11 @@ class Journal:
         self.path = path
         self._mission, self._belongs_to = mission, belongs_to
 
-    def write(self, memory: Memory) -> None:
+    def write(self, memory: PersistedState) -> None:
         """Replace what the journal says: `encode` and `store`."""
         self.store(self.encode(memory))
 
-    def encode(self, memory: Memory) -> bytes:
+    def encode(self, memory: PersistedState) -> bytes:
         """Return the file that says this."""
         body = encode(Resumed(memory.t_ns, memory))
         head = _Head(
@@ -92,7 +92,7 @@ class Journal:
         except OSError as error:
             raise JournalError(str(self.path), f"cannot be written: {error.strerror}") from None
 
-    def read(self) -> Memory | None:
+    def read(self) -> PersistedState | None:
         """Return what it says; None when there is none.
 
         Raises

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gcs.config import Config
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.zenoh.messages import encode, topic_of
 from gcs.model import NS_PER_S, Effect, Event, Notice, Truth
@@ -61,7 +61,7 @@ class Replay:
 
     def __init__(self, config: Config, seed: int, records: Iterable[Record], window: Window) -> None:
         self.config = config
-        self.command = Command(config, seed)
+        self.command = Engine(config, seed)
         self.sinks: list[Sink] = []
         self.links = None
         """Nobody is there."""

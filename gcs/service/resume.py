@@ -11,9 +11,9 @@ from gcs.errors import JournalError
 from gcs.io.output import Writer
 from gcs.model import (
     NS_PER_S,
+    AgentStatus,
     Effect,
     Event,
-    Fate,
     MissionEnded,
     OrderAnswer,
     Plan,
@@ -116,7 +116,7 @@ class JournalSink:
         ):  # comes before the messages that carry it out: it need not be done by then,
             # for what is taken up counts only when the vehicle reads back the same
             self.write(t_ns)
-        elif isinstance(effect, Fate | UploadReport | OrderAnswer | Proposal | MissionEnded):
+        elif isinstance(effect, AgentStatus | UploadReport | OrderAnswer | Proposal | MissionEnded):
             self._news = True
 
     def write(self, t_ns: int) -> None:

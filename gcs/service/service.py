@@ -19,7 +19,7 @@ from functools import partial
 from typing import Protocol
 
 from gcs.config import Config
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.core.operator.replies import named
 from gcs.errors import GcsError, RecordingError, WireError
 from gcs.io.clock import ClockWatch, RunClock
@@ -31,7 +31,7 @@ from gcs.io.zenoh.messages import effect_key, encode_effect, sensor_of, sensor_s
 from gcs.io.zenoh.order_inbox import OrderInbox
 from gcs.io.zenoh.orders import order_key
 from gcs.io.zenoh.scans import decode_scan
-from gcs.io.zenoh.session import Bus
+from gcs.io.zenoh.session import ZenohSession
 from gcs.model import (
     NS_PER_S,
     BadInput,
@@ -41,9 +41,9 @@ from gcs.model import (
     Event,
     Level,
     LinkNews,
-    Memory,
     MissionEnded,
     Notice,
+    PersistedState,
     Picture,
     Plan,
     Resumed,
@@ -121,9 +121,9 @@ class Service:
         Where sensors publish.
     """
 
-    def __init__(self, config: Config, seed: int, links: Links, bus: Bus) -> None:
+    def __init__(self, config: Config, seed: int, links: Links, bus: ZenohSession) -> None:
         self.config = config
-        self.command = Command(config, seed)
+        self.command = Engine(config, seed)
         self.health = Health()
         self.clock = RunClock()
         self.links = links
@@ -137,7 +137,7 @@ class Service:
         self._garbage = GarbageFilter()
         self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
         self._orders = OrderInbox(config.local_frame)
-        self._memory: Memory | None = None
+        self._memory: PersistedState | None = None
         self._tick_waits = False
         self._lag_warned = False
         self._keyless: set[int] = set()
@@ -147,7 +147,7 @@ class Service:
                 self._send_for_uploader, self._put, self._tell_of_uploader, lambda: self.clock.now_ns()
             )
 
-    def resume(self, memory: Memory) -> None:
+    def resume(self, memory: PersistedState) -> None:
         """Take up where an earlier service was; call it before `run`."""
         self._memory = memory
 

@@ -32,7 +32,7 @@ Hypothesis = frozenset[Track]
 _H = np.eye(2, 4)
 
 
-class Oracle:
+class ReferenceGlmb:
     """Exact delta-GLMB recursion; `weights` maps each hypothesis to its probability."""
 
     def __init__(self, params: GlmbParams) -> None:

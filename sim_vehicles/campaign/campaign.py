@@ -22,7 +22,7 @@ from rich.console import Console
 
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.config import read_text
-from gcs.core.perception.fusion import Trackers
+from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.errors import RecordingError
 from gcs.io.recording.writer import versions
 from gcs.model import Effect, Truth
@@ -30,7 +30,7 @@ from gcs.report.campaign.results import Row
 from gcs.report.paper.losses import DeathWatch
 from gcs.report.run.evaluation import judge_of
 from gcs.settings import with_settings
-from sim_vehicles.campaign.ground_truth_trackers import TrueTrackers
+from sim_vehicles.campaign.ground_truth_trackers import GroundTruthTrackers
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
 
@@ -107,7 +107,7 @@ def fly(job: Job) -> Row:
     scenario = parse_scenario(job.text, job.scenario)
     config = scenario.config
     judge = judge_of(config)
-    deaths, truths = DeathWatch(), TrueTrackers(config)
+    deaths, truths = DeathWatch(), GroundTruthTrackers(config)
     run = VirtualRun(scenario, job.seed, loss=job.loss)
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
@@ -121,7 +121,7 @@ def fly(job: Job) -> Row:
 
     run.on_effect, run.on_truth = on_effect, on_truth
     if job.planner == "truth":
-        run.command.trackers = cast("Trackers", truths)
+        run.command.trackers = cast("MultiSensorTracker", truths)
     duration_s = run.run()
     summary = judge.summary(
         scenario=config.name,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from gcs.model import NS_PER_S, Effect, Event, Fate, FloatArray, Plan, Tick
+from gcs.model import NS_PER_S, AgentStatus, Effect, Event, FloatArray, Plan, Tick
 from gcs.planning.map.grid import Grid
 from sim_vehicles.campaign.virtual_run import START_T_NS, STEP_NS, VirtualRun
 from sim_vehicles.world.scenario import DeathTable, Scenario, WindTable
@@ -45,7 +45,7 @@ class Nearest:
 
 
 @dataclass(frozen=True, slots=True)
-class Homeward:
+class ReturnFlight:
     """How a vehicle came home from its target."""
 
     room_m: float
@@ -77,7 +77,7 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
         if isinstance(effect, Plan):
             ends.update({route.vehicle: route.points_m[-1] for route in effect.routes})
             tasked.update({v: (t_ns, tasked.get(v, (0, 0))[1] + 1) for v in effect.changed})
-        elif isinstance(effect, Fate) and effect.fate != "flying":
+        elif isinstance(effect, AgentStatus) and effect.fate != "flying":
             done.add(effect.vehicle)
 
     def on_event(event: Event) -> None:
@@ -122,16 +122,16 @@ def landing(scenario: Scenario) -> Scenario:
     )
 
 
-def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict[int, Homeward]:
+def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict[int, ReturnFlight]:
     """Fly a whole mission that ends at home; return how each vehicle that reached its target came home.
 
     With `straight` ways home are planned as if there were no obstacles.
     """
-    arrived: dict[int, Homeward] = {}
+    arrived: dict[int, ReturnFlight] = {}
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
-        if isinstance(effect, Fate) and effect.fate == "arrived":
-            arrived.setdefault(effect.vehicle, Homeward(math.inf, math.inf))
+        if isinstance(effect, AgentStatus) and effect.fate == "arrived":
+            arrived.setdefault(effect.vehicle, ReturnFlight(math.inf, math.inf))
 
     def on_event(event: Event) -> None:
         if not isinstance(event, Tick) or (event.t_ns - START_T_NS) // STEP_NS % _EVERY:
@@ -139,7 +139,7 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
         for vehicle in run.vehicles.values():
             if vehicle.system_id in arrived and vehicle.autopilot.flying:
                 home, place = vehicle.autopilot.home, (vehicle.east_m, vehicle.north_m)
-                arrived[vehicle.system_id] = Homeward(
+                arrived[vehicle.system_id] = ReturnFlight(
                     min(
                         arrived[vehicle.system_id].room_m,
                         distance_to_obstacle_m(run.command.grid, cells, place),

@@ -17,7 +17,7 @@ from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Track, Truth, Vehicl
 _COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
 
 
-class TrueBeliefs:
+class GroundTruthConfirmation:
     """What is alive, without delay."""
 
     def __init__(self) -> None:
@@ -33,13 +33,13 @@ class TrueBeliefs:
         return label not in self.tracks
 
 
-class TrueKind:
+class GroundTruthClass:
     """The truth of one kind as a tracker would show it. A label is (0, id)."""
 
     def __init__(self, kind: Kind) -> None:
         self._kind: Kind = kind
         self._before: dict[Label, tuple[int, float, float]] = {}
-        self.beliefs = TrueBeliefs()
+        self.beliefs = GroundTruthConfirmation()
 
     def update(self, truth: Truth, t_ns: int) -> Picture:
         """Take the truth at a scan; velocities are those since the scan before."""
@@ -63,12 +63,12 @@ class TrueKind:
         return Track(label, read_only([east_m, north_m, *velocity]), _COV, 1.0, estimated=True)
 
 
-class TrueTrackers:
-    """Stand in the place of `gcs.core.perception.fusion.Trackers`; `truth` is set before each scan."""
+class GroundTruthTrackers:
+    """Replaces `gcs.core.perception.fusion.MultiSensorTracker`; `truth` is set before each scan."""
 
     def __init__(self, config: Config) -> None:
         self.truth: Truth | None = None
-        self.agents, self.targets = TrueKind("agents"), TrueKind("targets")
+        self.agents, self.targets = GroundTruthClass("agents"), GroundTruthClass("targets")
         self.findings: tuple[tuple[bool, str], ...] = ()
         """Nothing that sensors say contradicts them."""
         self.untracked = Untracked(config)

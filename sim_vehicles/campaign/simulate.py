@@ -14,7 +14,7 @@ from rich.table import Table
 
 from gcs.cli.warm_up_progress import LINKS, PLANNING, RECORDING, TRACKING, load_kernels
 from gcs.io.console import console_for
-from gcs.io.recording.writer import Recorder, Room, Run, versions
+from gcs.io.recording.writer import DiskBudget, Recorder, Run, versions
 from gcs.model import Effect, Event, Truth
 from gcs.report.run.evaluation import Summary, judge_of, summary_json
 from gcs.report.run.summary import print_summary
@@ -74,7 +74,7 @@ def fly(
     """Fly one mission, recorded in `folder` if there is one, and judge it."""
     config = scenario.config
     judge = judge_of(config)
-    room = Room(int(config.recording.rotate_mb * 1e6))
+    room = DiskBudget(int(config.recording.rotate_mb * 1e6))
     with (
         nullcontext()
         if folder is None

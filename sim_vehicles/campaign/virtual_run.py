@@ -15,16 +15,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.errors import ConfigError
 from gcs.model import (
     NS_PER_S,
     Datagram,
     Effect,
     Event,
-    Memory,
     MissionEnded,
     Order,
+    PersistedState,
     Plan,
     Resumed,
     Scan,
@@ -82,7 +82,7 @@ class VirtualRun:
     orders: Sequence[Order] = ()
     tamper: Callable[[int, str, bytes], Iterable[tuple[str, bytes]]] | None = None
     timings: Timings = field(default_factory=Timings)
-    command: Command = field(init=False)
+    command: Engine = field(init=False)
     vehicles: dict[str, SimVehicle] = field(init=False)
     t_ns: int = field(init=False, default=START_T_NS)
     ended: bool = field(init=False, default=False)
@@ -101,7 +101,7 @@ class VirtualRun:
             problem = f'"{config.mission.uploader}" uploads over real sockets: use gcs demo, or set "own"'
             raise ConfigError(self.scenario.source, "mission.uploader", problem)
         self._orders = deque(sorted(self.orders, key=lambda order: order.t_ns))
-        self.command = Command(config, self.seed)
+        self.command = Engine(config, self.seed)
         self._world = World(self.scenario, self.seed, START_T_NS)
         self._loss_rng = generator(self.seed, "loss")
         self.vehicles = {
@@ -131,7 +131,7 @@ class VirtualRun:
             self.t_ns += STEP_NS
         return (self.t_ns - START_T_NS) / NS_PER_S
 
-    def restart(self, outage_s: float, memory: Memory | None = None) -> None:
+    def restart(self, outage_s: float, memory: PersistedState | None = None) -> None:
         """Kill central command, fly on without it, and start it anew from what it remembered."""
         memory = memory or self.command.memory(self.t_ns)
         self._to_vehicles.clear()
@@ -144,7 +144,7 @@ class VirtualRun:
             self.t_ns += STEP_NS
         while self._world.scan_t_ns(self._scan_index) < self.t_ns:
             self._scan_index += 1
-        self.command = Command(self.scenario.config, self.seed)
+        self.command = Engine(self.scenario.config, self.seed)
         self._step(Resumed(self.t_ns, memory))
 
     def _move_vehicles(self) -> None:

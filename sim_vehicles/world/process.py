@@ -31,7 +31,7 @@ from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
 from gcs.io.zenoh.messages import encode_truth, scan_key, truth_key
 from gcs.io.zenoh.scans import encode_scan
-from gcs.io.zenoh.session import Bus
+from gcs.io.zenoh.session import ZenohSession
 from gcs.model import Scan, TruthObject
 from sim_vehicles.autopilots.missions import NEVER_NS
 from sim_vehicles.world.scenario import Scenario, load
@@ -133,7 +133,7 @@ class TruthReceiver:
             agent.silent = agent.silent or agent.states[-1][0] < t_ns
 
 
-def fly(world: World, receiver: TruthReceiver, bus: Bus, clock: RunClock) -> None:
+def fly(world: World, receiver: TruthReceiver, bus: ZenohSession, clock: RunClock) -> None:
     """Publish scan after scan until standard input closes."""
     mission = world.scenario.config.name
     index, told_t_ns = 0, -1
@@ -177,7 +177,7 @@ def main() -> None:
     arguments = parser.parse_args()
     scenario = load(arguments.scenario)
     receiver = TruthReceiver(scenario)
-    with Bus(**{arguments.zenoh_role: arguments.zenoh}) as bus:
+    with ZenohSession(**{arguments.zenoh_role: arguments.zenoh}) as bus:
         print(f"ready {receiver.port}", flush=True)  # noqa: T201  the supervisor reads it
         line = sys.stdin.readline()
         if not line:

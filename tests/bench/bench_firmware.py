@@ -26,7 +26,7 @@ from gcs.config import parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan
-from gcs.model import NS_PER_S, Datagram, Fate, FloatArray, Plan, Truth, UploadReport
+from gcs.model import NS_PER_S, AgentStatus, Datagram, FloatArray, Plan, Truth, UploadReport
 from gcs.planning.map.grid import Grid
 from sim_vehicles.campaign.flown import distance_to_obstacle_m
 
@@ -107,12 +107,12 @@ def look_at(recording: Path, scenario: Path, seed: int) -> Flown:
     uploaded_ns, tasked = dict[int, int](), defaultdict[int, int](int)
     last, start_ns = dict[int, tuple[float, float]](), 0
     routes, legs = dict[int, FloatArray](), dict[int, FloatArray]()
-    for record in read(recording, only={Datagram, Plan, Fate, Truth, UploadReport}):
+    for record in read(recording, only={Datagram, Plan, AgentStatus, Truth, UploadReport}):
         value, start_ns = record.value, start_ns or record.t_ns
         if isinstance(value, Plan):
             ends.update({route.vehicle: route.points_m[-1] for route in value.routes})
             routes.update({route.vehicle: route.points_m for route in value.routes})
-        elif isinstance(value, Fate) and value.fate != "flying":
+        elif isinstance(value, AgentStatus) and value.fate != "flying":
             done.add(value.vehicle)
         elif isinstance(value, UploadReport) and value.ok:
             tasked[value.vehicle] += 1

@@ -16,7 +16,7 @@ import numpy as np
 
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
-from sim_vehicles.campaign.flown import Homeward, Nearest, flown_home, in_wind, landing, nearest
+from sim_vehicles.campaign.flown import Nearest, ReturnFlight, flown_home, in_wind, landing, nearest
 from sim_vehicles.world.scenario import Scenario, WindTable, load
 
 SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")
@@ -38,7 +38,7 @@ def fly(name: str, seed: int, wind_m_s: float, planned_m_s: float) -> Nearest:
     return nearest(blown(name, wind_m_s, planned_m_s), seed)
 
 
-def fly_home(name: str, seed: int, wind_m_s: float, planned_m_s: float, straight: bool) -> list[Homeward]:
+def fly_home(name: str, seed: int, wind_m_s: float, planned_m_s: float, straight: bool) -> list[ReturnFlight]:
     scenario = landing(blown(name, wind_m_s, planned_m_s))
     return list(flown_home(scenario, seed, straight=straight).values())
 

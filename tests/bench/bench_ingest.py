@@ -29,7 +29,7 @@ from telemetry import Batch, Player, beat_frames, position_frames, put_together,
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
 from gcs.io.links.manager import Links
-from gcs.io.links.recvmmsg import ManyAtOnce
+from gcs.io.links.recvmmsg import BatchReader
 from gcs.io.signing.gate import Signing
 from gcs.mavlink.fleet import fast_telemetry
 from gcs.mavlink.fleet.fleet import Fleet
@@ -43,7 +43,7 @@ KEY = bytes(range(32))
 TOGETHER_BYTES = 1300
 
 
-class Taken(NamedTuple):
+class UpdateResult(NamedTuple):
     """What a receiver did with a run."""
 
     name: str
@@ -112,7 +112,7 @@ def receive_by_pymavlink(args, together, keeps=True):
         key.fileobj.close()
     assert not keeps or len(user.places) == args.networks * args.vehicles
     name = "recvfrom + pymavlink + a user's table" if keeps else "recvfrom + pymavlink"
-    return Taken(name, player.account(), count, cpu_s, user.lost)
+    return UpdateResult(name, player.account(), count, cpu_s, user.lost)
 
 
 class Intake:
@@ -180,7 +180,7 @@ async def receive_by_ours(args, together, key=None):
     consumer.cancel()
     opened.close()
     name = "links, queue, fleet" if key is None else "gate, links, queue, fleet"
-    return Taken(name, player.account(), frames, cpu_s, intake.missing(), intake.dropped)
+    return UpdateResult(name, player.account(), frames, cpu_s, intake.missing(), intake.dropped)
 
 
 # ------------------------------------------------------------------------------------ tables
@@ -242,7 +242,7 @@ def decoding(console):
 def in_turn(console):
     """Send 200 datagrams to a socket, then take them: no process waits for a core."""
     made, beats = Fleet(range(1, 201), FRAME), beat_frames(np.arange(1, 201), np.zeros(200, int))
-    reader, decoder, step = ManyAtOnce(), dialect.MAVLink(None), 0
+    reader, decoder, step = BatchReader(), dialect.MAVLink(None), 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
         ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 * 1024 * 1024)
         ours.setblocking(False)

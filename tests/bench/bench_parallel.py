@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
 from plane_double import LOITER, Plane
 
 from gcs.config.tables import AirframeTable, MissionTable
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Datagram, Route, Send, UploadReport, read_only
@@ -60,7 +60,7 @@ def once(count: int, items: int, window: int) -> tuple[float, float, int, float]
     process = multiprocessing.Process(target=vehicles, args=(ids, port), daemon=True)
     process.start()
     fleet = Fleet(ids, FRAME)
-    tasking = Tasking(MissionTable(), AirframeTable(), FRAME, fleet, window)
+    tasking = UploadManager(MissionTable(), AirframeTable(), FRAME, fleet, window)
     rng = np.random.default_rng(1)
     done: list[UploadReport] = []
     polled_s = 0.0

@@ -16,12 +16,12 @@ import numpy as np
 
 from gcs.planning.deconfliction import Flight, separate
 from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
-from gcs.planning.options import AgentStart, PlanOptions, Wait
+from gcs.planning.options import AgentStart, LoiterSpec, PlanOptions
 from gcs.planning.path.turns import Corners
 from gcs.planning.planner import Stage, plan_routes, warm_up
 from gcs.planning.search.neighbours import search_map
 
-WAIT = Wait(radius_m=40.0, near_m=40.0, lag_s=1.0, corners=Corners(40.0, 15.0, 10.0))
+WAIT = LoiterSpec(radius_m=40.0, near_m=40.0, lag_s=1.0, corners=Corners(40.0, 15.0, 10.0))
 
 
 def median_ms(work: Callable[[], object], repeats: int) -> float:

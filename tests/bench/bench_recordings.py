@@ -23,7 +23,7 @@ from rich.console import Console
 
 from gcs.cli.outputs import warm_up
 from gcs.config import Config, parse
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.io.recording.reader import about, read
 from gcs.io.recording.writer import Recorder, Run, versions
 from gcs.model import NS_PER_S, Effect, Event
@@ -58,7 +58,7 @@ def replay(folder: Path, config: Config, *, verify: bool) -> None:
 
 def fold(folder: Path, config: Config) -> Counter[str]:
     """CPU time of the fold by kind of event, without reading."""
-    command, spent = Command(config, 1), Counter[str]()
+    command, spent = Engine(config, 1), Counter[str]()
     for record in read(folder, only=get_args(Event)):
         kind = type(record.value).__name__
         began = time.process_time()

@@ -19,7 +19,7 @@ from gcs.model import NS_PER_S, Polar, Sensor
 from gcs.tracking.glmb import kalman
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams, warm_up
 from gcs.tracking.models import measurement, sensors
-from gcs.tracking.models.adaptive_birth import UnknownBirths
+from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 
 SIDE_M = 2000.0
 FIELD = (0.0, 0.0, SIDE_M, SIDE_M)
@@ -27,7 +27,7 @@ FIELD = (0.0, 0.0, SIDE_M, SIDE_M)
 
 def births_run(seed: int, clutter: float, appear_per_s: float, scans: int = 100) -> tuple[float, float]:
     """Mean count error inside the field, and ms per scan (median); births assumed 0.1 per second."""
-    rng, births = np.random.default_rng(seed), UnknownBirths(0.1, 8.0, 0.1, 1.0)
+    rng, births = np.random.default_rng(seed), AdaptiveBirth(0.1, 8.0, 0.1, 1.0)
     look = Sensor("s", 0.95, clutter / SIDE_M**2, np.eye(2) * 25.0, FIELD)
     tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), 1, weigh_detections=True)
     state, errors, spent = np.empty((0, 4)), [], []

@@ -24,11 +24,11 @@ from plane_double import AUTO, Channel, Joined, Plane, S
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
-from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_task import MissionTask
-from gcs.mavlink.services.rtt import Pace
+from gcs.mavlink.mission.upload_task import UploadTask
+from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import Mission, Upload, Waypoint
 
 HOME = Home(-35.3632621, 149.165237, 584.09)
@@ -47,8 +47,8 @@ def trial(seed: int, loss: float) -> tuple[str, float, int, int, bool]:
     plane = Plane(mode=AUTO, leg_s=LEG_S)
     old = ARDUPLANE.items(mission(40, 0.1), HOME)
     plane.load(old, current=2)
-    task = MissionTask(
-        mission(28), HOME, Encoder(), custody=Custody("AUTO"), old=old,
+    task = UploadTask(
+        mission(28), HOME, Encoder(), custody=ModeAuthority("AUTO"), old=old,
         time_to_next_s=plane.time_to_next_s, current=2,
     )  # fmt: skip
     plane.mean(task.items)
@@ -105,13 +105,13 @@ def short(autopilot: str, seed: int, loss: float, delay_s: float = 0.01) -> tupl
     spec = VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0, autopilot=autopilot)
     vehicle, profile = SimVehicle(spec, LocalFrame(*HOME), 0), {"ardupilot": ARDUPLANE, "px4": PX4}[autopilot]
     points = 8 - profile.home_items - 1  # the circle at the end is one more
-    task = MissionTask(
+    task = UploadTask(
         mission(points, vehicle=7),
         HOME,
         Encoder(),
         profile=profile,
-        custody=Custody("LOITER"),
-        pace=Pace(2.0 * delay_s),  # measured on contact
+        custody=ModeAuthority("LOITER"),
+        pace=RttEstimator(2.0 * delay_s),  # measured on contact
     )
     assert len(task.items) == 8
     way = {"loss": loss, "delay_s": (delay_s, delay_s)}
@@ -160,7 +160,7 @@ async def upload(uploader: str, loss: float, seed: int) -> tuple[bool, float]:
 
     rng = np.random.default_rng(seed)
     vehicle = SimVehicle(VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0), LocalFrame(*HOME), time.time_ns())
-    task = MissionTask(mission(18, vehicle=7), HOME, Encoder(), custody=Custody("LOITER"))
+    task = UploadTask(mission(18, vehicle=7), HOME, Encoder(), custody=ModeAuthority("LOITER"))
     answers = []
 
     def send(_system_id: int, frame: bytes) -> None:

@@ -24,9 +24,9 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.config import read_text
-from gcs.core.engine import Command
-from gcs.io.recording.writer import Recorder, Room, Run, versions
-from gcs.model import NS_PER_S, Fate, KeepOut, Order, Plan, UploadReport
+from gcs.core.engine import Engine
+from gcs.io.recording.writer import DiskBudget, Recorder, Run, versions
+from gcs.model import NS_PER_S, AgentStatus, NoFlyZone, Order, Plan, UploadReport
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.service.journal import Journal, fingerprint
 from gcs.settings import with_settings
@@ -108,14 +108,14 @@ class Soak:
         text = with_settings(read_text("random-targets")[0], self.loads, "soak")
         self.scenario = parse_scenario(text, "soak")
         self._rng = np.random.default_rng(self.seed)
-        self.recorder = Recorder(self.folder, text, versions(), Run("soak", self.seed), Room(1_000_000))
+        self.recorder = Recorder(self.folder, text, versions(), Run("soak", self.seed), DiskBudget(1_000_000))
         self.journal = Journal(self.folder / "journal", "soak", fingerprint(text, self.seed))
         self.run = VirtualRun(
             self.scenario, self.seed, self.recorder.event, self._effect, None, loss=self.loss
         )
 
     @property
-    def command(self) -> Command:
+    def command(self) -> Engine:
         return self.run.command
 
     def _effect(self, t_ns: int, effect: object) -> None:
@@ -124,7 +124,7 @@ class Soak:
             self.counts["plans"] += 1
         elif isinstance(effect, UploadReport):
             self.counts["missions that arrived" if effect.ok else "missions that did not"] += 1
-        elif isinstance(effect, Fate):
+        elif isinstance(effect, AgentStatus):
             self.counts[f"seen {effect.fate}"] += 1
 
     def fly(self, to_s: float) -> None:
@@ -195,7 +195,7 @@ class Soak:
             disc = (
                 (*self._rng.uniform(600.0, 1400.0, 2).tolist(), 80.0) if self.counts["orders"] % 2 else None
             )
-            order = Order(self.run.t_ns, number, "keep-out", None, keep_out=KeepOut("fire", disc))
+            order = Order(self.run.t_ns, number, "keep-out", None, keep_out=NoFlyZone("fire", disc))
         elif self._held:
             order = Order(self.run.t_ns, number, "resume", (self._held.pop(),))
         else:

@@ -22,7 +22,7 @@ import psutil
 
 from gcs.config import read_text
 from gcs.io.recording.reader import read
-from gcs.model import NS_PER_S, Fate, Notice, Tick
+from gcs.model import NS_PER_S, AgentStatus, Notice, Tick
 from gcs.settings import with_settings
 
 SETTINGS = (
@@ -86,13 +86,13 @@ def main() -> None:
         folder = Path(parent)
         summary = fly(options.hours, options.loss, options.samples, folder)
         notices, last_ns, gap_ns = collections.Counter[str](), 0, 0
-        for record in read(folder / "run", only={Tick, Notice, Fate}):
+        for record in read(folder / "run", only={Tick, Notice, AgentStatus}):
             if isinstance(record.value, Tick):
                 gap_ns = max(gap_ns, record.t_ns - last_ns if last_ns else 0)
                 last_ns = record.t_ns
             elif isinstance(record.value, Notice) and record.value.level != "info":
                 notices[f"{record.value.level}: {record.value.text[:70]}"] += 1
-            elif isinstance(record.value, Fate):
+            elif isinstance(record.value, AgentStatus):
                 notices[f"seen {record.value.fate}"] += 1
     keys = ("outcome", "reason", "duration_s", "retasks", "uploads", "upload_failures", "orders")
     print(", ".join(f"{key} {summary[key]}" for key in keys))

@@ -10,10 +10,10 @@ from rich.console import Console
 
 from gcs.cli.live_view import LiveView, PlainLines, effect_line
 from gcs.config import load
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.core.replanning.triggers import in_words, lost, moved, passed
 from gcs.mavlink.services.adsb import callsign
-from gcs.model import NS_PER_S, Fate, Notice, Plan, Proposal, Route, RouteFigures, Tick, read_only
+from gcs.model import NS_PER_S, AgentStatus, Notice, Plan, Proposal, Route, RouteFigures, Tick, read_only
 from gcs.planning.map.grid import free_grid
 from gcs.planning.options import PlanOptions
 from gcs.planning.planner import plan_routes
@@ -39,7 +39,7 @@ def text_of(console: Console) -> str:
 
 def test_plans_that_wait_push_no_alarm_out_of_the_live_view() -> None:
     config, screen = load("prescribed"), console()
-    command = Command(config, 1)
+    command = Engine(config, 1)
     view = LiveView(config, command, 1.0)
     view.event(Tick(1 * S))
     view.effect(1 * S, Notice(1 * S, "alarm", "not heard at all", 3))
@@ -80,7 +80,7 @@ def test_a_target_has_one_name_and_lost_is_said_of_agents_alone() -> None:
     route = Route(3, label, read_only([[900.0, 100.0]]), 800.0)
     told = [
         effect_line(Plan(0, 0, (route,), (), (), in_words([moved(label, 60.0), lost(label)]), (3,))),
-        effect_line(Fate(0, 3, "arrived", label)),
+        effect_line(AgentStatus(0, 3, "arrived", label)),
         effect_line(replace(proposal(1, 1.0, 1.0), routes=(route,), reason=in_words([passed(3, label)]))),
     ]
     nowhere = plan_routes(free_grid((5, 5), 10.0), {}, {label: (math.inf, 0.0)}, {}, PlanOptions())
@@ -88,4 +88,4 @@ def test_a_target_has_one_name_and_lost_is_said_of_agents_alone() -> None:
     assert words.count("T0.2") == words.count("0.2") == 8
     assert "(0, 2)" not in words
     assert "lost" not in words
-    assert effect_line(Fate(0, 3, "dead")) == ("agent 3: lost", "alarm")
+    assert effect_line(AgentStatus(0, 3, "dead")) == ("agent 3: lost", "alarm")

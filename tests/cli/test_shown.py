@@ -13,7 +13,7 @@ from gcs.cli.live_view import LiveView
 from gcs.cli.outputs import view_for
 from gcs.cli.prepare.preflight import show
 from gcs.config import load
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.core.preflight.result import Check
 from gcs.io.console import console_for
 from gcs.model import Notice, Picture, Tick, Track, UploadReport, read_only
@@ -64,7 +64,7 @@ def test_sentences_in_a_file_are_not_cut(
 def test_the_live_view_says_who_is_who_on_any_terminal(width: int) -> None:
     config = load("prescribed")
     console = Console(file=io.StringIO(), width=width, height=40, color_system=None)
-    console.print(LiveView(config, Command(config, 1), 1.0))
+    console.print(LiveView(config, Engine(config, 1), 1.0))
     assert isinstance(console.file, io.StringIO)
     titles = next(line for line in console.file.getvalue().splitlines() if "fate" in line)
     words = titles.replace("│", " ").split()
@@ -76,7 +76,7 @@ def live_view(scenario: str, width: int, height: int) -> list[str]:
     """Draw a mission with a target for each agent, and an agent of which an upload failed."""
     config = load(scenario)
     count = len(config.agents)
-    view = LiveView(config, Command(config, 1), 1.0)
+    view = LiveView(config, Engine(config, 1), 1.0)
     view.event(Tick(0))
     state, cov = read_only([10.0, 20.0, 3.0, 1.0]), read_only(np.eye(4))
     tracks = tuple(Track((0, index), state, cov, 0.99, True) for index in range(count))
@@ -124,7 +124,7 @@ def test_vehicles_in_modes_that_are_not_ours_are_named_with_what_to_do(
 ) -> None:
     """The warning when it began has long left the events; LOITER looks like ours."""
     config = load(scenario)
-    command = Command(config, 1)
+    command = Engine(config, 1)
     for vehicle, mode in {2: "LOITER", 3: "RTL", 4: "FBWA"}.items():
         command.tasking._custody[vehicle].heard("AUTO")
         command.tasking._custody[vehicle].heard(mode)
@@ -145,7 +145,7 @@ def test_a_dumb_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> No
         links = None
         sinks: ClassVar[list[Any]] = []
 
-    Run.config, Run.command = config, Command(config, 1)
+    Run.config, Run.command = config, Engine(config, 1)
 
     async def show() -> None:
         async with view_for(Run(), console, speed=1.0, headless=False):

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from gcs.config import Config, parse
-from gcs.core.perception.confirmation import Beliefs
+from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
 
 S = NS_PER_S
@@ -45,9 +45,9 @@ def picture(*tracks: Track, t_s: float | None = None, kind: Kind = "agents") -> 
     return Picture(at(t_s), at(t_s), kind, ordered, read_only([1.0]))
 
 
-def believed(*tracks: Track, dead_existence: float = 0.01) -> Beliefs:
+def believed(*tracks: Track, dead_existence: float = 0.01) -> TrackConfirmation:
     """Beliefs that hold exactly these tracks."""
-    beliefs = Beliefs(dead_existence)
+    beliefs = TrackConfirmation(dead_existence)
     for _ in range(3):
         beliefs.update(picture(*tracks))
     assert set(beliefs.tracks) == {one.label for one in tracks}

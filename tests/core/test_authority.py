@@ -12,9 +12,9 @@ from staging import RADAR, at, mission
 from test_guests import AIR, MISSION, S
 
 from gcs.config import parse
-from gcs.core.engine import Command
-from gcs.core.tasking.mission_builder import Missions
-from gcs.core.tasking.onboard_missions import Flown
+from gcs.core.engine import Engine
+from gcs.core.tasking.mission_builder import MissionBuilder
+from gcs.core.tasking.onboard_missions import OnboardMission
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
@@ -42,7 +42,7 @@ class Stage:
     """A service and one vehicle, which shows what a test says that it shows."""
 
     def __init__(self, autopilot: int, mode: str, *, armed: bool, height_m: float, speed_m_s: float) -> None:
-        self.command, self.t_ns = Command(parse(MISSION, "x"), 1), S
+        self.command, self.t_ns = Engine(parse(MISSION, "x"), 1), S
         self.encode, self.autopilot = Encoder(1, 1), autopilot
         self.mode, self.armed, self.height_m, self.speed_m_s = mode, armed, height_m, speed_m_s
         self.effects: list = []
@@ -240,9 +240,9 @@ def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
     config, profile = mission(tables='[mission]\nend = "land"\n'), profile_of(autopilot)
     assert profile is not None
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
-    planned = Missions(config.mission, config.airframe, config.local_frame).of(route, 1, None)
+    planned = MissionBuilder(config.mission, config.airframe, config.local_frame).of(route, 1, None)
     items = profile.items(planned, Home(33.0, -87.0, 70.0))
-    stage.command.tasking.found(Flown(route, items, profile.home_items))
+    stage.command.tasking.found(OnboardMission(route, items, profile.home_items))
     stage.hear(dialect.MAVLink_mission_current_message(len(items) - 2))
     stage.wait(1.0)
     assert stage.command.away() == {}
@@ -281,7 +281,7 @@ def test_a_mode_that_an_operator_ordered_here_is_not_told_as_somebody_elses() ->
 
 
 def test_targets_that_appear_after_the_missions_end_are_told_once_with_what_to_do() -> None:
-    command, effects = Command(mission(agents=[(100.0, 200.0)], births=[(1500.0, 200.0)]), 1), []
+    command, effects = Engine(mission(agents=[(100.0, 200.0)], births=[(1500.0, 200.0)]), 1), []
     for t_s in range(60):  # the agent never shows up: it is given up after 20 s
         place = [(1500.0, 200.0)] if t_s > 30 else []
         scan = Scan(at(t_s), at(t_s), RADAR, read_only(np.reshape(place, (-1, 2))))

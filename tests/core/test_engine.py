@@ -14,16 +14,16 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import RADAR, S, at, mission, scan
 
 from gcs.config import Config
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.io.zenoh.messages import decode, encode
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import (
+    AgentStatus,
     BadInput,
     Datagram,
     Effect,
     Event,
-    Fate,
     MissionEnded,
     Notice,
     Picture,
@@ -62,7 +62,7 @@ class Flight:
 
     def contact(self) -> int:
         """Index of the first event by which every vehicle has been heard."""
-        command = Command(self.config, SEED)
+        command = Engine(self.config, SEED)
         for index, event in enumerate(self.events):
             command.step(event)
             if all(one.address for one in command.fleet.health()):
@@ -74,13 +74,13 @@ class Flight:
 def flight() -> Flight:
     scenario, events, effects = load("prescribed"), [], []
     VirtualRun(scenario, SEED, events.append, lambda _t_ns, effect: effects.append(effect)).run()
-    assert any(isinstance(e, Fate) and e.fate == "dead" for e in effects)
+    assert any(isinstance(e, AgentStatus) and e.fate == "dead" for e in effects)
     assert sum(isinstance(e, Plan) for e in effects) >= 3
     return Flight(scenario.config, events, effects)
 
 
 def play(config: Config, events: Iterable[Event]) -> list[Effect]:
-    command = Command(config, SEED)
+    command = Engine(config, SEED)
     return [effect for event in events for effect in command.step(event)]
 
 
@@ -109,7 +109,7 @@ def test_events_that_went_through_a_recording_give_the_same_effects(flight: Flig
 
 def test_two_commands_side_by_side_do_not_disturb_each_other(flight: Flight) -> None:
     events = flight.until(20.0)
-    one, two = Command(flight.config, SEED), Command(flight.config, SEED + 1)
+    one, two = Engine(flight.config, SEED), Engine(flight.config, SEED + 1)
     effects = []
     for event in events:
         effects += one.step(event)
@@ -121,7 +121,7 @@ def test_two_commands_side_by_side_do_not_disturb_each_other(flight: Flight) -> 
 
 
 def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) -> None:
-    command, changed = Command(flight.config, SEED), 0
+    command, changed = Engine(flight.config, SEED), 0
     for event in flight.events:
         under_way = set(command.tasking.under_way)
         effects = command.step(event)
@@ -137,7 +137,7 @@ def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) ->
 
 
 def test_a_dead_vehicle_gets_no_more_missions(flight: Flight) -> None:
-    death = next(i for i, e in enumerate(flight.effects) if isinstance(e, Fate) and e.fate == "dead")
+    death = next(i for i, e in enumerate(flight.effects) if isinstance(e, AgentStatus) and e.fate == "dead")
     dead = flight.effects[death].vehicle
     told = {m.target_system for _, m in messages(flight.effects[death:]) if m.get_type() in MISSION_MESSAGES}
     assert dead not in told
@@ -240,7 +240,7 @@ def test_a_bombardment_all_the_way_changes_nothing(flight: Flight) -> None:
 
 
 def test_a_stranger_before_anybody_else_is_not_flown(flight: Flight) -> None:
-    command = Command(flight.config, SEED)
+    command = Engine(flight.config, SEED)
     effects = []
     for t_s in np.arange(0.0, 10.0, 0.25):
         data = b"".join(frame(message, 77) for message in FOREIGN_MESSAGES)
@@ -299,7 +299,7 @@ def test_huge_and_empty_scans_are_worked_and_the_mission_goes_on(flight: Flight)
             elif scans == 16:
                 events[-1] = replace(event, z_m=read_only(np.empty((0, 2))))
     effects = play(flight.config, events)
-    assert not [effect for effect in effects if isinstance(effect, Fate)]
+    assert not [effect for effect in effects if isinstance(effect, AgentStatus)]
 
 
 @pytest.mark.parametrize("measured_s", [-30.0, -1.5, 0.0, 3600.0])
@@ -321,7 +321,7 @@ def test_scans_that_come_late_or_twice_or_from_the_future_change_nothing(
 
 
 def test_bad_input_is_counted_all_and_summarised(flight: Flight) -> None:
-    command, told = Command(flight.config, SEED), list[Effect]()
+    command, told = Engine(flight.config, SEED), list[Effect]()
     for t_s in range(500):
         told += command.step(BadInput(at(t_s), "zenoh", f"not JSON: {t_s}"))
         told += [e for e in command.step(Tick(at(t_s))) if isinstance(e, Notice) and "bad input" in e.text]
@@ -358,7 +358,7 @@ class Scene:
 
     def __init__(self) -> None:
         self.config = mission(agents=[(100.0, 200.0)], births=[TARGET])
-        self.command = Command(self.config, 0)
+        self.command = Engine(self.config, 0)
         self.plane: Plane | None = Plane(1, (100.0, 200.0), self.config)
         self.effects: list[Effect] = []
         self.t_s = 0.0
@@ -401,7 +401,7 @@ def test_a_transfer_to_a_vehicle_that_dies_is_given_up_without_a_word_more() -> 
     assert scene.command.tasking.under_way == {1: "upload"}
     scene.plane = None
     effects = scene.fly(40.0)
-    death = next(i for i, e in enumerate(effects) if isinstance(e, Fate))
+    death = next(i for i, e in enumerate(effects) if isinstance(e, AgentStatus))
     assert (effects[death].vehicle, effects[death].fate) == (1, "dead")
     assert not [m for _, m in messages(effects[death:]) if m.get_type() in MISSION_MESSAGES]
     assert not any(isinstance(effect, Plan) for effect in effects[death:])
@@ -424,7 +424,7 @@ def test_an_agent_at_its_target_has_arrived_and_the_mission_ends_once_for_good()
         scene.plane.place = (100.0 + 15.0 * step, 200.0)
         scene.fly(1.0)
     scene.fly(20.0)
-    (fate,) = scene.all(Fate)
+    (fate,) = scene.all(AgentStatus)
     (ended,) = scene.all(MissionEnded)
     assert (fate.vehicle, fate.fate, fate.target) == (1, "arrived", (0, 0))
     assert (ended.arrived, ended.dead) == ((1,), ())
@@ -438,7 +438,7 @@ def test_an_agent_that_comes_back_from_the_dead_flies_again() -> None:
     scene.fly(8.0)
     scene.plane = plane
     scene.fly(12.0)
-    assert [fate.fate for fate in scene.all(Fate)] == ["dead", "flying"]
+    assert [fate.fate for fate in scene.all(AgentStatus)] == ["dead", "flying"]
     assert scene.command.ties.labels.keys() == {1}
 
 
@@ -448,7 +448,7 @@ def test_an_agent_that_comes_back_from_the_dead_flies_again() -> None:
 def test_a_target_that_was_reached_gets_nobody_else(flight: Flight) -> None:
     reached: set[tuple[int, int]] = set()
     for effect in flight.effects:
-        if isinstance(effect, Fate) and effect.target is not None:
+        if isinstance(effect, AgentStatus) and effect.target is not None:
             reached.add(effect.target)
         elif isinstance(effect, Plan):
             assert not reached & {route.target for route in effect.routes}
@@ -460,7 +460,7 @@ def test_a_target_that_was_reached_gets_nobody_else(flight: Flight) -> None:
 def test_an_agent_that_arrived_or_died_is_in_no_later_plan(flight: Flight) -> None:
     out: set[int] = set()
     for effect in flight.effects:
-        if isinstance(effect, Fate):
+        if isinstance(effect, AgentStatus):
             out.add(effect.vehicle)
         elif isinstance(effect, Plan):
             assert not out & {route.vehicle for route in effect.routes}
@@ -470,6 +470,6 @@ def test_an_agent_that_arrived_or_died_is_in_no_later_plan(flight: Flight) -> No
 
 def test_the_seed_makes_the_map() -> None:
     config = mission(tables="[map]\nrandom_threshold = 0.1\n")
-    one, same, other = (Command(config, seed).grid.blocked for seed in (1, 1, 2))
+    one, same, other = (Engine(config, seed).grid.blocked for seed in (1, 1, 2))
     assert np.array_equal(one, same)
     assert not np.array_equal(one, other)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.authority.external_uploads import Guests
+from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.endpoints import Link, parse_endpoint
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.router.router import Router
@@ -40,7 +40,7 @@ HOSTILE = st.lists(st.binary(max_size=50) | FRAMES, max_size=12).map(b"".join)
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), HOSTILE), max_size=12))
 def test_no_bytes_make_routes_or_the_watch_over_guests_fail(reads: list[tuple[bool, bytes]]) -> None:
-    router, guests = Router(LINKS, [1, 2]), Guests(LINKS, [1, 2])
+    router, guests = Router(LINKS, [1, 2]), ExternalUploads(LINKS, [1, 2])
     for number, (is_guest, data) in enumerate(reads):
         address = (SEAT if is_guest else AIR, "10.0.0.1:9")
         found = scan(data)

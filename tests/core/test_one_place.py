@@ -12,9 +12,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import RADAR, at, mission
 
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.mavlink.frames.codec import Encoder
-from gcs.model import Datagram, Fate, Plan, Scan, Tick, read_only
+from gcs.model import AgentStatus, Datagram, Plan, Scan, Tick, read_only
 
 PLACE = (1000.0, 300.0)
 VEHICLES = (1, 2, 3, 4)
@@ -42,7 +42,7 @@ class Flight:
     def __init__(
         self, seed: int, *, gone_s: dict[int, float] | None = None, silent_s: dict[int, float] | None = None
     ) -> None:
-        self.command, self.rng = Command(CONFIG, 1), np.random.default_rng(seed)
+        self.command, self.rng = Engine(CONFIG, 1), np.random.default_rng(seed)
         self.encoders = {vehicle: Encoder(vehicle, 1) for vehicle in VEHICLES}
         self.gone_s, self.silent_s = gone_s or {}, silent_s or {}
         self.effects: list[tuple[float, object]] = []
@@ -84,7 +84,7 @@ class Flight:
         self.step(t_s, Scan(at(t_s), at(t_s), RADAR, z_m))
 
     def lost(self) -> list[tuple[float, object]]:
-        dead = [(t, e.vehicle) for t, e in self.effects if isinstance(e, Fate) and e.fate == "dead"]
+        dead = [(t, e.vehicle) for t, e in self.effects if isinstance(e, AgentStatus) and e.fate == "dead"]
         gone = {"agent lost", "agent not tracked"}
         return dead + [(t, e.reason) for t, e in self.effects if isinstance(e, Plan) and gone & {*e.causes}]
 

@@ -13,13 +13,13 @@ from staging import track
 from gcs.config import parse, read_text
 from gcs.core.preflight.mission import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.return_height import return_of, returns_check
-from gcs.core.preflight.vehicle import VehicleJudge, envelope_of
-from gcs.core.replanning.altitude_layers import Lanes
+from gcs.core.preflight.vehicle import VehicleChecks, envelope_of
+from gcs.core.replanning.altitude_layers import AltitudeLayers
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signed, timestamp_of
-from gcs.mavlink.services.preflight_query import NEEDED_IDS, Inspection
+from gcs.mavlink.services.preflight_query import NEEDED_IDS, PreflightQuery
 from gcs.model import Datagram, Scan, Send
 from gcs.settings import with_settings
 from sim_vehicles.autopilots.personality import Mode
@@ -48,7 +48,7 @@ def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mod
     if mode is not None:
         plane.autopilot.mode = Mode(mode)
     fleet = Fleet([1], config.local_frame, also=NEEDED_IDS)
-    talk = Inspection(1, envelope_of(config), fleet.encoder(1))
+    talk = PreflightQuery(1, envelope_of(config), fleet.encoder(1))
     t_ns, to_plane = START_NS, deque()
     while (not talk.is_done or t_ns < START_NS + until_s * S) and t_ns < START_NS + end_s * S:
         for data in [to_plane.popleft() for _ in range(len(to_plane))]:
@@ -66,7 +66,7 @@ def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mod
         to_plane += frames + talk.poll(now_ns)
         t_ns += S // 20
     ways = rehearse(config, 1, {}).ways_m[1]
-    return {check.name: check for check in VehicleJudge(talk, fleet, config, ways, now_ns).checks()}
+    return {check.name: check for check in VehicleChecks(talk, fleet, config, ways, now_ns).checks()}
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
@@ -187,9 +187,9 @@ def test_clocks_that_differ_and_batteries_that_are_low_are_told():
 def test_a_vehicle_that_is_not_there_is_refused_and_nothing_else_is_said_of_it():
     config = mission()
     fleet = Fleet([a.vehicle for a in config.agents], config.local_frame)
-    talk = Inspection(1, envelope_of(config), Encoder())
+    talk = PreflightQuery(1, envelope_of(config), Encoder())
     assert talk.poll(START_NS) == []
-    (row,) = VehicleJudge(talk, fleet, config, (), START_NS).checks()
+    (row,) = VehicleChecks(talk, fleet, config, (), START_NS).checks()
     assert (row.level, row.value) == ("refused", "not heard")
 
 
@@ -228,7 +228,7 @@ def test_the_lanes_told_before_the_flight_are_those_that_are_flown(setting):
     rehearsal = rehearse(config, 1, {})
     starts = {agent.vehicle: (agent.east_m, agent.north_m) for agent in config.agents}
     tracks = {vehicle: track((0, vehicle), place) for vehicle, place in starts.items()}
-    routes, _ = Lanes(config).give(rehearsal.plan.routes, starts, tracks, ())
+    routes, _ = AltitudeLayers(config).give(rehearsal.plan.routes, starts, tracks, ())
     altitudes = {config.mission.altitude_rel_m + r.lane * config.mission.lane_step_m for r in routes}
     row = {row.name: row for row in mission_checks(config, rehearsal)}["separation"]
     told = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])
@@ -254,7 +254,7 @@ def test_an_inspection_changes_nothing_on_the_vehicle():
     config = mission()
     asked = []
 
-    class Ear(Inspection):
+    class Ear(PreflightQuery):
         pass
 
     fleet = Fleet([1], config.local_frame, also=NEEDED_IDS)

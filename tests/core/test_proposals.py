@@ -13,8 +13,8 @@ from staging import S, at, mission, track
 from test_approval import Flight, after, silent
 
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.operator.plan_approval import MIN_READING_S, Approval
-from gcs.core.replanning.inputs import Situation
+from gcs.core.operator.plan_approval import MIN_READING_S, PlanApproval
+from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
 from gcs.model import Effect, Label, MissionEnded, Order, OrderAnswer, Plan, Proposal, Route
 from sim_vehicles.campaign.virtual_run import START_T_NS
@@ -32,13 +32,13 @@ class Stage:
         self.targets: dict[Label, Place] = {A: (1500.0, 200.0), B: (1500.0, 800.0)}
         config = mission(list(self.agents.values()), list(self.targets.values()), tables)
         self.replanner = Replanner(config, mission_grid(config, 0))
-        self.approval = Approval(config, self.replanner)
+        self.approval = PlanApproval(config, self.replanner)
         self.shown: list[Proposal] = []
 
-    def situation(self, t_s: float) -> Situation:
+    def situation(self, t_s: float) -> PlanningInputs:
         agents = {v: track((0, v), place, (15.0, 0.0)) for v, place in sorted(self.agents.items())}
         targets = {label: track(label, place) for label, place in sorted(self.targets.items())}
-        return Situation(at(t_s), at(t_s), agents, targets, frozenset())
+        return PlanningInputs(at(t_s), at(t_s), agents, targets, frozenset())
 
     def look(self, t_s: float) -> Proposal | None:
         """Look as at a scan; return the plan that waits."""

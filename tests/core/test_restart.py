@@ -12,20 +12,20 @@ from test_guests import MISSION as GUESTS
 from test_orders import SEED, Flight, order
 
 from gcs.config import parse, read_text
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.io.zenoh.messages import decode, encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import (
+    AgentStatus,
     Datagram,
     Effect,
     Event,
-    Fate,
-    KeepOut,
-    Memory,
     MissionEnded,
+    NoFlyZone,
     Notice,
     Order,
     OrderAnswer,
+    PersistedState,
     Plan,
     Resumed,
     Tick,
@@ -38,7 +38,7 @@ from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
 
 
-def through_the_journal(memory: Memory) -> Memory:
+def through_the_journal(memory: PersistedState) -> PersistedState:
     return decode("journal", encode(Resumed(0, memory)), Resumed).memory
 
 
@@ -86,7 +86,7 @@ def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: f
     flight = flight_with_a_restart(at_s, 4.0, 300.0, loss=loss)
     (ended,) = flight.all(MissionEnded)
     assert (ended.arrived, ended.dead) == ((1, 3, 4), (2,))
-    reached = [fate.target for fate in flight.all(Fate) if fate.fate == "arrived"]
+    reached = [fate.target for fate in flight.all(AgentStatus) if fate.fate == "arrived"]
     assert len(reached) == 3
     taken_up = [plan for plan in flight.all(Plan) if "taken up again" in plan.reason]
     assert len(taken_up) == 1
@@ -97,7 +97,7 @@ def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: f
 def test_a_restart_is_an_event_that_replays() -> None:
     flight = flight_with_a_restart(30.0, 4.0, 60.0)
     index = next(i for i, event in enumerate(flight.events) if isinstance(event, Resumed))
-    command = Command(flight.run.scenario.config, SEED)
+    command = Engine(flight.run.scenario.config, SEED)
     again = [encode(e) for event in flight.events[index:] for e in command.step(event)]
     after = [encode(e) for t_ns, e in flight.effects if t_ns >= flight.events[index].t_ns]
     assert again == after[-len(again) :]
@@ -131,7 +131,7 @@ def test_a_vehicle_that_was_being_given_a_mission_holds_until_it_has_a_whole_one
 
 
 def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
-    area = KeepOut("fire", (1700.0, 1200.0, 60.0))
+    area = NoFlyZone("fire", (1700.0, 1200.0, 60.0))
     close = replace(order(21.0, "keep-out"), keep_out=area)
     flight = flight_with_a_restart(30.0, 4.0, 60.0, orders=(order(20.0, "hold", 1), close))
     command = flight.run.command
@@ -159,13 +159,13 @@ def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
 
 def test_the_dead_stay_dead_and_the_arrived_are_not_sent_again() -> None:
     flight = flight_with_a_restart(138.0, 4.0, 400.0)
-    before = {f.vehicle: f.fate for f in flight.all(Fate) if f.t_ns < START_T_NS + 138 * S}
+    before = {f.vehicle: f.fate for f in flight.all(AgentStatus) if f.t_ns < START_T_NS + 138 * S}
     assert before[2] == "dead"
     assert "arrived" in before.values()
     plans = [plan for plan in flight.all(Plan) if plan.t_ns > START_T_NS + 142 * S]
     assert plans
     assert not any(route.vehicle in before for plan in plans for route in plan.routes)
-    targets = [fate.target for fate in flight.all(Fate) if fate.fate == "arrived"]
+    targets = [fate.target for fate in flight.all(AgentStatus) if fate.fate == "arrived"]
     assert len(targets) == 3
 
 
@@ -219,16 +219,16 @@ def test_a_mix_that_was_left_behind_is_cleared_after_a_restart_though_nobody_has
 
 def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_after_a_restart_until_it_is_resumed() -> None:
     mission = parse(GUESTS, "x")
-    before, t_ns = Command(mission, 1), 100 * S
+    before, t_ns = Engine(mission, 1), 100 * S
     write = Encoder(254, 190)(dialect.MAVLink_mission_count_message(1, 1, 3, 0))
     before.step(Datagram(t_ns, "udpin:0.0.0.0:14551", "10.0.0.5:50", write))
-    after = Command(mission, 1)
+    after = Engine(mission, 1)
     effects = after.step(Resumed(t_ns + S, through_the_journal(before.memory(t_ns))))
     assert "system 254/190 at 10.0.0.5:50" in after.away()[1]
     assert any("stays theirs" in e.text for e in effects if isinstance(e, Notice))
     assert "broke off" not in str(after.step(Tick(t_ns + 10 * S)))
     assert "broke off" in str(after.step(Tick(t_ns + 12 * S)))
-    again = Command(mission, 1)
+    again = Engine(mission, 1)
     again.step(Resumed(t_ns + 13 * S, through_the_journal(after.memory(t_ns + 12 * S))))
     assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "told once"
     heartbeat = Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))

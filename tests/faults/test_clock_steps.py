@@ -21,12 +21,12 @@ from gcs.io.links.manager import Links
 from gcs.io.recording.reader import read
 from gcs.io.zenoh.messages import scan_key
 from gcs.io.zenoh.scans import encode_scan
-from gcs.io.zenoh.session import Bus, free_endpoint
+from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import scan
 from gcs.model import (
     NS_PER_S,
+    AgentStatus,
     ClockStep,
-    Fate,
     MissionEnded,
     Notice,
     Plan,
@@ -66,7 +66,7 @@ def test_a_step_is_a_notice_and_ticks_go_on(wall: WallClock) -> None:
             if isinstance(effect, Notice):
                 notices.append(effect)
 
-    async def serve(bus: Bus) -> None:
+    async def serve(bus: ZenohSession) -> None:
         links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1], load("prescribed").local_frame)
         service = Service(load("prescribed"), 1, links, bus)
         service.sinks.append(Sink())
@@ -75,7 +75,7 @@ def test_a_step_is_a_notice_and_ticks_go_on(wall: WallClock) -> None:
         loop.call_later(1.5, stop.set)
         await asyncio.wait_for(service.run(RunClock(), stop), 10.0)
 
-    with Bus(listen=free_endpoint()) as bus:
+    with ZenohSession(listen=free_endpoint()) as bus:
         asyncio.run(serve(bus))
     assert [notice.text for notice in notices if "-600.0 s" in notice.text]
     assert max(later - earlier for earlier, later in pairwise(ticks)) < 0.6 * NS_PER_S
@@ -114,7 +114,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     assert code == 0, (tmp_path / "lines").read_text()[-3000:]
     records = [(record.t_ns, record.value) for record in read(folder)]
     assert sum(isinstance(value, ClockStep) for _, value in records) == len(STEPS_S)
-    assert not [value for _, value in records if isinstance(value, Fate) and value.fate == "dead"]
+    assert not [value for _, value in records if isinstance(value, AgentStatus) and value.fate == "dead"]
     assert sum(isinstance(value, MissionEnded) for _, value in records) == 1
     plans = [value for _, value in records if isinstance(value, Plan)]
     assert not [plan for plan in plans[1:] if plan.changed], "a step of the clock re-tasks nobody"

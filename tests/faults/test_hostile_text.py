@@ -16,7 +16,7 @@ from rich.text import Text
 from gcs.cli.errors import complain
 from gcs.cli.live_view import LiveView, PlainLines
 from gcs.config import load, parse
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, LinkError, WireError
 from gcs.io.console import Printable, console_for
 from gcs.io.zenoh.messages import decode, encode
@@ -100,7 +100,7 @@ def test_lines_view_and_errors_on_a_terminal_hold_no_escapes_but_our_own(
     object.__setattr__(notice, "text", HOSTILE)  # past the record
     shown = io.StringIO()
     console = Console(file=shown, width=200, height=50, color_system=None)
-    view = LiveView(config, Command(config, 1), 1.0)
+    view = LiveView(config, Engine(config, 1), 1.0)
     for sink in (view, PlainLines(console_for())):
         sink.effect(0, notice)
     console.print(Printable(view))

@@ -11,7 +11,7 @@ from itertools import pairwise
 import pytest
 
 from gcs.config import load
-from gcs.core.airspace.incursion_warning import Trespass
+from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
@@ -19,7 +19,7 @@ from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.zenoh.order_inbox import BURST, MAX_WAITING, ORDERS_PER_S, OrderInbox
 from gcs.io.zenoh.orders import decode_order, order_key
-from gcs.io.zenoh.session import Bus, free_endpoint
+from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, BadInput, Notice, Order, OrderAnswer, Tick
 from gcs.service.service import Service
 
@@ -31,7 +31,7 @@ def order(number: int, action: str = "hold") -> bytes:
     return json.dumps({"order_id": f"o-{number}", "action": action, "vehicles": "all"}).encode()
 
 
-class Seen:
+class Measurements:
     """A sink: when ticks were worked, and what was answered and told."""
 
     def __init__(self) -> None:
@@ -51,10 +51,10 @@ class Seen:
 
 
 def test_fifteen_thousand_orders_stall_nothing_and_the_operators_own_is_carried_out():
-    seen, config = Seen(), load("prescribed")
+    seen, config = Measurements(), load("prescribed")
 
     def flood(endpoint: str, ended: threading.Event) -> None:
-        with Bus(connect=endpoint) as bus:
+        with ZenohSession(connect=endpoint) as bus:
             time.sleep(0.3)
             for number in range(15_000):
                 bus.publish(KEY, order(number))
@@ -63,7 +63,7 @@ def test_fifteen_thousand_orders_stall_nothing_and_the_operators_own_is_carried_
                 if ended.wait(0.2):
                     return
 
-    async def serve(bus: Bus, ended: threading.Event) -> None:
+    async def serve(bus: ZenohSession, ended: threading.Event) -> None:
         links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1], config.local_frame)
         service = Service(config, 1, links, bus)
         service.sinks.append(seen)
@@ -78,7 +78,7 @@ def test_fifteen_thousand_orders_stall_nothing_and_the_operators_own_is_carried_
         await asyncio.wait_for(running, 10.0)
 
     ended, endpoint = threading.Event(), free_endpoint()
-    with Bus(listen=endpoint) as bus:
+    with ZenohSession(listen=endpoint) as bus:
         sender = threading.Thread(target=flood, args=(endpoint, ended), daemon=True)
         sender.start()
         asyncio.run(serve(bus, ended))
@@ -131,7 +131,7 @@ def test_a_vehicle_clear_of_all_areas_is_looked_at_once(monkeypatch):
     from gcs.model import VehicleState
     from gcs.planning.map.grid import Grid
 
-    class Tasking:
+    class UploadManager:
         def points_ahead(self, _vehicle: int) -> tuple[tuple[float, float], ...]:
             return ((900.0, 5.0), (900.0, 900.0))
 
@@ -141,7 +141,7 @@ def test_a_vehicle_clear_of_all_areas_is_looked_at_once(monkeypatch):
         one = blocked.copy()
         one[60 + number % 5, 10] = True
         areas[f"a{number}"] = Grid((0.0, 0.0), 10.0, one)
-    trespass = Trespass(Tasking())  # type: ignore[arg-type]
+    trespass = IncursionWarnings(UploadManager())  # type: ignore[arg-type]
     looks = []
     entry = trespass._entry
     monkeypatch.setattr(trespass, "_entry", lambda *a: looks.append(a) or entry(*a))

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.authority.external_uploads import Guests
+from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.links import tcp
 from gcs.io.links.tcp import TcpIn
@@ -85,7 +85,7 @@ DANGERS = [
 
 @pytest.mark.parametrize("message", DANGERS, ids=lambda m: f"{m.get_type()}-{getattr(m, 'command', '')}")
 def test_what_may_end_a_flight_or_steers_by_hand_is_an_alarm(message):
-    guests = Guests([AIR, WORK], [1, 2])
+    guests = ExternalUploads([AIR, WORK], [1, 2])
     data = frame(message).data
     (notice,) = guests.receive(Datagram(NS_PER_S, WORK.name, "10.0.1.1:1", data))[0]
     assert isinstance(notice, Notice)
@@ -95,7 +95,7 @@ def test_what_may_end_a_flight_or_steers_by_hand_is_an_alarm(message):
 
 
 def test_arming_is_a_warning_and_a_mode_is_information():
-    guests = Guests([AIR, WORK], [1, 2])
+    guests = ExternalUploads([AIR, WORK], [1, 2])
     for message, level in (
         (command(400, 1, 1), "warning"),
         (command(400, 1, 0), "warning"),

@@ -27,7 +27,7 @@ from gcs.io.output import QueuedText, Writer, off_loop
 from gcs.io.recording.reader import Record, read
 from gcs.io.recording.writer import Recorder, Run
 from gcs.io.recording.writer_thread import RecorderThread
-from gcs.io.zenoh.session import Bus, free_endpoint
+from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Event, MissionEnded, Notice, Send, Tick
 from gcs.service.journal import Journal
@@ -69,7 +69,7 @@ class Ticks:
 @pytest.fixture
 def service() -> Iterator[Service]:
     config = load("prescribed")
-    with Bus(listen=free_endpoint()) as bus:
+    with ZenohSession(listen=free_endpoint()) as bus:
         links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], config.local_frame)
         yield Service(config, 1, links, bus)
 
@@ -270,7 +270,7 @@ def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_fligh
 def test_a_subscriber_that_takes_nothing_does_not_delay_ticks(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Bus, "publish", slow(1.5))
+    monkeypatch.setattr(ZenohSession, "publish", slow(1.5))
     ticks = serve(service, 2.5)
     assert ticks.max_gap_s() < 0.6
     assert [text for text in ticks.texts("warning") if text.startswith("zenoh: takes nothing for")]

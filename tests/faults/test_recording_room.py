@@ -21,15 +21,15 @@ from gcs.io.clock import RunClock
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
 from gcs.io.recording.reader import Damage, read
-from gcs.io.recording.writer import Recorder, Room, Run
-from gcs.io.zenoh.session import Bus, free_endpoint
+from gcs.io.recording.writer import DiskBudget, Recorder, Run
+from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import Encoder
-from gcs.model import NS_PER_S, Datagram, LinkNews, Memory, Tick
+from gcs.model import NS_PER_S, Datagram, LinkNews, PersistedState, Tick
 from gcs.service.journal import Journal
 from gcs.service.resume import take_up
 from gcs.service.service import Service
 
-MEMORY = Memory(1, 0, 0, False, (), (), ())
+MEMORY = PersistedState(1, 0, 0, False, (), (), ())
 RNG = np.random.default_rng(5)
 
 
@@ -68,7 +68,7 @@ def test_frames_alone_pass_as_they_came() -> None:
 def test_what_is_worked_is_what_is_recorded() -> None:
     config = load("prescribed")
     here = [Link(parse_endpoint("udpin:127.0.0.1:0"))]
-    with Bus(listen=free_endpoint()) as bus:
+    with ZenohSession(listen=free_endpoint()) as bus:
         links = Links(here, [1], config.local_frame)
         service = Service(config, 1, links, bus)
         for _ in range(1000):
@@ -81,7 +81,7 @@ def test_what_is_worked_is_what_is_recorded() -> None:
     assert 10 < len(taken) < 60
 
 
-def filled(folder: Path, room: Room, told: list[str]) -> tuple[str, int]:
+def filled(folder: Path, room: DiskBudget, told: list[str]) -> tuple[str, int]:
     """Record until the room is used up; return why it ended and how many records there were."""
     recorder = Recorder(folder, "name = 'x'", {}, None, room)
     recorder.tell = lambda level, text: told.append(f"{level} {text}")
@@ -96,7 +96,7 @@ def filled(folder: Path, room: Room, told: list[str]) -> tuple[str, int]:
 
 def test_a_budget_ends_the_recording_in_order_and_deletes_nothing(tmp_path: Path) -> None:
     told: list[str] = []
-    problem, count = filled(tmp_path / "run", Room(300_000, 2e6), told)
+    problem, count = filled(tmp_path / "run", DiskBudget(300_000, 2e6), told)
     assert "recording.max_gb" in problem
     (text,) = told
     assert text.startswith("alarm room runs low")
@@ -120,7 +120,7 @@ def test_a_disk_keeps_room_for_the_journal(tmp_path: Path, monkeypatch: pytest.M
             return next(left)
 
     monkeypatch.setattr(os, "statvfs", lambda _: Disk())
-    problem, count = filled(tmp_path / "run", Room(min_free_bytes=200e6), told)
+    problem, count = filled(tmp_path / "run", DiskBudget(min_free_bytes=200e6), told)
     assert "recording.min_free_mb" in problem
     assert len(told) == 1
     assert 40 < count < 60

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.mavlink.frames.codec import scan as frames_of
-from gcs.model import NS_PER_S, Effect, Event, Fate, MissionEnded, Notice, Scan, Send
+from gcs.model import NS_PER_S, AgentStatus, Effect, Event, MissionEnded, Notice, Scan, Send
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import Scenario, load
 
@@ -30,7 +30,7 @@ class ShiftedSensor(VirtualRun):
         super()._step(event)
 
 
-def is_false(fate: Fate, run: VirtualRun) -> bool:
+def is_false(fate: AgentStatus, run: VirtualRun) -> bool:
     return fate.fate == "dead" and run.vehicles[f"vehicle:{fate.vehicle}"].alive
 
 
@@ -39,7 +39,7 @@ def test_a_mission_is_flown_with_a_sensor_that_is_three_seconds_late(name: str) 
     false_deaths, ended = [], []
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
-        if isinstance(effect, Fate) and is_false(effect, run):
+        if isinstance(effect, AgentStatus) and is_false(effect, run):
             false_deaths.append(effect)
         elif isinstance(effect, MissionEnded):
             ended.append(effect)
@@ -58,7 +58,7 @@ def test_a_sensors_clock_that_is_set_in_flight_costs_seconds_and_no_vehicle(shif
     def on_effect(_t_ns: int, effect: Effect) -> None:
         if isinstance(effect, Notice):
             notices.append(effect)
-        elif isinstance(effect, Fate) and is_false(effect, run):
+        elif isinstance(effect, AgentStatus) and is_false(effect, run):
             false_deaths.append(effect)
         elif isinstance(effect, MissionEnded):
             ended.append(effect)

@@ -7,21 +7,22 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.io.recording.reader import Damage, Record
-from gcs.io.recording.writer import Recorder, Room, Run
+from gcs.io.recording.writer import DiskBudget, Recorder, Run
 from gcs.io.zenoh.messages import Recordable, encode
 from gcs.model import (
     NS_PER_S,
+    AgentStatus,
     BadInput,
     ClockStep,
     Datagram,
-    Fate,
-    KeepOut,
     LinkNews,
-    Memory,
     MissionEnded,
+    NoFlyZone,
     Notice,
     Order,
     OrderAnswer,
+    PersistedState,
+    PersistedVehicle,
     Picture,
     Plan,
     Proposal,
@@ -37,7 +38,6 @@ from gcs.model import (
     Upload,
     UploadAnswer,
     UploadReport,
-    VehicleMemory,
     read_only,
 )
 
@@ -81,13 +81,13 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         yield t_ns, Upload(1, 4, frames(255, 2, second))
         yield t_ns, UploadAnswer(t_ns, 1, 4, False, True, "timed out")
         yield t_ns, Notice(t_ns, "warning", "älarm", None)
-        area = KeepOut("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
+        area = NoFlyZone("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
         yield t_ns, Order(t_ns, f"o-{second}", "keep-out", None, None, area, "somebody")
-        memory = VehicleMemory(Fate(t_ns, 1, "flying"), "hold", None, ((16.0, None),), 1, False)
-        yield t_ns, Resumed(t_ns, Memory(t_ns, 3, second, False, (memory,), (), (area,)))
+        memory = PersistedVehicle(AgentStatus(t_ns, 1, "flying"), "hold", None, ((16.0, None),), 1, False)
+        yield t_ns, Resumed(t_ns, PersistedState(t_ns, 3, second, False, (memory,), (), (area,)))
         yield t_ns, OrderAnswer(t_ns, f"o-{second}", "keep-out", "done", "so it is", None, ())
         yield t_ns, Proposal(t_ns, second + 1, (Route(1, (0, 1), read_only([[1.0, 2.0]]), 3.0),), "why")
-        yield t_ns, Fate(t_ns, 1, "dead", None, (1.0, 2.0))
+        yield t_ns, AgentStatus(t_ns, 1, "dead", None, (1.0, 2.0))
     yield t_ns, MissionEnded(t_ns, (1,), (2,))
 
 
@@ -101,7 +101,7 @@ def record(recorder: Recorder, run: Iterator[tuple[int, Recordable]]) -> list[Re
         else:
             recorder.effect(t_ns, value)
         values.append(value)
-        if isinstance(value, Fate):
+        if isinstance(value, AgentStatus):
             recorder.flush()
     return values
 
@@ -116,5 +116,5 @@ def whole(records: list[Record]) -> list[Recordable]:
 
 
 def in_parts(folder: Path, seconds: int, rotate_bytes: int) -> list[Recordable]:
-    with Recorder(folder, CONFIG, VERSIONS, Run("demo", 5), Room(rotate_bytes)) as recorder:
+    with Recorder(folder, CONFIG, VERSIONS, Run("demo", 5), DiskBudget(rotate_bytes)) as recorder:
         return record(recorder, a_run(seconds))

@@ -6,10 +6,10 @@ from px4_double import AUTO, HOLD, Px4
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import PX4
-from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_task import MissionTask
+from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import Mission, Waypoint
 
 HOME = Home(-35.3632621, 149.165237, 584.09)
@@ -18,8 +18,8 @@ NAMES = {AUTO: "AUTO", HOLD: "LOITER"}
 
 
 def joined(px4, *, loss=0.0, **options):
-    options.setdefault("custody", Custody(NAMES[px4.mode]))
-    task = MissionTask(MISSION, HOME, Encoder(), profile=PX4, **options)
+    options.setdefault("custody", ModeAuthority(NAMES[px4.mode]))
+    task = UploadTask(MISSION, HOME, Encoder(), profile=PX4, **options)
     way = {"loss": loss, "delay_s": (0.02, 0.02)}
     return Joined(task, px4, Channel(1, **way), Channel(2, **way))
 
@@ -62,7 +62,7 @@ def px4_refusal(sender):
 @pytest.mark.parametrize("loss", [0.0, 0.2])
 def test_a_mission_that_the_navigator_rejects_is_no_operators_doing(mode, loss):
     """It was acknowledged; then the vehicle is in Hold, which looks as if somebody had chosen it."""
-    px4, custody = Px4(mode=mode, rejects=True), Custody(NAMES[mode])
+    px4, custody = Px4(mode=mode, rejects=True), ModeAuthority(NAMES[mode])
     result = joined(px4, custody=custody, loss=loss).run()
     assert not result.ok
     assert "navigator rejects the mission" in result.detail
@@ -71,7 +71,7 @@ def test_a_mission_that_the_navigator_rejects_is_no_operators_doing(mode, loss):
 
 
 def test_a_hold_that_somebody_chooses_is_still_theirs():
-    px4, custody = Px4(mode=AUTO), Custody("AUTO")
+    px4, custody = Px4(mode=AUTO), ModeAuthority("AUTO")
     link = joined(px4, custody=custody)
     obey = px4._on_command_long
 

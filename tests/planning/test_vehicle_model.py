@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gcs.geo import wrap_pi
 from gcs.planning.map.grid import free_grid
-from gcs.planning.vehicle_model import Ahead, Circle, Motion, expected, fly
+from gcs.planning.vehicle_model import Circle, ForwardSimulation, Motion, expected, fly
 from sim_vehicles.vehicle.airframe import TURN_TIME_S, Airframe
 from sim_vehicles.vehicle.guidance import Circle as Flown
 from sim_vehicles.vehicle.guidance import ToPoint
@@ -48,7 +48,7 @@ def test_the_simulated_airframe_is_where_it_was_expected(bearing_rad, distance_m
         first[0] + 300.0 * math.sin(bearing_rad + next_rad),
         first[1] + 300.0 * math.cos(bearing_rad + next_rad),
     )
-    ahead = Ahead((first, second), (45.0, 10.0))
+    ahead = ForwardSimulation((first, second), (45.0, 10.0))
     there = expected(OPEN, Motion(1000.0, 1000.0, 15.0, 0.0, ahead=ahead), ahead_s, TURN_TIME_S)
     goal = ToPoint(*first, first[0] - 1000.0, first[1] - 1000.0, 45.0)
     for _ in range(round(ahead_s * 100)):
@@ -86,7 +86,9 @@ def test_the_simulated_airframe_flies_the_end_of_a_mission_as_it_was_expected(fi
     circle = Circle(
         (last_m[0] + aside[0] * math.sin(aside[1]), last_m[1] + aside[0] * math.cos(aside[1])), 30.0
     )
-    begin = Motion(0.0, 0.0, 15.0, 0.0, ahead=Ahead((first_m, last_m), (45.0, 10.0), circle=circle))
+    begin = Motion(
+        0.0, 0.0, 15.0, 0.0, ahead=ForwardSimulation((first_m, last_m), (45.0, 10.0), circle=circle)
+    )
     for_s = (first[1] + second[1]) / 15.0 + 30.0
     flight = fly(OPEN, begin, for_s, TURN_TIME_S)
     assume(flight.most_off_rad < math.radians(150.0))  # it may turn to either way

@@ -35,11 +35,11 @@ from gcs.io.recording.writer import Recorder, Run, versions
 from gcs.io.zenoh.messages import encode, topic_of
 from gcs.model import (
     NS_PER_S,
+    AgentStatus,
     Effect,
-    Fate,
-    KeepOut,
     Kind,
     MissionEnded,
+    NoFlyZone,
     Order,
     OrderAnswer,
     Picture,
@@ -48,13 +48,13 @@ from gcs.model import (
     Truth,
     UploadReport,
 )
-from gcs.report.run.evaluation import Judge
+from gcs.report.run.evaluation import Evaluator
 from gcs.service.replay import Replay, Window
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 
 HERE = Path(__file__).parent
-JUDGED = (Picture, Plan, UploadReport, Fate, MissionEnded, OrderAnswer, Proposal)
+JUDGED = (Picture, Plan, UploadReport, AgentStatus, MissionEnded, OrderAnswer, Proposal)
 TOLERANCE = 1e-6
 
 
@@ -86,7 +86,7 @@ def _order(at_s: float, action: Any, *vehicles: int, **fields: Any) -> Order:
 
 _EARLY = ("{ system_id = 2, at_s = 50.0 }", "{ system_id = 2, at_s = 9.0 }")
 _NEAR = ("east_m = 1750.0\nnorth_m = 250.0", "east_m = 420.0\nnorth_m = 250.0")
-_WALL = KeepOut("wall", polygon_m=((700.0, 1150.0), (900.0, 1150.0), (900.0, 1500.0), (700.0, 1500.0)))
+_WALL = NoFlyZone("wall", polygon_m=((700.0, 1150.0), (900.0, 1150.0), (900.0, 1500.0), (700.0, 1500.0)))
 
 GOLDEN = (
     Golden("death", "an arrival, a death, its re-task", "prescribed", 30.0, (_EARLY, _NEAR)),
@@ -267,7 +267,7 @@ class _Ospa:
 
     def __init__(self, config: Config, records: list[Record]) -> None:
         agents = [agent.vehicle for agent in config.agents]
-        self._judges = [Judge(config.planning.capture_radius_m, agents) for _ in range(2)]
+        self._judges = [Evaluator(config.planning.capture_radius_m, agents) for _ in range(2)]
         for record in records:
             if isinstance(record.value, Truth):
                 for judge in self._judges:

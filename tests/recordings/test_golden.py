@@ -10,7 +10,7 @@ from golden import GOLDEN, HERE, Golden, compare, differences
 
 from gcs.io.recording.reader import Damage, about, read
 from gcs.io.recording.writer import Recorder
-from gcs.model import Event, Fate, OrderAnswer, Picture, Plan, Truth, UploadReport, read_only
+from gcs.model import AgentStatus, Event, OrderAnswer, Picture, Plan, Truth, UploadReport, read_only
 
 RENEW = "when this was meant to change: python tests/recordings/renew.py"
 
@@ -31,7 +31,7 @@ def test_the_golden_runs_are_small_and_none_is_left_over() -> None:
 
 def test_they_hold_what_they_are_kept_for() -> None:
     held = {golden.name: [record.value for record in read(golden.path)] for golden in GOLDEN}
-    fates = [value.fate for value in held["death"] if isinstance(value, Fate)]
+    fates = [value.fate for value in held["death"] if isinstance(value, AgentStatus)]
     assert {"arrived", "dead"} <= set(fates)
     assert sum(isinstance(value, Plan) for value in held["death"]) >= 2
     answers = [value.state for value in held["orders"] if isinstance(value, OrderAnswer)]
@@ -55,7 +55,7 @@ def changed(source: Path, folder: Path) -> Path:
                 recorder.event(value)
             elif isinstance(value, Truth):
                 recorder.truth(value)
-            elif not (isinstance(value, Fate) and value.fate == "dead"):
+            elif not (isinstance(value, AgentStatus) and value.fate == "dead"):
                 recorder.effect(record.t_ns, value)
     return folder / "run.mcap"
 

@@ -11,18 +11,27 @@ from hypothesis import strategies as st
 
 from gcs.errors import JournalError
 from gcs.io.zenoh.messages import encode
-from gcs.model import Fate, KeepOut, Memory, Resumed, Route, Track, VehicleMemory, read_only
+from gcs.model import (
+    AgentStatus,
+    NoFlyZone,
+    PersistedState,
+    PersistedVehicle,
+    Resumed,
+    Route,
+    Track,
+    read_only,
+)
 from gcs.service.journal import Journal, fingerprint
 
 MINE = fingerprint("name = 'm'", 1)
-MEMORY = Memory(
+MEMORY = PersistedState(
     7,
     4,
     2,
     False,
     (
-        VehicleMemory(
-            Fate(5, 1, "flying", None, (1.0, 2.0)),
+        PersistedVehicle(
+            AgentStatus(5, 1, "flying", None, (1.0, 2.0)),
             "hold",
             Route(1, (3, 4), read_only([[1.0, 2.0], [3.0, 4.5]]), 9.0),
             ((16.0, 3.0, 332000000.0, -876000000.0, 100.0, 0.0, 10.0, 0.0, None, 1.0),),
@@ -31,7 +40,7 @@ MEMORY = Memory(
         ),
     ),
     (Track((3, 4), read_only([1.0, 2.0, 0.1, 0.2]), read_only([[1.0] * 4] * 4), 0.99, True),),
-    (KeepOut("fire", (1.0, 2.0, 3.0)),),
+    (NoFlyZone("fire", (1.0, 2.0, 3.0)),),
 )
 
 
@@ -40,7 +49,7 @@ def journal(tmp_path: Path) -> Journal:
     return Journal(tmp_path / "runs" / "m.journal", "m", MINE)
 
 
-def same(a: Memory, b: Memory) -> bool:
+def same(a: PersistedState, b: PersistedState) -> bool:
     return encode(Resumed(0, a)) == encode(Resumed(0, b))
 
 

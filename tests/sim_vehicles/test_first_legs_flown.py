@@ -6,7 +6,7 @@ import pytest
 
 from gcs.mavlink.mission import upload_steps
 from gcs.mavlink.services import command_messages
-from gcs.model import Fate, Notice
+from gcs.model import AgentStatus, Notice
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.vehicle.guidance import ToPoint
 from sim_vehicles.world.scenario import load
@@ -24,7 +24,7 @@ def flown(seconds=300.0):
     def keep(_t_ns, effect):
         if isinstance(effect, Notice) and "off its line" in effect.text:
             notices.append(effect.text)
-        elif isinstance(effect, Fate) and effect.fate == "arrived":
+        elif isinstance(effect, AgentStatus) and effect.fate == "arrived":
             arrived.add(effect.vehicle)
 
     run = VirtualRun(load("prescribed"), 1, on_effect=keep)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.model import Fate, UploadReport
+from gcs.model import AgentStatus, UploadReport
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
 
@@ -226,7 +226,7 @@ def test_a_mixed_swarm_flies_its_mission(loss):
     def keep(_t_ns, effect):
         if isinstance(effect, UploadReport):
             reports.append(effect)
-        elif isinstance(effect, Fate):
+        elif isinstance(effect, AgentStatus):
             fates.append(effect)
 
     VirtualRun(scenario, 1, on_effect=keep, loss=loss).run()

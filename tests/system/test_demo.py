@@ -16,7 +16,7 @@ import pytest
 from missions import short_mission
 
 from gcs.io.recording.reader import read
-from gcs.model import Fate, MissionEnded, Plan, Truth
+from gcs.model import AgentStatus, MissionEnded, Plan, Truth
 
 GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 SPEED = "8"
@@ -122,7 +122,7 @@ def test_killed_vehicles_lossy_links_and_hostile_bytes_are_seen_through(demo: De
     result = demo.result()
     assert demo.process.returncode == 0, demo.lines
     assert [agent["fate"] for agent in result["agents"]] == ["arrived", "dead", "arrived", "dead"]
-    fates = [record.value for record in read(demo.out) if isinstance(record.value, Fate)]
+    fates = [record.value for record in read(demo.out) if isinstance(record.value, AgentStatus)]
     plans = [record.value for record in read(demo.out) if isinstance(record.value, Plan)]
     died = next(fate for fate in fates if fate.vehicle == 4)
     assert any(plan.t_ns >= died.t_ns and "agent 4 lost" in plan.reason for plan in plans)

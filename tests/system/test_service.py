@@ -15,7 +15,7 @@ from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.recording.reader import read
 from gcs.io.recording.writer import Recorder
-from gcs.io.zenoh.session import Bus, free_endpoint
+from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, Notice, Tick, Truth
 from gcs.service.journal import Journal
 from gcs.service.resume import JournalSink
@@ -46,7 +46,7 @@ class Sink:
 
 @pytest.fixture
 def service() -> Iterator[Service]:
-    with Bus(listen=free_endpoint()) as bus:
+    with ZenohSession(listen=free_endpoint()) as bus:
         yield Service(load("prescribed"), 1, loopback(), bus)
 
 

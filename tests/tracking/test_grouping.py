@@ -10,7 +10,7 @@ import pytest
 
 from gcs.tracking.clusters.factorisation import part
 from gcs.tracking.clusters.merging import meet
-from gcs.tracking.glmb.hypotheses import Groups, Options
+from gcs.tracking.glmb.hypotheses import Clusters, Options
 from gcs.tracking.glmb.params import GlmbParams
 
 LIMITS = GlmbParams(1.0, max_hypotheses=1000, prune_weight=1e-300, forget_existence=0.01).limits()
@@ -21,7 +21,7 @@ def grouped(groups):
     """Groups of hypotheses, (log-weight, tracks), as flat arrays."""
     hypotheses = [h for group in groups for h in group]
     items = [t for _, tracks in hypotheses for t in tracks]
-    return Groups(
+    return Clusters(
         np.cumsum([0, *map(len, groups)]),
         np.cumsum([0, *(len(tracks) for _, tracks in hypotheses)]),
         np.array(items, np.int64),

@@ -9,7 +9,7 @@ import pytest
 
 from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
-from gcs.tracking.oracle import Oracle
+from gcs.tracking.oracle import ReferenceGlmb
 
 EXACT = {
     "accel_std_m_s2": 2.0,
@@ -39,7 +39,7 @@ def run_both(seed, dts_s, **overrides):
     """Objects that meet, scans of two sensors, some at the same time; second births at the third scan."""
     rng = np.random.default_rng(seed)
     params = GlmbParams(**{**EXACT, **overrides})
-    fast, exact = Glmb("targets", params, seed), Oracle(params)
+    fast, exact = Glmb("targets", params, seed), ReferenceGlmb(params)
     t_ns = 0
     for k, dt_s in enumerate(dts_s):
         t_ns += int(dt_s * NS_PER_S)
@@ -136,7 +136,7 @@ def test_a_crowd_is_enumerated_as_exactly_as_without_a_bound_on_the_work(seed):
 def test_a_label_without_its_least_probable_histories_exists_as_probably_as_with_them(seed):
     rng = np.random.default_rng(seed)
     params = GlmbParams(**{**EXACT, "tail_share": 1e-3})
-    fast, exact = Glmb("targets", params, 1), Oracle(params)
+    fast, exact = Glmb("targets", params, 1), ReferenceGlmb(params)
     for k in range(4):
         z = np.vstack([rng.normal([3.0 * k, 0.0], 4.0, (1, 2)), rng.normal(0.0, 30.0, (2, 2))])
         for tracker in (fast, exact):

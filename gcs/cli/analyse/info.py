@@ -22,7 +22,7 @@ from gcs.io.recording.timestamps import TimeLine
 from gcs.io.recording.tlog import Logged, Unreadable, is_stamped, read_log
 from gcs.io.zenoh.messages import topic_of
 from gcs.mavlink.frames.codec import scan
-from gcs.model import NS_PER_S, Datagram, Fate, MissionEnded, Scan, Send
+from gcs.model import NS_PER_S, AgentStatus, Datagram, MissionEnded, Scan, Send
 from gcs.report.telemetry.traffic import Traffic, rate_hz
 
 _MAX_LISTED: Final = 100
@@ -100,7 +100,7 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
                     counts = sensors.setdefault(name, Counter())
                     counts["scans"] += 1
                     counts["detections"] += len(value.z_m)
-            elif isinstance(value, Fate) and (value.vehicle in fates or len(fates) < _MAX_NAMES):
+            elif isinstance(value, AgentStatus) and (value.vehicle in fates or len(fates) < _MAX_NAMES):
                 fates[value.vehicle] = value.fate
             elif isinstance(value, MissionEnded):
                 ended = True

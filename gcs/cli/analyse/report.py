@@ -22,7 +22,7 @@ from gcs.cli.outputs import warm_up
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.config import Config, load, parse
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.files import open_regular
 from gcs.geo import LocalFrame
@@ -32,9 +32,9 @@ from gcs.io.recording.tlog import Logged, is_stamped, read_log
 from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.plots.maps import Ground
-from gcs.report.run.evaluation import Judge, Summary, judge_of
+from gcs.report.run.evaluation import Evaluator, Summary, judge_of
 from gcs.report.run.page import Material, run_page
-from gcs.report.run.timeline import Course, CourseBuilder
+from gcs.report.run.timeline import Timeline, TimelineBuilder
 from gcs.report.run.tracks_csv import TracksCsv
 from gcs.report.telemetry.flights import Flight, Flights
 from gcs.report.telemetry.traffic import Traffic
@@ -139,7 +139,7 @@ class _Reading:
         ground = self._ground(known=seed is not None)
         command = self._command(can_repeat=ground is not None)
         judge, flights = self._judge(), self._flights()
-        builder = CourseBuilder(judge)
+        builder = TimelineBuilder(judge)
         records = 0
         with (
             reading_progress(self.console, path, recording_bytes(path)) as advance,
@@ -172,12 +172,12 @@ class _Reading:
     def log(self) -> Material:
         """Read a telemetry log or a raw stream, with trackers when a mission is given."""
         options, path = self.options, self.options.path
-        builder, judge, ground = CourseBuilder(), None, None
+        builder, judge, ground = TimelineBuilder(), None, None
         beside = self._beside()
         if options.config is not None:
             self.config, self.seed = load(options.config), options.seed or 0
             judge, ground = self._judge(), self._ground(known=True)
-            builder = CourseBuilder(judge)
+            builder = TimelineBuilder(judge)
         flights = self._flights()
         timed_by, span = self._read_log(flights)
         course = builder.course()
@@ -251,21 +251,21 @@ class _Reading:
             return None
         return Ground.of(mission_grid(config, self.seed))
 
-    def _judge(self) -> Judge:
+    def _judge(self) -> Evaluator:
         config = self.config
         if config is None:
-            return Judge(0.0, ())
+            return Evaluator(0.0, ())
         return judge_of(config)
 
     def _flights(self) -> Flights:
         frame: LocalFrame | None = None if self.config is None else self.config.local_frame
         return Flights(frame)
 
-    def _command(self, *, can_repeat: bool) -> Command | None:
+    def _command(self, *, can_repeat: bool) -> Engine | None:
         if self.config is None or not (can_repeat and self.options.timing):
             return None
         warm_up(self.console, TRACKING, PLANNING, LINKS)
-        return Command(self.config, self.seed)
+        return Engine(self.config, self.seed)
 
     def _beside(self) -> Beside | None:
         options = self.options
@@ -282,14 +282,14 @@ class _Reading:
 
     def _flown(self, config: Config, beside: Beside | None) -> Iterator[object]:
         """Yield the events of a telemetry log, and what central command makes of each."""
-        command = self._command(can_repeat=True) or Command(config, self.seed)
+        command = self._command(can_repeat=True) or Engine(config, self.seed)
         system_ids = [agent.system_id for agent in config.agents]
         for record in telemetry_records(self.options.path, system_ids, beside):
             assert isinstance(record.value, Event)
             yield record.value
             yield from self._timed(command, record.value)
 
-    def _timed(self, command: Command, event: Event) -> list[Effect]:
+    def _timed(self, command: Engine, event: Event) -> list[Effect]:
         """Work an event and note how long scans and plans took; a plan's time includes its scan's."""
         started = time.process_time()
         effects = command.step(event)
@@ -310,9 +310,9 @@ class _Reading:
         self,
         name: str,
         kind: str,
-        course: Course,
+        course: Timeline,
         flights: Flights,
-        judge: Judge | None,
+        judge: Evaluator | None,
         ground: Ground | None,
         versions: dict[str, str],
         span_t_ns: tuple[int, int] | None = None,
@@ -339,7 +339,7 @@ class _Reading:
             remarks=tuple(self.remarks),
         )
 
-    def _summary(self, judge: Judge | None, course: Course) -> Summary | None:
+    def _summary(self, judge: Evaluator | None, course: Timeline) -> Summary | None:
         if judge is None or self.config is None:
             return None
         return judge.summary(

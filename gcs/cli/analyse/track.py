@@ -27,7 +27,7 @@ from gcs.model import FloatArray, Label
 from gcs.report.plots.tracking import Drawing, draw_tracking
 from gcs.tracking.glmb.filter import Birth, Glmb
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
-from gcs.tracking.models.adaptive_birth import UnknownBirths
+from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 
 Estimator: TypeAlias = Literal["filtered", "recovered", "smoothed"]
 States: TypeAlias = dict[Label, FloatArray]
@@ -170,7 +170,7 @@ def track(
         keep_histories=estimator != "filtered",
         weigh_detections=anywhere.per_s > 0.0,
     )
-    unknown = UnknownBirths(anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, accel_std_m_s2)
+    unknown = AdaptiveBirth(anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, accel_std_m_s2)
     places = detections.births
     states: dict[int, States] = {k: {} for k in detections.number.values()}
     existence: dict[int, dict[Label, float]] = {k: {} for k in states}

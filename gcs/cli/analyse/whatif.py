@@ -15,7 +15,7 @@ from rich.table import Table
 
 from gcs.config import Config
 from gcs.io.recording.reader import Record
-from gcs.model import NS_PER_S, Effect, Fate, MissionEnded, Plan, UploadReport, target_name
+from gcs.model import NS_PER_S, AgentStatus, Effect, MissionEnded, Plan, UploadReport, target_name
 
 _NOTHING: Final = "–"
 
@@ -30,7 +30,7 @@ class Outcome:
     """New routes given to vehicles."""
     uploads: int = 0
     failed_uploads: int = 0
-    fates: dict[int, Fate] = field(default_factory=dict)
+    fates: dict[int, AgentStatus] = field(default_factory=dict)
     ended_t_ns: int | None = None
 
     def take(self, effect: Effect) -> None:
@@ -45,7 +45,7 @@ class Outcome:
             case UploadReport():
                 self.uploads += effect.ok
                 self.failed_uploads += not effect.ok
-            case Fate():
+            case AgentStatus():
                 self.fates[effect.vehicle] = effect
             case MissionEnded():
                 self.ended_t_ns = effect.t_ns

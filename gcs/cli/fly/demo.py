@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 
 from gcs.cli.link_table import link_rows
-from gcs.cli.outputs import JudgeSink, draw_recording, open_recorder, view_for, warm_up
+from gcs.cli.outputs import EvaluatorSink, draw_recording, open_recorder, view_for, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import InterruptedRunError, SimulationError
@@ -33,9 +33,9 @@ from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.signing.gate import Signing
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.messages import decode_truth, truth_key
-from gcs.io.zenoh.session import Bus, free_endpoint
+from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S
-from gcs.report.run.evaluation import Judge, Summary, judge_of, summary_json
+from gcs.report.run.evaluation import Evaluator, Summary, judge_of, summary_json
 from gcs.report.run.summary import print_summary
 from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
@@ -143,7 +143,7 @@ async def _fly(
     keys: Path | None,
     options: DemoOptions,
     recorder: RecorderThread,
-    judge: Judge,
+    judge: Evaluator,
     console: Console,
     view: QueuedText,
 ) -> tuple[Health, tuple[dict[str, Any], ...], float, bool]:
@@ -161,11 +161,11 @@ async def _fly(
         judge.truth(truth)
         service.truth(truth)
 
-    with Bus(listen=endpoint) as bus, announced(config.name, endpoint):
+    with ZenohSession(listen=endpoint) as bus, announced(config.name, endpoint):
         service = Service(config, options.seed, links, bus)
         service.recorder = recorder
         service.outputs += [view.writer, recorder.writer]
-        service.sinks.append(JudgeSink(judge))
+        service.sinks.append(EvaluatorSink(judge))
         bus.subscribe(
             truth_key(config.name),
             lambda key, payload: on_loop(loop, take_truth, key, payload),

@@ -34,7 +34,7 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.movingai import MAX_BYTES, read_map
 from gcs.planning.options import AgentStart, PlanOptions
 from gcs.planning.planner import PlanResult, Stage, plan_routes
-from gcs.planning.terminal.landing import Landing, WayHome, way_home
+from gcs.planning.terminal.landing import Landing, ReturnRoute, way_home
 from gcs.planning.vehicle_model import Circle
 from gcs.report.plots.plan import Drawing, draw_plan
 
@@ -194,7 +194,7 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
     return replace(result, routes=routes, notes=tuple(notes)), timings_ms
 
 
-def _ways_home(task: Task, result: PlanResult) -> dict[int, WayHome]:
+def _ways_home(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
     """Plan the ways of agents back to where they start, when they land at the end."""
     landing = task.landing
     if landing is None:
@@ -208,12 +208,12 @@ def _ways_home(task: Task, result: PlanResult) -> dict[int, WayHome]:
     }
 
 
-def _home_notes(homes: Mapping[int, WayHome]) -> list[str]:
+def _home_notes(homes: Mapping[int, ReturnRoute]) -> list[str]:
     return [f"agent {vehicle}: {home.problem}" for vehicle, home in homes.items() if home.problem]
 
 
 def _plain(
-    task: Task, result: PlanResult, timings_ms: dict[str, float], homes: Mapping[int, WayHome]
+    task: Task, result: PlanResult, timings_ms: dict[str, float], homes: Mapping[int, ReturnRoute]
 ) -> dict[str, Any]:
     """Return the plan as JSON has it; a route's points begin with the agent's own place."""
     return {
@@ -248,7 +248,7 @@ def _circle(route: Route, radius_m: float) -> Circle:
     return Circle((east_m, north_m), radius_m)
 
 
-def _draw(path: Path, task: Task, result: PlanResult, homes: Mapping[int, WayHome]) -> None:
+def _draw(path: Path, task: Task, result: PlanResult, homes: Mapping[int, ReturnRoute]) -> None:
     wait = task.options.wait if task.options.shape == "flyable" else None
     title = f"{task.name}: {len(result.routes)} routes, {result.total_length_m:,.0f} m"
     drawing = Drawing(

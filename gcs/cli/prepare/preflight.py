@@ -23,11 +23,11 @@ from gcs.fence import fence_of
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.mavsdk.uploader import REMEDY, mavsdk_problem
 from gcs.io.vehicles.access import entrance_of
-from gcs.io.vehicles.session import Visit
+from gcs.io.vehicles.session import VehicleSession
 from gcs.io.zenoh.messages import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
-from gcs.io.zenoh.session import Bus
-from gcs.mavlink.services.preflight_query import NEEDED_IDS, Inspection
+from gcs.io.zenoh.session import ZenohSession
+from gcs.mavlink.services.preflight_query import NEEDED_IDS, PreflightQuery
 from gcs.model import NS_PER_S, Scan, vehicle_name
 
 _STYLE = {"ok": "green", "warning": "yellow", "refused": "bold red"}
@@ -102,7 +102,7 @@ class Ears:
         """Listen until the stack is closed."""
         links = self._config.links
         try:
-            bus = stack.enter_context(Bus(**{links.zenoh_role: links.zenoh}))
+            bus = stack.enter_context(ZenohSession(**{links.zenoh_role: links.zenoh}))
         except LinkError as error:
             self.problems[str(error)] = None
             return
@@ -116,10 +116,10 @@ class Ears:
 
 
 async def _checked(config: Config, options: PreflightOptions, ears: Ears, console: Console) -> list[Check]:
-    visit = Visit(config, options.config, NEEDED_IDS, options.link)
+    visit = VehicleSession(config, options.config, NEEDED_IDS, options.link)
     envelope, own = envelope_of(config), visit.entrance.own
     talks = [
-        Inspection(agent.vehicle, envelope, visit.fleet.encoder(agent.vehicle), own)
+        PreflightQuery(agent.vehicle, envelope, visit.fleet.encoder(agent.vehicle), own)
         for agent in config.agents
     ]
     began_s, watch = time.monotonic(), ClockWatch()
@@ -167,7 +167,7 @@ async def _checked(config: Config, options: PreflightOptions, ears: Ears, consol
     return checks
 
 
-def _progress(status: Status, talks: list[Inspection]) -> Callable[[], None]:
+def _progress(status: Status, talks: list[PreflightQuery]) -> Callable[[], None]:
     def show() -> None:
         waiting = [f"{vehicle_name(talk.vehicle)}: {talk.stage}" for talk in talks if not talk.is_done]
         text = f"asking {', '.join(waiting[:6])}" if waiting else "waiting for scans"

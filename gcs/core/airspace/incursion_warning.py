@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.model import Notice, VehicleState
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -27,7 +27,7 @@ _HALVINGS = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class Incursion:
     """Where a vehicle enters a closed area."""
 
     vehicle: int
@@ -48,7 +48,7 @@ class Entry:
         )
 
 
-class Trespass:
+class IncursionWarnings:
     """What vehicles hold, against the closed areas.
 
     Parameters
@@ -57,12 +57,12 @@ class Trespass:
         Knows what vehicles hold.
     """
 
-    def __init__(self, tasking: Tasking) -> None:
+    def __init__(self, tasking: UploadManager) -> None:
         self._tasking = tasking
         self._warned: dict[tuple[int, str], float] = {}
         """At how many seconds to go each was last told of."""
 
-    def entries(self, states: Iterable[VehicleState], areas: Mapping[str, Grid]) -> list[Entry]:
+    def entries(self, states: Iterable[VehicleState], areas: Mapping[str, Grid]) -> list[Incursion]:
         """Who enters which area; one that comes to several is told of the first."""
         found = []
         together = _together(areas)
@@ -85,16 +85,16 @@ class Trespass:
             self._warned[key] = entry.after_s
         return notices
 
-    def _entry(self, state: VehicleState, name: str, closed: Grid) -> Entry | None:
+    def _entry(self, state: VehicleState, name: str, closed: Grid) -> Incursion | None:
         place, points = (state.east_m, state.north_m), self._tasking.points_ahead(state.system_id)
         if not line_of_sight(closed, place, place):
-            return Entry(state.system_id, name, state.mission_seq, 0.0)
+            return Incursion(state.system_id, name, state.mission_seq, 0.0)
         flown_m = 0.0
         for number, (start, end) in enumerate(pairwise((place, *points))):
             if not line_of_sight(closed, start, end):
                 flown_m += _clear_m(closed, start, end)
                 after_s = flown_m / max(state.ground_speed_m_s, _SLOW_M_S)
-                return Entry(state.system_id, name, state.mission_seq + number, max(after_s, 0.1))
+                return Incursion(state.system_id, name, state.mission_seq + number, max(after_s, 0.1))
             flown_m += math.dist(start, end)
         return None
 

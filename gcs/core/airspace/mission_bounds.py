@@ -23,7 +23,7 @@ _ROUNDING_M: Final = 1.0
 _RELATIVE: Final = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
 
 
-class LastCheck:
+class MissionBoundsCheck:
     """Says what is wrong with the places of a mission's items.
 
     Parameters

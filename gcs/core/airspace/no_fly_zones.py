@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from gcs.model import KeepOut
+from gcs.model import NoFlyZone
 from gcs.planning.map.grid import Grid
 
 _MAX_AREAS = 100
 
 
-class KeepOuts:
+class NoFlyZones:
     """The closed areas and the grid with them.
 
     Parameters
@@ -24,13 +24,13 @@ class KeepOuts:
     """
 
     def __init__(self, grid: Grid) -> None:
-        self.areas: dict[str, KeepOut] = {}
+        self.areas: dict[str, NoFlyZone] = {}
         self.closed: dict[str, Grid] = {}
         """What each area blocks."""
         self.grid = grid
         self._open = grid
 
-    def refusal(self, area: KeepOut) -> str:
+    def refusal(self, area: NoFlyZone) -> str:
         """Say why an area cannot be taken; empty when it can."""
         if area.disc_m is None and not area.polygon_m:
             known = ", ".join(self.areas) or "none"
@@ -39,7 +39,7 @@ class KeepOuts:
             return f"there are {_MAX_AREAS} keep-outs already; open some first"
         return "" if closed_cells(self._open, area).any() else "it lies outside the map"
 
-    def take(self, area: KeepOut) -> Grid:
+    def take(self, area: NoFlyZone) -> Grid:
         """Close or open an area; return the grid of what is newly blocked."""
         before = self.grid
         self.areas.pop(area.name, None)
@@ -55,7 +55,7 @@ class KeepOuts:
         return Grid(before.origin_m, before.spacing_m, blocked & ~before.blocked)
 
 
-def closed_cells(grid: Grid, area: KeepOut) -> npt.NDArray[np.bool_]:
+def closed_cells(grid: Grid, area: NoFlyZone) -> npt.NDArray[np.bool_]:
     """Cells of a grid that an area overlaps, (rows, cols)."""
     free = Grid(grid.origin_m, grid.spacing_m, np.zeros(grid.shape, dtype=np.bool_))
     if area.disc_m is not None:

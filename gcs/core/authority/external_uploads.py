@@ -30,7 +30,7 @@ from gcs.mavlink.router.access_policy import (
     command_of,
 )
 from gcs.mavlink.services.retry import ns
-from gcs.model import Datagram, Effect, GuestMission, Level, Notice, vehicle_id
+from gcs.model import Datagram, Effect, ExternalMission, Level, Notice, vehicle_id
 
 _SILENT_NS: Final = ns(10.0)
 _TELL_AGAIN_NS: Final = ns(10.0)
@@ -62,7 +62,7 @@ class _Upload:
     ended: bool = False
 
 
-class Guests:
+class ExternalUploads:
     """Guests of all networks.
 
     Parameters
@@ -102,12 +102,12 @@ class Guests:
         for vehicle in vehicles:
             self._uploads.pop(vehicle, None)
 
-    def memory(self, vehicle: int) -> GuestMission | None:
+    def memory(self, vehicle: int) -> ExternalMission | None:
         """Return what is to be remembered of somebody else's mission for a vehicle."""
         upload = self._uploads.get(vehicle)
-        return None if upload is None else GuestMission(*upload.sender, upload.words, upload.ended)
+        return None if upload is None else ExternalMission(*upload.sender, upload.words, upload.ended)
 
-    def remember(self, vehicle: int, mission: GuestMission, t_ns: int) -> None:
+    def remember(self, vehicle: int, mission: ExternalMission, t_ns: int) -> None:
         """Take up from what was remembered: the vehicle stays theirs."""
         sender = (mission.system_id, mission.component_id)
         self._uploads[vehicle] = _Upload(sender, mission.words, t_ns, mission.ended)

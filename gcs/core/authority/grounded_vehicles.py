@@ -12,12 +12,12 @@ from collections.abc import Callable, Container
 from typing import Final
 
 from gcs.core.operator.commands import Orders
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_messages import set_mode
-from gcs.mavlink.services.command_sender import Errand, Shown
+from gcs.mavlink.services.command_sender import CommandSender, Shown
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState
 
@@ -25,7 +25,7 @@ _PERIOD_NS: Final = ns(1.0)
 _STANDING_M_S: Final = 2.0
 
 
-class Grounded:
+class GroundedVehicles:
     """Vehicles on the ground, and the commands under way to them.
 
     Parameters
@@ -38,9 +38,9 @@ class Grounded:
         Which vehicles may fly what they store.
     """
 
-    def __init__(self, fleet: Fleet, tasking: Tasking, orders: Orders) -> None:
+    def __init__(self, fleet: Fleet, tasking: UploadManager, orders: Orders) -> None:
         self._fleet, self._tasking, self._orders = fleet, tasking, orders
-        self._errands: dict[int, Errand] = {}
+        self._errands: dict[int, CommandSender] = {}
         self._failed: set[int] = set()
         """Vehicles that stayed in AUTO, of which the operator was told."""
         self._next_look_t_ns = 0
@@ -80,7 +80,7 @@ class Grounded:
             return []
         question = set_mode(vehicle, profile.autopilot, LOITER)
         self._tasking.parked(vehicle)
-        self._errands[vehicle] = Errand(question, _is_parked, self._fleet.encoder(vehicle), t_ns)
+        self._errands[vehicle] = CommandSender(question, _is_parked, self._fleet.encoder(vehicle), t_ns)
         text = "stands on the ground in AUTO with no mission to fly: armed, it would take off; told to LOITER"
         return [Notice(t_ns, "info", text, vehicle), *self._worked(vehicle, t_ns)]
 

@@ -23,13 +23,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.operator.commands import Orders
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.tasking.onboard_missions import Flown
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.onboard_missions import OnboardMission
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
-from gcs.mavlink.mission.protocol import ReadBack
+from gcs.mavlink.mission.protocol import MissionDownload
 from gcs.mavlink.services.retry import ns
-from gcs.mavlink.services.rtt import Pace
+from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import Effect, Notice, system_of
 
 _LATE_NS: Final = ns(25.0)
@@ -41,7 +41,9 @@ _MISSION: Final[int] = dialect.MAV_MISSION_TYPE_MISSION
 class _Check:
     """One vehicle's."""
 
-    def __init__(self, flown: Flown, t_ns: int, then: Callable[[Flown], None], known_t_ns: int) -> None:
+    def __init__(
+        self, flown: OnboardMission, t_ns: int, then: Callable[[OnboardMission], None], known_t_ns: int
+    ) -> None:
         self.flown, self.began_t_ns, self.then = flown, t_ns, then
         self.known_t_ns = known_t_ns
         """When it was last known to hold this."""
@@ -50,10 +52,10 @@ class _Check:
 
     def begin(self, t_ns: int) -> None:
         to = (system_of(self.flown.route.vehicle), AUTOPILOT_COMPONENT_ID)
-        self.reading = ReadBack(to, Pace(), t_ns)
+        self.reading = MissionDownload(to, RttEstimator(), t_ns)
 
 
-class Rereading:
+class OnboardAudit:
     """All of them under way.
 
     Parameters
@@ -62,7 +64,7 @@ class Rereading:
         Who talks to vehicles, keeps what they hold, who flies what, and who is set aside.
     """
 
-    def __init__(self, fleet: Fleet, tasking: Tasking, replanner: Replanner, orders: Orders) -> None:
+    def __init__(self, fleet: Fleet, tasking: UploadManager, replanner: Replanner, orders: Orders) -> None:
         self._fleet, self._tasking, self._replanner, self._orders = fleet, tasking, replanner, orders
         self._checks: dict[int, _Check] = {}
         self._returns: dict[int, int] = {}
@@ -73,7 +75,7 @@ class Rereading:
         """Whether an answer is expected any moment."""
         return any(not check.is_late for check in self._checks.values())
 
-    def flown(self, vehicle: int) -> Flown | None:
+    def flown(self, vehicle: int) -> OnboardMission | None:
         """What a vehicle should hold that is being asked; None for others."""
         check = self._checks.get(vehicle)
         return None if check is None else check.flown
@@ -86,9 +88,9 @@ class Rereading:
 
     def begin(
         self,
-        flown: Flown,
+        flown: OnboardMission,
         t_ns: int,
-        then: Callable[[Flown], None] = lambda _flown: None,
+        then: Callable[[OnboardMission], None] = lambda _flown: None,
         *,
         known_t_ns: int,
     ) -> None:

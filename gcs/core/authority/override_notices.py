@@ -20,7 +20,7 @@ _MAX_NAMED: Final = 8
 """Vehicles of one mode that are named one by one."""
 
 
-class Takeovers:
+class OverrideNotices:
     """Modes that somebody else chose, as the operator was told of them."""
 
     def __init__(self) -> None:

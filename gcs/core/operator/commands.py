@@ -25,17 +25,17 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.operator.replies import Ongoing, named
+from gcs.core.operator.replies import OrderInProgress, named
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_heights import Returns
 from gcs.core.tasking.takeoff_sequence import SELF_LAUNCHING, Departures
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_messages import command, set_mode
-from gcs.mavlink.services.command_sender import Errand, Shown
+from gcs.mavlink.services.command_sender import CommandSender, Shown
 from gcs.model import AnswerState, Aside, Effect, Label, Notice, Order, Route, VehicleState, vehicle_name
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
@@ -75,7 +75,7 @@ class Orders:
     def __init__(
         self,
         fleet: Fleet,
-        tasking: Tasking,
+        tasking: UploadManager,
         replanner: Replanner,
         departures: Departures,
         returns: Returns,
@@ -87,7 +87,7 @@ class Orders:
         """Whole routes of vehicles set aside."""
         self._fleet, self._tasking, self._replanner, self._outlook = fleet, tasking, replanner, outlook
         self._departures, self._returns = departures, returns
-        self._errands: dict[int, tuple[Errand, Ongoing]] = {}
+        self._errands: dict[int, tuple[CommandSender, OrderInProgress]] = {}
 
     def away(self) -> dict[int, str]:
         """Vehicles that are not to be tasked now, and why, in words."""
@@ -130,7 +130,7 @@ class Orders:
         """
         known = {health.system_id: health for health in self._fleet.health()}
         vehicles = order.vehicles if order.vehicles is not None else tuple(known)
-        ongoing = Ongoing(order, set(vehicles))
+        ongoing = OrderInProgress(order, set(vehicles))
         effects: list[Effect] = []
         begun: list[int] = []
         unchanged: dict[int, str] = {}
@@ -277,7 +277,7 @@ class Orders:
         return ""
 
     def _begin(
-        self, ongoing: Ongoing, vehicle: int, autopilot: int, targets: Container[Label]
+        self, ongoing: OrderInProgress, vehicle: int, autopilot: int, targets: Container[Label]
     ) -> list[Effect]:
         order = ongoing.order
         effects: list[Effect] = self._give_up(vehicle, order.t_ns, f"replaced by an order to {order.action}")
@@ -323,9 +323,9 @@ class Orders:
     # ------------------------------------------------------------ errands
 
     def _send(
-        self, ongoing: Ongoing, vehicle: int, question: Message, wanted: Callable[[Shown], bool]
+        self, ongoing: OrderInProgress, vehicle: int, question: Message, wanted: Callable[[Shown], bool]
     ) -> list[Effect]:
-        errand = Errand(question, wanted, self._fleet.encoder(vehicle), ongoing.order.t_ns)
+        errand = CommandSender(question, wanted, self._fleet.encoder(vehicle), ongoing.order.t_ns)
         self._errands[vehicle] = (errand, ongoing)
         return self._worked(vehicle, ongoing.order.t_ns)
 

@@ -19,9 +19,9 @@ from collections.abc import Container, Iterable, Sequence
 from dataclasses import replace
 
 from gcs.config import Config
-from gcs.core.operator.plan_figures import Figures
-from gcs.core.operator.replies import Ongoing, named
-from gcs.core.replanning.inputs import Situation
+from gcs.core.operator.plan_figures import PlanFigures
+from gcs.core.operator.replies import OrderInProgress, named
+from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.options import place_of
 from gcs.core.replanning.replanner import Replanner
 from gcs.model import (
@@ -44,7 +44,7 @@ RENEW_S = 5.0
 """Routes of a plan that waits are planned anew so often."""
 
 
-class Approval:
+class PlanApproval:
     """The plan that waits, and the orders about it that are being carried out.
 
     Parameters
@@ -59,7 +59,7 @@ class Approval:
         self.pending: Proposal | None = None
         self.count = 0
         """The last plan's number."""
-        self._replanner, self._figures = replanner, Figures(config)
+        self._replanner, self._figures = replanner, PlanFigures(config)
         self._plan: Plan | None = None
         self._shown: dict[int, RouteFigures] = {}
         """Figures of each vehicle when the number was first shown."""
@@ -67,7 +67,7 @@ class Approval:
         self._renewed_t_ns = 0
         self._is_urgent = False
         self._declined: dict[int, Route] = {}
-        self._confirmed: dict[int, Ongoing] = {}
+        self._confirmed: dict[int, OrderInProgress] = {}
 
     # ------------------------------------------------------------ what is shown
 
@@ -75,7 +75,7 @@ class Approval:
         """Let the next plan be shown at once: a vehicle was lost."""
         self._is_urgent = True
 
-    def look(self, situation: Situation) -> list[Effect]:
+    def look(self, situation: PlanningInputs) -> list[Effect]:
         """Propose what the situation asks for, and keep what waits up to date."""
         t_ns = situation.t_ns
         effects = self._withdraw(situation)
@@ -96,7 +96,7 @@ class Approval:
         left = tuple(r for r in self.pending.routes if shown.get(r.vehicle) is r and r.vehicle not in away)
         return [] if len(left) == len(self.pending.routes) else self._left(t_ns, left)
 
-    def _withdraw(self, situation: Situation) -> list[Effect]:
+    def _withdraw(self, situation: PlanningInputs) -> list[Effect]:
         """Take out of the plan that waits whoever is about to reach a target by the route that it flies."""
         self._replanner.withdraw_arriving(situation)
         return self.refresh(situation.t_ns)
@@ -105,7 +105,7 @@ class Approval:
         """Whether nobody can have read the last plan yet."""
         return self._numbered_t_ns is not None and t_ns - self._numbered_t_ns < MIN_READING_S * NS_PER_S
 
-    def _propose(self, plan: Plan, situation: Situation, *, anew: bool = False) -> list[Effect]:
+    def _propose(self, plan: Plan, situation: PlanningInputs, *, anew: bool = False) -> list[Effect]:
         """Show a plan in place of the one before: under its number where who flies where is the same."""
         shown, self._plan = self._replanner.proposed, plan
         self._declined = {v: route for v, route in self._declined.items() if shown.get(v) is route}
@@ -117,7 +117,7 @@ class Approval:
             return self._number(waiting, plan.reason, situation)
         return self._show(waiting, situation)
 
-    def _number(self, routes: tuple[Route, ...], reason: str, situation: Situation) -> list[Effect]:
+    def _number(self, routes: tuple[Route, ...], reason: str, situation: PlanningInputs) -> list[Effect]:
         """Show routes under a new number."""
         self.count += 1
         self._numbered_t_ns = self._renewed_t_ns = situation.t_ns
@@ -126,7 +126,7 @@ class Approval:
         self.pending = Proposal(situation.t_ns, self.count, routes, reason, situation.t_ns, figures)
         return [self.pending]
 
-    def _show(self, routes: tuple[Route, ...], situation: Situation) -> list[Effect]:
+    def _show(self, routes: tuple[Route, ...], situation: PlanningInputs) -> list[Effect]:
         """Show routes under the number that waits, or under another where they became other routes."""
         assert self.pending is not None
         figures = self._figures_of(routes, situation, self._shown)
@@ -137,13 +137,13 @@ class Approval:
         self.pending = replace(self.pending, t_ns=situation.t_ns, routes=routes, figures=figures)
         return [self.pending]
 
-    def _renew(self, routes: Iterable[Route], situation: Situation) -> dict[int, Route]:
+    def _renew(self, routes: Iterable[Route], situation: PlanningInputs) -> dict[int, Route]:
         """Plan routes to the same targets anew; a route stays as it is where there is no newer one."""
         old = {route.vehicle: route for route in routes}
         return old | self._replanner.renew({v: route.target for v, route in old.items()}, situation)
 
     def _figures_of(
-        self, routes: Sequence[Route], situation: Situation, shown: dict[int, RouteFigures]
+        self, routes: Sequence[Route], situation: PlanningInputs, shown: dict[int, RouteFigures]
     ) -> tuple[RouteFigures, ...]:
         replanner = self._replanner
         places = {vehicle: place_of(track) for vehicle, track in situation.agents.items()}
@@ -161,16 +161,16 @@ class Approval:
     def tell(self, order: Order) -> list[Effect]:
         """Answer which plan waits."""
         if self.pending is None:
-            return [Ongoing(order).answer(order.t_ns, "refused", "no plan waits")]
+            return [OrderInProgress(order).answer(order.t_ns, "refused", "no plan waits")]
         self.pending = replace(self.pending, t_ns=order.t_ns)
-        return [Ongoing(order).showing(self.pending)]
+        return [OrderInProgress(order).showing(self.pending)]
 
-    def take(self, order: Order, situation: Situation) -> tuple[list[Effect], list[Route]]:
+    def take(self, order: Order, situation: PlanningInputs) -> tuple[list[Effect], list[Route]]:
         """Carry out a confirm or reject; returns what to tell, and the routes to send as missions."""
         effects = self._withdraw(situation)
         refusal = self._refusal(order)
         if refusal:
-            return [*effects, Ongoing(order).answer(order.t_ns, "refused", refusal)], []
+            return [*effects, OrderInProgress(order).answer(order.t_ns, "refused", refusal)], []
         pending = self.pending
         assert pending is not None
         chosen = [r for r in pending.routes if order.vehicles is None or r.vehicle in order.vehicles]
@@ -179,10 +179,10 @@ class Approval:
         self._declined |= {route.vehicle: route for route in chosen}
         text = f"plan {pending.plan_id} rejected for {named(r.vehicle for r in chosen)}"
         left = tuple(route for route in pending.routes if route not in chosen)
-        return [Ongoing(order).answer(order.t_ns, "done", text), *self._left(order.t_ns, left)], []
+        return [OrderInProgress(order).answer(order.t_ns, "done", text), *self._left(order.t_ns, left)], []
 
     def _confirm(
-        self, order: Order, chosen: list[Route], situation: Situation
+        self, order: Order, chosen: list[Route], situation: PlanningInputs
     ) -> tuple[list[Effect], list[Route]]:
         """Adopt routes to the targets confirmed, as they are from here and now; refuse what became other."""
         pending = self.pending
@@ -196,7 +196,7 @@ class Approval:
         if problems:
             return self._refused(order, problems, situation), []
         effects: list[Effect] = []
-        ongoing = Ongoing(order, vehicles)
+        ongoing = OrderInProgress(order, vehicles)
         for vehicle in vehicles:
             effects += self.end(vehicle, order.t_ns, "replaced by a newer plan")
             self._confirmed[vehicle] = ongoing
@@ -205,7 +205,7 @@ class Approval:
         effects.append(ongoing.answer(order.t_ns, "accepted", f"missions go to {named(ongoing.waiting)}"))
         return [*effects, *self._left(order.t_ns, left), plan], flown
 
-    def _problems(self, routes: Sequence[Route], situation: Situation) -> list[str]:
+    def _problems(self, routes: Sequence[Route], situation: PlanningInputs) -> list[str]:
         """Say why routes to the targets that were confirmed are not what the operator saw."""
         found = []
         for route in routes:
@@ -219,14 +219,14 @@ class Approval:
                 found.append(f"no way leads agent {vehicle_name(route.vehicle)} to target {target} now")
         return found or self._changes(routes, self._figures_of(routes, situation, self._shown))
 
-    def _refused(self, order: Order, problems: list[str], situation: Situation) -> list[Effect]:
+    def _refused(self, order: Order, problems: list[str], situation: PlanningInputs) -> list[Effect]:
         """Refuse a plan that became another one, and propose that."""
         text = "; ".join(problems)
         plan = self._replanner.plan_anew(situation, text)
         effects = self._propose(plan, situation, anew=True)
         again = "no plan waits now" if self.pending is None else f"plan {self.pending.plan_id} waits instead"
         detail = f"plan {order.plan_id} is not the plan that was shown any more: {text}; {again}"
-        return [Ongoing(order).answer(order.t_ns, "refused", detail), *effects]
+        return [OrderInProgress(order).answer(order.t_ns, "refused", detail), *effects]
 
     def uploaded(self, report: UploadReport) -> list[OrderAnswer]:
         """Answer for a vehicle whose mission was confirmed, now that its transfer has ended."""
@@ -252,7 +252,7 @@ class Approval:
         missing = set(order.vehicles or ()) - {route.vehicle for route in self.pending.routes}
         return f"nothing waits for {named(missing)} in plan {order.plan_id}" if missing else ""
 
-    def _adopt(self, order: Order, chosen: list[Route], situation: Situation, *, whole: bool) -> Plan:
+    def _adopt(self, order: Order, chosen: list[Route], situation: PlanningInputs, *, whole: bool) -> Plan:
         """Make routes the ones that are flown, and say so as a plan."""
         plan, replanner = self._plan, self._replanner
         assert plan is not None

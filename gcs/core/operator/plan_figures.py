@@ -25,7 +25,7 @@ NEARER_M = 5.0
 _HALVINGS = 6
 
 
-class Figures:
+class PlanFigures:
     """Lengths, times, separations and clearances of proposed routes.
 
     Parameters

@@ -8,7 +8,7 @@ from dataclasses import replace
 from gcs.model import AnswerState, Order, OrderAnswer, Proposal, vehicle_name
 
 
-class Ongoing:
+class OrderInProgress:
     """An order of which some vehicles' answers are still to come."""
 
     def __init__(self, order: Order, waiting: Iterable[int] = ()) -> None:

@@ -16,9 +16,9 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from gcs.core.perception.confirmation import Beliefs
-from gcs.core.perception.epochs import InARow
-from gcs.model import NS_PER_S, Fate, Label, Track
+from gcs.core.perception.confirmation import TrackConfirmation
+from gcs.core.perception.epochs import ConsecutiveEpochs
+from gcs.model import NS_PER_S, AgentStatus, Label, Track
 
 REVIVE_EXISTENCE = 0.9
 ARRIVAL_MOMENTS = 2
@@ -29,7 +29,7 @@ NEVER_SEEN_S = 20.0
 """One that never showed up is given this long."""
 
 
-class Fates:
+class AgentStatusMonitor:
     """The agents' fates over time.
 
     Parameters
@@ -44,9 +44,11 @@ class Fates:
         self._capture_radius_m = capture_radius_m
         self._awaited_t_ns: dict[int, int] = {}
         self._seen_t_ns: dict[int, int] = {}
-        self._at_target = InARow()
+        self._at_target = ConsecutiveEpochs()
         self._last_position_m: dict[int, tuple[float, float]] = {}
-        self.by_vehicle: dict[int, Fate] = {vehicle: Fate(0, vehicle, "flying") for vehicle in vehicles}
+        self.by_vehicle: dict[int, AgentStatus] = {
+            vehicle: AgentStatus(0, vehicle, "flying") for vehicle in vehicles
+        }
 
     def flying(self) -> list[int]:
         """Vehicles that are neither dead nor arrived, in order."""
@@ -69,12 +71,12 @@ class Fates:
         self,
         t_ns: int,
         measured_t_ns: int,
-        agents: Beliefs,
-        targets: Beliefs,
+        agents: TrackConfirmation,
+        targets: TrackConfirmation,
         ties: Mapping[int, Label],
         assigned: Mapping[int, Label],
         reporting: set[int],
-    ) -> list[Fate]:
+    ) -> list[AgentStatus]:
         """Judge every agent after one scan; return the fates that changed.
 
         Parameters
@@ -116,14 +118,14 @@ class Fates:
         track: Track | None,
         target: Track | None,
         is_dead: bool,
-    ) -> Fate | None:
+    ) -> AgentStatus | None:
         position = self._last_position_m.get(vehicle)
         near = track is not None and target is not None and self._is_at(track, target)
         moments = self._at_target.take(vehicle, measured_t_ns, holds=near)
         if target is not None and moments >= ARRIVAL_MOMENTS:
-            return Fate(t_ns, vehicle, "arrived", target.label, position)
+            return AgentStatus(t_ns, vehicle, "arrived", target.label, position)
         is_gone = is_dead or self._is_unseen(t_ns, vehicle)
-        return Fate(t_ns, vehicle, "dead", None, position) if is_gone else None
+        return AgentStatus(t_ns, vehicle, "dead", None, position) if is_gone else None
 
     def _is_unseen(self, t_ns: int, vehicle: int) -> bool:
         seen_t_ns = self._seen_t_ns.get(vehicle)
@@ -131,10 +133,10 @@ class Fates:
             return t_ns - seen_t_ns > UNSEEN_S * NS_PER_S
         return t_ns - self._awaited_t_ns.setdefault(vehicle, t_ns) > NEVER_SEEN_S * NS_PER_S
 
-    def _revived(self, t_ns: int, vehicle: int, track: Track) -> Fate | None:
+    def _revived(self, t_ns: int, vehicle: int, track: Track) -> AgentStatus | None:
         if track.existence < REVIVE_EXISTENCE:
             return None
-        return Fate(t_ns, vehicle, "flying", None, self._last_position_m.get(vehicle))
+        return AgentStatus(t_ns, vehicle, "flying", None, self._last_position_m.get(vehicle))
 
     def _is_at(self, track: Track, target: Track) -> bool:
         distance_m = math.hypot(track.mean[0] - target.mean[0], track.mean[1] - target.mean[1])

@@ -21,7 +21,7 @@ from gcs.tracking.models.sensors import covers
 SCANS_IN_A_ROW = 3
 
 
-class Beliefs:
+class TrackConfirmation:
     """The believed tracks of one kind."""
 
     def __init__(self, dead_existence: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class InARow:
+class ConsecutiveEpochs:
     """Counts, for each key, the moments in a row at which something was so; the last look at one decides."""
 
     def __init__(self) -> None:

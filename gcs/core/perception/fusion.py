@@ -17,9 +17,9 @@ explains (see `tracking.births`).
 
 Scans come from outside, of any number of sensors, each with its own word on noise, clutter, detection and
 field of view; `tracking.calibration` holds the stream against that word. One that is late, repeated or ahead
-of its time is refused (`Trackers.refusal`): worked in, it would count as one more scan of what is known
-already, and a single time stamp hours ahead would outlive every track. A sensor that announces no noise at
-all is not believed to the last millimetre.
+of its time is refused (`MultiSensorTracker.refusal`): worked in, it would count as one more scan of what is
+known already, and a single time stamp hours ahead would outlive every track. A sensor that announces no noise
+at all is not believed to the last millimetre.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ import numpy.typing as npt
 
 from gcs.config import Config
 from gcs.config.tables import KindTracking
-from gcs.core.perception.confirmation import Beliefs
+from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.untracked_detections import Untracked
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
-from gcs.tracking.glmb.filter import Account, Birth, Glmb, GlmbParams
-from gcs.tracking.models.adaptive_birth import UnknownBirths
+from gcs.tracking.glmb.filter import Birth, DetectionSummary, Glmb, GlmbParams
+from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 from gcs.tracking.models.clutter import intensity_per_m2
 from gcs.tracking.models.constant_velocity import process_noise, transition
-from gcs.tracking.models.sensor_estimation import Calibration, Finding
+from gcs.tracking.models.sensor_estimation import Finding, SensorEstimation
 from gcs.tracking.models.sensors import clutter_per_m2, covers, noise_m2
 
 _NEAR_STD = 5.0
@@ -54,7 +54,7 @@ _MOST_SENSORS = 100
 """Whose word is held against their stream."""
 
 
-class KindTracker:
+class ClassTracker:
     """One filter with its places of birth and what is believed of its tracks."""
 
     def __init__(
@@ -70,7 +70,7 @@ class KindTracker:
             gate_chi2=tracking.gate_chi2,
             lost_std_m=tracking.lost_std_m,
         )
-        self.beliefs = Beliefs(tracking.dead_existence)
+        self.beliefs = TrackConfirmation(tracking.dead_existence)
         self.kind = kind
         self.picture: Picture | None = None
         self.places = places
@@ -80,13 +80,13 @@ class KindTracker:
         self._again_probability = table.birth_again_probability
         self._filter = Glmb(kind, params, seed, weigh_detections=True)
         anywhere = table.anywhere
-        self.unknown = UnknownBirths(
+        self.unknown = AdaptiveBirth(
             anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, table.accel_std_m_s2
         )
 
     def update(
         self, t_ns: int, z_m: FloatArray, sensor: Sensor, others: FloatArray, births: Sequence[Birth] = ()
-    ) -> Account:
+    ) -> DetectionSummary:
         """Work one scan, with births at the known places and at those given.
 
         `others` (m,) is the intensity of the other kind's detections at each detection, per m2: clutter to
@@ -153,7 +153,7 @@ class KindTracker:
         return self.picture
 
 
-class Trackers:
+class MultiSensorTracker:
     """Agents' and targets' filters, updated scan by scan.
 
     Parameters
@@ -188,13 +188,13 @@ class Trackers:
         self._measured_t_ns = -1
         self._sensors_then: set[str] = set()
         self._reports_t_ns = -1
-        self._calibrations: dict[str, Calibration] = {}
+        self._calibrations: dict[str, SensorEstimation] = {}
         self._corrects = tracking.correct_sensors
         self.findings: list[Finding] = []
         """News of the last scan about whether its sensor is what it says."""
         self.untracked = Untracked(config)
-        self.agents = KindTracker("agents", config, tracking.agents, starts, tracking.seed)
-        self.targets = KindTracker("targets", config, tracking.targets, places, tracking.seed + 1)
+        self.agents = ClassTracker("agents", config, tracking.agents, starts, tracking.seed)
+        self.targets = ClassTracker("targets", config, tracking.targets, places, tracking.seed + 1)
 
     def expect(self, targets: Sequence[Track], age_s: float) -> dict[int, Label]:
         """Expect targets where they were believed to be `age_s` ago, before anything was seen.
@@ -260,9 +260,9 @@ class Trackers:
         self.findings = calibration.findings(scan.sensor)
         return agents, self.targets.look(scan.t_ns, sensor)
 
-    def _calibration(self, sensor: str) -> Calibration:
+    def _calibration(self, sensor: str) -> SensorEstimation:
         """Return what is known of a sensor; a stream of invented names does not fill the memory."""
-        known = self._calibrations.pop(sensor, None) or Calibration()
+        known = self._calibrations.pop(sensor, None) or SensorEstimation()
         self._calibrations[sensor] = known
         if len(self._calibrations) > _MOST_SENSORS:
             del self._calibrations[next(iter(self._calibrations))]

@@ -19,7 +19,7 @@ _MOST_HELD = 10_000
 """Then the oldest go at once: a sensor that runs wild must not fill the memory."""
 
 
-class Reordering:
+class OutOfSequenceBuffer:
     """Scans that wait.
 
     Parameters

@@ -60,7 +60,7 @@ class _Case:
     """Its track while its reports were true."""
 
 
-class Witness:
+class PositionIntegrityMonitor:
     """All vehicles' reports against the scans.
 
     Parameters

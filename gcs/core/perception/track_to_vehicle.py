@@ -22,8 +22,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gcs.core.perception.confirmation import Beliefs
-from gcs.core.perception.epochs import InARow
+from gcs.core.perception.confirmation import TrackConfirmation
+from gcs.core.perception.epochs import ConsecutiveEpochs
 from gcs.core.perception.fusion import at_time, squared_distances
 from gcs.model import NS_PER_S, FloatArray, Label, Track, VehicleState
 
@@ -34,7 +34,7 @@ LIKELY_EXISTENCE = 0.5
 """A track of less says little about a vehicle that reports beside it."""
 
 
-class Ties:
+class TrackVehicleAssociation:
     """Vehicle to track label, kept over time.
 
     Parameters
@@ -61,7 +61,7 @@ class Ties:
         self._max_age_ns = int(max_age_s * NS_PER_S)
         self._break_after = break_after
         self._labels: dict[int, Label] = {}
-        self._outside, self._waiting = InARow(), InARow()
+        self._outside, self._waiting = ConsecutiveEpochs(), ConsecutiveEpochs()
         self._last_look: set[int] = set()
         """Vehicles whose track was dead at the last update."""
         self.beside: dict[int, Track] = {}
@@ -72,7 +72,7 @@ class Ties:
         """Label of the track of each tied vehicle."""
         return self._labels
 
-    def update(self, beliefs: Beliefs, t_ns: int, states: Sequence[VehicleState]) -> None:
+    def update(self, beliefs: TrackConfirmation, t_ns: int, states: Sequence[VehicleState]) -> None:
         """Check the ties against the believed tracks at `t_ns`, break those that fail, and tie the rest."""
         tracks = beliefs.tracks
         places = {
@@ -178,7 +178,7 @@ class Ties:
             del self.beside[vehicle]
 
     def _find_beside(
-        self, beliefs: Beliefs, places: Mapping[int, tuple[float, float]], dying: Sequence[int]
+        self, beliefs: TrackConfirmation, places: Mapping[int, tuple[float, float]], dying: Sequence[int]
     ) -> None:
         """Find the tracks that untied vehicles report beside; one whose own track died is untied by it."""
         lost = [vehicle for vehicle in dying if self._labels[vehicle] not in beliefs.tracks]

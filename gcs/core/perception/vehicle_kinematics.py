@@ -15,7 +15,7 @@ from gcs.core.replanning.options import place_of
 from gcs.geo import wrap_pi
 from gcs.model import NS_PER_S, Track, VehicleState
 from gcs.planning.route_progress import CORRIDOR_M
-from gcs.planning.vehicle_model import Ahead, Motion
+from gcs.planning.vehicle_model import ForwardSimulation, Motion
 
 _LEAST_NS = NS_PER_S * 3 // 4
 _MOST_NS = 3 * NS_PER_S
@@ -25,7 +25,7 @@ _SLOW_M_S = 3.0
 _MOST_RAD_S = 1.0
 
 
-class Motions:
+class VehicleKinematics:
     """Newest report of each vehicle, and its turn rate.
 
     Parameters
@@ -60,13 +60,18 @@ class Motions:
         agents: Mapping[int, Track],
         t_ns: int,
         tracked_t_ns: int,
-        ahead: Callable[[int], Ahead] = lambda _vehicle: Ahead(),
+        ahead: Callable[[int], ForwardSimulation] = lambda _vehicle: ForwardSimulation(),
     ) -> dict[int, Motion]:
         """Return how vehicles move, whose tracks are as of `tracked_t_ns`, and what is `ahead` of each."""
         return {v: self._now(v, track, t_ns, tracked_t_ns, ahead) for v, track in agents.items()}
 
     def _now(
-        self, vehicle: int, track: Track, t_ns: int, tracked_t_ns: int, ahead: Callable[[int], Ahead]
+        self,
+        vehicle: int,
+        track: Track,
+        t_ns: int,
+        tracked_t_ns: int,
+        ahead: Callable[[int], ForwardSimulation],
     ) -> Motion:
         state = self._states.get(vehicle)
         if state is None or not self._is_believed(state, track, t_ns):

@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Final
 
 from gcs.core.preflight.result import Check
-from gcs.mavlink.autopilots import Profile
+from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.model import vehicle_name
 
 MARGIN_M: Final = 15.0
@@ -50,7 +50,7 @@ class Return:
 
 
 def return_of(
-    vehicle: int, profile: Profile, values: Mapping[str, float], rally_m: Sequence[float]
+    vehicle: int, profile: AutopilotProfile, values: Mapping[str, float], rally_m: Sequence[float]
 ) -> Return | None:
     """Return how high a vehicle returns; None when its parameters do not tell.
 
@@ -105,7 +105,7 @@ def returns_check(returns: Sequence[Return], step_m: float) -> Iterator[Check]:
 
 def return_height_check(
     vehicle: int,
-    profile: Profile,
+    profile: AutopilotProfile,
     values: Mapping[str, float],
     rally_m: Sequence[float],
     ceiling_m: float,

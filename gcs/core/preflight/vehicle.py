@@ -14,7 +14,7 @@ from gcs.core.preflight.result import Check, Level
 from gcs.core.preflight.return_height import MARGIN_M, Return, return_height_check, return_of, returns_check
 from gcs.fence import Fence, fence_of, rally_of
 from gcs.geo import LocalFrame
-from gcs.mavlink.autopilots import Envelope, FenceLimits, ParameterWish, mode_name
+from gcs.mavlink.autopilots import Envelope, FenceLimits, WantedParameter, mode_name
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health
@@ -26,7 +26,7 @@ from gcs.mavlink.mission.geofence_rally import (
     list_difference,
     rally_items,
 )
-from gcs.mavlink.services.preflight_query import Inspection
+from gcs.mavlink.services.preflight_query import PreflightQuery
 from gcs.model import NS_PER_S, FloatArray, vehicle_name
 
 _TASKABLE: Final = (AUTO, LOITER)
@@ -62,7 +62,7 @@ def envelope_of(config: Config) -> Envelope:
     return Envelope(config.airframe.speed_m_s, config.airframe.bank_deg, lands)
 
 
-class VehicleJudge:
+class VehicleChecks:
     """Judges one vehicle.
 
     Parameters
@@ -75,7 +75,7 @@ class VehicleJudge:
 
     def __init__(
         self,
-        inspection: Inspection,
+        inspection: PreflightQuery,
         fleet: Fleet,
         config: Config,
         ways_m: Sequence[FloatArray],
@@ -292,7 +292,7 @@ class VehicleJudge:
         for wish in (*profile.parameters, *profile.fits(envelope_of(self._config))):
             yield self._parameter(wish, values)
 
-    def _parameter(self, wish: ParameterWish, values: Mapping[str, float]) -> Check:
+    def _parameter(self, wish: WantedParameter, values: Mapping[str, float]) -> Check:
         found = wish.found(values)
         if found is None:
             names = " or ".join(wish.all_names)
@@ -393,7 +393,7 @@ class VehicleJudge:
 
 
 def vehicle_checks(
-    inspections: Sequence[Inspection],
+    inspections: Sequence[PreflightQuery],
     fleet: Fleet,
     config: Config,
     ways_m: Callable[[int], Sequence[FloatArray]],
@@ -404,7 +404,7 @@ def vehicle_checks(
     checks = [
         check
         for one in inspections
-        for check in VehicleJudge(
+        for check in VehicleChecks(
             one, fleet, config, ways_m(one.vehicle), t_ns, has_key=has_key(one.vehicle)
         ).checks()
     ]
@@ -412,12 +412,12 @@ def vehicle_checks(
     return [*checks, *returns_check(returns, config.mission.lane_step_m)]
 
 
-def _return_of(one: Inspection, config: Config) -> Return | None:
+def _return_of(one: PreflightQuery, config: Config) -> Return | None:
     if one.profile is None:
         return None
     return return_of(one.vehicle, one.profile, one.values, _rally_heights_m(one, config))
 
 
-def _rally_heights_m(one: Inspection, config: Config) -> list[float]:
+def _rally_heights_m(one: PreflightQuery, config: Config) -> list[float]:
     """Heights above home of the rally points that a vehicle has, and of those of the mission file."""
     return [point.z_m for point in (*rally_items(rally_of(config)), *(one.held.get(RALLY) or ()))]

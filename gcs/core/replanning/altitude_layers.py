@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.config import Config
-from gcs.core.replanning.inputs import Bystander
+from gcs.core.replanning.inputs import OtherVehicle
 from gcs.core.replanning.options import place_of
 from gcs.model import Route, Track, vehicle_name
 from gcs.planning.deconfliction import Conflict, Flight, least_separation_m, separate
@@ -26,7 +26,7 @@ def own_lanes(config: Config) -> dict[int, int]:
     return {agent.vehicle: number % lane_count(config) for number, agent in enumerate(config.agents)}
 
 
-class Lanes:
+class AltitudeLayers:
     """Who flies how high: each vehicle its own lane while there are enough, and the same one if it can be."""
 
     def __init__(self, config: Config) -> None:
@@ -36,7 +36,7 @@ class Lanes:
         self._lane = own_lanes(config)
         self._newest: dict[int, Route] = {}
         self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.lane_step_m
-        self.aside: tuple[Bystander, ...] = ()
+        self.aside: tuple[OtherVehicle, ...] = ()
         """Vehicles in the air that have no route here: they keep the layer that they are in."""
 
     def of(self, vehicle: int) -> int:
@@ -95,14 +95,14 @@ class Lanes:
         _, conflicts = separate(flights, self._count, self._least_m)
         return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
 
-    def _layers(self) -> Iterator[tuple[Bystander, int]]:
+    def _layers(self) -> Iterator[tuple[OtherVehicle, int]]:
         """Yield vehicles aside whose heights lie in a layer, with that."""
         for one in self.aside:
             layer = round((one.height_m - self._base_m) / self._step_m) if self._count > 1 else 0
             if 0 <= layer < self._count:
                 yield one, layer
 
-    def _beside(self, one: Bystander, layer: int) -> Flight:
+    def _beside(self, one: OtherVehicle, layer: int) -> Flight:
         points_m = np.array((one.place_m, one.to_m))
         return Flight(one.vehicle, points_m, self._speeds_m_s[one.vehicle], layer, True)
 

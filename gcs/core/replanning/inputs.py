@@ -13,7 +13,7 @@ from gcs.planning.vehicle_model import Motion
 
 
 @dataclass(frozen=True, slots=True)
-class Bystander:
+class OtherVehicle:
     """A vehicle in the air that is held, returns, or is flown by somebody else."""
 
     vehicle: int
@@ -25,7 +25,7 @@ class Bystander:
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class PlanningInputs:
     """What a plan is made from, at one moment."""
 
     t_ns: int
@@ -50,7 +50,7 @@ class Situation:
     """Until vehicles fly the mission that is under way to them."""
     climbs: Mapping[int, Climb] = field(default_factory=dict)
     """What agents on the ground, or in their take-off, fly before their routes."""
-    aside: tuple[Bystander, ...] = ()
+    aside: tuple[OtherVehicle, ...] = ()
     """Vehicles in the air that are not planned for: routes of others keep clear of them."""
     passed: frozenset[int] = frozenset()
     """Vehicles that wait where their routes led them after they passed their targets."""

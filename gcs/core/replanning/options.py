@@ -10,7 +10,7 @@ from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import Label, Route, Track
 from gcs.planning.intercept import led_velocity
 from gcs.planning.map.grid import Point
-from gcs.planning.options import AgentStart, PlanOptions, Terms, Wait
+from gcs.planning.options import AgentStart, LoiterSpec, PlanOptions, Terms
 from gcs.planning.route_progress import CORRIDOR_M, to_go_m
 from gcs.planning.vehicle_model import Motion
 
@@ -40,12 +40,12 @@ def plan_options(config: Config) -> PlanOptions:
     )
 
 
-def _wait(config: Config) -> Wait | None:
+def _wait(config: Config) -> LoiterSpec | None:
     """How agents wait at the ends of their routes; None when they go home instead."""
     mission, airframe = config.mission, config.airframe
     if mission.end != "loiter":
         return None
-    return Wait(
+    return LoiterSpec(
         max(mission.loiter_radius_m or _UNKNOWN_RADIUS_M, airframe.turn_radius_m),
         config.planning.capture_radius_m,
         airframe.turn_lag_s,
@@ -53,7 +53,7 @@ def _wait(config: Config) -> Wait | None:
     )
 
 
-class Aims:
+class PlanTargets:
     """Starts of agents, terms of targets, and the tolerance for routes that end where a target is not."""
 
     def __init__(self, config: Config) -> None:

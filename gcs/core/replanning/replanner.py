@@ -19,9 +19,9 @@ from itertools import pairwise
 
 from gcs.config import Config
 from gcs.core.replanning import triggers
-from gcs.core.replanning.altitude_layers import Lanes
-from gcs.core.replanning.inputs import Situation
-from gcs.core.replanning.options import Aims, is_arriving, plan_options
+from gcs.core.replanning.altitude_layers import AltitudeLayers
+from gcs.core.replanning.inputs import PlanningInputs
+from gcs.core.replanning.options import PlanTargets, is_arriving, plan_options
 from gcs.core.replanning.triggers import Reason
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.core.tasking.upload_latency import DELIVERY_S
@@ -48,8 +48,8 @@ class Replanner:
         planning = config.planning
         self._grid = grid
         self._options = plan_options(config)
-        self.aims = Aims(config)
-        self._lanes = Lanes(config)
+        self.aims = PlanTargets(config)
+        self._lanes = AltitudeLayers(config)
         self._planning = planning
         self._lag_s, self._corners = config.airframe.turn_lag_s, corners_of(config.mission, config.airframe)
         self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
@@ -173,7 +173,7 @@ class Replanner:
     def _is_regular(self, t_ns: int) -> bool:
         return self._next_check_t_ns is None or t_ns >= self._next_check_t_ns
 
-    def check(self, situation: Situation, *, urgent_only: bool = False) -> Plan | None:
+    def check(self, situation: PlanningInputs, *, urgent_only: bool = False) -> Plan | None:
         """Look whether something changed; if so, plan. What else there is to say stands in `notes`.
 
         With `urgent_only` nothing is planned for reasons that can wait; they stand until the next look.
@@ -196,11 +196,11 @@ class Replanner:
         # way to any target wants a route at every look: that is no news.
         return plan if changes or plan.changed else None
 
-    def plan_anew(self, situation: Situation, why: str) -> Plan:
+    def plan_anew(self, situation: PlanningInputs, why: str) -> Plan:
         """Plan whatever changed or not: an operator confirmed a plan that cannot be flown as it was shown."""
         return self._plan(situation, [triggers.approved_changed(why)])
 
-    def withdraw_arriving(self, situation: Situation) -> None:
+    def withdraw_arriving(self, situation: PlanningInputs) -> None:
         """Propose nothing to vehicles that are about to reach their targets by the routes that they fly."""
         self.proposed = {
             vehicle: route
@@ -208,7 +208,7 @@ class Replanner:
             if vehicle not in self.routes or not self._is_arriving(self.routes[vehicle], situation)
         }
 
-    def renew(self, assignment: Mapping[int, Label], situation: Situation) -> dict[int, Route]:
+    def renew(self, assignment: Mapping[int, Label], situation: PlanningInputs) -> dict[int, Route]:
         """Plan proposed routes anew from where their vehicles are now, each to the target that it has.
 
         Vehicles, targets and ways that are not there now have none; `unrouted` says whose way is missing.
@@ -243,12 +243,12 @@ class Replanner:
         """
         return self._lanes.is_clear(route, list(self.routes.values()), places)
 
-    def separation_m(self, situation: Situation) -> dict[int, float]:
+    def separation_m(self, situation: PlanningInputs) -> dict[int, float]:
         """Return how near each vehicle will come to another at its altitude; infinite: no other is there."""
         routes = [route for v, route in sorted(self._newest.items()) if v in situation.agents]
         return self._lanes.separation_m(routes, self.proposed, situation.agents, situation.arrived)
 
-    def _first_plan(self, situation: Situation) -> Plan | None:
+    def _first_plan(self, situation: PlanningInputs) -> Plan | None:
         """Plan as soon as everybody expected is there, or after a short wait with whoever is."""
         if self._started_t_ns is None:
             self._started_t_ns = situation.t_ns
@@ -262,7 +262,7 @@ class Replanner:
         self._next_check_t_ns = situation.t_ns + self._period_ns
         return self._plan(situation, [triggers.FIRST_PLAN])
 
-    def _changes(self, situation: Situation) -> list[Reason]:
+    def _changes(self, situation: PlanningInputs) -> list[Reason]:
         """Who and what came or went since the last plan."""
         gone = self._planned_agents - set(situation.agents) - situation.arrived
         news, self._news = self._news, []
@@ -277,7 +277,7 @@ class Replanner:
             *(triggers.lost(t) for t in sorted(gone_targets)),
         ]
 
-    def _idle(self, situation: Situation) -> list[Reason]:
+    def _idle(self, situation: PlanningInputs) -> list[Reason]:
         """Who has no route although there are targets to spare."""
         newest = self._newest
         if self._planning.spare == "hold" and not self._is_needed(situation):
@@ -285,13 +285,13 @@ class Replanner:
         idle = set(situation.agents) & self._planned_agents - set(newest)
         return [triggers.idle(v) for v in sorted(idle)]
 
-    def _is_needed(self, situation: Situation) -> bool:
+    def _is_needed(self, situation: PlanningInputs) -> bool:
         """Whether some target has fewer agents on the way than it needs."""
         flown = Counter(route.target for route in self._newest.values())
         there = situation.at_targets
         return any(flown[t] + there.get(t, 0) < self.aims.needed(t) for t in situation.targets)
 
-    def _moves(self, situation: Situation, times: float) -> list[Reason]:
+    def _moves(self, situation: PlanningInputs, times: float) -> list[Reason]:
         """Which targets are so many times too far from where their routes end."""
         return [
             triggers.moved(route.target, moved_m)
@@ -302,12 +302,12 @@ class Replanner:
             > times * self.aims.tolerance_m(agent, route)
         ]
 
-    def _off_m(self, vehicle: int, route: Route, situation: Situation) -> float:
+    def _off_m(self, vehicle: int, route: Route, situation: PlanningInputs) -> float:
         """How far a route ends from where its target will be then."""
         agent, target = situation.agents[vehicle], situation.targets[route.target]
         return self.aims.off_m(vehicle, agent, route, target, situation.left_s.get(vehicle, 0.0))
 
-    def _is_settled(self, vehicle: int, situation: Situation) -> bool:
+    def _is_settled(self, vehicle: int, situation: PlanningInputs) -> bool:
         """Whether a vehicle had its route for a period, and long enough for the route to get there.
 
         Estimates jitter: a route that is corrected again before it was taken up is flown worse than one that
@@ -316,7 +316,7 @@ class Replanner:
         had_ns = situation.t_ns - self._given_t_ns.get(vehicle, 0)
         return had_ns >= max(self._period_ns, situation.late_s.get(vehicle, 0.0) * NS_PER_S)
 
-    def _astray(self, situation: Situation) -> list[Reason]:
+    def _astray(self, situation: PlanningInputs) -> list[Reason]:
         """Who would fly into something."""
         return [
             triggers.in_danger(vehicle)
@@ -324,7 +324,7 @@ class Replanner:
             if self._is_astray(vehicle, situation)
         ]
 
-    def _missed(self, situation: Situation) -> list[Reason]:
+    def _missed(self, situation: PlanningInputs) -> list[Reason]:
         """Who passed its target, and was not seen to reach it."""
         return [
             triggers.passed(vehicle, route.target)
@@ -332,17 +332,17 @@ class Replanner:
             if self._has_missed(vehicle, situation)
         ]
 
-    def _has_missed(self, vehicle: int, situation: Situation) -> bool:
+    def _has_missed(self, vehicle: int, situation: PlanningInputs) -> bool:
         is_helped = vehicle in self.proposed or vehicle in situation.left_s
         return vehicle in situation.passed and not is_helped and self._is_settled(vehicle, situation)
 
-    def _flown(self, situation: Situation) -> Iterator[tuple[int, Route, Track]]:
+    def _flown(self, situation: PlanningInputs) -> Iterator[tuple[int, Route, Track]]:
         """Yield every vehicle that is there and flies to a target that is there, its route and its track."""
         for vehicle, route in sorted(self._newest.items()):
             if vehicle in situation.agents and route.target in situation.targets:
                 yield vehicle, route, situation.agents[vehicle]
 
-    def _is_astray(self, vehicle: int, situation: Situation) -> bool:
+    def _is_astray(self, vehicle: int, situation: PlanningInputs) -> bool:
         """Whether an agent hits something before the end of what it holds, and gets nothing else anyway."""
         options, motion = self._options, situation.motion(vehicle)
         is_helped = vehicle in self.proposed or vehicle in situation.left_s
@@ -352,7 +352,7 @@ class Replanner:
         is_clear, last = flies_clear(self._grid, motion, look_s, self._lag_s, options.clearance_m)
         return not is_clear and bool(last.ahead.points_m)
 
-    def _is_arriving(self, route: Route, situation: Situation) -> bool:
+    def _is_arriving(self, route: Route, situation: PlanningInputs) -> bool:
         """Whether a vehicle is about to reach its target by the route that it flies: it keeps both."""
         vehicle = route.vehicle
         if self.routes.get(vehicle) is not route or vehicle in self.blocked or vehicle in situation.passed:
@@ -362,7 +362,7 @@ class Replanner:
         agent, target = situation.agents[vehicle], situation.targets[route.target]
         return is_arriving(agent, target) and not self._is_astray(vehicle, situation)
 
-    def _plan(self, situation: Situation, why: Sequence[Reason]) -> Plan:
+    def _plan(self, situation: PlanningInputs, why: Sequence[Reason]) -> Plan:
         arriving = [route for _, route in sorted(self.routes.items()) if self._is_arriving(route, situation)]
         keeping = {route.vehicle for route in arriving}
         there = Counter(situation.at_targets) + Counter(route.target for route in arriving)
@@ -412,7 +412,7 @@ class Replanner:
         starts: Mapping[int, AgentStart],
         labels: Iterable[Label],
         flown: Mapping[int, Label],
-        situation: Situation,
+        situation: PlanningInputs,
         *,
         fixed: bool = False,
     ) -> PlanResult:
@@ -434,7 +434,7 @@ class Replanner:
             terms=terms,
         )
 
-    def _taken_up(self, route: Route, situation: Situation) -> Route:
+    def _taken_up(self, route: Route, situation: PlanningInputs) -> Route:
         """Return a route without the turn on to it, where its vehicle turns soon enough by itself."""
         vehicle, options = route.vehicle, self._options
         start = self._start(vehicle, situation)
@@ -451,7 +451,7 @@ class Replanner:
                 return replace(one, length_m=length_m)
         return route
 
-    def _start(self, vehicle: int, situation: Situation) -> AgentStart:
+    def _start(self, vehicle: int, situation: PlanningInputs) -> AgentStart:
         """Where an agent's turn on to a route that is planned now begins."""
         turns = self._expected(vehicle, situation, 0.5 * self._lag_s)
         takes_up = self._expected(vehicle, situation, 0.0)
@@ -460,7 +460,7 @@ class Replanner:
             late_s += situation.climbs[vehicle].duration_s
         return self.aims.start(vehicle, turns, takes_up, late_s)
 
-    def _expected(self, vehicle: int, situation: Situation, more_s: float) -> Motion:
+    def _expected(self, vehicle: int, situation: PlanningInputs, more_s: float) -> Motion:
         """How an agent will move a while after it got a route that is planned now, or at its climb's end."""
         if vehicle in situation.climbs:
             return expected(self._grid, situation.motion(vehicle), more_s, self._lag_s)
@@ -469,11 +469,11 @@ class Replanner:
         ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
         return expected(self._grid, motion, ahead_s, self._lag_s)
 
-    def _place(self, target: Track, situation: Situation) -> Point:
+    def _place(self, target: Track, situation: PlanningInputs) -> Point:
         """Where a target will be when agents take up routes that are planned now."""
         return self.aims.place(target, (situation.t_ns - situation.picture_t_ns) / NS_PER_S + self._ahead_s)
 
-    def _decide(self, kept: list[Route], situation: Situation) -> None:
+    def _decide(self, kept: list[Route], situation: PlanningInputs) -> None:
         """Make the routes of a plan those that are flown, or propose those that differ."""
         if self._planning.retask == "auto":
             self.routes = {route.vehicle: route for route in kept}
@@ -483,7 +483,7 @@ class Replanner:
         self.routes = {v: r for v, r in self.routes.items() if r.target in situation.targets}
         self.blocked &= set(self.routes)
 
-    def _is_still_good(self, flown: Route, new: Route, situation: Situation, short: bool) -> bool:
+    def _is_still_good(self, flown: Route, new: Route, situation: PlanningInputs, short: bool) -> bool:
         """Whether a vehicle should fly on what it has; `short`: the new route does not reach its target."""
         vehicle, agent = new.vehicle, situation.agents[new.vehicle]
         if flown.target != new.target:

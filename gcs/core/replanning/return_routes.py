@@ -17,7 +17,7 @@ from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import FloatArray, Route, VehicleState
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.options import AgentStart
-from gcs.planning.terminal.landing import Landing, WayHome, way_home
+from gcs.planning.terminal.landing import Landing, ReturnRoute, way_home
 
 
 def landing_of(config: Config) -> Landing | None:
@@ -27,7 +27,7 @@ def landing_of(config: Config) -> Landing | None:
     return Landing(corners_of(config.mission, config.airframe), config.airframe.turn_lag_s)
 
 
-class Homing:
+class ReturnRoutes:
     """Plans ways home.
 
     Attributes
@@ -44,7 +44,7 @@ class Homing:
         self.newest_m: dict[int, FloatArray] = {}
         self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
 
-    def way(self, route: Route, state: VehicleState | None, home_deg: Point) -> WayHome | None:
+    def way(self, route: Route, state: VehicleState | None, home_deg: Point) -> ReturnRoute | None:
         """Return a vehicle's way to its home (latitude, longitude) after its route; None if it does not land.
 
         What it knows of the vehicle's place is `state`; without, the route begins at its first point.

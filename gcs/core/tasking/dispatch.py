@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 
-from gcs.core.authority.external_uploads import Guests
-from gcs.core.operator.plan_approval import Approval
+from gcs.core.authority.external_uploads import ExternalUploads
+from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.tasking.upload_latency import Delays
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.upload_latency import UploadLatency
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.model import Effect, Route, UploadReport
 
 
@@ -28,7 +28,12 @@ class Dispatch:
     """
 
     def __init__(
-        self, replanner: Replanner, approval: Approval, tasking: Tasking, delays: Delays, guests: Guests
+        self,
+        replanner: Replanner,
+        approval: PlanApproval,
+        tasking: UploadManager,
+        delays: UploadLatency,
+        guests: ExternalUploads,
     ) -> None:
         self._replanner, self._approval = replanner, approval
         self._tasking, self._delays, self._guests = tasking, delays, guests

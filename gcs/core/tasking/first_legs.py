@@ -19,7 +19,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.tasking.onboard_missions import Flown
+from gcs.core.tasking.onboard_missions import OnboardMission
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
@@ -68,7 +68,7 @@ class FirstLegs:
         self._fleet = fleet
         self._legs: dict[int, _Leg] = {}
 
-    def begin(self, flown: Flown, seq: int, began_t_ns: int, t_ns: int) -> None:
+    def begin(self, flown: OnboardMission, seq: int, began_t_ns: int, t_ns: int) -> None:
         """Watch the leg to item `seq`, which was selected at `began_t_ns`.
 
         Only points of a route are watched, and only where the firmware may start a leg elsewhere.

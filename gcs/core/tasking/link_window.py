@@ -20,7 +20,7 @@ _REPEATED: Final = 0.25
 _LOSSY_WINDOW: Final = 4
 
 
-class Lane:
+class UploadWindow:
     """One link's window; `most` bounds it."""
 
     def __init__(self, most: int) -> None:

@@ -10,13 +10,13 @@ from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoi
 from gcs.planning.path.turns import Corners
 from gcs.planning.route_progress import CORRIDOR_M, next_point
 from gcs.planning.terminal.climb import Climb
-from gcs.planning.terminal.landing import WayHome
+from gcs.planning.terminal.landing import ReturnRoute
 
 MAX_RADIUS_M = 255.0
 """What a mission item can hold."""
 
 
-class Missions:
+class MissionBuilder:
     """Makes missions of routes.
 
     Parameters
@@ -37,7 +37,7 @@ class Missions:
         route: Route,
         mission_id: int,
         state: VehicleState | None,
-        home: WayHome | None = None,
+        home: ReturnRoute | None = None,
         climb: Climb | None = None,
     ) -> Mission:
         """Return the mission of a route for a vehicle in this state.
@@ -74,7 +74,7 @@ class Missions:
         place = Waypoint(frame.lat_deg, frame.lon_deg, self._table.altitude_rel_m, MAX_RADIUS_M)
         return Mission(0, vehicle, (place,))
 
-    def _homeward(self, route: Route, home: WayHome, altitude_rel_m: float) -> tuple[Waypoint, ...]:
+    def _homeward(self, route: Route, home: ReturnRoute, altitude_rel_m: float) -> tuple[Waypoint, ...]:
         """Return the corners of a way home; none for a straight one, which profiles draw themselves."""
         if home.is_straight:
             return ()

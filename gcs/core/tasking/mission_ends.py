@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from gcs.core.tasking.onboard_missions import Ending, Flown
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.onboard_missions import OnboardMission, TerminalLoiter
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice
 
@@ -21,7 +21,7 @@ _ARRIVAL_NS: Final = ns(5.0)
 """From the last point until an arrival would have been seen."""
 _CIRCLING_NS: Final = ns(15.0)
 """The same on a circle on which a vehicle is at its target all the time."""
-_NOW: Final[dict[Ending, str]] = {
+_NOW: Final[dict[TerminalLoiter, str]] = {
     "circle": "it circles at its route's end",
     "circle elsewhere": "it circles elsewhere",
     "way home": "it flies home to land",
@@ -41,10 +41,10 @@ class MissionEnds:
         A vehicle this near to its target has reached it.
     """
 
-    def __init__(self, tasking: Tasking, capture_radius_m: float) -> None:
+    def __init__(self, tasking: UploadManager, capture_radius_m: float) -> None:
         self._tasking, self._capture_radius_m = tasking, capture_radius_m
-        self._since: dict[int, tuple[Flown | None, int]] = {}
-        self._told: dict[int, Flown | None] = {}
+        self._since: dict[int, tuple[OnboardMission | None, int]] = {}
+        self._told: dict[int, OnboardMission | None] = {}
         self._missed: set[int] = set()
 
     def look(self, t_ns: int, active: Iterable[int]) -> list[Effect]:
@@ -75,6 +75,6 @@ class MissionEnds:
         """Return True if a vehicle has its target behind it, and will not come to it again by itself."""
         return vehicle in self._missed or self._tasking.has_passed(vehicle)
 
-    def _is_within_reach(self, flown: Flown) -> bool:
+    def _is_within_reach(self, flown: OnboardMission) -> bool:
         circle = flown.circle
         return circle is not None and circle.radius_m <= self._capture_radius_m

@@ -18,16 +18,16 @@ from pymavlink.dialects.v20.ardupilotmega import (
 )
 
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.mavlink.autopilots import Profile
+from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.task_terms import Timing
 from gcs.model import NS_PER_S, Route
 from gcs.planning.route_progress import time_to_point_s
-from gcs.planning.vehicle_model import Ahead, Circle
+from gcs.planning.vehicle_model import Circle, ForwardSimulation
 
-Ending: TypeAlias = Literal["", "circle", "circle elsewhere", "way home", "landing", "return"]
+TerminalLoiter: TypeAlias = Literal["", "circle", "circle elsewhere", "way home", "landing", "return"]
 """What a mission has behind its route; "return": RTL behind its last item."""
 
 _PAST_S: Final = 0.3
@@ -35,7 +35,7 @@ _PAST_S: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class OnboardMission:
     """What a vehicle holds, by the last read-back."""
 
     route: Route
@@ -51,7 +51,7 @@ class Flown:
         return Circle((east_m, north_m), radius_m) if radius_m > 0.0 else None
 
 
-class Holding:
+class OnboardMissions:
     """What all vehicles hold.
 
     Parameters
@@ -64,14 +64,14 @@ class Holding:
 
     def __init__(self, fleet: Fleet, *, stays: bool) -> None:
         self._fleet, self._stays = fleet, stays
-        self._flown: dict[int, Flown] = {}
+        self._flown: dict[int, OnboardMission] = {}
         self._unselected: set[int] = set()
 
-    def of(self, vehicle: int) -> Flown | None:
+    def of(self, vehicle: int) -> OnboardMission | None:
         """What a vehicle holds; None when that is not known."""
         return self._flown.get(vehicle)
 
-    def note(self, flown: Flown) -> None:
+    def note(self, flown: OnboardMission) -> None:
         """Note what a vehicle was found to hold."""
         self._flown[flown.route.vehicle] = flown
 
@@ -93,16 +93,16 @@ class Holding:
         left = flown.route.points_m[state.mission_seq - flown.first_point :]
         return tuple((east_m, north_m) for east_m, north_m in left.tolist())
 
-    def ahead(self, vehicle: int, wait_s: float, t_ns: int) -> Ahead:
+    def ahead(self, vehicle: int, wait_s: float, t_ns: int) -> ForwardSimulation:
         """What a vehicle flies to by itself, when it gets no other mission before `wait_s`."""
         points = self.points_ahead(vehicle)
         if not points:
-            return Ahead()
+            return ForwardSimulation()
         flown = self._flown[vehicle]
         last = flown.first_point + len(flown.route.points_m)
         radii = tuple(item.param2 for item in flown.items[last - len(points) : last])
         next_s = max(0.0, self.time_to_next_s(vehicle, t_ns))
-        return Ahead(points, radii, wait_s, next_s, flown.circle)
+        return ForwardSimulation(points, radii, wait_s, next_s, flown.circle)
 
     def is_in_takeoff(self, vehicle: int) -> bool:
         """Tell whether a vehicle in AUTO flies to the take-off item of what it holds."""
@@ -120,7 +120,7 @@ class Holding:
         passed = 0 if state is None or state.mode != AUTO else state.mission_seq - flown.first_point
         return passed >= len(flown.route.points_m)
 
-    def ending(self, vehicle: int) -> Ending:
+    def ending(self, vehicle: int) -> TerminalLoiter:
         """Return what a vehicle in AUTO flies behind the last point of its route; empty before that."""
         flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
         if flown is None or state is None or state.mode != AUTO or vehicle in self._unselected:
@@ -132,7 +132,7 @@ class Holding:
             return "circle" if flown.route.wait_m is None else "circle elsewhere"
         return "landing" if flown.items[seq].command == MAV_CMD_NAV_LAND else "way home"
 
-    def is_at_end(self, vehicle: int, profile: Profile) -> bool:
+    def is_at_end(self, vehicle: int, profile: AutopilotProfile) -> bool:
         """Whether a LOITER of a vehicle is its mission's end."""
         flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
         if profile.ends_in != LOITER or flown is None or state is None:

@@ -16,7 +16,7 @@ from collections.abc import Container
 from typing import Final
 
 from gcs.config import Config
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
@@ -45,7 +45,7 @@ class Departures:
         In which parts of their missions they are, and which missions are on their way.
     """
 
-    def __init__(self, config: Config, fleet: Fleet, tasking: Tasking) -> None:
+    def __init__(self, config: Config, fleet: Fleet, tasking: UploadManager) -> None:
         self._config, self._fleet, self._tasking = config, fleet, tasking
         self._low_m = config.mission.altitude_rel_m - _BELOW_M
         climb_m = config.takeoff.length_m(config.mission.altitude_rel_m)

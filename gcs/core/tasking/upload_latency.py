@@ -12,7 +12,7 @@ DELIVERY_S = 1.0
 _GAIN = 0.5
 
 
-class Delays:
+class UploadLatency:
     """Usual time of a transfer to each vehicle, in seconds."""
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
 """Missions on their way to vehicles: one transfer a vehicle at a time, the newest last.
 
-A route becomes a mission, a mission becomes a `MissionTask` (upload, read back, compare, start), and its
+A route becomes a mission, a mission becomes a `UploadTask` (upload, read back, compare, start), and its
 end becomes an `UploadReport`. A newer route for the same vehicle replaces a transfer under way, unless that
 has been replaced for long already; other routes wait until their link has room for them
 (`gcs.core.tasking.upload_queue`, `gcs.core.tasking.link_window`).
@@ -20,30 +20,30 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config.tables import AirframeTable, MissionTable
-from gcs.core.airspace.mission_bounds import LastCheck
-from gcs.core.replanning.return_routes import Homing
+from gcs.core.airspace.mission_bounds import MissionBoundsCheck
+from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.replanning.takeoffs import Takeoffs
 from gcs.core.tasking.first_legs import FirstLegs
-from gcs.core.tasking.link_window import Lane
-from gcs.core.tasking.mission_builder import Missions, points_passed
-from gcs.core.tasking.onboard_missions import Ending, Flown, Holding
-from gcs.core.tasking.upload_queue import Waiting
+from gcs.core.tasking.link_window import UploadWindow
+from gcs.core.tasking.mission_builder import MissionBuilder, points_passed
+from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions, TerminalLoiter
+from gcs.core.tasking.upload_queue import UploadQueue
 from gcs.geo import LocalFrame
-from gcs.mavlink.autopilots import Profile
+from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.task_terms import Timing
-from gcs.mavlink.mission.upload_task import MissionTask
-from gcs.mavlink.services.rtt import Pace
+from gcs.mavlink.mission.upload_task import UploadTask
+from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import (
     NS_PER_S,
-    CustodyMemory,
     Effect,
     Notice,
+    PersistedAuthority,
     Route,
     Upload,
     UploadAnswer,
@@ -51,8 +51,8 @@ from gcs.model import (
     VehicleState,
 )
 from gcs.planning.terminal.climb import Climb
-from gcs.planning.terminal.landing import WayHome
-from gcs.planning.vehicle_model import Ahead
+from gcs.planning.terminal.landing import ReturnRoute
+from gcs.planning.vehicle_model import ForwardSimulation
 
 _NO_ITEMS: Final = 0xFFFF
 """What PX4 gives as the number of items of no mission."""
@@ -68,14 +68,14 @@ _ITEMS_ON_THEIR_WAY: Final = 12
 class _Delivery:
     """One transfer under way."""
 
-    task: MissionTask
+    task: UploadTask
     link: str
     began_t_ns: int
-    flown: Flown | None
+    flown: OnboardMission | None
     """What the vehicle holds when this went well; None for a clearing, of which nobody waits for a report."""
 
 
-class Tasking:
+class UploadManager:
     """All transfers under way.
 
     Parameters
@@ -107,25 +107,25 @@ class Tasking:
         frame: LocalFrame,
         fleet: Fleet,
         max_parallel: int = 32,
-        homing: Homing | None = None,
+        homing: ReturnRoutes | None = None,
         takeoffs: Takeoffs | None = None,
-        last_check: LastCheck | None = None,
+        last_check: MissionBoundsCheck | None = None,
         holds_back: Callable[[int], str] = lambda _vehicle: "",
     ) -> None:
         self._table, self._homing, self._takeoffs = table, homing, takeoffs
         self._last_check, self._holds_back = last_check, holds_back
         self._refusals: dict[int, str] = {}
         """Why the newest missions of vehicles are not uploaded, without figures: places are noisy."""
-        self._missions = Missions(table, airframe, frame)
+        self._missions = MissionBuilder(table, airframe, frame)
         self._fleet = fleet
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
         self._deliveries: dict[int, _Delivery] = {}
-        self._holding = Holding(fleet, stays=table.end == "loiter")
+        self._holding = OnboardMissions(fleet, stays=table.end == "loiter")
         self._first_legs = FirstLegs(fleet)
-        self._waiting = Waiting(self._wait_s)
-        self._lanes: defaultdict[str, Lane] = defaultdict(lambda: Lane(max_parallel))
+        self._waiting = UploadQueue(self._wait_s)
+        self._lanes: defaultdict[str, UploadWindow] = defaultdict(lambda: UploadWindow(max_parallel))
         self._busy: defaultdict[str, int] = defaultdict(int)
-        self._custody: defaultdict[int, Custody] = defaultdict(Custody)
+        self._custody: defaultdict[int, ModeAuthority] = defaultdict(ModeAuthority)
         self._held_back: set[int] = set()
         """Vehicles that tell first what they hold."""
         self._mixed: set[int] = set()
@@ -133,7 +133,7 @@ class Tasking:
         self._mission_state: dict[int, int] = {}
         """MISSION_CURRENT's, as it was heard last."""
         self._boots: dict[int, int] = {}
-        self._before_boot: dict[int, Flown] = {}
+        self._before_boot: dict[int, OnboardMission] = {}
         self._taken_t_ns: dict[int, int] = {}
         """When the mode was heard by which somebody took a vehicle."""
         self._mission_count = 0
@@ -168,11 +168,11 @@ class Tasking:
         """Go on counting where an earlier service was."""
         self._mission_count = missions
 
-    def flown(self, vehicle: int) -> Flown | None:
+    def flown(self, vehicle: int) -> OnboardMission | None:
         """What a vehicle holds, by the last read-back."""
         return self._holding.of(vehicle)
 
-    def ahead(self, vehicle: int, t_ns: int) -> Ahead:
+    def ahead(self, vehicle: int, t_ns: int) -> ForwardSimulation:
         """What a vehicle flies to by itself until it gets another mission, and when that may begin."""
         wait_s = 0.0 if vehicle in self._deliveries else self._wait_s(vehicle, t_ns)
         return self._holding.ahead(vehicle, wait_s, t_ns)
@@ -187,7 +187,7 @@ class Tasking:
         """Whether a vehicle has its route's last point behind it, on a circle elsewhere."""
         return self._holding.has_passed(vehicle)
 
-    def ending(self, vehicle: int) -> Ending:
+    def ending(self, vehicle: int) -> TerminalLoiter:
         """Return what a vehicle flies behind the last point of its route; empty before that."""
         return "return" if self.has_ended(vehicle) else self._holding.ending(vehicle)
 
@@ -211,11 +211,11 @@ class Tasking:
         if -NS_PER_S < heard_t_ns - booted_t_ns < _BOOT_NS:
             self._custody[vehicle].rejected()
 
-    def held_before_boot(self, vehicle: int) -> Flown | None:
+    def held_before_boot(self, vehicle: int) -> OnboardMission | None:
         """Return, once, what a vehicle held when it rebooted; None where a transfer finds that out."""
         return self._before_boot.pop(vehicle, None)
 
-    def found(self, flown: Flown) -> None:
+    def found(self, flown: OnboardMission) -> None:
         """Note what a vehicle was found to hold."""
         self._holding.note(flown)
 
@@ -233,11 +233,11 @@ class Tasking:
         self._mixed.add(vehicle)
         self._fleet.attend(vehicle)
 
-    def custody(self, vehicle: int) -> CustodyMemory | None:
+    def custody(self, vehicle: int) -> PersistedAuthority | None:
         """Return what is to be remembered of whose a vehicle is; None before it was heard."""
         return self._custody[vehicle].memory() if vehicle in self._custody else None
 
-    def remember(self, vehicle: int, custody: CustodyMemory) -> None:
+    def remember(self, vehicle: int, custody: PersistedAuthority) -> None:
         """Take up whose a vehicle was."""
         self._custody[vehicle].remember(custody)
 
@@ -375,7 +375,7 @@ class Tasking:
             return self._clean(vehicle, t_ns)
         return []
 
-    def _rejected(self, vehicle: int, profile: Profile, message: Message, t_ns: int) -> list[Effect]:
+    def _rejected(self, vehicle: int, profile: AutopilotProfile, message: Message, t_ns: int) -> list[Effect]:
         """Take a vehicle back that is in LOITER because its navigator rejects the mission that it holds.
 
         A transfer under way sees to that itself.
@@ -394,7 +394,7 @@ class Tasking:
         text = "its navigator rejects the mission that it holds (no valid mission): it waits where it is"
         return [Notice(t_ns, "alarm", text, vehicle), *self._unsent(vehicle, text, t_ns)]
 
-    def _complete(self, vehicle: int, profile: Profile, message: Message, t_ns: int) -> None:
+    def _complete(self, vehicle: int, profile: AutopilotProfile, message: Message, t_ns: int) -> None:
         """Take a vehicle back that is in RTL because it has flown its mission to the end: nobody chose that.
 
         An ArduPlane that is told to return, or does so by a failsafe, has stopped its mission and not
@@ -480,7 +480,7 @@ class Tasking:
         old, mixed = self._holding.of(vehicle), vehicle in self._mixed
         link = fleet.link(vehicle)
         round_trip_s = self._lanes[link].round_trip_s or fleet.round_trip_s(vehicle)
-        task = MissionTask(
+        task = UploadTask(
             mission,
             home,
             fleet.encoder(vehicle),
@@ -498,7 +498,7 @@ class Tasking:
             from_ground=from_ground,
             delegated=self._table.uploader != "own",
             timing=Timing().over(round_trip_s),
-            pace=Pace(round_trip_s),
+            pace=RttEstimator(round_trip_s),
             room=lambda: max(1, _ITEMS_ON_THEIR_WAY // self._busy[link]),
         )
         if self._last_check is not None:
@@ -508,13 +508,13 @@ class Tasking:
         self._refusals.pop(vehicle, None)
         self._mixed.discard(vehicle)
         self._first_legs.end(vehicle)
-        flown = Flown(route, task.items, profile.home_items + int(from_ground))
+        flown = OnboardMission(route, task.items, profile.home_items + int(from_ground))
         self._deliveries[vehicle] = _Delivery(task, link, t_ns, flown)
         self._busy[link] += 1
         self._waiting.began(vehicle, t_ns)
         return [*self._warned(way_home, vehicle, t_ns), *self._worked(vehicle, task.start(t_ns))]
 
-    def _warned(self, way_home: WayHome | None, vehicle: int, t_ns: int) -> list[Effect]:
+    def _warned(self, way_home: ReturnRoute | None, vehicle: int, t_ns: int) -> list[Effect]:
         """Say what is wrong with a vehicle's way home, unless that is no news."""
         said = self._home_problems.get(vehicle, "")
         problem = self._home_problems[vehicle] = "" if way_home is None else way_home.problem
@@ -559,7 +559,7 @@ class Tasking:
         assert profile is not None  # its heartbeat was just taken
         self._mixed.discard(vehicle)
         self._first_legs.end(vehicle)
-        task = MissionTask(
+        task = UploadTask(
             self._missions.nothing(vehicle),
             self._home,
             self._fleet.encoder(vehicle),

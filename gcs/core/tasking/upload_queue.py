@@ -35,7 +35,7 @@ class _Waiting:
     at_once: bool
 
 
-class Waiting:
+class UploadQueue:
     """Routes that wait, and how patient their vehicles are.
 
     Parameters

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from gcs.mavlink.frames.batches import Gatherer
+    from gcs.mavlink.frames.batches import DatagramBatcher
 
 Numbers: TypeAlias = npt.NDArray[np.int64]
 Heard: TypeAlias = list[tuple[str, bytes]]
@@ -78,7 +78,7 @@ class Reader(Protocol):
         """
 
 
-class OneByOne:
+class SingleReader:
     """`recvfrom` until the socket is empty: the simple form."""
 
     def read(self, source: socket.socket) -> tuple[int, Heard]:
@@ -95,7 +95,7 @@ class OneByOne:
         return len(heard), heard
 
 
-class ManyAtOnce:
+class BatchReader:
     """`recvmmsg` into slots that are used again."""
 
     def __init__(self) -> None:
@@ -114,7 +114,7 @@ class ManyAtOnce:
             message.vector, message.vectors = ctypes.pointer(vector), 1
         words = np.frombuffer(memoryview(self._headers).cast("B"), np.uint32).reshape(SLOTS, -1)
         self._lengths = words[:, _Header.length.offset // 4]
-        self._gatherer: Gatherer | None = None
+        self._gatherer: DatagramBatcher | None = None
         self._peers: dict[int, str] = {}
 
     def read(self, source: socket.socket) -> tuple[int, Heard]:
@@ -134,9 +134,9 @@ class ManyAtOnce:
     def _gathered(self, lengths: Numbers, senders: Numbers) -> Iterable[tuple[int, bytes]]:
         """Put a flood together; the kernel is loaded at the first one, unless a service has warmed it up."""
         if self._gatherer is None:
-            from gcs.mavlink.frames.batches import Gatherer
+            from gcs.mavlink.frames.batches import DatagramBatcher
 
-            self._gatherer = Gatherer(SLOTS)
+            self._gatherer = DatagramBatcher(SLOTS)
         return self._gatherer.gather(self._slots, lengths, senders)
 
     def _peer(self, name: int) -> str:
@@ -155,7 +155,7 @@ _of_thread = threading.local()
 def reader() -> Reader:
     """Return this thread's reader: all its sockets share the slots."""
     if not hasattr(_of_thread, "reader"):
-        _of_thread.reader = ManyAtOnce() if sys.platform == "linux" else OneByOne()
+        _of_thread.reader = BatchReader() if sys.platform == "linux" else SingleReader()
     found: Reader = _of_thread.reader
     return found
 

@@ -14,7 +14,7 @@ from typing import Any
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
 from gcs.io.links.transport import Backoff, Listener, Spoken
-from gcs.mavlink.frames.stream import Framer
+from gcs.mavlink.frames.stream import FrameStream
 
 _READ_BYTES = 4096
 _MAX_UNSENT_BYTES = 8 * 1024
@@ -65,12 +65,12 @@ class SerialPort:
                 continue
             spoken.once(listener, "info", "open")
             self._lost = loop.create_future()
-            loop.add_reader(self._device.fileno(), self._read, listener, Framer(), backoff)
+            loop.add_reader(self._device.fileno(), self._read, listener, FrameStream(), backoff)
             reason = await self._lost
             self._shut(loop)
             spoken.once(listener, "warning", f"lost ({reason}); trying again")
 
-    def _read(self, listener: Listener, framer: Framer, backoff: Backoff) -> None:
+    def _read(self, listener: Listener, framer: FrameStream, backoff: Backoff) -> None:
         try:
             data = os.read(self._device.fileno(), _READ_BYTES)
         except (BlockingIOError, InterruptedError):

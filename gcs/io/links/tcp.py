@@ -15,7 +15,7 @@ from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
 from gcs.io.links.transport import Backoff, Listener, Spoken
 from gcs.mavlink.frames.codec import scan
-from gcs.mavlink.frames.stream import Framer
+from gcs.mavlink.frames.stream import FrameStream
 
 _MAX_UNSENT_BYTES = 256 * 1024
 _MAX_CONNECTIONS = 32
@@ -39,7 +39,7 @@ class _Stream(asyncio.Protocol):
         self.heard_s = asyncio.get_running_loop().time()
         """When a valid frame came last, to a second, or when it was connected; of the loop's clock."""
         self._listener = listener
-        self._framer = Framer()
+        self._framer = FrameStream()
         self._transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:

@@ -24,7 +24,7 @@ from gcs.io.zenoh.messages import Recordable, encode, topic_of
 from gcs.model import Datagram, Send
 
 Numbers: TypeAlias = npt.NDArray[np.int64]
-Waiting: TypeAlias = tuple[Recordable, int, bytes]
+UploadQueue: TypeAlias = tuple[Recordable, int, bytes]
 """A record, its time, and its JSON where somebody has made it already."""
 
 _PLAIN, _SENT, _HEARD = 0, 1, 2
@@ -189,7 +189,7 @@ class Packer:
         key = (type(record), record.link, record.peer)
         return self._form(key, self._channels[type(record)], kind, head)
 
-    def pack(self, records: Sequence[Waiting], sequence: int) -> Iterator[Packed]:
+    def pack(self, records: Sequence[UploadQueue], sequence: int) -> Iterator[Packed]:
         """Write records, numbered from `sequence` on, in pieces of bounded size."""
         times = [t_ns for _, t_ns, _ in records]
         try:
@@ -207,7 +207,7 @@ class Packer:
             yield self._packed(data[some], ends[some] - begin, forms[some], times_ns[some], sequence + first)
             first = last
 
-    def _formed(self, records: Sequence[Waiting], in_range: bool) -> tuple[list[int], list[bytes]]:
+    def _formed(self, records: Sequence[UploadQueue], in_range: bool) -> tuple[list[int], list[bytes]]:
         """Return the form of each record, and what is written in it."""
         if len(self._forms) > _MOST_FORMS:
             self._begin_forms()

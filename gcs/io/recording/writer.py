@@ -49,7 +49,7 @@ from gcs.io.zenoh.messages import TOPICS, Recordable
 from gcs.model import Effect, Event, Level, Picture, Truth
 
 if TYPE_CHECKING:
-    from gcs.io.recording.packing import Waiting
+    from gcs.io.recording.packing import UploadQueue
 
 MCAP_NAME, TLOG_NAME, CONFIG_NAME, VERSIONS_NAME = "run.mcap", "link.tlog", "mission.toml", "versions.json"
 PROFILE = "swarm-gcs"
@@ -74,7 +74,7 @@ _LIBRARIES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class DiskBudget:
     """What a recording may take of its disk."""
 
     rotate_bytes: int = ROTATE_BYTES
@@ -150,18 +150,18 @@ class Recorder:
         config_text: str,
         versions: Mapping[str, str],
         run: Run | None = None,
-        room: Room | None = None,
+        room: DiskBudget | None = None,
     ) -> None:
         self.folder = folder
         self.tell: Callable[[Level, str], None] = lambda _level, _text: None
         """Takes what an operator should know while the recording goes on."""
         self._about = config_text, dict(versions), run
-        self._room = room or Room()
+        self._room = room or DiskBudget()
         self._finished_bytes = 0
         """Of earlier parts."""
         self._is_low = False
         self._sequence = 0
-        self._waiting: list[Waiting] = []
+        self._waiting: list[UploadQueue] = []
         """To be written: many at once cost a third of one by one."""
         self._parts = 0
         self._full = self._closed = False
@@ -401,7 +401,7 @@ class _Part:
                 channels[record_type] = self._writer.register_channel(topic, "json", schema)
         self._packer = Packer(channels)
 
-    def add(self, records: Sequence[Waiting], sequence: int) -> None:
+    def add(self, records: Sequence[UploadQueue], sequence: int) -> None:
         """Write records, numbered from `sequence` on, which wraps."""
         for piece in self._packer.pack(records, sequence):
             self._writer.add_messages(piece.messages, piece.channels, piece.places)

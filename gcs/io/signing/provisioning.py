@@ -14,7 +14,7 @@ from gcs.io.signing.keystore import TimeFile
 from gcs.mavlink.fleet.heartbeat import HEARTBEAT_PERIOD_NS, heartbeat
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import timestamp_of
-from gcs.mavlink.services.signing_setup import Installation
+from gcs.mavlink.services.signing_setup import SigningSetup
 from gcs.model import NS_PER_S, Level, system_of
 
 _TURN_S: Final = 0.05
@@ -74,7 +74,7 @@ class _Run:
         self._endpoint, self._wanted, self._times = endpoint, wanted, times
         self._settled, self._news = settled, news
         self._time, self._streams = times.read(unix_ns())
-        self._pending: dict[int, Installation] = {}
+        self._pending: dict[int, SigningSetup] = {}
         self._peers: dict[int, str] = {}
         self._encode = Encoder()
 
@@ -85,7 +85,7 @@ class _Run:
             clock = RunClock()
             end_ns = clock.now_ns() + int(timeout_s * NS_PER_S)
             self._pending = {
-                one.vehicle: Installation(system_of(one.vehicle), one.key, one.old, self._next_time, end_ns)
+                one.vehicle: SigningSetup(system_of(one.vehicle), one.key, one.old, self._next_time, end_ns)
                 for one in self._wanted
             }
             beat_ns = 0
@@ -108,7 +108,7 @@ class _Run:
         self._time = max(self._time + 1, timestamp_of(t_ns))
         return self._time
 
-    def _settle(self, vehicle: int, installation: Installation) -> None:
+    def _settle(self, vehicle: int, installation: SigningSetup) -> None:
         if installation.outcome:
             del self._pending[vehicle]
             ok, sent = installation.outcome == "done", installation.sent > 0

@@ -22,7 +22,7 @@ _ANY_HOST: Final = ("", "0.0.0.0")  # noqa: S104  read, not listened on
 
 
 @dataclass(frozen=True, slots=True)
-class Entrance:
+class VehicleAccess:
     """Where the vehicles are reached, and as whom."""
 
     links: tuple[Link, ...]
@@ -38,7 +38,7 @@ class Entrance:
         return f"through gcs run (process {self.service.pid}) at {', '.join(one.name for one in self.links)}"
 
 
-def entrance_of(config: Config, link: str | None, *, writes: bool) -> Entrance:
+def entrance_of(config: Config, link: str | None, *, writes: bool) -> VehicleAccess:
     """Find the way to a mission's vehicles.
 
     Parameters
@@ -56,10 +56,10 @@ def entrance_of(config: Config, link: str | None, *, writes: bool) -> Entrance:
     service = next((one for one in services() if one.mission == config.name), None)
     own = (GCS_SYSTEM_ID if service is None else _GUEST_SYSTEM_ID, GCS_COMPONENT_ID)
     if link is not None:
-        return Entrance((Link(parse_endpoint(link)),), own, service)
+        return VehicleAccess((Link(parse_endpoint(link)),), own, service)
     if service is None:
         vehicles = tuple(one for one in config.mavlink_links if one.role == "vehicles")
-        return Entrance(vehicles, own)
+        return VehicleAccess(vehicles, own)
     roles = ("full",) if writes else ("full", "read-only")
     doors: dict[int, Link] = {}
     for role in roles:
@@ -69,7 +69,7 @@ def entrance_of(config: Config, link: str | None, *, writes: bool) -> Entrance:
     for network in sorted({one.network for one in config.mavlink_links if one.role == "vehicles"}):
         if network not in doors:
             raise LinkError("gcs run", _missing(service, network, writes))
-    return Entrance(tuple(Link(_caller(d.endpoint), d.network) for d in doors.values()), own, service)
+    return VehicleAccess(tuple(Link(_caller(d.endpoint), d.network) for d in doors.values()), own, service)
 
 
 def _missing(service: Whereabouts, network: int, writes: bool) -> str:

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.fence import fence_of, rally_of
-from gcs.io.vehicles.session import Visit
+from gcs.io.vehicles.session import VehicleSession
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.geofence_rally import FENCE, LIST_NAMES, RALLY, fence_held, fence_items, rally_items
@@ -125,7 +125,7 @@ def fence_vehicles(
     elif action == "show":
         lists = {FENCE: None, RALLY: None}
     ceiling_m = fence.max_alt_rel_m if action == "upload" else 0.0
-    visit = Visit(
+    visit = VehicleSession(
         config,
         source,
         [dialect.MAVLINK_MSG_ID_PARAM_VALUE],

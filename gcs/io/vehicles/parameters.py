@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
-from gcs.io.vehicles.session import Visit
+from gcs.io.vehicles.session import VehicleSession
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.parameters import ParameterReading, ParameterSetting, is_bytewise
 
@@ -124,7 +124,9 @@ def ask_parameters(
     ConfigError, LinkError
         When the keys cannot be used, or a port cannot be had.
     """
-    visit = Visit(config, source, [dialect.MAVLINK_MSG_ID_PARAM_VALUE], link, writes=value is not None)
+    visit = VehicleSession(
+        config, source, [dialect.MAVLINK_MSG_ID_PARAM_VALUE], link, writes=value is not None
+    )
     talks = [ParameterTalk(v, names, value, visit.fleet.encoder(v), armed_too=armed_too) for v in vehicles]
     asyncio.run(visit.run(talks, wait_s))
     return talks

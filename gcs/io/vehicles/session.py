@@ -38,7 +38,7 @@ class Talk(Protocol):
         """Take a message of the vehicle; returns frames to send."""
 
 
-class Visit:
+class VehicleSession:
     """The links of a mission file, or those of its running service, and the vehicles there.
 
     Parameters

@@ -35,12 +35,12 @@ import numpy as np
 
 from gcs.errors import WireError
 from gcs.model import (
+    AgentStatus,
     BadInput,
     ClockStep,
     Datagram,
     Effect,
     Event,
-    Fate,
     LinkNews,
     MissionEnded,
     Notice,
@@ -81,7 +81,7 @@ TOPICS: Final[dict[type, str]] = {
     Plan: "/effect/plan",
     UploadReport: "/effect/upload",
     Notice: "/effect/notice",
-    Fate: "/effect/fate",
+    AgentStatus: "/effect/fate",
     MissionEnded: "/effect/ended",
     OrderAnswer: "/effect/answer",
     Proposal: "/effect/proposal",
@@ -92,7 +92,7 @@ TOPICS: Final[dict[type, str]] = {
 _EFFECT_KEYS: Final[dict[type, str]] = {
     Plan: "plan",
     UploadReport: "upload",
-    Fate: "fate",
+    AgentStatus: "fate",
     Notice: "notice",
     MissionEnded: "ended",
     OrderAnswer: "answer",

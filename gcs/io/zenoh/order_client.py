@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from gcs.errors import LinkError, WireError
 from gcs.io.zenoh.messages import decode
 from gcs.io.zenoh.orders import OrderMessage, answer_key, encode_order, order_key
-from gcs.io.zenoh.session import Bus
+from gcs.io.zenoh.session import ZenohSession
 from gcs.model import OrderAnswer
 
 _REPEAT_S = 0.5
@@ -48,7 +48,7 @@ def give(
 
     began_s = time.monotonic()
     answered = False
-    with Bus(connect=endpoint) as bus:
+    with ZenohSession(connect=endpoint) as bus:
         bus.subscribe(answer_key(mission), heard)
         while True:
             waited_s = time.monotonic() - began_s

@@ -16,7 +16,7 @@ from msgspec import Meta
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.messages import parsed
-from gcs.model import Action, KeepOut, Order
+from gcs.model import Action, NoFlyZone, Order
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 _FOR_VEHICLES: Final = frozenset({"hold", "resume", "return", "arm", "disarm"})
@@ -106,7 +106,7 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
     )
 
 
-def _area(key: str, area: AreaMessage, frame: LocalFrame) -> KeepOut:
+def _area(key: str, area: AreaMessage, frame: LocalFrame) -> NoFlyZone:
     if area.circle is not None and area.polygon:
         raise WireError(key, "keep_out: a circle or a polygon, not both")
     if area.polygon and len(area.polygon) < 3:
@@ -114,7 +114,7 @@ def _area(key: str, area: AreaMessage, frame: LocalFrame) -> KeepOut:
     disc_m = None
     if area.circle is not None:
         disc_m = (*_place(key, area, area.circle[0], area.circle[1], frame), area.circle[2])
-    return KeepOut(area.name, disc_m, tuple(_place(key, area, a, b, frame) for a, b in area.polygon))
+    return NoFlyZone(area.name, disc_m, tuple(_place(key, area, a, b, frame) for a, b in area.polygon))
 
 
 def _place(key: str, area: AreaMessage, a: float, b: float, frame: LocalFrame) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from gcs.errors import LinkError
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 
 
-class Bus:
+class ZenohSession:
     """One zenoh session.
 
     Parameters
@@ -107,7 +107,7 @@ class Bus:
 
 
 @contextlib.contextmanager
-def service_bus(role: Literal["listen", "connect"], endpoint: str) -> Iterator[tuple[Bus, str]]:
+def service_bus(role: Literal["listen", "connect"], endpoint: str) -> Iterator[tuple[ZenohSession, str]]:
     """Open a service's bus; gives it, and the endpoint at which it hears orders.
 
     One that connects to a sensor's endpoint is not heard by others who connect there, so it listens at an
@@ -116,10 +116,10 @@ def service_bus(role: Literal["listen", "connect"], endpoint: str) -> Iterator[t
     Raises
     ------
     LinkError
-        As `Bus`.
+        As `ZenohSession`.
     """
     door = endpoint if role == "listen" else free_endpoint()
-    with Bus(listen=door, connect=None if role == "listen" else endpoint) as bus:
+    with ZenohSession(listen=door, connect=None if role == "listen" else endpoint) as bus:
         yield bus, door
 
 

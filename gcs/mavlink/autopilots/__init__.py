@@ -11,7 +11,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.ardupilot import ARDUPLANE
-from gcs.mavlink.autopilots.base import Envelope, FenceLimits, ParameterWish, Profile
+from gcs.mavlink.autopilots.base import AutopilotProfile, Envelope, FenceLimits, WantedParameter
 from gcs.mavlink.autopilots.px4 import PX4
 from gcs.mavlink.frames.codec import Message
 
@@ -19,10 +19,10 @@ __all__ = [
     "ARDUPLANE",
     "PROFILES",
     "PX4",
+    "AutopilotProfile",
     "Envelope",
     "FenceLimits",
-    "ParameterWish",
-    "Profile",
+    "WantedParameter",
     "mode_name",
     "profile_of",
 ]
@@ -33,7 +33,7 @@ _FIXED_WINGS: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *_VTOL_TYPES})
 """ArduPilot's copters and rovers give other meanings to the same mode numbers."""
 
 
-def profile_of(autopilot: int, vehicle_type: int = dialect.MAV_TYPE_FIXED_WING) -> Profile | None:
+def profile_of(autopilot: int, vehicle_type: int = dialect.MAV_TYPE_FIXED_WING) -> AutopilotProfile | None:
     """Return the profile of a heartbeat's MAV_AUTOPILOT and MAV_TYPE; None when there is none."""
     if vehicle_type not in _FIXED_WINGS:
         return None

@@ -23,7 +23,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots.base import Envelope, FenceLimits, ParameterWish, Profile
+from gcs.mavlink.autopilots.base import AutopilotProfile, Envelope, FenceLimits, WantedParameter
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.mission.items import Item
 
@@ -75,16 +75,16 @@ def _stored(item: Item) -> Item:
 
 
 _PARAMETERS: Final = (
-    ParameterWish(
+    WantedParameter(
         ("MAV_GCS_SYSID", "SYSID_MYGCS"),
         255,
         255,
         "the failsafe watches another station's heartbeat, not ours",
     ),
-    ParameterWish(
+    WantedParameter(
         ("FS_GCS_ENABL",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
     ),
-    ParameterWish(
+    WantedParameter(
         ("FS_LONG_ACTN",),
         0,
         1,
@@ -95,20 +95,20 @@ _PARAMETERS: Final = (
             1: "every mode goes to RTL",
         },
     ),
-    ParameterWish(
+    WantedParameter(
         ("FS_LONG_TIMEOUT",), 5, 300, "a few lost heartbeats of ours start the failsafe", must=False
     ),
-    ParameterWish(
+    WantedParameter(
         ("BATT_FS_LOW_ACT",), 1, 6, "without a link it circles until the battery is empty", must=False
     ),
-    ParameterWish(("THR_FAILSAFE",), 1, 1, "a lost remote control is not noticed", must=False),
-    ParameterWish(
+    WantedParameter(("THR_FAILSAFE",), 1, 1, "a lost remote control is not noticed", must=False),
+    WantedParameter(
         ("RTL_ALTITUDE",),
         30,
         500,
         "the way home may be lower than what stands there",
         must=False,
-        older=ParameterWish(
+        older=WantedParameter(
             ("ALT_HOLD_RTL",),
             3000,
             50_000,
@@ -116,35 +116,39 @@ _PARAMETERS: Final = (
             must=False,
         ),
     ),
-    ParameterWish(("FENCE_ENABLE",), 1, 1, "nothing stops a vehicle that leaves the area", must=False),
-    ParameterWish(("FENCE_ACTION",), 1, 8, "a breach of the fence is only reported", must=False),
-    ParameterWish(("NAVL1_PERIOD",), 8, 30, "turns are taken too hard or too wide", must=False),
-    ParameterWish(("MIS_RESTART",), 0, 0, "AUTO would begin its mission anew instead of resuming it"),
-    ParameterWish(
+    WantedParameter(("FENCE_ENABLE",), 1, 1, "nothing stops a vehicle that leaves the area", must=False),
+    WantedParameter(("FENCE_ACTION",), 1, 8, "a breach of the fence is only reported", must=False),
+    WantedParameter(("NAVL1_PERIOD",), 8, 30, "turns are taken too hard or too wide", must=False),
+    WantedParameter(("MIS_RESTART",), 0, 0, "AUTO would begin its mission anew instead of resuming it"),
+    WantedParameter(
         ("ARMING_SKIPCHK",),
         0,
         0,
         "it arms without some of its checks",
-        older=ParameterWish(("ARMING_CHECK",), 1, 2**24, "it arms without checks"),
+        older=WantedParameter(("ARMING_CHECK",), 1, 2**24, "it arms without checks"),
     ),
 )
 
 
-def _fits(envelope: Envelope) -> tuple[ParameterWish, ...]:
+def _fits(envelope: Envelope) -> tuple[WantedParameter, ...]:
     bank, slow, fast = envelope.bank_deg, 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
     wide = "it turns wider than routes are planned for (airframe.bank_deg)"
     speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
     return (
-        ParameterWish(
-            ("ROLL_LIMIT_DEG",), bank, 90, wide, older=ParameterWish(("LIM_ROLL_CD",), 100 * bank, 9000, wide)
+        WantedParameter(
+            ("ROLL_LIMIT_DEG",),
+            bank,
+            90,
+            wide,
+            older=WantedParameter(("LIM_ROLL_CD",), 100 * bank, 9000, wide),
         ),
-        ParameterWish(
+        WantedParameter(
             ("AIRSPEED_CRUISE",),
             slow,
             fast,
             speed,
             must=False,
-            older=ParameterWish(("TRIM_ARSPD_CM",), 100 * slow, 100 * fast, speed, must=False),
+            older=WantedParameter(("TRIM_ARSPD_CM",), 100 * slow, 100 * fast, speed, must=False),
         ),
     )
 
@@ -173,7 +177,7 @@ def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> di
     return heights_m | {name: height_m for name, height_m in home_m.items() if height_m and height_m > 0.0}
 
 
-ARDUPLANE: Final = Profile(
+ARDUPLANE: Final = AutopilotProfile(
     name="ArduPlane",
     autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
     home_items=1,

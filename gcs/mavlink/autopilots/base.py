@@ -42,7 +42,7 @@ _NO_BOUND: Final = 2**24
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterWish:
+class WantedParameter:
     """A parameter that a pre-flight check looks at."""
 
     names: tuple[str, ...]
@@ -54,7 +54,7 @@ class ParameterWish:
     """What goes wrong otherwise."""
     must: bool = True
     """Whether it is refused, or only told."""
-    older: ParameterWish | None = None
+    older: WantedParameter | None = None
     """What older firmware has instead, with another name, unit or meaning."""
     allowed: tuple[float, ...] = ()
     """The only values between `low` and `high` that are wanted; empty: all."""
@@ -80,7 +80,7 @@ class ParameterWish:
         """Every name to ask for."""
         return self.names + (() if self.older is None else self.older.all_names)
 
-    def found(self, values: Mapping[str, float]) -> tuple[ParameterWish, str] | None:
+    def found(self, values: Mapping[str, float]) -> tuple[WantedParameter, str] | None:
         """Return the wish and the name by which a vehicle has it; None when it has neither."""
         name = next((name for name in self.names if name in values), None)
         if name is not None:
@@ -111,7 +111,7 @@ class FenceLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class Profile:
+class AutopilotProfile:
     """One firmware's table."""
 
     name: str
@@ -144,8 +144,8 @@ class Profile:
     """A heartbeat's custom_mode as (main, sub)."""
     stored: Callable[[Item], Item]
     """What the firmware keeps of an item, apart from what `normalised` does for all."""
-    parameters: tuple[ParameterWish, ...]
-    fits: Callable[[Envelope], tuple[ParameterWish, ...]]
+    parameters: tuple[WantedParameter, ...]
+    fits: Callable[[Envelope], tuple[WantedParameter, ...]]
     """Parameters that must fit what the mission asks."""
     fence_parameters: tuple[str, ...]
     """What `fence_limits` reads."""

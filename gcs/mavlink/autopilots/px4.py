@@ -26,7 +26,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots.base import Envelope, FenceLimits, ParameterWish, Profile
+from gcs.mavlink.autopilots.base import AutopilotProfile, Envelope, FenceLimits, WantedParameter
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.mission.items import Item
 
@@ -50,24 +50,26 @@ _MODES: Final = {
 }
 
 _PARAMETERS: Final = (
-    ParameterWish(
+    WantedParameter(
         ("NAV_DLL_ACT",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
     ),
-    ParameterWish(
+    WantedParameter(
         ("COM_LOW_BAT_ACT",), 2, 3, "without a link it circles until the battery is empty", must=False
     ),
-    ParameterWish(("COM_DL_LOSS_T",), 5, 300, "the link is given up sooner than it can recover", must=False),
-    ParameterWish(
+    WantedParameter(
+        ("COM_DL_LOSS_T",), 5, 300, "the link is given up sooner than it can recover", must=False
+    ),
+    WantedParameter(
         ("RTL_RETURN_ALT",), 30, 500, "the way home may be lower than what stands there", must=False
     ),
-    ParameterWish(("GF_ACTION",), 1, 5, "nothing stops a vehicle that leaves the area", must=False),
-    ParameterWish(
+    WantedParameter(("GF_ACTION",), 1, 5, "nothing stops a vehicle that leaves the area", must=False),
+    WantedParameter(
         ("FW_LND_ANG",), 3.5, 15, "the approach of a mission that ends in a landing is refused", must=False
     ),
 )
 
 
-def _wanted_of_missions(envelope: Envelope) -> ParameterWish:
+def _wanted_of_missions(envelope: Envelope) -> WantedParameter:
     """Return the wish for MIS_TKO_LAND_REQ, by which the navigator judges missions in the air, too.
 
     1 wants a take-off item, which no re-task in flight has; 2 a landing; 3 and 4 both.
@@ -75,19 +77,19 @@ def _wanted_of_missions(envelope: Envelope) -> ParameterWish:
     name = ("MIS_TKO_LAND_REQ",)
     if envelope.lands:
         why = "1 and 3 to 5 reject missions without a take-off, so every re-task in flight"
-        return ParameterWish(name, 0, 2, why, allowed=(0, 2))
+        return WantedParameter(name, 0, 2, why, allowed=(0, 2))
     why = 'missions that end in a loiter are rejected, in flight too; or set mission.end = "land" (0 or 2)'
-    return ParameterWish(name, 0, 0, why)
+    return WantedParameter(name, 0, 0, why)
 
 
-def _fits(envelope: Envelope) -> tuple[ParameterWish, ...]:
+def _fits(envelope: Envelope) -> tuple[WantedParameter, ...]:
     slow, fast = 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
     wide = "it turns wider than routes are planned for (airframe.bank_deg)"
     speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
     return (
         _wanted_of_missions(envelope),
-        ParameterWish(("FW_R_LIM",), envelope.bank_deg, 90, wide),
-        ParameterWish(("FW_AIRSPD_TRIM",), slow, fast, speed, must=False),
+        WantedParameter(("FW_R_LIM",), envelope.bank_deg, 90, wide),
+        WantedParameter(("FW_AIRSPD_TRIM",), slow, fast, speed, must=False),
     )
 
 
@@ -118,7 +120,7 @@ def _stored(item: Item) -> Item:
     return item
 
 
-PX4: Final = Profile(
+PX4: Final = AutopilotProfile(
     name="PX4",
     autopilot=dialect.MAV_AUTOPILOT_PX4,
     home_items=0,

@@ -2,11 +2,11 @@
 
 Most of what a vehicle sends is quiet: the next position in a row, its battery and fix, a heartbeat that says
 what the last one said (unless somebody attends to it), and everything that nobody here reads and that only
-counts for loss and liveness. Such frames change a few integers of the vehicle's row in `Ledger.table` and
-cause nothing. All other frames, and these whenever anything about them is
-out of the ordinary (from another address, after a silence, late, a place that may not be), are left to
-`Fleet` and `Vehicle`, which work on the same rows: theirs is the simple form that says what is right, and
-leaving any frame to them is always correct.
+counts for loss and liveness. Such frames change a few integers of the vehicle's row in `VehicleTable.table`
+and cause nothing. All other frames, and these whenever anything about them is out of the ordinary (from
+another address, after a silence, late, a place that may not be), are left to `Fleet` and `Vehicle`, which
+work on the same rows: theirs is the simple form that says what is right, and leaving any frame to them is
+always correct.
 
 Fields lie in the payload by size (https://mavlink.io/en/messages/common.html), and zeros at the end of a
 MAVLink 2 payload are left out (https://mavlink.io/en/guide/serialization.html#payload_truncation).
@@ -252,7 +252,7 @@ def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ign
     return _fold_on(data, frames, at, address, t_ns, rows_of, table, origin)
 
 
-class Ledger:
+class VehicleTable:
     """The rows of all vehicles, and the quiet frames that change them.
 
     Parameters

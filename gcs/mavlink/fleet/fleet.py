@@ -27,12 +27,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
-from gcs.mavlink.autopilots import Profile
+from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_heartbeat, is_vehicles
-from gcs.mavlink.fleet.link_stats import LinkCounters, Stranger, Strangers, total
-from gcs.mavlink.fleet.notice_queue import Telling
-from gcs.mavlink.fleet.peers import Addresses
-from gcs.mavlink.fleet.stream_requests import Wants
+from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, UnknownSystems, total
+from gcs.mavlink.fleet.notice_queue import NoticeQueue
+from gcs.mavlink.fleet.peers import Peers
+from gcs.mavlink.fleet.stream_requests import StreamRequests
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,
     BOOT_OFFSET_NS,
@@ -60,7 +60,7 @@ from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, vehicle_id
 
 if TYPE_CHECKING:
-    from gcs.mavlink.fleet.fast_telemetry import Ledger
+    from gcs.mavlink.fleet.fast_telemetry import VehicleTable
     from gcs.mavlink.frames.fast_scan import Frames
 
 _NEEDED: Final = frozenset(
@@ -151,13 +151,13 @@ class Fleet:
         called = sorted(set(expected))
         self._table = np.tile(new_row(), (len(called), 1))
         self._frames: Frames | SimpleFrames = SimpleFrames()
-        self._ledger: Ledger | None = None
+        self._ledger: VehicleTable | None = None
         if kernel:
-            from gcs.mavlink.fleet.fast_telemetry import Ledger
+            from gcs.mavlink.fleet.fast_telemetry import VehicleTable
             from gcs.mavlink.frames.fast_scan import Frames
 
             self._frames = Frames()
-            self._ledger = Ledger(
+            self._ledger = VehicleTable(
                 self._table,
                 called,
                 self._frames,
@@ -171,7 +171,7 @@ class Fleet:
                 vehicle,
                 frame,
                 Encoder(*own),
-                Wants(vehicle, own, self._settings.position_rate_hz, row),
+                StreamRequests(vehicle, own, self._settings.position_rate_hz, row),
                 self._settings.max_distance_m,
                 self._settings.max_speed_m_s,
                 row,
@@ -179,9 +179,9 @@ class Fleet:
             for vehicle, row in zip(called, self._table, strict=True)
         }
         self._in_order = tuple(self._vehicles.values())
-        self._strangers = Strangers(self._settings.max_strangers)
-        self._addresses = Addresses(self._used, most=2 * len(self._vehicles))
-        self._telling = Telling()
+        self._strangers = UnknownSystems(self._settings.max_strangers)
+        self._addresses = Peers(self._used, most=2 * len(self._vehicles))
+        self._telling = NoticeQueue()
         self._claimed_t_ns: dict[int, int] = {}
         """When somebody at another address last claimed a vehicle's id."""
 
@@ -415,7 +415,7 @@ class Fleet:
         """Return the states of all vehicles that have reported a position, by system id."""
         return tuple(s for v in self._vehicles.values() if (s := v.state()) is not None)
 
-    def profile(self, system_id: int) -> Profile | None:
+    def profile(self, system_id: int) -> AutopilotProfile | None:
         """Profile of the vehicle's firmware; None when it has not been heard or is not known here."""
         return self._vehicles[system_id].profile
 
@@ -458,6 +458,6 @@ class Fleet:
         """Link and equipment of every expected vehicle, by system id."""
         return tuple(vehicle.health() for vehicle in self._vehicles.values())
 
-    def strangers(self) -> tuple[Stranger, ...]:
+    def strangers(self) -> tuple[UnknownSystem, ...]:
         """Return who else is on the links, in the order of appearance."""
         return self._strangers.known()

@@ -36,7 +36,7 @@ def total(counters: Iterable[LinkCounters]) -> LinkCounters:
 
 
 @dataclass(slots=True)
-class Stranger:
+class UnknownSystem:
     """Somebody on the link who is not a vehicle of ours."""
 
     system_id: int
@@ -46,12 +46,12 @@ class Stranger:
     heard_t_ns: int
 
 
-class Strangers:
+class UnknownSystems:
     """Those who are told apart, `most` at the most."""
 
     def __init__(self, most: int) -> None:
         self._most = most
-        self._known: dict[tuple[int, int, Address], Stranger] = {}
+        self._known: dict[tuple[int, int, Address], UnknownSystem] = {}
 
     def count(self, system_id: int, component_id: int, address: Address, t_ns: int) -> bool:
         """Count a frame; whether it is the first of somebody who is told apart from now on."""
@@ -61,10 +61,10 @@ class Strangers:
             known.frames += 1
             known.heard_t_ns = t_ns
         elif len(self._known) < self._most:
-            self._known[key] = Stranger(*key, 1, t_ns)
+            self._known[key] = UnknownSystem(*key, 1, t_ns)
             return True
         return False
 
-    def known(self) -> tuple[Stranger, ...]:
+    def known(self) -> tuple[UnknownSystem, ...]:
         """Return them in the order of appearance."""
         return tuple(self._known.values())

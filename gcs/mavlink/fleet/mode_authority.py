@@ -20,10 +20,10 @@ A LOITER that an operator chooses while we hold the vehicle in LOITER cannot be 
 from __future__ import annotations
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.model import CustodyMemory
+from gcs.model import PersistedAuthority
 
 
-class Custody:
+class ModeAuthority:
     """The record of one vehicle."""
 
     def __init__(self, mode: str = "") -> None:
@@ -71,12 +71,12 @@ class Custody:
         if self.may_have_ended:
             self.taken, self.has_ended = "", True
 
-    def memory(self) -> CustodyMemory:
+    def memory(self) -> PersistedAuthority:
         """Return what is to be remembered over a restart of the service."""
         taken = self.mode if self.has_ended else self.taken
-        return CustodyMemory(self.mode, taken, self._ordered, self._tasked)
+        return PersistedAuthority(self.mode, taken, self._ordered, self._tasked)
 
-    def remember(self, memory: CustodyMemory) -> None:
+    def remember(self, memory: PersistedAuthority) -> None:
         """Take up from what was remembered: the next mode that is heard is held against that one."""
         self.mode, self.taken = memory.mode, memory.taken
         self._ordered, self._tasked = memory.ordered, memory.tasked

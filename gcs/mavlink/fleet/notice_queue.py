@@ -12,7 +12,7 @@ _MOST: Final = 500
 _TEXTS_PER_S: Final = 5
 
 
-class Telling:
+class NoticeQueue:
     """Notices until somebody takes them."""
 
     def __init__(self) -> None:

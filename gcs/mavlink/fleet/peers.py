@@ -13,7 +13,7 @@ from gcs.mavlink.fleet.telemetry_table import NOBODY
 from gcs.mavlink.fleet.vehicle import Address
 
 
-class Addresses:
+class Peers:
     """Of all vehicles.
 
     Parameters

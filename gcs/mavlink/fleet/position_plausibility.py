@@ -144,7 +144,7 @@ def is_in_reach(report: Report, other: Report, max_speed_m_s: float) -> bool:
     return _apart_m(report, other) <= max_speed_m_s * abs(_later_s(report, other)) + SLACK_M
 
 
-class Voices:
+class DuplicateIdDetector:
     """Who reports with a vehicle's system id from its address: one vehicle, or two.
 
     Parameters

@@ -17,10 +17,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.fleet.telemetry_table import DUE_NS, Row, new_row
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_messages import MESSAGE_INTERVAL, REQUEST_MESSAGE, command
-from gcs.mavlink.services.retry import Asking, Patience, ns
+from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
 
-_FOR_EVER: Final = Patience(wait_s=1.0, wait_max_s=5.0, tries=0)
-_HOME: Final = Patience(wait_s=2.0, wait_max_s=2.0, tries=0)
+_FOR_EVER: Final = RetryPolicy(wait_s=1.0, wait_max_s=5.0, tries=0)
+_HOME: Final = RetryPolicy(wait_s=2.0, wait_max_s=2.0, tries=0)
 _REFUSALS: Final = 3
 _DRY_S: Final = 3.0
 _DRY_PERIODS: Final = 5
@@ -34,7 +34,7 @@ class _Want:
     command: int
     param1: float
     param2: float = 0.0
-    patience: Patience = _FOR_EVER
+    patience: RetryPolicy = _FOR_EVER
     dry_ns: int = 0
     """For a rate: without the message for so long it is asked for again."""
     give_up: bool = True
@@ -44,7 +44,7 @@ class _Want:
     seen_t_ns: int = 0
 
 
-class Wants:
+class StreamRequests:
     """The questions to one vehicle. At most two are on their way at a time, one of each command.
 
     When there may be something new to ask, `DUE_NS` in the vehicle's row says so.
@@ -67,7 +67,7 @@ class Wants:
                 give_up=False,
             ),
         )
-        self._asking: dict[int, tuple[_Want, Asking]] = {}
+        self._asking: dict[int, tuple[_Want, RetryTimer]] = {}
         self.idle_until_ns = 0
         """Before then nothing is due, unless something is heard."""
         self.round_trip_s = 0.0
@@ -96,7 +96,7 @@ class Wants:
                 if want is None:
                     continue
                 want.met = False
-                self._asking[number] = (want, Asking(self._question(want), want.patience, t_ns))
+                self._asking[number] = (want, RetryTimer(self._question(want), want.patience, t_ns))
             asking = self._asking[number][1]
             if asking.due(t_ns):
                 out.append(asking.question)

@@ -16,12 +16,12 @@ from typing import Final, Literal, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
-from gcs.mavlink.autopilots import Profile, mode_name, profile_of
+from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
 from gcs.mavlink.fleet.heartbeat import as_number
 from gcs.mavlink.fleet.position_checks import BootClock, unplaceable
-from gcs.mavlink.fleet.position_plausibility import Motion, Report, Voices
+from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, Motion, Report
 from gcs.mavlink.fleet.statustext import TextChunks
-from gcs.mavlink.fleet.stream_requests import Wants
+from gcs.mavlink.fleet.stream_requests import StreamRequests
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,
     BATTERY_PERCENT,
@@ -94,7 +94,7 @@ class Vehicle:
         system_id: int,
         frame: LocalFrame,
         encoder: Encoder,
-        wants: Wants,
+        wants: StreamRequests,
         max_distance_m: float,
         max_speed_m_s: float,
         row: Row | None = None,
@@ -108,7 +108,7 @@ class Vehicle:
         self.liveness: Liveness = "waiting"
         self.conflicts = self.boots = self.returns = 0
         self.autopilot = dialect.MAV_AUTOPILOT_INVALID
-        self.profile: Profile | None = None
+        self.profile: AutopilotProfile | None = None
         """Of its firmware; None before its first heartbeat, or when it is not known here."""
         self.home: Home | None = None
         self.wants = wants
@@ -117,7 +117,7 @@ class Vehicle:
         self.refused: dict[str, int] = {}
         self._frame, self._max_distance_m = frame, max_distance_m
         self._clock = BootClock(self.row)
-        self._motion, self._voices = Motion(max_speed_m_s), Voices(max_speed_m_s)
+        self._motion, self._voices = Motion(max_speed_m_s), DuplicateIdDetector(max_speed_m_s)
         self._judged_places = 0
         """`PLACES` when these two had seen all of them."""
         self._unplaced = False

@@ -69,7 +69,7 @@ def _gather(slots, count, lengths, senders, extras, out, groups, ends):  # type:
     return _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, seats, out, groups, ends)
 
 
-class Gatherer:
+class DatagramBatcher:
     """Puts batches of up to `count` datagrams together."""
 
     def __init__(self, count: int) -> None:

@@ -100,7 +100,7 @@ class Frame(NamedTuple):
             return None
 
 
-class Scanned(NamedTuple):
+class ScanResult(NamedTuple):
     """What one datagram held."""
 
     frames: list[Frame]
@@ -138,7 +138,7 @@ class SimpleFrames:
         return self._frames[row - 1]
 
 
-def scan(data: bytes) -> Scanned:
+def scan(data: bytes) -> ScanResult:
     """Find the frames of a datagram, from empty."""
     frames: list[Frame] = []
     unchecked: list[Frame] = []
@@ -170,7 +170,7 @@ def scan(data: bytes) -> Scanned:
         next_at = marker.start() if marker else end
         bad_bytes += next_at - at
         at = next_at
-    return Scanned(frames, bad_bytes, crc_errors, unchecked)
+    return ScanResult(frames, bad_bytes, crc_errors, unchecked)
 
 
 def _covers_good_frame(data: bytes, at: int, length: int, tries: int) -> tuple[bool, int]:
@@ -189,7 +189,7 @@ def _covers_good_frame(data: bytes, at: int, length: int, tries: int) -> tuple[b
     return False, tries
 
 
-def decode(data: bytes) -> tuple[list[Message], Scanned]:
+def decode(data: bytes) -> tuple[list[Message], ScanResult]:
     """Messages of a datagram, and what the scan found; for callers that want every message."""
     found = scan(data)
     return [message for frame in found.frames if (message := frame.message()) is not None], found

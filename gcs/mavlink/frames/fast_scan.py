@@ -201,7 +201,7 @@ class Frames:
         self.table = np.zeros((256, WIDTH), np.int32)
         self._data = b""
         self.found = self.checked = self.bad_bytes = self.crc_errors = self.unknown = 0
-        """Rows in all, those of good frames, and as `gcs.mavlink.frames.codec.Scanned` counts."""
+        """Rows in all, those of good frames, and as `gcs.mavlink.frames.codec.ScanResult` counts."""
 
     def take(self, data: bytes) -> None:
         """Frame a datagram, from empty."""

@@ -19,7 +19,7 @@ _SIGNED: Final = 0x01
 _MAX_FALSE_STARTS: Final = 64
 
 
-class Framer:
+class FrameStream:
     """One stream; a new connection needs a new one."""
 
     def __init__(self) -> None:

@@ -16,9 +16,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.geofence_rally import LIST_NAMES, list_difference
 from gcs.mavlink.mission.items import Item
-from gcs.mavlink.mission.protocol import ReadBack, Sending
-from gcs.mavlink.services.retry import Asking, ns
-from gcs.mavlink.services.rtt import Pace
+from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
+from gcs.mavlink.services.retry import RetryTimer, ns
+from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import system_of
 
 Stage: TypeAlias = Literal["clear", "upload", "read", "done"]
@@ -79,14 +79,14 @@ class ListTask:
         self._items, self._encode, self._own = items, encode, own
         self._timing = timing or ListTiming()
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
-        self._pace = Pace()
-        self._sending = Sending(items or (), self._to, self._pace, mission_type=mission_type)
-        self._reading: ReadBack | None = None
+        self._pace = RttEstimator()
+        self._sending = MissionUpload(items or (), self._to, self._pace, mission_type=mission_type)
+        self._reading: MissionDownload | None = None
         self._uploads = 0
         self._held: tuple[Item, ...] | None = None
         self._verdict: tuple[int, str] | None = None
         self._deadline_t_ns: int | None = None
-        self._asking: Asking | None = None
+        self._asking: RetryTimer | None = None
         self._out: list[Message] = []
         if items is None:
             self._read(t_ns)
@@ -141,10 +141,12 @@ class ListTask:
     def _read(self, t_ns: int) -> None:
         self.stage = "read"
         self._verdict = self._deadline_t_ns = self._asking = None
-        self._reading = ReadBack(self._to, self._pace, t_ns, mission_type=self.mission_type)
+        self._reading = MissionDownload(self._to, self._pace, t_ns, mission_type=self.mission_type)
 
     def _ask(self, question: Message, t_ns: int) -> None:
-        self._asking = Asking(question, self._pace.patience(self._timing.tries, self._timing.answer_s), t_ns)
+        self._asking = RetryTimer(
+            question, self._pace.patience(self._timing.tries, self._timing.answer_s), t_ns
+        )
 
     def _again(self, reason: str, t_ns: int) -> None:
         if self._uploads >= self._timing.uploads:

@@ -27,8 +27,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Item, item_of
-from gcs.mavlink.services.retry import Asking, ns
-from gcs.mavlink.services.rtt import Pace
+from gcs.mavlink.services.retry import RetryTimer, ns
+from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import NS_PER_S
 
 _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
@@ -41,7 +41,7 @@ _ANSWER_S: Final = 15.0
 _BEGINNINGS: Final = 10
 
 
-class ReadBack:
+class MissionDownload:
     """What a vehicle stores.
 
     Parameters
@@ -60,7 +60,7 @@ class ReadBack:
     def __init__(
         self,
         to: tuple[int, int],
-        pace: Pace,
+        pace: RttEstimator,
         t_ns: int,
         window: Callable[[], int] | None = None,
         mission_type: int = _MISSION,
@@ -68,7 +68,7 @@ class ReadBack:
         self.count: int | None = None
         self._to, self._type, self._pace, self._window = to, mission_type, pace, window
         self._items: dict[int, Item] = {}
-        self._asked: dict[int, Asking] = {}
+        self._asked: dict[int, RetryTimer] = {}
         self._beginnings = 0
         self._heard_t_ns = t_ns
         self._begin(t_ns)
@@ -144,7 +144,7 @@ class ReadBack:
         self._items.clear()
         self._asked.clear()
         question = dialect.MAVLink_mission_request_list_message(*self._to, self._type)
-        self._list = Asking(question, self._pace.patience(_LIST_TRIES, _ANSWER_S), t_ns)
+        self._list = RetryTimer(question, self._pace.patience(_LIST_TRIES, _ANSWER_S), t_ns)
 
     def _fill(self, t_ns: int) -> None:
         assert self.count is not None
@@ -153,11 +153,11 @@ class ReadBack:
             window, patience = self._window(), self._pace.patience(_TRIES, _ANSWER_S)
         while len(self._asked) < window and self._next < self.count:
             question = dialect.MAVLink_mission_request_int_message(*self._to, self._next, self._type)
-            self._asked[self._next] = Asking(question, patience, t_ns)
+            self._asked[self._next] = RetryTimer(question, patience, t_ns)
             self._next += 1
 
 
-class Sending:
+class MissionUpload:
     """Items on their way to a vehicle that asks for them.
 
     A request that runs ahead of what was sent belongs to an older session whose MISSION_COUNT was ours too,
@@ -171,7 +171,7 @@ class Sending:
         self,
         items: Sequence[Item],
         to: tuple[int, int],
-        pace: Pace,
+        pace: RttEstimator,
         window: Callable[[], int] = lambda: 1,
         mission_type: int = _MISSION,
         *,

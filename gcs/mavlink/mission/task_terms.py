@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
-from gcs.mavlink.services.retry import Patience
+from gcs.mavlink.services.retry import RetryPolicy
 
 Stage: TypeAlias = Literal["new", "park", "upload", "verify", "select", "mode", "hold", "clear", "done"]
 Holds: TypeAlias = Literal["equal", "old", "whole", "cleared", "unknown"]
@@ -25,7 +25,7 @@ class Timing:
     """Times that MISSION_COUNT, MISSION_CLEAR_ALL or a command is sent."""
     answer_s: float = 20.0
     """For at least so long."""
-    hold: Patience = field(default_factory=lambda: Patience(wait_s=0.25, wait_max_s=1.0, tries=40))
+    hold: RetryPolicy = field(default_factory=lambda: RetryPolicy(wait_s=0.25, wait_max_s=1.0, tries=40))
     """LOITER, on which a vehicle's safety may hang."""
     silence_s: float = 8.5
     """Upload without a request; ArduPlane asks each second and gives up after 8 s."""

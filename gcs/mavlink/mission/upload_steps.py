@@ -10,23 +10,23 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots import ARDUPLANE, Profile
+from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
-from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.items import Home, Item
-from gcs.mavlink.mission.protocol import ReadBack, Sending
+from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
 from gcs.mavlink.mission.task_terms import Holds, Stage, TaskResult, Timing
 from gcs.mavlink.services.command_messages import REQUEST_MESSAGE, SET_MODE, command, select, set_mode
-from gcs.mavlink.services.retry import Asking, Patience, ns
-from gcs.mavlink.services.rtt import Pace
+from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
+from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import NS_PER_S, Mission, system_of
 
 _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
 _MAX_PAUSE_S: Final = 4.0
 
 
-class Steps:
+class UploadSteps:
     """What a mission task knows, and what it can do next.
 
     Parameters
@@ -72,8 +72,8 @@ class Steps:
         home: Home,
         encode: Callable[[Message], bytes],
         *,
-        profile: Profile = ARDUPLANE,
-        custody: Custody | None = None,
+        profile: AutopilotProfile = ARDUPLANE,
+        custody: ModeAuthority | None = None,
         old: Sequence[Item] | None = None,
         mixed: bool = False,
         current: int | None = None,
@@ -82,7 +82,7 @@ class Steps:
         from_ground: bool = False,
         delegated: bool = False,
         timing: Timing | None = None,
-        pace: Pace | None = None,
+        pace: RttEstimator | None = None,
         room: Callable[[], int] = lambda: 1 << 16,
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
@@ -93,7 +93,7 @@ class Steps:
         self.result: TaskResult | None = None
         self._encode = encode
         self._profile = profile
-        self._custody = custody or Custody()
+        self._custody = custody or ModeAuthority()
         self._old = old
         self._time_to_next_s = time_to_next_s
         self._first_item = first_item or (lambda: profile.home_items)
@@ -104,15 +104,15 @@ class Steps:
         self._to = (system_of(mission.vehicle), AUTOPILOT_COMPONENT_ID)
         self._out: list[Message] = []
         self._began_t_ns = self._stage_t_ns = 0
-        self._asking: Asking | None = None
+        self._asking: RetryTimer | None = None
         self._deadline_t_ns: int | None = None
         self._verdict: tuple[int, str] | None = None
-        self._pace = pace or Pace()
+        self._pace = pace or RttEstimator()
         self._window = lambda: min(profile.window, room())
-        self._sending = Sending(
+        self._sending = MissionUpload(
             self.items, self._to, self._pace, self._window, last_when_asked=profile.in_order
         )
-        self._reading: ReadBack | None = None
+        self._reading: MissionDownload | None = None
         self._cleared = False
         self._was_mixed = mixed
         self._holds: Holds = "unknown" if mixed else "old"
@@ -155,7 +155,7 @@ class Steps:
         question: Message | None = None,
         *,
         pause_s: float = 0.0,
-        patience: Patience | None = None,
+        patience: RetryPolicy | None = None,
     ) -> None:
         self.stage = stage
         self._stage_t_ns = t_ns
@@ -163,9 +163,9 @@ class Steps:
         self._refusals = 0
         self._ask(question, t_ns + ns(pause_s), patience)
 
-    def _ask(self, question: Message | None, t_ns: int, patience: Patience | None = None) -> None:
+    def _ask(self, question: Message | None, t_ns: int, patience: RetryPolicy | None = None) -> None:
         patience = patience or self._pace.patience(self._timing.tries, self._timing.answer_s)
-        self._asking = Asking(question, patience, t_ns) if question is not None else None
+        self._asking = RetryTimer(question, patience, t_ns) if question is not None else None
 
     def _park(self, t_ns: int) -> None:
         """Have the vehicle wait, and hear that it does: only then can a later order be told from this one."""
@@ -200,7 +200,7 @@ class Steps:
     def _read(self, t_ns: int) -> None:
         self._asking = None
         window = None if self._profile.in_order else self._window
-        self._reading = ReadBack(self._to, self._pace, t_ns, window)
+        self._reading = MissionDownload(self._to, self._pace, t_ns, window)
 
     def _begin_at(self) -> int:
         return min(max(self._profile.home_items, self._first_item()), len(self.items) - 1)

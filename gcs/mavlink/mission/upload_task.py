@@ -41,7 +41,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.mission.upload_steps import Steps
+from gcs.mavlink.mission.upload_steps import UploadSteps
 from gcs.mavlink.services.command_messages import SET_MODE
 from gcs.mavlink.services.retry import ns
 from gcs.model import UploadReport
@@ -51,10 +51,10 @@ _ERROR: Final = dialect.MAV_MISSION_ERROR
 _INVALID_SEQUENCE: Final = dialect.MAV_MISSION_INVALID_SEQUENCE
 
 
-class MissionTask(Steps):
+class UploadTask(UploadSteps):
     """Bring one mission to one vehicle. Bytes out, messages of that vehicle in, time an argument.
 
-    Its parameters are those of `Steps`.
+    Its parameters are those of `UploadSteps`.
     """
 
     # ------------------------------------------------------------ the caller's side
@@ -395,15 +395,15 @@ class MissionTask(Steps):
         return self._profile.ends_in == LOITER and self._current == last
 
 
-_HANDLERS: Final[dict[str, Callable[[MissionTask, Message, int], None]]] = {
-    "MISSION_REQUEST": MissionTask._on_request,
-    "MISSION_REQUEST_INT": MissionTask._on_request,
-    "MISSION_ACK": MissionTask._on_ack,
-    "MISSION_COUNT": MissionTask._on_count,
-    "MISSION_ITEM_INT": MissionTask._on_item,
-    "MISSION_CURRENT": MissionTask._on_current,
-    "COMMAND_ACK": MissionTask._on_command_ack,
-    "HEARTBEAT": MissionTask._on_heartbeat,
+_HANDLERS: Final[dict[str, Callable[[UploadTask, Message, int], None]]] = {
+    "MISSION_REQUEST": UploadTask._on_request,
+    "MISSION_REQUEST_INT": UploadTask._on_request,
+    "MISSION_ACK": UploadTask._on_ack,
+    "MISSION_COUNT": UploadTask._on_count,
+    "MISSION_ITEM_INT": UploadTask._on_item,
+    "MISSION_CURRENT": UploadTask._on_current,
+    "COMMAND_ACK": UploadTask._on_command_ack,
+    "HEARTBEAT": UploadTask._on_heartbeat,
 }
 
 

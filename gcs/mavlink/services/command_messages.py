@@ -9,7 +9,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots import Profile, profile_of
+from gcs.mavlink.autopilots import AutopilotProfile, profile_of
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.model import system_of
 
@@ -26,7 +26,7 @@ def command(vehicle: int, number: int, *params: float) -> Message:
     )
 
 
-def select(vehicle: int, profile: Profile, item: int) -> Message:
+def select(vehicle: int, profile: AutopilotProfile, item: int) -> Message:
     """Return the message that makes a vehicle fly to an item of its mission, from where it is.
 
     MISSION_SET_CURRENT, not the command DO_SET_MISSION_CURRENT: ArduPlane starts the leg of that one at the

@@ -15,10 +15,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import mode_name
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
-from gcs.mavlink.services.retry import Asking, Patience
+from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.safe_text import printable
 
-PATIENCE: Final = Patience(wait_s=1.0, wait_max_s=3.0, tries=10)
+PATIENCE: Final = RetryPolicy(wait_s=1.0, wait_max_s=3.0, tries=10)
 _REFUSALS: Final = 3
 _HEARTBEATS: Final = 2
 _ARMED: Final[int] = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -32,7 +32,7 @@ class Shown(NamedTuple):
     armed: bool
 
 
-class Errand:
+class CommandSender:
     """A COMMAND_LONG on its way.
 
     Parameters
@@ -58,7 +58,7 @@ class Errand:
         self._vehicle: int = question.target_system
         self._command: int = question.command
         self._wanted, self._encode, self._own = wanted, encode, own
-        self._asking = Asking(question, PATIENCE, t_ns)
+        self._asking = RetryTimer(question, PATIENCE, t_ns)
         self._shown = self._refusals = 0
         self._said = self._put_off = ""
 

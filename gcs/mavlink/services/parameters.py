@@ -16,11 +16,11 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
-from gcs.mavlink.services.retry import Asking, Patience
+from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.model import system_of
 from gcs.safe_text import printable
 
-_PATIENCE: Final = Patience(wait_s=0.5, wait_max_s=2.0, tries=5)
+_PATIENCE: Final = RetryPolicy(wait_s=0.5, wait_max_s=2.0, tries=5)
 _AT_ONCE: Final = 6
 """A telemetry radio carries so many questions and answers in half a second."""
 _FORMATS: Final = {
@@ -106,7 +106,7 @@ class ParameterReading:
         self._bytewise, self._encode = bytewise, encode
         self._same = {name: same for same in names for name in same}
         self._waiting = list(self._same)
-        self._asked: dict[str, Asking] = {}
+        self._asked: dict[str, RetryTimer] = {}
 
     @property
     def is_done(self) -> bool:
@@ -120,7 +120,7 @@ class ParameterReading:
         while self._waiting and len(self._asked) < _AT_ONCE:
             name = self._waiting.pop(0)
             request = dialect.MAVLink_param_request_read_message(*self._to, name.encode("ascii"), -1)
-            self._asked[name] = Asking(request, _PATIENCE, t_ns)
+            self._asked[name] = RetryTimer(request, _PATIENCE, t_ns)
         return [self._encode(asking.question) for asking in self._asked.values() if asking.due(t_ns)]
 
     def receive(self, message: Message) -> None:
@@ -154,7 +154,7 @@ class ParameterSetting:
         self._name, self._value, self._bytewise, self._encode = name, value, bytewise, encode
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
         self._reading = ParameterReading(vehicle, [(name,)], bytewise, encode)
-        self._asking: Asking | None = None
+        self._asking: RetryTimer | None = None
 
     def poll(self, t_ns: int) -> list[bytes]:
         """Let time pass; returns the frames to send."""
@@ -188,7 +188,7 @@ class ParameterSetting:
             kind = self._reading.types[self._name]
             value = carried(self._value, kind, self._bytewise)
             request = dialect.MAVLink_param_set_message(*self._to, self._name.encode("ascii"), value, kind)
-            self._asking = Asking(request, _PATIENCE, t_ns)
+            self._asking = RetryTimer(request, _PATIENCE, t_ns)
 
     @property
     def _held(self) -> float:

@@ -13,14 +13,14 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots import Envelope, Profile, profile_of
+from gcs.mavlink.autopilots import AutopilotProfile, Envelope, profile_of
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.geofence_rally import FENCE, RALLY
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.list_task import ListTask
 from gcs.mavlink.services.command_messages import REQUEST_MESSAGE, command
 from gcs.mavlink.services.parameters import ParameterReading, is_bytewise
-from gcs.mavlink.services.retry import Asking, Patience
+from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.safe_text import printable
 
 _ASKED: Final = {
@@ -43,16 +43,16 @@ NEEDED_IDS: Final = frozenset(
 )
 """Messages that `Fleet` must give beside its own."""
 
-_PATIENCE: Final = Patience(wait_s=0.7, wait_max_s=2.0, tries=6)
+_PATIENCE: Final = RetryPolicy(wait_s=0.7, wait_max_s=2.0, tries=6)
 _REASONS: Final = "reasons"
 """The question why the pre-arm check fails. ArduPilot says it every 30 s, and when told to check."""
-_REASONS_PATIENCE: Final = Patience(wait_s=1.0, wait_max_s=1.0, tries=3)
+_REASONS_PATIENCE: Final = RetryPolicy(wait_s=1.0, wait_max_s=1.0, tries=3)
 _PREARM: Final = dialect.MAV_SYS_STATUS_PREARM_CHECK
 _WARNING: Final = dialect.MAV_SEVERITY_WARNING
 _MAX_TEXTS: Final = 8
 
 
-class Inspection:
+class PreflightQuery:
     """One vehicle's.
 
     Attributes
@@ -78,12 +78,12 @@ class Inspection:
     ) -> None:
         self.vehicle = vehicle
         self.messages: dict[str, tuple[int, Message]] = {}
-        self.profile: Profile | None = None
+        self.profile: AutopilotProfile | None = None
         self.texts: dict[str, None] = {}
         self.values: dict[str, float] = {}
         self.held: dict[int, tuple[Item, ...] | None] = {}
         self._envelope, self._encode, self._own = envelope, encode, own
-        self._asking: dict[str, Asking] | None = None
+        self._asking: dict[str, RetryTimer] | None = None
         self._reading: ParameterReading | None = None
         self._list: ListTask | None = None
         self._told_to_check = False
@@ -137,7 +137,7 @@ class Inspection:
             if name == "SYS_STATUS" and not self._told_to_check and self._fails_prearm_check(message):
                 self._told_to_check = True
                 question = command(self.vehicle, dialect.MAV_CMD_RUN_PREARM_CHECKS)
-                self._asking[_REASONS] = Asking(question, _REASONS_PATIENCE, t_ns)
+                self._asking[_REASONS] = RetryTimer(question, _REASONS_PATIENCE, t_ns)
         if self._reading is not None:
             self._reading.receive(message)
         return [] if self._list is None else self._listed(self._list.receive(message, t_ns))
@@ -161,7 +161,7 @@ class Inspection:
         if heartbeat.autopilot in _ESTIMATORS:
             asked.update([_ESTIMATORS[heartbeat.autopilot]])
         self._asking = {
-            name: Asking(command(self.vehicle, REQUEST_MESSAGE, number), _PATIENCE, t_ns)
+            name: RetryTimer(command(self.vehicle, REQUEST_MESSAGE, number), _PATIENCE, t_ns)
             for name, number in asked.items()
             if name not in self.messages
         }

@@ -18,7 +18,7 @@ def ns(seconds: float) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class RetryPolicy:
     """How long to wait for an answer, and how often to ask."""
 
     wait_s: float
@@ -28,10 +28,10 @@ class Patience:
     """Times that the question is sent before it counts as unanswered; 0 means for ever."""
 
 
-class Asking:
+class RetryTimer:
     """One question on its way. Time is an argument; nothing is sent from here."""
 
-    def __init__(self, question: Message, patience: Patience, first_t_ns: int) -> None:
+    def __init__(self, question: Message, patience: RetryPolicy, first_t_ns: int) -> None:
         self.question = question
         self.sent = 0
         self._patience = patience

@@ -17,7 +17,7 @@ from collections import deque
 from statistics import median_low
 from typing import Final
 
-from gcs.mavlink.services.retry import Patience
+from gcs.mavlink.services.retry import RetryPolicy
 
 _REMEMBERED: Final = 9
 _ROUND_TRIPS: Final = 2.0
@@ -35,7 +35,7 @@ _SHORT_GROWTH: Final = 1.1
 _MOST_SHORT_GROWTH: Final = 1.3
 
 
-class Pace:
+class RttEstimator:
     """Of one conversation after the other with one vehicle.
 
     Parameters
@@ -67,14 +67,14 @@ class Pace:
     def _is_short(self) -> bool:
         return bool(self._took_s) and self._usual_s < _SHORT_S
 
-    def patience(self, tries: int, least_s: float = 0.0) -> Patience:
+    def patience(self, tries: int, least_s: float = 0.0) -> RetryPolicy:
         """Return that as the patience of one question: so many tries, and more for at least so long."""
         wait_s, growth = self.wait_s, _SHORT_GROWTH if self._is_short else _GROWTH
         wait_max_s = max(_MOST_S, wait_s)
         total_s, next_s, needed = 0.0, wait_s, 0
         while total_s < least_s:
             total_s, next_s, needed = total_s + next_s, min(next_s * growth, wait_max_s), needed + 1
-        return Patience(wait_s=wait_s, wait_max_s=wait_max_s, growth=growth, tries=max(tries, needed))
+        return RetryPolicy(wait_s=wait_s, wait_max_s=wait_max_s, growth=growth, tries=max(tries, needed))
 
     def took(self, took_s: float | None) -> None:
         """Take what an answer took to come; None for one to a question that was asked more than once."""

@@ -27,7 +27,7 @@ _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _LINK_ID: Final = 0
 
 
-class Installation:
+class SigningSetup:
     """One vehicle and the key that it is to hold.
 
     Parameters

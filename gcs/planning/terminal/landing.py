@@ -32,7 +32,7 @@ from gcs.planning.path.turns import Corners
 from gcs.planning.route_capture import SHARE
 from gcs.planning.route_search import Search
 from gcs.planning.terminal.loiter import cut, way_length_m
-from gcs.planning.vehicle_model import Ahead, Motion, fly
+from gcs.planning.vehicle_model import ForwardSimulation, Motion, fly
 
 _BEARINGS = 36
 _SHARES = (1.0, 0.5, SHARE, 0.0)
@@ -67,7 +67,7 @@ class Landing:
 
 
 @dataclass(frozen=True, slots=True)
-class WayHome:
+class ReturnRoute:
     """What a vehicle flies after its route.
 
     Attributes
@@ -105,7 +105,7 @@ _Graded: TypeAlias = tuple[int, FloatArray, _Gate]
 
 def way_home(
     grid: Grid, start: AgentStart, points_m: FloatArray, home_m: Point, options: PlanOptions, landing: Landing
-) -> WayHome:
+) -> ReturnRoute:
     """Plan the way home of a vehicle.
 
     Parameters
@@ -120,8 +120,8 @@ def way_home(
     planner = _Planner(grid, start, points_m, home_m, options, landing)
     straight = planner.straight()
     if not grid.blocked.any() or planner.is_clear(straight):
-        return WayHome(straight, is_straight=True)
-    return planner.around() or WayHome(straight, is_straight=True, problem=_NO_WAY)
+        return ReturnRoute(straight, is_straight=True)
+    return planner.around() or ReturnRoute(straight, is_straight=True, problem=_NO_WAY)
 
 
 class _Planner:
@@ -163,7 +163,7 @@ class _Planner:
                 return False
         return self._turns_safely(places[1]) and self._is_flown_clear(points_m, SHARE * clearance_m)
 
-    def around(self) -> WayHome | None:
+    def around(self) -> ReturnRoute | None:
         """Return the best way that is planned; None when there is none."""
         gates = list(self._gates())
         if not gates:
@@ -176,7 +176,7 @@ class _Planner:
         if best is None:
             return None
         grade, points_m, gate = best
-        return WayHome(read_only(points_m), False, _NO_APPROACH if gate.share < 0.0 else _WORDS[grade])
+        return ReturnRoute(read_only(points_m), False, _NO_APPROACH if gate.share < 0.0 else _WORDS[grade])
 
     def _best(
         self, gates: list[_Gate], left_m: FloatArray, course_rad: float, best: _Graded | None
@@ -280,7 +280,9 @@ class _Planner:
         landing, tail_m = self._landing, self._tail_m
         passes_m = np.vstack((self._end_m, points_m))
         radii_m = [*landing.corners.acceptance_m(tail_m), *landing.corners.acceptance_m(passes_m)]
-        ahead = Ahead(tuple(_points(np.vstack((tail_m[1:], points_m)))), tuple(map(float, radii_m)))
+        ahead = ForwardSimulation(
+            tuple(_points(np.vstack((tail_m[1:], points_m)))), tuple(map(float, radii_m))
+        )
         east_m, north_m = tail_m[0].tolist()
         motion = Motion(east_m, north_m, self._speed_m_s, self._begins_rad, ahead=ahead)
         for_s = (way_length_m(tail_m) + way_length_m(passes_m) - 0.5 * APPROACH_M) / self._speed_m_s

@@ -23,7 +23,7 @@ from gcs.jit import Call, kernel, leaf
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import is_clear_at, leg_room, to_cells
-from gcs.planning.options import AgentStart, PlanOptions, Wait
+from gcs.planning.options import AgentStart, LoiterSpec, PlanOptions
 from gcs.planning.path.initial_turn import TIGHT, start_room
 from gcs.planning.route_capture import SHARE
 from gcs.planning.vehicle_model import STEP_S, flown_ahead
@@ -54,7 +54,7 @@ _NEAR_S, _NEAR_SHARE, _NEAR = 2.5, 0.6, 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Ending:
+class TerminalLoiter:
     """The end of a route.
 
     Attributes
@@ -76,8 +76,13 @@ class Ending:
 
 
 def ending(
-    grid: Grid, start: AgentStart, points_m: FloatArray, target_m: Point, options: PlanOptions, wait: Wait
-) -> Ending:
+    grid: Grid,
+    start: AgentStart,
+    points_m: FloatArray,
+    target_m: Point,
+    options: PlanOptions,
+    wait: LoiterSpec,
+) -> TerminalLoiter:
     """Find how a route should end.
 
     Parameters
@@ -92,11 +97,11 @@ def ending(
     Ending
         As the route is where there are no obstacles, and without a clearance: corners are cut then, too.
     """
-    straight = Ending(points_m, None, math.inf)
+    straight = TerminalLoiter(points_m, None, math.inf)
     if options.clearance_m <= 0.0 or not grid.blocked.any():
         return straight
     circles = _Circles(grid, start, target_m, options, wait)
-    best = circles.best(points_m, Ending(points_m, None, _NONE_M, passes=False))
+    best = circles.best(points_m, TerminalLoiter(points_m, None, _NONE_M, passes=False))
     if best.room_m >= 0.0:
         return best
     for points in _approaches(start, points_m, target_m, options, wait):
@@ -107,8 +112,8 @@ def ending(
 
 
 def _short_of(
-    circles: _Circles, start: AgentStart, points_m: FloatArray, best: Ending, options: PlanOptions
-) -> Ending:
+    circles: _Circles, start: AgentStart, points_m: FloatArray, best: TerminalLoiter, options: PlanOptions
+) -> TerminalLoiter:
     """Let a route end on a circle before its target, which no clear way passes."""
     for radii in _SHORT:
         index, way_m, is_whole = cut(_whole(start, points_m), radii * options.turn_radius_m)
@@ -130,7 +135,7 @@ class _Circles:
     """
 
     def __init__(
-        self, grid: Grid, start: AgentStart, target_m: Point, options: PlanOptions, wait: Wait
+        self, grid: Grid, start: AgentStart, target_m: Point, options: PlanOptions, wait: LoiterSpec
     ) -> None:
         self._grid, self._start, self._wait = grid, start, wait
         self._speed_m_s = max(start.speed_m_s, 1.0)
@@ -146,7 +151,7 @@ class _Circles:
         room = start_room(grid.blocked, 2.0 * reach, *to_cells(grid, place))
         self._least_m = room * grid.spacing_m
 
-    def best(self, points_m: FloatArray, so_far: Ending, *, must_pass: bool = True) -> Ending:
+    def best(self, points_m: FloatArray, so_far: TerminalLoiter, *, must_pass: bool = True) -> TerminalLoiter:
         """Return the best ending of a route, unless what there is so far is about as good."""
         wait, spacing_m, speed_m_s = self._wait, self._grid.spacing_m, self._speed_m_s
         _, way_m, is_whole = cut(_whole(self._start, points_m), _FLOWN * self._radius_m)
@@ -170,7 +175,7 @@ class _Circles:
         if found < 0:
             return so_far
         centre = (float(circles[found, 0]), float(circles[found, 1]))
-        return Ending(points_m, centre if found else None, float(room) * spacing_m, must_pass)
+        return TerminalLoiter(points_m, centre if found else None, float(room) * spacing_m, must_pass)
 
     def _motion(self, way_m: FloatArray, *, is_whole: bool) -> FloatArray:
         """How the vehicle moves where a way begins: east, north, course, turn rate, speed."""
@@ -192,7 +197,7 @@ def _around(radius_m: float) -> Iterator[Point]:
 
 
 def _approaches(
-    start: AgentStart, points_m: FloatArray, target_m: Point, options: PlanOptions, wait: Wait
+    start: AgentStart, points_m: FloatArray, target_m: Point, options: PlanOptions, wait: LoiterSpec
 ) -> Iterator[FloatArray]:
     """Yield routes that pass a target in other directions, or beside it; the least different first."""
     radius_m = options.turn_radius_m

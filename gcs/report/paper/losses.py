@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from gcs.model import NS_PER_S, Effect, Fate, Label, Picture, Truth, TruthObject
+from gcs.model import NS_PER_S, AgentStatus, Effect, Label, Picture, Truth, TruthObject
 
 NEAR_M = 50.0
 PLAIN_EXISTENCE = 0.5
@@ -52,7 +52,7 @@ class DeathWatch:
 
     _truths: dict[int, tuple[TruthObject, ...]] = field(default_factory=dict)
     _agents: dict[int, _Watched] = field(default_factory=dict)
-    _fates: list[Fate] = field(default_factory=list)
+    _fates: list[AgentStatus] = field(default_factory=list)
     _flown_s: float = 0.0
     _last_t_ns: int | None = None
 
@@ -72,7 +72,7 @@ class DeathWatch:
     def effect(self, effect: Effect) -> None:
         """Take what came out of central command."""
         match effect:
-            case Fate():
+            case AgentStatus():
                 self._fates.append(effect)
                 if effect.vehicle in self._agents:
                     self._agents[effect.vehicle].arrived |= effect.fate == "arrived"

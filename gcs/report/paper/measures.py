@@ -11,7 +11,7 @@ from gcs.model import FloatArray, Kind
 from gcs.planning.map.grid import Grid, Node
 from gcs.planning.search.shortest import distances_m, nearest_free
 from gcs.report.run.evaluation import Summary
-from gcs.report.run.timeline import KINDS, Course, Decision, Estimate, Path
+from gcs.report.run.timeline import KINDS, Decision, Estimate, Path, Timeline
 
 NEAR_M = 100.0
 """Within this an estimate belongs to an object, or a route's end to a target: OSPA's cut-off."""
@@ -27,7 +27,7 @@ RE_ROUTED_WITHIN_S = 15.0
 class Flown:
     """One simulated run, with all that is known of it."""
 
-    course: Course
+    course: Timeline
     summary: Summary
     grid: Grid
 
@@ -79,7 +79,7 @@ def handovers(flown: Flown) -> tuple[Handover, ...]:
     return tuple(found)
 
 
-def _handover(course: Course, lost: int, taker: int, decision: Decision, died_s: float) -> Handover:
+def _handover(course: Timeline, lost: int, taker: int, decision: Decision, died_s: float) -> Handover:
     here = _at(course.paths["agents"][taker], decision.t_s)
     earlier = [d.ends_m[taker] for d in course.decisions if d.t_s < decision.t_s and taker in d.ends_m]
     former_m = float(np.hypot(*(here - np.array(earlier[-1])))) if earlier else math.nan
@@ -110,7 +110,7 @@ def spurious(flown: Flown) -> tuple[int, int, int]:
     return again, longest, waiting
 
 
-def _is_shown(course: Course, path: Path, estimate: Estimate) -> bool:
+def _is_shown(course: Timeline, path: Path, estimate: Estimate) -> bool:
     near = [point for point in estimate.points_m if np.hypot(*(point - path.points_m[-1])) < NEAR_M]
     living = _living_m(course, "agents", estimate.t_s)
     return any(all(np.hypot(*(point - one)) >= NEAR_M / 2.0 for one in living) for point in near)
@@ -206,7 +206,7 @@ def waviness(flown: Flown) -> tuple[float, float]:
     return (flown_m / shortest_m, turned_deg / flown_m * 1e3) if flown_m else (math.nan, math.nan)
 
 
-def _living_m(course: Course, kind: Kind, t_s: float) -> FloatArray:
+def _living_m(course: Timeline, kind: Kind, t_s: float) -> FloatArray:
     """(n, 2) true places of what lived at a time."""
     paths = course.paths[kind].values()
     return np.reshape([_at(path, t_s) for path in paths if _lives(path, t_s)], (-1, 2))

@@ -22,7 +22,7 @@ from gcs.report.plots.style import (
     tidy,
 )
 from gcs.report.run.evaluation import OSPA_CUTOFF_M
-from gcs.report.run.timeline import Course
+from gcs.report.run.timeline import Timeline
 from gcs.report.run.triggers import COLOURS
 from gcs.report.telemetry.flights import Flight
 
@@ -35,7 +35,7 @@ _MODE_COLOURS: Final = (
 )  # fmt: skip
 
 
-def quality_figure(course: Course) -> Figure:
+def quality_figure(course: Timeline) -> Figure:
     """Draw numbers of objects, and OSPA of both trackers with its two parts, over time."""
     figure = new_figure(11.0, 7.6)
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
@@ -61,7 +61,7 @@ def quality_figure(course: Course) -> Figure:
     return figure
 
 
-def draw_cardinality(axes: Axes, course: Course) -> None:
+def draw_cardinality(axes: Axes, course: Timeline) -> None:
     """Draw true and estimated numbers of both kinds over time."""
     from matplotlib.ticker import MaxNLocator
 
@@ -86,7 +86,7 @@ def draw_cardinality(axes: Axes, course: Course) -> None:
         say(axes, "no tracker ran: a telemetry log without a mission (see --config)")
 
 
-def timeline_figure(course: Course) -> Figure:
+def timeline_figure(course: Timeline) -> Figure:
     """Draw why plans were made, and what became of each agent, over one axis of time."""
     agents = lanes(course)
     named = {cause for decision in course.decisions for cause in decision.causes} or {"other"}
@@ -110,13 +110,13 @@ def timeline_figure(course: Course) -> Figure:
     return figure
 
 
-def lanes(course: Course) -> list[int]:
+def lanes(course: Timeline) -> list[int]:
     """Return every agent that anything is known of."""
     tasked = (vehicle for decision in course.decisions for vehicle in decision.targets)
     return sorted({*course.paths["agents"], *tasked, *(v for v, _, _ in course.fates)})
 
 
-def draw_lanes(axes: Axes, course: Course, agents: Sequence[int]) -> None:
+def draw_lanes(axes: Axes, course: Timeline, agents: Sequence[int]) -> None:
     """One lane for each agent: alive, re-tasked, uploaded to, arrived, dead, called dead."""
     size, lane_of = size_for(len(agents)), {vehicle: row for row, vehicle in enumerate(agents)}
     colour = colours(agents)
@@ -149,7 +149,7 @@ def draw_lanes(axes: Axes, course: Course, agents: Sequence[int]) -> None:
     heading(axes, "agents: ▾ new route  ▬ upload (red: failed)  ★ arrived  ✖ died  ○ called dead")
 
 
-def times_figure(course: Course, work_ms: Mapping[str, Sequence[float]]) -> Figure:
+def times_figure(course: Timeline, work_ms: Mapping[str, Sequence[float]]) -> Figure:
     """Draw how long transfers took, how late scans came, and how long scans and plans take here."""
     figure = new_figure(11.0, 6.4)
     ((over_time, uploads), (delays, work)) = figure.subplots(2, 2)
@@ -249,5 +249,5 @@ def _modes(axes: Axes, flights: Mapping[int, Flight]) -> None:
         figure.legend(handles=handles, ncol=8, loc="outside lower center", frameon=False, fontsize=9)
 
 
-def _seconds(course: Course, t_ns: Sequence[int]) -> FloatArray:
+def _seconds(course: Timeline, t_ns: Sequence[int]) -> FloatArray:
     return read_only((np.array(t_ns, dtype=np.int64) - course.start_t_ns) * 1e-9)

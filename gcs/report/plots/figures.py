@@ -25,7 +25,7 @@ from gcs.report.plots.maps import (
 )
 from gcs.report.plots.style import INK, KINDS, colours, heading, legend, say, tidy
 from gcs.report.run.evaluation import OSPA_CUTOFF_M
-from gcs.report.run.timeline import Course, gather
+from gcs.report.run.timeline import Timeline, gather
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +75,7 @@ def draw_run(
     figure.savefig(out_png)
 
 
-def _draw_map(axes: Axes, course: Course, obstacles_m: FloatArray | None, cell_m: float) -> None:
+def _draw_map(axes: Axes, course: Timeline, obstacles_m: FloatArray | None, cell_m: float) -> None:
     west, south, east, north = course.area_m
     margin = 0.02 * max(east - west, north - south, 1.0)
     axes.set(xlim=(west - margin, east + margin), ylim=(south - margin, north + margin), aspect="equal")
@@ -96,7 +96,7 @@ def _draw_map(axes: Axes, course: Course, obstacles_m: FloatArray | None, cell_m
     )  # fmt: skip
 
 
-def _draw_ospa(axes: Axes, course: Course) -> None:
+def _draw_ospa(axes: Axes, course: Timeline) -> None:
     worst_m = 10.0
     for kind, series in course.ospa.items():
         if not series.t_ns:

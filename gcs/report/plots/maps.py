@@ -31,7 +31,7 @@ from gcs.report.plots.style import (
     size_for,
     tidy,
 )
-from gcs.report.run.timeline import Course, area_of
+from gcs.report.run.timeline import Timeline, area_of
 from gcs.report.telemetry.flights import Flight
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Ground:
 
 
 def truth_figure(
-    course: Course, ground: Ground | None, flights: Mapping[int, Flight], *, estimates: bool = True
+    course: Timeline, ground: Ground | None, flights: Mapping[int, Flight], *, estimates: bool = True
 ) -> Figure:
     """Draw what truly happened, with the tracks over it, at half time and at the end, side by side.
 
@@ -88,7 +88,7 @@ def truth_figure(
     return figure
 
 
-def ground_truth_figure(course: Course, ground: Ground | None, until_s: float) -> Figure:
+def ground_truth_figure(course: Timeline, ground: Ground | None, until_s: float) -> Figure:
     """Draw the truth alone up to a time, as the paper's figures of the ground truth do."""
     figure = new_figure(7.2, 7.4)
     axes = figure.add_subplot()
@@ -101,7 +101,7 @@ def ground_truth_figure(course: Course, ground: Ground | None, until_s: float) -
     return figure
 
 
-def tracker_figure(course: Course, ground: Ground | None) -> Figure:
+def tracker_figure(course: Timeline, ground: Ground | None) -> Figure:
     """Draw every estimate of both trackers, and the clutter that they had to live with."""
     figure = new_figure(9.4, 8.6)
     axes = figure.add_subplot()
@@ -127,13 +127,13 @@ def tracker_figure(course: Course, ground: Ground | None) -> Figure:
     return figure
 
 
-def most_shown(course: Course) -> int:
+def most_shown(course: Timeline) -> int:
     """How many agents there are, to choose sizes by."""
     seen = max((len(estimate.points_m) for estimate in course.estimates["agents"]), default=0)
     return max(len(course.paths["agents"]), seen)
 
 
-def draw_clutter(axes: Axes, course: Course) -> int:
+def draw_clutter(axes: Axes, course: Timeline) -> int:
     """Draw the clutter in grey; return of how many detections each one stands for."""
     some = max(1, -(-len(course.clutter_m) // _MAX_CLUTTER))
     look: dict[str, Any] = {"marker": "^", "s": 14, "color": CLUTTER, "alpha": 0.3, "linewidths": 0}
@@ -141,7 +141,7 @@ def draw_clutter(axes: Axes, course: Course) -> int:
     return some * course.every
 
 
-def truth_until(axes: Axes, course: Course, until_s: float) -> None:
+def truth_until(axes: Axes, course: Timeline, until_s: float) -> None:
     """Draw the true paths up to a time, with their starts, ends and deaths."""
     size = size_for(len(course.paths["agents"]))
     agent_colours = colours(course.paths["agents"])
@@ -171,7 +171,7 @@ def truth_until(axes: Axes, course: Course, until_s: float) -> None:
     )
 
 
-def draw_some_estimates(axes: Axes, course: Course, until_s: float) -> None:
+def draw_some_estimates(axes: Axes, course: Timeline, until_s: float) -> None:
     """Draw what the trackers made of it, thinned so that what is below stays visible."""
     size = size_for(most_shown(course))
     for kind, scans in course.estimates.items():
@@ -184,7 +184,7 @@ def draw_some_estimates(axes: Axes, course: Course, until_s: float) -> None:
         )
 
 
-def _reported_until(axes: Axes, course: Course, flights: Mapping[int, Flight], until_s: float) -> None:
+def _reported_until(axes: Axes, course: Timeline, flights: Mapping[int, Flight], until_s: float) -> None:
     size = size_for(len(flights))
     flown = colours(flights)
     for vehicle, flight in flights.items():
@@ -200,7 +200,7 @@ def _reported_until(axes: Axes, course: Course, flights: Mapping[int, Flight], u
         axes.plot(*thin(path).T, color=INK, lw=0.9 * size, zorder=6)
 
 
-def track_lines(course: Course, kind: Kind, until_s: float) -> dict[Label, FloatArray]:
+def track_lines(course: Timeline, kind: Kind, until_s: float) -> dict[Label, FloatArray]:
     """Return (n, 2) places of each label that was in the estimate at least twice."""
     found: dict[Label, list[FloatArray]] = {}
     for estimate in course.estimates[kind]:
@@ -248,7 +248,7 @@ def _obstacles(axes: Axes, ground: Ground | None, alpha: float = 1.0) -> None:
         draw_obstacles(axes, ground.obstacles_m, ground.cell_m, alpha)
 
 
-def _frame(axes: Axes, course: Course, flights: Mapping[int, Flight]) -> None:
+def _frame(axes: Axes, course: Timeline, flights: Mapping[int, Flight]) -> None:
     corners = [course.area_m] if course.estimates["agents"] or course.has_truth or course.sensors else []
     places = [] if course.has_truth else [flight.points_m for flight in flights.values()]
     west, south, east, north = area_of([*places, *corners])
@@ -266,7 +266,7 @@ def _sample(label: str, **style: Any) -> Artist:
 
 
 def legend_entries(
-    course: Course, *, obstacles: bool, estimates: bool = True, everything: bool = False
+    course: Timeline, *, obstacles: bool, estimates: bool = True, everything: bool = False
 ) -> list[Artist]:
     """Return samples of what a map of the truth shows; `everything` adds routes and clutter."""
     entries = [
@@ -285,7 +285,7 @@ def legend_entries(
     return entries + _ground_entries(obstacles)
 
 
-def _report_entries(course: Course, flights: Mapping[int, Flight], ground: Ground | None) -> list[Artist]:
+def _report_entries(course: Timeline, flights: Mapping[int, Flight], ground: Ground | None) -> list[Artist]:
     entries = []
     if flights:
         entries = [

@@ -33,8 +33,8 @@ from scipy.optimize import linear_sum_assignment
 from gcs.config import Config
 from gcs.model import (
     NS_PER_S,
+    AgentStatus,
     Effect,
-    Fate,
     FloatArray,
     Kind,
     MissionEnded,
@@ -46,7 +46,7 @@ from gcs.model import (
     read_only,
 )
 from gcs.report.run.triggers import causes_of
-from gcs.report.run.truth import Truths
+from gcs.report.run.truth import GroundTruth
 from gcs.tracking.metrics import ospa
 
 OSPA_CUTOFF_M = 100.0
@@ -140,13 +140,13 @@ def summary_json(summary: Summary) -> str:
     return msgspec.json.encode(shown).decode()
 
 
-def judge_of(config: Config) -> Judge:
+def judge_of(config: Config) -> Evaluator:
     """Return the judge of a mission."""
     agents = [agent.vehicle for agent in config.agents]
-    return Judge(config.planning.capture_radius_m, agents, config.agents_per_target)
+    return Evaluator(config.planning.capture_radius_m, agents, config.agents_per_target)
 
 
-class Judge:
+class Evaluator:
     """Keeps what a verdict needs.
 
     Parameters
@@ -163,9 +163,9 @@ class Judge:
         self._per_target = agents_per_target
         self._reach_m = capture_radius_m + CAPTURE_ALLOWANCE_M
         self._agents = tuple(agents)
-        self._truths = Truths()
+        self._truths = GroundTruth()
         self._estimates: dict[tuple[Kind, int], FloatArray] = {}
-        self._fates: list[Fate] = []
+        self._fates: list[AgentStatus] = []
         self._plans: list[Plan] = []
         self._uploads: list[UploadReport] = []
         self._ended: MissionEnded | None = None
@@ -180,7 +180,7 @@ class Judge:
             case Picture():
                 confirmed = [track.mean[:2] for track in effect.tracks if track.estimated]
                 self._estimates[effect.kind, effect.scan_t_ns] = read_only(np.reshape(confirmed, (-1, 2)))
-            case Fate():
+            case AgentStatus():
                 self._fates.append(effect)
             case Plan():
                 self._plans.append(effect)
@@ -220,9 +220,9 @@ class Judge:
             tasked.update(route.vehicle for route in plan.routes)
         return tuple(found)
 
-    def final_fates(self) -> dict[int, Fate]:
+    def final_fates(self) -> dict[int, AgentStatus]:
         """The last fate of each agent, where arrived is final."""
-        final = {vehicle: Fate(0, vehicle, "flying") for vehicle in self._agents}
+        final = {vehicle: AgentStatus(0, vehicle, "flying") for vehicle in self._agents}
         for fate in self._fates:
             if fate.vehicle in final and final[fate.vehicle].fate != "arrived":
                 final[fate.vehicle] = fate
@@ -267,7 +267,7 @@ class Judge:
             recording=recording,
         )
 
-    def _problems(self, fates: dict[int, Fate], reached: dict[int, int]) -> list[str]:
+    def _problems(self, fates: dict[int, AgentStatus], reached: dict[int, int]) -> list[str]:
         """Everything that speaks against "complete", in words."""
         spare = () if self._ended is None else self._ended.spare
         flying = [v for v, fate in fates.items() if fate.fate == "flying" and v not in spare]
@@ -289,7 +289,7 @@ class Judge:
             problems.append(f"{_names(lost)} called dead but alive")
         return problems
 
-    def _reached_targets(self, fates: dict[int, Fate]) -> dict[int, int]:
+    def _reached_targets(self, fates: dict[int, AgentStatus]) -> dict[int, int]:
         """True target of each agent whose arrival the truth confirms."""
         arrived = [vehicle for vehicle, fate in fates.items() if fate.fate == "arrived"]
         targets = [target for target in sorted(self._truths.targets()) for _ in range(self._per_target)]
@@ -318,7 +318,7 @@ class Judge:
                 }
         return {}
 
-    def _why_not_arrived(self, vehicle: int, fate: Fate, reached: dict[int, int]) -> str:
+    def _why_not_arrived(self, vehicle: int, fate: AgentStatus, reached: dict[int, int]) -> str:
         distances = self._target_distances(vehicle, fate.t_ns)
         if not distances:
             return f"agent {vehicle} called arrived but dead, or without any target"
@@ -328,7 +328,7 @@ class Judge:
         other = next((v for v, t in reached.items() if t == target), None)
         return f"agent {vehicle} called arrived at target {target}, where agent {other} had arrived"
 
-    def _death_delays(self, fates: dict[int, Fate]) -> tuple[tuple[float, ...], int]:
+    def _death_delays(self, fates: dict[int, AgentStatus]) -> tuple[tuple[float, ...], int]:
         """Delay of each detected death, and the number of deaths of agents that had not arrived."""
         delays, deaths = [], 0
         for vehicle, died_t_ns in self._truths.deaths(self._agents).items():
@@ -369,7 +369,7 @@ def _names(vehicles: Sequence[int]) -> str:
     return f"{word} {', '.join(str(vehicle) for vehicle in vehicles)}"
 
 
-def _success(fates: dict[int, Fate], reached: dict[int, int]) -> str:
+def _success(fates: dict[int, AgentStatus], reached: dict[int, int]) -> str:
     dead = [vehicle for vehicle, fate in fates.items() if fate.fate == "dead"]
     distinct = " distinct" if len(set(reached.values())) == len(reached) else ""
     text = f"{len(reached)} of {len(fates)} agents arrived at{distinct} targets"

@@ -17,7 +17,7 @@ from gcs.report.plots.maps import Ground, tracker_figure, truth_figure
 from gcs.report.run import tables
 from gcs.report.run.evaluation import Summary
 from gcs.report.run.tables import number
-from gcs.report.run.timeline import Course
+from gcs.report.run.timeline import Timeline
 from gcs.report.telemetry.flights import Flight
 
 PAGE_NAME = "index.html"
@@ -32,7 +32,7 @@ class Material:
     """Recording, telemetry log or raw MAVLink."""
     file: Path
     seed: int | None
-    course: Course
+    course: Timeline
     start_t_ns: int
     duration_s: float
     summary: Summary | None

@@ -13,7 +13,7 @@ import numpy as np
 
 from gcs.model import NS_PER_S
 from gcs.report.run.evaluation import Summary
-from gcs.report.run.timeline import KINDS, Course
+from gcs.report.run.timeline import KINDS, Timeline
 from gcs.report.telemetry.flights import Flight
 
 _ROWS: Final = 300
@@ -32,7 +32,7 @@ class Table:
     note: str = ""
 
 
-def agents(course: Course, summary: Summary, flights: Mapping[int, Flight]) -> Table:
+def agents(course: Timeline, summary: Summary, flights: Mapping[int, Flight]) -> Table:
     """What became of each agent."""
     rows = []
     for agent in summary.agents:
@@ -54,7 +54,7 @@ def agents(course: Course, summary: Summary, flights: Mapping[int, Flight]) -> T
     return _table("Agents", columns, rows, {"fate"})
 
 
-def tracking(course: Course) -> Table:
+def tracking(course: Timeline) -> Table:
     """How well the trackers did; only where the truth is known."""
     rows = []
     for kind in KINDS:
@@ -75,7 +75,7 @@ def tracking(course: Course) -> Table:
     return _table("Trackers against the truth", columns, rows, {"tracker"})
 
 
-def plans(course: Course) -> Table:
+def plans(course: Timeline) -> Table:
     """Every plan and why it was made."""
     rows = [
         (
@@ -88,7 +88,7 @@ def plans(course: Course) -> Table:
     return _table("Plans", columns, rows, {"agents with new routes", "cause", "reason"})
 
 
-def uploads(course: Course) -> Table:
+def uploads(course: Timeline) -> Table:
     """How missions got to each vehicle."""
     rows = []
     for vehicle in sorted({report.vehicle for _, report in course.uploads}):
@@ -103,7 +103,7 @@ def uploads(course: Course) -> Table:
     return _table("Mission transfers by vehicle", columns, rows, note="times of those verified by read-back")
 
 
-def sensors(course: Course) -> Table:
+def sensors(course: Timeline) -> Table:
     """What came from each sensor."""
     rows = []
     for name, of in course.sensors.items():
@@ -134,7 +134,7 @@ def work(work_ms: Mapping[str, Sequence[float]]) -> Table:
     return _table("Work of central command", columns, rows, {"work"}, note)
 
 
-def notices(course: Course) -> Table:
+def notices(course: Timeline) -> Table:
     """Return warnings and alarms."""
     rows = [
         (number(t_s), of.level, NONE if of.vehicle is None else str(of.vehicle), of.text)

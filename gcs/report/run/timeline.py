@@ -1,6 +1,6 @@
 """The course of a run, gathered in one pass into what figures, tables and claims are made from.
 
-`CourseBuilder` takes whatever a run consists of, in its order, and keeps the least that is shown: positions
+`TimelineBuilder` takes whatever a run consists of, in its order, and keeps the least that is shown: positions
 and times as packed numbers, never a picture with its covariances. So memory grows with scans times objects,
 about 500 bytes for each object at each scan where the truth is known, most of it the judge's; detections are
 thinned beyond `MAX_DETECTIONS`.
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from gcs.model import (
     NS_PER_S,
-    Fate,
+    AgentStatus,
     FloatArray,
     Kind,
     Label,
@@ -30,7 +30,7 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
-from gcs.report.run.evaluation import Judge, OspaSeries
+from gcs.report.run.evaluation import Evaluator, OspaSeries
 from gcs.report.run.triggers import causes_of
 
 KINDS: tuple[Kind, ...] = ("agents", "targets")
@@ -86,7 +86,7 @@ class Decision:
 
 
 @dataclass(frozen=True, slots=True)
-class SensorCourse:
+class SensorTimeline:
     """What came from one sensor, scan by scan."""
 
     t_s: FloatArray
@@ -98,7 +98,7 @@ class SensorCourse:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class Timeline:
     """A run, ready to be drawn. Times are seconds since its start."""
 
     paths: dict[Kind, dict[int, Path]]
@@ -109,7 +109,7 @@ class Course:
     """(n, 2) detections of nothing that is known; all detections where the truth is not known."""
     every: int
     """Of the detections, each so many-th is in `clutter_m`."""
-    sensors: dict[str, SensorCourse]
+    sensors: dict[str, SensorTimeline]
     routes: tuple[tuple[int, float, FloatArray], ...]
     """(vehicle, when, (k, 2) points) of each route that was newly planned."""
     decisions: tuple[Decision, ...]
@@ -135,9 +135,9 @@ class Course:
         return (t_ns - self.start_t_ns) / NS_PER_S
 
 
-def gather(values: Iterable[object]) -> Course:
+def gather(values: Iterable[object]) -> Timeline:
     """Gather the course of a run from its events, effects and truths; others are passed over."""
-    builder = CourseBuilder()
+    builder = TimelineBuilder()
     for value in values:
         builder.take(value)
     return builder.course()
@@ -158,7 +158,7 @@ class _Heard:
     detections: array[float] = field(default_factory=lambda: array("d"))
 
 
-class CourseBuilder:
+class TimelineBuilder:
     """Takes a run value by value.
 
     Parameters
@@ -167,8 +167,8 @@ class CourseBuilder:
         Is fed with the same run, and asked for its OSPA.
     """
 
-    def __init__(self, judge: Judge | None = None) -> None:
-        self.judge = judge if judge is not None else Judge(0.0, ())
+    def __init__(self, judge: Evaluator | None = None) -> None:
+        self.judge = judge if judge is not None else Evaluator(0.0, ())
         self._trails: dict[Kind, dict[int, _Trail]] = {kind: {} for kind in KINDS}
         self._truth_t_ns = [0, 0]
         """Of the first and the last truth."""
@@ -179,7 +179,7 @@ class CourseBuilder:
         self._sensors: dict[str, _Heard] = {}
         self._fields_m: dict[str, tuple[float, float, float, float]] = {}
         self._plans: list[Plan] = []
-        self._marks: list[UploadReport | Fate | Notice] = []
+        self._marks: list[UploadReport | AgentStatus | Notice] = []
         self._notices = 0
         self._span_t_ns: tuple[int, int] | None = None
 
@@ -201,7 +201,7 @@ class CourseBuilder:
             case Plan():
                 self._plans.append(value)
                 self.judge.effect(value)
-            case UploadReport() | Fate():
+            case UploadReport() | AgentStatus():
                 self._marks.append(value)
                 self.judge.effect(value)
             case Notice(level="warning" | "alarm") if self._notices < _MAX_NOTICES:
@@ -263,7 +263,7 @@ class CourseBuilder:
             z_m = z_m[gaps_m > _CLUTTER_SIGMAS * float(np.sqrt(scan.sensor.noise_cov_m2.trace()))]
         self._detections.add(z_m)
 
-    def course(self) -> Course:
+    def course(self) -> Timeline:
         """Return what was taken so far."""
         for scans in self._waiting.values():
             for scan in scans:
@@ -273,7 +273,7 @@ class CourseBuilder:
         paths = {kind: self._paths(kind, start) for kind in KINDS}
         estimates = {kind: self._estimated(kind, start) for kind in KINDS}
         since = [((mark.t_ns - start) / NS_PER_S, mark) for mark in self._marks]
-        return Course(
+        return Timeline(
             paths=paths,
             estimates=estimates,
             clutter_m=self._detections.points_m(),
@@ -282,7 +282,9 @@ class CourseBuilder:
             routes=tuple(_routes(self._plans, paths["agents"], start)),
             decisions=tuple(_decision(plan, start) for plan in self._plans),
             uploads=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, UploadReport)),
-            fates=tuple((mark.vehicle, t_s, mark.fate) for t_s, mark in since if isinstance(mark, Fate)),
+            fates=tuple(
+                (mark.vehicle, t_s, mark.fate) for t_s, mark in since if isinstance(mark, AgentStatus)
+            ),
             notices=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, Notice)),
             ospa={kind: self.judge.ospa(kind) for kind in KINDS},
             start_t_ns=start,
@@ -352,9 +354,9 @@ class _Thinned:
         return read_only(np.concatenate([np.empty((0, 2)), *self._points]))
 
 
-def _sensor(heard: _Heard, start_t_ns: int) -> SensorCourse:
+def _sensor(heard: _Heard, start_t_ns: int) -> SensorTimeline:
     t_s = (np.array(heard.measured_t_ns, dtype=np.int64) - start_t_ns) / NS_PER_S
-    return SensorCourse(read_only(t_s), read_only(heard.delay_s), read_only(heard.detections))
+    return SensorTimeline(read_only(t_s), read_only(heard.delay_s), read_only(heard.detections))
 
 
 def _decision(plan: Plan, start_t_ns: int) -> Decision:

@@ -10,7 +10,7 @@ import numpy as np
 from gcs.model import FloatArray, Kind, Truth, TruthObject, read_only
 
 
-class Truths:
+class GroundTruth:
     """The truth at each scan, taken in any order; between two scans it is interpolated."""
 
     def __init__(self) -> None:

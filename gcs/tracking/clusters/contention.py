@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import inlined, leaf
-from gcs.tracking.glmb.hypotheses import Groups, Options
+from gcs.tracking.glmb.hypotheses import Clusters, Options
 from gcs.tracking.numerics.fast_math import exponentials
 
 _NOBODY, _MANY = -1, -2
@@ -37,7 +37,7 @@ def root_of(parent: Any, i: int) -> int:
     return i
 
 
-class Claims(NamedTuple):
+class Contention(NamedTuple):
     """Room to see who wants what. A label with rivals is a rival; what is shared, several of them gate."""
 
     owner: Any
@@ -85,9 +85,9 @@ class Claims(NamedTuple):
 
 
 @inlined
-def room_for_claims(n_hyps: int, n_tracks: int, n_options: int, n_detections: int) -> Claims:
+def room_for_claims(n_hyps: int, n_tracks: int, n_options: int, n_detections: int) -> Contention:
     """Return room for so many."""
-    return Claims(
+    return Contention(
         np.empty(n_detections, np.int64),
         np.zeros(n_detections, np.bool_),
         np.zeros(n_detections),
@@ -114,7 +114,7 @@ def room_for_claims(n_hyps: int, n_tracks: int, n_options: int, n_detections: in
 
 
 @inlined
-def _own(options: Options, track_label: Any, to: Claims) -> None:
+def _own(options: Options, track_label: Any, to: Contention) -> None:
     """Fill `to.owner`."""
     start, meas, owner = options.start, options.meas, to.owner
     for j in range(owner.size):
@@ -128,7 +128,7 @@ def _own(options: Options, track_label: Any, to: Claims) -> None:
 
 
 @inlined
-def _want(options: Options, track_label: Any, to: Claims) -> None:
+def _want(options: Options, track_label: Any, to: Contention) -> None:
     """Fill `to.wants`."""
     start, meas, owner = options.start, options.meas, to.owner
     first = 0
@@ -144,7 +144,7 @@ def _want(options: Options, track_label: Any, to: Claims) -> None:
 
 
 @inlined
-def _weigh(groups: Groups, to: Claims) -> None:
+def _weigh(groups: Clusters, to: Contention) -> None:
     """Fill `to.chance` and `to.group`."""
     exponentials(groups.logw, to.likely)
     for g in range(groups.first.size - 1):
@@ -161,7 +161,7 @@ def _weigh(groups: Groups, to: Claims) -> None:
 
 
 @inlined
-def _rivals(options: Options, track_label: Any, to: Claims) -> int:
+def _rivals(options: Options, track_label: Any, to: Contention) -> int:
     """List the labels with rivals, and what they want; return how many they are."""
     start, meas, owner = options.start, options.meas, to.owner
     count, n, t = 0, 0, 0
@@ -189,7 +189,7 @@ def _rivals(options: Options, track_label: Any, to: Claims) -> int:
 
 
 @inlined
-def _claim(r: int, bound: float, fresh: int, work: Claims) -> int:
+def _claim(r: int, bound: float, fresh: int, work: Contention) -> int:
     """Let rival r claim what it shares; put what is contested by that behind the first of `work.fresh`.
 
     Returns how many there are then; `fresh` before.
@@ -221,7 +221,7 @@ def _claim(r: int, bound: float, fresh: int, work: Claims) -> int:
 
 @leaf
 def unite(
-    groups: Groups, options: Options, track_label: Any, bound: float, work: Claims, parent: Any
+    groups: Clusters, options: Options, track_label: Any, bound: float, work: Contention, parent: Any
 ) -> None:
     """Fill `parent` (groups,) with sets of groups that are in conflict over detections, as trees."""
     for g in range(parent.size):

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
-from gcs.tracking.glmb.hypotheses import Groups, Limits, filled, key_of, room_for_groups
+from gcs.tracking.glmb.hypotheses import Clusters, Limits, filled, key_of, room_for_groups
 from gcs.tracking.numerics.fast_math import exponentials
 from gcs.tracking.numerics.sorting import Distinct, distinct, head, rank, room_for_distinct
 
@@ -104,7 +104,7 @@ class _Parting(NamedTuple):
 
 
 @spliced
-def _split(groups: Groups, g: int, n: int, limits: Limits, work: _Parting) -> None:
+def _split(groups: Clusters, g: int, n: int, limits: Limits, work: _Parting) -> None:
     """Fill `work.set_of` for the n labels of group g."""
     start, low, high = groups.start, groups.first[g], groups.first[g + 1]
     choice, marginal, used, set_of, open_ = work.choice, work.marginal, work.used, work.set_of, work.open
@@ -159,7 +159,7 @@ def _one(p: int, work: _Parting) -> int:
 
 
 @inlined
-def _several(groups: Groups, g: int, p: int, work: _Parting) -> Any:
+def _several(groups: Clusters, g: int, p: int, work: _Parting) -> Any:
     """Put the hypotheses of group g over the labels of set p alone into `work.same`, equal ones as one.
 
     Returns how many.
@@ -175,7 +175,7 @@ def _several(groups: Groups, g: int, p: int, work: _Parting) -> Any:
 
 
 @leaf
-def _label(groups: Groups, g: int, track_label: Any, work: _Parting) -> Any:
+def _label(groups: Clusters, g: int, track_label: Any, work: _Parting) -> Any:
     """Number the labels of group g as they come; return how many."""
     items, begin, end = groups.items, groups.start[groups.first[g]], groups.start[groups.first[g + 1]]
     n = 0
@@ -189,7 +189,7 @@ def _label(groups: Groups, g: int, track_label: Any, work: _Parting) -> Any:
 
 
 @leaf
-def _survey(groups: Groups, track_label: Any, work: Any) -> Any:
+def _survey(groups: Clusters, track_label: Any, work: Any) -> Any:
     """Return the most labels and hypotheses of a group, the most tracks of a label, and hypotheses in all."""
     labels, hyps, tracks, run, room = 1, 1, 1, 0, 0
     for t in range(track_label.size):
@@ -202,7 +202,7 @@ def _survey(groups: Groups, track_label: Any, work: Any) -> Any:
 
 
 @leaf
-def _parted(groups: Groups, limits: Limits, work: _Parting, out: Groups) -> Any:
+def _parted(groups: Clusters, limits: Limits, work: _Parting, out: Clusters) -> Any:
     """Fill `out` with the groups that go on; return how many, and how many hypotheses."""
     first, start, items = groups.first, groups.start, groups.items
     count, n_hyps, size = 0, 0, 0
@@ -248,7 +248,7 @@ def _parted(groups: Groups, limits: Limits, work: _Parting, out: Groups) -> Any:
 
 
 @kernel
-def part(groups: Groups, track_label: Any, n_labels: int, limits: Limits) -> Any:
+def part(groups: Clusters, track_label: Any, n_labels: int, limits: Limits) -> Any:
     """Split every group into groups of dependent labels, without the labels not worth keeping."""
     item_label, local = np.empty(groups.items.size, np.int64), np.empty(n_labels, np.int64)
     number, weight = np.zeros(track_label.size, np.int64), np.empty(groups.logw.size)
@@ -289,9 +289,9 @@ def _renumber(old: Any, number: Any, used: Any, items: Any) -> int:
 
 
 @kernel
-def renumber(groups: Groups, n_options: int) -> tuple[Groups, Any]:
+def renumber(groups: Clusters, n_options: int) -> tuple[Clusters, Any]:
     """Items 0, 1, 2 ... for the options in use, in their order; also returns which options those are."""
     number, used = np.zeros(n_options, np.int64), np.empty(n_options, np.int64)
     items = np.empty(groups.items.size, np.int64)
     count = _renumber(groups.items, number, used, items)
-    return Groups(groups.first, groups.start, items, groups.logw), head(used, count)
+    return Clusters(groups.first, groups.start, items, groups.logw), head(used, count)

@@ -19,7 +19,7 @@ import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
 from gcs.tracking.clusters.contention import room_for_claims, root_of, unite
-from gcs.tracking.glmb.hypotheses import Groups, Limits, Options, filled, room_for_groups
+from gcs.tracking.glmb.hypotheses import Clusters, Limits, Options, filled, room_for_groups
 from gcs.tracking.numerics.sorting import Order, greatest_first, head, room_to_order
 
 
@@ -39,8 +39,8 @@ class _Pairs(NamedTuple):
     left: Any
     right: Any
     order: Order
-    one: Groups
-    other: Groups
+    one: Clusters
+    other: Clusters
 
 
 @spliced
@@ -50,11 +50,11 @@ def _product(
     logw: Any,
     low: int,
     high: int,
-    groups: Groups,
+    groups: Clusters,
     g: int,
     limits: Limits,
     work: _Pairs,
-    to: Groups,
+    to: Clusters,
 ) -> int:
     """Hypotheses `low` to `high` - 1 and those of an independent group g together: the best pairs.
 
@@ -101,7 +101,7 @@ def _pairs_at_most(rows: int, columns: int, most: int) -> int:
 
 
 @inlined
-def _one_label(groups: Groups, g: int, track_label: Any) -> bool:
+def _one_label(groups: Clusters, g: int, track_label: Any) -> bool:
     begin = groups.start[groups.first[g]]
     for i in range(begin, groups.start[groups.first[g + 1]]):
         if track_label[groups.items[i]] != track_label[groups.items[begin]]:
@@ -125,7 +125,7 @@ class _Unions(NamedTuple):
 
 
 @leaf
-def _chain(groups: Groups, track_label: Any, limits: Limits, to: _Unions, alone: Any) -> Any:
+def _chain(groups: Clusters, track_label: Any, limits: Limits, to: _Unions, alone: Any) -> Any:
     """Make of the trees in `to.parent` chains, and list in `alone` the labels that compete with nobody.
 
     Returns how many those are; hypotheses and items of all unions, and the most of one; pairs of a product.
@@ -157,7 +157,7 @@ def _chain(groups: Groups, track_label: Any, limits: Limits, to: _Unions, alone:
 
 
 @leaf
-def _united(groups: Groups, unions: _Unions, limits: Limits, work: _Pairs, out: Groups) -> Any:
+def _united(groups: Clusters, unions: _Unions, limits: Limits, work: _Pairs, out: Clusters) -> Any:
     """Fill `out` with the unions; return how many groups and hypotheses those are."""
     first = groups.first
     count, n = 0, 0
@@ -185,7 +185,7 @@ def _united(groups: Groups, unions: _Unions, limits: Limits, work: _Pairs, out: 
 
 
 @kernel
-def meet(groups: Groups, options: Options, track_label: Any, n_detections: int, limits: Limits) -> Any:
+def meet(groups: Clusters, options: Options, track_label: Any, n_detections: int, limits: Limits) -> Any:
     """Unite the groups whose labels want the same detections (see `claims`).
 
     Returns which groups are of one label that competes with nobody, and all others, united.

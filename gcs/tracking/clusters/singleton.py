@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, fetch_early, inlined, kernel, leaf, spliced
-from gcs.tracking.glmb.hypotheses import DIED, Groups, Limits, Options
+from gcs.tracking.glmb.hypotheses import DIED, Clusters, Limits, Options
 from gcs.tracking.glmb.kalman import updated
 from gcs.tracking.glmb.merging import factor, far, near
 from gcs.tracking.numerics.fast_math import take_logarithms
@@ -24,14 +24,14 @@ from gcs.tracking.numerics.sorting import Order, greatest_first, head, room_to_o
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
-    from gcs.tracking.models.measurement import View
+    from gcs.tracking.models.measurement import LinearisedMeasurement
 
 _NOBODY = -1
 _AHEAD = 2
 """How many labels before its turn a label's detection is fetched: those of neighbours are far apart."""
 
 
-class Made(NamedTuple):
+class SingletonUpdate(NamedTuple):
     """Probabilities that add up over the groups of a scan; empty where nobody asks for them."""
 
     explained: Any
@@ -45,7 +45,7 @@ class Made(NamedTuple):
 class Tracks(NamedTuple):
     """Tracks after a scan: which option of which track each was, its Gaussian, and who holds it."""
 
-    groups: Groups
+    groups: Clusters
     parent: Any
     option: Any
     mean: Any
@@ -96,7 +96,7 @@ def _without_tail(kept: int, share: float, to: Any) -> Any:
 
 
 @inlined
-def _weigh(groups: Groups, g: int, options: Options, limits: Limits, to: Any) -> Any:
+def _weigh(groups: Clusters, g: int, options: Options, limits: Limits, to: Any) -> Any:
     """Fill `to` with the children of group g; return how many are kept."""
     start, items = groups.start, groups.items
     n, best, absent, ways = 1, -np.inf, -np.inf, 0
@@ -169,7 +169,7 @@ class _Leaders(NamedTuple):
 
 
 @leaf
-def _sizes(groups: Groups, which: Any, options: Options, most: int) -> Any:
+def _sizes(groups: Clusters, which: Any, options: Options, most: int) -> Any:
     """Bounds: of tracks and hypotheses in all, and of the children of one group."""
     n_tracks, n_hyps, broadest = 0, 0, 1
     for i in range(which.size):
@@ -192,7 +192,7 @@ def _lead(
     cov: FloatArray,
     z: FloatArray,
     meas: Any,
-    view: View,
+    view: LinearisedMeasurement,
     distance2: float,
     out: Any,
 ) -> Any:
@@ -235,7 +235,7 @@ def _lead(
 
 
 @inlined
-def _account(kept: int, to: Any, meas: Any, track_label: Any, made: Made) -> None:
+def _account(kept: int, to: Any, meas: Any, track_label: Any, made: SingletonUpdate) -> None:
     """Add to `made` what the kept children of a label tell."""
     for k in range(kept):
         c = to.order.index[k]
@@ -249,17 +249,17 @@ def _account(kept: int, to: Any, meas: Any, track_label: Any, made: Made) -> Non
 
 @leaf
 def _alone(
-    groups: Groups,
+    groups: Clusters,
     which: Any,
     options: Options,
     mean: FloatArray,
     cov: FloatArray,
     track_label: Any,
     z: FloatArray,
-    view: View,
+    view: LinearisedMeasurement,
     limits: Limits,
     distance2: float,
-    made: Made,
+    made: SingletonUpdate,
     to: Any,
     lead: Any,
     out: Tracks,
@@ -308,18 +308,18 @@ def _alone(
 
 @kernel
 def alone(
-    groups: Groups,
+    groups: Clusters,
     which: Any,
     options: Options,
     mean: FloatArray,
     cov: FloatArray,
     track_label: Any,
     z: FloatArray,
-    view: View,
+    view: LinearisedMeasurement,
     limits: Limits,
     distance2: float,
     spare: int,
-    made: Made,
+    made: SingletonUpdate,
 ) -> Tracks:
     """Predict and update the groups `which`, each of one label that competes with nobody.
 
@@ -343,7 +343,7 @@ def alone(
         room_to_order(most),
     )
     out_first, out_start = np.empty(which.size + 1, np.int64), np.empty(n_hyps + 1, np.int64)
-    out_groups = Groups(out_first, out_start, np.empty(n_hyps, np.int64), np.empty(n_hyps))
+    out_groups = Clusters(out_first, out_start, np.empty(n_hyps, np.int64), np.empty(n_hyps))
     parent, option = np.empty(n_tracks, np.int64), np.empty(n_tracks, np.int64)
     rows = n_tracks + spare
     out = Tracks(out_groups, parent, option, np.empty((rows, 4)), np.empty((rows, 4, 4)))
@@ -365,7 +365,7 @@ def alone(
     )
     n_items = out_start[h]
     return Tracks(
-        Groups(
+        Clusters(
             head(out_first, n_groups + 1),
             head(out_start, h + 1),
             head(out_groups.items, n_items),

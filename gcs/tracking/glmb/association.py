@@ -12,8 +12,8 @@ import numpy as np
 from gcs.jit import ZERO, inlined, leaf
 from gcs.tracking.clusters.factorisation import part, renumber
 from gcs.tracking.clusters.merging import meet
-from gcs.tracking.clusters.singleton import Made, Tracks, alone
-from gcs.tracking.glmb.hypotheses import Groups, Limits, Options, room_for_groups
+from gcs.tracking.clusters.singleton import SingletonUpdate, Tracks, alone
+from gcs.tracking.glmb.hypotheses import Clusters, Limits, Options, room_for_groups
 from gcs.tracking.glmb.kalman import update
 from gcs.tracking.glmb.marginals import probabilities
 from gcs.tracking.glmb.merging import merge_alike
@@ -21,13 +21,13 @@ from gcs.tracking.glmb.ranked_assignment import children
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
-    from gcs.tracking.models.measurement import View
+    from gcs.tracking.models.measurement import LinearisedMeasurement
 
 
 class Joint(NamedTuple):
     """Tracks of groups of several labels after a scan: their items are rows of `used`."""
 
-    groups: Groups
+    groups: Clusters
     parent: Any
     option: Any
     mean: Any
@@ -39,7 +39,7 @@ class Joint(NamedTuple):
 class Carried(NamedTuple):
     """All tracks after a scan."""
 
-    groups: Groups
+    groups: Clusters
     parent: Any
     """(n,) which track each was before the scan."""
     option: Any
@@ -55,7 +55,7 @@ class Carried(NamedTuple):
 
 
 @leaf
-def _append_groups(groups: Groups, g: int, h: int, size: int, first_item: int, out: Groups) -> Any:
+def _append_groups(groups: Clusters, g: int, h: int, size: int, first_item: int, out: Clusters) -> Any:
     """Put groups behind the g groups, h hypotheses and so many items of `out`; return what it has then."""
     for i in range(groups.items.size):
         out.items[size + i] = first_item + groups.items[i]
@@ -122,7 +122,7 @@ def _look_up(options: Options, track_label: Any, option: Any, parent: Any, meas:
 
 
 @leaf
-def _account(probability: FloatArray, meas: Any, label: Any, made: Made) -> None:
+def _account(probability: FloatArray, meas: Any, label: Any, made: SingletonUpdate) -> None:
     """Add to `made` what tracks of such a probability tell."""
     for i in range(meas.size):
         made.there[label[i]] += probability[i]
@@ -133,17 +133,17 @@ def _account(probability: FloatArray, meas: Any, label: Any, made: Made) -> None
 
 @inlined
 def associate(
-    groups: Groups,
+    groups: Clusters,
     options: Options,
     track_label: Any,
     n_labels: int,
     mean: FloatArray,
     cov: FloatArray,
     z: FloatArray,
-    view: View,
+    view: LinearisedMeasurement,
     limits: Limits,
     rng: Any,
-    made: Made,
+    made: SingletonUpdate,
 ) -> Any:
     """Update predicted tracks by a scan's detections; return (`Carried`) those that some hypothesis holds.
 

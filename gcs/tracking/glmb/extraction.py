@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf
-from gcs.tracking.glmb.hypotheses import Groups
+from gcs.tracking.glmb.hypotheses import Clusters
 from gcs.tracking.glmb.marginals import Summary, summary
 from gcs.tracking.glmb.merging import factor, near
 from gcs.tracking.numerics.sorting import Order, greatest_first, room_to_order
@@ -149,7 +149,7 @@ def _fill(found: Summary, labels: Any, estimated: Any, order: Order, track: Any,
 
 @kernel
 def shown(
-    groups: Groups, track_label: Any, labels: Any, mean: FloatArray, cov: FloatArray, least: float
+    groups: Clusters, track_label: Any, labels: Any, mean: FloatArray, cov: FloatArray, least: float
 ) -> Estimates:
     """Labels in the estimate, and those with an existence of at least `least`."""
     found = summary(groups, track_label, labels.shape[0])
@@ -164,5 +164,5 @@ def shown(
 
 def warm_up_calls() -> list[tuple[Any, ...]]:
     """One call of every kernel, types as in a tracker."""
-    zeros, ids, groups = np.zeros(1, np.int64), np.zeros((1, 2), np.int64), Groups.example()
+    zeros, ids, groups = np.zeros(1, np.int64), np.zeros((1, 2), np.int64), Clusters.example()
     return [(shown, groups, zeros, ids, np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), 1e-3)]

@@ -30,12 +30,12 @@ from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
 from gcs.tracking.glmb import extraction, kalman, recursion
 from gcs.tracking.glmb.extraction import Estimates
 from gcs.tracking.glmb.measurements import seen_by
-from gcs.tracking.glmb.params import SURE, Birth, GlmbParams, Newborn
-from gcs.tracking.glmb.recursion import Account, Believed, Passed
+from gcs.tracking.glmb.params import SURE, Birth, BirthComponents, GlmbParams
+from gcs.tracking.glmb.recursion import DetectionSummary, Interval, Posterior
 from gcs.tracking.models import clutter, constant_velocity, coordinated_turn, measurement
 from gcs.tracking.trajectories.recovery import Histories
 
-__all__ = ["Account", "Birth", "Estimates", "Glmb", "GlmbParams", "warm_up", "warm_up_calls"]
+__all__ = ["Birth", "DetectionSummary", "Estimates", "Glmb", "GlmbParams", "warm_up", "warm_up_calls"]
 
 
 class Glmb:
@@ -78,15 +78,15 @@ class Glmb:
         self._turns = coordinated_turn.Turns(float(params.turn_rate_std_rad_s), float(params.turn_time_s))
         turns = self._turns if params.turn_rate_std_rad_s > 0.0 else None
         self.histories = Histories(turns) if keep_histories else None
-        self.account: Account | None = None
+        self.account: DetectionSummary | None = None
         self.scans = self.late_scans = self.bad_detections = 0
         self._weigh_detections = weigh_detections
         self._limits = params.limits()
         self._rng = np.array([seed % 2**64], dtype=np.uint64)
         self._t_ns: int | None = None
-        self._believed = Believed.nothing()
+        self._believed = Posterior.nothing()
         self._births: tuple[Birth, ...] = ()
-        self._newborn = Newborn.of(())
+        self._newborn = BirthComponents.of(())
         self._sensor: Sensor | None = None
 
     def update(
@@ -128,7 +128,7 @@ class Glmb:
         self._t_ns = measured_t_ns
         if births is not self._births:
             # Known places are one tuple, the same at each scan; what is not a tuple might change.
-            self._births, self._newborn = tuple(births), Newborn.of(births)
+            self._births, self._newborn = tuple(births), BirthComponents.of(births)
         if sensor is not self._sensor:
             self._sensor, self._optics = sensor, measurement.optics(sensor)
         passed = self._passed(dt_s)
@@ -180,12 +180,12 @@ class Glmb:
         """Return who is there: the tracks of `picture` that are in the MAP-cardinality estimate."""
         return tuple(track for track in self.picture(0).tracks if track.estimated)
 
-    def _passed(self, dt_s: float) -> Passed:
+    def _passed(self, dt_s: float) -> Interval:
         """Return what happened since the scan before."""
         params = self.params
         Q = _process_noise(dt_s, params.accel_std_m_s2, params.acceleration)
         chances = _chances(self._survival(dt_s), float(params.lost_std_m))
-        return Passed(dt_s, Q, chances, self.scans, self._newborn)
+        return Interval(dt_s, Q, chances, self.scans, self._newborn)
 
     def _survival(self, dt_s: float) -> float:
         return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - SURE))

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf
-from gcs.tracking.models.measurement import View, wrapped
+from gcs.tracking.models.measurement import LinearisedMeasurement, wrapped
 from gcs.tracking.numerics.sorting import Order, greatest_first, room_to_order
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def _nth_best(logw: Any, start: int, end: int, best: Any) -> Any:
 
 
 @inlined
-def innovation(cov: FloatArray, t: int, view: View, u: int) -> Any:
+def innovation(cov: FloatArray, t: int, view: LinearisedMeasurement, u: int) -> Any:
     """A P A' + noise of track t, seen by `view` at u: its three different elements."""
     p, q, r, s = view.A[u, 0, 0], view.A[u, 0, 1], view.A[u, 1, 0], view.A[u, 1, 1]
     x, xy, y = cov[t, 0, 0], cov[t, 0, 1], cov[t, 1, 1]
@@ -193,7 +193,7 @@ def _options(
     log_live: FloatArray,
     log_die: FloatArray,
     z: FloatArray,
-    view: View,
+    view: LinearisedMeasurement,
     log_clutter: FloatArray,
     gate_chi2: float,
     strip: _Strips,
@@ -272,7 +272,7 @@ def options(
     log_live: FloatArray,
     log_die: FloatArray,
     z: FloatArray,
-    view: View,
+    view: LinearisedMeasurement,
     log_clutter: FloatArray,
     gate_chi2: float,
 ) -> Any:

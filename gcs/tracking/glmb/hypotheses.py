@@ -20,7 +20,7 @@ from gcs.tracking.numerics.sorting import head
 DIED = -2
 
 
-class Groups(NamedTuple):
+class Clusters(NamedTuple):
     """Independent groups of hypotheses: group g has hypotheses `first[g]` to `first[g + 1]`."""
 
     first: Any
@@ -30,7 +30,7 @@ class Groups(NamedTuple):
     logw: Any
 
     @classmethod
-    def example(cls) -> Groups:
+    def example(cls) -> Clusters:
         """Return the least that kernels can be called with."""
         return cls(np.arange(2), np.arange(2), np.zeros(1, np.int64), np.zeros(1))
 
@@ -88,9 +88,9 @@ def key_of(item: Any) -> Any:
 
 
 @inlined
-def room_for_groups(n_groups: int, n_hyps: int, n_items: int) -> Groups:
+def room_for_groups(n_groups: int, n_hyps: int, n_items: int) -> Clusters:
     """Return room for so many groups, hypotheses and items."""
-    return Groups(
+    return Clusters(
         np.empty(n_groups + 1, np.int64),
         np.empty(n_hyps + 1, np.int64),
         np.empty(n_items, np.int64),
@@ -99,9 +99,9 @@ def room_for_groups(n_groups: int, n_hyps: int, n_items: int) -> Groups:
 
 
 @inlined
-def filled(groups: Groups, count: int, n: int) -> Groups:
+def filled(groups: Clusters, count: int, n: int) -> Clusters:
     """What of the room is filled: `count` groups with n hypotheses."""
-    return Groups(
+    return Clusters(
         head(groups.first, count + 1),
         head(groups.start, n + 1),
         head(groups.items, groups.start[n]),

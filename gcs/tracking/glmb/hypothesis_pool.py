@@ -15,7 +15,7 @@ from gcs.tracking.glmb.hypotheses import DIED, Limits, Options, key_of
 from gcs.tracking.numerics.sorting import Order, greatest_first, power_of_two, room_to_order
 
 
-class Pool(NamedTuple):
+class HypothesisPool(NamedTuple):
     """Distinct hypotheses so far: item sets with log-weights, found again by key (open addressing)."""
 
     logw: Any
@@ -30,9 +30,9 @@ class Pool(NamedTuple):
 
 
 @inlined
-def room_for_children(capacity: int, widest: int) -> Pool:
+def room_for_children(capacity: int, widest: int) -> HypothesisPool:
     """Return room for so many hypotheses, of so many tracks."""
-    return Pool(
+    return HypothesisPool(
         np.empty(capacity),
         np.empty(capacity, np.uint64),
         np.empty(capacity, np.int64),
@@ -54,7 +54,7 @@ def _find(slot: Any, slots: int, known: Any, key: Any) -> Any:
 
 
 @leaf
-def _keep_best(pool: Pool, count: int, slots: int, most: int) -> Any:
+def _keep_best(pool: HypothesisPool, count: int, slots: int, most: int) -> Any:
     """Drop all but the `most` best; return how many those are and the log-weight of the worst of them."""
     greatest_first(pool.logw, ZERO, count, pool.order)
     order, stays = pool.order.index, pool.stays
@@ -78,7 +78,7 @@ def _keep_best(pool: Pool, count: int, slots: int, most: int) -> Any:
 
 @spliced
 def offer(
-    pool: Pool,
+    pool: HypothesisPool,
     room: int,
     slots: int,
     count: int,

@@ -14,18 +14,18 @@ import numpy as np
 
 from gcs.jit import inlined, leaf, spliced
 from gcs.tracking.glmb.gating import innovation
-from gcs.tracking.glmb.hypotheses import Groups, room_for_groups
-from gcs.tracking.models.measurement import View, wrapped
+from gcs.tracking.glmb.hypotheses import Clusters, room_for_groups
+from gcs.tracking.models.measurement import LinearisedMeasurement, wrapped
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
-    from gcs.tracking.glmb.params import Newborn
+    from gcs.tracking.glmb.params import BirthComponents
 
 
-class Foreseen(NamedTuple):
+class Prediction(NamedTuple):
     """Tracks as they are expected at a scan, those just born behind the others, and what they make up."""
 
-    groups: Groups
+    groups: Clusters
     track_label: Any
     """(n,) which label each is of."""
     labels: Any
@@ -81,7 +81,7 @@ def _predict(
 
 
 @leaf
-def _append(groups: Groups, track_label: Any, labels: Any, scan: int, born: Any, to: Foreseen) -> None:
+def _append(groups: Clusters, track_label: Any, labels: Any, scan: int, born: Any, to: Prediction) -> None:
     """Put those just born behind the others, each a group of its own."""
     n_groups, n_hyps, n_items = groups.first.size - 1, groups.logw.size, groups.items.size
     n, n_labels = track_label.size, labels.shape[0]
@@ -110,7 +110,7 @@ def _append(groups: Groups, track_label: Any, labels: Any, scan: int, born: Any,
 
 @inlined
 def foresee(
-    groups: Groups,
+    groups: Clusters,
     track_label: Any,
     labels: Any,
     mean: FloatArray,
@@ -119,11 +119,11 @@ def foresee(
     Q: FloatArray,
     chances: Chances,
     scan: int,
-    born: Newborn,
-) -> Foreseen:
+    born: BirthComponents,
+) -> Prediction:
     """Predict all tracks by `dt_s`, and add those that may have been born by this scan."""
     n, more, n_labels = track_label.size, born.mean.shape[0], labels.shape[0]
-    out = Foreseen(
+    out = Prediction(
         room_for_groups(groups.first.size - 1 + more, groups.logw.size + more, groups.items.size + more),
         np.empty(n + more, np.int64),
         np.empty((n_labels + more, 2), np.int64),
@@ -138,7 +138,9 @@ def foresee(
 
 
 @inlined
-def _gain(x: float, y: float, view: View, u: int, a: float, b: float, c: float, det: float) -> Any:
+def _gain(
+    x: float, y: float, view: LinearisedMeasurement, u: int, a: float, b: float, c: float, det: float
+) -> Any:
     """One row of K = P H' S^-1, from the first two elements of that row of P and from S."""
     e = x * view.A[u, 0, 0] + y * view.A[u, 0, 1]
     f = x * view.A[u, 1, 0] + y * view.A[u, 1, 1]
@@ -146,7 +148,7 @@ def _gain(x: float, y: float, view: View, u: int, a: float, b: float, c: float, 
 
 
 @inlined
-def _left(row: int, k0: float, k1: float, view: View, u: int) -> Any:
+def _left(row: int, k0: float, k1: float, view: LinearisedMeasurement, u: int) -> Any:
     """One row of I - K H, its first two elements; the others are those of I."""
     return (
         (1.0 if row == 0 else 0.0) - (k0 * view.A[u, 0, 0] + k1 * view.A[u, 1, 0]),
@@ -155,7 +157,9 @@ def _left(row: int, k0: float, k1: float, view: View, u: int) -> Any:
 
 
 @inlined
-def _noisy(total: float, k0: float, k1: float, view: View, u: int, l0: float, l1: float) -> Any:
+def _noisy(
+    total: float, k0: float, k1: float, view: LinearisedMeasurement, u: int, l0: float, l1: float
+) -> Any:
     """Add an element of K noise K', from two rows of K."""
     r = view.noise
     return total + k0 * r[u, 0, 0] * l0 + k0 * r[u, 0, 1] * l1 + k1 * r[u, 1, 0] * l0 + k1 * r[u, 1, 1] * l1
@@ -168,7 +172,7 @@ def updated(
     p: int,
     j: int,
     z: FloatArray,
-    view: View,
+    view: LinearisedMeasurement,
     mean_out: FloatArray,
     cov_out: FloatArray,
     i: int,
@@ -232,7 +236,7 @@ def _update(
     parent: Any,
     meas: Any,
     z: FloatArray,
-    view: View,
+    view: LinearisedMeasurement,
     mean_out: FloatArray,
     cov_out: FloatArray,
 ) -> None:
@@ -242,7 +246,7 @@ def _update(
 
 @inlined
 def update(
-    mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, view: View
+    mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, view: LinearisedMeasurement
 ) -> tuple[FloatArray, FloatArray]:
     """Kalman update of each track `parent[i]` with detection `meas[i]` (or MISSED)."""
     mean_out, cov_out = np.empty((parent.size, 4)), np.empty((parent.size, 4, 4))

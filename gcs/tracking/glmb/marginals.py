@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf
-from gcs.tracking.glmb.hypotheses import Groups
+from gcs.tracking.glmb.hypotheses import Clusters
 from gcs.tracking.numerics.fast_math import exponentials
 from gcs.tracking.numerics.sorting import head
 
@@ -22,7 +22,7 @@ _TAIL = 1e-15
 
 
 @inlined
-def _reference(groups: Groups, g: int, track_label: Any, existence: FloatArray) -> Any:
+def _reference(groups: Clusters, g: int, track_label: Any, existence: FloatArray) -> Any:
     """Return the hypothesis of group g that shows its likely labels (existence above 1/2).
 
     The most probable one of those that hold the most of them. Each label's own best hypothesis would not do:
@@ -41,7 +41,7 @@ def _reference(groups: Groups, g: int, track_label: Any, existence: FloatArray) 
 
 
 @inlined
-def _weigh_sizes(groups: Groups, g: int, chance: FloatArray, weight: FloatArray) -> int:
+def _weigh_sizes(groups: Clusters, g: int, chance: FloatArray, weight: FloatArray) -> int:
     """Fill `weight` with the probability of each number of objects of group g; return the greatest number.
 
     `chance` is that of each hypothesis, `weight` 0 up to there.
@@ -55,7 +55,7 @@ def _weigh_sizes(groups: Groups, g: int, chance: FloatArray, weight: FloatArray)
 
 
 @inlined
-def _likeliest(groups: Groups, g: int, weight: FloatArray, widest: int) -> Any:
+def _likeliest(groups: Clusters, g: int, weight: FloatArray, widest: int) -> Any:
     """Return the best hypothesis of the most probable number of objects of group g."""
     size = 0
     for k in range(1, widest + 1):
@@ -104,7 +104,7 @@ class Summary(NamedTuple):
 
 @leaf
 def _sum_up(
-    groups: Groups, track_label: Any, weight: FloatArray, other: FloatArray, chance: Any, out: Summary
+    groups: Clusters, track_label: Any, weight: FloatArray, other: FloatArray, chance: Any, out: Summary
 ) -> Any:
     """Fill `out`; `weight` (labels + 1,) is 0, `other` as well and takes turns with `out.cardinality`.
 
@@ -155,7 +155,7 @@ def _sum_up(
 
 
 @inlined
-def summary(groups: Groups, track_label: Any, n_labels: int) -> Summary:
+def summary(groups: Clusters, track_label: Any, n_labels: int) -> Summary:
     """Sum up what the groups believe."""
     existence, probability = np.zeros(n_labels), np.zeros(track_label.size)
     shown, estimated = np.empty(n_labels, np.int64), np.empty(n_labels, np.int64)
@@ -168,7 +168,7 @@ def summary(groups: Groups, track_label: Any, n_labels: int) -> Summary:
 
 
 @kernel
-def probabilities(groups: Groups, n_tracks: int) -> Any:
+def probabilities(groups: Clusters, n_tracks: int) -> Any:
     """Probability of each track: that of the hypotheses that hold it."""
     probability, chance = np.zeros(n_tracks), np.empty(groups.logw.size)
     exponentials(groups.logw, chance)
@@ -179,7 +179,7 @@ def probabilities(groups: Groups, n_tracks: int) -> Any:
 
 
 @kernel
-def map_tracks(groups: Groups) -> Any:
+def map_tracks(groups: Clusters) -> Any:
     """Tracks of the best hypothesis of each group's most probable number of objects."""
     chosen, n = np.empty(groups.items.size, np.int64), ZERO
     weight, chance = np.zeros(groups.items.size + 1), np.empty(groups.logw.size)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _LEAST_CLUTTER_PER_M2 = 1e-15
 
 
-class Seen(NamedTuple):
+class Measurements(NamedTuple):
     """The detections of a scan."""
 
     z: FloatArray
@@ -41,7 +41,7 @@ class Look(NamedTuple):
     """(m,) which detection of the scan each is."""
 
 
-def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Seen:
+def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Measurements:
     """Take detections (m, 2) among clutter of such an intensity (m,), or of the sensor's.
 
     Raises
@@ -63,11 +63,11 @@ def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) 
     clutter = np.maximum(clutter, _LEAST_CLUTTER_PER_M2)
     if sensor.polar is not None:
         clutter = clutter * sensors.cell_m2(sensor, place_m)
-    return Seen(z, place_m, np.log(clutter))
+    return Measurements(z, place_m, np.log(clutter))
 
 
 @inlined
-def look_at(seen: Seen) -> Look:
+def look_at(seen: Measurements) -> Look:
     """Put the detections that are finite, as are their intensities, in order."""
     step, rows, n = 0 if seen.log_clutter.size == 1 else 1, np.empty(seen.z.shape[0], np.int64), ZERO
     for j in range(seen.z.shape[0]):

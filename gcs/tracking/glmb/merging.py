@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf
-from gcs.tracking.glmb.hypotheses import Groups, key_of
+from gcs.tracking.glmb.hypotheses import Clusters, key_of
 from gcs.tracking.numerics.fast_math import exponentials
 from gcs.tracking.numerics.sorting import (
     Distinct,
@@ -87,7 +87,7 @@ def far(
 
 @leaf
 def _leaders(
-    groups: Groups,
+    groups: Clusters,
     mean: FloatArray,
     cov: FloatArray,
     track_label: Any,
@@ -194,7 +194,7 @@ def _join_moments(
 
 
 @leaf
-def _broadest(groups: Groups) -> int:
+def _broadest(groups: Clusters) -> int:
     """Most hypotheses of a group."""
     most = 0
     for g in range(groups.first.size - 1):
@@ -203,7 +203,7 @@ def _broadest(groups: Groups) -> int:
 
 
 @leaf
-def _renamed(groups: Groups, chance: FloatArray, leader: Any, same: Distinct, out: Groups) -> None:
+def _renamed(groups: Clusters, chance: FloatArray, leader: Any, same: Distinct, out: Clusters) -> None:
     """Let leaders take the places of those for whom they stand; hypotheses that are then equal become one."""
     first, start, items = groups.first, groups.start, groups.items
     n = 0
@@ -233,8 +233,8 @@ def _renamed(groups: Groups, chance: FloatArray, leader: Any, same: Distinct, ou
 
 @kernel
 def merge_alike(
-    groups: Groups, mean: FloatArray, cov: FloatArray, track_label: Any, distance2: float
-) -> Groups:
+    groups: Clusters, mean: FloatArray, cov: FloatArray, track_label: Any, distance2: float
+) -> Clusters:
     """Merge tracks of one label within squared Mahalanobis `distance2`; `mean` and `cov` change in place.
 
     Tracks of a label stand together. Those that were merged into others are in no hypothesis of the result.
@@ -250,7 +250,7 @@ def merge_alike(
     count = _mixtures(leader, mixture)
     total, centre, spread = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4, 4))
     _join_moments(mean, cov, weight, leader, mixture, total, centre, spread)
-    out = Groups(
+    out = Clusters(
         np.empty(groups.first.size, np.int64),
         np.empty(groups.start.size, np.int64),
         np.empty(groups.items.size, np.int64),
@@ -258,4 +258,4 @@ def merge_alike(
     )
     _renamed(groups, chance, leader, room_for_distinct(_broadest(groups)), out)
     n = out.first[out.first.size - 1]
-    return Groups(out.first, head(out.start, n + 1), head(out.items, out.start[n]), head(out.logw, n))
+    return Clusters(out.first, head(out.start, n + 1), head(out.items, out.start[n]), head(out.logw, n))

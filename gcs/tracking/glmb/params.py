@@ -110,7 +110,7 @@ class GlmbParams:
         )
 
 
-class Newborn(NamedTuple):
+class BirthComponents(NamedTuple):
     """Births as arrays."""
 
     mean: FloatArray
@@ -123,7 +123,7 @@ class Newborn(NamedTuple):
     """(n,) of the probability not to."""
 
     @classmethod
-    def of(cls, births: Sequence[Birth]) -> Newborn:
+    def of(cls, births: Sequence[Birth]) -> BirthComponents:
         """Convert."""
         probability = np.clip([birth.probability for birth in births], 1.0 - SURE, SURE)
         return cls(

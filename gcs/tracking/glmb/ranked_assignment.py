@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
-from gcs.tracking.glmb.hypotheses import Groups, Limits, Options, filled, key_of, mix, room_for_groups
-from gcs.tracking.glmb.hypothesis_pool import Pool, offer, room_for_children
+from gcs.tracking.glmb.hypotheses import Clusters, Limits, Options, filled, key_of, mix, room_for_groups
+from gcs.tracking.glmb.hypothesis_pool import HypothesisPool, offer, room_for_children
 from gcs.tracking.numerics.sorting import Order, greatest_first, power_of_two, room_to_order
 
 _FEW_JOINT_OPTIONS = 1000
@@ -33,7 +33,7 @@ def _uniform(rng: Any) -> float:
 
 @inlined
 def _enumerate(
-    pool: Pool,
+    pool: HypothesisPool,
     room: int,
     slots: int,
     count: int,
@@ -154,7 +154,7 @@ def _draw(first: int, end: int, options: Options, used: Any, rng: Any) -> int:
 
 @inlined
 def _sample(
-    pool: Pool,
+    pool: HypothesisPool,
     room: int,
     slots: int,
     count: int,
@@ -227,7 +227,7 @@ class _Search(NamedTuple):
 
 
 @leaf
-def _bound(groups: Groups, options: Options, most: int, to: _Bounds) -> Any:
+def _bound(groups: Clusters, options: Options, most: int, to: _Bounds) -> Any:
     """Fill the bounds.
 
     Returns the widest group, the most room of one, hypotheses and items of all that can go on, and the most
@@ -256,12 +256,12 @@ def _bound(groups: Groups, options: Options, most: int, to: _Bounds) -> Any:
 
 @spliced
 def _search(
-    groups: Groups,
+    groups: Clusters,
     g: int,
     options: Options,
     limits: Limits,
     bound: _Bounds,
-    pool: Pool,
+    pool: HypothesisPool,
     work: _Search,
     rng: Any,
 ) -> Any:
@@ -299,14 +299,14 @@ def _search(
 
 @leaf
 def _children(
-    groups: Groups,
+    groups: Clusters,
     options: Options,
     limits: Limits,
     bound: _Bounds,
-    pool: Pool,
+    pool: HypothesisPool,
     work: _Search,
     rng: Any,
-    out: Groups,
+    out: Clusters,
 ) -> Any:
     """Fill `out` with the children of all groups; return how many."""
     n, logw = 0, out.logw
@@ -332,7 +332,7 @@ def _children(
 
 
 @kernel
-def children(groups: Groups, options: Options, n_detections: int, limits: Limits, rng: Any) -> Any:
+def children(groups: Clusters, options: Options, n_detections: int, limits: Limits, rng: Any) -> Any:
     """Jointly predict and update groups of several labels; the result's items are options.
 
     `rng` (1,) uint64 advances.

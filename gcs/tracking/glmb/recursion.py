@@ -15,15 +15,15 @@ import numpy as np
 from gcs.jit import Call, kernel, leaf
 from gcs.tracking.clusters.factorisation import part, renumber
 from gcs.tracking.clusters.merging import meet
-from gcs.tracking.clusters.singleton import Made, alone
+from gcs.tracking.clusters.singleton import SingletonUpdate, alone
 from gcs.tracking.glmb.association import Carried, associate
 from gcs.tracking.glmb.gating import options
-from gcs.tracking.glmb.hypotheses import Groups, Limits, Options
+from gcs.tracking.glmb.hypotheses import Clusters, Limits, Options
 from gcs.tracking.glmb.kalman import Chances, foresee
 from gcs.tracking.glmb.marginals import probabilities
-from gcs.tracking.glmb.measurements import Seen, look_at
+from gcs.tracking.glmb.measurements import Measurements, look_at
 from gcs.tracking.glmb.merging import merge_alike
-from gcs.tracking.glmb.params import GlmbParams, Newborn
+from gcs.tracking.glmb.params import BirthComponents, GlmbParams
 from gcs.tracking.glmb.ranked_assignment import children
 from gcs.tracking.models import coordinated_turn, measurement
 from gcs.tracking.models.coordinated_turn import Turns
@@ -32,10 +32,10 @@ _SURELY_THERE, _SURELY_IN_VIEW = 0.95, 0.999
 """Objects that tell how probably a sensor detects what it looks at."""
 
 
-class Believed(NamedTuple):
+class Posterior(NamedTuple):
     """What a tracker believes after a scan."""
 
-    groups: Groups
+    groups: Clusters
     track_label: Any
     """(n,) index into `labels` for each track; a label's tracks stand together."""
     labels: Any
@@ -50,11 +50,11 @@ class Believed(NamedTuple):
     """(labels,) whether each existed beyond doubt; empty where detections are not weighed."""
 
     @classmethod
-    def nothing(cls) -> Believed:
+    def nothing(cls) -> Posterior:
         """Return what is believed before the first scan."""
         none, ids = np.zeros(1, np.int64), np.empty(0, np.int64)
         return cls(
-            Groups(none, none, ids, np.empty(0)),
+            Clusters(none, none, ids, np.empty(0)),
             ids,
             np.empty((0, 2), np.int64),
             np.empty((0, 4)),
@@ -64,7 +64,7 @@ class Believed(NamedTuple):
         )
 
 
-class Passed(NamedTuple):
+class Interval(NamedTuple):
     """What happened since the scan before."""
 
     dt_s: float
@@ -73,11 +73,11 @@ class Passed(NamedTuple):
     chances: Chances
     scan: int
     """The number of this scan."""
-    born: Newborn
+    born: BirthComponents
     """Who may have been born by it."""
 
 
-class Account(NamedTuple):
+class DetectionSummary(NamedTuple):
     """What the tracks make of a scan's detections: for births, and to check a sensor's word."""
 
     explained: Any
@@ -88,11 +88,11 @@ class Account(NamedTuple):
     """How many those were."""
 
 
-class Taken(NamedTuple):
+class UpdateResult(NamedTuple):
     """A scan that was taken in."""
 
-    believed: Believed
-    account: Account
+    believed: Posterior
+    account: DetectionSummary
     """Where detections are weighed."""
     unusable: int
     """How many detections were."""
@@ -108,7 +108,7 @@ class Taken(NamedTuple):
 
 @leaf
 def _weigh(
-    sure: Any, track_label: Any, inside: Any, in_view: Any, made: Made, rows: Any, explained: Any
+    sure: Any, track_label: Any, inside: Any, in_view: Any, made: SingletonUpdate, rows: Any, explained: Any
 ) -> Any:
     """Fill `explained`; return how many of the `sure` labels were in view, and how many of these detected."""
     in_view[:] = 1.0
@@ -141,15 +141,15 @@ def _gather(after: Carried, options: Options, labels: Any, there: Any, out: Any)
 
 @kernel
 def take_in(
-    before: Believed,
-    passed: Passed,
-    seen: Seen,
-    optics: measurement.Optics,
+    before: Posterior,
+    passed: Interval,
+    seen: Measurements,
+    optics: measurement.SensorModel,
     limits: Limits,
     turns: Turns,
     weigh: bool,
     rng: Any,
-) -> Taken:
+) -> UpdateResult:
     """Take in a scan; `rng` (1,) uint64 advances."""
     mean, cov, turn, dt_s, Q = before.mean, before.cov, before.turn, passed.dt_s, passed.Q
     turn_too = turns.rate_std_rad_s > 0.0
@@ -170,7 +170,7 @@ def take_in(
     )
     open_, n_labels = Options(start, meas, logw), now.labels.shape[0]
     asked = (look.rows.size, n_labels, seen.z.shape[0]) if weigh else (0, 0, 0)
-    made = Made(np.zeros(asked[0]), np.zeros(asked[1]), np.zeros(asked[1]))
+    made = SingletonUpdate(np.zeros(asked[0]), np.zeros(asked[1]), np.zeros(asked[1]))
     after = associate(
         now.groups, open_, now.track_label, n_labels, now.mean, now.cov, look.z, view, limits, rng, made
     )
@@ -184,9 +184,9 @@ def take_in(
     _gather(after, open_, now.labels, made.there, told)
     if turn_too:
         turn = coordinated_turn.update(now.cov, turn, after.parent, told[0], look.z, view)
-    return Taken(
-        Believed(after.groups, after.label, told[2], after.mean[:n], after.cov[:n], turn, told[3]),
-        Account(explained, detected, in_view),
+    return UpdateResult(
+        Posterior(after.groups, after.label, told[2], after.mean[:n], after.cov[:n], turn, told[3]),
+        DetectionSummary(explained, detected, in_view),
         seen.z.shape[0] - look.rows.size,
         after.parent,
         told[0],
@@ -197,12 +197,14 @@ def take_in(
 
 def warm_up_calls() -> list[Call]:
     """One call of every kernel that is called for a scan, types as in a tracker."""
-    born, nowhere = Newborn.of(()), np.zeros((1, 2))
-    passed = Passed(1.0, np.eye(4), Chances(0.0, 0.0, 0.0, 0.0, 1.0), 0, born)
-    seen = Seen(nowhere, nowhere, np.zeros(1))
-    optics = measurement.Optics(False, np.eye(2).reshape(1, 2, 2), np.zeros((2, 2)), np.zeros(2), 0.0, 0.9)
+    born, nowhere = BirthComponents.of(()), np.zeros((1, 2))
+    passed = Interval(1.0, np.eye(4), Chances(0.0, 0.0, 0.0, 0.0, 1.0), 0, born)
+    seen = Measurements(nowhere, nowhere, np.zeros(1))
+    optics = measurement.SensorModel(
+        False, np.eye(2).reshape(1, 2, 2), np.zeros((2, 2)), np.zeros(2), 0.0, 0.9
+    )
     rng, limits = np.zeros(1, np.uint64), GlmbParams(1.0).limits()
-    return [(take_in, Believed.nothing(), passed, seen, optics, limits, Turns(0.0, 1.0), False, rng)]
+    return [(take_in, Posterior.nothing(), passed, seen, optics, limits, Turns(0.0, 1.0), False, rng)]
 
 
 def warm_up_parts() -> list[Call]:
@@ -213,8 +215,12 @@ def warm_up_parts() -> list[Call]:
     """
     ones, zeros, z, limits = np.ones(1), np.zeros(1, np.int64), np.zeros((1, 2)), GlmbParams(1.0).limits()
     mean, cov, matrix = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.eye(2).reshape(1, 2, 2)
-    view = measurement.View(z, matrix, matrix, ones, 0.9, wraps=False)
-    groups, open_, made = Groups.example(), Options(np.arange(2), zeros, ones), Made(ones, ones, ones)
+    view = measurement.LinearisedMeasurement(z, matrix, matrix, ones, 0.9, wraps=False)
+    groups, open_, made = (
+        Clusters.example(),
+        Options(np.arange(2), zeros, ones),
+        SingletonUpdate(ones, ones, ones),
+    )
     return [
         (children, groups, open_, 1, limits, np.zeros(1, np.uint64)),
         (meet, groups, open_, zeros, 1, limits),

@@ -43,7 +43,7 @@ class _Left(NamedTuple):
     probability: FloatArray
 
 
-class UnknownBirths:
+class AdaptiveBirth:
     """Births at detections that nothing explains.
 
     Parameters

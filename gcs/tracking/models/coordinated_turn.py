@@ -25,7 +25,7 @@ import numpy as np
 
 from gcs.jit import inlined, kernel, leaf
 from gcs.model import FloatArray
-from gcs.tracking.models.measurement import View, wrapped
+from gcs.tracking.models.measurement import LinearisedMeasurement, wrapped
 
 _SMALL_ANGLE = 1e-4
 _MOST_CORRELATION = 0.98
@@ -142,7 +142,9 @@ def predict(
 
 
 @kernel
-def update(cov: FloatArray, turn: FloatArray, parent: Any, meas: Any, z: FloatArray, view: View) -> Any:
+def update(
+    cov: FloatArray, turn: FloatArray, parent: Any, meas: Any, z: FloatArray, view: LinearisedMeasurement
+) -> Any:
     """Turns (n, 6) of the tracks that `kernels.update` makes; `cov` and `turn` are those predicted."""
     n = parent.size
     out = np.empty((n, 6))

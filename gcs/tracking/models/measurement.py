@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _TWO_PI = 2.0 * math.pi
 
 
-class Optics(NamedTuple):
+class SensorModel(NamedTuple):
     """What kernels know of a sensor."""
 
     polar: bool
@@ -52,7 +52,7 @@ class Optics(NamedTuple):
     """Detection probability in the field of view."""
 
 
-class View(NamedTuple):
+class LinearisedMeasurement(NamedTuple):
     """How n predicted tracks are seen; where they share `A` and `noise`, these are (1, 2, 2)."""
 
     z_hat: FloatArray
@@ -148,7 +148,7 @@ def _range_bearing(
 
 
 @kernel
-def seen(optics: Optics, mean: FloatArray, cov: FloatArray) -> View:
+def seen(optics: SensorModel, mean: FloatArray, cov: FloatArray) -> LinearisedMeasurement:
     """How a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
     if optics.polar:
         z_hat, A, noise, inside = _range_bearing(
@@ -158,25 +158,25 @@ def seen(optics: Optics, mean: FloatArray, cov: FloatArray) -> View:
         z_hat, inside = _position(mean, cov, optics.field)
         A, noise = np.zeros((1, 2, 2)), optics.noise
         A[0, 0, 0] = A[0, 1, 1] = 1.0
-    return View(z_hat, A, noise, inside, optics.p_d, optics.polar)
+    return LinearisedMeasurement(z_hat, A, noise, inside, optics.p_d, optics.polar)
 
 
-def optics(sensor: Sensor) -> Optics:
+def optics(sensor: Sensor) -> SensorModel:
     """Return what kernels know of a sensor."""
     p_d = min(float(sensor.detection_probability), MOST_DETECTION)
     polar = sensor.polar
     if polar is None:
         noise = np.array(sensor.noise_cov_m2, dtype=np.float64, order="C").reshape(1, 2, 2)
-        return Optics(
+        return SensorModel(
             polar=False, noise=noise, field=box(sensor), place_m=np.zeros(2), centre_rad=0.0, p_d=p_d
         )
     noise = np.diag([polar.range_std_m**2, polar.bearing_std_rad**2]).reshape(1, 2, 2)
     half_rad = polar.bearing_rad[1]
     field = np.array([polar.range_m, (-half_rad, half_rad)], dtype=np.float64)
     place_m = np.array([polar.east_m, polar.north_m], dtype=np.float64)
-    return Optics(True, noise, field, place_m, float(polar.bearing_rad[0]), p_d)
+    return SensorModel(True, noise, field, place_m, float(polar.bearing_rad[0]), p_d)
 
 
-def view(sensor: Sensor, mean: FloatArray, cov: FloatArray) -> View:
+def view(sensor: Sensor, mean: FloatArray, cov: FloatArray) -> LinearisedMeasurement:
     """Return how a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
-    return cast(View, seen(optics(sensor), mean, cov))
+    return cast(LinearisedMeasurement, seen(optics(sensor), mean, cov))

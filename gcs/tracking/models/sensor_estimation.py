@@ -73,7 +73,7 @@ class _Mean:
         return self.weight**2 / self.squares if self.squares else 0.0
 
 
-class Calibration:
+class SensorEstimation:
     """One sensor, as its stream shows it."""
 
     def __init__(self) -> None:

@@ -15,12 +15,12 @@ from gcs.tracking.glmb.marginals import map_tracks
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
-    from gcs.tracking.glmb.recursion import Believed
+    from gcs.tracking.glmb.recursion import Posterior
 
 NONE: Final = -1
 
 
-class Forest(NamedTuple):
+class HistoryTree(NamedTuple):
     """Nodes, in use or free."""
 
     references: Any
@@ -40,23 +40,23 @@ class Forest(NamedTuple):
     """(1,)."""
 
     @classmethod
-    def of(cls, n: int) -> Forest:
+    def of(cls, n: int) -> HistoryTree:
         """Return a forest of n free nodes."""
         references, parent, scan, birth, made = np.zeros((5, n), np.int64)
         z_m, logw, free = np.zeros((n, 2)), np.zeros(n), np.arange(n)
         return cls(references, parent, scan, birth, made, z_m, logw, free, np.full(1, n))
 
-    def larger(self, n: int) -> Forest:
+    def larger(self, n: int) -> HistoryTree:
         """Return the same with n more free nodes, and twice as many nodes at least."""
         size = self.parent.size
-        more = Forest.of(max(size, n))
+        more = HistoryTree.of(max(size, n))
         columns = (np.concatenate(pair) for pair in zip(self, more, strict=True))
         free = np.concatenate([more.free + size, self.free])
-        return Forest(*columns)._replace(free=free, n_free=self.n_free + more.n_free)
+        return HistoryTree(*columns)._replace(free=free, n_free=self.n_free + more.n_free)
 
 
 @inlined
-def _let_go(of: Forest, node: int) -> None:
+def _let_go(of: HistoryTree, node: int) -> None:
     """Drop a reference to a node, and free what nobody refers to any more."""
     while node != NONE:
         of.references[node] -= 1
@@ -68,14 +68,21 @@ def _let_go(of: Forest, node: int) -> None:
 
 
 @leaf
-def _release(of: Forest, nodes: Any) -> None:
+def _release(of: HistoryTree, nodes: Any) -> None:
     for i in range(nodes.size):
         _let_go(of, nodes[i])
 
 
 @leaf
 def _grow(
-    of: Forest, live: Any, scan: int, parent: Any, made: Any, logw: FloatArray, place_m: FloatArray, to: Any
+    of: HistoryTree,
+    live: Any,
+    scan: int,
+    parent: Any,
+    made: Any,
+    logw: FloatArray,
+    place_m: FloatArray,
+    to: Any,
 ) -> None:
     """Fill `to` with the nodes of new tracks."""
     of.n_free[0] -= to.size
@@ -92,7 +99,7 @@ def _grow(
 
 
 @leaf
-def _note(of: Forest, live: Any, tracks: Any, believed: Believed, labels: Any, nodes: Any) -> None:
+def _note(of: HistoryTree, live: Any, tracks: Any, believed: Posterior, labels: Any, nodes: Any) -> None:
     """Fill in label and node of each track that is in the estimate; the node is referred to once more."""
     for i in range(tracks.size):
         label, nodes[i] = believed.track_label[tracks[i]], live[tracks[i]]
@@ -102,10 +109,10 @@ def _note(of: Forest, live: Any, tracks: Any, believed: Believed, labels: Any, n
 
 @kernel
 def grow(
-    of: Forest,
+    of: HistoryTree,
     live: Any,
     scan: int,
-    believed: Believed,
+    believed: Posterior,
     parent: Any,
     made: Any,
     logw: FloatArray,
@@ -126,6 +133,6 @@ def grow(
 
 
 @kernel
-def release(of: Forest, nodes: Any) -> None:
+def release(of: HistoryTree, nodes: Any) -> None:
     """Refer to nodes no more."""
     _release(of, nodes)

@@ -33,12 +33,12 @@ import numpy.typing as npt
 
 from gcs.jit import Call
 from gcs.model import FloatArray, Label, Sensor, read_only
-from gcs.tracking.glmb.recursion import Believed, Passed, Taken
+from gcs.tracking.glmb.recursion import Interval, Posterior, UpdateResult
 from gcs.tracking.models import constant_velocity
 from gcs.tracking.models.coordinated_turn import Turns
 from gcs.tracking.models.sensors import MOST_DETECTION
 from gcs.tracking.trajectories import rts
-from gcs.tracking.trajectories.history_tree import NONE, Forest, grow, release
+from gcs.tracking.trajectories.history_tree import NONE, HistoryTree, grow, release
 from gcs.tracking.trajectories.rts import Step, filtered, smoothed
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class Histories:
         self._moment: list[_Scan] = []
         """The last scans, measured at one time."""
         self._most_scans = _FEW_SCANS
-        self._forest = Forest.of(256)
+        self._forest = HistoryTree.of(256)
         self._live: IntArray = np.empty(0, np.int64)
         """Node of each of the tracker's tracks."""
         self._estimated: dict[Label, int] = {}
@@ -125,8 +125,8 @@ class Histories:
         sensor: Sensor,
         births: tuple[Birth, ...],
         survival: float,
-        passed: Passed,
-        taken: Taken,
+        passed: Interval,
+        taken: UpdateResult,
     ) -> None:
         """Take a scan that was taken in: replace the tracks by those after it, and note who is there.
 
@@ -255,9 +255,9 @@ class Histories:
 
 def warm_up_calls() -> list[Call]:
     """One call of every kernel, types as in a tracker."""
-    none, forest = np.empty(0, np.int64), Forest.of(1)
+    none, forest = np.empty(0, np.int64), HistoryTree.of(1)
     return [
-        (grow, forest, none, 0, Believed.nothing(), none, none, np.empty(0), np.empty((0, 2))),
+        (grow, forest, none, 0, Posterior.nothing(), none, none, np.empty(0), np.empty((0, 2))),
         (release, forest, none),
         *rts.warm_up_calls(),
     ]

@@ -23,7 +23,7 @@ from gcs.model import FloatArray, Sensor
 from gcs.tracking.glmb.kalman import moved, updated
 from gcs.tracking.models import coordinated_turn, measurement
 from gcs.tracking.models.coordinated_turn import Turns
-from gcs.tracking.models.measurement import Optics, seen
+from gcs.tracking.models.measurement import SensorModel, seen
 from gcs.tracking.models.sensors import measured
 
 
@@ -86,7 +86,7 @@ def filter_path(
     """States before and after each of n scans: means (2, n, d), covariances (2, n, d, d).
 
     `dt_s` (n,) since the scan before, with process noise `Q` (n, 4, 4); `z` (n, 2) what the sensor `which`
-    (n,) of several measured, NaN for a miss; `optics` is an `Optics` of arrays, a row for each sensor.
+    (n,) of several measured, NaN for a miss; `optics` is an `SensorModel` of arrays, a row for each sensor.
     """
     n, turn_too, one = dt_s.size, turns.rate_std_rad_s > 0.0, np.zeros(1, np.int64)
     d = 5 if turn_too else 4
@@ -103,7 +103,7 @@ def filter_path(
         _store(x, P, w, ZERO, k, means, covs)
         if not np.isnan(z[k, 0]):
             s = which[k]
-            sensor = Optics(
+            sensor = SensorModel(
                 optics.polar[s], optics.noise[s], optics.field[s], optics.place_m[s], optics.centre_rad[s],
                 optics.p_d[s],
             )  # fmt: skip
@@ -119,7 +119,7 @@ def filter_path(
 def warm_up_calls() -> list[Call]:
     """One call of every kernel, types as in `filtered`."""
     sensor = measurement.optics(Sensor("", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0)))
-    optics = Optics._make(np.array([part]) for part in sensor)
+    optics = SensorModel._make(np.array([part]) for part in sensor)
     zeros = np.zeros(1, np.int64)
     z, Q = np.zeros((1, 2)), np.eye(4).reshape(1, 4, 4)
     return [(filter_path, np.zeros(4), np.eye(4), np.ones(1), Q, z, zeros, optics, Turns(0.0, 1.0))]
@@ -142,7 +142,7 @@ def filtered(mean: FloatArray, cov: FloatArray, steps: Sequence[Step], turns: Tu
         np.array([step.Q for step in steps]),
         z,
         np.array([which[id(step.sensor)] for step in steps]),
-        Optics._make(map(np.array, zip(*optics, strict=True))),
+        SensorModel._make(map(np.array, zip(*optics, strict=True))),
         turns or Turns(0.0, 1.0),
     )
     if turns is None:

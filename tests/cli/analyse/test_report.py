@@ -20,9 +20,9 @@ from gcs.cli.analyse.report import ReportOptions, _Reading
 from gcs.config import load
 from gcs.io.recording.reader import Damage, about, read
 from gcs.io.recording.tlog import tlog_entries
-from gcs.io.recording.writer import Recorder, Room
+from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.model import NS_PER_S, Effect, Event, Picture, Scan, Truth
-from gcs.report.run.evaluation import Judge
+from gcs.report.run.evaluation import Evaluator
 
 T0_NS = 1_700_000_000 * NS_PER_S
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
@@ -96,7 +96,7 @@ def test_the_page_stands_alone_and_its_figures_are_there(report: tuple[Path, dic
 
 def test_the_numbers_on_the_page_are_the_judges(flight: Path, report: tuple[Path, dict[str, Any]]) -> None:
     config = load("random-obstacles")
-    judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    judge = Evaluator(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
     for record in read(flight):
         if isinstance(record.value, Truth):
             judge.truth(record.value)
@@ -160,13 +160,13 @@ def test_a_real_flight_without_truth_that_breaks_off_is_shown_as_far_as_it_goes(
 
 
 def test_work_is_judged_by_the_processor_time_that_it_took_not_by_a_busy_machines_clock() -> None:
-    class Waiting:
+    class UploadQueue:
         def step(self, _event: Event) -> list[Effect]:
             time.sleep(0.2)  # as where other programs have the processors
             return []
 
     reading = _Reading(ReportOptions(Path("x"), None, None, None, False, True), None, Console(quiet=True))
-    reading._timed(Waiting(), Scan(1, 1, "radar", np.empty((0, 2))))  # type: ignore[arg-type]
+    reading._timed(UploadQueue(), Scan(1, 1, "radar", np.empty((0, 2))))  # type: ignore[arg-type]
     (took_ms,) = reading.work_ms["scan"]
     assert took_ms < 100.0
 
@@ -264,7 +264,7 @@ def test_the_papers_figures_and_claims_come_from_one_command(tmp_path: Path) -> 
 
 def test_a_run_in_parts_is_one_run_to_every_command(flight: Path, tmp_path: Path) -> None:
     made_with = about(flight)
-    with Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run, Room(60_000)) as recorder:
+    with Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run, DiskBudget(60_000)) as recorder:
         for record in read(flight):
             if isinstance(record.value, Event):
                 recorder.event(record.value)

@@ -5,7 +5,7 @@ from plane_double import Plane
 from staging import mission, state
 from test_tasking import Swarm
 
-from gcs.core.airspace.mission_bounds import LastCheck
+from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.mission.items import Home
@@ -27,7 +27,7 @@ ABOUT = state(1, (100.0, 200.0))
 
 
 def problem(*points_m, end="loiter", home=HOME, wait_m=None, profile=ARDUPLANE, alt_rel_m=100.0, seen=ABOUT):
-    check = LastCheck(CONFIG, mission_grid(CONFIG, 0))
+    check = MissionBoundsCheck(CONFIG, mission_grid(CONFIG, 0))
     places = [CONFIG.local_frame.to_geodetic(*point) for point in points_m]
     wait_deg = None if wait_m is None else CONFIG.local_frame.to_geodetic(*wait_m)
     waypoints = tuple(Waypoint(*place, alt_rel_m, 10.0) for place in places)

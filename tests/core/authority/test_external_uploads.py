@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import parse
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import Datagram, LinkNews, Notice, Order, OrderAnswer, Send, Tick, vehicle_name, vehicle_of
 
@@ -39,7 +39,7 @@ class Stage:
     """A fold, a vehicle that is heard, and a guest."""
 
     def __init__(self) -> None:
-        self.command, self.t_ns = Command(parse(MISSION, "x"), 1), S
+        self.command, self.t_ns = Engine(parse(MISSION, "x"), 1), S
         self.effects: list = []
         self.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3), 1, 1)
 

@@ -141,11 +141,11 @@ def test_the_newest_order_counts() -> None:
 
 
 def test_a_recorded_order_gives_the_same_effects_again() -> None:
-    from gcs.core.engine import Command
+    from gcs.core.engine import Engine
 
     flight = fly([order(20.0, "hold", 1), order(26.0, "resume", 1), order(30.0, "return", 3)], 40.0)
     events = [decode("recording", encode(event), type(event)) for event in flight.events]
-    command = Command(flight.run.scenario.config, SEED)
+    command = Engine(flight.run.scenario.config, SEED)
     again = [encode(effect) for event in events for effect in command.step(event)]
     assert again == [encode(effect) for _, effect in flight.effects]
     assert any(isinstance(event, Order) for event in events)

@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 from staging import S
 
 from gcs.cli.live_view import effect_line
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.io.zenoh.messages import decode, encode
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import (
+    AgentStatus,
     Effect,
     Event,
-    Fate,
-    KeepOut,
     MissionEnded,
+    NoFlyZone,
     Notice,
     Order,
     OrderAnswer,
@@ -173,14 +173,14 @@ ACTIONS = st.tuples(
 def test_under_any_orders_only_what_was_confirmed_is_uploaded_and_nobody_held_is_tasked(given_orders) -> None:
     orders = []
     for index, (action, vehicles, plan_id, at_s) in enumerate(sorted(given_orders, key=lambda one: one[3])):
-        area = KeepOut(f"a{plan_id}", (900.0, 150.0 * plan_id, 60.0)) if action == "keep-out" else None
+        area = NoFlyZone(f"a{plan_id}", (900.0, 150.0 * plan_id, 60.0)) if action == "keep-out" else None
         t_ns = START_T_NS + round(at_s * S)
         orders.append(Order(t_ns, str(index), action, tuple(sorted(vehicles)) or None, plan_id, area))
     events: list[Event] = []
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(scenario(), SEED, events.append, lambda t, e: effects.append((t, e)), orders=orders)
     run.run(45.0)
-    command, allowed, again = Command(run.scenario.config, SEED), set(), []
+    command, allowed, again = Engine(run.scenario.config, SEED), set(), []
     for event in events:
         aside = set(command.orders.aside)
         step = command.step(decode("recording", encode(event), type(event)))
@@ -199,7 +199,7 @@ def test_under_any_orders_only_what_was_confirmed_is_uploaded_and_nobody_held_is
 # ---------------------------------------------------------------- keep-outs
 
 
-def closing(at_s: float, area: KeepOut) -> Callable[[int, Effect], Order | None]:
+def closing(at_s: float, area: NoFlyZone) -> Callable[[int, Effect], Order | None]:
     given_once: list[Order] = []
 
     def operator(t_ns: int, effect: Effect) -> Order | None:
@@ -211,7 +211,7 @@ def closing(at_s: float, area: KeepOut) -> Callable[[int, Effect], Order | None]
     return operator
 
 
-CORRIDOR = KeepOut("fire", None, ((650.0, 420.0), (760.0, 420.0), (700.0, 660.0)))
+CORRIDOR = NoFlyZone("fire", None, ((650.0, 420.0), (760.0, 420.0), (700.0, 660.0)))
 
 
 def test_a_keep_out_changes_the_plan_at_once_and_nobody_is_led_through_it() -> None:
@@ -239,16 +239,16 @@ def test_a_keep_out_is_opened_by_its_name_and_an_unknown_one_is_refused() -> Non
     order = Order(START_T_NS, "1", "keep-out", None, None, CORRIDOR)
     run.command.step(order)
     assert (run.command.grid.blocked & ~before).any()
-    run.command.step(replace(order, keep_out=KeepOut("fire")))
+    run.command.step(replace(order, keep_out=NoFlyZone("fire")))
     assert (run.command.grid.blocked == before).all()
-    (answer,) = run.command.step(replace(order, keep_out=KeepOut("fire")))
+    (answer,) = run.command.step(replace(order, keep_out=NoFlyZone("fire")))
     assert (answer.state, answer.detail) == ("refused", "no keep-out is called fire; there are: none")
-    (answer,) = run.command.step(replace(order, keep_out=KeepOut("far", (9e5, 0.0, 10.0))))
+    (answer,) = run.command.step(replace(order, keep_out=NoFlyZone("far", (9e5, 0.0, 10.0))))
     assert (answer.state, answer.detail) == ("refused", "it lies outside the map")
 
 
 def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_mission_is_touched() -> None:
-    wall = KeepOut("wall", None, ((800.0, -50.0), (860.0, -50.0), (860.0, 2050.0), (800.0, 2050.0)))
+    wall = NoFlyZone("wall", None, ((800.0, -50.0), (860.0, -50.0), (860.0, 2050.0), (800.0, 2050.0)))
     flight = Flight(closing(20.0, wall), "auto").fly(60.0)
     alarms = [n for n in flight.all(Notice) if n.level == "alarm"]
     first = [n for n in alarms if n.t_ns <= START_T_NS + 21 * S]
@@ -280,7 +280,7 @@ def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_miss
 @pytest.mark.parametrize("loss_of", [2])
 def test_who_dies_is_taken_out_of_the_plan_that_waits(loss_of: int) -> None:
     flight = Flight(silent).fly(70.0)
-    (death,) = [fate for fate in flight.all(Fate) if fate.fate == "dead"]
+    (death,) = [fate for fate in flight.all(AgentStatus) if fate.fate == "dead"]
     assert death.vehicle == loss_of
     last = [proposal for proposal in flight.all(Proposal) if proposal.t_ns >= death.t_ns]
     assert last

@@ -4,20 +4,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from staging import at, believed, picture, track
 
-from gcs.core.perception.agent_status import NEVER_SEEN_S, UNSEEN_S, Fates
-from gcs.core.perception.confirmation import Beliefs
+from gcs.core.perception.agent_status import NEVER_SEEN_S, UNSEEN_S, AgentStatusMonitor
+from gcs.core.perception.confirmation import TrackConfirmation
 
 AGENT, TARGET = (0, 0), (0, 1)
 RADIUS_M = 40.0
 HERE, FAR = (0.0, 0.0), (500.0, 0.0)
-NOBODY = Beliefs(0.01)
+NOBODY = TrackConfirmation(0.01)
 
 
 class Scene:
     """One agent, vehicle 1, on its way to one target; a scan a second."""
 
     def __init__(self, vehicles=(1,)):
-        self.fates = Fates(vehicles, RADIUS_M)
+        self.fates = AgentStatusMonitor(vehicles, RADIUS_M)
         self.t_s = 0
 
     def look(self, agent=None, target=None, *, tied=True, reporting=True, tasked=True, again=False):

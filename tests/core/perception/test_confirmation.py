@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from staging import RADAR, picture, track
 
-from gcs.core.perception.confirmation import SCANS_IN_A_ROW, Beliefs
+from gcs.core.perception.confirmation import SCANS_IN_A_ROW, TrackConfirmation
 
 HERE = (0.0, 0.0)
 DEAD = 0.01
@@ -22,7 +22,7 @@ def missed(label=(0, 0), existence=0.3):
 
 def after(*pictures):
     """Which labels are believed after each of the pictures."""
-    beliefs = Beliefs(DEAD)
+    beliefs = TrackConfirmation(DEAD)
     found = []
     for tracks in pictures:
         beliefs.update(picture(*tracks))
@@ -59,20 +59,20 @@ def test_a_track_that_left_the_picture_is_given_up_and_must_earn_belief_again():
 
 
 def test_what_is_believed_is_shown_where_it_is_now():
-    beliefs = Beliefs(DEAD)
+    beliefs = TrackConfirmation(DEAD)
     for east_m in range(4):
         beliefs.update(picture(track((0, 0), (float(east_m), 5.0))))
     assert beliefs.tracks[(0, 0)].mean[0] == 3.0
 
 
 def test_a_label_is_dead_when_it_hardly_exists_or_is_gone_and_not_when_it_was_only_missed():
-    beliefs = Beliefs(DEAD)
+    beliefs = TrackConfirmation(DEAD)
     beliefs.update(picture(missed((0, 0), 0.02), missed((0, 1), 0.009)))
     assert [beliefs.is_dead(label) for label in [(0, 0), (0, 1), (7, 7)]] == [False, True, True]
 
 
 def test_sensors_that_measure_at_the_same_moment_count_once():
-    beliefs = Beliefs(DEAD)
+    beliefs = TrackConfirmation(DEAD)
     for t_s in (0.0, 0.0, 0.0, 1.0, 1.0):
         beliefs.update(picture(seen(), t_s=t_s))
     assert not beliefs.tracks
@@ -86,7 +86,7 @@ def test_sensors_that_measure_at_the_same_moment_count_once():
 
 
 def test_a_sensor_that_looks_elsewhere_neither_earns_nor_costs_belief():
-    beliefs = Beliefs(DEAD)
+    beliefs = TrackConfirmation(DEAD)
     elsewhere = replace(RADAR, field_of_view_m=(500.0, 500.0, 900.0, 900.0))
     for _ in range(4):
         beliefs.update(picture(seen()), elsewhere)
@@ -105,7 +105,7 @@ def test_two_labels_of_one_object_are_never_both_believed_for_long(first_has_it)
     """The estimate holds one of the two; both are believed only until the other is out for three scans."""
     labels = {True: (0, 0), False: (1, 0)}
     both_in_a_row = 0
-    beliefs = Beliefs(DEAD)
+    beliefs = TrackConfirmation(DEAD)
     for first in first_has_it:
         beliefs.update(picture(seen(labels[first], 0.55), missed(labels[not first], 0.45)))
         both_in_a_row = both_in_a_row + 1 if len(beliefs.tracks) == 2 else 0
@@ -115,7 +115,7 @@ def test_two_labels_of_one_object_are_never_both_believed_for_long(first_has_it)
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 1.0)), max_size=30))
 def test_belief_follows_from_the_last_three_scans_and_what_was_believed_before(history):
     """Nothing enters without three scans in a row, nothing stays dead, nothing leaves for two misses."""
-    beliefs, was_believed, recent = Beliefs(DEAD), False, []
+    beliefs, was_believed, recent = TrackConfirmation(DEAD), False, []
     for estimated, existence in history:
         one = track((0, 0), HERE, existence=existence, estimated=estimated)
         beliefs.update(picture(one))

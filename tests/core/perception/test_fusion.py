@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from staging import RADAR, T0, S, at, circle, mission, scan, state
 
-from gcs.core.perception.fusion import Trackers, at_time, squared_distances, velocity_m_s
+from gcs.core.perception.fusion import MultiSensorTracker, at_time, squared_distances, velocity_m_s
 from gcs.model import Sensor, read_only
 
 START, GOAL = (100.0, 200.0), (1500.0, 200.0)
@@ -16,7 +16,7 @@ class Sky:
     """Trackers of a mission, and a sensor with noise over it. Clutter comes where a test puts it."""
 
     def __init__(self, config, seed=0):
-        self.trackers = Trackers(config)
+        self.trackers = MultiSensorTracker(config)
         self.rng = np.random.default_rng(seed)
 
     def look(self, t_s, *things, clutter=(), reports=()):
@@ -252,7 +252,7 @@ def test_a_scan_that_is_late_repeated_or_ahead_of_its_time_is_refused_and_says_w
 @pytest.mark.parametrize("noise", [np.zeros((2, 2)), np.diag([0.0, 9.0]), np.full((2, 2), 4.0)])
 def test_a_sensor_that_claims_no_noise_is_survived(noise):
     sensor = Sensor("radar", 1.0, 0.0, read_only(noise), RADAR.field_of_view_m)
-    trackers = Trackers(mission(agents=[START], births=[GOAL]))
+    trackers = MultiSensorTracker(mission(agents=[START], births=[GOAL]))
     for t_s in range(6):
         trackers.scan(scan(t_s, START, GOAL, sensor=sensor), [state(1, START, t_s)])
     assert len(trackers.agents.beliefs.tracks) == len(trackers.targets.beliefs.tracks) == 1

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from staging import RADAR, at, mission, scan
 
-from gcs.core.engine import Command
-from gcs.core.perception.oosm_buffer import Reordering
+from gcs.core.engine import Engine
+from gcs.core.perception.oosm_buffer import OutOfSequenceBuffer
 from gcs.model import Notice, Picture, Tick
 
 GOAL = (1500.0, 200.0)
@@ -17,7 +17,7 @@ def measured(scans):
 
 
 def test_without_a_window_every_scan_goes_at_once_in_the_order_of_arrival():
-    order = Reordering(0.0)
+    order = OutOfSequenceBuffer(0.0)
     for t_s in (2.0, 1.0):
         one = scan(t_s, arrives_s=3.0)
         order.hold(one)
@@ -25,7 +25,7 @@ def test_without_a_window_every_scan_goes_at_once_in_the_order_of_arrival():
 
 
 def test_a_scan_waits_for_the_window_and_then_goes_even_if_nothing_else_comes():
-    order = Reordering(0.5)
+    order = OutOfSequenceBuffer(0.5)
     order.hold(scan(1.0, arrives_s=1.2))
     assert order.due(at(1.4)) == []
     (one,) = order.due(at(1.5))
@@ -38,7 +38,7 @@ def test_a_scan_waits_for_the_window_and_then_goes_even_if_nothing_else_comes():
 )
 def test_whatever_is_no_later_than_the_window_comes_out_in_the_order_of_measurement(looks, window):
     """Times in hundredths of a second; each scan arrives after its delay."""
-    order, out = Reordering(window / 100.0), []
+    order, out = OutOfSequenceBuffer(window / 100.0), []
     arrivals = sorted((t + delay, t, delay) for t, delay in looks)
     for arrival, t, _ in arrivals:
         order.hold(scan(t / 100.0, arrives_s=arrival / 100.0))
@@ -54,7 +54,7 @@ def pictures(effects):
 
 
 def test_a_late_scan_is_worked_in_its_place_and_one_later_still_is_refused_and_told():
-    command, effects = Command(mission(births=[GOAL], tables=WAITS), 0), []
+    command, effects = Engine(mission(births=[GOAL], tables=WAITS), 0), []
     for t_s, arrives_s in [(1.0, 1.1), (2.0, 2.1), (1.8, 2.2), (1.2, 2.9)]:
         for tick in range(10):
             effects += command.step(Tick(at(arrives_s - 0.05 + tick / 1000)))
@@ -66,7 +66,7 @@ def test_a_late_scan_is_worked_in_its_place_and_one_later_still_is_refused_and_t
 
 
 def test_the_same_scan_twice_within_the_window_counts_once():
-    command, effects = Command(mission(births=[GOAL], tables=WAITS), 0), []
+    command, effects = Engine(mission(births=[GOAL], tables=WAITS), 0), []
     for arrives_s in (1.1, 1.2):
         effects += command.step(scan(1.0, GOAL, arrives_s=arrives_s))
     effects += command.step(Tick(at(2.0)))
@@ -75,7 +75,7 @@ def test_the_same_scan_twice_within_the_window_counts_once():
 
 
 def test_a_sensor_that_contradicts_itself_is_told_to_the_operator():
-    command, texts = Command(mission(births=[GOAL]), 0), []
+    command, texts = Engine(mission(births=[GOAL]), 0), []
     for k in range(40):
         clutter = [(100.0 + 37.0 * i, 50.0 + 45.0 * ((7 * i + 11 * k) % 40)) for i in range(50)]
         effects = command.step(scan(float(k), *clutter, sensor=RADAR))

@@ -9,7 +9,7 @@ import pytest
 
 from gcs.config.tables import TelemetryTable
 from gcs.core.perception.fusion import squared_distances
-from gcs.core.perception.position_integrity import _GATE_CHI2, Witness, _near
+from gcs.core.perception.position_integrity import _GATE_CHI2, PositionIntegrityMonitor, _near
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.model import NS_PER_S, Notice, Scan, Sensor, Track, VehicleState, read_only
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
@@ -32,7 +32,7 @@ def track(label, east_m, north_m=1000.0):
 
 def told(detections, *, seconds=10, seer=None, armed=True, agents=None, targets=(), reports=None):
     """Notices with their times; `detections` takes the second and returns places."""
-    witness, notices = Witness(TelemetryTable()), []
+    witness, notices = PositionIntegrityMonitor(TelemetryTable()), []
     for t_s in range(seconds):
         z = np.reshape(detections(t_s), (-1, 2))
         scan = Scan(t_s * S, t_s * S, seer or sensor(), read_only(z))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from staging import at, believed, picture, state, track
 
-from gcs.core.perception.track_to_vehicle import Ties
+from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 
 GATE = 32.2
 A, B = (0, 0), (0, 1)
@@ -16,7 +16,7 @@ EAST, WEST = (1000.0, 0.0), (0.0, 0.0)
 
 
 def new_ties():
-    return Ties(gate_chi2=GATE, noise_std_m=3.0, max_age_s=1.0)
+    return TrackVehicleAssociation(gate_chi2=GATE, noise_std_m=3.0, max_age_s=1.0)
 
 
 def tied_pair():

@@ -2,8 +2,8 @@
 
 from staging import mission, track
 
-from gcs.core.replanning.altitude_layers import Lanes
-from gcs.core.replanning.inputs import Bystander
+from gcs.core.replanning.altitude_layers import AltitudeLayers
+from gcs.core.replanning.inputs import OtherVehicle
 from gcs.model import Route, read_only
 
 CONFIG = mission(
@@ -19,7 +19,7 @@ def route(vehicle, *points, lane=0):
 
 def given(*aside):
     """Layer of vehicle 1, that flies east along 200 m north, with others aside."""
-    lanes = Lanes(CONFIG)
+    lanes = AltitudeLayers(CONFIG)
     lanes.aside = aside
     routes, notes = lanes.give(
         [route(1, (100.0, 200.0), (1500.0, 200.0))], [1], {1: track((0, 0), (100.0, 200.0))}, ()
@@ -30,26 +30,26 @@ def given(*aside):
 def test_a_new_mission_keeps_clear_of_a_vehicle_that_is_held_at_its_altitude():
     held = (900.0, 200.0)
     assert given() == (0, [])
-    assert given(Bystander(3, held, held, 92.0)) == (1, [])
-    assert given(Bystander(3, held, held, 118.0)) == (0, [])
-    assert given(Bystander(3, held, held, 30.0)) == (0, []), "below all layers"
+    assert given(OtherVehicle(3, held, held, 92.0)) == (1, [])
+    assert given(OtherVehicle(3, held, held, 118.0)) == (0, [])
+    assert given(OtherVehicle(3, held, held, 30.0)) == (0, []), "below all layers"
 
 
 def test_a_new_mission_keeps_clear_of_a_vehicle_that_returns_across_it():
     speed_m_s = CONFIG.speed_m_s(3)
-    across = Bystander(3, (900.0, 200.0 + 800.0), (900.0, 200.0 - 100.0), 90.0)
+    across = OtherVehicle(3, (900.0, 200.0 + 800.0), (900.0, 200.0 - 100.0), 90.0)
     assert CONFIG.speed_m_s(1) == speed_m_s, "they meet after 800 m each"
     assert given(across) == (1, [])
 
 
 def test_where_no_layer_is_left_the_operator_is_told():
     a, b = (700.0, 200.0), (900.0, 200.0)
-    _, notes = given(Bystander(2, a, a, 120.0), Bystander(3, b, b, 90.0))
+    _, notes = given(OtherVehicle(2, a, a, 120.0), OtherVehicle(3, b, b, 90.0))
     assert any("will come near each other at one altitude" in note for note in notes)
 
 
 def test_a_route_is_not_flown_again_into_the_layer_of_another():
-    lanes, places = Lanes(CONFIG), {1: (100.0, 200.0), 3: (100.0, 500.0)}
+    lanes, places = AltitudeLayers(CONFIG), {1: (100.0, 200.0), 3: (100.0, 500.0)}
     resumed = route(1, (100.0, 200.0), (1500.0, 200.0))
     crossing = route(3, (100.0, 500.0), (300.0, 190.0), (1500.0, 190.0))
     assert not lanes.is_clear(resumed, [crossing], places)

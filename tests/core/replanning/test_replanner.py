@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from staging import at, mission, track
 
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.replanning.inputs import Situation
+from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.planning.vehicle_model import Ahead, Motion
+from gcs.planning.vehicle_model import ForwardSimulation, Motion
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 
@@ -35,7 +35,7 @@ class Desk:
         """Check if a look is due; return the plan."""
         if not self.replanner.is_due(at(t_s)):
             return None
-        situation = Situation(
+        situation = PlanningInputs(
             at(t_s),
             at(t_s),
             {
@@ -389,7 +389,7 @@ def test_agent_and_target_are_both_taken_to_the_moment_at_which_the_route_is_tak
     sure = {"cov": np.diag([9.0, 9.0, 0.01, 0.01])}
     agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
     target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
-    situation = Situation(at(delay_s), at(0.0), {1: agent}, {A: target}, frozenset())
+    situation = PlanningInputs(at(delay_s), at(0.0), {1: agent}, {A: target}, frozenset())
     (route,) = Replanner(config, mission_grid(config, 0)).check(situation).routes
     taken_up_s = delay_s + DELIVERY_S + 0.5 * config.airframe.turn_lag_s
     start_m = np.array([100.0 + speed_m_s * taken_up_s, 200.0])
@@ -408,7 +408,7 @@ def test_a_mission_that_takes_long_to_its_vehicle_is_planned_to_meet_the_target_
     sure = {"cov": np.diag([9.0, 9.0, 0.01, 0.01])}
     agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
     target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
-    bad = Situation(at(0.0), at(0.0), {1: agent}, {A: target}, frozenset(), late_s={1: late_s})
+    bad = PlanningInputs(at(0.0), at(0.0), {1: agent}, {A: target}, frozenset(), late_s={1: late_s})
     replanner = Replanner(config, mission_grid(config, 0))
     (route,) = replanner.check(bad).routes
     meeting_s = DELIVERY_S + 0.5 * config.airframe.turn_lag_s + late_s + route.length_m / speed_m_s
@@ -434,9 +434,9 @@ def test_who_would_hit_something_by_what_it_holds_gets_another_route(place, ahea
     tables = f'{box}[planning]\nshape = "flyable"\nclearance_m = 40.0\n'
     desk = Desk({1: (100.0, 200.0)}, {A: (1500.0, 200.0)}, tables=tables)
     desk.look(0.0)
-    motion = Motion(*place, 15.0, math.pi / 2.0, ahead=Ahead(tuple(ahead), (10.0,) * len(ahead)))
+    motion = Motion(*place, 15.0, math.pi / 2.0, ahead=ForwardSimulation(tuple(ahead), (10.0,) * len(ahead)))
     agent, target = track((0, 1), place, (15.0, 0.0)), track(A, desk.targets[A])
-    situation = Situation(at(5.0), at(5.0), {1: agent}, {A: target}, frozenset(), motions={1: motion})
+    situation = PlanningInputs(at(5.0), at(5.0), {1: agent}, {A: target}, frozenset(), motions={1: motion})
     plan = desk.replanner.check(situation)
     assert (plan is not None) == is_astray
     assert plan is None or plan.reason == "agent 1 would hit an obstacle"
@@ -451,9 +451,9 @@ def close_to_a_corner(target, *, passed=()):
         tables=f'{walls}[planning]\nshape = "flyable"\nclearance_m = 60.0\n',
     )
     (flown,) = desk.look(0.0).routes
-    motion = Motion(1400.0, 300.0, 15.0, math.pi / 2.0, ahead=Ahead(((1500.0, 300.0),), (10.0,)))
+    motion = Motion(1400.0, 300.0, 15.0, math.pi / 2.0, ahead=ForwardSimulation(((1500.0, 300.0),), (10.0,)))
     agent = track((0, 1), (1400.0, 300.0), (15.0, 0.0))
-    situation = Situation(
+    situation = PlanningInputs(
         at(60.0), at(60.0), {1: agent}, {A: track(A, target)}, frozenset(), motions={1: motion},
         passed=frozenset(passed),
     )  # fmt: skip

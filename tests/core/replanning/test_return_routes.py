@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gcs.model import Fate, KeepOut, Notice, Order, Plan, UploadReport
+from gcs.model import AgentStatus, NoFlyZone, Notice, Order, Plan, UploadReport
 from gcs.planning.map.line_of_sight import line_of_sight
 from sim_vehicles.campaign.flown import landing
 from sim_vehicles.campaign.virtual_run import VirtualRun
@@ -32,7 +32,7 @@ class Flight:
         """Close a disc; returns what was blocked by it."""
         before = self.run.command.grid.blocked.copy()
         self.effects.clear()
-        self.run.order(Order(self.run.t_ns, "1", "keep-out", None, None, KeepOut("fire", (*place_m, 50.0))))
+        self.run.order(Order(self.run.t_ns, "1", "keep-out", None, None, NoFlyZone("fire", (*place_m, 50.0))))
         return before
 
 
@@ -59,7 +59,7 @@ def test_who_would_land_through_a_closed_area_gets_another_way_home():
 def test_who_is_on_the_way_home_already_is_named():
     flight = Flight()
     flown_s = flight.run.run(20.0)
-    while not (fates := [fate for fate in flight.all(Fate) if fate.fate == "arrived"]):
+    while not (fates := [fate for fate in flight.all(AgentStatus) if fate.fate == "arrived"]):
         flown_s = flight.run.run(flown_s + 5.0)
     vehicle = fates[0].vehicle
     flight.close(before_home(flight.ways()[vehicle], 250.0))

@@ -8,7 +8,7 @@ import pytest
 from staging import S
 
 from gcs.mavlink.frames.codec import decode
-from gcs.model import KeepOut, Notice, Order, Send, UploadReport
+from gcs.model import NoFlyZone, Notice, Order, Send, UploadReport
 from gcs.planning.map.line_of_sight import line_of_sight
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
@@ -135,7 +135,7 @@ def test_a_take_off_ends_where_the_route_begins(px4):
 
 def test_a_new_mission_waits_for_the_end_of_the_climb():
     """In its place the vehicle would turn where it is: a few metres above the ground."""
-    area = KeepOut("tower", disc_m=(2250.0, 2000.0, 100.0))
+    area = NoFlyZone("tower", disc_m=(2250.0, 2000.0, 100.0))
     flight = Flight(place_m=CLEAR_M, orders=[*ORDERS, (20.0, "keep-out", area)]).run(60.0)
     reports = flight.all(UploadReport)
     assert [report.ok for report in reports] == [True, True]
@@ -148,7 +148,7 @@ def test_a_new_mission_waits_for_the_end_of_the_climb():
 
 
 def test_an_area_closed_ahead_of_the_runway_takes_the_mission_away():
-    area = KeepOut("crane", disc_m=(1775.0, 1200.0, 40.0))
+    area = NoFlyZone("crane", disc_m=(1775.0, 1200.0, 40.0))
     flight = Flight(place_m=CLEAR_M, orders=[*ORDERS[:2], (12.0, "keep-out", area), (20.0, "arm")]).run(40.0)
     assert [report.ok for report in flight.all(UploadReport)] == [True]
     assert any("its take-off is not clear" in text for text in flight.texts("alarm"))

@@ -1,19 +1,19 @@
 """A user with a slow radio would lose every mission to too many at once."""
 
-from gcs.core.tasking.link_window import Lane
+from gcs.core.tasking.link_window import UploadWindow
 
 S = 10**9
 
 
 def test_a_good_link_opens_to_its_bound():
-    lane = Lane(12)
+    lane = UploadWindow(12)
     for n in range(20):
         lane.ended(n * S, (n + 1) * S, 0.01, 0.0)
     assert lane.window == 12
 
 
 def test_long_round_trips_halve_it_once_for_those_under_way_together():
-    lane = Lane(32)
+    lane = UploadWindow(32)
     lane.ended(0, S, 0.2, 0.0)
     before = lane.window
     for _ in range(before):
@@ -24,7 +24,7 @@ def test_long_round_trips_halve_it_once_for_those_under_way_together():
 
 
 def test_repeated_messages_narrow_it_but_one_always_goes():
-    lane = Lane(4)
+    lane = UploadWindow(4)
     for n in range(10):
         lane.ended(10 * n * S, (10 * n + 9) * S, None, 1.0)
     assert lane.window == 1

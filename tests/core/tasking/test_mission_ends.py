@@ -4,9 +4,9 @@ import pytest
 from staging import at, mission
 from test_holding import CONFIG, FRAME, Fleet
 
-from gcs.core.tasking.mission_builder import Missions
+from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.mission_ends import MissionEnds
-from gcs.core.tasking.onboard_missions import Flown, Holding
+from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.items import Home
 from gcs.model import NS_PER_S, Notice, Route, UploadReport, read_only
@@ -15,17 +15,19 @@ from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
 
 
-class Tasking:
+class UploadManager:
     """Two points, then what the mission's end is; items from 1 on."""
 
     def __init__(self, end, loiter_radius_m=30.0, wait_m=None):
         route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0, wait_m=wait_m)
         table = mission(tables=f'[mission]\nend = "{end}"\nloiter_radius_m = {loiter_radius_m}').mission
-        planned = Missions(table, CONFIG.airframe, FRAME).of(route, 1, None)
+        planned = MissionBuilder(table, CONFIG.airframe, FRAME).of(route, 1, None)
         self.fleet = Fleet(1)
         self.fleet.one.armed = True
-        self._holding = Holding(self.fleet, stays=end == "loiter")
-        self._holding.note(Flown(route, ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0)), first_point=1))
+        self._holding = OnboardMissions(self.fleet, stays=end == "loiter")
+        self._holding.note(
+            OnboardMission(route, ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0)), first_point=1)
+        )
 
     def flown(self, vehicle):
         return self._holding.of(vehicle)
@@ -45,13 +47,13 @@ def looked(tasking, seq, seconds, active=(1,)):
 
 
 def test_flight_g4_a_vehicle_that_flies_home_without_its_target_is_told_and_tasked_again():
-    told, missed = looked(Tasking("land"), seq=3, seconds=20)
+    told, missed = looked(UploadManager("land"), seq=3, seconds=20)
     assert told == ["ended its route without having reached its target: it flies home to land"]
     assert missed
 
 
 def test_a_vehicle_on_final_is_told_and_let_land():
-    told, missed = looked(Tasking("land"), seq=4, seconds=20)
+    told, missed = looked(UploadManager("land"), seq=4, seconds=20)
     assert told == [
         "ended its route without having reached its target: it lands, and gets no other mission before that"
     ]
@@ -60,14 +62,14 @@ def test_a_vehicle_on_final_is_told_and_let_land():
 
 @pytest.mark.parametrize(("radius_m", "is_missed"), [(80.0, True), (30.0, False)])
 def test_a_circle_that_never_comes_within_reach_is_no_arrival(radius_m, is_missed):
-    told, missed = looked(Tasking("loiter", radius_m), seq=3, seconds=20)
+    told, missed = looked(UploadManager("loiter", radius_m), seq=3, seconds=20)
     assert told == ["ended its route without having reached its target: it circles at its route's end"]
     assert missed == is_missed
 
 
 @pytest.mark.parametrize(("seq", "seconds", "active"), [(2, 60, (1,)), (3, 4, (1,)), (3, 60, ())])
 def test_a_vehicle_on_its_way_about_to_arrive_or_arrived_is_not_told_of(seq, seconds, active):
-    assert looked(Tasking("land"), seq, seconds, active) == ([], False)
+    assert looked(UploadManager("land"), seq, seconds, active) == ([], False)
 
 
 class Returned:

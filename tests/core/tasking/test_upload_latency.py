@@ -2,17 +2,17 @@
 
 import pytest
 
-from gcs.core.tasking.upload_latency import DELIVERY_S, Delays
+from gcs.core.tasking.upload_latency import DELIVERY_S, UploadLatency
 
 
 def test_a_good_link_is_what_is_expected_at_first() -> None:
-    delays = Delays()
+    delays = UploadLatency()
     assert delays.late_s(1) == 0.0
     assert delays.left_s(1, 0.0) == DELIVERY_S
 
 
 def test_the_time_is_learnt_from_missions_that_arrived_and_forgotten_when_the_link_is_better() -> None:
-    delays = Delays()
+    delays = UploadLatency()
     for _ in range(8):
         delays.arrived(1, 30.0)
     assert delays.late_s(1) == pytest.approx(30.0 - DELIVERY_S, abs=0.3)
@@ -24,7 +24,7 @@ def test_the_time_is_learnt_from_missions_that_arrived_and_forgotten_when_the_li
 
 
 def test_a_transfer_that_was_given_up_says_only_that_it_takes_longer() -> None:
-    delays = Delays()
+    delays = UploadLatency()
     delays.given_up(1, 0.3)
     assert delays.late_s(1) == 0.0
     delays.given_up(1, 25.0)

@@ -5,7 +5,7 @@ from plane_double import AUTO, LOITER, MANUAL, Plane, S
 from px4_double import HOLD, Px4
 
 from gcs.config.tables import AirframeTable, MissionTable
-from gcs.core.tasking.upload_manager import Tasking
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
@@ -23,7 +23,7 @@ class Swarm:
     def __init__(self, count, most=32, mode=LOITER):
         self.planes = {n: Plane(n, mode=mode) for n in range(1, count + 1)}
         self.fleet = Fleet(self.planes, FRAME)
-        self.tasking = Tasking(MissionTable(), AirframeTable(), FRAME, self.fleet, most)
+        self.tasking = UploadManager(MissionTable(), AirframeTable(), FRAME, self.fleet, most)
         self.t_ns, self.effects, self.busiest = 0, [], 0
         self.mute = set()
         self.run(2.0)
@@ -235,7 +235,7 @@ def px4_swarm(**options):
     swarm = Swarm(0)
     swarm.planes = {1: Px4(1, **options)}
     swarm.fleet = Fleet(swarm.planes, FRAME)
-    swarm.tasking = Tasking(MissionTable(), AirframeTable(), FRAME, swarm.fleet)
+    swarm.tasking = UploadManager(MissionTable(), AirframeTable(), FRAME, swarm.fleet)
     swarm.run(2.0)
     return swarm
 

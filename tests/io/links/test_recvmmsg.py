@@ -7,7 +7,7 @@ import time
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.io.links.recvmmsg import FLOOD, ManyAtOnce, OneByOne, SocketReader, reader
+from gcs.io.links.recvmmsg import FLOOD, BatchReader, SingleReader, SocketReader, reader
 from gcs.mavlink.frames.codec import Encoder, scan
 
 
@@ -18,7 +18,7 @@ def bound() -> socket.socket:
     return fresh
 
 
-@pytest.mark.parametrize("kind", [OneByOne, ManyAtOnce])
+@pytest.mark.parametrize("kind", [SingleReader, BatchReader])
 @pytest.mark.parametrize("count", [1, FLOOD - 1, 100])
 def test_each_sender_is_heard_in_its_order(kind, count):
     beat = dialect.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)

@@ -22,8 +22,8 @@ from gcs.io.zenoh.messages import (
 )
 from gcs.io.zenoh.scans import MAX_DETECTIONS, decode_scan, encode_scan
 from gcs.model import (
+    AgentStatus,
     Datagram,
-    Fate,
     MissionEnded,
     Picture,
     Plan,
@@ -217,8 +217,8 @@ def test_truth_and_plans_survive() -> None:
     plan = Plan(1, 2, (Route(1, (0, 2), read_only([[1.0, 2.0]]), 3.0),), (4,), ((0, 1),), "why", (1,))
     back = decode("k", encode(plan), Plan)
     assert (back.routes[0].target, back.unassigned_targets, back.changed) == ((0, 2), ((0, 1),), (1,))
-    fate = Fate(1, 2, "arrived", (0, 3), (1.0, 2.0))
-    assert decode("k", encode(fate), Fate) == fate
+    fate = AgentStatus(1, 2, "arrived", (0, 3), (1.0, 2.0))
+    assert decode("k", encode(fate), AgentStatus) == fate
 
 
 def test_truth_from_a_stranger_is_refused() -> None:

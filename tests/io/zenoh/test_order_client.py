@@ -17,13 +17,13 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.config import load
-from gcs.core.engine import Command
+from gcs.core.engine import Engine
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.zenoh.discovery import Whereabouts, announced, services, the_service
-from gcs.io.zenoh.session import Bus, free_endpoint, service_bus
+from gcs.io.zenoh.session import ZenohSession, free_endpoint, service_bus
 from gcs.model import Order, Proposal, Route, RouteFigures, read_only
 from gcs.service.service import Service
 
@@ -38,7 +38,7 @@ class Events:
 
     def __init__(self) -> None:
         self.orders: list[Order] = []
-        self.command: Command | None = None
+        self.command: Engine | None = None
 
     def event(self, event) -> None:
         if isinstance(event, Order):
@@ -61,7 +61,7 @@ def serving(runtime: Path, request: pytest.FixtureRequest) -> Iterator[Events]:
     ready = threading.Event()
     ending: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
 
-    async def serve(bus: Bus) -> None:
+    async def serve(bus: ZenohSession) -> None:
         service, stop = Service(load("prescribed"), 1, loopback(), bus), asyncio.Event()
         service.sinks.append(events)
         events.command = service.command
@@ -71,7 +71,7 @@ def serving(runtime: Path, request: pytest.FixtureRequest) -> Iterator[Events]:
 
     with contextlib.ExitStack() as stack:
         if request.param == "connect":
-            stack.enter_context(Bus(listen=endpoint))
+            stack.enter_context(ZenohSession(listen=endpoint))
         bus, door = stack.enter_context(service_bus(request.param, endpoint))
         stack.enter_context(announced("prescribed", door))
         thread = threading.Thread(target=lambda: asyncio.run(serve(bus)))

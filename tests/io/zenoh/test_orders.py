@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.orders import decode_order, order_key
-from gcs.model import KeepOut, Order
+from gcs.model import NoFlyZone, Order
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 KEY = order_key("m")
@@ -33,7 +33,7 @@ def test_places_in_degrees_become_local_metres() -> None:
     assert area.keep_out.disc_m == pytest.approx((500.0, 900.0, 80.0), abs=1e-3)
     square = [[0, 0], [100, 0], [100, 100]]
     local = read(action="keep-out", keep_out={"name": "fire", "polygon": square})
-    assert local.keep_out == KeepOut("fire", None, ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0)))
+    assert local.keep_out == NoFlyZone("fire", None, ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0)))
 
 
 @pytest.mark.parametrize(

@@ -13,20 +13,20 @@ from gcs.config import load
 from gcs.errors import LinkError
 from gcs.io.zenoh.messages import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
-from gcs.io.zenoh.session import Bus, free_endpoint, service_bus
+from gcs.io.zenoh.session import ZenohSession, free_endpoint, service_bus
 
 PATIENCE_S = 20.0
 
 Inbox = queue.Queue[tuple[str, bytes]]
 
 
-def inbox(bus: Bus, key_expr: str) -> Inbox:
+def inbox(bus: ZenohSession, key_expr: str) -> Inbox:
     messages: Inbox = queue.Queue()
     bus.subscribe(key_expr, lambda key, payload: messages.put((key, payload)))
     return messages
 
 
-def publish_until_heard(bus: Bus, key: str, messages: Inbox) -> tuple[str, bytes]:
+def publish_until_heard(bus: ZenohSession, key: str, messages: Inbox) -> tuple[str, bytes]:
     """Publish again and again: who connects is heard only from then on."""
     give_up = time.monotonic() + PATIENCE_S
     while time.monotonic() < give_up:
@@ -40,19 +40,19 @@ def publish_until_heard(bus: Bus, key: str, messages: Inbox) -> tuple[str, bytes
 
 def test_a_service_that_connects_hears_the_sensor_there_and_is_reached_by_a_door_of_its_own() -> None:
     endpoint = free_endpoint()
-    with Bus(listen=endpoint) as sensor, service_bus("connect", endpoint) as (service, door):
+    with ZenohSession(listen=endpoint) as sensor, service_bus("connect", endpoint) as (service, door):
         assert door != endpoint
         scans, answers = inbox(service, "swarm/m/sensor/*/scan"), inbox(sensor, "swarm/m/plan")
         assert publish_until_heard(sensor, "swarm/m/sensor/a/scan", scans)
         assert publish_until_heard(service, "swarm/m/plan", answers)
-        with Bus(connect=door) as operator:
+        with ZenohSession(connect=door) as operator:
             orders = inbox(service, "swarm/m/order")
             assert publish_until_heard(operator, "swarm/m/order", orders)
 
 
 def test_a_message_arrives_with_its_key_both_ways() -> None:
     endpoint = free_endpoint()
-    with Bus(listen=endpoint) as service, Bus(connect=endpoint) as sensor:
+    with ZenohSession(listen=endpoint) as service, ZenohSession(connect=endpoint) as sensor:
         scans = inbox(service, "swarm/m/sensor/*/scan")
         plans = inbox(sensor, "swarm/m/plan")
         assert publish_until_heard(sensor, "swarm/m/sensor/a/scan", scans) == (
@@ -64,7 +64,7 @@ def test_a_message_arrives_with_its_key_both_ways() -> None:
 
 def test_a_burst_arrives_whole_and_in_order() -> None:
     endpoint = free_endpoint()
-    with Bus(listen=endpoint) as service, Bus(connect=endpoint) as sensor:
+    with ZenohSession(listen=endpoint) as service, ZenohSession(connect=endpoint) as sensor:
         scans = inbox(service, "swarm/m/**")
         publish_until_heard(sensor, "swarm/m/first", scans)
         for number in range(3000):
@@ -78,16 +78,19 @@ def test_a_burst_arrives_whole_and_in_order() -> None:
 
 def test_the_listener_may_come_up_later_and_come_back() -> None:
     endpoint = free_endpoint()
-    with Bus(connect=endpoint) as sensor:
+    with ZenohSession(connect=endpoint) as sensor:
         for _ in range(2):
-            with Bus(listen=endpoint) as service:
+            with ZenohSession(listen=endpoint) as service:
                 publish_until_heard(sensor, "swarm/m/x", inbox(service, "swarm/m/x"))
 
 
 def test_a_second_listener_is_told_that_the_port_is_taken() -> None:
     endpoint = free_endpoint()
-    with Bus(listen=endpoint), pytest.raises(LinkError, match="another process listens here") as caught:
-        Bus(listen=endpoint)
+    with (
+        ZenohSession(listen=endpoint),
+        pytest.raises(LinkError, match="another process listens here") as caught,
+    ):
+        ZenohSession(listen=endpoint)
     assert caught.value.endpoint == endpoint
 
 
@@ -96,13 +99,13 @@ def test_a_second_listener_is_told_that_the_port_is_taken() -> None:
 )
 def test_what_is_no_endpoint_is_said_to_be_none(endpoint: str) -> None:
     with pytest.raises(LinkError) as caught:
-        Bus(listen=endpoint)
+        ZenohSession(listen=endpoint)
     assert caught.value.endpoint == endpoint
     assert ".rs" not in caught.value.problem
 
 
 def test_a_malformed_key_and_a_closed_bus_are_link_errors() -> None:
-    bus = Bus(listen=free_endpoint())
+    bus = ZenohSession(listen=free_endpoint())
     with pytest.raises(LinkError, match="cannot publish"):
         bus.publish("swarm//x", b"")
     with pytest.raises(LinkError, match="cannot subscribe"):
@@ -114,7 +117,7 @@ def test_a_malformed_key_and_a_closed_bus_are_link_errors() -> None:
 
 def test_a_bus_must_know_its_side() -> None:
     with pytest.raises(ValueError, match="listens or connects"):
-        Bus()
+        ZenohSession()
 
 
 def test_the_documented_sensor_feeds_the_service() -> None:
@@ -124,7 +127,7 @@ def test_the_documented_sensor_feeds_the_service() -> None:
     (example,) = [one for one in examples if "z_m" in one]
     endpoint = free_endpoint()
     frame = load("prescribed").local_frame
-    with Bus(listen=endpoint) as service:
+    with ZenohSession(listen=endpoint) as service:
         scans = inbox(service, sensor_scan_keys("prescribed"))
         sensor = subprocess.Popen(
             [sys.executable, "-P", "-c", program.replace("tcp/127.0.0.1:7447", endpoint)]

@@ -1,10 +1,10 @@
 """An operator would lose the aircraft to a service that takes it out of their hands."""
 
-from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.fleet.mode_authority import ModeAuthority
 
 
 def after(*steps):
-    custody = Custody()
+    custody = ModeAuthority()
     for step in steps:
         kind, _, mode = step.partition(" ")
         if kind == "hear":

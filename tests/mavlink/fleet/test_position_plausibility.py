@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.mavlink.fleet.position_plausibility import Motion, Report, Voices
+from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, Motion, Report
 
 S = 1_000_000_000
 
@@ -25,7 +25,7 @@ def judged(reports, max_speed_m_s=75.0):
 
 
 def voiced(reports):
-    voices, news = Voices(75.0), []
+    voices, news = DuplicateIdDetector(75.0), []
     for one in reports:
         voices.take(one)
         news += voices.news

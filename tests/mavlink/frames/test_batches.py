@@ -5,14 +5,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_bulk import BYTES, frame
 
-from gcs.mavlink.frames.batches import MAX_BYTES, Gatherer
+from gcs.mavlink.frames.batches import MAX_BYTES, DatagramBatcher
 from gcs.mavlink.frames.codec import scan
 
 POSITION = st.builds(lambda n: frame(33, bytes([7] * 28), seq=n), st.integers(0, 255))
 DATAGRAMS = st.lists(
     st.tuples(st.integers(0, 3), st.one_of(POSITION, POSITION, POSITION, BYTES)), min_size=1, max_size=80
 )
-GATHERER = Gatherer(256)
+GATHERER = DatagramBatcher(256)
 
 
 def gathered(datagrams):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import Encoder, scan
-from gcs.mavlink.frames.stream import Framer
+from gcs.mavlink.frames.stream import FrameStream
 
 ENCODE = Encoder(1, 1)
 FRAMES = [
@@ -25,7 +25,7 @@ def pieces(data: bytes, cuts: list[int]) -> list[bytes]:
 
 @given(st.lists(st.sampled_from(FRAMES), max_size=12), st.lists(st.integers(0, 10_000), max_size=20))
 def test_a_clean_stream_loses_nothing_however_it_is_read(frames: list[bytes], cuts: list[int]) -> None:
-    framer, stream = Framer(), b"".join(frames)
+    framer, stream = FrameStream(), b"".join(frames)
     chunks = [framer.take(piece) for piece in pieces(stream, cuts)]
     assert b"".join(chunks) == stream
     found = [scan(chunk) for chunk in chunks]
@@ -58,7 +58,7 @@ def test_a_message_of_an_unknown_id_is_still_one() -> None:
 def test_noise_delays_frames_and_never_swallows_them(parts: list[bytes], cuts: list[int]) -> None:
     noise = b"".join(part for part in parts if part not in FRAMES)
     assume(noise.count(0xFD) + noise.count(0xFE) < 60)  # the number of false starts is bounded
-    framer, stream = Framer(), b"".join(parts)
+    framer, stream = FrameStream(), b"".join(parts)
     flush = b"\x00" * 300 + FRAMES[0]  # longer than any frame that noise may have claimed
     chunks = [framer.take(piece) for piece in [*pieces(stream, cuts), flush]]
     assert b"".join(chunks) == stream + flush
@@ -68,7 +68,7 @@ def test_noise_delays_frames_and_never_swallows_them(parts: list[bytes], cuts: l
 
 @given(st.lists(st.binary(max_size=600), max_size=10))
 def test_hostile_streams_are_held_back_by_less_than_a_frame(reads: list[bytes]) -> None:
-    framer, held = Framer(), 0
+    framer, held = FrameStream(), 0
     for data in reads:
         held += len(data) - len(framer.take(data))
         assert 0 <= held < 280

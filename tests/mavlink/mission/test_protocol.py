@@ -9,13 +9,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
-from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home, Item
-from gcs.mavlink.mission.protocol import ReadBack, Sending
-from gcs.mavlink.mission.upload_task import MissionTask
-from gcs.mavlink.services.retry import Asking
-from gcs.mavlink.services.rtt import Pace
+from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
+from gcs.mavlink.mission.upload_task import UploadTask
+from gcs.mavlink.services.retry import RetryTimer
+from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import Mission, Waypoint
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
@@ -37,7 +37,7 @@ def seqs(messages):
 
 
 def test_what_is_asked_for_is_sent_and_nothing_else_while_requests_come():
-    sending, sent = Sending(ITEMS, TO, Pace(0.1), lambda: 6), []
+    sending, sent = MissionUpload(ITEMS, TO, RttEstimator(0.1), lambda: 6), []
     for seq in range(8):
         sent += sending.answer(seq, at(0.1 * seq)) + sending.due(at(0.1 * seq + 0.05))
     assert seqs(sent) == list(range(8))
@@ -45,7 +45,7 @@ def test_what_is_asked_for_is_sent_and_nothing_else_while_requests_come():
 
 
 def test_after_a_silence_the_item_goes_out_again_and_the_one_whose_request_may_be_lost():
-    sending = Sending(ITEMS, TO, Pace(0.1), lambda: 3)
+    sending = MissionUpload(ITEMS, TO, RttEstimator(0.1), lambda: 3)
     sending.answer(0, 0)
     sending.answer(1, at(0.1))
     assert sending.due(at(0.25)) == []
@@ -58,13 +58,13 @@ def test_after_a_silence_the_item_goes_out_again_and_the_one_whose_request_may_b
 
 
 def test_where_the_order_matters_only_what_was_asked_for_is_sent_again():
-    sending = Sending(ITEMS, TO, Pace(0.1))
+    sending = MissionUpload(ITEMS, TO, RttEstimator(0.1))
     sending.answer(0, 0)
     assert [seqs(sending.due(at(t))) for t in (1, 2, 3)] == [[0]] * 3
 
 
 def test_nothing_is_sent_before_the_first_request_nor_beyond_the_last_item():
-    sending = Sending(ITEMS[:2], TO, Pace(0.1), lambda: 6)
+    sending = MissionUpload(ITEMS[:2], TO, RttEstimator(0.1), lambda: 6)
     assert sending.due(at(100.0)) == []
     sending.answer(0, 0)
     sending.due(at(1.0))
@@ -84,7 +84,7 @@ def count_message(count):
 
 
 def test_a_read_back_keeps_a_window_of_questions_on_its_way_and_takes_answers_in_any_order():
-    reading = ReadBack(TO, Pace(0.1), 0, lambda: 3)
+    reading = MissionDownload(TO, RttEstimator(0.1), 0, lambda: 3)
     assert [m.get_type() for m in reading.due(0)] == ["MISSION_REQUEST_LIST"]
     reading.take_count(count_message(5), at(0.1))
     assert seqs(reading.due(at(0.1))) == [0, 1, 2]
@@ -102,7 +102,7 @@ def test_a_read_back_keeps_a_window_of_questions_on_its_way_and_takes_answers_in
 
 
 def test_a_read_back_that_a_vehicle_breaks_off_is_begun_anew():
-    reading = ReadBack(TO, Pace(0.1), 0)
+    reading = MissionDownload(TO, RttEstimator(0.1), 0)
     reading.due(0)
     reading.take_count(count_message(5), at(0.1))
     reading.broken_off(at(0.2))
@@ -110,7 +110,7 @@ def test_a_read_back_that_a_vehicle_breaks_off_is_begun_anew():
 
 
 def test_a_read_back_in_vain_ends():
-    reading, t_ns, lists = ReadBack(TO, Pace(0.1), 0), 0, 0
+    reading, t_ns, lists = MissionDownload(TO, RttEstimator(0.1), 0), 0, 0
     while not reading.unanswered(t_ns):
         assert t_ns < at(400.0)
         for question in reading.due(t_ns):
@@ -125,7 +125,7 @@ def test_a_read_back_in_vain_ends():
 
 
 def test_the_wait_follows_the_link_and_outliers_do_not_move_it():
-    pace = Pace()
+    pace = RttEstimator()
     for took_s in (0.1, 1.1, 0.12, 0.1, 1.2):  # a vehicle that repeats its question looks slow
         pace.took(took_s)
     assert pace.wait_s == pytest.approx(0.24)
@@ -136,21 +136,21 @@ def test_the_wait_follows_the_link_and_outliers_do_not_move_it():
 
 def test_where_round_trips_are_short_repeats_stay_frequent_and_go_out_twice():
     """At 30 % loss over a link of 20 ms one missing item was asked for every 1.2 s."""
-    pace = Pace(0.02)
+    pace = RttEstimator(0.02)
     for _ in range(20):
         pace.late()
     assert pace.wait_s < 0.1
     assert pace.copies == 2
     patience = pace.patience(12, 20.0)
-    asking = Asking(count_message(1), patience, 0)
+    asking = RetryTimer(count_message(1), patience, 0)
     sent_s = [0.05 * tick for tick in range(600) if asking.due(at(0.05 * tick))]
     assert sent_s[7] < 1.0
     assert 18.0 < sent_s[-1] < 22.0  # an outage may last as long as before
-    assert (Pace(0.3).copies, Pace().copies) == (1, 1)
+    assert (RttEstimator(0.3).copies, RttEstimator().copies) == (1, 1)
 
 
 def test_repeats_grow_rarer_until_something_can_be_measured_again():
-    pace, waits = Pace(0.3), []
+    pace, waits = RttEstimator(0.3), []
     for _ in range(5):
         waits.append(pace.wait_s)
         pace.late()
@@ -173,8 +173,8 @@ def simulated(autopilot):
 def task_for(autopilot, points, shift_deg=0.0):
     route = tuple(Waypoint(33.2 + n * 1e-3 + shift_deg, -87.6, 100.0, 10.0) for n in range(points))
     profile = {"ardupilot": ARDUPLANE, "px4": PX4}[autopilot]
-    custody = Custody("LOITER")
-    return MissionTask(Mission(1, 7, route), HOME, Encoder(), profile=profile, custody=custody)
+    custody = ModeAuthority("LOITER")
+    return UploadTask(Mission(1, 7, route), HOME, Encoder(), profile=profile, custody=custody)
 
 
 class Talk:

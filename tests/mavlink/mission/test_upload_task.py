@@ -7,11 +7,11 @@ from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, Plane,
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE
-from gcs.mavlink.fleet.mode_authority import Custody
+from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.task_terms import Timing
-from gcs.mavlink.mission.upload_task import MissionTask
+from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import Mission, Waypoint
 
 MODE_NAMES = {AUTO: "AUTO", LOITER: "LOITER", RTL: "RTL"}
@@ -35,11 +35,11 @@ def flying(points=6, leg_s=math.inf, mode=AUTO):
 
 def joined(plane, points=4, *, seed=1, loss=0.0, doubles=0.0, delay_s=(0.005, 0.03), **options):
     known = {
-        "custody": Custody(MODE_NAMES[plane.mode]),
+        "custody": ModeAuthority(MODE_NAMES[plane.mode]),
         "time_to_next_s": plane.time_to_next_s,
         "current": plane.current,
     }
-    task = MissionTask(mission(points), HOME, Encoder(), **(known | options))
+    task = UploadTask(mission(points), HOME, Encoder(), **(known | options))
     plane.mean(task.items)
     both = {"loss": loss, "doubles": doubles, "delay_s": delay_s}
     return Joined(task, plane, Channel(2 * seed, **both), Channel(2 * seed + 1, **both))
@@ -233,7 +233,7 @@ def test_a_dead_vehicle_is_reported_within_bounds():
 @pytest.mark.parametrize("at_s", [0.05, 0.2, 0.4, 0.7])
 def test_a_reboot_in_mid_transfer_starts_it_again(at_s):
     plane, _ = flying()
-    custody = Custody("AUTO")
+    custody = ModeAuthority("AUTO")
     link = joined(plane, 10, custody=custody)
     rebooted = []
 
@@ -293,7 +293,7 @@ def test_a_superseding_mission_wins_over_the_leftovers_of_the_old_transfer(seed)
     first = link.task
     first.supersede(link.t_ns)
     assert (first.result.ok, first.result.detail) == (False, "superseded")
-    link.task = MissionTask(mission(9, shift_deg=-0.02, mission_id=2), HOME, Encoder())
+    link.task = UploadTask(mission(9, shift_deg=-0.02, mission_id=2), HOME, Encoder())
     plane.mean(link.task.items)
     assert link.run().ok
     assert plane.holds(link.task.items)
@@ -336,7 +336,7 @@ def test_another_station_in_the_middle_of_its_own_upload_is_waited_for():
 
 
 def test_a_request_that_runs_ahead_is_not_answered():
-    task = MissionTask(mission(6), HOME, Encoder(), custody=Custody("LOITER"))
+    task = UploadTask(mission(6), HOME, Encoder(), custody=ModeAuthority("LOITER"))
     task.start(0)
     assert task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 4, 0)), 1) == []
     answered = task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 0, 0)), 2)
@@ -452,7 +452,7 @@ def test_no_mix_is_flown_over_a_bad_radio(loss):
 
 def test_an_upload_by_another_program_counts_when_it_is_read_back():
     plane, _ = flying(mode=LOITER)
-    task = MissionTask(mission(), HOME, Encoder(), custody=Custody("LOITER"), delegated=True)
+    task = UploadTask(mission(), HOME, Encoder(), custody=ModeAuthority("LOITER"), delegated=True)
     plane.mean(task.items)
     link = Joined(task, plane, Channel(1), Channel(2))
     assert task.start(0) == []
@@ -466,7 +466,7 @@ def test_an_upload_by_another_program_counts_when_it_is_read_back():
 
 def test_a_program_that_never_began_leaves_the_old_mission():
     _plane, old = flying(mode=LOITER)
-    task = MissionTask(mission(), HOME, Encoder(), custody=Custody("LOITER"), old=old, delegated=True)
+    task = UploadTask(mission(), HOME, Encoder(), custody=ModeAuthority("LOITER"), old=old, delegated=True)
     task.start(0)
     task.delivered(False, False, "MAVSDK's process is not running", 1)
     assert (task.result.ok, task.result.holds) == (False, "old")
@@ -475,7 +475,7 @@ def test_a_program_that_never_began_leaves_the_old_mission():
 
 def test_a_mix_that_another_program_leaves_is_repaired_by_us():
     plane, _ = flying(mode=LOITER)
-    task = MissionTask(mission(), HOME, Encoder(), custody=Custody("LOITER"), delegated=True)
+    task = UploadTask(mission(), HOME, Encoder(), custody=ModeAuthority("LOITER"), delegated=True)
     plane.mean(task.items)
     link = Joined(task, plane, Channel(1), Channel(2))
     task.start(0)

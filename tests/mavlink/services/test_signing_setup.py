@@ -8,7 +8,7 @@ import pytest
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.frames.codec import scan
-from gcs.mavlink.services.signing_setup import Installation
+from gcs.mavlink.services.signing_setup import SigningSetup
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
@@ -21,10 +21,10 @@ def vehicle(key: bytes | None = None, *, airborne: bool = False) -> SimVehicle:
     return SimVehicle(spec, LocalFrame(33.2, -87.6, 70.0), NOW, key)
 
 
-def give(plane: SimVehicle, old: bytes | None = None, *, drops=lambda _n: False, seconds=10) -> Installation:
+def give(plane: SimVehicle, old: bytes | None = None, *, drops=lambda _n: False, seconds=10) -> SigningSetup:
     """Join both ends in memory; `drops` tells which of our frames get lost."""
     counter, sent = itertools.count(NOW // 10_000 - 1_420_070_400 * 100_000), itertools.count()
-    installation = Installation(1, KEY, old, lambda _t: next(counter), NOW + seconds * S)
+    installation = SigningSetup(1, KEY, old, lambda _t: next(counter), NOW + seconds * S)
     for t_ns in range(NOW, NOW + (seconds + 1) * S, S // 20):
         for data in plane.datagrams_to_send(t_ns):
             for frame in scan(data).frames:
@@ -72,6 +72,6 @@ def test_no_key_goes_to_a_vehicle_that_is_armed():
 
 
 def test_nobody_there_is_said():
-    installation = Installation(9, KEY, None, lambda t: t, NOW)
+    installation = SigningSetup(9, KEY, None, lambda t: t, NOW)
     assert installation.poll(NOW) == []
     assert (installation.outcome, installation.detail) == ("failed", "was not heard")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.planning.map.grid import free_grid, random_obstacles
-from gcs.planning.options import AgentStart, PlanOptions, Wait
+from gcs.planning.options import AgentStart, LoiterSpec, PlanOptions
 from gcs.planning.path.turns import Corners
 from gcs.planning.planner import plan_routes
 from sim_vehicles.vehicle.airframe import Airframe
@@ -23,7 +23,7 @@ OPTIONS = PlanOptions(
     clearance_m=50.0,
     shape="flyable",
     turn_radius_m=58.0,
-    wait=Wait(radius_m=40.0, near_m=NEAR_M, lag_s=2.8, corners=CORNERS),
+    wait=LoiterSpec(radius_m=40.0, near_m=NEAR_M, lag_s=2.8, corners=CORNERS),
 )
 EAST = math.pi / 2.0
 

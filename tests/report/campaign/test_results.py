@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.model import NS_PER_S, Fate, Picture, Track, Truth, TruthObject, read_only
+from gcs.model import NS_PER_S, AgentStatus, Picture, Track, Truth, TruthObject, read_only
 from gcs.report.campaign.results import Row, groups, mean, proportion, rate
 from gcs.report.paper.losses import DeathWatch
 
@@ -90,7 +90,7 @@ def watch(alive: str, existence: list[float], fates: dict[int, str]) -> DeathWat
         deaths.truth(Truth(k * NS_PER_S, (TruthObject("agents", 1, 0.0, 0.0, state == "a"),)))
         deaths.effect(picture(k, ((0, 1), 3.0, value), ((0, 2), 500.0, 1.0)))
         if k in fates:
-            deaths.effect(Fate(k * NS_PER_S, 1, fates[k]))
+            deaths.effect(AgentStatus(k * NS_PER_S, 1, fates[k]))
     return deaths
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from gcs.model import (
     NS_PER_S,
-    Fate,
+    AgentStatus,
     Kind,
     MissionEnded,
     Picture,
@@ -35,8 +35,8 @@ from gcs.report.paper.measures import (
     waviness,
     wrong_kind,
 )
-from gcs.report.run.evaluation import Judge
-from gcs.report.run.timeline import CourseBuilder
+from gcs.report.run.evaluation import Evaluator
+from gcs.report.run.timeline import TimelineBuilder
 
 SENSOR = Sensor("radar", 0.98, 5e-6, read_only(np.eye(2) * 10), (0.0, 0.0, 1000.0, 1000.0))
 TARGETS = {0: (900.0, 100.0), 1: (900.0, 300.0)}
@@ -71,8 +71,8 @@ def a_run(
 
     The targets drift north.
     """
-    judge = Judge(60.0, (1, 2))
-    builder = CourseBuilder(judge)
+    judge = Evaluator(60.0, (1, 2))
+    builder = TimelineBuilder(judge)
     for second in range(91):
         east, alive = 10.0 * second, second <= 30
         things = [TruthObject("agents", 1, east, 100.0, True), TruthObject("agents", 2, east, 300.0, alive)]
@@ -95,8 +95,8 @@ def a_run(
             if last_end_m is not None:
                 moved = replace(moved, routes=(Route(1, (0, 0), read_only([last_end_m]), 1.0),))
             builder.take(moved)
-    builder.take(Fate(at(33), 2, "dead"))
-    builder.take(Fate(at(90), 1, "arrived", (0, 0)))
+    builder.take(AgentStatus(at(33), 2, "dead"))
+    builder.take(AgentStatus(at(90), 1, "arrived", (0, 0)))
     builder.take(MissionEnded(at(90), (1,), (2,)))
     grid = free_grid((51, 51), 20.0)
     if blocked:
@@ -183,7 +183,7 @@ def test_the_table_in_markdown_has_every_claim() -> None:
 
 
 def test_many_detections_are_thinned_evenly_and_the_picture_says_so() -> None:
-    builder = CourseBuilder()
+    builder = TimelineBuilder()
     for second in range(120):
         z_m = np.column_stack([np.arange(1000.0), np.full(1000, float(second))])
         builder.take(Scan(at(second), at(second), SENSOR, read_only(z_m)))

@@ -10,7 +10,7 @@ import pytest
 
 from gcs.model import (
     NS_PER_S,
-    Fate,
+    AgentStatus,
     Kind,
     Picture,
     Plan,
@@ -58,8 +58,8 @@ def a_run(agents: int = 2) -> list[object]:
     stale = Route(2, (0, 1), read_only([[1500.0, 300.0]]), 1500.0)
     values.append(Plan(at(2.5), at(2.0), (route, stale), (), (), "first plan", (1,)))
     values.append(UploadReport(at(3.0), 1, 1, 2, True, "verified", 0.2, 0))
-    values.append(Fate(at(7.5), 2, "dead"))
-    values.append(Fate(at(10.0), 1, "arrived", (0, 0)))
+    values.append(AgentStatus(at(7.5), 2, "dead"))
+    values.append(AgentStatus(at(10.0), 1, "arrived", (0, 0)))
     return values
 
 

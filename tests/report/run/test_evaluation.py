@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gcs.model import (
     NS_PER_S,
-    Fate,
+    AgentStatus,
     Kind,
     MissionEnded,
     Picture,
@@ -23,7 +23,7 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
-from gcs.report.run.evaluation import Judge, Summary, summary_json
+from gcs.report.run.evaluation import Evaluator, Summary, summary_json
 
 T0 = 1_767_225_600 * NS_PER_S
 RADIUS_M = 40.0
@@ -55,15 +55,15 @@ def plan(t_s: float, vehicles: Sequence[int], changed: Sequence[int], reason: st
     return Plan(at(t_s), at(t_s), tuple(routes), (), (), reason, tuple(changed))
 
 
-def summary(judge: Judge) -> Summary:
+def summary(judge: Evaluator) -> Summary:
     return judge.summary(
         scenario="demo", seed=3, duration_s=10.0, scan_ms_p99=1.5, plan_ms_p99=2.5, recording="runs/demo-3"
     )
 
 
-def a_good_run() -> Judge:
+def a_good_run() -> Evaluator:
     """Agents 1 and 3 reach targets 1 and 3 at about 10 s; agent 2 dies at 4 s and is found out at 6.5 s."""
-    judge = Judge(RADIUS_M, [1, 2, 3])
+    judge = Evaluator(RADIUS_M, [1, 2, 3])
     for second in range(11):
         east = 100.0 * second
         judge.truth(
@@ -73,13 +73,13 @@ def a_good_run() -> Judge:
                 dead=[2] if second >= 4 else [],
             )
         )
-    judge.effect(Fate(at(6.5), 2, "dead"))
-    judge.effect(Fate(at(9.7), 1, "arrived", (0, 0)))
-    judge.effect(Fate(at(9.9), 3, "arrived", (0, 7)))
+    judge.effect(AgentStatus(at(6.5), 2, "dead"))
+    judge.effect(AgentStatus(at(9.7), 1, "arrived", (0, 0)))
+    judge.effect(AgentStatus(at(9.9), 3, "arrived", (0, 7)))
     return judge
 
 
-def ended(judge: Judge) -> Judge:
+def ended(judge: Evaluator) -> Evaluator:
     judge.effect(MissionEnded(at(10.0), (1, 3), (2,)))
     return judge
 
@@ -99,7 +99,7 @@ def test_a_good_run_is_complete_with_everybody_accounted_for() -> None:
 
 def test_a_run_that_never_ended_is_incomplete() -> None:
     assert "did not end" in summary(a_good_run()).reason
-    judge = Judge(RADIUS_M, [1, 2])
+    judge = Evaluator(RADIUS_M, [1, 2])
     judge.truth(truth(0, {1: (0.0, 0.0), 2: (0.0, 0.0)}))
     verdict = summary(judge)
     assert verdict.outcome == "incomplete"
@@ -108,13 +108,13 @@ def test_a_run_that_never_ended_is_incomplete() -> None:
 
 def test_a_mission_that_ends_with_an_agent_flying_is_incomplete() -> None:
     judge = a_good_run()
-    judge.effect(Fate(at(9.95), 2, "flying"))
+    judge.effect(AgentStatus(at(9.95), 2, "flying"))
     assert summary(ended(judge)).reason == "the mission ended with agent 2 still flying"
 
 
 def test_without_truth_nothing_is_complete() -> None:
-    judge = Judge(RADIUS_M, [1])
-    judge.effect(Fate(at(1), 1, "arrived", (0, 0)))
+    judge = Evaluator(RADIUS_M, [1])
+    judge.effect(AgentStatus(at(1), 1, "arrived", (0, 0)))
     judge.effect(MissionEnded(at(1), (1,), ()))
     verdict = summary(judge)
     assert (verdict.outcome, verdict.reason) == ("incomplete", "there is no truth to judge by")
@@ -126,10 +126,10 @@ def test_without_truth_nothing_is_complete() -> None:
 def test_arrival_is_believed_within_the_capture_radius_and_an_allowance(
     distance_m: float, outcome: str
 ) -> None:
-    judge = Judge(RADIUS_M, [1])
+    judge = Evaluator(RADIUS_M, [1])
     for second in (0, 1):
         judge.truth(truth(second, {1: (1000.0, -distance_m)}))
-    judge.effect(Fate(at(1), 1, "arrived", (0, 0)))
+    judge.effect(AgentStatus(at(1), 1, "arrived", (0, 0)))
     judge.effect(MissionEnded(at(1), (1,), ()))
     verdict = summary(judge)
     assert verdict.outcome == outcome
@@ -139,19 +139,19 @@ def test_arrival_is_believed_within_the_capture_radius_and_an_allowance(
 
 
 def test_the_place_of_arrival_is_the_true_one_between_two_scans() -> None:
-    judge = Judge(RADIUS_M, [1])
+    judge = Evaluator(RADIUS_M, [1])
     judge.truth(truth(0, {1: (0.0, 0.0)}))
     judge.truth(truth(1, {1: (2000.0, 0.0)}))
-    judge.effect(Fate(at(0.5), 1, "arrived", (0, 0)))
+    judge.effect(AgentStatus(at(0.5), 1, "arrived", (0, 0)))
     judge.effect(MissionEnded(at(1), (1,), ()))
     assert summary(judge).outcome == "complete"
 
 
 def test_two_agents_at_one_target_are_not_two_targets_reached() -> None:
-    judge = Judge(RADIUS_M, [1, 2])
+    judge = Evaluator(RADIUS_M, [1, 2])
     judge.truth(truth(0, {1: (1000.0, 10.0), 2: (1000.0, -20.0)}))
     for vehicle in (1, 2):
-        judge.effect(Fate(at(0), vehicle, "arrived", (0, vehicle)))
+        judge.effect(AgentStatus(at(0), vehicle, "arrived", (0, vehicle)))
     judge.effect(MissionEnded(at(0), (1, 2), ()))
     verdict = summary(judge)
     assert verdict.reason == "agent 2 called arrived at target 1, where agent 1 had arrived"
@@ -160,18 +160,18 @@ def test_two_agents_at_one_target_are_not_two_targets_reached() -> None:
 
 def test_two_agents_at_two_near_targets_have_each_one_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(TARGETS, 2, (1000.0, 40.0))
-    judge = Judge(RADIUS_M, [1, 2])
+    judge = Evaluator(RADIUS_M, [1, 2])
     judge.truth(truth(0, {1: (1000.0, -10.0), 2: (1000.0, 15.0)}))
     for vehicle in (1, 2):
-        judge.effect(Fate(at(0), vehicle, "arrived", (0, vehicle)))
+        judge.effect(AgentStatus(at(0), vehicle, "arrived", (0, vehicle)))
     judge.effect(MissionEnded(at(0), (1, 2), ()))
     assert [agent.target for agent in summary(judge).agents] == [1, 2]
 
 
 def test_an_agent_that_was_dead_when_called_arrived_has_not_arrived() -> None:
-    judge = Judge(RADIUS_M, [1])
+    judge = Evaluator(RADIUS_M, [1])
     judge.truth(truth(0, {1: (1000.0, 0.0)}, dead=[1]))
-    judge.effect(Fate(at(0), 1, "arrived", (0, 0)))
+    judge.effect(AgentStatus(at(0), 1, "arrived", (0, 0)))
     judge.effect(MissionEnded(at(0), (1,), ()))
     assert "agent 1 called arrived but dead" in summary(judge).reason
 
@@ -179,7 +179,7 @@ def test_an_agent_that_was_dead_when_called_arrived_has_not_arrived() -> None:
 def test_an_agent_that_dies_at_its_target_has_arrived() -> None:
     judge = a_good_run()
     judge.truth(truth(11, {1: (1000.0, 10.0), 2: (0.0, 0.0), 3: (1000.0, 1010.0)}, dead=[1, 2]))
-    judge.effect(Fate(at(10.9), 1, "dead"))
+    judge.effect(AgentStatus(at(10.9), 1, "dead"))
     judge.effect(MissionEnded(at(11), (1, 3), (2,)))
     verdict = summary(judge)
     assert verdict.outcome == "complete", verdict.reason
@@ -188,10 +188,10 @@ def test_an_agent_that_dies_at_its_target_has_arrived() -> None:
 
 
 def test_calling_a_living_agent_dead_is_counted_and_spoils_the_run() -> None:
-    judge = Judge(RADIUS_M, [1])
+    judge = Evaluator(RADIUS_M, [1])
     for second in (0, 1, 2):
         judge.truth(truth(second, {1: (0.0, 0.0)}))
-    judge.effect(Fate(at(1), 1, "dead"))
+    judge.effect(AgentStatus(at(1), 1, "dead"))
     judge.effect(MissionEnded(at(2), (), (1,)))
     verdict = summary(judge)
     assert verdict.reason == "agent 1 called dead but alive"
@@ -199,10 +199,14 @@ def test_calling_a_living_agent_dead_is_counted_and_spoils_the_run() -> None:
 
 
 def test_a_false_death_that_is_taken_back_is_counted_only() -> None:
-    judge = Judge(RADIUS_M, [1])
+    judge = Evaluator(RADIUS_M, [1])
     for second in (0, 1, 2):
         judge.truth(truth(second, {1: (1000.0, 0.0)}))
-    for fate in (Fate(at(0.5), 1, "dead"), Fate(at(1), 1, "flying"), Fate(at(1.5), 1, "arrived", (0, 0))):
+    for fate in (
+        AgentStatus(at(0.5), 1, "dead"),
+        AgentStatus(at(1), 1, "flying"),
+        AgentStatus(at(1.5), 1, "arrived", (0, 0)),
+    ):
         judge.effect(fate)
     judge.effect(MissionEnded(at(2), (1,), ()))
     verdict = summary(judge)
@@ -210,7 +214,7 @@ def test_a_false_death_that_is_taken_back_is_counted_only() -> None:
 
 
 def test_a_death_that_nobody_noticed_is_not_a_detection() -> None:
-    judge = Judge(RADIUS_M, [1])
+    judge = Evaluator(RADIUS_M, [1])
     judge.truth(truth(0, {1: (0.0, 0.0)}))
     judge.truth(truth(1, {1: (0.0, 0.0)}, dead=[1]))
     verdict = summary(judge)
@@ -218,7 +222,7 @@ def test_a_death_that_nobody_noticed_is_not_a_detection() -> None:
 
 
 def test_ospa_compares_confirmed_tracks_with_the_living_at_the_same_scan() -> None:
-    judge = Judge(RADIUS_M, [1, 2])
+    judge = Evaluator(RADIUS_M, [1, 2])
     judge.truth(truth(0, {1: (0.0, 0.0), 2: (500.0, 0.0)}))
     judge.truth(truth(1, {1: (0.0, 0.0), 2: (500.0, 0.0)}, dead=[2]))
     judge.truth(truth(2, {1: (0.0, 0.0), 2: (500.0, 0.0)}, dead=[2]))
@@ -236,7 +240,7 @@ def test_ospa_compares_confirmed_tracks_with_the_living_at_the_same_scan() -> No
 
 
 def test_a_retask_is_a_new_route_for_somebody_who_had_one() -> None:
-    judge = Judge(RADIUS_M, [1, 2, 3])
+    judge = Evaluator(RADIUS_M, [1, 2, 3])
     judge.truth(truth(0, {1: (0.0, 0.0)}))
     judge.effect(plan(1, [1, 2], [1, 2], "first plan"))
     judge.effect(plan(2, [1, 2, 3], [3], "agent 3 joined"))
@@ -248,7 +252,7 @@ def test_a_retask_is_a_new_route_for_somebody_who_had_one() -> None:
 
 
 def test_uploads_and_their_failures_are_counted() -> None:
-    judge = Judge(RADIUS_M, [1])
+    judge = Evaluator(RADIUS_M, [1])
     for ok in (True, False, True):
         judge.effect(UploadReport(at(1), 1, 1, 5, ok, "", 0.2, 0))
     verdict = summary(judge)
@@ -256,7 +260,7 @@ def test_uploads_and_their_failures_are_counted() -> None:
 
 
 def test_a_target_that_never_appears_is_none_to_be_reached() -> None:
-    judge = Judge(RADIUS_M, [1])
+    judge = Evaluator(RADIUS_M, [1])
     judge.truth(Truth(at(0), (TruthObject("targets", 1, 0, 0, True), TruthObject("targets", 2, 0, 0, False))))
     assert summary(judge).targets_total == 1
 
@@ -276,7 +280,7 @@ def test_the_json_has_exactly_the_promised_keys() -> None:
 
 @given(st.permutations(range(11)))
 def test_truth_may_arrive_in_any_order(order: list[int]) -> None:
-    judge, reference = Judge(RADIUS_M, [1, 2, 3]), a_good_run()
+    judge, reference = Evaluator(RADIUS_M, [1, 2, 3]), a_good_run()
     truths = [Truth(t_ns, reference._truths.at(t_ns)) for t_ns in reference._truths.times_ns]
     for index in order:
         judge.truth(truths[index])
@@ -285,7 +289,7 @@ def test_truth_may_arrive_in_any_order(order: list[int]) -> None:
     assert summary(ended(judge)) == summary(ended(reference)) or both_nan(judge, reference)
 
 
-def both_nan(first: Judge, second: Judge) -> bool:
+def both_nan(first: Evaluator, second: Evaluator) -> bool:
     """Equal but for means that are NaN, which never equal themselves."""
     return summary_json(summary(first)) == summary_json(summary(second))
 
@@ -297,12 +301,12 @@ places = st.lists(st.tuples(st.floats(0, 300), st.floats(0, 300)), min_size=1, m
 def test_every_reached_target_is_near_and_reached_once_and_no_arrival_is_denied_a_free_one(
     agents: list[tuple[float, float]], targets: list[tuple[float, float]]
 ) -> None:
-    judge = Judge(RADIUS_M, range(len(agents)))
+    judge = Evaluator(RADIUS_M, range(len(agents)))
     things = [TruthObject("agents", n, *place, True) for n, place in enumerate(agents)]
     things += [TruthObject("targets", n, *place, True) for n, place in enumerate(targets)]
     judge.truth(Truth(at(0), tuple(things)))
     for n in range(len(agents)):
-        judge.effect(Fate(at(0), n, "arrived", (0, n)))
+        judge.effect(AgentStatus(at(0), n, "arrived", (0, n)))
     reached = [agent.target for agent in summary(judge).agents]
     taken = [target for target in reached if target is not None]
     assert len(set(taken)) == len(taken)

@@ -12,10 +12,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.io.zenoh.messages import encode
 from gcs.model import (
     NS_PER_S,
+    AgentStatus,
     Datagram,
     Effect,
     Event,
-    Fate,
     MissionEnded,
     Notice,
     Plan,
@@ -25,7 +25,7 @@ from gcs.model import (
     Truth,
     UploadReport,
 )
-from gcs.report.run.evaluation import Judge, Summary
+from gcs.report.run.evaluation import Evaluator, Summary
 from sim_vehicles.campaign.virtual_run import START_T_NS, STEP_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import load, parse_scenario
@@ -48,7 +48,7 @@ class Flown:
         """Seconds and fate of each change, by vehicle."""
         told: dict[int, list[tuple[float, str]]] = {}
         for effect in self.effects:
-            if isinstance(effect, Fate):
+            if isinstance(effect, AgentStatus):
                 told.setdefault(effect.vehicle, []).append(
                     ((effect.t_ns - START_T_NS) / NS_PER_S, effect.fate)
                 )
@@ -58,7 +58,7 @@ class Flown:
 def fly(name: str, seed: int, *, loss: float = 0.0, kills: dict[int, float] | None = None) -> Flown:
     scenario = load(name)
     config = scenario.config
-    judge = Judge(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    judge = Evaluator(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
     effects: list[Effect] = []
     truths: list[Truth] = []
     recording = hashlib.sha256()

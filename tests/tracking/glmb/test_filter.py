@@ -175,7 +175,7 @@ def test_two_labels_are_never_shown_at_one_object():
 
     Tracks 0 and 1 are of label 0 (at the first and the second object), 2 and 3 of label 1, 4 of label 2.
     """
-    groups = hypotheses.Groups(
+    groups = hypotheses.Clusters(
         np.array([0, 3]), np.array([0, 2, 4, 6]), np.array([2, 4, 0, 3, 1, 2]), np.log([0.45, 0.30, 0.25])
     )
     existence, shown, estimate, cardinality, _ = marginals.summary(groups, np.array([0, 0, 1, 1, 2]), 3)

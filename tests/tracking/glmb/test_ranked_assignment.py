@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from gcs.tracking.glmb.hypotheses import Groups, Options
+from gcs.tracking.glmb.hypotheses import Clusters, Options
 from gcs.tracking.glmb.params import GlmbParams
 from gcs.tracking.glmb.ranked_assignment import children
 from gcs.tracking.oracle import ranked_assignments
@@ -25,7 +25,7 @@ def crowd(seed, n_labels):
     choices = rng.permutation(2**n_labels)[:4]
     hypotheses = [[2 * label + int(choice >> label & 1) for label in range(n_labels)] for choice in choices]
     logw = -np.sort(-np.log(rng.dirichlet(np.ones(4))))
-    groups = Groups(
+    groups = Clusters(
         np.array([0, 4]),
         np.cumsum([0, *map(len, hypotheses)]),
         np.array([t for tracks in hypotheses for t in tracks], np.int64),

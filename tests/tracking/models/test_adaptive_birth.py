@@ -5,7 +5,7 @@ import pytest
 
 from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb.filter import Glmb, GlmbParams
-from gcs.tracking.models.adaptive_birth import UnknownBirths
+from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 
 SIDE_M = 2000.0
 FIELD = (0.0, 0.0, SIDE_M, SIDE_M)
@@ -16,7 +16,7 @@ def sensor(clutter, name="s", field=FIELD):
 
 
 def unknown(per_s=0.05, most=0.1):
-    return UnknownBirths(per_s, 8.0, most, 1.0)
+    return AdaptiveBirth(per_s, 8.0, most, 1.0)
 
 
 def scan(rng, clutter, objects=()):

@@ -5,7 +5,7 @@ import pytest
 
 from gcs.model import NS_PER_S, Polar, Sensor
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
-from gcs.tracking.models.sensor_estimation import Calibration
+from gcs.tracking.models.sensor_estimation import SensorEstimation
 from gcs.tracking.models.sensors import polar_sensor
 
 SIDE_M = 1000.0
@@ -17,7 +17,7 @@ def sensor(p_d=0.9, clutter=10.0):
 
 def told(announced, p_d, clutter, scans, seed=0, calibration=None):
     """What is found in a stream of Poisson clutter and eight objects in view."""
-    rng, calibration = np.random.default_rng(seed), calibration or Calibration()
+    rng, calibration = np.random.default_rng(seed), calibration or SensorEstimation()
     found = []
     for _ in range(scans):
         calibration.take(float(rng.poisson(clutter)), float(rng.binomial(8, p_d)), 8.0)
@@ -59,7 +59,7 @@ def test_a_corrected_sensor_is_what_the_stream_shows():
     corrected = calibration.corrected(sensor())
     assert corrected.detection_probability == pytest.approx(0.6, abs=0.05)
     assert corrected.clutter_density_per_m2 * SIDE_M**2 == pytest.approx(40.0, rel=0.12)
-    fresh = Calibration().corrected(sensor())
+    fresh = SensorEstimation().corrected(sensor())
     assert (fresh.detection_probability, fresh.clutter_density_per_m2) == (0.9, 10.0 / SIDE_M**2)
 
 
@@ -74,7 +74,7 @@ def test_a_corrected_radar_keeps_its_geometry_and_gets_its_clutter():
 @pytest.mark.parametrize(("p_d", "clutter"), [(0.9, 10.0), (0.6, 10.0), (0.9, 40.0)])
 def test_a_trackers_account_shows_the_sensor_as_it_is(p_d, clutter):
     """Announced 0.9 and 10; the truth is another. Estimated through the tracker, not from the truth."""
-    rng, look, calibration = np.random.default_rng(4), sensor(), Calibration()
+    rng, look, calibration = np.random.default_rng(4), sensor(), SensorEstimation()
     tracker = Glmb("targets", GlmbParams(accel_std_m_s2=0.5), 1, weigh_detections=True)
     places = rng.uniform(200.0, 800.0, (8, 2))
     for k in range(150):
