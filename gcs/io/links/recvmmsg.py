@@ -17,6 +17,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 
 import numpy as np
@@ -38,8 +39,9 @@ _MAX_DATAGRAM_BYTES: Final = 65_536
 _SLOT_BYTES: Final = _MAX_DATAGRAM_BYTES + 64
 """Not a power of two, so that the slots' beginnings do not fall into the same lines of the cache."""
 _MAX_PEERS: Final = 4096
-_PAUSE_S: Final = 0.01
+_PAUSE_MS: Final = 10
 """Between two looks at a flooded socket: being woken for a datagram costs more than the datagram."""
+_RETRY_MS: Final = 1000
 _MAX_WAIT_S: Final = 2.0
 """Datagrams that the loop did not take for so long are dropped: they are taken for new when they come."""
 
@@ -174,12 +176,18 @@ class SocketReader:
         A UDP socket that does not block; whoever made it closes it, after `close`.
     heard : callable
         Takes (peer, data) for each datagram, or for some of one peer put together.
+    failed : callable
+        Takes the reason, on the loop, when the thread could not read. It tries again every second.
     """
 
     def __init__(
-        self, loop: asyncio.AbstractEventLoop, source: socket.socket, heard: Callable[[str, bytes], None]
+        self,
+        loop: asyncio.AbstractEventLoop,
+        source: socket.socket,
+        heard: Callable[[str, bytes], None],
+        failed: Callable[[str], None],
     ) -> None:
-        self.source, self.heard, self.is_closed = source, heard, False
+        self.source, self.heard, self.failed, self.is_closed = source, heard, failed, False
         self._thread = _thread_of(loop)
         self._thread.add(self)
 
@@ -200,6 +208,8 @@ class _ReaderThread:
         self._poll = select.poll()
         self._wake, self._woken = socket.socketpair()
         self._poll.register(self._woken, select.POLLIN)
+        self._pause = select.poll()
+        self._pause.register(self._woken, select.POLLIN)
         self._thread = threading.Thread(target=self._run, name="udp-reader", daemon=True)
 
     def add(self, reader: SocketReader) -> None:
@@ -226,14 +236,16 @@ class _ReaderThread:
 
     def _run(self) -> None:
         source_reader = reader()
-        while True:
-            self._poll.poll()
-            with self._reading:
-                if not self._sockets:
-                    return
-                most = self._read(source_reader)
-            if FLOOD <= most < SLOTS:
-                time.sleep(_PAUSE_S)
+        while self._sockets:
+            try:
+                self._poll.poll()
+                with self._reading:
+                    most = self._read(source_reader)
+                if FLOOD <= most < SLOTS:
+                    self._pause.poll(_PAUSE_MS)
+            except Exception as error:
+                self._on_loop(partial(self._tell_failure, str(error) or type(error).__name__))
+                self._pause.poll(_RETRY_MS)
 
     def _read(self, source_reader: Reader) -> int:
         """Read what waits in each socket; return the greatest number that one of them had."""
@@ -257,8 +269,15 @@ class _ReaderThread:
             while now_s - self._waiting[0][0] > _MAX_WAIT_S:
                 self._waiting.popleft()
         if is_first:
-            with contextlib.suppress(RuntimeError):  # the loop has ended
-                self._loop.call_soon_threadsafe(self._hand_on)
+            self._on_loop(self._hand_on)
+
+    def _on_loop(self, callback: Callable[[], None]) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(callback)
+
+    def _tell_failure(self, reason: str) -> None:
+        for source in [*self._sockets.values()]:
+            source.failed(reason)
 
     def _hand_on(self) -> None:
         with self._queueing:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Callable
 
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
@@ -42,7 +43,7 @@ class UdpIn:
 
     def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
         """Hand on each datagram from now on."""
-        self._reader = SocketReader(loop, self._socket, listener.heard)
+        self._reader = SocketReader(loop, self._socket, listener.heard, _alarm(listener))
 
     def send(self, peer: str, data: bytes) -> None:
         """Send one datagram to a peer that was heard before."""
@@ -90,7 +91,7 @@ class UdpOut:
                 continue
             self._socket = fresh
             self._reader = SocketReader(
-                loop, fresh, lambda _, data: listener.heard(self._endpoint.remote, data)
+                loop, fresh, lambda _, data: listener.heard(remote.remote, data), _alarm(listener)
             )
             return
 
@@ -110,6 +111,11 @@ class UdpOut:
             self._opening.cancel()
         if self._reader is not None:
             self._reader.close()
+
+
+def _alarm(listener: Listener) -> Callable[[str], None]:
+    spoken = Spoken()
+    return lambda reason: spoken.once(listener, "alarm", f"cannot be read ({reason}); the next try is in 1 s")
 
 
 def _socket() -> socket.socket:

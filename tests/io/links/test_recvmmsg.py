@@ -7,6 +7,7 @@ import time
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.io.links import recvmmsg
 from gcs.io.links.recvmmsg import FLOOD, BatchReader, SingleReader, SocketReader, reader
 from gcs.mavlink.frames.codec import Encoder, scan
 
@@ -51,7 +52,7 @@ def heard_across(pauses: list[tuple[float, int]]) -> list[bytes]:
         heard: list[bytes] = []
         with bound() as ours, bound() as theirs:
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16 * 1024)
-            source = SocketReader(asyncio.get_running_loop(), ours, lambda _, data: heard.append(data))
+            source = SocketReader(asyncio.get_running_loop(), ours, lambda _, data: heard.append(data), print)
             number = 0
             for pause_s, count in pauses:
                 for _ in range(count):
@@ -73,3 +74,32 @@ def test_datagrams_that_waited_too_long_are_not_taken_for_new():
     heard = heard_across([(1.0, 10), (2.1, 10)])
     assert heard[-1] == b"19"
     assert b"0" not in heard
+
+
+def test_a_read_that_fails_is_told_and_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recvmmsg, "_RETRY_MS", 20)
+    reads = [OSError("no memory")]
+    plain = SingleReader()
+
+    class Failing:
+        def read(self, source: socket.socket):
+            if reads:
+                raise reads.pop()
+            return plain.read(source)
+
+    monkeypatch.setattr(recvmmsg, "reader", Failing)
+
+    async def run() -> tuple[list[bytes], list[str]]:
+        heard: list[bytes] = []
+        reasons: list[str] = []
+        with bound() as ours, bound() as theirs:
+            loop = asyncio.get_running_loop()
+            source = SocketReader(loop, ours, lambda _, data: heard.append(data), reasons.append)
+            theirs.sendto(b"x", ours.getsockname())
+            async with asyncio.timeout(5.0):
+                while not heard:
+                    await asyncio.sleep(0.01)
+            source.close()
+        return heard, reasons
+
+    assert asyncio.run(run()) == ([b"x"], ["no memory"])

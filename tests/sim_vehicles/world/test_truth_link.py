@@ -14,6 +14,7 @@ from gcs.io.zenoh.messages import decode_truth, truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, Truth
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.world import truth_link
 from sim_vehicles.world.scenario import load
 from sim_vehicles.world.truth_link import TruthSource
 
@@ -28,12 +29,14 @@ def reported(lat_deg: float) -> mavlink.MAVLink_global_position_int_message:
     return mavlink.MAVLink_global_position_int_message(0, round(lat_deg * 1e7), 0, 0, 0, 0, 0, 0, 0)
 
 
-def test_a_reported_position_is_taken_only_while_no_true_one_comes(capsys: pytest.CaptureFixture) -> None:
+def test_a_reported_position_is_taken_only_while_no_true_one_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(truth_link, "tell", said.append)
     source = TruthSource(1, 0.0)
     assert len(source.requests(0.0)) == 3
     assert source.place(reported(33.0), 1.0) is None  # the true one may still come
     assert source.place(reported(33.0), 9.0) == pytest.approx((33.0, 0.0))
-    assert "vehicle 1 tells no true position" in capsys.readouterr().err
+    assert "vehicle 1 tells no true position" in said[0]
     assert source.place(simstate(34.0), 9.1) == pytest.approx((34.0, 0.0))
     assert source.place(reported(33.0), 9.2) is None
     assert source.requests(20.0) == []
