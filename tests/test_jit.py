@@ -57,7 +57,7 @@ def run(code: str, folder: Path) -> str:
 def test_a_cold_start_leaves_everything_in_the_cache_whatever_becomes_of_its_helper(tmp_path, helper):
     (tmp_path / "room.py").write_text(ROOM)
     run(
-        f"import sys; sys.executable = {helper}; from gcs import compiling; compiling.warm_up('room')",
+        f"import sys; sys.executable = {helper}; from gcs import jit; jit.warm_up('room')",
         tmp_path,
     )
     again = "import room; print([f(x) for f, x in room.warm_up_calls()], room.one.stats, room.two.stats)"
@@ -99,9 +99,9 @@ class Popen(subprocess.Popen):
         started.append(command[4:])
         super().__init__(command, **options)
 subprocess.Popen = Popen
-from gcs import compiling
+from gcs import jit
 told = []
-compiling.warm_up("room", "hall", on_compiled=lambda *words: told.append(words))
+jit.warm_up("room", "hall", on_compiled=lambda *words: told.append(words))
 print(started, told[0])
 """
     assert run(code, tmp_path) == "[['room', 'hall']] ('room', 1, 2)"

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from core.authority.test_external_uploads import AIR, MISSION, S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import RADAR, at, mission
-from test_guests import AIR, MISSION, S
 
 from gcs.config import parse
 from gcs.core.engine import Engine

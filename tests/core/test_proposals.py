@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from core.operator.test_plan_approval import Flight, after, silent
 from staging import S, at, mission, track
-from test_approval import Flight, after, silent
 
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.operator.plan_approval import MIN_READING_S, PlanApproval

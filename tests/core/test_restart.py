@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from core.authority.test_external_uploads import MISSION as GUESTS
+from core.operator.test_commands import SEED, Flight, order
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
-from test_guests import MISSION as GUESTS
-from test_orders import SEED, Flight, order
 
 from gcs.config import parse, read_text
 from gcs.core.engine import Engine

@@ -17,9 +17,9 @@ from gcs.model import (
 CHILD = """
 import sys, time
 from pathlib import Path
-from gcs.io.recording.writer import Recorder, Room
+from gcs.io.recording.writer import Recorder, DiskBudget
 from gcs.model import Datagram, Tick
-recorder = Recorder(Path(sys.argv[1]), "name = 'x'", {}, None, Room(int(sys.argv[2])))
+recorder = Recorder(Path(sys.argv[1]), "name = 'x'", {}, None, DiskBudget(int(sys.argv[2])))
 for number in range(100_000):
     recorder.event(Tick(number))
     if number % 500 == 499:
@@ -55,7 +55,7 @@ def test_after_sigkill_everything_flushed_is_there(tmp_path: Path, rotate_bytes:
 FULL = """
 import resource, sys
 from pathlib import Path
-from gcs.io.recording.writer import Recorder, Room
+from gcs.io.recording.writer import Recorder, DiskBudget
 from gcs.errors import RecordingError
 from gcs.model import Notice
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
@@ -93,11 +93,11 @@ def test_on_a_full_disk_the_run_is_told_and_what_was_flushed_stays(tmp_path: Pat
 SMALL_DISK = """
 import sys
 from pathlib import Path
-from gcs.io.recording.writer import Recorder, Room
+from gcs.io.recording.writer import Recorder, DiskBudget
 from gcs.errors import RecordingError
 from gcs.model import Tick
 try:
-    with Recorder(Path(sys.argv[1]), "name = 'x'", {}, None, Room(40_000)) as recorder:
+    with Recorder(Path(sys.argv[1]), "name = 'x'", {}, None, DiskBudget(40_000)) as recorder:
         for number in range(10_000_000):
             recorder.event(Tick(hash(str(number)) % 2**60))
             if number % 500 == 499:

@@ -25,7 +25,7 @@ from gcs.model import NS_PER_S, Effect, Event, Picture, Scan, Truth
 from gcs.report.run.evaluation import Evaluator
 
 T0_NS = 1_700_000_000 * NS_PER_S
-SHARED = Path(__file__).parents[2].parent / "shared" / "data"
+SHARED = Path(__file__).parents[4] / "shared" / "data"
 
 
 def run(*arguments: object) -> tuple[int, str, dict[str, Any]]:

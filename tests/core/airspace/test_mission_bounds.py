@@ -1,9 +1,9 @@
 """A vehicle would be sent out of the map, or through its fence."""
 
 import pytest
+from core.tasking.test_upload_manager import Swarm
 from plane_double import Plane
 from staging import mission, state
-from test_tasking import Swarm
 
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.obstacle_map import mission_grid

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-from test_recovery import SEED, standing, through_the_journal
+from core.test_restart import SEED, standing, through_the_journal
 
 from gcs.model import Effect, Notice, UploadReport
 from sim_vehicles.autopilots.personality import Mode

@@ -1,8 +1,8 @@
 """A vehicle would fly home, or circle for ever, without having reached its target, and nobody would know."""
 
 import pytest
+from core.tasking.test_onboard_missions import CONFIG, FRAME, Fleet
 from staging import at, mission
-from test_holding import CONFIG, FRAME, Fleet
 
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.mission_ends import MissionEnds

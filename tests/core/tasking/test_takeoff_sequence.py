@@ -4,8 +4,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from core.replanning.test_takeoffs import BOX, FIELD
 from staging import S, at, mission, state
-from test_takeoffs import BOX, FIELD
 
 from gcs.core.preflight.mission import mission_checks, rehearse
 from gcs.core.tasking.takeoff_sequence import Departures

@@ -34,7 +34,7 @@ def start_in(folder: Path) -> None:
 def killed(tmp_path: Path) -> Path:
     folder = tmp_path / "run"
     command = [sys.executable, "-P", "-c", KILLED, str(folder)]
-    assert subprocess.run(command, cwd=Path(__file__).parents[2]).returncode == -signal.SIGKILL
+    assert subprocess.run(command, cwd=Path(__file__).parents[3]).returncode == -signal.SIGKILL
     assert (folder / "run.mcap").stat().st_size > 0
     return folder
 

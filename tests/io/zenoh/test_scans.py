@@ -99,7 +99,7 @@ def test_the_box_around_a_sector_holds_all_of_it():
 
 
 def test_the_documented_radar_example_is_read():
-    text = (Path(__file__).parents[2] / "docs" / "sensors.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "sensors.md").read_text(encoding="utf-8")
     example = next(block for block in text.split("```json")[1:] if "z_range_bearing" in block).split("```")[0]
     scan = decode_scan(KEY, example.encode(), 0, FRAME)
     assert scan.z_m.shape == (2, 2)

@@ -121,7 +121,7 @@ def test_a_bus_must_know_its_side() -> None:
 
 
 def test_the_documented_sensor_feeds_the_service() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "sensors.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "sensors.md").read_text(encoding="utf-8")
     (program,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     examples = re.findall(r"```json\n(.*?)```", page, re.DOTALL)
     (example,) = [one for one in examples if "z_m" in one]

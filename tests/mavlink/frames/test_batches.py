@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_bulk import BYTES, frame
+from mavlink.frames.test_fast_scan import BYTES, frame
 
 from gcs.mavlink.frames.batches import MAX_BYTES, DatagramBatcher
 from gcs.mavlink.frames.codec import scan

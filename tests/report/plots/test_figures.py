@@ -118,4 +118,4 @@ def test_a_run_is_drawn_from_whatever_there_is(tmp_path: Path, leave_out: tuple[
 
 def test_a_command_that_draws_nothing_does_not_wait_for_matplotlib() -> None:
     check = "import sys, gcs.report.plots.figures; sys.exit('matplotlib' in sys.modules)"
-    subprocess.run([sys.executable, "-P", "-c", check], check=True, cwd=Path(__file__).parents[2])
+    subprocess.run([sys.executable, "-P", "-c", check], check=True, cwd=Path(__file__).parents[3])
