@@ -1,4 +1,4 @@
-"""The house rules: style, types and layers, behind the one command that runs the tests."""
+"""Style, types and layers, checked by the command that runs the tests."""
 
 import subprocess
 import sys
@@ -7,17 +7,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-ROOMS = ["gcs", "sim_vehicles", "tests"]
+CHECKED = ["gcs", "sim_vehicles", "tests"]
 
 CHECKS = {
-    "ruff": [sys.executable, "-m", "ruff", "check", *ROOMS],
-    "format": [sys.executable, "-m", "ruff", "format", "--check", *ROOMS],
+    "ruff": [sys.executable, "-m", "ruff", "check", *CHECKED],
+    "format": [sys.executable, "-m", "ruff", "format", "--check", *CHECKED],
     "mypy": [sys.executable, "-m", "mypy"],
     "layers": [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"],
 }
 
 
 @pytest.mark.parametrize("check", CHECKS)
-def test_house_rule_holds(check: str) -> None:
+def test_style_types_and_layers_hold(check: str) -> None:
     done = subprocess.run(CHECKS[check], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
