@@ -25,16 +25,16 @@ _LONGEST_S = 900.0
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
+class PlannedFlight:
     """What a vehicle is going to fly."""
 
     vehicle: int
     points_m: FloatArray
     """(k, 2), where it is now first."""
     speed_m_s: float
-    lane: int
+    layer: int
     """The one it has, or would like."""
-    is_fixed: bool = False
+    keeps_layer: bool = False
     """Whether it keeps it in any case."""
 
 
@@ -47,8 +47,8 @@ class Conflict:
     after_s: float
 
 
-def separate(
-    flights: Sequence[Flight], lanes: int, least_m: float
+def assign_layers(
+    flights: Sequence[PlannedFlight], lanes: int, min_distance_m: float
 ) -> tuple[dict[int, int], tuple[Conflict, ...]]:
     """Give each vehicle a lane.
 
@@ -66,39 +66,39 @@ def separate(
     dict of int to int
         Lane of each vehicle.
     tuple of Conflict
-        Vehicles that come nearer than `least_m` because there is no lane left, or because both are fixed.
+        Vehicles that come nearer than `min_distance_m`: no layer is left, or both keep theirs.
     """
-    order = sorted(flights, key=lambda flight: (not flight.is_fixed, flight.vehicle))
+    order = sorted(flights, key=lambda flight: (not flight.keeps_layer, flight.vehicle))
     if not order:
         return {}, ()
-    gap_m, after_s = _nearest(_places(order), least_m)
+    distance_m, after_s = _nearest(_places(order), min_distance_m)
     found: list[int] = []
     conflicts: list[Conflict] = []
     for i, flight in enumerate(order):
-        nearest = gap_m[i, :i]
+        nearest = distance_m[i, :i]
         taken = np.array(found, dtype=np.int64)
-        room = [float(nearest[taken == lane].min(initial=np.inf)) for lane in range(lanes)]
-        lane = flight.lane % lanes
-        if not flight.is_fixed and room[lane] < least_m:
-            lane = int(np.argmax([min(one, least_m) for one in room]))
-        for j in np.flatnonzero((taken == lane) & (nearest < least_m)).tolist():
+        room = [float(nearest[taken == layer].min(initial=np.inf)) for layer in range(lanes)]
+        layer = flight.layer % lanes
+        if not flight.keeps_layer and room[layer] < min_distance_m:
+            layer = int(np.argmax([min(one, min_distance_m) for one in room]))
+        for j in np.flatnonzero((taken == layer) & (nearest < min_distance_m)).tolist():
             pair = sorted((order[j].vehicle, flight.vehicle))
             conflicts.append(Conflict((pair[0], pair[1]), float(nearest[j]), float(after_s[i, j])))
-        found.append(lane)
-    return {flight.vehicle: lane for flight, lane in zip(order, found, strict=True)}, tuple(conflicts)
+        found.append(layer)
+    return {flight.vehicle: layer for flight, layer in zip(order, found, strict=True)}, tuple(conflicts)
 
 
-def least_separation_m(flights: Sequence[Flight]) -> dict[int, float]:
+def min_separation_m(flights: Sequence[PlannedFlight]) -> dict[int, float]:
     """Return how near each vehicle comes to another of its lane; infinite where it is alone in it."""
     if not flights:
         return {}
-    gap_m, _ = _nearest(_places(flights), 0.0)
-    lanes = np.array([flight.lane for flight in flights])
-    gap_m = np.where(lanes[:, None] == lanes[None, :], np.minimum(gap_m, gap_m.T), np.inf)
-    return {flight.vehicle: float(gap_m[i].min()) for i, flight in enumerate(flights)}
+    distance_m, _ = _nearest(_places(flights), 0.0)
+    lanes = np.array([flight.layer for flight in flights])
+    distance_m = np.where(lanes[:, None] == lanes[None, :], np.minimum(distance_m, distance_m.T), np.inf)
+    return {flight.vehicle: float(distance_m[i].min()) for i, flight in enumerate(flights)}
 
 
-def _places(flights: Sequence[Flight]) -> FloatArray:
+def _places(flights: Sequence[PlannedFlight]) -> FloatArray:
     """Where everybody is at each step, (n, steps, 2), until the last has ended."""
     ways = [np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(f.points_m, axis=0).T)))) for f in flights]
     longest_s = max(way[-1] / flight.speed_m_s for way, flight in zip(ways, flights, strict=True))
@@ -111,21 +111,21 @@ def _places(flights: Sequence[Flight]) -> FloatArray:
 
 
 @kernel
-def _nearest(places, least_m):  # type: ignore[no-untyped-def]
-    """How near each pair comes, and after how long it is nearer than `least_m`, (n, n) below the diagonal."""
+def _nearest(places, min_distance_m):  # type: ignore[no-untyped-def]
+    """Return the least distance of each pair and when it falls below a minimum, (n, n) below the diagonal."""
     n = places.shape[0]
-    gap_m, after_s = np.full((n, n), np.inf), np.full((n, n), np.inf)
+    distance_m, after_s = np.full((n, n), np.inf), np.full((n, n), np.inf)
     for i in range(n):
         for j in range(i):
             nearest2 = np.inf
             for k in range(places.shape[1]):
                 x, y = places[i, k, 0] - places[j, k, 0], places[i, k, 1] - places[j, k, 1]
                 gap2 = x * x + y * y
-                if nearest2 >= least_m * least_m > gap2:
+                if nearest2 >= min_distance_m * min_distance_m > gap2:
                     after_s[i, j] = k * _STEP_S
                 nearest2 = min(nearest2, gap2)
-            gap_m[i, j] = math.sqrt(nearest2)
-    return gap_m, after_s
+            distance_m[i, j] = math.sqrt(nearest2)
+    return distance_m, after_s
 
 
 def warm_up_calls() -> list[Call]:

@@ -52,7 +52,7 @@ class TargetPrediction:
     first: tuple[int, ...]
 
 
-def led_velocity(track: Track) -> tuple[float, float]:
+def shrunk_velocity(track: Track) -> tuple[float, float]:
     """East and north velocity of a track, shrunk by its uncertainty."""
     speed2 = float(track.mean[2] ** 2 + track.mean[3] ** 2)
     spread2 = float(track.cov[2, 2] + track.cov[3, 3])

@@ -8,27 +8,27 @@ from typing import Literal
 from gcs.planning.assignment import Objective
 from gcs.planning.map.grid import Point
 from gcs.planning.path.shortcut import Shape
-from gcs.planning.path.turns import Corners
+from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.search.shortest import SearchCost
 from gcs.planning.vehicle_model import Motion
 
 
 @dataclass(frozen=True, slots=True)
-class AgentStart:
+class AgentState:
     """Where an agent's route begins, its course over ground if that is known, how fast it flies, and when."""
 
     east_m: float
     north_m: float
     course_rad: float | None = None
     speed_m_s: float = 15.0
-    late_s: float = 0.0
+    start_delay_s: float = 0.0
     """It begins so long after targets are where they are said to be."""
     motion: Motion | None = None
     """How it moves when it takes the route up, if that is known better; its turn begins a little later."""
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
+class TargetDemand:
     """What is asked of the agents at a target, and how it moves."""
 
     velocity_m_s: Point = (0.0, 0.0)
@@ -45,11 +45,11 @@ class LoiterSpec:
 
     radius_m: float
     """Of the circle that they fly."""
-    near_m: float
+    reach_radius_m: float
     """From a target; two moments within it count."""
-    lag_s: float
+    turn_lag_s: float
     """Until a turn is taken up."""
-    corners: Corners
+    turns: TurnAnticipation
     """How early they turn at the corners on the way."""
 
 
@@ -89,5 +89,5 @@ class PlanOptions:
     horizon_s: float = 0.0
     cost: Literal["length", "arrival"] = "length"
     objective: Objective = "total"
-    spare: Literal["hold", "double"] = "hold"
-    wait: LoiterSpec | None = None
+    surplus: Literal["hold", "double"] = "hold"
+    loiter: LoiterSpec | None = None

@@ -25,7 +25,7 @@ from gcs.planning.assignment import assign
 from gcs.planning.map import clearance_nodes
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import clear_leg
-from gcs.planning.options import AgentStart, PlanOptions, Terms
+from gcs.planning.options import AgentState, PlanOptions, TargetDemand
 from gcs.planning.path.initial_turn import start_is_safe, start_room
 from gcs.planning.path.shortcut import close_and_seen, is_roomy, joins, legs_are_clear, pull
 from gcs.planning.path.string_pulling import tauten
@@ -64,7 +64,7 @@ class PlanResult:
     unassigned_targets: tuple[Label, ...]
     notes: tuple[str, ...]
     grid_lengths_m: Mapping[int, float] = field(default_factory=dict)
-    short: frozenset[int] = frozenset()
+    stops_short: frozenset[int] = frozenset()
 
     @property
     def total_length_m(self) -> float:
@@ -78,17 +78,17 @@ def _unwatched(_stage: Stage) -> None:
 
 def plan_routes(
     grid: Grid,
-    agents: Mapping[int, AgentStart],
+    agents: Mapping[int, AgentState],
     targets: Mapping[Label, Point],
     current: Mapping[int, Label],
     options: PlanOptions,
     done: Callable[[Stage], None] = _unwatched,
-    terms: Mapping[Label, Terms] = MappingProxyType({}),
+    demands: Mapping[Label, TargetDemand] = MappingProxyType({}),
 ) -> PlanResult:
     """Assign targets to agents and route each agent to its own; see `PlanOptions` and `PlanResult`.
 
     `current` is who flies to which target now; whoever and whatever is gone from it is ignored. `done` is
-    told when a stage of the work ends, for whoever measures times. `terms` says what is special of targets.
+    told when a stage of the work ends, for whoever measures times. `demands` says what is special of targets.
     """
     notes: list[str] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
@@ -100,9 +100,9 @@ def plan_routes(
     notes += ["no agents"] * (not agents) + ["no targets"] * (not targets)
     routes: list[Route] = []
     grid_lengths_m: dict[int, float] = {}
-    short: set[int] = set()
+    stops_short: set[int] = set()
     if vehicles and labels:
-        asked = [terms.get(label, Terms()) for label in labels]
+        asked = [demands.get(label, TargetDemand()) for label in labels]
         search = Search(
             grid, [agents[v] for v in vehicles], [targets[label] for label in labels], asked, options
         )
@@ -120,7 +120,7 @@ def plan_routes(
             routes.append(route)
             if problem:
                 notes.append(f"{_agent(vehicle)}: {problem.format(target_name(label))}")
-                short.add(vehicle)
+                stops_short.add(vehicle)
         done("shaping")
     served = {route.target for route in routes}
     busy = {route.vehicle for route in routes}
@@ -130,7 +130,7 @@ def plan_routes(
         tuple(label for label in sorted(targets) if label not in served),
         tuple(notes),
         grid_lengths_m,
-        frozenset(short),
+        frozenset(stops_short),
     )
 
 
@@ -138,7 +138,7 @@ def _assigned(
     costs: FloatArray,
     vehicles: Sequence[int],
     labels: Sequence[Label],
-    asked: Sequence[Terms],
+    asked: Sequence[TargetDemand],
     current: Mapping[int, Label],
     options: PlanOptions,
 ) -> dict[int, int]:
@@ -156,11 +156,11 @@ def _assigned(
     return {i: columns[column] for i, column in pairs.items()}
 
 
-def _columns(agents: int, asked: Sequence[Terms], options: PlanOptions) -> tuple[list[int], list[int]]:
+def _columns(agents: int, asked: Sequence[TargetDemand], options: PlanOptions) -> tuple[list[int], list[int]]:
     """Return the target of each column and its rank; columns for spare agents come after all others."""
-    columns = [j for j, terms in enumerate(asked) for _ in range(terms.agents)]
+    columns = [j for j, demand in enumerate(asked) for _ in range(demand.agents)]
     ranks = [asked[j].rank for j in columns]
-    if options.spare == "double":
+    if options.surplus == "double":
         beyond, rounds = max(ranks, default=0), math.ceil(max(0, agents - len(columns)) / len(asked))
         for more in range(1, rounds + 1):
             columns += range(len(asked))
@@ -169,12 +169,12 @@ def _columns(agents: int, asked: Sequence[Terms], options: PlanOptions) -> tuple
 
 
 def _ended(
-    grid: Grid, route: Route, start: AgentStart, target_m: Point, options: PlanOptions
+    grid: Grid, route: Route, start: AgentState, target_m: Point, options: PlanOptions
 ) -> tuple[Route, str]:
     """Return a route with an end that its vehicle can fly; and what an operator should know of it."""
-    if options.wait is None or options.shape != "flyable":
+    if options.loiter is None or options.shape != "flyable":
         return route, ""
-    end = ending(grid, start, route.points_m, target_m, options, options.wait)
+    end = ending(grid, start, route.points_m, target_m, options, options.loiter)
     problem = ""
     if end.room_m < 0.0:
         problem = "no clear way to pass target {} or to wait near it: it would fly into an obstacle there"

@@ -18,17 +18,17 @@ from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid
 from gcs.planning.map.line_of_sight import to_cells
-from gcs.planning.options import AgentStart
+from gcs.planning.options import AgentState
 from gcs.planning.path.initial_turn import TIGHT, start_room
-from gcs.planning.path.turns import Corners
-from gcs.planning.vehicle_model import ForwardSimulation, Motion, fly
+from gcs.planning.path.turns import TurnAnticipation
+from gcs.planning.vehicle_model import Motion, RemainingMission, simulate
 
 _SAME_RAD = 1e-3
 SHARE = 0.25
 """How much of the clearance must be left on a way that was not planned."""
 
 
-def is_spelt_out(start: AgentStart, points_m: FloatArray) -> bool:
+def has_explicit_turn(start: AgentState, points_m: FloatArray) -> bool:
     """Whether a route begins with a turn that is spelt out: its first point lies on the agent's course."""
     if start.course_rad is None:
         return False
@@ -36,7 +36,7 @@ def is_spelt_out(start: AgentStart, points_m: FloatArray) -> bool:
     return abs(wrap_pi(bearing - start.course_rad)) < _SAME_RAD
 
 
-def flies_clear(
+def simulate_until_blocked(
     grid: Grid, motion: Motion, for_s: float, lag_s: float, clearance_m: float
 ) -> tuple[bool, Motion]:
     """Whether a vehicle comes near to nothing for a while, and its last moment before it does.
@@ -45,20 +45,20 @@ def flies_clear(
     """
     reach = clearance_m / grid.spacing_m
     room_m = start_room(grid.blocked, reach, *to_cells(grid, motion.place_m)) * grid.spacing_m
-    flight = fly(grid, motion, for_s, lag_s, min(SHARE * clearance_m, room_m))
-    return flight.is_clear, flight.moment(-1)
+    flight = simulate(grid, motion, for_s, lag_s, min(SHARE * clearance_m, room_m))
+    return flight.is_clear, flight.motion_at(-1)
 
 
-def turn_s(motion: Motion, radius_m: float, lag_s: float) -> float:
+def turn_around_s(motion: Motion, radius_m: float, lag_s: float) -> float:
     """How long a vehicle needs to turn round."""
     return math.pi * radius_m / max(motion.speed_m_s, 1.0) + lag_s
 
 
-def by_itself_m(
+def capture_length_m(
     grid: Grid,
     motion: Motion,
     points_m: FloatArray,
-    corners: Corners,
+    corners: TurnAnticipation,
     look_s: float,
     lag_s: float,
     clearance_m: float,
@@ -81,12 +81,12 @@ def by_itself_m(
         That the route keeps.
     """
     points = [motion.place_m, *map(tuple, points_m.tolist())]
-    radii_m = corners.acceptance_m(np.array(points))
-    starting = replace(motion, age_s=0.0, ahead=ForwardSimulation(tuple(points[1:]), tuple(radii_m.tolist())))
+    radii_m = corners.accept_radii_m(np.array(points))
+    starting = replace(motion, age_s=0.0, ahead=RemainingMission(tuple(points[1:]), tuple(radii_m.tolist())))
     speed_m_s = max(motion.speed_m_s, 1.0)
     look_s = min(look_s, _length_m(points) / speed_m_s)
     for lag in (TIGHT * lag_s, lag_s):
-        is_clear, end = flies_clear(grid, starting, look_s, lag, clearance_m)
+        is_clear, end = simulate_until_blocked(grid, starting, look_s, lag, clearance_m)
         if not is_clear:
             return math.inf
     return look_s * speed_m_s + _length_m([end.place_m, *end.ahead.points_m])

@@ -42,7 +42,7 @@ def next_point(
     return _next_point(points_m.tolist(), *place_m, corridor_m, most_m)
 
 
-def to_go_m(points_m: FloatArray, place_m: tuple[float, float], corridor_m: float) -> float:
+def remaining_length_m(points_m: FloatArray, place_m: tuple[float, float], corridor_m: float) -> float:
     """Length of what is left of a route for a vehicle at `place_m`; parameters as of `next_point`."""
     points = points_m.tolist()
     left = [place_m, *points[_next_point(points, *place_m, corridor_m) :]]

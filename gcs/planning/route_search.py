@@ -17,7 +17,7 @@ from gcs.model import FloatArray, read_only
 from gcs.planning.intercept import meetings, outlook
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import clear_leg
-from gcs.planning.options import AgentStart, PlanOptions, Terms
+from gcs.planning.options import AgentState, PlanOptions, TargetDemand
 from gcs.planning.path.shortcut import Shaped, joins, shape_way
 from gcs.planning.path.turns import SHARP_CORNER, SHARP_START
 from gcs.planning.search.canonical_ordering import IntArray
@@ -32,7 +32,7 @@ _CORRECT_M = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Aimed:
+class PlannedRoute:
     """A route of one agent to one target."""
 
     points_m: FloatArray
@@ -60,33 +60,33 @@ class Search:
     def __init__(
         self,
         grid: Grid,
-        agents: Sequence[AgentStart],
+        agents: Sequence[AgentState],
         targets: Sequence[Point],
-        terms: Sequence[Terms],
+        demands: Sequence[TargetDemand],
         options: PlanOptions,
     ) -> None:
         self._grid, self._agents, self._options = grid, agents, options
-        self.smap: SearchMap = search_map(grid, options.clearance_m, may_lean=options.shape != "grid")
+        self.smap: SearchMap = search_map(grid, options.clearance_m, shifts_nodes=options.shape != "grid")
         self._find = paper_ways if options.search_cost == "paper" else metric_ways
-        self._velocities = [one.velocity_m_s if options.horizon_s > 0.0 else (0.0, 0.0) for one in terms]
+        self._velocities = [one.velocity_m_s if options.horizon_s > 0.0 else (0.0, 0.0) for one in demands]
         self._view = outlook(grid, targets, self._velocities, options.horizon_s)
         self.starts = self._places([(agent.east_m, agent.north_m) for agent in agents])
         self._goals = self._places(self._view.places_m)
         self._lengths_m, self._way = self._ways(self.starts, self._goals)
         speeds = np.array([agent.speed_m_s for agent in agents])
-        waited_m = speeds * [agent.late_s for agent in agents]
+        waited_m = speeds * [agent.start_delay_s for agent in agents]
         arrivals_s, self._met_s = meetings(self._lengths_m + waited_m[:, None], self._view, speeds)
         by_length = options.cost == "length"
         self.costs: FloatArray = arrivals_s * (speeds[:, None] if by_length else speeds.mean())
 
-    def route(self, i: int, j: int) -> Aimed:
+    def route(self, i: int, j: int) -> PlannedRoute:
         """Return the route of agent i to target j, to which there is a way."""
         first = self._view.first[j]
         if self._view.first[j + 1] - first == 1:
             return self._at(i, first)
         return self._intercepting(i, j)
 
-    def _intercepting(self, i: int, j: int) -> Aimed:
+    def _intercepting(self, i: int, j: int) -> PlannedRoute:
         """Aim at the meeting, and correct it by what is really flown, as Newton would.
 
         A way grows with its end by the end's velocity along the last leg.
@@ -95,7 +95,7 @@ class Search:
         place_m, velocity_m_s = self._view.places_m[first], np.array(self._velocities[j])
         agent, latest_s = self._agents[i], float(self._view.after_s[last])
         meeting_s = float(self._met_s[i, j])
-        best: Aimed | None = None
+        best: PlannedRoute | None = None
         for _ in range(_CORRECTIONS):
             end_m = place_m + velocity_m_s * meeting_s
             goals = self._places(end_m[None, :])
@@ -103,8 +103,8 @@ class Search:
             if not np.isfinite(lengths_m[0, 0]):
                 break
             shaped, is_inside = self._shaped(i, goals, 0, way(0, 0)), bool(goals.inside[0])
-            best = self._aimed(shaped, end_m, is_inside, float(lengths_m[0, 0]))
-            late_s = agent.late_s + best.length_m / agent.speed_m_s - meeting_s
+            best = self._in_metres(shaped, end_m, is_inside, float(lengths_m[0, 0]))
+            late_s = agent.start_delay_s + best.length_m / agent.speed_m_s - meeting_s
             off_m = float(np.hypot(*velocity_m_s)) * abs(late_s)
             leg = np.diff(shaped.points[-2:], axis=0).sum(axis=0)
             leg_length = float(np.hypot(*leg))
@@ -117,10 +117,10 @@ class Search:
             return best
         return self._at(i, first + int(np.flatnonzero(np.isfinite(self._lengths_m[i, first : last + 1]))[-1]))
 
-    def _at(self, i: int, k: int) -> Aimed:
+    def _at(self, i: int, k: int) -> PlannedRoute:
         """Return the route of agent i to a place of the outlook."""
         shaped, is_inside = self._shaped(i, self._goals, k, self._way(i, k)), bool(self._goals.inside[k])
-        return self._aimed(shaped, self._view.places_m[k], is_inside, float(self._lengths_m[i, k]))
+        return self._in_metres(shaped, self._view.places_m[k], is_inside, float(self._lengths_m[i, k]))
 
     def _places(self, points_m: FloatArray | Sequence[Point]) -> Places:
         """Find how places join the map."""
@@ -165,7 +165,9 @@ class Search:
         passed: FloatArray = way[is_new]
         return passed
 
-    def _aimed(self, shaped: Shaped, place_m: FloatArray, is_inside: bool, grid_length_m: float) -> Aimed:
+    def _in_metres(
+        self, shaped: Shaped, place_m: FloatArray, is_inside: bool, grid_length_m: float
+    ) -> PlannedRoute:
         """Return a shaped route in metres, with what an operator should know of it."""
         grid, clearance_m = self._grid, self._options.clearance_m
         points = shaped.points * grid.spacing_m + np.array(grid.origin_m)
@@ -185,4 +187,4 @@ class Search:
         if shaped.problem & SHARP_CORNER:
             notes.append("its route has corners that it cannot fly without coming too near")
         length_m, met_m = shaped.length * grid.spacing_m, (float(place_m[0]), float(place_m[1]))
-        return Aimed(read_only(points[1:]), length_m, grid_length_m, met_m, tuple(notes))
+        return PlannedRoute(read_only(points[1:]), length_m, grid_length_m, met_m, tuple(notes))

@@ -32,7 +32,7 @@ _CLOSING_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Circle:
+class LoiterCircle:
     """Where a vehicle waits, flying round to the right."""
 
     centre_m: Point
@@ -40,7 +40,7 @@ class Circle:
 
 
 @dataclass(frozen=True, slots=True)
-class ForwardSimulation:
+class RemainingMission:
     """What a vehicle flies to by itself."""
 
     points_m: tuple[Point, ...] = ()
@@ -51,7 +51,7 @@ class ForwardSimulation:
     """How long no new mission should be sent to it (`gcs.core.tasking.upload_manager`)."""
     next_s: float = 0.0
     """Until it has the first of the points behind it."""
-    circle: Circle | None = None
+    circle: LoiterCircle | None = None
     """What it flies when all points are behind it, if that is known."""
 
 
@@ -67,7 +67,7 @@ class Motion:
     turn_rate_rad_s: float = 0.0
     """To the right."""
     age_s: float = 0.0
-    ahead: ForwardSimulation = ForwardSimulation()
+    ahead: RemainingMission = RemainingMission()
 
     @property
     def place_m(self) -> Point:
@@ -76,30 +76,32 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
+class SimulatedFlight:
     """What was flown in thought, a moment after the other, up to what stands in the way."""
 
-    began: Motion
+    initial: Motion
     way: FloatArray
     """(k, 5): east, north, course, turn rate, and how many points were behind it; the last report first."""
     is_clear: bool
     """Whether nothing stands in the way."""
-    most_off_rad: float
+    max_bearing_error_rad: float
     """How far off its course it had to turn at most: to what is behind it, it may turn either way."""
 
-    def moment(self, index: int) -> Motion:
+    def motion_at(self, index: int) -> Motion:
         """How the vehicle moves then, and what is ahead of it."""
         east_m, north_m, course_rad, rate, passed = self.way[index].tolist()
-        ahead, count = self.began.ahead, int(passed)
-        left = ForwardSimulation(ahead.points_m[count:], ahead.radii_m[count:], circle=ahead.circle)
-        return Motion(east_m, north_m, self.began.speed_m_s, course_rad, rate, 0.0, left)
+        ahead, count = self.initial.ahead, int(passed)
+        left = RemainingMission(ahead.points_m[count:], ahead.radii_m[count:], circle=ahead.circle)
+        return Motion(east_m, north_m, self.initial.speed_m_s, course_rad, rate, 0.0, left)
 
 
-def fly(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0, clearance_m: float = 0.0) -> Flight:
+def simulate(
+    grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0, clearance_m: float = 0.0
+) -> SimulatedFlight:
     """Fly a vehicle ahead for a while, until it comes nearer than the clearance to an obstacle."""
     ahead = motion.ahead
     circle = (0.0, 0.0, -1.0) if ahead.circle is None else (*ahead.circle.centre_m, ahead.circle.radius_m)
-    way, is_clear, most_off_rad = flown_ahead(
+    way, is_clear, max_bearing_error_rad = simulate_states(
         grid.blocked,
         np.array([*grid.origin_m, grid.spacing_m]),
         np.array([*motion.place_m, motion.course_rad, motion.turn_rate_rad_s, motion.speed_m_s]),
@@ -110,7 +112,7 @@ def fly(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0, clearanc
         max(lag_s, _LEAST_LAG_S),
         max(clearance_m, 0.0) / grid.spacing_m,
     )
-    return Flight(motion, way, bool(is_clear), float(most_off_rad))
+    return SimulatedFlight(motion, way, bool(is_clear), float(max_bearing_error_rad))
 
 
 @inlined
@@ -136,7 +138,7 @@ def _round_off(x, y, course, speed, circle):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def flown_ahead(blocked, frame, motion, points, radii, circle, for_s, lag_s, reach):  # type: ignore[no-untyped-def]
+def simulate_states(blocked, frame, motion, points, radii, circle, for_s, lag_s, reach):  # type: ignore[no-untyped-def]
     """Fly ahead: `Flight.way`, whether it is clear, and how far the course was off at most.
 
     `frame`: east and north of the grid's origin, spacing, in metres; `motion`: east, north, course, turn
@@ -183,18 +185,18 @@ def flown_ahead(blocked, frame, motion, points, radii, circle, for_s, lag_s, rea
     return way[:count], True, most_off
 
 
-def expected(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0) -> Motion:
+def predict_motion(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0) -> Motion:
     """How a vehicle will move in a while.
 
     Where something stands in its way, the answer is half of the way until there: it will not have been flown
     into.
     """
-    flight = fly(grid, motion, ahead_s, lag_s)
-    return flight.moment(-1 if flight.is_clear else len(flight.way) // 2)
+    flight = simulate(grid, motion, ahead_s, lag_s)
+    return flight.motion_at(-1 if flight.is_clear else len(flight.way) // 2)
 
 
 def warm_up_calls() -> list[Call]:
     """One call of the kernel, types as in a plan."""
     grid, row = free_grid((2, 2), 10.0), np.zeros(5)
     points, radii, circle = np.zeros((1, 2)), np.zeros(1), np.array([0.0, 0.0, -1.0])
-    return [(flown_ahead, grid.blocked, np.ones(3), row, points, radii, circle, 0.2, 1.0, 0.0)]
+    return [(simulate_states, grid.blocked, np.ones(3), row, points, radii, circle, 0.2, 1.0, 0.0)]

@@ -18,7 +18,7 @@ from gcs.core.replanning.options import plan_options
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.options import AgentStart, PlanOptions, Terms
+from gcs.planning.options import AgentState, PlanOptions, TargetDemand
 from gcs.planning.planner import plan_routes, warm_up
 
 GAINS_M = (0.0, 25.0, 50.0, 100.0)
@@ -40,14 +40,14 @@ def fly(grid: Grid, options: PlanOptions, seed: int, walk_m_s: float) -> tuple[i
             label: tuple((place + NOISE_M * rng.standard_normal(2)).tolist())
             for label, place in targets.items()
         }
-        starts = {v: AgentStart(*place.tolist(), courses.get(v), SPEED_M_S) for v, place in places.items()}
+        starts = {v: AgentState(*place.tolist(), courses.get(v), SPEED_M_S) for v, place in places.items()}
         led = {
-            label: Terms(
+            label: TargetDemand(
                 tuple((velocities[label] + VELOCITY_NOISE * walk_m_s * rng.standard_normal(2)).tolist())
             )
             for label in targets
         }
-        result = plan_routes(grid, starts, seen, current, options, terms=led)
+        result = plan_routes(grid, starts, seen, current, options, demands=led)
         new = {route.vehicle: route.target for route in result.routes}
         switches += sum(v in current and current[v] != label for v, label in new.items())
         current = new

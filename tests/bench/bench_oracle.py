@@ -30,7 +30,7 @@ import numpy as np
 
 from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import clear_leg, leg_room, to_cells
-from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.path.corner_smoothing import is_flown
 from gcs.planning.planner import PlanResult, plan_routes, warm_up
 
@@ -166,7 +166,7 @@ def row(nodes: int, count: int, threshold: float, clearance_m: float) -> str:
         results: list[PlanResult] = []
         for shape in ("grid", "pulled", "flyable"):
             options = PlanOptions(shape=shape, clearance_m=clearance_m, turn_radius_m=40.0)
-            agents = {1: AgentStart(*start, np.pi / 2)}
+            agents = {1: AgentState(*start, np.pi / 2)}
             results.append(plan_routes(grid, agents, {(0, 0): goal}, {}, options))
         if any("nearer" in note for note in results[0].notes):
             gave_up += 1

@@ -14,14 +14,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gcs.planning.deconfliction import Flight, separate
+from gcs.planning.deconfliction import PlannedFlight, assign_layers
 from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
-from gcs.planning.options import AgentStart, LoiterSpec, PlanOptions
-from gcs.planning.path.turns import Corners
+from gcs.planning.options import AgentState, LoiterSpec, PlanOptions
+from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import Stage, plan_routes, warm_up
 from gcs.planning.search.neighbours import search_map
 
-WAIT = LoiterSpec(radius_m=40.0, near_m=40.0, lag_s=1.0, corners=Corners(40.0, 15.0, 10.0))
+LOITER = LoiterSpec(
+    radius_m=40.0, reach_radius_m=40.0, turn_lag_s=1.0, turns=TurnAnticipation(40.0, 15.0, 10.0)
+)
 
 
 def median_ms(work: Callable[[], object], repeats: int) -> float:
@@ -46,7 +48,7 @@ def mission(
     grid = random_obstacles(
         free_grid((nodes, nodes), 40.0), threshold, np.random.default_rng(seed), places, 120.0
     )
-    return grid, {v: AgentStart(*p, np.pi / 2) for v, p in agents.items()}, targets
+    return grid, {v: AgentState(*p, np.pi / 2) for v, p in agents.items()}, targets
 
 
 def anywhere(nodes: int, n_agents: int, n_targets: int, threshold: float) -> tuple[Grid, dict, dict]:
@@ -54,7 +56,7 @@ def anywhere(nodes: int, n_agents: int, n_targets: int, threshold: float) -> tup
     side_m, rng = 40.0 * (nodes - 1), np.random.default_rng(3)
     places = [tuple(place) for place in rng.uniform(0.0, side_m, (n_agents + n_targets, 2)).tolist()]
     grid = random_obstacles(free_grid((nodes, nodes), 40.0), threshold, rng, places, 120.0)
-    agents = {v: AgentStart(*place, np.pi / 2) for v, place in enumerate(places[:n_agents])}
+    agents = {v: AgentState(*place, np.pi / 2) for v, place in enumerate(places[:n_agents])}
     return grid, agents, {(0, j): place for j, place in enumerate(places[n_agents:])}
 
 
@@ -67,9 +69,9 @@ def swarm() -> None:
         for threshold in (0.1, 0.2):
             for clearance_m in (0.0, 25.0):
                 grid, agents, targets = layout(500, 100, 100, threshold)
-                options = PlanOptions(shape="flyable", clearance_m=clearance_m, wait=WAIT)
+                options = PlanOptions(shape="flyable", clearance_m=clearance_m, loiter=LOITER)
                 begin = time.process_time()
-                search_map(grid, clearance_m, may_lean=True)
+                search_map(grid, clearance_m, shifts_nodes=True)
                 map_ms = 1e3 * (time.process_time() - begin)
                 took = np.median([stages(grid, agents, targets, options) for _ in range(5)], axis=0)
                 cells = [f"{one:.0f}" for one in (map_ms, *took, took.sum())]
@@ -89,8 +91,8 @@ def stages(grid: Grid, agents: dict, targets: dict, options: PlanOptions) -> lis
     for lane, route in enumerate(result.routes):
         at = agents[route.vehicle]
         points_m = np.vstack(((at.east_m, at.north_m), route.points_m))
-        flights.append(Flight(route.vehicle, points_m, at.speed_m_s, lane % 10))
-    separate(flights, 10, 60.0)
+        flights.append(PlannedFlight(route.vehicle, points_m, at.speed_m_s, lane % 10))
+    assign_layers(flights, 10, 60.0)
     ends.append(time.process_time())
     return [1e3 * one for one in np.diff(ends)]
 
@@ -143,7 +145,7 @@ def patience() -> None:
         switches, length_m = 0, 0.0
         for _ in range(200):
             seen, goal = at + rng.normal(0, 10, at.shape), aim + rng.normal(0, 10, aim.shape)
-            agents = {v: AgentStart(*seen[v]) for v in range(20)}
+            agents = {v: AgentState(*seen[v]) for v in range(20)}
             targets = {(0, j): (float(goal[j, 0]), float(goal[j, 1])) for j in range(20)}
             result = plan_routes(grid, agents, targets, current, PlanOptions(switch_gain_m=gain_m))
             now = {route.vehicle: route.target for route in result.routes}

@@ -17,7 +17,7 @@ from bench_oracle import pair
 from numba import njit
 
 from gcs.planning.map.line_of_sight import clear_leg, to_cells
-from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.planner import plan_routes, warm_up
 
 LIMIT_S = 1.0
@@ -148,7 +148,7 @@ def row(nodes: int, count: int, threshold: float) -> str:
         for _ in range(3):
             plan_routes(type(grid)(grid.origin_m, grid.spacing_m, grid.blocked), {}, {}, {}, options)
             begin = time.process_time()
-            result = plan_routes(grid, {1: AgentStart(*start)}, {(0, 0): goal}, {}, options)
+            result = plan_routes(grid, {1: AgentState(*start)}, {(0, 0): goal}, {}, options)
             times.append(time.process_time() - begin)
         if not result.routes:
             continue

@@ -8,10 +8,10 @@ import numpy as np
 from gcs.planning import planner
 from gcs.planning.map import line_of_sight
 from gcs.planning.map.grid import free_grid, random_obstacles
-from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.search import shortest
 
-AGENTS = {1: AgentStart(3.0, 4.0, 0.5), 2: AgentStart(390.0, 15.0), 3: AgentStart(200.0, 200.0)}
+AGENTS = {1: AgentState(3.0, 4.0, 0.5), 2: AgentState(390.0, 15.0), 3: AgentState(200.0, 200.0)}
 TARGETS = {(0, 0): (350.0, 380.0), (0, 1): (5.0, 390.0), (1, 0): (4.0, 3.0)}
 OPTIONS = (
     PlanOptions(),

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.planning.deconfliction import Flight, separate
+from gcs.planning.deconfliction import PlannedFlight, assign_layers
 
 
-def flight(vehicle, *points, speed=15.0, lane=0, fixed=False):
-    return Flight(vehicle, np.array(points, dtype=float), speed, lane, fixed)
+def flight(vehicle, *points, speed=15.0, layer=0, fixed=False):
+    return PlannedFlight(vehicle, np.array(points, dtype=float), speed, layer, fixed)
 
 
 def test_who_meets_gets_another_lane():
     head_on = [flight(1, (0, 0), (1000, 0)), flight(2, (1000, 0), (0, 0))]
-    lanes, conflicts = separate(head_on, 3, 50.0)
+    lanes, conflicts = assign_layers(head_on, 3, 50.0)
     assert lanes == {1: 0, 2: 1}
     assert conflicts == ()
 
@@ -27,13 +27,13 @@ def test_who_passes_earlier_may_share_a_lane():
         flight(2, (500, -500), (500, 900)),
         flight(3, (500, -1400), (500, -600)),
     ]
-    lanes, conflicts = separate(crossing, 2, 50.0)
+    lanes, conflicts = assign_layers(crossing, 2, 50.0)
     assert lanes == {1: 0, 2: 1, 3: 0}
     assert conflicts == ()
 
 
 def test_what_cannot_be_kept_apart_is_said():
-    lanes, (conflict,) = separate([flight(1, (0, 0), (1000, 0)), flight(2, (1000, 0), (0, 0))], 1, 50.0)
+    lanes, (conflict,) = assign_layers([flight(1, (0, 0), (1000, 0)), flight(2, (1000, 0), (0, 0))], 1, 50.0)
     assert lanes == {1: 0, 2: 0}
     assert conflict.vehicles == (1, 2)
     assert conflict.distance_m < 15.0
@@ -41,15 +41,17 @@ def test_what_cannot_be_kept_apart_is_said():
 
 
 def test_who_flies_already_keeps_the_lane_and_others_give_way():
-    lanes, conflicts = separate(
-        [flight(1, (1000, 0), (0, 0), lane=2), flight(2, (0, 0), (1000, 0), lane=2, fixed=True)], 3, 50.0
+    lanes, conflicts = assign_layers(
+        [flight(1, (1000, 0), (0, 0), layer=2), flight(2, (0, 0), (1000, 0), layer=2, fixed=True)], 3, 50.0
     )
     assert lanes == {1: 0, 2: 2}
     assert conflicts == ()
 
 
 def test_who_has_arrived_circles_there():
-    lanes, _ = separate([flight(1, (500, 0), (500, 0), fixed=True), flight(2, (0, 0), (1000, 0))], 2, 50.0)
+    lanes, _ = assign_layers(
+        [flight(1, (500, 0), (500, 0), fixed=True), flight(2, (0, 0), (1000, 0))], 2, 50.0
+    )
     assert lanes == {1: 0, 2: 1}
 
 
@@ -58,7 +60,7 @@ def test_who_has_arrived_circles_there():
 def test_nobody_of_one_lane_comes_near_unless_it_is_said(seed, count, lanes):
     rng = np.random.default_rng(seed)
     flights = [
-        Flight(
+        PlannedFlight(
             v,
             rng.uniform(0, 1500, (rng.integers(2, 5), 2)),
             15.0,
@@ -67,10 +69,10 @@ def test_nobody_of_one_lane_comes_near_unless_it_is_said(seed, count, lanes):
         )
         for v in range(1, count + 1)
     ]
-    found, conflicts = separate(flights, lanes, 60.0)
+    found, conflicts = assign_layers(flights, lanes, 60.0)
     assert set(found) == {f.vehicle for f in flights}
-    assert all(0 <= lane < lanes for lane in found.values())
-    assert all(found[f.vehicle] == f.lane % lanes for f in flights if f.is_fixed)
+    assert all(0 <= layer < lanes for layer in found.values())
+    assert all(found[f.vehicle] == f.layer % lanes for f in flights if f.keeps_layer)
     said = {c.vehicles for c in conflicts}
     for one in flights:
         for other in flights:

@@ -10,9 +10,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.model import Track, read_only
-from gcs.planning.intercept import TargetPrediction, led_velocity, meetings
+from gcs.planning.intercept import TargetPrediction, meetings, shrunk_velocity
 from gcs.planning.map.grid import free_grid, random_obstacles
-from gcs.planning.options import AgentStart, PlanOptions, Terms
+from gcs.planning.options import AgentState, PlanOptions, TargetDemand
 from gcs.planning.planner import plan_routes
 
 OPEN = free_grid((101, 101), 40.0)
@@ -22,8 +22,8 @@ LABEL = (0, 0)
 
 def route_to(grid, agent, target, velocity, horizon_s=200.0, shape="pulled"):
     options = PlanOptions(shape=shape, horizon_s=horizon_s)
-    terms = {LABEL: Terms(velocity)}
-    result = plan_routes(grid, {1: AgentStart(*agent)}, {LABEL: target}, {}, options, terms=terms)
+    demands = {LABEL: TargetDemand(velocity)}
+    result = plan_routes(grid, {1: AgentState(*agent)}, {LABEL: target}, {}, options, demands=demands)
     return result.routes[0]
 
 
@@ -62,9 +62,9 @@ def test_around_obstacles_the_target_is_there_when_the_agent_is(seed):
     assume(not grid.blocked[grid.node_of(tuple(agent))])
     course = rng.uniform(0, 2 * math.pi)
     velocity = (5.0 * math.sin(course), 5.0 * math.cos(course))
-    terms = {LABEL: Terms(velocity)}
+    demands = {LABEL: TargetDemand(velocity)}
     options = PlanOptions(shape="pulled", horizon_s=120.0)
-    result = plan_routes(grid, {1: AgentStart(*agent)}, {LABEL: tuple(target)}, {}, options, terms=terms)
+    result = plan_routes(grid, {1: AgentState(*agent)}, {LABEL: tuple(target)}, {}, options, demands=demands)
     assume(result.routes and not result.notes)
     (route,) = result.routes
 
@@ -87,18 +87,18 @@ def test_a_target_that_gets_away_is_followed_to_the_edge_of_the_map():
 
 def test_who_meets_whom_is_decided_by_the_meetings():
     """Target 0 runs towards agent 2, which is farther off now."""
-    agents = {1: AgentStart(1000.0, 2000.0), 2: AgentStart(3200.0, 2000.0)}
+    agents = {1: AgentState(1000.0, 2000.0), 2: AgentState(3200.0, 2000.0)}
     targets = {(0, 0): (2000.0, 2000.0)}
     here = plan_routes(OPEN, agents, targets, {}, PlanOptions())
     met = plan_routes(
-        OPEN, agents, targets, {}, PlanOptions(horizon_s=120.0), terms={(0, 0): Terms((9.0, 0.0))}
+        OPEN, agents, targets, {}, PlanOptions(horizon_s=120.0), demands={(0, 0): TargetDemand((9.0, 0.0))}
     )
     assert [route.vehicle for route in here.routes] == [1]
     assert [route.vehicle for route in met.routes] == [2]
 
 
 def test_a_fast_agent_far_off_arrives_first_though_its_way_is_longer():
-    agents = {1: AgentStart(1000.0, 2000.0, speed_m_s=10.0), 2: AgentStart(3200.0, 2000.0, speed_m_s=20.0)}
+    agents = {1: AgentState(1000.0, 2000.0, speed_m_s=10.0), 2: AgentState(3200.0, 2000.0, speed_m_s=20.0)}
     targets = {(0, 0): (2000.0, 2000.0)}
     by_length = plan_routes(OPEN, agents, targets, {}, PlanOptions())
     by_arrival = plan_routes(OPEN, agents, targets, {}, PlanOptions(cost="arrival"))
@@ -110,38 +110,43 @@ def test_a_fast_agent_far_off_arrives_first_though_its_way_is_longer():
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(0.01, 30))
 def test_velocities_are_led_by_as_much_as_they_are_known(v_east, v_north, std):
     track = Track(LABEL, read_only([0, 0, v_east, v_north]), read_only(np.diag([1, 1, std**2, std**2])), 1.0)
-    led = led_velocity(track)
+    led = shrunk_velocity(track)
     assert math.hypot(*led) <= math.hypot(v_east, v_north)
     if std > math.hypot(v_east, v_north):
         assert led == (0.0, 0.0)
     sharp = Track(LABEL, track.mean, read_only(1e-9 * np.eye(4)), 1.0)
-    assert led_velocity(sharp) == pytest.approx((v_east, v_north), rel=1e-3, abs=1e-4)
+    assert shrunk_velocity(sharp) == pytest.approx((v_east, v_north), rel=1e-3, abs=1e-4)
 
 
 def test_a_target_that_needs_two_gets_two():
-    agents = {v: AgentStart(100.0 * v, 100.0) for v in (1, 2, 3)}
+    agents = {v: AgentState(100.0 * v, 100.0) for v in (1, 2, 3)}
     targets = {(0, 0): (500.0, 500.0), (0, 1): (3000.0, 3000.0)}
-    result = plan_routes(OPEN, agents, targets, {}, PlanOptions(), terms={(0, 0): Terms(agents=2)})
+    result = plan_routes(OPEN, agents, targets, {}, PlanOptions(), demands={(0, 0): TargetDemand(agents=2)})
     assert sorted(route.target for route in result.routes) == [(0, 0), (0, 0), (0, 1)]
     flown = {route.vehicle: route.target for route in result.routes}
     again = plan_routes(
-        OPEN, agents, targets, flown, PlanOptions(switch_gain_m=50.0), terms={(0, 0): Terms(agents=2)}
+        OPEN,
+        agents,
+        targets,
+        flown,
+        PlanOptions(switch_gain_m=50.0),
+        demands={(0, 0): TargetDemand(agents=2)},
     )
     assert {route.vehicle: route.target for route in again.routes} == flown
 
 
 def test_what_ranks_first_is_served_first_though_it_is_far():
     targets = {(0, 0): (200.0, 200.0), (0, 1): (3900.0, 3900.0)}
-    agents = {1: AgentStart(100.0, 100.0)}
-    ranked = plan_routes(OPEN, agents, targets, {}, PlanOptions(), terms={(0, 0): Terms(rank=1)})
+    agents = {1: AgentState(100.0, 100.0)}
+    ranked = plan_routes(OPEN, agents, targets, {}, PlanOptions(), demands={(0, 0): TargetDemand(rank=1)})
     assert ranked.routes[0].target == (0, 1)
 
 
 @pytest.mark.parametrize(("spare", "busy"), [("hold", 2), ("double", 5)])
 def test_spare_agents_hold_or_double_up(spare, busy):
-    agents = {v: AgentStart(100.0 * v, 100.0) for v in range(1, 6)}
+    agents = {v: AgentState(100.0 * v, 100.0) for v in range(1, 6)}
     targets = {(0, 0): (500.0, 500.0), (0, 1): (600.0, 900.0)}
-    result = plan_routes(OPEN, agents, targets, {}, PlanOptions(spare=spare))
+    result = plan_routes(OPEN, agents, targets, {}, PlanOptions(surplus=spare))
     assert len(result.routes) == busy
     counts = [[route.target for route in result.routes].count(label) for label in targets]
     assert max(counts) - min(counts) <= 1

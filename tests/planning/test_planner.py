@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.planner import plan_routes
 from gcs.planning.search.shortest import distances_m
 
@@ -27,7 +27,7 @@ OPTIONS = st.builds(
 
 
 def plan(grid, agents, targets, current=None, options=PLAIN):
-    starts = {v: a if isinstance(a, AgentStart) else AgentStart(*a) for v, a in agents.items()}
+    starts = {v: a if isinstance(a, AgentState) else AgentState(*a) for v, a in agents.items()}
     return plan_routes(grid, starts, targets, current or {}, options)
 
 
@@ -41,7 +41,7 @@ def missions(draw, max_objects=5):
     size = 40.0 * np.array([shape[1], shape[0]])
     where = lambda: tuple(float(x) for x in np.array([-340.0, 30.0]) + rng.random(2) * (size + 40.0))  # noqa: E731
     course = st.one_of(st.none(), st.floats(-10.0, 10.0))
-    agents = {v: AgentStart(*where(), draw(course)) for v in range(1, draw(st.integers(0, max_objects)) + 1)}
+    agents = {v: AgentState(*where(), draw(course)) for v in range(1, draw(st.integers(0, max_objects)) + 1)}
     targets = {(draw(st.integers(0, 3)), i): where() for i in range(draw(st.integers(0, max_objects)))}
     pairs = zip(agents, draw(st.permutations(sorted(targets))), strict=False)
     return grid, agents, targets, dict(pairs)

@@ -8,22 +8,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.planning.map.grid import free_grid
-from gcs.planning.options import AgentStart, PlanOptions
-from gcs.planning.path.turns import Corners
+from gcs.planning.options import AgentState, PlanOptions
+from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import plan_routes
-from gcs.planning.route_capture import by_itself_m, is_spelt_out, turn_s
+from gcs.planning.route_capture import capture_length_m, has_explicit_turn, turn_around_s
 from gcs.planning.vehicle_model import Motion
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.guidance import ToPoint
 
 OPEN = free_grid((51, 51), 40.0)
 RADIUS_M, LAG_S = 58.0, 2.8
-CORNERS = Corners(40.0, 42.0, 5.0)
+CORNERS = TurnAnticipation(40.0, 42.0, 5.0)
 
 
 def by_itself(grid, motion, *points, clearance_m=0.0):
-    look_s = turn_s(motion, RADIUS_M, LAG_S)
-    return by_itself_m(grid, motion, np.array(points), CORNERS, look_s, LAG_S, clearance_m)
+    look_s = turn_around_s(motion, RADIUS_M, LAG_S)
+    return capture_length_m(grid, motion, np.array(points), CORNERS, look_s, LAG_S, clearance_m)
 
 
 def test_straight_ahead_is_as_long_as_it_is():
@@ -65,9 +65,9 @@ def test_a_turn_that_is_spelt_out_begins_on_the_course():
     grid = OPEN.with_obstacles(cells=[(row, col) for col in range(24, 30) for row in (27, 28)])
     options = PlanOptions(clearance_m=40.0, shape="flyable", turn_radius_m=RADIUS_M)
     ahead, behind = (
-        AgentStart(1000.0, 1000.0, math.pi / 2.0, 15.0),
-        AgentStart(1000.0, 1000.0, -math.pi / 2.0, 15.0),
+        AgentState(1000.0, 1000.0, math.pi / 2.0, 15.0),
+        AgentState(1000.0, 1000.0, -math.pi / 2.0, 15.0),
     )
     for start, spelt_out in ((ahead, False), (behind, True)):
         (route,) = plan_routes(grid, {1: start}, {(0, 0): (1900.0, 1010.0)}, {}, options).routes
-        assert is_spelt_out(start, route.points_m) is spelt_out
+        assert has_explicit_turn(start, route.points_m) is spelt_out

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gcs.geo import wrap_pi
 from gcs.planning.map.grid import free_grid
-from gcs.planning.vehicle_model import Circle, ForwardSimulation, Motion, expected, fly
+from gcs.planning.vehicle_model import LoiterCircle, Motion, RemainingMission, predict_motion, simulate
 from sim_vehicles.vehicle.airframe import TURN_TIME_S, Airframe
 from sim_vehicles.vehicle.guidance import Circle as Flown
 from sim_vehicles.vehicle.guidance import ToPoint
@@ -20,15 +20,15 @@ EAST = math.pi / 2.0
 
 def test_a_route_starts_where_its_vehicle_will_take_it_up_but_never_beyond_an_obstacle():
     grid = free_grid((11, 11), 40.0).with_obstacles(cells=[(5, 5)])
-    assert expected(grid, Motion(20.0, 40.0, 15.0, EAST), 2.0).place_m == pytest.approx((50.0, 40.0))
-    east_m, north_m = expected(grid, Motion(150.0, 200.0, 15.0, EAST), 3.0).place_m
+    assert predict_motion(grid, Motion(20.0, 40.0, 15.0, EAST), 2.0).place_m == pytest.approx((50.0, 40.0))
+    east_m, north_m = predict_motion(grid, Motion(150.0, 200.0, 15.0, EAST), 3.0).place_m
     assert 160.0 < east_m < 170.0
     assert north_m == pytest.approx(200.0)
-    assert expected(grid, Motion(178.0, 200.0, 15.0, EAST), 3.0).place_m == (178.0, 200.0)
+    assert predict_motion(grid, Motion(178.0, 200.0, 15.0, EAST), 3.0).place_m == (178.0, 200.0)
 
 
 def test_who_circles_turns_on():
-    there = expected(OPEN, Motion(1000.0, 1000.0, 15.0, 0.0, 0.25), 4.0)
+    there = predict_motion(OPEN, Motion(1000.0, 1000.0, 15.0, 0.0, 0.25), 4.0)
     assert there.course_rad == pytest.approx(1.0)
     on_circle = (1060.0 - 60.0 * math.cos(1.0), 1000.0 + 60.0 * math.sin(1.0))
     assert there.place_m == pytest.approx(on_circle, abs=0.1)
@@ -36,7 +36,7 @@ def test_who_circles_turns_on():
 
 def test_a_report_that_is_old_is_brought_up_to_now():
     old = Motion(1000.0, 1000.0, 15.0, EAST, age_s=2.0)
-    assert expected(OPEN, old, 1.0).place_m == pytest.approx((1045.0, 1000.0))
+    assert predict_motion(OPEN, old, 1.0).place_m == pytest.approx((1045.0, 1000.0))
 
 
 @given(st.floats(-2.5, 2.5), st.floats(80.0, 400.0), st.floats(-2.0, 2.0), st.floats(1.0, 5.0))
@@ -48,8 +48,8 @@ def test_the_simulated_airframe_is_where_it_was_expected(bearing_rad, distance_m
         first[0] + 300.0 * math.sin(bearing_rad + next_rad),
         first[1] + 300.0 * math.cos(bearing_rad + next_rad),
     )
-    ahead = ForwardSimulation((first, second), (45.0, 10.0))
-    there = expected(OPEN, Motion(1000.0, 1000.0, 15.0, 0.0, ahead=ahead), ahead_s, TURN_TIME_S)
+    ahead = RemainingMission((first, second), (45.0, 10.0))
+    there = predict_motion(OPEN, Motion(1000.0, 1000.0, 15.0, 0.0, ahead=ahead), ahead_s, TURN_TIME_S)
     goal = ToPoint(*first, first[0] - 1000.0, first[1] - 1000.0, 45.0)
     for _ in range(round(ahead_s * 100)):
         if goal.is_reached(airframe):
@@ -65,7 +65,7 @@ def test_a_circling_airframe_is_where_it_was_expected():
     for _ in range(1000):
         airframe.step(goal.heading_error_rad(airframe), 100.0, 15.0)
     motion = Motion(airframe.east_m, airframe.north_m, 15.0, airframe.heading_rad, 15.0 / 60.0)
-    there = expected(OPEN, motion, 3.0)
+    there = predict_motion(OPEN, motion, 3.0)
     for _ in range(300):
         airframe.step(goal.heading_error_rad(airframe), 100.0, 15.0)
     assert math.dist(there.place_m, (airframe.east_m, airframe.north_m)) < 3.0
@@ -83,15 +83,15 @@ def test_the_simulated_airframe_flies_the_end_of_a_mission_as_it_was_expected(fi
     first_m = (first[1] * math.sin(first[0]), first[1] * math.cos(first[0]))
     course = first[0] + second[0]
     last_m = (first_m[0] + second[1] * math.sin(course), first_m[1] + second[1] * math.cos(course))
-    circle = Circle(
+    circle = LoiterCircle(
         (last_m[0] + aside[0] * math.sin(aside[1]), last_m[1] + aside[0] * math.cos(aside[1])), 30.0
     )
     begin = Motion(
-        0.0, 0.0, 15.0, 0.0, ahead=ForwardSimulation((first_m, last_m), (45.0, 10.0), circle=circle)
+        0.0, 0.0, 15.0, 0.0, ahead=RemainingMission((first_m, last_m), (45.0, 10.0), circle=circle)
     )
     for_s = (first[1] + second[1]) / 15.0 + 30.0
-    flight = fly(OPEN, begin, for_s, TURN_TIME_S)
-    assume(flight.most_off_rad < math.radians(150.0))  # it may turn to either way
+    flight = simulate(OPEN, begin, for_s, TURN_TIME_S)
+    assume(flight.max_bearing_error_rad < math.radians(150.0))  # it may turn to either way
     airframe, goals = Airframe(0.0, 0.0, 100.0, 0.0, 15.0), [
         ToPoint(*first_m, *first_m, 45.0),
         ToPoint(*last_m, last_m[0] - first_m[0], last_m[1] - first_m[1], 10.0),

@@ -29,13 +29,13 @@ from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
 from gcs.files import read_text
 from gcs.model import Route
-from gcs.planning.deconfliction import Flight, separate
+from gcs.planning.deconfliction import PlannedFlight, assign_layers
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.movingai import MAX_BYTES, read_map
-from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.planner import PlanResult, Stage, plan_routes
-from gcs.planning.terminal.landing import Landing, ReturnRoute, way_home
-from gcs.planning.vehicle_model import Circle
+from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_route
+from gcs.planning.vehicle_model import LoiterCircle
 from gcs.report.plots.plan import Drawing, draw_plan
 
 _PICTURES = (".png", ".pdf", ".svg")
@@ -61,7 +61,7 @@ class Task:
 
     name: str
     grid: Grid
-    agents: dict[int, AgentStart]
+    agents: dict[int, AgentState]
     targets: dict[tuple[int, int], Point]
     """By (0, number)."""
     options: PlanOptions
@@ -69,7 +69,7 @@ class Task:
     """As maps of the Moving AI format are drawn."""
     lanes: int = 1
     separation_m: float = 0.0
-    landing: Landing | None = None
+    landing: LandingSpec | None = None
     """How agents fly home to their starts; None when they wait at the ends of their routes."""
 
 
@@ -102,7 +102,7 @@ def _task(arguments: PlanArguments) -> Task:
     """Gather what there is to plan."""
     if arguments.scenario is None and arguments.map_file is None:
         raise ConfigError("gcs plan", "", "expected a SCENARIO, or a map with --map FILE.map")
-    agents: dict[int, AgentStart] = {}
+    agents: dict[int, AgentState] = {}
     targets: list[Point] = []
     options, name, y_down = PlanOptions(shape="pulled"), "", False
     apart: dict[str, Any] = {}
@@ -117,7 +117,7 @@ def _task(arguments: PlanArguments) -> Task:
             "landing": landing_of(config),
         }
         agents = {
-            a.system_id: AgentStart(
+            a.system_id: AgentState(
                 a.east_m, a.north_m, math.radians(a.course_deg), config.speed_m_s(a.vehicle)
             )
             for a in config.agents
@@ -127,7 +127,7 @@ def _task(arguments: PlanArguments) -> Task:
         name, grid, agents, targets, y_down = arguments.map_file.name, _read(arguments.map_file), {}, [], True
     if arguments.agents is not None:
         starts = _places(arguments.agents, "--agents", grid)
-        agents = {n: AgentStart(*place, None, speed_m_s) for n, place in enumerate(starts, start=1)}
+        agents = {n: AgentState(*place, None, speed_m_s) for n, place in enumerate(starts, start=1)}
     if arguments.targets is not None:
         targets = _places(arguments.targets, "--targets", grid)
     numbered = {(0, number): place for number, place in enumerate(targets, start=1)}
@@ -176,7 +176,7 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
     notes = [re.sub(r"target T0\.(\d+)", r"target \1", note) for note in result.notes]
     own = {vehicle: number for number, vehicle in enumerate(task.agents)}
     flights = [
-        Flight(
+        PlannedFlight(
             route.vehicle,
             np.vstack((_start(task, route.vehicle), route.flown_m)),
             task.agents[route.vehicle].speed_m_s,
@@ -184,7 +184,7 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
         )
         for route in result.routes
     ]
-    lanes, conflicts = separate(flights, task.lanes, task.separation_m)
+    lanes, conflicts = assign_layers(flights, task.lanes, task.separation_m)
     notes += [
         f"agents {conflict.vehicles[0]} and {conflict.vehicles[1]} come within {conflict.distance_m:.0f} m "
         f"of each other at one altitude after {conflict.after_s:.0f} s"
@@ -200,7 +200,7 @@ def _ways_home(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
     if landing is None:
         return {}
     return {
-        route.vehicle: way_home(
+        route.vehicle: plan_return_route(
             task.grid, start, route.points_m, (start.east_m, start.north_m), task.options, landing
         )
         for route in result.routes
@@ -243,13 +243,13 @@ def _start(task: Task, vehicle: int) -> list[float]:
     return [agent.east_m, agent.north_m]
 
 
-def _circle(route: Route, radius_m: float) -> Circle:
+def _circle(route: Route, radius_m: float) -> LoiterCircle:
     east_m, north_m = route.flown_m[-1].tolist()
-    return Circle((east_m, north_m), radius_m)
+    return LoiterCircle((east_m, north_m), radius_m)
 
 
 def _draw(path: Path, task: Task, result: PlanResult, homes: Mapping[int, ReturnRoute]) -> None:
-    wait = task.options.wait if task.options.shape == "flyable" else None
+    loiter = task.options.loiter if task.options.shape == "flyable" else None
     title = f"{task.name}: {len(result.routes)} routes, {result.total_length_m:,.0f} m"
     drawing = Drawing(
         title,
@@ -258,7 +258,7 @@ def _draw(path: Path, task: Task, result: PlanResult, homes: Mapping[int, Return
         starts={vehicle: (agent.east_m, agent.north_m) for vehicle, agent in task.agents.items()},
         targets={number: place for (_, number), place in task.targets.items()},
         routes={r.vehicle: (_start(task, r.vehicle), *r.points_m.tolist()) for r in result.routes},
-        circles={} if wait is None else {r.vehicle: _circle(r, wait.radius_m) for r in result.routes},
+        circles={} if loiter is None else {r.vehicle: _circle(r, loiter.radius_m) for r in result.routes},
         homes={
             r.vehicle: (r.points_m[-1].tolist(), *homes[r.vehicle].points_m.tolist())
             for r in result.routes

@@ -15,7 +15,7 @@ from gcs.core.replanning.options import place_of
 from gcs.geo import wrap_pi
 from gcs.model import NS_PER_S, Track, VehicleState
 from gcs.planning.route_progress import CORRIDOR_M
-from gcs.planning.vehicle_model import ForwardSimulation, Motion
+from gcs.planning.vehicle_model import Motion, RemainingMission
 
 _LEAST_NS = NS_PER_S * 3 // 4
 _MOST_NS = 3 * NS_PER_S
@@ -60,7 +60,7 @@ class VehicleKinematics:
         agents: Mapping[int, Track],
         t_ns: int,
         tracked_t_ns: int,
-        ahead: Callable[[int], ForwardSimulation] = lambda _vehicle: ForwardSimulation(),
+        ahead: Callable[[int], RemainingMission] = lambda _vehicle: RemainingMission(),
     ) -> dict[int, Motion]:
         """Return how vehicles move, whose tracks are as of `tracked_t_ns`, and what is `ahead` of each."""
         return {v: self._now(v, track, t_ns, tracked_t_ns, ahead) for v, track in agents.items()}
@@ -71,7 +71,7 @@ class VehicleKinematics:
         track: Track,
         t_ns: int,
         tracked_t_ns: int,
-        ahead: Callable[[int], ForwardSimulation],
+        ahead: Callable[[int], RemainingMission],
     ) -> Motion:
         state = self._states.get(vehicle)
         if state is None or not self._is_believed(state, track, t_ns):

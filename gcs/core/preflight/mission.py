@@ -18,8 +18,8 @@ from gcs.core.replanning.takeoffs import Takeoffs
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
-from gcs.planning.deconfliction import Flight, separate
-from gcs.planning.options import AgentStart
+from gcs.planning.deconfliction import PlannedFlight, assign_layers
+from gcs.planning.options import AgentState
 from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.terminal.climb import Climb
 
@@ -70,10 +70,10 @@ def rehearse(
     if not targets:  # they may appear anywhere: to the middle, then
         area = config.map
         targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
-    agents = {v: AgentStart(*place, None, config.speed_m_s(v)) for v, place in starts.items()}
+    agents = {v: AgentState(*place, None, config.speed_m_s(v)) for v, place in starts.items()}
     for vehicle, climb in climbs.items():
         turns = climb.motion
-        agents[vehicle] = AgentStart(*turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns)
+        agents[vehicle] = AgentState(*turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns)
     plan = plan_routes(grid, agents, targets, {}, plan_options(config))
     ways, refused = {}, {}
     for route in plan.routes:
@@ -151,11 +151,11 @@ def _separation(config: Config, rehearsal: Rehearsal) -> Check:
     """Say which lanes the first plan would use, and who would come near whom at one altitude."""
     mission, own = config.mission, own_lanes(config)
     flights = [
-        Flight(vehicle, way, config.speed_m_s(vehicle), own[vehicle])
+        PlannedFlight(vehicle, way, config.speed_m_s(vehicle), own[vehicle])
         for vehicle, (way,) in sorted(rehearsal.ways_m.items())
     ]
     count = lane_count(config)
-    lanes, conflicts = separate(flights, count, config.planning.separation_m)
+    lanes, conflicts = assign_layers(flights, count, config.planning.separation_m)
     heights_m = [mission.altitude_rel_m + lane * mission.lane_step_m for lane in sorted(set(lanes.values()))]
     value = f"{len(heights_m)} of {count} lanes, at {', '.join(f'{height_m:g}' for height_m in heights_m)} m"
     if not conflicts:

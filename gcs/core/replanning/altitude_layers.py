@@ -11,7 +11,7 @@ from gcs.config import Config
 from gcs.core.replanning.inputs import OtherVehicle
 from gcs.core.replanning.options import place_of
 from gcs.model import Route, Track, vehicle_name
-from gcs.planning.deconfliction import Conflict, Flight, least_separation_m, separate
+from gcs.planning.deconfliction import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.map.grid import Point
 from gcs.planning.route_progress import CORRIDOR_M, next_point
 
@@ -57,7 +57,7 @@ class AltitudeLayers:
         """
         flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
         flights += self._others(routes, arrived)
-        lanes, conflicts = separate(flights, self._count, self._least_m)
+        lanes, conflicts = assign_layers(flights, self._count, self._least_m)
         given = [
             replace(route, lane=lanes[route.vehicle]) if route.vehicle in changed else route
             for route in routes
@@ -75,12 +75,12 @@ class AltitudeLayers:
     ) -> dict[int, float]:
         """Return how near each vehicle comes to another of its lane, with routes in the lanes they have."""
         flights = [
-            replace(self._flight(r, agents[r.vehicle], r.vehicle not in proposed), lane=r.lane)
+            replace(self._flight(r, agents[r.vehicle], r.vehicle not in proposed), layer=r.lane)
             for r in routes
         ]
-        return least_separation_m([*flights, *self._others(routes, arrived)])
+        return min_separation_m([*flights, *self._others(routes, arrived)])
 
-    def _others(self, routes: Sequence[Route], arrived: Collection[int]) -> list[Flight]:
+    def _others(self, routes: Sequence[Route], arrived: Collection[int]) -> list[PlannedFlight]:
         """What vehicles in the air without a route among these fly: they circle, or return."""
         planned, aside = {route.vehicle for route in routes}, {one.vehicle for one in self.aside}
         circling = [self._newest[v] for v in arrived if v in self._newest and v not in aside]
@@ -92,7 +92,7 @@ class AltitudeLayers:
         flights = [self._beside(one, layer) for one, layer in self._layers() if one.vehicle != route.vehicle]
         flown = [one for one in (*routes, route) if one.vehicle in places]
         flights += [self._from(one, places[one.vehicle]) for one in flown]
-        _, conflicts = separate(flights, self._count, self._least_m)
+        _, conflicts = assign_layers(flights, self._count, self._least_m)
         return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
 
     def _layers(self) -> Iterator[tuple[OtherVehicle, int]]:
@@ -102,24 +102,24 @@ class AltitudeLayers:
             if 0 <= layer < self._count:
                 yield one, layer
 
-    def _beside(self, one: OtherVehicle, layer: int) -> Flight:
+    def _beside(self, one: OtherVehicle, layer: int) -> PlannedFlight:
         points_m = np.array((one.place_m, one.to_m))
-        return Flight(one.vehicle, points_m, self._speeds_m_s[one.vehicle], layer, True)
+        return PlannedFlight(one.vehicle, points_m, self._speeds_m_s[one.vehicle], layer, True)
 
-    def _flight(self, route: Route, agent: Track, is_flown: bool) -> Flight:
+    def _flight(self, route: Route, agent: Track, is_flown: bool) -> PlannedFlight:
         place = place_of(agent)
         if is_flown:
             return self._from(route, place)
         points_m, lane = np.vstack((place, route.flown_m)), self.of(route.vehicle)
-        return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], lane)
+        return PlannedFlight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], lane)
 
-    def _from(self, route: Route, place: Point) -> Flight:
+    def _from(self, route: Route, place: Point) -> PlannedFlight:
         """What is left of a route that is flown, from where its vehicle is."""
         points_m = np.vstack((place, route.flown_m[next_point(route.flown_m, place, CORRIDOR_M) :]))
-        return Flight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], route.lane, True)
+        return PlannedFlight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], route.lane, True)
 
-    def _circling(self, route: Route) -> Flight:
-        return Flight(
+    def _circling(self, route: Route) -> PlannedFlight:
+        return PlannedFlight(
             route.vehicle, route.flown_m[[-1, -1]], self._speeds_m_s[route.vehicle], route.lane, True
         )
 

@@ -8,10 +8,10 @@ from gcs.config import Config
 from gcs.config.tables import PlanningTable
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import Label, Route, Track
-from gcs.planning.intercept import led_velocity
+from gcs.planning.intercept import shrunk_velocity
 from gcs.planning.map.grid import Point
-from gcs.planning.options import AgentStart, LoiterSpec, PlanOptions, Terms
-from gcs.planning.route_progress import CORRIDOR_M, to_go_m
+from gcs.planning.options import AgentState, LoiterSpec, PlanOptions, TargetDemand
+from gcs.planning.route_progress import CORRIDOR_M, remaining_length_m
 from gcs.planning.vehicle_model import Motion
 
 LAST_M = 50.0
@@ -35,13 +35,13 @@ def plan_options(config: Config) -> PlanOptions:
         horizon_s=planning.horizon_s if planning.aim == "intercept" else 0.0,
         cost=planning.cost,
         objective=planning.objective,
-        spare=planning.spare,
-        wait=_wait(config),
+        surplus=planning.spare,
+        loiter=_loiter(config),
     )
 
 
-def _wait(config: Config) -> LoiterSpec | None:
-    """How agents wait at the ends of their routes; None when they go home instead."""
+def _loiter(config: Config) -> LoiterSpec | None:
+    """How agents circle at the ends of their routes; None when they go home instead."""
     mission, airframe = config.mission, config.airframe
     if mission.end != "loiter":
         return None
@@ -64,23 +64,23 @@ class PlanTargets:
         self._ranks = [highest - birth.priority for birth in config.births]
         self._rank = highest
 
-    def start(self, vehicle: int, turns: Motion, takes_up: Motion, late_s: float) -> AgentStart:
+    def start(self, vehicle: int, turns: Motion, takes_up: Motion, late_s: float) -> AgentState:
         """Where an agent begins its route: how it moves when it turns, and when it takes the route up."""
-        return AgentStart(*turns.place_m, turns.course_rad, self._speeds_m_s[vehicle], late_s, takes_up)
+        return AgentState(*turns.place_m, turns.course_rad, self._speeds_m_s[vehicle], late_s, takes_up)
 
     def place(self, target: Track, ahead_s: float) -> Point:
         """Where a target will be; with `planning.aim = "position"` where it is."""
         east_m, north_m = place_of(target)
         if self._planning.aim == "position":
             return east_m, north_m
-        v_east, v_north = led_velocity(target)
+        v_east, v_north = shrunk_velocity(target)
         return east_m + v_east * ahead_s, north_m + v_north * ahead_s
 
-    def terms(self, label: Label, track: Track, arrived: int) -> Terms:
+    def terms(self, label: Label, track: Track, arrived: int) -> TargetDemand:
         """What a target still needs, `arrived` agents being there."""
         known = label[1] < len(self._births)
         rank, needed = (self._ranks[label[1]], self.needed(label)) if known else (self._rank, 1)
-        return Terms(led_velocity(track), rank, max(1, needed - arrived))
+        return TargetDemand(shrunk_velocity(track), rank, max(1, needed - arrived))
 
     def needed(self, label: Label) -> int:
         """How many agents a target needs."""
@@ -88,7 +88,7 @@ class PlanTargets:
 
     def off_m(self, vehicle: int, agent: Track, route: Route, target: Track, begins_s: float) -> float:
         """How far a route, which is flown from in `begins_s` on, ends from where its target will be then."""
-        to_go = to_go_m(route.points_m, place_of(agent), CORRIDOR_M)
+        to_go = remaining_length_m(route.points_m, place_of(agent), CORRIDOR_M)
         arrives_s = begins_s + to_go / self._speeds_m_s[vehicle]
         place = self.place(target, min(arrives_s, self._planning.horizon_s))
         return math.dist(place, route.points_m[-1])

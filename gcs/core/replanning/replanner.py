@@ -29,11 +29,16 @@ from gcs.mavlink.mission.task_terms import Timing
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.options import AgentStart
+from gcs.planning.options import AgentState
 from gcs.planning.planner import PlanResult, plan_routes
-from gcs.planning.route_capture import by_itself_m, flies_clear, is_spelt_out, turn_s
+from gcs.planning.route_capture import (
+    capture_length_m,
+    has_explicit_turn,
+    simulate_until_blocked,
+    turn_around_s,
+)
 from gcs.planning.route_progress import CORRIDOR_M, next_point
-from gcs.planning.vehicle_model import Motion, expected
+from gcs.planning.vehicle_model import Motion, predict_motion
 
 _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
@@ -229,7 +234,7 @@ class Replanner:
         others = [r for v, r in self._newest.items() if v in situation.agents and v not in vehicles]
         self._lanes.aside = situation.aside
         given, _ = self._lanes.give([*others, *renewed], vehicles, situation.agents, situation.arrived)
-        self.short = self.short - vehicles | result.short & vehicles
+        self.short = self.short - vehicles | result.stops_short & vehicles
         self.unrouted = frozenset(there.keys() - vehicles)
         routes = {route.vehicle: route for route in given if route.vehicle in vehicles}
         self.proposed |= routes
@@ -348,8 +353,8 @@ class Replanner:
         is_helped = vehicle in self.proposed or vehicle in situation.left_s
         if options.shape != "flyable" or is_helped or not motion.ahead.points_m:
             return False
-        look_s = turn_s(motion, options.turn_radius_m, self._lag_s)
-        is_clear, last = flies_clear(self._grid, motion, look_s, self._lag_s, options.clearance_m)
+        look_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
+        is_clear, last = simulate_until_blocked(self._grid, motion, look_s, self._lag_s, options.clearance_m)
         return not is_clear and bool(last.ahead.points_m)
 
     def _is_arriving(self, route: Route, situation: PlanningInputs) -> bool:
@@ -379,7 +384,7 @@ class Replanner:
             flown, shown = self.routes.get(route.vehicle), self.proposed.get(route.vehicle)
             if route.vehicle in self.blocked:
                 flown = None
-            short = route.vehicle in result.short
+            short = route.vehicle in result.stops_short
             if shown is not None and self._is_still_good(shown, route, situation, short):
                 kept.append(shown)  # what waits to be confirmed stays as long as it is good
             elif flown is not None and self._is_still_good(flown, route, situation, short):
@@ -388,7 +393,7 @@ class Replanner:
                 kept.append(self._taken_up(route, situation))
                 changed.append(route.vehicle)
                 self._given_t_ns[route.vehicle] = situation.t_ns
-        self.short = self.short - set(changed) | result.short & set(changed)
+        self.short = self.short - set(changed) | result.stops_short & set(changed)
         kept.sort(key=lambda route: route.vehicle)
         self._lanes.aside = situation.aside
         kept, near = self._lanes.give(kept, changed, situation.agents, situation.arrived)
@@ -409,7 +414,7 @@ class Replanner:
 
     def _routed(
         self,
-        starts: Mapping[int, AgentStart],
+        starts: Mapping[int, AgentState],
         labels: Iterable[Label],
         flown: Mapping[int, Label],
         situation: PlanningInputs,
@@ -419,39 +424,39 @@ class Replanner:
         """Plan for some agents and some targets; `fixed`: each agent to the target that it flies to."""
         targets = {label: situation.targets[label] for label in labels}
         counts = Counter(flown.values())
-        terms = {
+        demands = {
             label: self.aims.terms(label, track, situation.at_targets.get(label, 0))
             for label, track in targets.items()
         }
         if fixed:
-            terms = {label: replace(one, agents=counts[label]) for label, one in terms.items()}
+            demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
         return plan_routes(
             self._grid,
             starts,
             {label: self._place(track, situation) for label, track in targets.items()},
             flown,
             replace(self._options, switch_gain_m=math.inf) if fixed else self._options,
-            terms=terms,
+            demands=demands,
         )
 
     def _taken_up(self, route: Route, situation: PlanningInputs) -> Route:
         """Return a route without the turn on to it, where its vehicle turns soon enough by itself."""
         vehicle, options = route.vehicle, self._options
         start = self._start(vehicle, situation)
-        if options.shape != "flyable" or not is_spelt_out(start, route.points_m):
+        if options.shape != "flyable" or not has_explicit_turn(start, route.points_m):
             return route
         plain = self._routed({vehicle: replace(start, course_rad=None)}, [route.target], {}, situation)
         motion = self._expected(vehicle, situation, 0.0)
-        for one in plain.routes if vehicle not in plain.short else ():
-            look_s = turn_s(motion, options.turn_radius_m, self._lag_s)
-            length_m = by_itself_m(
+        for one in plain.routes if vehicle not in plain.stops_short else ():
+            look_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
+            length_m = capture_length_m(
                 self._grid, motion, one.points_m, self._corners, look_s, self._lag_s, options.clearance_m
             )
             if length_m < route.length_m:
                 return replace(one, length_m=length_m)
         return route
 
-    def _start(self, vehicle: int, situation: PlanningInputs) -> AgentStart:
+    def _start(self, vehicle: int, situation: PlanningInputs) -> AgentState:
         """Where an agent's turn on to a route that is planned now begins."""
         turns = self._expected(vehicle, situation, 0.5 * self._lag_s)
         takes_up = self._expected(vehicle, situation, 0.0)
@@ -463,11 +468,11 @@ class Replanner:
     def _expected(self, vehicle: int, situation: PlanningInputs, more_s: float) -> Motion:
         """How an agent will move a while after it got a route that is planned now, or at its climb's end."""
         if vehicle in situation.climbs:
-            return expected(self._grid, situation.motion(vehicle), more_s, self._lag_s)
+            return predict_motion(self._grid, situation.motion(vehicle), more_s, self._lag_s)
         motion, late_s = situation.motion(vehicle), situation.late_s.get(vehicle, 0.0)
         until_hold_s = max(0.0, motion.ahead.next_s - Timing().guard_s)
         ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
-        return expected(self._grid, motion, ahead_s, self._lag_s)
+        return predict_motion(self._grid, motion, ahead_s, self._lag_s)
 
     def _place(self, target: Track, situation: PlanningInputs) -> Point:
         """Where a target will be when agents take up routes that are planned now."""

@@ -16,15 +16,15 @@ from gcs.core.replanning.replanner import is_crossed
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import FloatArray, Route, VehicleState
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.options import AgentStart
-from gcs.planning.terminal.landing import Landing, ReturnRoute, way_home
+from gcs.planning.options import AgentState
+from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_route
 
 
-def landing_of(config: Config) -> Landing | None:
+def landing_of(config: Config) -> LandingSpec | None:
     """Return how vehicles of a mission fly home; None when they wait at the ends of their routes."""
     if config.mission.end != "land":
         return None
-    return Landing(corners_of(config.mission, config.airframe), config.airframe.turn_lag_s)
+    return LandingSpec(corners_of(config.mission, config.airframe), config.airframe.turn_lag_s)
 
 
 class ReturnRoutes:
@@ -54,8 +54,8 @@ class ReturnRoutes:
         home_m = self._config.local_frame.to_local(*home_deg)
         speed_m_s = self._speeds_m_s.get(route.vehicle, self._config.airframe.speed_m_s)
         east_m, north_m = route.points_m[0].tolist() if state is None else (state.east_m, state.north_m)
-        start = AgentStart(east_m, north_m, None if state is None else state.course_rad, speed_m_s)
-        way = way_home(self.grid, start, route.points_m, home_m, self._options, self._landing)
+        start = AgentState(east_m, north_m, None if state is None else state.course_rad, speed_m_s)
+        way = plan_return_route(self.grid, start, route.points_m, home_m, self._options, self._landing)
         self.newest_m[route.vehicle] = np.vstack((route.points_m[-1:], way.points_m))
         return way
 

@@ -7,7 +7,7 @@ import numpy as np
 from gcs.config.tables import AirframeTable, MissionTable
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
-from gcs.planning.path.turns import Corners
+from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.route_progress import CORRIDOR_M, next_point
 from gcs.planning.terminal.climb import Climb
 from gcs.planning.terminal.landing import ReturnRoute
@@ -78,7 +78,7 @@ class MissionBuilder:
         """Return the corners of a way home; none for a straight one, which profiles draw themselves."""
         if home.is_straight:
             return ()
-        wanted = self._corners.acceptance_m(np.concatenate((route.points_m[-1:], home.points_m)))
+        wanted = self._corners.accept_radii_m(np.concatenate((route.points_m[-1:], home.points_m)))
         radii_m = np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
         return tuple(
             Waypoint(*self._frame.to_geodetic(float(east), float(north)), altitude_rel_m, float(radius_m))
@@ -90,13 +90,13 @@ class MissionBuilder:
         start = route.points_m[:1] if state is None else [(state.east_m, state.north_m)]
         if climb is not None:
             start = [climb.latest_end_m]
-        wanted = self._corners.acceptance_m(np.concatenate((start, route.points_m)))
+        wanted = self._corners.accept_radii_m(np.concatenate((start, route.points_m)))
         return np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
 
 
-def corners_of(table: MissionTable, airframe: AirframeTable) -> Corners:
+def corners_of(table: MissionTable, airframe: AirframeTable) -> TurnAnticipation:
     """Return how early vehicles are told to turn."""
-    return Corners(airframe.turn_radius_m, airframe.turn_lag_m, table.accept_radius_m)
+    return TurnAnticipation(airframe.turn_radius_m, airframe.turn_lag_m, table.accept_radius_m)
 
 
 def points_passed(route: Route, made_t_ns: int, state: VehicleState | None) -> int:

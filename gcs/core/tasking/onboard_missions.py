@@ -25,7 +25,7 @@ from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.task_terms import Timing
 from gcs.model import NS_PER_S, Route
 from gcs.planning.route_progress import time_to_point_s
-from gcs.planning.vehicle_model import Circle, ForwardSimulation
+from gcs.planning.vehicle_model import LoiterCircle, RemainingMission
 
 TerminalLoiter: TypeAlias = Literal["", "circle", "circle elsewhere", "way home", "landing", "return"]
 """What a mission has behind its route; "return": RTL behind its last item."""
@@ -44,11 +44,11 @@ class OnboardMission:
     """Number of the item that is the route's first point."""
 
     @property
-    def circle(self) -> Circle | None:
+    def circle(self) -> LoiterCircle | None:
         """What it ends with; None where the autopilot alone knows how wide that is, or it lands."""
         radius_m = self.items[-1].param3 if self.items[-1].command == MAV_CMD_NAV_LOITER_UNLIM else 0.0
         east_m, north_m = self.route.flown_m[-1].tolist()
-        return Circle((east_m, north_m), radius_m) if radius_m > 0.0 else None
+        return LoiterCircle((east_m, north_m), radius_m) if radius_m > 0.0 else None
 
 
 class OnboardMissions:
@@ -93,16 +93,16 @@ class OnboardMissions:
         left = flown.route.points_m[state.mission_seq - flown.first_point :]
         return tuple((east_m, north_m) for east_m, north_m in left.tolist())
 
-    def ahead(self, vehicle: int, wait_s: float, t_ns: int) -> ForwardSimulation:
+    def ahead(self, vehicle: int, wait_s: float, t_ns: int) -> RemainingMission:
         """What a vehicle flies to by itself, when it gets no other mission before `wait_s`."""
         points = self.points_ahead(vehicle)
         if not points:
-            return ForwardSimulation()
+            return RemainingMission()
         flown = self._flown[vehicle]
         last = flown.first_point + len(flown.route.points_m)
         radii = tuple(item.param2 for item in flown.items[last - len(points) : last])
         next_s = max(0.0, self.time_to_next_s(vehicle, t_ns))
-        return ForwardSimulation(points, radii, wait_s, next_s, flown.circle)
+        return RemainingMission(points, radii, wait_s, next_s, flown.circle)
 
     def is_in_takeoff(self, vehicle: int) -> bool:
         """Tell whether a vehicle in AUTO flies to the take-off item of what it holds."""

@@ -52,7 +52,7 @@ from gcs.model import (
 )
 from gcs.planning.terminal.climb import Climb
 from gcs.planning.terminal.landing import ReturnRoute
-from gcs.planning.vehicle_model import ForwardSimulation
+from gcs.planning.vehicle_model import RemainingMission
 
 _NO_ITEMS: Final = 0xFFFF
 """What PX4 gives as the number of items of no mission."""
@@ -172,7 +172,7 @@ class UploadManager:
         """What a vehicle holds, by the last read-back."""
         return self._holding.of(vehicle)
 
-    def ahead(self, vehicle: int, t_ns: int) -> ForwardSimulation:
+    def ahead(self, vehicle: int, t_ns: int) -> RemainingMission:
         """What a vehicle flies to by itself until it gets another mission, and when that may begin."""
         wait_s = 0.0 if vehicle in self._deliveries else self._wait_s(vehicle, t_ns)
         return self._holding.ahead(vehicle, wait_s, t_ns)

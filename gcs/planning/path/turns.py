@@ -45,7 +45,7 @@ _NO_CELL = np.int64(-1)
 
 
 @dataclass(frozen=True, slots=True)
-class Corners:
+class TurnAnticipation:
     """How early vehicles are told to turn at corners."""
 
     radius_m: float
@@ -55,7 +55,7 @@ class Corners:
     least_m: float
     """How near every waypoint counts as reached."""
 
-    def acceptance_m(self, points_m: FloatArray) -> FloatArray:
+    def accept_radii_m(self, points_m: FloatArray) -> FloatArray:
         """How far before each waypoint an autopilot should turn to the next one.
 
         An arc of the turn radius R begins R tan(a/2) before a corner of angle a; a vehicle that takes up a

@@ -175,13 +175,13 @@ def _spare(_grid: Grid, _clearance_m: float, _may_lean: bool) -> list[Seeker]:
 
 
 @contextmanager
-def seeker(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> Iterator[Seeker]:
+def seeker(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False) -> Iterator[Seeker]:
     """Lend a seeker for a map: one that was given back, if there is any; safe among threads."""
-    spare = _spare(grid, clearance_m, may_lean)
+    spare = _spare(grid, clearance_m, shifts_nodes)
     try:
         lent = spare.pop()
     except IndexError:
-        lent = Seeker(search_map(grid, clearance_m, may_lean))
+        lent = Seeker(search_map(grid, clearance_m, shifts_nodes))
     yield lent
     spare.append(lent)
 

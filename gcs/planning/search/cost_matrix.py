@@ -104,7 +104,7 @@ def _one_to_all(
     field, costs, reach = np.empty(size), np.empty((n, *far.nodes.shape)), clearance_m / grid.spacing_m
     asked = far.nodes[far.nodes >= 0]
     parts = smap.part[asked]
-    with seeker(grid, clearance_m, smap.may_lean) as search:
+    with seeker(grid, clearance_m, smap.shifts_nodes) as search:
         for i in range(n):
             nodes = near.nodes[i]
             within_reach = asked[(parts[:, None] == smap.part[nodes[nodes >= 0]]).any(axis=1)]
@@ -134,7 +134,7 @@ def _one_by_one(
     ways: dict[tuple[int, int], IntArray] = {}
     reach = clearance_m / grid.spacing_m
     parts = [[set(smap.part[row[row >= 0]].tolist()) for row in side.nodes] for side in (starts, goals)]
-    with seeker(grid, clearance_m, smap.may_lean) as search:
+    with seeker(grid, clearance_m, smap.shifts_nodes) as search:
         for i, j in np.ndindex(lengths.shape):
             a, b = starts.xy[i], goals.xy[j]
             if not (starts.inside[i] or goals.inside[j]) and close_and_seen(grid.blocked, reach, a, b):

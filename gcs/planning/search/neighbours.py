@@ -66,14 +66,14 @@ class SearchMap(NamedTuple):
     """(8,) flat index steps of the moves."""
     stride: int
     any_near: bool
-    may_lean: bool
+    shifts_nodes: bool
 
 
 @lru_cache(maxsize=16)
-def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> SearchMap:
+def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False) -> SearchMap:
     """Prepare a grid for searching; kept for the grids last used, since a grid is planned on many times.
 
-    With `may_lean` nodes need not be passed themselves, but only near by, at their `places`.
+    With `shifts_nodes` nodes need not be passed themselves, but only near by, at their `places`.
     """
     rows, cols = grid.shape
     stride = cols + 2
@@ -82,7 +82,7 @@ def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> 
     moves = _legal_moves(blocked)
     tight, near, leaning = np.zeros_like(blocked), np.zeros_like(moves), np.zeros_like(moves)
     reach, inner = clearance_m / grid.spacing_m, (slice(1, -1), slice(1, -1))
-    if may_lean and reach > 0.5:
+    if shifts_nodes and reach > 0.5:
         leaning[inner], tight[inner] = lean(grid.blocked, reach, _LEAN_ROWS, _LEAN_COLS)
         near[inner] = near_moves(
             *(grid.blocked, reach, moves[inner].copy(), tight[inner].copy(), leaning[inner].copy()),
@@ -116,7 +116,7 @@ def search_map(grid: Grid, clearance_m: float = 0.0, may_lean: bool = False) -> 
         offsets,
         stride,
         any_near,
-        may_lean,
+        shifts_nodes,
     )
 
 

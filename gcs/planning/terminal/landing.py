@@ -25,14 +25,14 @@ from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import APPROACH_M, FloatArray, read_only
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, to_cells
-from gcs.planning.options import AgentStart, PlanOptions, Terms
+from gcs.planning.options import AgentState, PlanOptions, TargetDemand
 from gcs.planning.path.initial_turn import TIGHT, start_is_safe, start_room
 from gcs.planning.path.initial_turn_search import SPLIT
-from gcs.planning.path.turns import Corners
+from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.route_capture import SHARE
 from gcs.planning.route_search import Search
-from gcs.planning.terminal.loiter import cut, way_length_m
-from gcs.planning.vehicle_model import ForwardSimulation, Motion, fly
+from gcs.planning.terminal.loiter import cut, path_length_m
+from gcs.planning.vehicle_model import Motion, RemainingMission, simulate
 
 _BEARINGS = 36
 _SHARES = (1.0, 0.5, SHARE, 0.0)
@@ -57,12 +57,12 @@ _NO_APPROACH = "no clear approach to its home: the last leg of its landing leads
 
 
 @dataclass(frozen=True, slots=True)
-class Landing:
+class LandingSpec:
     """How vehicles fly home."""
 
-    corners: Corners
+    turns: TurnAnticipation
     """How early they turn."""
-    lag_s: float
+    turn_lag_s: float
     """Until a turn is taken up."""
 
 
@@ -103,8 +103,13 @@ _Graded: TypeAlias = tuple[int, FloatArray, _Gate]
 """What keeps a way from being clear, its points, and where it joins a landing."""
 
 
-def way_home(
-    grid: Grid, start: AgentStart, points_m: FloatArray, home_m: Point, options: PlanOptions, landing: Landing
+def plan_return_route(
+    grid: Grid,
+    start: AgentState,
+    points_m: FloatArray,
+    home_m: Point,
+    options: PlanOptions,
+    landing: LandingSpec,
 ) -> ReturnRoute:
     """Plan the way home of a vehicle.
 
@@ -130,11 +135,11 @@ class _Planner:
     def __init__(
         self,
         grid: Grid,
-        start: AgentStart,
+        start: AgentState,
         points_m: FloatArray,
         home_m: Point,
         options: PlanOptions,
-        landing: Landing,
+        landing: LandingSpec,
     ) -> None:
         self._grid, self._options, self._landing = grid, options, landing
         self._home_m = home_m
@@ -183,10 +188,10 @@ class _Planner:
     ) -> _Graded | None:
         """Return the best way from the route's end, or from where it goes on to, to any gate."""
         east_m, north_m = left_m[0].tolist() if len(left_m) else self._end_m
-        start = AgentStart(east_m, north_m, course_rad, self._speed_m_s)
+        start = AgentState(east_m, north_m, course_rad, self._speed_m_s)
         options = replace(self._options, horizon_s=0.0, cost="length")
         places = [gate.points_m[0] for gate in gates]
-        search = Search(self._grid, [start], places, [Terms()] * len(gates), options)
+        search = Search(self._grid, [start], places, [TargetDemand()] * len(gates), options)
         lengths_m = search.costs[0] + [gate.length_m for gate in gates]
         order = sorted(range(len(gates)), key=lambda j: (-gates[j].share, lengths_m[j]))
         reached = [j for j in order if math.isfinite(lengths_m[j])]
@@ -279,17 +284,17 @@ class _Planner:
             return True
         landing, tail_m = self._landing, self._tail_m
         passes_m = np.vstack((self._end_m, points_m))
-        radii_m = [*landing.corners.acceptance_m(tail_m), *landing.corners.acceptance_m(passes_m)]
-        ahead = ForwardSimulation(
+        radii_m = [*landing.turns.accept_radii_m(tail_m), *landing.turns.accept_radii_m(passes_m)]
+        ahead = RemainingMission(
             tuple(_points(np.vstack((tail_m[1:], points_m)))), tuple(map(float, radii_m))
         )
         east_m, north_m = tail_m[0].tolist()
         motion = Motion(east_m, north_m, self._speed_m_s, self._begins_rad, ahead=ahead)
-        for_s = (way_length_m(tail_m) + way_length_m(passes_m) - 0.5 * APPROACH_M) / self._speed_m_s
+        for_s = (path_length_m(tail_m) + path_length_m(passes_m) - 0.5 * APPROACH_M) / self._speed_m_s
         reach_m = min(reach_m, self._room_m((east_m, north_m)), self._room_m(self._end_m))
         return all(
-            fly(self._grid, motion, for_s, lag_s, reach_m).is_clear
-            for lag_s in (landing.lag_s, TIGHT * landing.lag_s)
+            simulate(self._grid, motion, for_s, lag_s, reach_m).is_clear
+            for lag_s in (landing.turn_lag_s, TIGHT * landing.turn_lag_s)
         )
 
     def _room_m(self, place_m: Point) -> float:
@@ -308,7 +313,7 @@ def _points(points_m: FloatArray) -> list[Point]:
     return [(east_m, north_m) for east_m, north_m in points_m.tolist()]
 
 
-def _course_rad(leg_m: FloatArray, start: AgentStart) -> float:
+def _course_rad(leg_m: FloatArray, start: AgentState) -> float:
     """Course along a leg; of one without length, the vehicle's."""
     (from_east, from_north), (east, north) = leg_m.tolist()
     if math.dist((from_east, from_north), (east, north)) < 1e-6:

@@ -23,10 +23,10 @@ from gcs.jit import Call, kernel, leaf
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import is_clear_at, leg_room, to_cells
-from gcs.planning.options import AgentStart, LoiterSpec, PlanOptions
+from gcs.planning.options import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.path.initial_turn import TIGHT, start_room
 from gcs.planning.route_capture import SHARE
-from gcs.planning.vehicle_model import STEP_S, flown_ahead
+from gcs.planning.vehicle_model import STEP_S, simulate_states
 
 _ENOUGH = 0.5
 """Of the clearance: what is not looked beyond. Circles are flown by the autopilot, not by waypoints."""
@@ -77,11 +77,11 @@ class TerminalLoiter:
 
 def ending(
     grid: Grid,
-    start: AgentStart,
+    start: AgentState,
     points_m: FloatArray,
     target_m: Point,
     options: PlanOptions,
-    wait: LoiterSpec,
+    spec: LoiterSpec,
 ) -> TerminalLoiter:
     """Find how a route should end.
 
@@ -100,11 +100,11 @@ def ending(
     straight = TerminalLoiter(points_m, None, math.inf)
     if options.clearance_m <= 0.0 or not grid.blocked.any():
         return straight
-    circles = _Circles(grid, start, target_m, options, wait)
+    circles = _Circles(grid, start, target_m, options, spec)
     best = circles.best(points_m, TerminalLoiter(points_m, None, _NONE_M, passes=False))
     if best.room_m >= 0.0:
         return best
-    for points in _approaches(start, points_m, target_m, options, wait):
+    for points in _approaches(start, points_m, target_m, options, spec):
         best = circles.best(points, best)
         if best.room_m >= circles.enough_m:
             break
@@ -112,7 +112,7 @@ def ending(
 
 
 def _short_of(
-    circles: _Circles, start: AgentStart, points_m: FloatArray, best: TerminalLoiter, options: PlanOptions
+    circles: _Circles, start: AgentState, points_m: FloatArray, best: TerminalLoiter, options: PlanOptions
 ) -> TerminalLoiter:
     """Let a route end on a circle before its target, which no clear way passes."""
     for radii in _SHORT:
@@ -135,15 +135,15 @@ class _Circles:
     """
 
     def __init__(
-        self, grid: Grid, start: AgentStart, target_m: Point, options: PlanOptions, wait: LoiterSpec
+        self, grid: Grid, start: AgentState, target_m: Point, options: PlanOptions, spec: LoiterSpec
     ) -> None:
-        self._grid, self._start, self._wait = grid, start, wait
+        self._grid, self._start, self._spec = grid, start, spec
         self._speed_m_s = max(start.speed_m_s, 1.0)
-        self._near = np.array([*target_m, _NEAR * wait.near_m])
-        self._near_s = min(_NEAR_S, _NEAR_SHARE * 2.0 * wait.near_m / self._speed_m_s)
+        self._near = np.array([*target_m, _NEAR * spec.reach_radius_m])
+        self._near_s = min(_NEAR_S, _NEAR_SHARE * 2.0 * spec.reach_radius_m / self._speed_m_s)
         self._radius_m = options.turn_radius_m
         self._frame = np.array([*grid.origin_m, grid.spacing_m])
-        self._lags_s = np.array([wait.lag_s, TIGHT * wait.lag_s, wait.lag_s, wait.lag_s])
+        self._lags_s = np.array([spec.turn_lag_s, TIGHT * spec.turn_lag_s, spec.turn_lag_s, spec.turn_lag_s])
         self._around_m = np.array([(0.0, 0.0), *_around(self._radius_m)])
         self.enough_m = max(_ENOUGH * options.clearance_m, _BETTER_M)
         place = (start.east_m, start.north_m) if start.motion is None else start.motion.place_m
@@ -153,21 +153,21 @@ class _Circles:
 
     def best(self, points_m: FloatArray, so_far: TerminalLoiter, *, must_pass: bool = True) -> TerminalLoiter:
         """Return the best ending of a route, unless what there is so far is about as good."""
-        wait, spacing_m, speed_m_s = self._wait, self._grid.spacing_m, self._speed_m_s
+        spec, spacing_m, speed_m_s = self._spec, self._grid.spacing_m, self._speed_m_s
         _, way_m, is_whole = cut(_whole(self._start, points_m), _FLOWN * self._radius_m)
         floor_m = so_far.room_m if so_far.room_m >= 0.0 else self._least_m - _BETTER_M
-        circles = np.column_stack((way_m[-1] + self._around_m, np.full(len(self._around_m), wait.radius_m)))
-        round_m = _RINGS[-1] * self._radius_m + _ROUNDS * 2.0 * math.pi * wait.radius_m
+        circles = np.column_stack((way_m[-1] + self._around_m, np.full(len(self._around_m), spec.radius_m)))
+        round_m = _RINGS[-1] * self._radius_m + _ROUNDS * 2.0 * math.pi * spec.radius_m
         found, room = best_circle(
             self._grid.blocked,
             self._frame,
             self._motion(way_m, is_whole=is_whole),
             way_m[1:],
-            wait.corners.acceptance_m(way_m),
+            spec.turns.accept_radii_m(way_m),
             circles,
             self._near,
             self._near_s if must_pass else 0.0,
-            np.array([way_length_m(way_m), round_m]) / speed_m_s,
+            np.array([path_length_m(way_m), round_m]) / speed_m_s,
             self._lags_s if is_whole else self._lags_s[:2],
             _OFF_COURSE,
             np.array([floor_m, _BETTER_M, self.enough_m]) / spacing_m,
@@ -197,7 +197,7 @@ def _around(radius_m: float) -> Iterator[Point]:
 
 
 def _approaches(
-    start: AgentStart, points_m: FloatArray, target_m: Point, options: PlanOptions, wait: LoiterSpec
+    start: AgentState, points_m: FloatArray, target_m: Point, options: PlanOptions, spec: LoiterSpec
 ) -> Iterator[FloatArray]:
     """Yield routes that pass a target in other directions, or beside it; the least different first."""
     radius_m = options.turn_radius_m
@@ -208,11 +208,11 @@ def _approaches(
         angle = course_rad + 2.0 * math.pi * ((k + 1) // 2 * (1 - k % 2 * 2)) / _BEARINGS
         along = np.array([math.sin(angle), math.cos(angle)])
         for share in _BESIDE:
-            passed = np.array(target_m) + share * wait.near_m * np.array([along[1], -along[0]])
+            passed = np.array(target_m) + share * spec.reach_radius_m * np.array([along[1], -along[0]])
             yield np.vstack((points_m[:index], left, passed - _LEG * radius_m * along, passed))
 
 
-def _whole(start: AgentStart, points_m: FloatArray) -> FloatArray:
+def _whole(start: AgentState, points_m: FloatArray) -> FloatArray:
     return np.vstack(((start.east_m, start.north_m), points_m))
 
 
@@ -237,7 +237,7 @@ def _course_rad(way_m: FloatArray) -> float:
     return math.atan2(way_m[1, 0] - way_m[0, 0], way_m[1, 1] - way_m[0, 1])
 
 
-def way_length_m(way_m: FloatArray) -> float:
+def path_length_m(way_m: FloatArray) -> float:
     """Length of a way (n, 2) along its legs."""
     return float(np.hypot(*np.diff(way_m, axis=0).T).sum())
 
@@ -277,14 +277,14 @@ def best_circle(  # type: ignore[no-untyped-def]
 
     `circles` (n, 3): east, north, radius. `near`: a place to be passed within a distance, `near_s` long.
     `times_s`: how long the way takes, and the circle. `rooms`: what there is already, how much more it must
-    be, and how much is enough. The others as of `flown_ahead`.
+    be, and how much is enough. The others as of `simulate_states`.
     """
     best, found, none = rooms[0], -1, np.array([0.0, 0.0, -1.0])
     flown = motion.copy()
     for i in range(lags_s.size):  # most ways that lead into something do before the circle
         reach = max(best + rooms[1], 0.0)
         flown[2] = motion[2] + off_course[i]
-        _, is_clear, off = flown_ahead(
+        _, is_clear, off = simulate_states(
             blocked, frame, flown, points, radii, none, times_s[0], lags_s[i], reach
         )
         if not is_clear or off > _EITHER_SIDE:
@@ -296,7 +296,7 @@ def best_circle(  # type: ignore[no-untyped-def]
         room = rooms[2]
         for i in range(lags_s.size):
             flown[2] = motion[2] + off_course[i]
-            way, is_clear, off = flown_ahead(
+            way, is_clear, off = simulate_states(
                 blocked, frame, flown, points, radii, circles[k], times_s[0] + times_s[1], lags_s[i], reach
             )
             room = _least_room(blocked, frame, way, room)

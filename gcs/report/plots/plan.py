@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.vehicle_model import Circle
+from gcs.planning.vehicle_model import LoiterCircle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ class Drawing:
     targets: Mapping[int, Point]
     routes: Mapping[int, Sequence[Sequence[float]]]
     """Points by agent, its start first."""
-    circles: Mapping[int, Circle] = field(default_factory=dict)
+    circles: Mapping[int, LoiterCircle] = field(default_factory=dict)
     """Where agents wait behind them."""
     homes: Mapping[int, Sequence[Sequence[float]]] = field(default_factory=dict)
     """Ways home by agent, from the ends of the routes."""
@@ -89,7 +89,7 @@ def draw_plan(drawing: Drawing, path: Path) -> None:
     figure.savefig(path)
 
 
-def _round(circle: Circle) -> FloatArray:
+def _round(circle: LoiterCircle) -> FloatArray:
     angle = np.linspace(0.0, 2.0 * np.pi, 73)
     return circle.centre_m + circle.radius_m * np.column_stack((np.sin(angle), np.cos(angle)))
 

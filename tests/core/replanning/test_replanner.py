@@ -13,7 +13,7 @@ from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.planning.vehicle_model import ForwardSimulation, Motion
+from gcs.planning.vehicle_model import Motion, RemainingMission
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 
@@ -434,7 +434,7 @@ def test_who_would_hit_something_by_what_it_holds_gets_another_route(place, ahea
     tables = f'{box}[planning]\nshape = "flyable"\nclearance_m = 40.0\n'
     desk = Desk({1: (100.0, 200.0)}, {A: (1500.0, 200.0)}, tables=tables)
     desk.look(0.0)
-    motion = Motion(*place, 15.0, math.pi / 2.0, ahead=ForwardSimulation(tuple(ahead), (10.0,) * len(ahead)))
+    motion = Motion(*place, 15.0, math.pi / 2.0, ahead=RemainingMission(tuple(ahead), (10.0,) * len(ahead)))
     agent, target = track((0, 1), place, (15.0, 0.0)), track(A, desk.targets[A])
     situation = PlanningInputs(at(5.0), at(5.0), {1: agent}, {A: target}, frozenset(), motions={1: motion})
     plan = desk.replanner.check(situation)
@@ -451,7 +451,7 @@ def close_to_a_corner(target, *, passed=()):
         tables=f'{walls}[planning]\nshape = "flyable"\nclearance_m = 60.0\n',
     )
     (flown,) = desk.look(0.0).routes
-    motion = Motion(1400.0, 300.0, 15.0, math.pi / 2.0, ahead=ForwardSimulation(((1500.0, 300.0),), (10.0,)))
+    motion = Motion(1400.0, 300.0, 15.0, math.pi / 2.0, ahead=RemainingMission(((1500.0, 300.0),), (10.0,)))
     agent = track((0, 1), (1400.0, 300.0), (15.0, 0.0))
     situation = PlanningInputs(
         at(60.0), at(60.0), {1: agent}, {A: track(A, target)}, frozenset(), motions={1: motion},

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gcs.planning.map.grid import Grid, free_grid
 from gcs.planning.map.line_of_sight import clear_leg
-from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.planner import plan_routes
 from gcs.planning.search.neighbours import cells, places, search_map
 
@@ -20,7 +20,7 @@ from gcs.planning.search.neighbours import cells, places, search_map
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.15, 0.3]), st.sampled_from([0.6, 0.75, 1.0, 1.5]))
 def test_a_move_that_is_not_near_keeps_the_clearance_and_one_that_is_cannot(seed, share, reach):
     grid = Grid((0.0, 0.0), 1.0, np.random.default_rng(seed).random((9, 11)) < share)
-    smap = search_map(grid, reach, may_lean=True)
+    smap = search_map(grid, reach, shifts_nodes=True)
     for node in np.flatnonzero(smap.moves):
         for move, step in enumerate(smap.offsets.tolist()):
             if not smap.moves[node] >> move & 1:
@@ -37,7 +37,7 @@ def test_a_move_that_is_not_near_keeps_the_clearance_and_one_that_is_cannot(seed
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.6, 1.0]))
 def test_nodes_lean_within_their_cell_and_only_where_they_must(seed, reach):
     grid = Grid((0.0, 0.0), 1.0, np.random.default_rng(seed).random((9, 11)) < 0.2)
-    smap = search_map(grid, reach, may_lean=True)
+    smap = search_map(grid, reach, shifts_nodes=True)
     free = np.flatnonzero(smap.part)
     by = np.abs(places(smap, free) - cells(smap, free)).max(axis=1)
     plain = search_map(grid, reach)
@@ -51,7 +51,7 @@ def test_a_gap_of_two_cells_is_flown_through_its_middle(clearance_m):
     """Two cells of 40 m leave 40 m on either side, between the rows of nodes; the way round is far longer."""
     wall = [(row, 10) for row in range(30) if row not in (14, 15)]
     grid = free_grid((30, 21), 40.0).with_obstacles(cells=wall)
-    agents, targets = {1: AgentStart(40.0, 580.0)}, {(0, 1): (760.0, 580.0)}
+    agents, targets = {1: AgentState(40.0, 580.0)}, {(0, 1): (760.0, 580.0)}
     for shape in ("pulled", "flyable"):
         result = plan_routes(grid, agents, targets, {}, PlanOptions(shape=shape, clearance_m=clearance_m))
         assert not [note for note in result.notes if "nearer" in note]
@@ -64,7 +64,7 @@ def test_a_gap_that_is_too_narrow_is_no_gap():
     """The detour by the wide gap is taken, as along the grid."""
     wall = [(row, 10) for row in range(30) if row not in (14, 15, 18, 19, 20, 21)]
     grid = free_grid((30, 21), 40.0).with_obstacles(cells=wall)
-    agents, targets = {1: AgentStart(40.0, 580.0)}, {(0, 1): (760.0, 580.0)}
+    agents, targets = {1: AgentState(40.0, 580.0)}, {(0, 1): (760.0, 580.0)}
     [route] = plan_routes(grid, agents, targets, {}, PlanOptions(shape="pulled", clearance_m=50.0)).routes
     assert max(north for _, north in route.points_m.tolist()) >= 17.5 * 40.0 + 50.0 - 1e-6
     assert math.isclose(route.points_m[-1][1], 580.0)

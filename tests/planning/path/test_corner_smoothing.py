@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from gcs.jit import kernel
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import clear_leg, leg_room
-from gcs.planning.options import AgentStart, PlanOptions
+from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.path.corner_smoothing import cost, ease, half_turn, is_flown, shortfall
 from gcs.planning.planner import plan_routes
 
@@ -126,7 +126,7 @@ def test_on_maps_with_room_routes_have_no_corner_that_comes_nearer_than_the_clea
         start, goal = (40.0, 2000.0 * rng.random()), (1900.0, 2000.0 * rng.random())
         grid = random_obstacles(free_grid((51, 51), 40.0), threshold, rng, [start, goal], 120.0)
         options = PlanOptions(shape="flyable", clearance_m=20.0, turn_radius_m=40.0)
-        found = plan_routes(grid, {1: AgentStart(*start, math.pi / 2)}, {(0, 0): goal}, {}, options)
+        found = plan_routes(grid, {1: AgentState(*start, math.pi / 2)}, {(0, 0): goal}, {}, options)
         kept.append(not any("corners" in note for note in found.notes))
         points_m = np.vstack((start, found.routes[0].points_m))
         if kept[-1]:

@@ -104,7 +104,7 @@ def test_lists_of_moves_hold_what_their_sets_hold():
 
 def test_few_moves_remain_among_obstacles_with_a_clearance():
     grid = Grid((0.0, 0.0), 1.0, np.random.default_rng(2).random((80, 80)) < 0.2)
-    smap = search_map(grid, 0.625, may_lean=True)
+    smap = search_map(grid, 0.625, shifts_nodes=True)
     reached = [
         np.flatnonzero(smap.moves >> np.uint8(move) & 1) + step for move, step in enumerate(smap.offsets)
     ]

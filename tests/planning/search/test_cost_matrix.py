@@ -92,8 +92,8 @@ def test_the_way_there_is_as_long_as_the_way_back(case):
 
 @settings(max_examples=80, deadline=None)
 @given(cases(), st.booleans(), st.integers(0, 2**32 - 1))
-def test_costs_with_clearance_are_those_of_dijkstra_over_all_legal_moves(case, may_lean, seed):
-    smap = search_map(case[0], case[1], may_lean)
+def test_costs_with_clearance_are_those_of_dijkstra_over_all_legal_moves(case, shifts_nodes, seed):
+    smap = search_map(case[0], case[1], shifts_nodes)
     size = smap.moves.size
     edges = [
         (

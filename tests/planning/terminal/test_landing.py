@@ -12,25 +12,25 @@ from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import APPROACH_M
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.options import AgentStart, PlanOptions
-from gcs.planning.path.turns import Corners
+from gcs.planning.options import AgentState, PlanOptions
+from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import plan_routes
-from gcs.planning.terminal.landing import Landing, way_home
+from gcs.planning.terminal.landing import LandingSpec, plan_return_route
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.guidance import ToPoint
 
 OPEN = free_grid((51, 51), 40.0)
-CORNERS = Corners(40.0, 42.0, 10.0)
-LANDING = Landing(CORNERS, 2.8)
+CORNERS = TurnAnticipation(40.0, 42.0, 10.0)
+LANDING = LandingSpec(CORNERS, 2.8)
 OPTIONS = PlanOptions(clearance_m=50.0, shape="flyable", turn_radius_m=58.0)
 HOME_M = (200.0, 1000.0)
-START = AgentStart(*HOME_M, math.pi / 2.0)
+START = AgentState(*HOME_M, math.pi / 2.0)
 
 
 def planned(grid, target_m, home_m=HOME_M, options=OPTIONS):
     """The route of a vehicle from HOME_M to a target, and its way home."""
     (route,) = plan_routes(grid, {1: START}, {(0, 0): target_m}, {}, options).routes
-    return route, way_home(grid, START, route.points_m, home_m, options, LANDING)
+    return route, plan_return_route(grid, START, route.points_m, home_m, options, LANDING)
 
 
 def legs(route, home):
@@ -43,7 +43,9 @@ def flown(route, home):
     ways = [np.vstack((HOME_M, route.points_m)), np.vstack((route.points_m[-1:], home.points_m))]
     airframe = Airframe(*HOME_M, 100.0, START.course_rad, 15.0)
     for is_home, way in enumerate(ways):
-        for (a, b), radius_m in zip(pairwise(way.tolist()), CORNERS.acceptance_m(way).tolist(), strict=True):
+        for (a, b), radius_m in zip(
+            pairwise(way.tolist()), CORNERS.accept_radii_m(way).tolist(), strict=True
+        ):
             goal = ToPoint(*b, b[0] - a[0], b[1] - a[1], radius_m)
             while not goal.is_reached(airframe):
                 for _ in range(10):
@@ -93,12 +95,12 @@ def test_where_no_approach_is_clear_it_lands_as_it_did_and_says_so():
     ]
     grid = OPEN.with_obstacles(cells=ring)
     target_m = (1700.0, 1000.0)
-    outside = AgentStart(1000.0, 1000.0, math.pi / 2.0)
-    home = way_home(grid, outside, np.array([target_m]), HOME_M, OPTIONS, LANDING)
+    outside = AgentState(1000.0, 1000.0, math.pi / 2.0)
+    home = plan_return_route(grid, outside, np.array([target_m]), HOME_M, OPTIONS, LANDING)
     assert "no clear approach" in home.problem
     assert home.points_m[-2:].tolist() == pytest.approx(np.array([[700.0, 1000.0], HOME_M]))
     walled = OPEN.with_obstacles(boxes_m=[(1600.0, 900.0, 1800.0, 1100.0)], cells=ring)
-    assert way_home(walled, outside, np.array([target_m]), HOME_M, OPTIONS, LANDING).problem
+    assert plan_return_route(walled, outside, np.array([target_m]), HOME_M, OPTIONS, LANDING).problem
 
 
 def test_a_target_near_home_is_left_for_an_approach_of_full_length():
@@ -136,7 +138,7 @@ def test_a_way_home_does_not_hang_on_where_the_map_begins():
     grid = OPEN.with_obstacles(boxes_m=[(1000.0, 500.0, 1100.0, 1400.0)])
     moved = type(grid)((5000.0, -3000.0), 40.0, grid.blocked)
     off, target_m = np.array([5000.0, -3000.0]), np.array([[1700.0, 1000.0]])
-    here = way_home(grid, START, target_m, HOME_M, OPTIONS, LANDING)
-    start = AgentStart(*(off + HOME_M).tolist(), START.course_rad)
-    there = way_home(moved, start, target_m + off, tuple((off + HOME_M).tolist()), OPTIONS, LANDING)
+    here = plan_return_route(grid, START, target_m, HOME_M, OPTIONS, LANDING)
+    start = AgentState(*(off + HOME_M).tolist(), START.course_rad)
+    there = plan_return_route(moved, start, target_m + off, tuple((off + HOME_M).tolist()), OPTIONS, LANDING)
     assert there.points_m - off == pytest.approx(here.points_m, abs=1e-6)

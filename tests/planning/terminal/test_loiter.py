@@ -10,26 +10,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.planning.map.grid import free_grid, random_obstacles
-from gcs.planning.options import AgentStart, LoiterSpec, PlanOptions
-from gcs.planning.path.turns import Corners
+from gcs.planning.options import AgentState, LoiterSpec, PlanOptions
+from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import plan_routes
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.guidance import Circle, ToPoint
 
 OPEN = free_grid((51, 51), 40.0)
-CORNERS = Corners(40.0, 42.0, 10.0)
+CORNERS = TurnAnticipation(40.0, 42.0, 10.0)
 NEAR_M, LOITER_M = 40.0, 30.0
 OPTIONS = PlanOptions(
     clearance_m=50.0,
     shape="flyable",
     turn_radius_m=58.0,
-    wait=LoiterSpec(radius_m=40.0, near_m=NEAR_M, lag_s=2.8, corners=CORNERS),
+    loiter=LoiterSpec(radius_m=40.0, reach_radius_m=NEAR_M, turn_lag_s=2.8, turns=CORNERS),
 )
 EAST = math.pi / 2.0
 
 
 def planned(grid, target_m, start_m=(300.0, 1000.0), course_rad=EAST, options=OPTIONS):
-    start = AgentStart(*start_m, course_rad)
+    start = AgentState(*start_m, course_rad)
     result = plan_routes(grid, {1: start}, {(0, 0): target_m}, {}, options)
     return result.routes[0], result
 
@@ -38,7 +38,7 @@ def flown(route, start_m=(300.0, 1000.0), course_rad=EAST, waits_s=40.0):
     """Fly a route as the simulated vehicle does, and round its circle; yields places, 0.1 s apart."""
     airframe, at_m = Airframe(*start_m, 100.0, course_rad, 15.0), start_m
     points = [start_m, *map(tuple, route.points_m.tolist())]
-    radii_m = CORNERS.acceptance_m(np.array(points))
+    radii_m = CORNERS.accept_radii_m(np.array(points))
     goals = [
         ToPoint(*b, b[0] - a[0], b[1] - a[1], radius_m)
         for (a, b), radius_m in zip(pairwise(points), radii_m.tolist(), strict=True)
@@ -69,7 +69,7 @@ def test_in_the_open_a_vehicle_circles_where_its_route_ends():
         route, result = planned(grid, (1200.0, 1000.0))
         assert route.wait_m is None
         assert route.points_m[-1].tolist() == [1200.0, 1000.0]
-        assert not result.short
+        assert not result.stops_short
 
 
 def test_before_a_wall_a_vehicle_passes_its_target_and_waits_where_there_is_room():
@@ -77,11 +77,11 @@ def test_before_a_wall_a_vehicle_passes_its_target_and_waits_where_there_is_room
     target_m = (1220.0, 1000.0)
     route, result = planned(grid, target_m)
     assert route.wait_m is not None
-    assert not result.short
+    assert not result.stops_short
     places = list(flown(route))
     assert not any(is_inside(grid, place) for place in places)
     assert time_near_s(places, target_m) > 2.0
-    straight, _ = planned(grid, target_m, options=replace(OPTIONS, wait=None))
+    straight, _ = planned(grid, target_m, options=replace(OPTIONS, loiter=None))
     assert any(is_inside(grid, place) for place in flown(straight))
 
 
@@ -89,11 +89,11 @@ def test_a_target_over_an_obstacle_is_passed_beside_it():
     grid = OPEN.with_obstacles(cells=[(25, 30)])
     target_m = (1200.0, 1000.0)
     route, result = planned(grid, target_m, options=replace(OPTIONS, clearance_m=25.0))
-    assert not result.short
+    assert not result.stops_short
     places = list(flown(route))
     assert not any(is_inside(grid, place) for place in places)
     assert time_near_s(places, target_m) > 2.0
-    assert planned(grid, target_m)[1].short == {1}  # 8 m are less than a quarter of 50
+    assert planned(grid, target_m)[1].stops_short == {1}  # 8 m are less than a quarter of 50
 
 
 def test_nobody_is_sent_past_a_target_that_no_clear_way_passes():
@@ -101,7 +101,7 @@ def test_nobody_is_sent_past_a_target_that_no_clear_way_passes():
     walls += [(row, 34) for row in range(20, 31)] + [(row, 26) for row in (*range(20, 25), *range(26, 31))]
     grid = OPEN.with_obstacles(cells=walls, boxes_m=[(1160.0, 820.0, 1340.0, 1180.0)])
     route, result = planned(grid, (1250.0, 1000.0))
-    assert result.short == {1}
+    assert result.stops_short == {1}
     assert any("no clear way to pass target T0.0" in note for note in result.notes)
     assert not any(is_inside(grid, place) for place in flown(route))
 
@@ -122,7 +122,7 @@ def test_among_random_obstacles_no_end_leads_into_one(seed, target_m, course_rad
         return
     places = list(flown(route, start_m, course_rad))
     assert not any(is_inside(grid, place) for place in places)
-    if not result.short:
+    if not result.stops_short:
         assert time_near_s(places, target_m) >= 1.5
 
 
