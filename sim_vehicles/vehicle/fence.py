@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gcs.fence import Area
-from gcs.mavlink.mission.geofence_rally import fence_held
+from gcs.mavlink.mission.geofence_rally import fence_from_items
 from gcs.mavlink.mission.items import Item as MissionItem
 from sim_vehicles.autopilots.missions import FENCE, RALLY, Item, MissionStore
 from sim_vehicles.autopilots.personality import Mode
@@ -95,7 +95,7 @@ class FenceGuard:
         items = tuple(self.stores[FENCE])
         if items != self._items:
             self._items = items
-            held = fence_held([MissionItem(i.command, i.frame, i.x, i.y, i.z, i.param1) for i in items])
+            held = fence_from_items([MissionItem(i.command, i.frame, i.x, i.y, i.z, i.param1) for i in items])
             self._areas = () if held is None else held.areas
         point, frame = np.array([place_m]), self._geodesy.frame
         return any(bool(area.holds(point, frame)[0]) != area.stay_in for area in self._areas)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.mavlink.services.parameters import carried, value_of
+from gcs.mavlink.services.parameters import decode_value, encode_value
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.missions import MISSION, NEVER_NS, MissionServer
 from sim_vehicles.autopilots.personality import PX4, Mode
@@ -236,14 +236,14 @@ class VehicleLink:
         if name in parameters:
             value = message.param_value
             if self._autopilot.personality is PX4:
-                value = value_of(message, bytewise=True)
+                value = decode_value(message, bytewise=True)
             parameters.request(name, value)
             self._send_parameter(name, parameters.index(name))
 
     def _send_parameter(self, name: str, index: int) -> None:
         parameters = self._autopilot.parameters
         kind = int(parameters.kind(name))
-        value = carried(parameters[name], kind, bytewise=self._autopilot.personality is PX4)
+        value = encode_value(parameters[name], kind, bytewise=self._autopilot.personality is PX4)
         self.outbox.send(
             mavlink.MAVLink_param_value_message(name.encode("ascii"), value, kind, len(parameters), index)
         )

@@ -48,7 +48,7 @@ def trial(seed: int, loss: float) -> tuple[str, float, int, int, bool]:
     old = ARDUPLANE.items(mission(40, 0.1), HOME)
     plane.load(old, current=2)
     task = UploadTask(
-        mission(28), HOME, Encoder(), custody=ModeAuthority("AUTO"), old=old,
+        mission(28), HOME, Encoder(), authority=ModeAuthority("AUTO"), old=old,
         time_to_next_s=plane.time_to_next_s, current=2,
     )  # fmt: skip
     plane.mean(task.items)
@@ -64,11 +64,11 @@ def trial(seed: int, loss: float) -> tuple[str, float, int, int, bool]:
     if result.ok:
         assert plane.holds(task.items)
     return (
-        ("equal" if result.ok else result.holds),
+        ("equal" if result.ok else result.onboard),
         result.duration_s,
         during,
         len(plane.mixed_legs) - during,
-        result.held,
+        result.was_held,
     )
 
 
@@ -110,8 +110,8 @@ def short(autopilot: str, seed: int, loss: float, delay_s: float = 0.01) -> tupl
         HOME,
         Encoder(),
         profile=profile,
-        custody=ModeAuthority("LOITER"),
-        pace=RttEstimator(2.0 * delay_s),  # measured on contact
+        authority=ModeAuthority("LOITER"),
+        rtt=RttEstimator(2.0 * delay_s),  # measured on contact
     )
     assert len(task.items) == 8
     way = {"loss": loss, "delay_s": (delay_s, delay_s)}
@@ -160,7 +160,7 @@ async def upload(uploader: str, loss: float, seed: int) -> tuple[bool, float]:
 
     rng = np.random.default_rng(seed)
     vehicle = SimVehicle(VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0), LocalFrame(*HOME), time.time_ns())
-    task = UploadTask(mission(18, vehicle=7), HOME, Encoder(), custody=ModeAuthority("LOITER"))
+    task = UploadTask(mission(18, vehicle=7), HOME, Encoder(), authority=ModeAuthority("LOITER"))
     answers = []
 
     def send(_system_id: int, frame: bytes) -> None:

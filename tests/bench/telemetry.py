@@ -22,7 +22,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.io.links.recvmmsg import _Header, _IoVector
-from gcs.mavlink.frames.fast_scan import _STEPS
+from gcs.mavlink.frames.fast_scan import CRC_TABLES
 from gcs.mavlink.frames.signing import signed, timestamp_of
 
 TICK_S = 0.01
@@ -60,7 +60,7 @@ def beat_frames(systems, sequence):
 def with_crc(frames, extra):
     crc = np.full(len(frames), 0xFFFF, np.int32)
     for byte in (*frames[:, 1:-2].T.astype(np.int32), np.full(len(frames), extra, np.int32)):
-        crc = crc >> 8 ^ _STEPS[0, (crc ^ byte) & 0xFF]
+        crc = crc >> 8 ^ CRC_TABLES[0, (crc ^ byte) & 0xFF]
     frames[:, -2], frames[:, -1] = crc & 0xFF, crc >> 8
     return frames
 

@@ -18,7 +18,7 @@ NAMES = {AUTO: "AUTO", HOLD: "LOITER"}
 
 
 def joined(px4, *, loss=0.0, **options):
-    options.setdefault("custody", ModeAuthority(NAMES[px4.mode]))
+    options.setdefault("authority", ModeAuthority(NAMES[px4.mode]))
     task = UploadTask(MISSION, HOME, Encoder(), profile=PX4, **options)
     way = {"loss": loss, "delay_s": (0.02, 0.02)}
     return Joined(task, px4, Channel(1, **way), Channel(2, **way))
@@ -37,7 +37,7 @@ def test_a_take_off_reads_back_equal_though_px4_keeps_no_pitch():
 def test_a_mission_that_reads_back_differently_is_held_and_cleared(mode):
     px4 = Px4(mode=mode, tamper=lambda fields: (*fields[:5], fields[5] + 1.0, *fields[6:]))
     result = joined(px4).run()
-    assert (result.ok, result.holds) == (False, "cleared")
+    assert (result.ok, result.onboard) == (False, "cleared")
     assert "param2 is 11 instead of 10" in result.detail
     assert px4.store == []
     assert px4.mode == HOLD
@@ -49,7 +49,7 @@ def test_an_old_mission_that_is_still_there_is_kept():
     px4.store, px4.valid = [item.message(seq, 1, 1) for seq, item in enumerate(old)], True
     px4._on_mission_count = lambda _message, sender: [px4_refusal(sender)]
     result = joined(px4, old=old).run()
-    assert (result.ok, result.holds) == (False, "old")
+    assert (result.ok, result.onboard) == (False, "old")
     assert len(px4.store) == len(old)
     assert px4.mode == AUTO
 
@@ -62,17 +62,17 @@ def px4_refusal(sender):
 @pytest.mark.parametrize("loss", [0.0, 0.2])
 def test_a_mission_that_the_navigator_rejects_is_no_operators_doing(mode, loss):
     """It was acknowledged; then the vehicle is in Hold, which looks as if somebody had chosen it."""
-    px4, custody = Px4(mode=mode, rejects=True), ModeAuthority(NAMES[mode])
-    result = joined(px4, custody=custody, loss=loss).run()
+    px4, authority = Px4(mode=mode, rejects=True), ModeAuthority(NAMES[mode])
+    result = joined(px4, authority=authority, loss=loss).run()
     assert not result.ok
     assert "navigator rejects the mission" in result.detail
-    assert custody.taken == ""
-    assert (result.holds, px4.store) == ("cleared", [])
+    assert authority.override == ""
+    assert (result.onboard, px4.store) == ("cleared", [])
 
 
 def test_a_hold_that_somebody_chooses_is_still_theirs():
-    px4, custody = Px4(mode=AUTO), ModeAuthority("AUTO")
-    link = joined(px4, custody=custody)
+    px4, authority = Px4(mode=AUTO), ModeAuthority("AUTO")
+    link = joined(px4, authority=authority)
     obey = px4._on_command_long
 
     def taken(message, sender):
@@ -84,5 +84,5 @@ def test_a_hold_that_somebody_chooses_is_still_theirs():
 
     px4._on_command_long = taken
     result = link.run()
-    assert (result.ok, custody.taken, result.holds) == (False, "LOITER", "equal")
+    assert (result.ok, authority.override, result.onboard) == (False, "LOITER", "equal")
     assert px4.store

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gcs.mavlink.mission import upload_steps
-from gcs.mavlink.services import command_messages
+from gcs.mavlink.services import commands
 from gcs.model import AgentStatus, Notice
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.vehicle.guidance import ToPoint
@@ -14,7 +14,7 @@ from sim_vehicles.world.scenario import load
 
 def by_one_command(vehicle, profile, item):
     """As the service selected once: DO_SET_MISSION_CURRENT, sent once."""
-    return command_messages.command(vehicle, 224, max(item, profile.home_items))
+    return commands.command_long(vehicle, 224, max(item, profile.home_items))
 
 
 def flown(seconds=300.0):
@@ -48,7 +48,7 @@ def test_re_tasked_vehicles_stay_near_the_lines_of_their_missions():
 def test_the_command_sent_once_starts_first_legs_hundreds_of_metres_off_and_it_is_told(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    monkeypatch.setattr(upload_steps, "select", by_one_command)
+    monkeypatch.setattr(upload_steps, "set_current_item", by_one_command)
     most_m, notices, _ = flown()
     assert most_m > 200.0
     assert notices

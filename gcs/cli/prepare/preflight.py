@@ -27,7 +27,7 @@ from gcs.io.vehicles.session import VehicleSession
 from gcs.io.zenoh.messages import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession
-from gcs.mavlink.services.preflight_query import NEEDED_IDS, PreflightQuery
+from gcs.mavlink.services.preflight_query import PREFLIGHT_MESSAGE_IDS, PreflightQuery
 from gcs.model import NS_PER_S, Scan, vehicle_name
 
 _STYLE = {"ok": "green", "warning": "yellow", "refused": "bold red"}
@@ -116,7 +116,7 @@ class Ears:
 
 
 async def _checked(config: Config, options: PreflightOptions, ears: Ears, console: Console) -> list[Check]:
-    visit = VehicleSession(config, options.config, NEEDED_IDS, options.link)
+    visit = VehicleSession(config, options.config, PREFLIGHT_MESSAGE_IDS, options.link)
     envelope, own = envelope_of(config), visit.entrance.own
     talks = [
         PreflightQuery(agent.vehicle, envelope, visit.fleet.encoder(agent.vehicle), own)

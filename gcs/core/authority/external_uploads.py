@@ -20,8 +20,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
-from gcs.mavlink.frames.addressee import target_of
-from gcs.mavlink.frames.codec import Frame, Message, scan
+from gcs.mavlink.frames.codec import Frame, Message, scan, target_of
 from gcs.mavlink.router.access_policy import (
     ASKING_COMMANDS,
     MISSION_PROTOCOL,

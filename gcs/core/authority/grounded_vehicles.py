@@ -16,8 +16,7 @@ from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.command_messages import set_mode
-from gcs.mavlink.services.command_sender import CommandSender, Shown
+from gcs.mavlink.services.commands import CommandSender, HeartbeatState, set_mode
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState
 
@@ -102,5 +101,5 @@ class GroundedVehicles:
         return effects
 
 
-def _is_parked(shown: Shown) -> bool:
+def _is_parked(shown: HeartbeatState) -> bool:
     return shown.mode == LOITER

@@ -121,14 +121,14 @@ class OnboardAudit:
             return []
         match message.get_type():
             case "MISSION_COUNT":
-                check.reading.take_count(message, t_ns)
+                check.reading.add_count(message, t_ns)
             case "MISSION_ITEM_INT":
-                check.reading.take_item(message, t_ns)
+                check.reading.add_item(message, t_ns)
             case "MISSION_ACK" if message.type == dialect.MAV_MISSION_ERROR:
-                check.reading.broken_off(t_ns)
+                check.reading.restart_if_in_order(t_ns)
         if not check.reading.is_complete:
             return self._ask(vehicle, check, t_ns)
-        frames = [self._fleet.encoder(vehicle)(check.reading.thanks())]
+        frames = [self._fleet.encoder(vehicle)(check.reading.ack_message())]
         return [*self._fleet.sends(vehicle, frames), *self._judge(vehicle, check, t_ns)]
 
     def poll(self, t_ns: int) -> list[Effect]:
@@ -139,7 +139,7 @@ class OnboardAudit:
                 check.is_late = True
                 text = f"does not tell which mission it holds: left alone {_until(vehicle)}, or until it does"
                 effects.append(Notice(t_ns, "alarm", text, vehicle))
-            if check.reading.unanswered(t_ns):
+            if check.reading.is_exhausted(t_ns):
                 check.begin(t_ns)
             if self._fleet.profile(vehicle) is not None:
                 effects += self._ask(vehicle, check, t_ns)
@@ -147,7 +147,7 @@ class OnboardAudit:
 
     def _ask(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
         encode = self._fleet.encoder(vehicle)
-        return [*self._fleet.sends(vehicle, map(encode, check.reading.due(t_ns)))]
+        return [*self._fleet.sends(vehicle, map(encode, check.reading.poll(t_ns)))]
 
     def _judge(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
         profile = self._fleet.profile(vehicle)

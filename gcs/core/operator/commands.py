@@ -2,7 +2,7 @@
 
 An order sets a vehicle aside at once: from then on it is not tasked, whatever becomes of the command. A
 mission transfer under way is given up first, safely: the vehicle keeps a whole mission, or holds and is
-cleared. "Done" is said when the vehicle's own heartbeat shows it (`gcs.mavlink.services.command_sender`).
+cleared. "Done" is said when the vehicle's own heartbeat shows it (`gcs.mavlink.services.commands`).
 
 A vehicle that is resumed, whoever took it, goes back to its mission when that was read back from it and
 nobody else has its target by now; otherwise it waits in LOITER for the next plan. No mission is sent to it
@@ -34,8 +34,7 @@ from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.command_messages import command, set_mode
-from gcs.mavlink.services.command_sender import CommandSender, Shown
+from gcs.mavlink.services.commands import CommandSender, HeartbeatState, command_long, set_mode
 from gcs.model import AnswerState, Aside, Effect, Label, Notice, Order, Route, VehicleState, vehicle_name
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
@@ -283,7 +282,7 @@ class Orders:
         effects: list[Effect] = self._give_up(vehicle, order.t_ns, f"replaced by an order to {order.action}")
         if order.action in ("arm", "disarm"):
             arm = order.action == "arm"
-            question = command(vehicle, _ARM_DISARM, 1.0 if arm else 0.0)
+            question = command_long(vehicle, _ARM_DISARM, 1.0 if arm else 0.0)
             return effects + self._send(ongoing, vehicle, question, lambda shown: shown.armed is arm)
         if order.action == "resume":
             mode = self._take_up(vehicle, targets)
@@ -323,7 +322,11 @@ class Orders:
     # ------------------------------------------------------------ errands
 
     def _send(
-        self, ongoing: OrderInProgress, vehicle: int, question: Message, wanted: Callable[[Shown], bool]
+        self,
+        ongoing: OrderInProgress,
+        vehicle: int,
+        question: Message,
+        wanted: Callable[[HeartbeatState], bool],
     ) -> list[Effect]:
         errand = CommandSender(question, wanted, self._fleet.encoder(vehicle), ongoing.order.t_ns)
         self._errands[vehicle] = (errand, ongoing)

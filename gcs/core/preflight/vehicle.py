@@ -21,7 +21,7 @@ from gcs.mavlink.fleet.vehicle import Health
 from gcs.mavlink.mission.geofence_rally import (
     FENCE,
     RALLY,
-    fence_held,
+    fence_from_items,
     fence_items,
     list_difference,
     rally_items,
@@ -310,7 +310,7 @@ class VehicleChecks:
         profile, config = self._seen.profile, self._config
         assert profile is not None
         limits = profile.fence_limits(self._seen.values)
-        wanted, held = fence_of(config, config.name), self._seen.held.get(FENCE)
+        wanted, held = fence_of(config, config.name), self._seen.onboard_lists.get(FENCE)
         yield self._fence_held(wanted, held)
         if wanted.max_alt_rel_m and self._seen.values.get(profile.ceiling_parameter) != wanted.max_alt_rel_m:
             value = self._seen.values.get(profile.ceiling_parameter)
@@ -321,7 +321,7 @@ class VehicleChecks:
                 f"{wanted.max_alt_rel_m:g} m",
                 f"gcs fence upload sets {profile.ceiling_parameter}",
             )
-        problem = self._breach(limits, None if held is None else fence_held(held))
+        problem = self._breach(limits, None if held is None else fence_from_items(held))
         yield self._row(
             "mission in fence",
             "refused" if problem else "ok",
@@ -339,13 +339,13 @@ class VehicleChecks:
             )
         if not items:
             return self._row("fence", "ok", text, "none in the mission file")
-        if not list_difference(FENCE, items, self._seen.held[FENCE] or ()):
+        if not list_difference(FENCE, items, self._seen.onboard_lists[FENCE] or ()):
             return self._row("fence", "ok", text, "that of the mission file")
         level: Level = "refused" if held or self._config.fence.areas else "warning"
         return self._row("fence", level, text, "that of the mission file", "gcs fence upload")
 
     def _rally(self) -> Iterator[Check]:
-        items, held = rally_items(rally_of(self._config)), self._seen.held.get(RALLY)
+        items, held = rally_items(rally_of(self._config)), self._seen.onboard_lists.get(RALLY)
         if held is None:
             if items:
                 yield self._row("rally", "refused", "not told", f"{len(items)} points", "gcs fence upload")
@@ -420,4 +420,4 @@ def _return_of(one: PreflightQuery, config: Config) -> Return | None:
 
 def _rally_heights_m(one: PreflightQuery, config: Config) -> list[float]:
     """Heights above home of the rally points that a vehicle has, and of those of the mission file."""
-    return [point.z_m for point in (*rally_items(rally_of(config)), *(one.held.get(RALLY) or ()))]
+    return [point.z_m for point in (*rally_items(rally_of(config)), *(one.onboard_lists.get(RALLY) or ()))]

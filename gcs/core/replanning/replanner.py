@@ -25,7 +25,7 @@ from gcs.core.replanning.options import PlanTargets, is_arriving, plan_options
 from gcs.core.replanning.triggers import Reason
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.mavlink.mission.task_terms import Timing
+from gcs.mavlink.mission.upload_stages import UploadTiming
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -470,7 +470,7 @@ class Replanner:
         if vehicle in situation.climbs:
             return predict_motion(self._grid, situation.motion(vehicle), more_s, self._lag_s)
         motion, late_s = situation.motion(vehicle), situation.late_s.get(vehicle, 0.0)
-        until_hold_s = max(0.0, motion.ahead.next_s - Timing().guard_s)
+        until_hold_s = max(0.0, motion.ahead.next_s - UploadTiming().guard_s)
         ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
         return predict_motion(self._grid, motion, ahead_s, self._lag_s)
 

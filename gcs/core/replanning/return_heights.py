@@ -15,7 +15,7 @@ from gcs.core.preflight.return_height import Return, meeting, return_of
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.parameters import value_of
+from gcs.mavlink.services.parameters import decode_value
 
 _NAMES: Final = frozenset({"RTL_ALTITUDE", "ALT_HOLD_RTL", "RTL_RETURN_ALT"})
 
@@ -39,7 +39,7 @@ class Returns:
     def receive(self, vehicle: int, message: Message) -> None:
         """Take a vehicle's message: what it says of a parameter that sets its return height."""
         if message.get_type() == "PARAM_VALUE" and message.param_id in _NAMES:
-            self._values[vehicle][message.param_id] = value_of(message, self._fleet.is_atomic(vehicle))
+            self._values[vehicle][message.param_id] = decode_value(message, self._fleet.is_atomic(vehicle))
 
     def meeting(self, vehicles: Collection[int]) -> str:
         """Say which of some vehicles would return nearer to each other's height than a layer; else empty."""

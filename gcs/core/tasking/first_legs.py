@@ -23,7 +23,7 @@ from gcs.core.tasking.onboard_missions import OnboardMission
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.command_messages import REQUEST_MESSAGE, command, select
+from gcs.mavlink.services.commands import REQUEST_MESSAGE, command_long, set_current_item
 from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Effect, Notice, VehicleState
 
@@ -95,7 +95,7 @@ class FirstLegs:
             elif t_ns >= leg.next_t_ns:
                 leg.next_t_ns = t_ns + _PERIOD_NS
                 effects += self._sends(
-                    vehicle, [command(vehicle, REQUEST_MESSAGE, number) for number in _ASKED]
+                    vehicle, [command_long(vehicle, REQUEST_MESSAGE, number) for number in _ASKED]
                 )
         return effects
 
@@ -128,7 +128,7 @@ class FirstLegs:
         leg.corrections += 1
         leg.off, leg.has_sample = 0, False
         leg.began_t_ns = t_ns
-        effects = self._sends(vehicle, [select(vehicle, profile, leg.seq)])
+        effects = self._sends(vehicle, [set_current_item(vehicle, profile, leg.seq)])
         if leg.corrections == 1:
             text = f"its first leg is wrong: {leg.problem}; item {leg.seq} is selected again"
             effects.append(Notice(t_ns, "warning", text, vehicle))

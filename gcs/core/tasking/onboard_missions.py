@@ -22,7 +22,7 @@ from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.items import Item
-from gcs.mavlink.mission.task_terms import Timing
+from gcs.mavlink.mission.upload_stages import UploadTiming
 from gcs.model import NS_PER_S, Route
 from gcs.planning.route_progress import time_to_point_s
 from gcs.planning.vehicle_model import LoiterCircle, RemainingMission
@@ -160,4 +160,4 @@ class OnboardMissions:
         if profile is None or profile.atomic or not self.points_ahead(vehicle):
             return 0.0
         to_go_s = self.time_to_next_s(vehicle, t_ns)
-        return to_go_s + _PAST_S if to_go_s < Timing().guard_s + DELIVERY_S else 0.0
+        return to_go_s + _PAST_S if to_go_s < UploadTiming().guard_s + DELIVERY_S else 0.0

@@ -36,7 +36,7 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.task_terms import Timing
+from gcs.mavlink.mission.upload_stages import UploadTiming
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import (
@@ -209,7 +209,7 @@ class UploadManager:
         self.overwritten(vehicle)
         heard_t_ns = self._taken_t_ns.get(vehicle, booted_t_ns)
         if -NS_PER_S < heard_t_ns - booted_t_ns < _BOOT_NS:
-            self._custody[vehicle].rejected()
+            self._custody[vehicle].note_rejection()
 
     def held_before_boot(self, vehicle: int) -> OnboardMission | None:
         """Return, once, what a vehicle held when it rebooted; None where a transfer finds that out."""
@@ -235,11 +235,11 @@ class UploadManager:
 
     def custody(self, vehicle: int) -> PersistedAuthority | None:
         """Return what is to be remembered of whose a vehicle is; None before it was heard."""
-        return self._custody[vehicle].memory() if vehicle in self._custody else None
+        return self._custody[vehicle].persisted() if vehicle in self._custody else None
 
     def remember(self, vehicle: int, custody: PersistedAuthority) -> None:
         """Take up whose a vehicle was."""
-        self._custody[vehicle].remember(custody)
+        self._custody[vehicle].restore(custody)
 
     def taken(self) -> dict[int, str]:
         """Vehicles that are not ours to task, and why, in words."""
@@ -253,7 +253,7 @@ class UploadManager:
 
     def taken_modes(self) -> dict[int, str]:
         """Modes that somebody else chose, by vehicle."""
-        return {v: custody.taken for v, custody in self._custody.items() if custody.taken}
+        return {v: custody.override for v, custody in self._custody.items() if custody.override}
 
     def overwritten(self, vehicle: int) -> None:
         """Forget what a vehicle holds: somebody else writes a mission to it."""
@@ -281,7 +281,7 @@ class UploadManager:
 
     def parked(self, vehicle: int) -> None:
         """Note that a vehicle on the ground is told to LOITER: it stays ours to task."""
-        self._custody[vehicle].ordered(LOITER)
+        self._custody[vehicle].note_command(LOITER)
 
     # ------------------------------------------------------------ in
 
@@ -333,7 +333,7 @@ class UploadManager:
         delivery = self._deliveries.get(answer.vehicle)
         if delivery is None or delivery.task.mission.mission_id != answer.mission_id:
             return []
-        frames = delivery.task.delivered(answer.ok, answer.begun, answer.detail, answer.t_ns)
+        frames = delivery.task.add_external_result(answer.ok, answer.begun, answer.detail, answer.t_ns)
         return self._worked(answer.vehicle, frames)
 
     def cancel(self, vehicle: int, t_ns: int) -> None:
@@ -363,11 +363,11 @@ class UploadManager:
         if message.get_type() != "HEARTBEAT":
             return []
         custody = self._custody[vehicle]
-        before = custody.taken
-        custody.heard(
+        before = custody.override
+        custody.observe_mode(
             profile.mode_name(message.custom_mode), at_end=self._holding.is_at_end(vehicle, profile)
         )
-        if custody.taken != before:
+        if custody.override != before:
             self._taken_t_ns[vehicle] = t_ns
         if profile.atomic:
             self._mixed.discard(vehicle)
@@ -387,9 +387,9 @@ class UploadManager:
             and 0 < message.total < _NO_ITEMS  # none: somebody cleared it
             and profile.atomic
         )
-        if not is_rejected or vehicle in self._deliveries or self._custody[vehicle].taken != LOITER:
+        if not is_rejected or vehicle in self._deliveries or self._custody[vehicle].override != LOITER:
             return []
-        self._custody[vehicle].rejected()
+        self._custody[vehicle].note_rejection()
         self._holding.forget(vehicle)
         text = "its navigator rejects the mission that it holds (no valid mission): it waits where it is"
         return [Notice(t_ns, "alarm", text, vehicle), *self._unsent(vehicle, text, t_ns)]
@@ -409,7 +409,7 @@ class UploadManager:
             and (is_whole or vehicle in self._deliveries or vehicle in self._mixed)
             and vehicle in self.just_returned(t_ns)
         ):
-            self._custody[vehicle].completed()
+            self._custody[vehicle].note_completion()
 
     def just_returned(self, t_ns: int) -> set[int]:
         """Return the vehicles that went from AUTO to RTL a moment ago, and have yet to tell why."""
@@ -426,7 +426,7 @@ class UploadManager:
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Begin a transfer again: what the vehicle stores and flies must be learned anew."""
         self._boots[vehicle] = self._fleet.boots(vehicle)
-        self._custody[vehicle].rebooted()
+        self._custody[vehicle].note_reboot()
         self._first_legs.end(vehicle)
         flown, delivery = self._holding.of(vehicle), self._deliveries.get(vehicle)
         if flown is not None and delivery is None:
@@ -463,9 +463,9 @@ class UploadManager:
         profile, state = fleet.profile(vehicle), fleet.state(vehicle)
         if profile is None:
             return self._unsent(vehicle, "its firmware is not known here, or it was never heard", t_ns)
-        if self._custody[vehicle].taken:
+        if self._custody[vehicle].override:
             return self._unsent(
-                vehicle, f"not begun: {self._custody[vehicle].taken} was chosen meanwhile", t_ns
+                vehicle, f"not begun: {self._custody[vehicle].override} was chosen meanwhile", t_ns
             )
         climb = self.climb(vehicle, route.lane)
         if climb is not None and self._takeoffs is not None:
@@ -485,9 +485,9 @@ class UploadManager:
             home,
             fleet.encoder(vehicle),
             profile=profile,
-            custody=self._custody[vehicle],
+            authority=self._custody[vehicle],
             old=None if old is None else old.items,
-            mixed=mixed,
+            inconsistent=mixed,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
             time_to_next_s=lambda now_ns: self._holding.time_to_next_s(vehicle, now_ns),
             first_item=lambda: profile.first_flown(
@@ -497,9 +497,9 @@ class UploadManager:
             ),
             from_ground=from_ground,
             delegated=self._table.uploader != "own",
-            timing=Timing().over(round_trip_s),
-            pace=RttEstimator(round_trip_s),
-            room=lambda: max(1, _ITEMS_ON_THEIR_WAY // self._busy[link]),
+            timing=UploadTiming().for_round_trip(round_trip_s),
+            rtt=RttEstimator(round_trip_s),
+            link_window=lambda: max(1, _ITEMS_ON_THEIR_WAY // self._busy[link]),
         )
         if self._last_check is not None:
             problem = self._last_check.problem(task.items[profile.home_items :], state)
@@ -564,13 +564,13 @@ class UploadManager:
             self._home,
             self._fleet.encoder(vehicle),
             profile=profile,
-            custody=self._custody[vehicle],
-            mixed=True,
+            authority=self._custody[vehicle],
+            inconsistent=True,
         )
         delivery = _Delivery(task, self._fleet.link(vehicle), t_ns, None)
         self._deliveries[vehicle] = delivery
         self._busy[delivery.link] += 1
-        return self._worked(vehicle, task.clean(t_ns))
+        return self._worked(vehicle, task.start_clearing(t_ns))
 
     def _supersede(self, vehicle: int, t_ns: int) -> list[Effect]:
         """End a transfer under way, silently."""
@@ -589,15 +589,15 @@ class UploadManager:
         assert result is not None
         if delivery.task.uploads:
             self._holding.select(vehicle, selected=result.selected)
-        if delivery.task.is_mixed:
+        if delivery.task.is_inconsistent:
             self.suspect(vehicle)
-        elif result.holds == "equal" and delivery.flown is not None:
+        elif result.onboard == "equal" and delivery.flown is not None:
             self._holding.note(delivery.flown)
             if result.ok:
                 self._first_legs.begin(
-                    delivery.flown, delivery.task.first, delivery.task.leg_t_ns, result.t_ns
+                    delivery.flown, delivery.task.first_seq, delivery.task.leg_t_ns, result.t_ns
                 )
-        elif result.holds != "old":
+        elif result.onboard != "old":
             self._holding.forget(vehicle)
         return delivery
 
@@ -605,7 +605,7 @@ class UploadManager:
         delivery = self._deliveries[vehicle]
         task, result = delivery.task, delivery.task.result
         effects: list[Effect] = [*self._fleet.sends(vehicle, frames)]
-        handover = task.handover()
+        handover = task.take_external_frames()
         if handover:
             effects.append(Upload(vehicle, task.mission.mission_id, handover))
         if result is None:
@@ -618,9 +618,11 @@ class UploadManager:
         if not is_clearing:
             effects.append(task.report())
             effects += self._ended(vehicle, result.t_ns, ok=result.ok)
-        is_cleared = result.holds == "cleared"
-        if not result.ok and (result.held or self._custody[vehicle].taken or is_clearing or is_cleared):
-            said = "was told to hold" if result.held else "is not ours now"
+        is_cleared = result.onboard == "cleared"
+        if not result.ok and (
+            result.was_held or self._custody[vehicle].override or is_clearing or is_cleared
+        ):
+            said = "was told to hold" if result.was_held else "is not ours now"
             said = "holds no mission now" if is_cleared else said
             effects.append(Notice(result.t_ns, "alarm", f"{said}: {result.detail}", vehicle))
         return effects

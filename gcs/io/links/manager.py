@@ -136,7 +136,9 @@ class Links:
     def send(self, link: str, peer: str, data: bytes) -> None:
         """Send to a peer of a link."""
         transport = self._transports.get(link)
-        if transport is not None and (sealed := self.signing.gate.seal(self._now_ns(), (link, peer), data)):
+        if transport is not None and (
+            sealed := self.signing.gate.sign_frames(self._now_ns(), (link, peer), data)
+        ):
             transport.send(peer, sealed)
 
     def _send_on(self, outgoing: Mapping[Address, bytearray]) -> None:
@@ -168,7 +170,7 @@ class Links:
         for link_name, level, text in self.signing.tick(t_ns):
             if link_name in self._ports:
                 self._ports[link_name].news(level, text)
-        for address in self.signing.gate.behind():
+        for address in self.signing.gate.take_stale_senders():
             self.send(*address, self._time_giver(heartbeat()))
 
     def _offer_targets(self, targets: Picture, t_ns: int) -> None:

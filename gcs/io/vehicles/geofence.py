@@ -13,10 +13,17 @@ from gcs.fence import fence_of, rally_of
 from gcs.io.vehicles.session import VehicleSession
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.mission.geofence_rally import FENCE, LIST_NAMES, RALLY, fence_held, fence_items, rally_items
+from gcs.mavlink.mission.geofence_rally import (
+    FENCE,
+    LIST_NAMES,
+    RALLY,
+    fence_from_items,
+    fence_items,
+    rally_items,
+)
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.list_task import ListTask
-from gcs.mavlink.services.parameters import ParameterSetting, is_bytewise
+from gcs.mavlink.services.parameters import ParameterSetter, is_bytewise
 
 Action: TypeAlias = Literal["upload", "show", "clear"]
 
@@ -46,7 +53,7 @@ class Fencing:
         self._own = own
         self._todo, self._ceiling_m, self._encode = lists, ceiling_m, encode
         self._tasks: list[ListTask] = []
-        self._ceiling: ParameterSetting | None = None
+        self._ceiling: ParameterSetter | None = None
         self._autopilot: tuple[int, int] | None = None
 
     @property
@@ -77,7 +84,7 @@ class Fencing:
             if result is None:
                 rows.append((name, False, "not finished in time: what it holds is not known"))
             else:
-                rows.append((name, result.ok, f"{result.detail}{_described(task, result.held)}"))
+                rows.append((name, result.ok, f"{result.detail}{_described(task, result.items)}"))
         if self._ceiling is not None:
             rows.append(("ceiling", *(self._ceiling.outcome or (False, "not finished in time"))))
         return rows
@@ -96,7 +103,7 @@ class Fencing:
         if self._wants_ceiling and self._ceiling is None:
             name = "" if profile is None else profile.ceiling_parameter
             bytewise = is_bytewise(self._autopilot[0], None)
-            self._ceiling = ParameterSetting(self.vehicle, name, self._ceiling_m, bytewise, self._encode)
+            self._ceiling = ParameterSetter(self.vehicle, name, self._ceiling_m, bytewise, self._encode)
         return [] if self._ceiling is None else self._ceiling.poll(t_ns)
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:
@@ -143,7 +150,7 @@ def _described(task: ListTask, held: Sequence[Item] | None) -> str:
         return ""
     if task.mission_type == RALLY:
         return ": " + "; ".join(f"{i.x * 1e-7:.6f}°, {i.y * 1e-7:.6f}° at {i.z_m:.0f} m" for i in held)
-    fence = fence_held(held)
+    fence = fence_from_items(held)
     if fence is None:
         return ": no fence that can be read"
     shapes = [

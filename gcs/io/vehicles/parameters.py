@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.config import Config
 from gcs.io.vehicles.session import VehicleSession
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.parameters import ParameterReading, ParameterSetting, is_bytewise
+from gcs.mavlink.services.parameters import ParameterReader, ParameterSetter, is_bytewise
 
 _ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 
@@ -41,8 +41,8 @@ class ParameterTalk:
         self._names, self._value, self._encode, self._armed_too = tuple(names), value, encode, armed_too
         self._bytewise: bool | None = None
         self._armed = False
-        self._setting: ParameterSetting | None = None
-        self._reading: ParameterReading | None = None
+        self._setting: ParameterSetter | None = None
+        self._reading: ParameterReader | None = None
         self._refusal = ""
 
     @property
@@ -82,7 +82,7 @@ class ParameterTalk:
         if self._bytewise is None or self.is_done:
             return []
         if self._value is not None and self._setting is None:
-            self._setting = ParameterSetting(
+            self._setting = ParameterSetter(
                 self.vehicle, self._names[0], self._value, self._bytewise, self._encode
             )
         if self._setting is not None and self._setting.outcome is None:
@@ -92,7 +92,7 @@ class ParameterTalk:
             return self._setting.poll(t_ns)
         if self._reading is None:  # what is set counts when it is read back anew
             names = [(name,) for name in self._names]
-            self._reading = ParameterReading(self.vehicle, names, self._bytewise, self._encode)
+            self._reading = ParameterReader(self.vehicle, names, self._bytewise, self._encode)
         return self._reading.poll(t_ns)
 
     def receive(self, message: Message, _t_ns: int) -> list[bytes]:

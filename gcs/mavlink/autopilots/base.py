@@ -23,7 +23,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.mission.items import Home, Item, first_difference
+from gcs.mavlink.mission.items import Home, Item, first_item_difference
 from gcs.model import APPROACH_M, Mission, VehicleState, Waypoint
 
 _WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
@@ -259,7 +259,7 @@ class AutopilotProfile:
 
     def difference(self, sent: Sequence[Item], held: Sequence[Item]) -> str:
         """Say where what is held first differs from what was sent; empty when equal. Home is left out."""
-        return first_difference(sent, held, self.normalised, self.home_items)
+        return first_item_difference(sent, held, self.normalised, self.home_items)
 
 
 def is_on_ground(state: VehicleState | None, home: Home | None) -> bool:

@@ -1,1 +1,1 @@
-"""The state of each vehicle as its messages give it, and the quality of its link."""
+"""State of each vehicle from its telemetry: `fleet` (all vehicles), `vehicle` (one), then the checks."""

@@ -54,7 +54,7 @@ from gcs.mavlink.frames.codec import (
     Message,
     SimpleFrames,
 )
-from gcs.mavlink.frames.signing import FRESHER_NS, signed_t_ns
+from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, vehicle_id
@@ -311,7 +311,7 @@ class Fleet:
         signed_ns, lead_ns = signed_t_ns(frame), vehicle.signed_lead_ns
         if not self._settings.checks_signatures or signed_ns is None or lead_ns is None:
             return False
-        return signed_ns - t_ns - lead_ns > FRESHER_NS
+        return signed_ns - t_ns - lead_ns > MIN_SIGNED_LATER_NS
 
     def _contact(self, vehicle: Vehicle, address: Address) -> None:
         """Hear a vehicle at an address from now on."""

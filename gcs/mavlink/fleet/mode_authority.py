@@ -29,63 +29,63 @@ class ModeAuthority:
     def __init__(self, mode: str = "") -> None:
         self.mode = ""
         """The mode last heard, empty before the first."""
-        self.taken = ""
+        self.override = ""
         """The mode that somebody else chose; empty while the vehicle is ours."""
         self.has_ended = False
         """True if the vehicle is in RTL because its mission is complete."""
-        self._before = ""
-        self._ordered = ""
+        self._previous = ""
+        self._commanded = ""
         self._tasked = False
         if mode:
-            self.heard(mode)
+            self.observe_mode(mode)
 
-    def ordered(self, mode: str) -> None:
+    def note_command(self, mode: str) -> None:
         """Note that we send an order for this mode."""
-        self._ordered = mode
+        self._commanded = mode
         self._tasked = self._tasked or mode == AUTO
 
-    def heard(self, mode: str, *, at_end: bool = False) -> None:
+    def observe_mode(self, mode: str, *, at_end: bool = False) -> None:
         """Take the mode of a heartbeat; `at_end` when a mission's end would show as it."""
         if mode == self.mode:
             return
-        first, self._before, self.mode, self.has_ended = not self.mode, self.mode, mode, False
+        first, self._previous, self.mode, self.has_ended = not self.mode, self.mode, mode, False
         if mode == AUTO:
-            self.taken, self._tasked = "", True
-        elif mode == LOITER and (self._ordered == LOITER or not self._tasked or at_end):
-            self.taken = ""
+            self.override, self._tasked = "", True
+        elif mode == LOITER and (self._commanded == LOITER or not self._tasked or at_end):
+            self.override = ""
         elif not (first and mode == LOITER):
-            self.taken, self._ordered = mode, ""
+            self.override, self._commanded = mode, ""
 
-    def rejected(self) -> None:
+    def note_rejection(self) -> None:
         """Note that the vehicle is in LOITER because it has no valid mission: nobody chose that."""
-        if self.taken == LOITER:
-            self.taken = ""
+        if self.override == LOITER:
+            self.override = ""
 
     @property
     def may_have_ended(self) -> bool:
         """True if the vehicle went from AUTO to RTL: at its mission's end, by a failsafe or an order."""
-        return self.taken == RTL and self._before == AUTO
+        return self.override == RTL and self._previous == AUTO
 
-    def completed(self) -> None:
+    def note_completion(self) -> None:
         """Note that the vehicle went from AUTO to RTL because its mission is complete."""
         if self.may_have_ended:
-            self.taken, self.has_ended = "", True
+            self.override, self.has_ended = "", True
 
-    def memory(self) -> PersistedAuthority:
+    def persisted(self) -> PersistedAuthority:
         """Return what is to be remembered over a restart of the service."""
-        taken = self.mode if self.has_ended else self.taken
-        return PersistedAuthority(self.mode, taken, self._ordered, self._tasked)
+        taken = self.mode if self.has_ended else self.override
+        return PersistedAuthority(self.mode, taken, self._commanded, self._tasked)
 
-    def remember(self, memory: PersistedAuthority) -> None:
+    def restore(self, memory: PersistedAuthority) -> None:
         """Take up from what was remembered: the next mode that is heard is held against that one."""
-        self.mode, self.taken = memory.mode, memory.taken
-        self._ordered, self._tasked = memory.ordered, memory.tasked
+        self.mode, self.override = memory.mode, memory.taken
+        self._commanded, self._tasked = memory.ordered, memory.tasked
 
-    def rebooted(self) -> None:
+    def note_reboot(self) -> None:
         """Forget the mode: what it is in now, nobody may have chosen."""
-        self.mode = self._before = self._ordered = ""
+        self.mode = self._previous = self._commanded = ""
         self.has_ended = False
 
     def release(self) -> None:
         """Take the vehicle back, on an operator's order."""
-        self.taken, self._tasked = "", False
+        self.override, self._tasked = "", False

@@ -72,7 +72,7 @@ class BootClock:
         return verdict
 
 
-def unplaceable(
+def position_problem(
     lat_deg: float, lon_deg: float, alt_msl_m: float, frame: LocalFrame, max_distance_m: float
 ) -> str:
     """Say why a place cannot be where one of our vehicles is; empty when it can."""

@@ -2,8 +2,8 @@
 
 Sources: https://mavlink.io/en/messages/common.html, MAV_CMD_SET_MESSAGE_INTERVAL (511) and
 MAV_CMD_REQUEST_MESSAGE (512). A COMMAND_ACK names the command, not the message that it was about, so of each
-command one question is on its way at a time. A message asked for is its own answer; a rate is watched after
-its ACK, since a late ACK of the question before may have been taken for it, and an autopilot may change its
+command one request is on its way at a time. A message asked for is its own answer; a rate is watched after
+its ACK, since a late ACK of the request before may have been taken for it, and an autopilot may change its
 rates by itself: when the stream dries up it is asked for again.
 """
 
@@ -16,12 +16,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.fleet.telemetry_table import DUE_NS, Row, new_row
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.command_messages import MESSAGE_INTERVAL, REQUEST_MESSAGE, command
+from gcs.mavlink.services.commands import MESSAGE_INTERVAL, REQUEST_MESSAGE, command_long
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
 
-_FOR_EVER: Final = RetryPolicy(wait_s=1.0, wait_max_s=5.0, tries=0)
-_HOME: Final = RetryPolicy(wait_s=2.0, wait_max_s=2.0, tries=0)
-_REFUSALS: Final = 3
+_FOR_EVER: Final = RetryPolicy(wait_s=1.0, max_wait_s=5.0, max_tries=0)
+_HOME: Final = RetryPolicy(wait_s=2.0, max_wait_s=2.0, max_tries=0)
+_MAX_REFUSALS: Final = 3
 _DRY_S: Final = 3.0
 _DRY_PERIODS: Final = 5
 _NEVER_NS: Final = 2**63 - 1
@@ -34,7 +34,7 @@ class _Want:
     command: int
     param1: float
     param2: float = 0.0
-    patience: RetryPolicy = _FOR_EVER
+    policy: RetryPolicy = _FOR_EVER
     dry_ns: int = 0
     """For a rate: without the message for so long it is asked for again."""
     give_up: bool = True
@@ -63,21 +63,21 @@ class StreamRequests:
                 "HOME_POSITION",
                 REQUEST_MESSAGE,
                 dialect.MAVLINK_MSG_ID_HOME_POSITION,
-                patience=_HOME,
+                policy=_HOME,
                 give_up=False,
             ),
         )
-        self._asking: dict[int, tuple[_Want, RetryTimer]] = {}
+        self._in_flight: dict[int, tuple[_Want, RetryTimer]] = {}
         self.idle_until_ns = 0
         """Before then nothing is due, unless something is heard."""
         self.round_trip_s = 0.0
-        """From a rate's question to its ACK; 0 before that was measured."""
+        """From a rate's request to its ACK; 0 before that was measured."""
         self._is_plain = True
-        """True if no rate was asked for twice, so that an ACK answers the question on its way."""
+        """True if no rate was asked for twice, so that an ACK answers the request on its way."""
 
     def begin(self) -> None:
         """Ask for everything: on contact, after a reboot, after a silence."""
-        self._asking.clear()
+        self._in_flight.clear()
         self._look_again()
         for want in self._wants:
             want.met, want.refusals = False, 0
@@ -91,23 +91,23 @@ class StreamRequests:
             return []
         out = []
         for number in (MESSAGE_INTERVAL, REQUEST_MESSAGE):
-            if number not in self._asking:
+            if number not in self._in_flight:
                 want = next((w for w in self._wants if w.command == number and not _given(w, t_ns)), None)
                 if want is None:
                     continue
                 want.met = False
-                self._asking[number] = (want, RetryTimer(self._question(want), want.patience, t_ns))
-            asking = self._asking[number][1]
-            if asking.due(t_ns):
-                out.append(asking.question)
+                self._in_flight[number] = (want, RetryTimer(self._request(want), want.policy, t_ns))
+            timer = self._in_flight[number][1]
+            if timer.start_try(t_ns):
+                out.append(timer.request)
         self.idle_until_ns = min(self._next_t_ns(number) for number in (MESSAGE_INTERVAL, REQUEST_MESSAGE))
         return out
 
     def _next_t_ns(self, number: int) -> int:
         """When something about one command can be due, if nothing is heard until then."""
-        if number in self._asking:
-            return self._asking[number][1].next_t_ns
-        rates = (w for w in self._wants if w.command == number and w.dry_ns and w.refusals < _REFUSALS)
+        if number in self._in_flight:
+            return self._in_flight[number][1].next_t_ns
+        rates = (w for w in self._wants if w.command == number and w.dry_ns and w.refusals < _MAX_REFUSALS)
         return min((w.seen_t_ns + w.dry_ns for w in rates), default=_NEVER_NS)
 
     def heard(self, name: str, t_ns: int) -> None:
@@ -124,12 +124,12 @@ class StreamRequests:
         Not one that comes all the same: PX4 refuses a rate for MISSION_CURRENT, and sends it once a second.
         """
         number, result = ack.command, ack.result
-        want, asking = self._asking.get(number, (None, None))
+        want, timer = self._in_flight.get(number, (None, None))
         ours = ack.target_system in (0, self._own[0]) and ack.target_component in (0, self._own[1])
         if want is None or not ours or result == dialect.MAV_RESULT_IN_PROGRESS:
             return ""
-        if asking is not None and number == MESSAGE_INTERVAL:
-            took_s = asking.took_s(t_ns)
+        if timer is not None and number == MESSAGE_INTERVAL:
+            took_s = timer.round_trip_s(t_ns)
             self._is_plain &= took_s is not None
             self.round_trip_s = took_s if took_s and self._is_plain else self.round_trip_s
         if result == dialect.MAV_RESULT_ACCEPTED:
@@ -140,7 +140,7 @@ class StreamRequests:
         if not want.give_up or result == dialect.MAV_RESULT_TEMPORARILY_REJECTED:
             return ""
         want.refusals += 1
-        if want.refusals < _REFUSALS:
+        if want.refusals < _MAX_REFUSALS:
             return ""
         self._met(want)
         comes_by_itself = want.seen_t_ns > 0 and t_ns - want.seen_t_ns <= want.dry_ns
@@ -149,11 +149,11 @@ class StreamRequests:
     def _met(self, want: _Want) -> None:
         want.met = True
         self._look_again()
-        if want.command in self._asking and self._asking[want.command][0] is want:
-            del self._asking[want.command]
+        if want.command in self._in_flight and self._in_flight[want.command][0] is want:
+            del self._in_flight[want.command]
 
-    def _question(self, want: _Want) -> Message:
-        return command(self._system_id, want.command, want.param1, want.param2)
+    def _request(self, want: _Want) -> Message:
+        return command_long(self._system_id, want.command, want.param1, want.param2)
 
 
 def _rate(name: str, message_id: int, rate_hz: float) -> _Want:
@@ -163,5 +163,5 @@ def _rate(name: str, message_id: int, rate_hz: float) -> _Want:
 
 def _given(want: _Want, t_ns: int) -> bool:
     """Whether there is nothing to ask: met, and if it is a rate that was granted, still flowing."""
-    dried_up = 0 < want.dry_ns < t_ns - want.seen_t_ns and want.refusals < _REFUSALS
+    dried_up = 0 < want.dry_ns < t_ns - want.seen_t_ns and want.refusals < _MAX_REFUSALS
     return want.met and not dried_up

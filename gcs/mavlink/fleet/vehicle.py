@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
 from gcs.mavlink.fleet.heartbeat import as_number
-from gcs.mavlink.fleet.position_checks import BootClock, unplaceable
+from gcs.mavlink.fleet.position_checks import BootClock, position_problem
 from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, Motion, Report
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.fleet.stream_requests import StreamRequests
@@ -325,7 +325,7 @@ class Vehicle:
     def _refusal(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> str:
         if NONE < self.row[BEST_FIX] < dialect.GPS_FIX_TYPE_3D_FIX:
             return "no fix"
-        return unplaceable(lat_deg, lon_deg, alt_msl_m, self._frame, self._max_distance_m)
+        return position_problem(lat_deg, lon_deg, alt_msl_m, self._frame, self._max_distance_m)
 
     def _reboot(self, tell: Tell) -> None:
         """Forget what a boot changes; mode and arming come with the next heartbeat."""
@@ -342,7 +342,7 @@ class Vehicle:
 
     def _on_home(self, message: Message, t_ns: int, _tell: Tell) -> None:
         home = Home(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
-        if not unplaceable(*home, self._frame, self._max_distance_m):
+        if not position_problem(*home, self._frame, self._max_distance_m):
             self.home = home
             self.wants.heard("HOME_POSITION", t_ns)
 

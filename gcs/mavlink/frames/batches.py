@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs import jit
-from gcs.mavlink.frames.fast_scan import CHECKED, EXTRAS, WIDTH, frame_at
+from gcs.mavlink.frames.fast_scan import CHECKED, CRC_EXTRAS, WIDTH, frame_at
 
 MAX_BYTES: Final = 1400
 _SEATS: Final = 1024
@@ -84,7 +84,7 @@ class DatagramBatcher:
         `slots` (n, longest) holds the datagrams, `lengths` and `senders` (n,) are each one's.
         """
         out = np.empty(int(lengths.sum()), np.uint8)
-        number = _gather(slots, len(lengths), lengths, senders, EXTRAS, out, self._groups, self._ends)
+        number = _gather(slots, len(lengths), lengths, senders, CRC_EXTRAS, out, self._groups, self._ends)
         data, begin, found = out.tobytes(), 0, []
         for group, end in zip(self._groups[:number].tolist(), self._ends[:number].tolist(), strict=True):
             found.append((group, data[begin:end]))
@@ -96,4 +96,4 @@ def warm_up_calls() -> list[jit.Call]:
     """List one call of each kernel."""
     numbers = np.zeros(1, np.int64)
     slots, out = np.zeros((1, 64), np.uint8), np.zeros(1, np.uint8)
-    return [(_gather, slots, 0, numbers, numbers, EXTRAS, out, numbers, numbers)]
+    return [(_gather, slots, 0, numbers, numbers, CRC_EXTRAS, out, numbers, numbers)]

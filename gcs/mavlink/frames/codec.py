@@ -21,9 +21,10 @@ pymavlink); fields are unpacked by the dialect that pymavlink generates.
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Callable
 from operator import itemgetter
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -42,6 +43,7 @@ _SIGNATURE = 13
 _SIGNED = 0x01
 _MAX_FALSE_STARTS = 64
 _MARKER = re.compile(b"[\xfd\xfe]")
+_FIELD_CODE = re.compile(r"\d*[a-zA-Z]")
 
 
 def _plain_definitions() -> dict[int, tuple[Any, Callable[[bytes], Any], int, Callable[[Any], Any]]]:
@@ -259,3 +261,37 @@ def _frame(data: bytes, at: int, length: int) -> Frame:
         _is_signed(data, at),
         data[at : at + length],
     )
+
+
+def _target_offsets() -> dict[int, tuple[int, int | None]]:
+    """Offset of target system and target component in the payload of each message that has them."""
+    found: dict[int, tuple[int, int | None]] = {}
+    for message_id, definition in dialect.mavlink_map.items():
+        at, where = 0, {}
+        fields = _FIELD_CODE.findall(definition.unpacker.format.lstrip("<"))
+        for name, code in zip(definition.ordered_fieldnames, fields, strict=True):
+            where[name] = at
+            at += struct.calcsize("<" + code)
+        system = where.get("target_system", where.get("target"))
+        if system is not None:
+            found[message_id] = (system, where.get("target_component"))
+    return found
+
+
+_TARGET_OFFSETS: Final = _target_offsets()
+
+
+def target_of(frame: Frame) -> tuple[int, int] | None:
+    """Return the (system, component) that a frame is for, 0 meaning all; None for one that names nobody."""
+    offsets = _TARGET_OFFSETS.get(frame.message_id)
+    if offsets is None:
+        return None
+    system, component = offsets
+    return payload_byte(frame, system), 0 if component is None else payload_byte(frame, component)
+
+
+def payload_byte(frame: Frame, offset: int) -> int:
+    """One byte of a frame's payload, 0 where it was left out."""
+    data = frame.data
+    begin = _HEADER_V2 if data[0] == _MAGIC_V2 else _HEADER_V1
+    return data[begin + offset] if offset < data[1] else 0

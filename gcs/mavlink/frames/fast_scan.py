@@ -46,7 +46,7 @@ def _crc_steps() -> Ints:
     return steps
 
 
-_STEPS: Final = _crc_steps()
+CRC_TABLES: Final = _crc_steps()
 
 
 def _extras() -> npt.NDArray[np.int16]:
@@ -57,7 +57,7 @@ def _extras() -> npt.NDArray[np.int16]:
     return extras
 
 
-EXTRAS: Final = _extras()
+CRC_EXTRAS: Final = _extras()
 
 
 @jit.leaf
@@ -80,12 +80,17 @@ def _crc(data, begin, end, extra):  # type: ignore[no-untyped-def]
     at = begin
     while at + 4 <= end:
         crc ^= _two(data, at)
-        crc = _STEPS[3, crc & 0xFF] ^ _STEPS[2, crc >> 8] ^ _STEPS[1, data[at + 2]] ^ _STEPS[0, data[at + 3]]
+        crc = (
+            CRC_TABLES[3, crc & 0xFF]
+            ^ CRC_TABLES[2, crc >> 8]
+            ^ CRC_TABLES[1, data[at + 2]]
+            ^ CRC_TABLES[0, data[at + 3]]
+        )
         at += 4
     while at < end:
-        crc = crc >> 8 ^ _STEPS[0, (crc ^ np.int64(data[at])) & 0xFF]
+        crc = crc >> 8 ^ CRC_TABLES[0, (crc ^ np.int64(data[at])) & 0xFF]
         at += 1
-    return crc >> 8 ^ _STEPS[0, (crc ^ extra) & 0xFF]
+    return crc >> 8 ^ CRC_TABLES[0, (crc ^ extra) & 0xFF]
 
 
 @jit.leaf
@@ -208,7 +213,7 @@ class Frames:
         if len(self.table) < len(data) // _LEAST_FRAME + 2:
             self.table = np.zeros((len(data) // _LEAST_FRAME + 2, WIDTH), np.int32)
         self._data = data
-        _find(data, EXTRAS, self.table)
+        _find(data, CRC_EXTRAS, self.table)
         self.found, self.bad_bytes, self.crc_errors, self.unknown = self.table[0, :4].tolist()
         self.checked = self.found - self.unknown
 
@@ -225,4 +230,4 @@ class Frames:
 
 def warm_up_calls() -> list[jit.Call]:
     """List one call of each kernel."""
-    return [(_find, b"\xfd", EXTRAS, np.zeros((2, WIDTH), np.int32))]
+    return [(_find, b"\xfd", CRC_EXTRAS, np.zeros((2, WIDTH), np.int32))]

@@ -32,8 +32,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.mavlink.fleet.vehicle import Address
-from gcs.mavlink.frames.addressee import target_of
-from gcs.mavlink.frames.codec import Frame, scan
+from gcs.mavlink.frames.codec import Frame, scan, target_of
 from gcs.model import NS_PER_S, network_of, vehicle_id
 
 if TYPE_CHECKING:
@@ -42,11 +41,11 @@ if TYPE_CHECKING:
 KEY_BYTES: Final = 32
 EPOCH_S: Final = 1_420_070_400
 """2015-01-01T00:00:00Z."""
-FRESHER_NS: Final = 2 * NS_PER_S
+MIN_SIGNED_LATER_NS: Final = 2 * NS_PER_S
 """A vehicle's frames from a new address that are signed this much later than those from the old one show
 that the old ones are not its own: they were recorded, and are sent again."""
 TICKS_PER_S: Final = 100_000
-MINUTE: Final = 60 * TICKS_PER_S
+MAX_STALE_TICKS: Final = 60 * TICKS_PER_S
 
 Stream: TypeAlias = str
 """Who is told apart by time: "network/system/component/link id"; on a guests' endpoint, its name before."""
@@ -298,7 +297,7 @@ class Gate:
         if before is not None and timestamp <= before:
             self._note_behind(address)
             return "signed before the last one: sent again, or overtaken"
-        if before is None and timestamp < now - MINUTE:
+        if before is None and timestamp < now - MAX_STALE_TICKS:
             self._note_behind(address)
             return "signed more than a minute ago"
         if before is None and len(self.streams) >= _MAX_STREAMS:
@@ -310,7 +309,7 @@ class Gate:
         if len(self._behind) < _MAX_ADDRESSES:
             self._behind[address] = None
 
-    def behind(self) -> list[Address]:
+    def take_stale_senders(self) -> list[Address]:
         """Return, once, where frames with good signatures came from that were too old.
 
         An autopilot without the time of day signs with the time of its last flight, and takes the time from
@@ -321,7 +320,7 @@ class Gate:
 
     # ------------------------------------------------------------ out
 
-    def seal(self, t_ns: int, address: Address, data: bytes) -> bytes:
+    def sign_frames(self, t_ns: int, address: Address, data: bytes) -> bytes:
         """Return frames as they are to go out: signed where there is a key, as they came where there is none.
 
         What is for all vehicles at an address where several keys are in use goes out once with each.

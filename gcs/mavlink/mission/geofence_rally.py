@@ -70,7 +70,7 @@ def list_difference(mission_type: int, sent: Sequence[Item], held: Sequence[Item
     return ""
 
 
-def fence_held(items: Sequence[Item]) -> Fence | None:
+def fence_from_items(items: Sequence[Item]) -> Fence | None:
     """Return the fence that stored items mean; None when they are no fence that can be read."""
     areas, at = [], 0
     while at < len(items):

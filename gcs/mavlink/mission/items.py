@@ -85,7 +85,7 @@ def item_of(message: Message) -> Item:
     )
 
 
-def first_difference(
+def first_item_difference(
     sent: Sequence[Item], held: Sequence[Item], normalised: Callable[[Item], Item], skip: int = 0
 ) -> str:
     """Say where what is held first differs from what was sent; empty when equal.

@@ -29,15 +29,15 @@ _UNSUPPORTED: Final = (dialect.MAV_MISSION_UNSUPPORTED, dialect.MAV_MISSION_UNSU
 
 @dataclass(frozen=True, slots=True)
 class ListTiming:
-    """Bounds of each step, as `gcs.mavlink.mission.task_terms.Timing`."""
+    """Bounds of each step, as `gcs.mavlink.mission.upload_stages.UploadTiming`."""
 
-    tries: int = 6
-    answer_s: float = 6.0
-    """For at least so long a question is repeated."""
-    silence_s: float = 8.5
-    last_ack_s: float = 2.5
+    max_tries: int = 6
+    min_answer_s: float = 6.0
+    """For at least so long a request is repeated."""
+    request_timeout_s: float = 8.5
+    ack_timeout_s: float = 2.5
     settle_s: float = 1.2
-    uploads: int = 4
+    max_uploads: int = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class ListResult:
 
     ok: bool
     detail: str
-    held: tuple[Item, ...] | None
+    items: tuple[Item, ...] | None
     """What the vehicle holds by the last read-back; None when that is not known."""
     retries: int
 
@@ -79,19 +79,19 @@ class ListTask:
         self._items, self._encode, self._own = items, encode, own
         self._timing = timing or ListTiming()
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
-        self._pace = RttEstimator()
-        self._sending = MissionUpload(items or (), self._to, self._pace, mission_type=mission_type)
-        self._reading: MissionDownload | None = None
+        self._rtt = RttEstimator()
+        self._mission_upload = MissionUpload(items or (), self._to, self._rtt, mission_type=mission_type)
+        self._download: MissionDownload | None = None
         self._uploads = 0
-        self._held: tuple[Item, ...] | None = None
-        self._verdict: tuple[int, str] | None = None
+        self._onboard_items: tuple[Item, ...] | None = None
+        self._pending_failure: tuple[int, str] | None = None
         self._deadline_t_ns: int | None = None
-        self._asking: RetryTimer | None = None
-        self._out: list[Message] = []
+        self._timer: RetryTimer | None = None
+        self._outbox: list[Message] = []
         if items is None:
-            self._read(t_ns)
+            self._start_download(t_ns)
         else:
-            self._begin(t_ns)
+            self._start(t_ns)
 
     # ------------------------------------------------------------ the caller's side
 
@@ -99,21 +99,21 @@ class ListTask:
         """Let time pass; returns the frames to send."""
         if self.stage == "done":
             return []
-        if self._verdict is not None and t_ns >= self._verdict[0]:
-            self._again(self._verdict[1], t_ns)
+        if self._pending_failure is not None and t_ns >= self._pending_failure[0]:
+            self._retry_upload(self._pending_failure[1], t_ns)
         elif self._deadline_t_ns is not None and t_ns >= self._deadline_t_ns:
-            if self._sending.is_whole:
-                self._read(t_ns)
+            if self._mission_upload.is_all_sent:
+                self._start_download(t_ns)
             else:
-                self._again(f"it stopped asking at item {self._sending.next}", t_ns)
-        elif any(one is not None and one.unanswered(t_ns) for one in (self._asking, self._reading)):
+                self._retry_upload(f"it stopped timer at item {self._mission_upload.sent_count}", t_ns)
+        elif any(one is not None and one.is_exhausted(t_ns) for one in (self._timer, self._download)):
             if self.stage == "read" and self._items is not None:
-                self._again("no answer to the read-back", t_ns)
+                self._retry_upload("no answer to the read-back", t_ns)
             else:
                 self._end(False, f"no answer: does it take a {LIST_NAMES[self.mission_type]}?")
         elif self.stage == "upload":
-            self._out += self._sending.due(t_ns)
-        return self._sent(t_ns)
+            self._outbox += self._mission_upload.poll(t_ns)
+        return self._take_due_frames(t_ns)
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:
         """Take a message of the vehicle; others' are ignored."""
@@ -122,121 +122,123 @@ class ListTask:
         if handler is None or self.stage == "done" or not from_it or not self._is_for_us(message):
             return []
         handler(self, message, t_ns)
-        return self._sent(t_ns)
+        return self._take_due_frames(t_ns)
 
     # ------------------------------------------------------------ steps
 
-    def _begin(self, t_ns: int) -> None:
+    def _start(self, t_ns: int) -> None:
         self._uploads += 1
-        self._verdict = self._deadline_t_ns = self._reading = None
-        self._sending.begin()
+        self._pending_failure = self._deadline_t_ns = self._download = None
+        self._mission_upload.restart()
         if self._items:
             self.stage: Stage = "upload"
-            self._ask(self._sending.count(), t_ns)
+            self._start_request(self._mission_upload.count_message(), t_ns)
         else:
             self.stage = "clear"
             clear = dialect.MAVLink_mission_clear_all_message(*self._to, self.mission_type)
-            self._ask(clear, t_ns)
+            self._start_request(clear, t_ns)
 
-    def _read(self, t_ns: int) -> None:
+    def _start_download(self, t_ns: int) -> None:
         self.stage = "read"
-        self._verdict = self._deadline_t_ns = self._asking = None
-        self._reading = MissionDownload(self._to, self._pace, t_ns, mission_type=self.mission_type)
+        self._pending_failure = self._deadline_t_ns = self._timer = None
+        self._download = MissionDownload(self._to, self._rtt, t_ns, mission_type=self.mission_type)
 
-    def _ask(self, question: Message, t_ns: int) -> None:
-        self._asking = RetryTimer(
-            question, self._pace.patience(self._timing.tries, self._timing.answer_s), t_ns
+    def _start_request(self, request: Message, t_ns: int) -> None:
+        self._timer = RetryTimer(
+            request, self._rtt.retry_policy(self._timing.max_tries, self._timing.min_answer_s), t_ns
         )
 
-    def _again(self, reason: str, t_ns: int) -> None:
-        if self._uploads >= self._timing.uploads:
+    def _retry_upload(self, reason: str, t_ns: int) -> None:
+        if self._uploads >= self._timing.max_uploads:
             self._end(False, f"{reason}, {self._uploads} uploads tried; what it holds now is not known")
         else:
-            self._pace.repeats += 1
+            self._rtt.retransmissions += 1
             cancelled = dialect.MAV_MISSION_OPERATION_CANCELLED  # PX4 takes no COUNT while it receives a list
-            self._out.append(dialect.MAVLink_mission_ack_message(*self._to, cancelled, self.mission_type))
-            self._begin(t_ns)
+            self._outbox.append(dialect.MAVLink_mission_ack_message(*self._to, cancelled, self.mission_type))
+            self._start(t_ns)
 
     def _end(self, ok: bool, detail: str) -> None:
         self.stage = "done"
-        self._verdict = self._deadline_t_ns = self._asking = self._reading = None
-        self.result = ListResult(ok, detail, self._held, self._pace.repeats)
+        self._pending_failure = self._deadline_t_ns = self._timer = self._download = None
+        self.result = ListResult(ok, detail, self._onboard_items, self._rtt.retransmissions)
 
     # ------------------------------------------------------------ what the vehicle says
 
     def _is_for_us(self, message: Message) -> bool:
         target = (message.target_system, message.target_component)
-        mine = all(got in (0, own) for got, own in zip(target, self._own, strict=True))
-        return mine and message.mission_type == self.mission_type
+        is_ours = all(got in (0, own) for got, own in zip(target, self._own, strict=True))
+        return is_ours and message.mission_type == self.mission_type
 
     def _on_request(self, message: Message, t_ns: int) -> None:
-        reading = self._reading
-        if reading is not None and self._items and not self._sending.acked and reading.count is None:
-            self.stage, self._reading = "upload", None  # it never had the last item: the upload goes on
-        if self.stage != "upload" or (self._asking is not None and not self._asking.sent):
+        download = self._download
+        if download is not None and self._items and not self._mission_upload.acked and download.count is None:
+            self.stage, self._download = "upload", None  # it never had the last item: the upload goes on
+        if self.stage != "upload" or (self._timer is not None and not self._timer.sent):
             return
-        items = self._sending.answer(message.seq, t_ns)
+        items = self._mission_upload.answer_request(message.seq, t_ns)
         if not items:
             return
-        if self._asking is not None:
-            self._pace.took(self._asking.took_s(t_ns))
-        self._asking = self._verdict = None
-        wait_s = self._timing.last_ack_s if self._sending.is_whole else self._timing.silence_s
+        if self._timer is not None:
+            self._rtt.add_sample(self._timer.round_trip_s(t_ns))
+        self._timer = self._pending_failure = None
+        wait_s = (
+            self._timing.ack_timeout_s if self._mission_upload.is_all_sent else self._timing.request_timeout_s
+        )
         self._deadline_t_ns = t_ns + ns(wait_s)
-        self._out += items
+        self._outbox += items
 
     def _on_ack(self, message: Message, t_ns: int) -> None:
-        if self._reading is not None and message.type == dialect.MAV_MISSION_ERROR:
-            self._reading.broken_off(t_ns)
+        if self._download is not None and message.type == dialect.MAV_MISSION_ERROR:
+            self._download.restart_if_in_order(t_ns)
         if self.stage not in ("upload", "clear"):
             return
-        is_whole = self.stage == "upload" and self._sending.is_whole
-        if is_whole and message.type == dialect.MAV_MISSION_ERROR:
-            self._read(t_ns)  # it receives no more, as when the last item came twice
+        is_all_sent = self.stage == "upload" and self._mission_upload.is_all_sent
+        if is_all_sent and message.type == dialect.MAV_MISSION_ERROR:
+            self._start_download(t_ns)  # it receives no more, as when the last item came twice
         elif message.type == _ACCEPTED:
-            if self.stage == "clear" or is_whole:
-                self._sending.acked = True
-                self._read(t_ns)
-        elif message.type != dialect.MAV_MISSION_INVALID_SEQUENCE and self._verdict is None:
+            if self.stage == "clear" or is_all_sent:
+                self._mission_upload.acked = True
+                self._start_download(t_ns)
+        elif message.type != dialect.MAV_MISSION_INVALID_SEQUENCE and self._pending_failure is None:
             entry = dialect.enums["MAV_MISSION_RESULT"].get(message.type)
             said = str(message.type) if entry is None else entry.name.removeprefix("MAV_MISSION_")
             if message.type in _UNSUPPORTED:
                 self._end(False, f"the vehicle does not take it: {said}")
             else:
-                self._verdict = (t_ns + ns(self._timing.settle_s), f"the vehicle answered {said}")
+                self._pending_failure = (t_ns + ns(self._timing.settle_s), f"the vehicle answered {said}")
 
     def _on_count(self, message: Message, t_ns: int) -> None:
-        if self._reading is not None:
-            self._reading.take_count(message, t_ns)
-            self._judge(t_ns)
+        if self._download is not None:
+            self._download.add_count(message, t_ns)
+            self._compare_download(t_ns)
 
     def _on_item(self, message: Message, t_ns: int) -> None:
-        if self._reading is not None:
-            self._reading.take_item(message, t_ns)
-            self._judge(t_ns)
+        if self._download is not None:
+            self._download.add_item(message, t_ns)
+            self._compare_download(t_ns)
 
-    def _judge(self, t_ns: int) -> None:
-        reading = self._reading
-        if reading is None or not reading.is_complete:
+    def _compare_download(self, t_ns: int) -> None:
+        download = self._download
+        if download is None or not download.is_complete:
             return
-        self._out.append(reading.thanks())
-        self._held = tuple(reading.items)
+        self._outbox.append(download.ack_message())
+        self._onboard_items = tuple(download.items)
         if self._items is None:
-            self._end(True, f"{len(self._held)} items")
+            self._end(True, f"{len(self._onboard_items)} items")
             return
-        difference = list_difference(self.mission_type, self._items, self._held)
+        difference = list_difference(self.mission_type, self._items, self._onboard_items)
         if difference:
-            self._again(f"read-back differs: {difference}", t_ns)
+            self._retry_upload(f"read-back differs: {difference}", t_ns)
         else:
             self._end(True, "read back equal" if self._items else "cleared")
 
-    def _sent(self, t_ns: int) -> list[bytes]:
-        if self._asking is not None and self._asking.due(t_ns):
-            self._pace.repeats += self._asking.sent > 1
-            self._out.append(self._asking.question)
-        if self._reading is not None:
-            self._out += self._reading.due(t_ns)
-        out, self._out = self._out, []
+    def _take_due_frames(self, t_ns: int) -> list[bytes]:
+        if self._timer is not None and self._timer.start_try(t_ns):
+            self._rtt.retransmissions += self._timer.sent > 1
+            self._outbox.append(self._timer.request)
+        if self._download is not None:
+            self._outbox += self._download.poll(t_ns)
+        out, self._outbox = self._outbox, []
         return [self._encode(message) for message in out]
 
 

@@ -1,21 +1,16 @@
-"""Reading a list back, and sending one: the two conversations of the mission protocol, sans-I/O.
+"""The two exchanges of the mission protocol: `MissionDownload` and `MissionUpload`. Sans-I/O.
 
-Missions, fences and rally points go by it alike: MAV_MISSION_TYPE tells them apart.
+MAV_MISSION_TYPE tells missions, fences and rally points apart. Sources:
+https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemProtocol`, PX4's `mavlink_mission`.
 
-Sources: https://mavlink.io/en/services/mission.html; ArduPilot's `MissionItemProtocol`, PX4's
-`mavlink_mission`. The vehicle leads an upload: it asks for one item after the other. But ArduPilot asks again
-for what was lost only once a second, so we act on silence: no request for as long as a round trip usually
-takes means that the item asked for last was lost, or the request for the next one. So both are sent, and one
-more each time that nothing comes of it, up to a window. An item whose turn it is, is stored by either
-firmware though its request was lost; any other is refused with ACK 13 (ArduPilot) or not heard (PX4), and the
-transfer goes on. Without loss nothing is sent that was not asked for.
+Upload: the vehicle requests one item after the other. ArduPilot repeats a lost request only once a second. So
+we resend after a silence of about one round trip: the last item, the next one, and one more each time, up to
+a window. Both firmwares store the item whose turn it is without a request. ArduPilot answers any other with
+ACK 13 and PX4 ignores it; the transfer goes on. Without loss no item is sent without a request.
 
-A read-back is led by us. ArduPilot answers whatever item is asked for, so a window of questions is kept on
-its way. PX4 keeps count: any item but the next one, or the last one again, ends the conversation, so there
-the window is one, and a conversation that has ended is begun anew.
-
-Both know only what has been said in them; what to make of the outcome is the task's
-(`gcs.mavlink.mission.upload_task`).
+Download: we request the items. ArduPilot answers in any order, so a window of requests is in flight. PX4 ends
+the transfer at any item but the next or the last one, so its window is one, and an ended transfer is
+restarted.
 """
 
 from __future__ import annotations
@@ -32,206 +27,210 @@ from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import NS_PER_S
 
 _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
-_LIST_TRIES: Final = 24
-_TRIES: Final = 20
-_TRIES_IN_ORDER: Final = 10
-"""Then the vehicle has ended the conversation."""
-_ANSWER_S: Final = 15.0
-"""The same without an order, and so long at the least."""
-_BEGINNINGS: Final = 10
+_MAX_LIST_TRIES: Final = 24
+_MAX_ITEM_TRIES: Final = 20
+_MAX_ITEM_TRIES_IN_ORDER: Final = 10
+"""After so many the vehicle has ended the transfer."""
+_MIN_ANSWER_S: Final = 15.0
+"""Requests for items in any order are repeated for at least so long."""
+_MAX_STARTS: Final = 10
 
 
 class MissionDownload:
-    """What a vehicle stores.
+    """Download of a list from one vehicle.
 
     Parameters
     ----------
     to : (int, int)
-        Its system and component id.
-    pace : Pace
+        System and component id of the vehicle.
+    rtt : RttEstimator
         Of its link.
     t_ns : int
-        When to ask first.
+        Time of the first request.
     window : callable, optional
-        Questions on their way at a time, for a vehicle that answers them in any order; without it they go one
-        after the other.
+        Returns the number of requests in flight, for a vehicle that answers in any order. Without it items
+        are requested one after the other.
     """
 
     def __init__(
         self,
         to: tuple[int, int],
-        pace: RttEstimator,
+        rtt: RttEstimator,
         t_ns: int,
         window: Callable[[], int] | None = None,
         mission_type: int = _MISSION,
     ) -> None:
         self.count: int | None = None
-        self._to, self._type, self._pace, self._window = to, mission_type, pace, window
+        self._to, self._type, self._rtt, self._window = to, mission_type, rtt, window
         self._items: dict[int, Item] = {}
-        self._asked: dict[int, RetryTimer] = {}
-        self._beginnings = 0
+        self._timers: dict[int, RetryTimer] = {}
+        self._starts = 0
         self._heard_t_ns = t_ns
-        self._begin(t_ns)
+        self._start(t_ns)
 
     @property
     def items(self) -> list[Item]:
-        """What has come, in order."""
+        """Items received so far, in order."""
         return [self._items[seq] for seq in sorted(self._items)]
 
     @property
     def is_complete(self) -> bool:
-        """Whether all of it has come."""
+        """True if all items have been received."""
         return self.count is not None and len(self._items) >= self.count
 
-    def due(self, t_ns: int) -> list[Message]:
-        """Return the questions that are due now."""
+    def poll(self, t_ns: int) -> list[Message]:
+        """Return the requests that are due."""
         if self.count is None:
-            asking = [self._list]
+            timers = [self._count_timer]
         else:
-            if self._beginnings < _BEGINNINGS and self._is_stuck(t_ns):
-                self._begin(t_ns)
-                return self.due(t_ns)
-            self._fill(t_ns)
-            asking = list(self._asked.values())
-        due = [one for one in asking if one.due(t_ns)]
-        again = sum(one.sent > 1 for one in due)
-        self._pace.repeats += again
-        if again and t_ns - self._heard_t_ns >= ns(self._pace.wait_s):  # nothing comes: more than a loss
+            if self._starts < _MAX_STARTS and self._is_stalled(t_ns):
+                self._start(t_ns)
+                return self.poll(t_ns)
+            self._fill_window(t_ns)
+            timers = list(self._timers.values())
+        due = [timer for timer in timers if timer.start_try(t_ns)]
+        resent = sum(timer.sent > 1 for timer in due)
+        self._rtt.retransmissions += resent
+        if resent and t_ns - self._heard_t_ns >= ns(self._rtt.wait_s):  # no answer at all: more than a loss
             self._heard_t_ns = t_ns
-            self._pace.late()
-        return [one.question for one in due for _ in range(self._pace.copies if one.sent > 1 else 1)]
+            self._rtt.back_off()
+        return [timer.request for timer in due for _ in range(self._rtt.copies if timer.sent > 1 else 1)]
 
-    def unanswered(self, t_ns: int) -> bool:
-        """Whether it is in vain."""
+    def is_exhausted(self, t_ns: int) -> bool:
+        """Return True if the vehicle does not answer: all tries are used up."""
         if self.count is None:
-            return self._list.unanswered(t_ns)
-        return self._beginnings >= _BEGINNINGS and self._is_stuck(t_ns)
+            return self._count_timer.is_exhausted(t_ns)
+        return self._starts >= _MAX_STARTS and self._is_stalled(t_ns)
 
-    def broken_off(self, t_ns: int) -> None:
-        """Begin anew when the vehicle says that it has ended a conversation whose order matters."""
-        if self.count is not None and self._window is None and self._beginnings < _BEGINNINGS:
-            self._begin(t_ns)
+    def restart_if_in_order(self, t_ns: int) -> None:
+        """Restart after MAV_MISSION_ERROR, by which a vehicle with a fixed order ends the transfer."""
+        if self.count is not None and self._window is None and self._starts < _MAX_STARTS:
+            self._start(t_ns)
 
-    def thanks(self) -> Message:
-        """Return what ends the conversation."""
+    def ack_message(self) -> Message:
+        """Return the MISSION_ACK that ends the transfer."""
         return dialect.MAVLink_mission_ack_message(*self._to, dialect.MAV_MISSION_ACCEPTED, self._type)
 
-    def take_count(self, message: Message, t_ns: int) -> bool:
-        """Take a MISSION_COUNT; whether it was news."""
+    def add_count(self, message: Message, t_ns: int) -> bool:
+        """Add a MISSION_COUNT; return True if it is the first."""
         if self.count is not None:
             return False
         self._heard_t_ns = t_ns
-        self._pace.took(self._list.took_s(t_ns))
+        self._rtt.add_sample(self._count_timer.round_trip_s(t_ns))
         self.count = message.count
         return True
 
-    def take_item(self, message: Message, t_ns: int) -> bool:
-        """Take a MISSION_ITEM_INT; whether it was asked for."""
-        asking = self._asked.pop(message.seq, None)
-        if asking is None:
+    def add_item(self, message: Message, t_ns: int) -> bool:
+        """Add a MISSION_ITEM_INT; return True if it was requested."""
+        timer = self._timers.pop(message.seq, None)
+        if timer is None:
             return False
         self._heard_t_ns = t_ns
-        self._pace.took(asking.took_s(t_ns))
+        self._rtt.add_sample(timer.round_trip_s(t_ns))
         self._items[message.seq] = item_of(message)
         return True
 
-    def _is_stuck(self, t_ns: int) -> bool:
-        return any(asked.unanswered(t_ns) for asked in self._asked.values())
+    def _is_stalled(self, t_ns: int) -> bool:
+        return any(timer.is_exhausted(t_ns) for timer in self._timers.values())
 
-    def _begin(self, t_ns: int) -> None:
-        self._beginnings += 1
+    def _start(self, t_ns: int) -> None:
+        self._starts += 1
         self.count, self._next = None, 0
         self._items.clear()
-        self._asked.clear()
-        question = dialect.MAVLink_mission_request_list_message(*self._to, self._type)
-        self._list = RetryTimer(question, self._pace.patience(_LIST_TRIES, _ANSWER_S), t_ns)
+        self._timers.clear()
+        request = dialect.MAVLink_mission_request_list_message(*self._to, self._type)
+        self._count_timer = RetryTimer(request, self._rtt.retry_policy(_MAX_LIST_TRIES, _MIN_ANSWER_S), t_ns)
 
-    def _fill(self, t_ns: int) -> None:
+    def _fill_window(self, t_ns: int) -> None:
         assert self.count is not None
-        window, patience = 1, self._pace.patience(_TRIES_IN_ORDER)
+        window, policy = 1, self._rtt.retry_policy(_MAX_ITEM_TRIES_IN_ORDER)
         if self._window is not None:
-            window, patience = self._window(), self._pace.patience(_TRIES, _ANSWER_S)
-        while len(self._asked) < window and self._next < self.count:
-            question = dialect.MAVLink_mission_request_int_message(*self._to, self._next, self._type)
-            self._asked[self._next] = RetryTimer(question, patience, t_ns)
+            window, policy = self._window(), self._rtt.retry_policy(_MAX_ITEM_TRIES, _MIN_ANSWER_S)
+        while len(self._timers) < window and self._next < self.count:
+            request = dialect.MAVLink_mission_request_int_message(*self._to, self._next, self._type)
+            self._timers[self._next] = RetryTimer(request, policy, t_ns)
             self._next += 1
 
 
 class MissionUpload:
-    """Items on their way to a vehicle that asks for them.
+    """Upload of a list to one vehicle, which requests the items.
 
-    A request that runs ahead of what was sent belongs to an older session whose MISSION_COUNT was ours too,
-    and is not answered.
+    A request beyond the next item belongs to an earlier transfer and is not answered.
 
-    With `last_when_asked` the last item is not sent unasked: to a PX4 that has all of them, any other item
-    that comes again is an error, which it tells the operator.
+    Parameters
+    ----------
+    window : callable
+        Returns the number of items that may be in flight.
+    last_on_request_only : bool
+        True if the last item must not be sent without a request. A PX4 that has all items reports an error to
+        its operator for any other item that comes again.
     """
 
     def __init__(
         self,
         items: Sequence[Item],
         to: tuple[int, int],
-        pace: RttEstimator,
+        rtt: RttEstimator,
         window: Callable[[], int] = lambda: 1,
         mission_type: int = _MISSION,
         *,
-        last_when_asked: bool = False,
+        last_on_request_only: bool = False,
     ) -> None:
-        self._last_when_asked = last_when_asked
-        self.next = 0
+        self._last_on_request_only = last_on_request_only
+        self.sent_count = 0
         """Items sent so far."""
         self.acked = False
-        self._items, self._to, self._pace = items, to, pace
+        self._items, self._to, self._rtt = items, to, rtt
         self._window, self._type = window, mission_type
-        self._asked = 0
-        self._once: dict[int, int] = {}
-        """When each item was sent of which that can be told: those sent twice are not in it."""
-        self._quiet_t_ns: int | None = None
-        """When silence has lasted too long."""
+        self._requested_seq = 0
+        self._sent_once_t_ns: dict[int, int] = {}
+        """Send time of each item that was sent once: only these measure a round trip."""
+        self._resend_t_ns: int | None = None
+        """When to resend without a request."""
 
     @property
-    def is_whole(self) -> bool:
-        """Whether every item has been sent."""
-        return self.next == len(self._items)
+    def is_all_sent(self) -> bool:
+        """True if every item has been sent."""
+        return self.sent_count == len(self._items)
 
-    def begin(self) -> None:
-        """Begin again from the first item."""
-        self.next, self.acked, self._quiet_t_ns = 0, False, None
-        self._once.clear()
+    def restart(self) -> None:
+        """Start again from the first item."""
+        self.sent_count, self.acked, self._resend_t_ns = 0, False, None
+        self._sent_once_t_ns.clear()
 
-    def count(self) -> Message:
-        """Return what opens the conversation."""
+    def count_message(self) -> Message:
+        """Return the MISSION_COUNT that starts the transfer."""
         return dialect.MAVLink_mission_count_message(*self._to, len(self._items), self._type)
 
-    def answer(self, seq: int, t_ns: int, current: int = -1) -> list[Message]:
-        """Return the item asked for, none when it is not its turn; `current` is where the mission begins."""
-        if seq > self.next or seq >= len(self._items):
+    def answer_request(self, seq: int, t_ns: int, current: int = -1) -> list[Message]:
+        """Return the requested item, or none out of turn; `current` is the first item to fly."""
+        if seq > self.sent_count or seq >= len(self._items):
             return []
-        before_t_ns = self._once.pop(seq - 1, None)
+        before_t_ns = self._sent_once_t_ns.pop(seq - 1, None)
         if before_t_ns is not None:
-            self._pace.took((t_ns - before_t_ns) / NS_PER_S)
-        self._asked = seq
-        return self._sent(seq, seq + 1, t_ns, current)
+            self._rtt.add_sample((t_ns - before_t_ns) / NS_PER_S)
+        self._requested_seq = seq
+        return self._item_messages(seq, seq + 1, t_ns, current)
 
-    def due(self, t_ns: int, current: int = -1) -> list[Message]:
-        """Return the items to send without having been asked, after a silence."""
-        if self._quiet_t_ns is None or t_ns < self._quiet_t_ns:
+    def poll(self, t_ns: int, current: int = -1) -> list[Message]:
+        """Return the items to send without a request, after a silence."""
+        if self._resend_t_ns is None or t_ns < self._resend_t_ns:
             return []
-        self._pace.late()
+        self._rtt.back_off()
         last = len(self._items) - 1
-        most = len(self._items) if self._asked == last or not self._last_when_asked else last
-        end = min(self.next + 1, self._asked + self._window(), most)
-        return self._sent(self._asked, end, t_ns, current) * self._pace.copies
+        end_max = len(self._items) if self._requested_seq == last or not self._last_on_request_only else last
+        end = min(self.sent_count + 1, self._requested_seq + self._window(), end_max)
+        return self._item_messages(self._requested_seq, end, t_ns, current) * self._rtt.copies
 
-    def _sent(self, first: int, end: int, t_ns: int, current: int) -> list[Message]:
+    def _item_messages(self, first: int, end: int, t_ns: int, current: int) -> list[Message]:
         for seq in range(first, end):
-            if seq < self.next:  # which of the two is answered cannot be told
-                self._pace.repeats += 1
-                self._once.pop(seq, None)
+            if seq < self.sent_count:  # resent: the round trip is ambiguous
+                self._rtt.retransmissions += 1
+                self._sent_once_t_ns.pop(seq, None)
             else:
-                self._once[seq] = t_ns
-        self.next = max(self.next, end)
-        self._quiet_t_ns = t_ns + ns(self._pace.wait_s)
+                self._sent_once_t_ns[seq] = t_ns
+        self.sent_count = max(self.sent_count, end)
+        self._resend_t_ns = t_ns + ns(self._rtt.wait_s)
         return [self._message(seq, current) for seq in range(first, end)]
 
     def _message(self, seq: int, current: int) -> Message:

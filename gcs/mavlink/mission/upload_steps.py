@@ -1,6 +1,6 @@
-"""The steps of a mission task: what each one sends and waits for, and what state they share.
+"""Single steps of a mission upload: what each sends, and the state they share.
 
-When which step is taken is decided in `gcs.mavlink.mission.upload_task`, where the whole is described.
+`gcs.mavlink.mission.upload_task` decides which step comes when.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.items import Home, Item
 from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
-from gcs.mavlink.mission.task_terms import Holds, Stage, TaskResult, Timing
-from gcs.mavlink.services.command_messages import REQUEST_MESSAGE, SET_MODE, command, select, set_mode
+from gcs.mavlink.mission.upload_stages import OnboardState, Stage, UploadResult, UploadTiming
+from gcs.mavlink.services.commands import REQUEST_MESSAGE, SET_MODE, command_long, set_current_item, set_mode
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
 from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import NS_PER_S, Mission, system_of
@@ -27,41 +27,39 @@ _MAX_PAUSE_S: Final = 4.0
 
 
 class UploadSteps:
-    """What a mission task knows, and what it can do next.
+    """State of a mission upload, and its steps.
 
     Parameters
     ----------
     mission : Mission
-        What to fly.
+        To be flown.
     home : Home
-        Sent as item 0 where the firmware keeps one; the vehicle replaces it by its own.
+        Item 0 for firmwares that keep home there; the vehicle replaces it.
     encode : callable
         Message to frame for this vehicle, such as `Fleet.encoder`.
-    profile : Profile
+    profile : AutopilotProfile
         Of its firmware.
-    custody : Custody, optional
-        Who chose the mode that it is in; shared by all tasks of a vehicle.
+    authority : ModeAuthority, optional
+        Shared by all tasks of a vehicle.
     old : sequence of Item, optional
-        What the vehicle holds when the task begins, if a read-back has shown it: a failed task may then end
-        in "old" rather than clear the vehicle.
-    mixed : bool
-        Whether a task before this one may have left a mix.
+        Onboard mission by the last read-back. A failed task may then end in "old" instead of clearing.
+    inconsistent : bool
+        True if an earlier task may have left an inconsistent mission.
     current : int, optional
-        Item that the vehicle flies to now.
+        Current item.
     time_to_next_s : callable
-        Time (ns) to the least number of seconds before the vehicle could take its next item from the store;
-        0 when it is not known, infinite when it does not fly a mission.
+        Time (ns) to the least number of seconds before the vehicle takes its next item: 0 if unknown,
+        infinite if it flies no mission.
     first_item : callable, optional
-        Number of the item to begin with, asked when the mission is verified: on a slow link the vehicle has
-        flown on meanwhile, and must not turn back for waypoints behind it.
+        Returns the item to begin with, called after verification: the vehicle has moved meanwhile.
     from_ground : bool
-        Whether the mission begins with a take-off.
+        True if the mission begins with a take-off.
     delegated : bool
-        Whether another program uploads: see `handover` and `delivered`.
-    pace : Pace, optional
-        Of its link, as far as it is known.
-    room : callable, optional
-        Items of a mission that the link has room for at a time now.
+        True if another program uploads: see `take_external_frames` and `add_external_result`.
+    rtt : RttEstimator, optional
+        Of its link.
+    link_window : callable, optional
+        Returns the number of mission items that the link may carry at a time.
     own : (int, int)
         Our system and component id.
     """
@@ -73,206 +71,208 @@ class UploadSteps:
         encode: Callable[[Message], bytes],
         *,
         profile: AutopilotProfile = ARDUPLANE,
-        custody: ModeAuthority | None = None,
+        authority: ModeAuthority | None = None,
         old: Sequence[Item] | None = None,
-        mixed: bool = False,
+        inconsistent: bool = False,
         current: int | None = None,
         time_to_next_s: Callable[[int], float] = lambda _t_ns: 0.0,
         first_item: Callable[[], int] | None = None,
         from_ground: bool = False,
         delegated: bool = False,
-        timing: Timing | None = None,
-        pace: RttEstimator | None = None,
-        room: Callable[[], int] = lambda: 1 << 16,
+        timing: UploadTiming | None = None,
+        rtt: RttEstimator | None = None,
+        link_window: Callable[[], int] = lambda: 1 << 16,
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
         self.mission = mission
         self.items = profile.items(mission, home, from_ground=from_ground)
         self.stage: Stage = "new"
         self.uploads = 0
-        self.result: TaskResult | None = None
+        self.result: UploadResult | None = None
         self._encode = encode
         self._profile = profile
-        self._custody = custody or ModeAuthority()
+        self._authority = authority or ModeAuthority()
         self._old = old
         self._time_to_next_s = time_to_next_s
         self._first_item = first_item or (lambda: profile.home_items)
         self._delegated = delegated
-        self._handover = b""
-        self._timing = timing or Timing()
+        self._external_frames = b""
+        self._timing = timing or UploadTiming()
         self._own = own
         self._to = (system_of(mission.vehicle), AUTOPILOT_COMPONENT_ID)
-        self._out: list[Message] = []
+        self._outbox: list[Message] = []
         self._began_t_ns = self._stage_t_ns = 0
-        self._asking: RetryTimer | None = None
+        self._timer: RetryTimer | None = None
         self._deadline_t_ns: int | None = None
-        self._verdict: tuple[int, str] | None = None
-        self._pace = pace or RttEstimator()
-        self._window = lambda: min(profile.window, room())
-        self._sending = MissionUpload(
-            self.items, self._to, self._pace, self._window, last_when_asked=profile.in_order
+        self._pending_failure: tuple[int, str] | None = None
+        self._rtt = rtt or RttEstimator()
+        self._window = lambda: min(profile.window, link_window())
+        self._mission_upload = MissionUpload(
+            self.items, self._to, self._rtt, self._window, last_on_request_only=profile.in_order
         )
-        self._reading: MissionDownload | None = None
-        self._cleared = False
-        self._was_mixed = mixed
-        self._holds: Holds = "unknown" if mixed else "old"
+        self._download: MissionDownload | None = None
+        self._is_cleared = False
+        self._was_inconsistent = inconsistent
+        self._onboard: OnboardState = "unknown" if inconsistent else "old"
         self._reason = ""
-        self._abandoned = False
-        self._may_start = True
+        self._uploads_exhausted = False
+        self._may_resume = True
         self._current = current
         self._current_before = current
         self._refusals = 0
-        self.first = self._mark = profile.home_items
-        """Item that the mission begins with; final when it was selected."""
+        self.first_seq = self._start_seq = profile.home_items
+        """Item at which the mission begins; final once selected."""
         self.leg_t_ns = 0
-        """When the vehicle may have begun to fly to that item."""
-        self._refused = False
+        """Earliest time at which the vehicle began to fly to that item."""
+        self._is_rejected = False
         """True if a whole mission is stored that must not be flown: it reads back differently, or the
         vehicle's navigator rejects it."""
-        self._no_mission = False
-        """True if MISSION_CURRENT said last that there is no valid mission."""
-        self._in_doubt_t_ns: int | None = None
-        """When a mode was heard that either somebody chose, or a rejected mission led to."""
-        self._hold_t_ns: int | None = None
+        self._has_no_mission = False
+        """True if the last MISSION_CURRENT said that there is no valid mission."""
+        self._unexplained_mode_t_ns: int | None = None
+        """Time of a mode change that is either an operator's override or follows from a rejected mission."""
+        self._loiter_t_ns: int | None = None
         self._selected = True
 
     @property
     def retries(self) -> int:
-        """Messages sent again, and uploads begun again."""
-        return self._pace.repeats
+        """Messages resent and uploads restarted."""
+        return self._rtt.retransmissions
 
     @property
-    def is_mixed(self) -> bool:
-        """Whether the vehicle may hold a mix of missions now."""
-        return self._holds == "unknown" and not self._profile.atomic
+    def is_inconsistent(self) -> bool:
+        """True if the onboard mission may be inconsistent now."""
+        return self._onboard == "unknown" and not self._profile.atomic
 
     # ------------------------------------------------------------ stages
 
-    def _enter(
+    def _enter_stage(
         self,
         stage: Stage,
         t_ns: int,
-        question: Message | None = None,
+        request: Message | None = None,
         *,
         pause_s: float = 0.0,
-        patience: RetryPolicy | None = None,
+        policy: RetryPolicy | None = None,
     ) -> None:
         self.stage = stage
         self._stage_t_ns = t_ns
-        self._deadline_t_ns = self._verdict = self._reading = self._in_doubt_t_ns = None
+        self._deadline_t_ns = self._pending_failure = self._download = self._unexplained_mode_t_ns = None
         self._refusals = 0
-        self._ask(question, t_ns + ns(pause_s), patience)
+        self._start_request(request, t_ns + ns(pause_s), policy)
 
-    def _ask(self, question: Message | None, t_ns: int, patience: RetryPolicy | None = None) -> None:
-        patience = patience or self._pace.patience(self._timing.tries, self._timing.answer_s)
-        self._asking = RetryTimer(question, patience, t_ns) if question is not None else None
+    def _start_request(self, request: Message | None, t_ns: int, policy: RetryPolicy | None = None) -> None:
+        policy = policy or self._rtt.retry_policy(self._timing.max_tries, self._timing.min_answer_s)
+        self._timer = RetryTimer(request, policy, t_ns) if request is not None else None
 
-    def _park(self, t_ns: int) -> None:
-        """Have the vehicle wait, and hear that it does: only then can a later order be told from this one."""
-        self._hold_t_ns = t_ns
-        self._enter("park", t_ns, self._mode_command(LOITER), patience=self._timing.hold)
+    def _enter_park(self, t_ns: int) -> None:
+        """Command LOITER and wait for the heartbeat that shows it."""
+        self._loiter_t_ns = t_ns
+        self._enter_stage("park", t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
 
-    def _upload(self, t_ns: int, pause_s: float = 0.0) -> None:
+    def _start_upload(self, t_ns: int, pause_s: float = 0.0) -> None:
         self.uploads += 1
-        self._sending.begin()
-        self._mark = self._begin_at() if self._profile.marks_current else -1
+        self._mission_upload.restart()
+        self._start_seq = self._begin_at() if self._profile.marks_current else -1
         if not self._delegated:
-            self._enter("upload", t_ns, self._sending.count(), pause_s=pause_s)
+            self._enter_stage("upload", t_ns, self._mission_upload.count_message(), pause_s=pause_s)
             return
-        self._enter("upload", t_ns)
-        self._deadline_t_ns = t_ns + ns(self._timing.delegate_s)
-        self._note_upload()
+        self._enter_stage("upload", t_ns)
+        self._deadline_t_ns = t_ns + ns(self._timing.external_timeout_s)
+        self._note_upload_begun()
         to, items = self._to, enumerate(self.items)
-        messages = (item.message(n, *to, current=n == self._mark) for n, item in items)
-        self._handover = b"".join(map(self._encode, messages))
+        messages = (item.message(n, *to, current=n == self._start_seq) for n, item in items)
+        self._external_frames = b"".join(map(self._encode, messages))
 
-    def _note_upload(self) -> None:
-        """From now on the vehicle may have begun to change what it stores."""
+    def _note_upload_begun(self) -> None:
+        """Note that the vehicle may have begun to change its onboard mission."""
         self._selected = self._profile.atomic
-        if self._holds != "unknown":
-            self._holds = "unknown"
+        if self._onboard != "unknown":
+            self._onboard = "unknown"
             self._current_before = self._current
 
-    def _verify(self, t_ns: int) -> None:
-        self._enter("verify", t_ns)
-        self._read(t_ns)
+    def _start_verify(self, t_ns: int) -> None:
+        self._enter_stage("verify", t_ns)
+        self._start_download(t_ns)
 
-    def _read(self, t_ns: int) -> None:
-        self._asking = None
+    def _start_download(self, t_ns: int) -> None:
+        self._timer = None
         window = None if self._profile.in_order else self._window
-        self._reading = MissionDownload(self._to, self._pace, t_ns, window)
+        self._download = MissionDownload(self._to, self._rtt, t_ns, window)
 
     def _begin_at(self) -> int:
         return min(max(self._profile.home_items, self._first_item()), len(self.items) - 1)
 
-    def _select(self, t_ns: int) -> None:
+    def _start_select(self, t_ns: int) -> None:
         self._current_before = self._current
-        self.first = self._begin_at()
+        self.first_seq = self._begin_at()
         self.leg_t_ns = t_ns
-        self._enter("select", t_ns, select(self.mission.vehicle, self._profile, self.first))
+        self._enter_stage(
+            "select", t_ns, set_current_item(self.mission.vehicle, self._profile, self.first_seq)
+        )
 
     def _start_mode(self, t_ns: int) -> None:
-        if self._custody.mode != AUTO:
+        if self._authority.mode != AUTO:
             self.leg_t_ns = t_ns
         self._selected = True
-        if self._custody.taken == LOITER and self._no_mission and self._profile.atomic:
+        if self._authority.override == LOITER and self._has_no_mission and self._profile.atomic:
             self._reject(t_ns)
-        elif self._custody.taken:
-            self._leave(t_ns)
+        elif self._authority.override:
+            self._end_overridden(t_ns)
         else:
-            self._enter("mode", t_ns, self._mode_command(AUTO))
+            self._enter_stage("mode", t_ns, self._mode_command(AUTO))
 
-    def _leave(self, t_ns: int) -> None:
-        """End without commanding a mode: somebody else has chosen one."""
-        stored = "read back equal, not started" if self._holds == "equal" else self._reason or "not begun"
-        self._reason = f"{stored}: {self._custody.taken} was chosen meanwhile"
+    def _end_overridden(self, t_ns: int) -> None:
+        """End without a mode command: an operator has chosen a mode."""
+        stored = "read back equal, not started" if self._onboard == "equal" else self._reason or "not begun"
+        self._reason = f"{stored}: {self._authority.override} was chosen meanwhile"
         self._finish(ok=False, t_ns=t_ns)
 
     def _reject(self, t_ns: int) -> None:
-        """Take note that the vehicle stores the mission, and will not fly it: nobody chose its mode."""
-        self._custody.rejected()
+        """Note that the vehicle's navigator rejects the mission: the mode is not an override."""
+        self._authority.note_rejection()
         self._reason = "the vehicle's navigator rejects the mission (no valid mission)"
-        self._refused = True
-        self._hold(t_ns)
+        self._is_rejected = True
+        self._hold_and_clear(t_ns)
 
-    def _give_back(self, t_ns: int) -> None:
-        """End as failed; a vehicle that was held, and still has a whole mission, goes on with it."""
-        if self._hold_t_ns is not None and self._holds == "old" and self._may_start:
+    def _resume_old_mission(self, t_ns: int) -> None:
+        """End as failed. A vehicle in LOITER with a whole mission resumes it."""
+        if self._loiter_t_ns is not None and self._onboard == "old" and self._may_resume:
             self._start_mode(t_ns)
         else:
             self._finish(ok=False, t_ns=t_ns)
 
-    def _hold(self, t_ns: int) -> None:
-        """Leave no mix and no refused mission: stop the vehicle where it is, then clear what it stores."""
-        if not (self.is_mixed or self._refused):
-            self._holds = "old" if self._holds == "old" else "whole"
-            self._out += self._cancelling()
-            self._give_back(t_ns)
-        elif self._custody.mode not in ("", AUTO):
-            self._clear(t_ns)
+    def _hold_and_clear(self, t_ns: int) -> None:
+        """Remove an inconsistent or rejected mission: LOITER first, then MISSION_CLEAR_ALL."""
+        if not (self.is_inconsistent or self._is_rejected):
+            self._onboard = "old" if self._onboard == "old" else "whole"
+            self._outbox += self._cancel_messages()
+            self._resume_old_mission(t_ns)
+        elif self._authority.mode not in ("", AUTO):
+            self._start_clear(t_ns)
         else:
-            self._hold_t_ns = t_ns
-            self._enter("hold", t_ns, self._mode_command(LOITER), patience=self._timing.hold)
+            self._loiter_t_ns = t_ns
+            self._enter_stage("hold", t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
 
-    def _clear(self, t_ns: int) -> None:
-        self._cleared = False
-        self._enter("clear", t_ns, dialect.MAVLink_mission_clear_all_message(*self._to, _MISSION))
+    def _start_clear(self, t_ns: int) -> None:
+        self._is_cleared = False
+        self._enter_stage("clear", t_ns, dialect.MAVLink_mission_clear_all_message(*self._to, _MISSION))
 
-    def _again(self, reason: str, t_ns: int) -> None:
-        """Repair: upload again after a pause; when the bound is reached read back a last time, then clear."""
-        self._reason = self._reason if self._abandoned else reason
-        if self.uploads < self._timing.uploads:
-            self._pace.repeats += 1
-            self._out += self._cancelling()
-            self._upload(t_ns, min(_MAX_PAUSE_S, 0.25 * 2.0**self.uploads))
-        elif self._abandoned or self.stage != "upload":
-            self._hold(t_ns)
+    def _retry_upload(self, reason: str, t_ns: int) -> None:
+        """Upload again after a pause. After the last upload, read back once more, then clear."""
+        self._reason = self._reason if self._uploads_exhausted else reason
+        if self.uploads < self._timing.max_uploads:
+            self._rtt.retransmissions += 1
+            self._outbox += self._cancel_messages()
+            self._start_upload(t_ns, min(_MAX_PAUSE_S, 0.25 * 2.0**self.uploads))
+        elif self._uploads_exhausted or self.stage != "upload":
+            self._hold_and_clear(t_ns)
         else:
-            self._abandoned = True
-            self._verify(t_ns)
+            self._uploads_exhausted = True
+            self._start_verify(t_ns)
 
-    def _cancelling(self) -> list[Message]:
-        """Return what ends a conversation before its time, where a MISSION_COUNT would not."""
+    def _cancel_messages(self) -> list[Message]:
+        """Return the ACK that ends a transfer early, for firmwares where MISSION_COUNT does not."""
         if not self._profile.atomic or self.stage not in ("upload", "verify"):
             return []
         return [self._ack(dialect.MAV_MISSION_OPERATION_CANCELLED)]
@@ -285,47 +285,49 @@ class UploadSteps:
         if ok and self.uploads > 1:
             detail += f" after {self.uploads} uploads"
         duration_s = (t_ns - self._began_t_ns) / NS_PER_S
-        held = self._hold_t_ns is not None and (ok or self._custody.mode != AUTO)
-        self.result = TaskResult(
-            t_ns, ok, self._holds, detail, duration_s, self.retries, held, self._selected
+        held = self._loiter_t_ns is not None and (ok or self._authority.mode != AUTO)
+        self.result = UploadResult(
+            t_ns, ok, self._onboard, detail, duration_s, self.retries, held, self._selected
         )
-        self._enter("done", t_ns)
+        self._enter_stage("done", t_ns)
 
-    def _for_us(self, message: Message, *, broadcast: bool = False) -> bool:
+    def _is_for_us(self, message: Message, *, broadcast: bool = False) -> bool:
         target = (message.target_system, message.target_component)
-        mine = all(got == own or (broadcast and got == 0) for got, own in zip(target, self._own, strict=True))
-        return mine and message.mission_type == _MISSION
+        is_ours = all(
+            got == own or (broadcast and got == 0) for got, own in zip(target, self._own, strict=True)
+        )
+        return is_ours and message.mission_type == _MISSION
 
     # ------------------------------------------------------------ frames
 
-    def _current_please(self) -> Message:
-        """Ask for MISSION_CURRENT, which otherwise comes once a second."""
-        return command(self.mission.vehicle, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+    def _request_mission_current(self) -> Message:
+        """Request MISSION_CURRENT, which otherwise comes once a second."""
+        return command_long(self.mission.vehicle, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def _mode_command(self, name: str) -> Message:
-        self._custody.ordered(name)
+        self._authority.note_command(name)
         return set_mode(self.mission.vehicle, self._profile.autopilot, name)
 
-    def _sent(self, t_ns: int) -> list[bytes]:
-        """Frames that are due now."""
-        if self._asking is not None and self._asking.due(t_ns):
-            self._pace.repeats += self._asking.sent > 1
+    def _take_due_frames(self, t_ns: int) -> list[bytes]:
+        """Return the frames that are due."""
+        if self._timer is not None and self._timer.start_try(t_ns):
+            self._rtt.retransmissions += self._timer.sent > 1
             if self.stage == "upload":
-                self._note_upload()
+                self._note_upload_begun()
             if self.stage == "select" and self._profile.atomic:
-                self._out.append(
+                self._outbox.append(
                     self._ack(dialect.MAV_MISSION_ACCEPTED)
-                )  # without it PX4 would not hear the question for 5 s
-            copies = self._pace.copies if self._asking.sent > 1 else 1
-            self._out += [self._asking.question] * copies
+                )  # without it PX4 would not hear the request for 5 s
+            copies = self._rtt.copies if self._timer.sent > 1 else 1
+            self._outbox += [self._timer.request] * copies
             if self.stage == "select":
-                self._out += [self._current_please()] * copies
-        if self._reading is not None:
-            self._out += self._reading.due(t_ns)
-        out, self._out = self._out, []
+                self._outbox += [self._request_mission_current()] * copies
+        if self._download is not None:
+            self._outbox += self._download.poll(t_ns)
+        out, self._outbox = self._outbox, []
         if any(message.get_type() == "COMMAND_LONG" and message.command == SET_MODE for message in out):
             heartbeat = (
                 dialect.MAVLINK_MSG_ID_HEARTBEAT
             )  # which tells the mode, and is due once a second only
-            out.append(command(self.mission.vehicle, REQUEST_MESSAGE, heartbeat))
+            out.append(command_long(self.mission.vehicle, REQUEST_MESSAGE, heartbeat))
         return [self._encode(message) for message in out]

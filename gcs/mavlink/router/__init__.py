@@ -1,1 +1,1 @@
-"""Routes between vehicles and other ground stations, and what these may send."""
+"""Routes between vehicles and other ground stations (`router`), and what those may send (`access_policy`)."""

@@ -21,8 +21,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Role
-from gcs.mavlink.frames.addressee import payload_byte
-from gcs.mavlink.frames.codec import Frame
+from gcs.mavlink.frames.codec import Frame, payload_byte
 
 MISSION_PROTOCOL: Final[frozenset[int]] = frozenset(
     {

@@ -36,9 +36,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.mavlink.fleet.vehicle import Address
-from gcs.mavlink.frames.addressee import target_of
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame
-from gcs.mavlink.frames.signing import FRESHER_NS, signed_t_ns
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, target_of
+from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
 from gcs.mavlink.router import access_policy
 from gcs.mavlink.services.retry import ns
 
@@ -245,7 +244,7 @@ class Router:
         signed_ns = signed_t_ns(frame)
         if signed_ns is None or place.signed_ns is None or frame.message_id != _HEARTBEAT:
             return False
-        later = signed_ns - place.signed_ns > FRESHER_NS
+        later = signed_ns - place.signed_ns > MIN_SIGNED_LATER_NS
         return later and self._is_keyed(address[0], frame.system_id)
 
     def _is_silent(self, place: _Place, t_ns: int) -> bool:

@@ -1,1 +1,5 @@
-"""Commands, parameters, signing keys and other exchanges with one vehicle, with their repeats."""
+"""MAVLink microservices with one vehicle: commands, parameters, signing keys, preflight data, ADS-B.
+
+Each is sans-I/O: `receive` takes a message, `poll` returns the frames that are due. Repetition follows
+`retry` and `rtt`.
+"""

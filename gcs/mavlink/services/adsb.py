@@ -25,22 +25,22 @@ _FLAGS: Final[int] = (
     | dialect.ADSB_FLAGS_VALID_VELOCITY
     | dialect.ADSB_FLAGS_VALID_CALLSIGN
 )
-_UNGIVEN: Final = 0xF00000
+_UNASSIGNED_ICAO_BLOCK: Final = 0xF00000
 _INDEX_BITS: Final = 6
-_LONGEST_CALLSIGN: Final = 8
+_MAX_CALLSIGN_LENGTH: Final = 8
 _MAX_CM_S: Final = 65_535
 
 
 def icao_address(label: Label) -> int:
     """24-bit address of a track: distinct for labels of 64 births a scan over 16384 scans."""
     scan, index = label
-    return _UNGIVEN | (scan << _INDEX_BITS | index & (1 << _INDEX_BITS) - 1) & 0x0FFFFF
+    return _UNASSIGNED_ICAO_BLOCK | (scan << _INDEX_BITS | index & (1 << _INDEX_BITS) - 1) & 0x0FFFFF
 
 
 def callsign(label: Label) -> str:
     """Name on the map: the label as it is written everywhere, or its address when that is too long."""
     text = target_name(label)
-    return text if len(text) <= _LONGEST_CALLSIGN else f"T{icao_address(label):06X}"
+    return text if len(text) <= _MAX_CALLSIGN_LENGTH else f"T{icao_address(label):06X}"
 
 
 def adsb_messages(picture: Picture, frame: LocalFrame, t_ns: int) -> Iterator[Message]:

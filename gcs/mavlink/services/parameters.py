@@ -20,8 +20,8 @@ from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.model import system_of
 from gcs.safe_text import printable
 
-_PATIENCE: Final = RetryPolicy(wait_s=0.5, wait_max_s=2.0, tries=5)
-_AT_ONCE: Final = 6
+_RETRY_POLICY: Final = RetryPolicy(wait_s=0.5, max_wait_s=2.0, max_tries=5)
+_MAX_IN_FLIGHT: Final = 6
 """A telemetry radio carries so many questions and answers in half a second."""
 _FORMATS: Final = {
     dialect.MAV_PARAM_TYPE_UINT8: "<Bxxx",
@@ -43,7 +43,7 @@ def is_bytewise(autopilot: int, capabilities: int | None) -> bool:
     return bool(autopilot == dialect.MAV_AUTOPILOT_PX4)
 
 
-def value_of(message: Message, bytewise: bool) -> float:
+def decode_value(message: Message, bytewise: bool) -> float:
     """Return the value that a PARAM_VALUE carries."""
     form = _FORMATS.get(message.param_type)
     if form is None or not bytewise:
@@ -54,7 +54,7 @@ def value_of(message: Message, bytewise: bool) -> float:
     return float(struct.unpack_from(form, frame, at)[0])
 
 
-def carried(value: float, param_type: int, bytewise: bool) -> float:
+def encode_value(value: float, param_type: int, bytewise: bool) -> float:
     """Return the float that carries a value in a PARAM_SET."""
     form = _FORMATS.get(param_type)
     if form is None or not bytewise:
@@ -62,7 +62,7 @@ def carried(value: float, param_type: int, bytewise: bool) -> float:
     return float(struct.unpack("<f", struct.pack(form, round(value)))[0])
 
 
-def misfit(value: float, param_type: int) -> str:
+def value_problem(value: float, param_type: int) -> str:
     """Say why a value does not fit a MAV_PARAM_TYPE; empty when it does."""
     if not math.isfinite(value):
         return "is no finite number"
@@ -76,7 +76,7 @@ def misfit(value: float, param_type: int) -> str:
     return f"does not fit: it is a whole number of {low} ... {high}"
 
 
-class ParameterReading:
+class ParameterReader:
     """Reads named parameters of one vehicle, a few at a time.
 
     Parameters
@@ -106,22 +106,22 @@ class ParameterReading:
         self._bytewise, self._encode = bytewise, encode
         self._same = {name: same for same in names for name in same}
         self._waiting = list(self._same)
-        self._asked: dict[str, RetryTimer] = {}
+        self._timers: dict[str, RetryTimer] = {}
 
     @property
     def is_done(self) -> bool:
         """Whether every name was answered or given up."""
-        return not self._waiting and not self._asked
+        return not self._waiting and not self._timers
 
     def poll(self, t_ns: int) -> list[bytes]:
         """Let time pass; returns the frames to send."""
-        for name in [name for name, asking in self._asked.items() if asking.unanswered(t_ns)]:
-            del self._asked[name]
-        while self._waiting and len(self._asked) < _AT_ONCE:
+        for name in [name for name, timer in self._timers.items() if timer.is_exhausted(t_ns)]:
+            del self._timers[name]
+        while self._waiting and len(self._timers) < _MAX_IN_FLIGHT:
             name = self._waiting.pop(0)
             request = dialect.MAVLink_param_request_read_message(*self._to, name.encode("ascii"), -1)
-            self._asked[name] = RetryTimer(request, _PATIENCE, t_ns)
-        return [self._encode(asking.question) for asking in self._asked.values() if asking.due(t_ns)]
+            self._timers[name] = RetryTimer(request, _RETRY_POLICY, t_ns)
+        return [self._encode(timer.request) for timer in self._timers.values() if timer.start_try(t_ns)]
 
     def receive(self, message: Message) -> None:
         """Take a message of the vehicle."""
@@ -131,17 +131,17 @@ class ParameterReading:
         ):
             return
         name = printable(str(message.param_id))
-        if name in self._asked or name in self.values:
-            self._asked.pop(name, None)
+        if name in self._timers or name in self.values:
+            self._timers.pop(name, None)
             for other in self._same[name]:
                 if other != name:
-                    self._asked.pop(other, None)
+                    self._timers.pop(other, None)
                     self._waiting = [waiting for waiting in self._waiting if waiting != other]
-            self.values[name] = value_of(message, self._bytewise)
+            self.values[name] = decode_value(message, self._bytewise)
             self.types[name] = message.param_type
 
 
-class ParameterSetting:
+class ParameterSetter:
     """Sets one parameter of a vehicle: reads it for its type, sets it, and believes what comes back.
 
     `outcome` is (whether it has the value now, how or why not) once it has ended.
@@ -153,7 +153,7 @@ class ParameterSetting:
         self.outcome: tuple[bool, str] | None = None
         self._name, self._value, self._bytewise, self._encode = name, value, bytewise, encode
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
-        self._reading = ParameterReading(vehicle, [(name,)], bytewise, encode)
+        self._reading = ParameterReader(vehicle, [(name,)], bytewise, encode)
         self._asking: RetryTimer | None = None
 
     def poll(self, t_ns: int) -> list[bytes]:
@@ -165,11 +165,11 @@ class ParameterSetting:
             if self._reading.is_done:
                 self._read(t_ns)
             return frames
-        if self._asking.unanswered(t_ns):
+        if self._asking.is_exhausted(t_ns):
             why = f"it could not be set to {self._value:g}"
-            self.outcome = (False, f"{self._name} stays {self._held:g}: {why}")
+            self.outcome = (False, f"{self._name} stays {self._value_on_vehicle:g}: {why}")
             return []
-        return [self._encode(self._asking.question)] if self._asking.due(t_ns) else []
+        return [self._encode(self._asking.request)] if self._asking.start_try(t_ns) else []
 
     def receive(self, message: Message) -> None:
         """Take a message of the vehicle."""
@@ -182,16 +182,19 @@ class ParameterSetting:
             self.outcome = (False, f"{self._name}: no such parameter, or no answer")
         elif self._is_set():
             self.outcome = (True, f"{self._name} = {self._value:g}, as it was")
-        elif problem := misfit(self._value, self._reading.types[self._name]):
-            self.outcome = (False, f"{self._name} stays {self._held:g}: {self._value:g} {problem}")
+        elif problem := value_problem(self._value, self._reading.types[self._name]):
+            self.outcome = (
+                False,
+                f"{self._name} stays {self._value_on_vehicle:g}: {self._value:g} {problem}",
+            )
         else:
             kind = self._reading.types[self._name]
-            value = carried(self._value, kind, self._bytewise)
+            value = encode_value(self._value, kind, self._bytewise)
             request = dialect.MAVLink_param_set_message(*self._to, self._name.encode("ascii"), value, kind)
-            self._asking = RetryTimer(request, _PATIENCE, t_ns)
+            self._asking = RetryTimer(request, _RETRY_POLICY, t_ns)
 
     @property
-    def _held(self) -> float:
+    def _value_on_vehicle(self) -> float:
         return self._reading.values[self._name]
 
     def _is_set(self) -> bool:

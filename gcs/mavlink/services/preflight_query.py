@@ -18,12 +18,12 @@ from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.geofence_rally import FENCE, RALLY
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.list_task import ListTask
-from gcs.mavlink.services.command_messages import REQUEST_MESSAGE, command
-from gcs.mavlink.services.parameters import ParameterReading, is_bytewise
+from gcs.mavlink.services.commands import REQUEST_MESSAGE, command_long
+from gcs.mavlink.services.parameters import ParameterReader, is_bytewise
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.safe_text import printable
 
-_ASKED: Final = {
+_REQUESTED_MESSAGES: Final = {
     "AUTOPILOT_VERSION": dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
     "GPS_RAW_INT": dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
     "SYS_STATUS": dialect.MAVLINK_MSG_ID_SYS_STATUS,
@@ -34,19 +34,19 @@ _ESTIMATORS: Final = {
     dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ("EKF_STATUS_REPORT", dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT),
     dialect.MAV_AUTOPILOT_PX4: ("ESTIMATOR_STATUS", dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS),
 }
-NEEDED_IDS: Final = frozenset(
+PREFLIGHT_MESSAGE_IDS: Final = frozenset(
     {
-        *_ASKED.values(),
+        *_REQUESTED_MESSAGES.values(),
         *(number for _, number in _ESTIMATORS.values()),
         dialect.MAVLINK_MSG_ID_PARAM_VALUE,
     }
 )
 """Messages that `Fleet` must give beside its own."""
 
-_PATIENCE: Final = RetryPolicy(wait_s=0.7, wait_max_s=2.0, tries=6)
+_RETRY_POLICY: Final = RetryPolicy(wait_s=0.7, max_wait_s=2.0, max_tries=6)
 _REASONS: Final = "reasons"
-"""The question why the pre-arm check fails. ArduPilot says it every 30 s, and when told to check."""
-_REASONS_PATIENCE: Final = RetryPolicy(wait_s=1.0, wait_max_s=1.0, tries=3)
+"""The request why the pre-arm check fails. ArduPilot says it every 30 s, and when told to check."""
+_REASONS_RETRY_POLICY: Final = RetryPolicy(wait_s=1.0, max_wait_s=1.0, max_tries=3)
 _PREARM: Final = dialect.MAV_SYS_STATUS_PREARM_CHECK
 _WARNING: Final = dialect.MAV_SEVERITY_WARNING
 _MAX_TEXTS: Final = 8
@@ -81,24 +81,24 @@ class PreflightQuery:
         self.profile: AutopilotProfile | None = None
         self.texts: dict[str, None] = {}
         self.values: dict[str, float] = {}
-        self.held: dict[int, tuple[Item, ...] | None] = {}
+        self.onboard_lists: dict[int, tuple[Item, ...] | None] = {}
         self._envelope, self._encode, self._own = envelope, encode, own
-        self._asking: dict[str, RetryTimer] | None = None
-        self._reading: ParameterReading | None = None
+        self._timers: dict[str, RetryTimer] | None = None
+        self._reading: ParameterReader | None = None
         self._list: ListTask | None = None
-        self._told_to_check = False
+        self._has_run_prearm_checks = False
 
     @property
     def is_done(self) -> bool:
         """Whether all has been asked, and answered or given up."""
-        if self._asking is None:
+        if self._timers is None:
             return False
-        return self.profile is None or (self._reading is not None and RALLY in self.held)
+        return self.profile is None or (self._reading is not None and RALLY in self.onboard_lists)
 
     @property
     def stage(self) -> str:
         """What it is about, for people who wait."""
-        if self._asking is None:
+        if self._timers is None:
             return "not heard yet"
         if self._reading is None:
             return "state"
@@ -106,49 +106,49 @@ class PreflightQuery:
 
     def poll(self, t_ns: int) -> list[bytes]:
         """Let time pass; returns the frames to send, none before the vehicle has been heard."""
-        if self._asking is None or self.is_done:
+        if self._timers is None or self.is_done:
             return []
-        waiting = {name: a for name, a in self._asking.items() if not a.unanswered(t_ns)}
-        self._asking = waiting
+        waiting = {name: a for name, a in self._timers.items() if not a.is_exhausted(t_ns)}
+        self._timers = waiting
         if waiting:
-            return [self._encode(a.question) for a in waiting.values() if a.due(t_ns)]
+            return [self._encode(a.request) for a in waiting.values() if a.start_try(t_ns)]
         if self.profile is None:
             return []
         if self._reading is None:
-            self._reading = ParameterReading(self.vehicle, self._names(), self._is_bytewise(), self._encode)
+            self._reading = ParameterReader(self.vehicle, self._names(), self._is_bytewise(), self._encode)
         if not self._reading.is_done:
             return self._reading.poll(t_ns)
         self.values = self._reading.values
         if self._list is None or self._list.result is not None:
-            kind = FENCE if FENCE not in self.held else RALLY
+            kind = FENCE if FENCE not in self.onboard_lists else RALLY
             self._list = ListTask(self.vehicle, kind, None, self._encode, t_ns, own=self._own)
-        return self._listed(self._list.poll(t_ns))
+        return self._note_result(self._list.poll(t_ns))
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:
         """Take a message of the vehicle; returns the frames to send."""
         name = message.get_type()
         self.messages[name] = (t_ns, message)
-        if name == "HEARTBEAT" and self._asking is None:
+        if name == "HEARTBEAT" and self._timers is None:
             self._begin(message, t_ns)
         if name == "STATUSTEXT" and message.severity <= _WARNING:
             self._note(printable(str(message.text)))
-        if self._asking is not None:
-            self._asking.pop(name, None)
-            if name == "SYS_STATUS" and not self._told_to_check and self._fails_prearm_check(message):
-                self._told_to_check = True
-                question = command(self.vehicle, dialect.MAV_CMD_RUN_PREARM_CHECKS)
-                self._asking[_REASONS] = RetryTimer(question, _REASONS_PATIENCE, t_ns)
+        if self._timers is not None:
+            self._timers.pop(name, None)
+            if name == "SYS_STATUS" and not self._has_run_prearm_checks and self._fails_prearm_check(message):
+                self._has_run_prearm_checks = True
+                request = command_long(self.vehicle, dialect.MAV_CMD_RUN_PREARM_CHECKS)
+                self._timers[_REASONS] = RetryTimer(request, _REASONS_RETRY_POLICY, t_ns)
         if self._reading is not None:
             self._reading.receive(message)
-        return [] if self._list is None else self._listed(self._list.receive(message, t_ns))
+        return [] if self._list is None else self._note_result(self._list.receive(message, t_ns))
 
     def _note(self, text: str) -> None:
         self.texts.pop(text, None)
         self.texts[text] = None
         while len(self.texts) > _MAX_TEXTS:
             del self.texts[next(iter(self.texts))]
-        if self._asking is not None:
-            self._asking.pop(_REASONS, None)
+        if self._timers is not None:
+            self._timers.pop(_REASONS, None)
 
     @staticmethod
     def _fails_prearm_check(status: Message) -> bool:
@@ -157,19 +157,19 @@ class PreflightQuery:
 
     def _begin(self, heartbeat: Message, t_ns: int) -> None:
         self.profile = profile_of(heartbeat.autopilot, heartbeat.type)
-        asked = dict(_ASKED)
+        asked = dict(_REQUESTED_MESSAGES)
         if heartbeat.autopilot in _ESTIMATORS:
             asked.update([_ESTIMATORS[heartbeat.autopilot]])
-        self._asking = {
-            name: RetryTimer(command(self.vehicle, REQUEST_MESSAGE, number), _PATIENCE, t_ns)
+        self._timers = {
+            name: RetryTimer(command_long(self.vehicle, REQUEST_MESSAGE, number), _RETRY_POLICY, t_ns)
             for name, number in asked.items()
             if name not in self.messages
         }
 
-    def _listed(self, frames: list[bytes]) -> list[bytes]:
+    def _note_result(self, frames: list[bytes]) -> list[bytes]:
         task = self._list
-        if task is not None and task.result is not None and task.mission_type not in self.held:
-            self.held[task.mission_type] = task.result.held
+        if task is not None and task.result is not None and task.mission_type not in self.onboard_lists:
+            self.onboard_lists[task.mission_type] = task.result.items
         return frames
 
     def _names(self) -> Iterator[tuple[str, ...]]:

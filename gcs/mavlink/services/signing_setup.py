@@ -22,7 +22,7 @@ from gcs.safe_text import printable
 
 Outcome: TypeAlias = Literal["", "done", "failed"]
 
-_AGAIN_NS: Final = ns(1.0)
+_RETRY_NS: Final = ns(1.0)
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _LINK_ID: Final = 0
 
@@ -59,7 +59,7 @@ class SigningSetup:
         self._key, self._old = key, old
         self._next_time, self._deadline_ns = next_time, deadline_ns
         self._encode = Encoder()
-        self._heard = self._holds_old = self._holds_new = self._asked = False
+        self._heard = self._holds_old = self._holds_new = self._has_requested = False
         self._due_ns = 0
 
     def receive(self, frame: Frame) -> None:
@@ -75,7 +75,7 @@ class SigningSetup:
             self._on_heartbeat(armed=bool(message.base_mode & _ARMED))
         elif message is not None and name == "STATUSTEXT" and "sign" in message.text.lower():
             self.detail = f"said: {printable(message.text)}"
-        elif message is not None and name == "COMMAND_ACK" and self._holds_new and self._asked:
+        elif message is not None and name == "COMMAND_ACK" and self._holds_new and self._has_requested:
             self.outcome, self.detail = "done", "signs with the key, and obeys what is signed with it"
 
     def _on_heartbeat(self, *, armed: bool) -> None:
@@ -95,24 +95,24 @@ class SigningSetup:
             return []
         if not self._heard:
             return []
-        self._due_ns = t_ns + _AGAIN_NS
+        self._due_ns = t_ns + _RETRY_NS
         if self._holds_new:
-            self._asked = True
+            self._has_requested = True
             self.detail = "signs with the key, but did not answer what was signed with it"
-            return [self._sealed(self._question(), self._key, t_ns)]
+            return [self._signed(self._request(), self._key, t_ns)]
         self.sent += 1
         setup = dialect.MAVLink_setup_signing_message(
             self.system_id, AUTOPILOT_COMPONENT_ID, list(self._key), timestamp_of(t_ns)
         )
         frame = self._encode(setup)
-        return [self._sealed(frame, self._old, t_ns) if self._old and self._holds_old else frame]
+        return [self._signed(frame, self._old, t_ns) if self._old and self._holds_old else frame]
 
-    def _question(self) -> bytes:
+    def _request(self) -> bytes:
         fields = (dialect.MAV_CMD_REQUEST_MESSAGE, 0, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         message = dialect.MAVLink_command_long_message(
             self.system_id, AUTOPILOT_COMPONENT_ID, *fields, 0, 0, 0, 0, 0, 0
         )
         return self._encode(message)
 
-    def _sealed(self, frame: bytes, key: bytes, t_ns: int) -> bytes:
+    def _signed(self, frame: bytes, key: bytes, t_ns: int) -> bytes:
         return signed(frame, key, _LINK_ID, self._next_time(t_ns))

@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import profile_of
-from gcs.mavlink.fleet.position_checks import unplaceable
+from gcs.mavlink.fleet.position_checks import position_problem
 from gcs.mavlink.frames.codec import Frame, Message
 from gcs.model import NS_PER_S, FloatArray, read_only
 
@@ -108,7 +108,7 @@ class Flights:
     def _position(self, vehicle: _Vehicle, t_ns: int, message: Message) -> None:
         lat_deg, lon_deg, alt_msl_m = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
         origin = self.frame if self.frame is not None else LocalFrame(lat_deg, lon_deg, alt_msl_m)
-        if unplaceable(lat_deg, lon_deg, alt_msl_m, origin, _MAX_DISTANCE_M):
+        if position_problem(lat_deg, lon_deg, alt_msl_m, origin, _MAX_DISTANCE_M):
             return
         self.frame = origin
         speed_m_s = math.hypot(message.vx, message.vy) * 1e-2

@@ -4,18 +4,18 @@ from gcs.mavlink.fleet.mode_authority import ModeAuthority
 
 
 def after(*steps):
-    custody = ModeAuthority()
+    authority = ModeAuthority()
     for step in steps:
         kind, _, mode = step.partition(" ")
         if kind == "hear":
-            custody.heard(mode)
+            authority.observe_mode(mode)
         elif kind == "end":
-            custody.heard(mode, at_end=True)
+            authority.observe_mode(mode, at_end=True)
         elif kind == "order":
-            custody.ordered(mode)
+            authority.note_command(mode)
         else:
-            getattr(custody, kind)()
-    return custody.taken
+            getattr(authority, kind)()
+    return authority.override
 
 
 def test_a_loiter_before_the_first_mission_waits_for_it():
@@ -52,5 +52,5 @@ def test_a_missions_end_in_hold_is_ours():
 
 
 def test_a_reboot_gives_nothing_back():
-    assert after("hear AUTO", "hear LOITER", "rebooted", "hear LOITER") == "LOITER"
-    assert after("hear AUTO", "rebooted", "hear MANUAL") == "MANUAL"
+    assert after("hear AUTO", "hear LOITER", "note_reboot", "hear LOITER") == "LOITER"
+    assert after("hear AUTO", "note_reboot", "hear MANUAL") == "MANUAL"

@@ -147,9 +147,9 @@ def test_a_new_sender_may_be_a_minute_behind_and_no_more():
 def test_a_vehicle_without_the_time_is_told_it_and_heard_then():
     subject, peer = gate(), Peer(t_ns=NOW - 86_400 * S)
     assert subject.admit(NOW, HERE, peer.send()) == b""
-    assert subject.behind() == [HERE]
-    assert subject.behind() == []
-    assert peer.takes(subject.seal(NOW, HERE, Encoder()(beat(6))))
+    assert subject.take_stale_senders() == [HERE]
+    assert subject.take_stale_senders() == []
+    assert peer.takes(subject.sign_frames(NOW, HERE, Encoder()(beat(6))))
     assert subject.admit(NOW, HERE, peer.send())
 
 
@@ -170,7 +170,7 @@ def test_after_a_restart_what_was_heard_before_it_is_still_old():
 
 def test_our_time_never_goes_back_when_the_clock_does():
     subject, peer = gate(timestamp=timestamp_of(NOW)), Peer(t_ns=NOW - 86_400 * S)
-    frames = [subject.seal(NOW - 3600 * S, HERE, Encoder()(beat())) for _ in range(3)]
+    frames = [subject.sign_frames(NOW - 3600 * S, HERE, Encoder()(beat())) for _ in range(3)]
     times = [signing_time(scan(frame).frames[0]) for frame in frames]
     assert times == [timestamp_of(NOW) + n for n in (1, 2, 3)]
     assert all(peer.takes(frame) for frame in frames)
@@ -179,7 +179,7 @@ def test_our_time_never_goes_back_when_the_clock_does():
 def test_our_time_follows_the_latest_that_was_heard():
     subject, ahead = gate(), Peer(t_ns=NOW + 600 * S)
     subject.admit(NOW, HERE, ahead.send())
-    assert ahead.takes(subject.seal(NOW, HERE, Encoder()(beat())))
+    assert ahead.takes(subject.sign_frames(NOW, HERE, Encoder()(beat())))
 
 
 def test_a_radios_own_status_needs_no_signature():
@@ -199,7 +199,7 @@ def test_a_key_on_its_way_is_let_in_by_no_link_at_all():
 def test_without_keys_everything_passes_untouched():
     subject, data = Gate(Keys(), [VEHICLES]), b"noise" + Encoder(1, 1)(beat()) + Peer().send()
     assert subject.admit(NOW, HERE, data) == data
-    assert subject.seal(NOW, HERE, data) == data
+    assert subject.sign_frames(NOW, HERE, data) == data
 
 
 def test_each_vehicle_may_have_a_key_of_its_own_and_the_rest_none():
@@ -208,7 +208,7 @@ def test_each_vehicle_may_have_a_key_of_its_own_and_the_rest_none():
     assert subject.admit(NOW, HERE, Encoder(3, 1)(beat())), "system 3 of another network has no key"
     to_one = Encoder()(dialect.MAVLink_mission_count_message(1, 1, 5))
     to_three = Encoder()(dialect.MAVLink_mission_count_message(3, 1, 5))
-    out = subject.seal(NOW, HERE, to_one + to_three)
+    out = subject.sign_frames(NOW, HERE, to_one + to_three)
     assert [frame.signed for frame in scan(out).frames] == [True, False]
 
 
@@ -217,7 +217,7 @@ def test_what_is_for_all_at_an_address_goes_out_with_each_key_heard_there():
     peers = Peer(1), Peer(2, key=OTHER)
     for peer in peers:
         subject.admit(NOW, HERE, peer.send())
-    frames = [f.data for f in scan(subject.seal(NOW, HERE, Encoder()(beat(6)))).frames]
+    frames = [f.data for f in scan(subject.sign_frames(NOW, HERE, Encoder()(beat(6)))).frames]
     assert len(frames) == 2
     assert all(any(peer.takes(frame) for frame in frames) for peer in peers)
 
@@ -227,14 +227,16 @@ def test_a_ground_stations_endpoint_has_a_key_only_by_its_name():
     guest, station = (GUESTS.name, "10.0.0.7:1"), Peer(254, key=OTHER)
     assert subject.admit(NOW, guest, Encoder(254, 190)(beat(6))) == b""
     assert subject.admit(NOW, guest, station.send(beat(6)))
-    assert station.takes(subject.seal(NOW, guest, Peer(1, key=KEY).send())), "signed anew for the guest"
+    assert station.takes(subject.sign_frames(NOW, guest, Peer(1, key=KEY).send())), (
+        "signed anew for the guest"
+    )
     assert gate().admit(NOW, guest, Encoder(254, 190)(beat(6)))
 
 
 def test_a_frame_of_mavlink_1_never_goes_out_to_a_signed_vehicle():
     mavlink1 = bytes(beat().pack(dialect.MAVLink(None), force_mavlink1=True))
     subject = gate()
-    assert subject.seal(NOW, HERE, mavlink1) == b""
+    assert subject.sign_frames(NOW, HERE, mavlink1) == b""
 
 
 @given(st.binary(max_size=300))
@@ -243,7 +245,7 @@ def test_no_bytes_raise(data):
     subject = gate()
     for bytes_ in (data, Peer().send()[:20] + data, b"\xfd\x00\x01" + data):
         subject.admit(NOW, HERE, bytes_)
-        subject.seal(NOW, HERE, bytes_)
+        subject.sign_frames(NOW, HERE, bytes_)
 
 
 def test_senders_who_hold_the_key_cannot_fill_the_memory(monkeypatch):

@@ -13,7 +13,7 @@ from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.geofence_rally import (
     FENCE,
     RALLY,
-    fence_held,
+    fence_from_items,
     fence_items,
     list_difference,
     rally_items,
@@ -56,11 +56,11 @@ def test_what_is_uploaded_is_what_is_held_and_what_is_cleared_is_gone(autopilot,
     plane = vehicle(autopilot)
     done = talk(begin(plane, mission_type, items), plane)
     assert (done.ok, done.detail, done.retries) == (True, "read back equal", 0)
-    held = talk(begin(plane, mission_type, None), plane).held
+    held = talk(begin(plane, mission_type, None), plane).items
     assert not list_difference(mission_type, items, held)
     assert len(plane.autopilot.mission) == 0
     assert talk(begin(plane, mission_type, ()), plane).ok
-    assert talk(begin(plane, mission_type, None), plane).held == ()
+    assert talk(begin(plane, mission_type, None), plane).items == ()
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
@@ -68,7 +68,7 @@ def test_what_is_uploaded_is_what_is_held_and_what_is_cleared_is_gone(autopilot,
 def test_success_over_a_radio_that_loses_a_third_means_that_the_vehicle_holds_it(autopilot, seed):
     plane = vehicle(autopilot)
     result = talk(begin(plane, FENCE, ITEMS), plane, loss=0.3, seed=seed)
-    held = talk(begin(plane, FENCE, None), plane).held
+    held = talk(begin(plane, FENCE, None), plane).items
     assert result.ok
     assert not list_difference(FENCE, ITEMS, held)
 
@@ -114,9 +114,9 @@ def test_a_vehicle_without_fences_or_without_an_answer_is_told_as_that():
 
 
 def test_items_mean_the_fence_that_they_were_made_from():
-    fence = fence_held(ITEMS)
+    fence = fence_from_items(ITEMS)
     assert [area.stay_in for area in fence.areas] == [True, False]
     assert fence.areas[1].radius_m == 80.0
     for got, want in zip(fence.areas[0].corners_deg, SQUARE, strict=True):
         assert math.dist(got, want) < 1e-7
-    assert fence_held(ITEMS[1:]) is None
+    assert fence_from_items(ITEMS[1:]) is None

@@ -39,37 +39,37 @@ def seqs(messages):
 def test_what_is_asked_for_is_sent_and_nothing_else_while_requests_come():
     sending, sent = MissionUpload(ITEMS, TO, RttEstimator(0.1), lambda: 6), []
     for seq in range(8):
-        sent += sending.answer(seq, at(0.1 * seq)) + sending.due(at(0.1 * seq + 0.05))
+        sent += sending.answer_request(seq, at(0.1 * seq)) + sending.poll(at(0.1 * seq + 0.05))
     assert seqs(sent) == list(range(8))
-    assert sending.is_whole
+    assert sending.is_all_sent
 
 
 def test_after_a_silence_the_item_goes_out_again_and_the_one_whose_request_may_be_lost():
     sending = MissionUpload(ITEMS, TO, RttEstimator(0.1), lambda: 3)
-    sending.answer(0, 0)
-    sending.answer(1, at(0.1))
-    assert sending.due(at(0.25)) == []
-    assert seqs(sending.due(at(0.4))) == [1, 2]
-    assert sending.due(at(0.55)) == []
-    assert seqs(sending.due(at(1.0))) == [1, 2, 3]
-    assert seqs(sending.due(at(2.0))) == [1, 2, 3]  # no more than the window
-    assert seqs(sending.answer(3, at(2.1))) == [3]
-    assert seqs(sending.due(at(3.0))) == [3, 4]
+    sending.answer_request(0, 0)
+    sending.answer_request(1, at(0.1))
+    assert sending.poll(at(0.25)) == []
+    assert seqs(sending.poll(at(0.4))) == [1, 2]
+    assert sending.poll(at(0.55)) == []
+    assert seqs(sending.poll(at(1.0))) == [1, 2, 3]
+    assert seqs(sending.poll(at(2.0))) == [1, 2, 3]  # no more than the window
+    assert seqs(sending.answer_request(3, at(2.1))) == [3]
+    assert seqs(sending.poll(at(3.0))) == [3, 4]
 
 
 def test_where_the_order_matters_only_what_was_asked_for_is_sent_again():
     sending = MissionUpload(ITEMS, TO, RttEstimator(0.1))
-    sending.answer(0, 0)
-    assert [seqs(sending.due(at(t))) for t in (1, 2, 3)] == [[0]] * 3
+    sending.answer_request(0, 0)
+    assert [seqs(sending.poll(at(t))) for t in (1, 2, 3)] == [[0]] * 3
 
 
 def test_nothing_is_sent_before_the_first_request_nor_beyond_the_last_item():
     sending = MissionUpload(ITEMS[:2], TO, RttEstimator(0.1), lambda: 6)
-    assert sending.due(at(100.0)) == []
-    sending.answer(0, 0)
-    sending.due(at(1.0))
-    assert sending.is_whole
-    assert seqs(sending.due(at(2.0))) == [0, 1]
+    assert sending.poll(at(100.0)) == []
+    sending.answer_request(0, 0)
+    sending.poll(at(1.0))
+    assert sending.is_all_sent
+    assert seqs(sending.poll(at(2.0))) == [0, 1]
 
 
 # ---------------------------------------------------------------- reading back
@@ -85,81 +85,81 @@ def count_message(count):
 
 def test_a_read_back_keeps_a_window_of_questions_on_its_way_and_takes_answers_in_any_order():
     reading = MissionDownload(TO, RttEstimator(0.1), 0, lambda: 3)
-    assert [m.get_type() for m in reading.due(0)] == ["MISSION_REQUEST_LIST"]
-    reading.take_count(count_message(5), at(0.1))
-    assert seqs(reading.due(at(0.1))) == [0, 1, 2]
-    assert reading.take_item(item_message(1), at(0.2))
-    assert not reading.take_item(item_message(1), at(0.2)), "a duplicate"
-    assert not reading.take_item(item_message(4), at(0.2)), "not asked for"
-    assert seqs(reading.due(at(0.2))) == [3]
-    assert seqs(reading.due(at(0.35))) == [0, 2]  # asked again when they are overdue, and 3 is not
+    assert [m.get_type() for m in reading.poll(0)] == ["MISSION_REQUEST_LIST"]
+    reading.add_count(count_message(5), at(0.1))
+    assert seqs(reading.poll(at(0.1))) == [0, 1, 2]
+    assert reading.add_item(item_message(1), at(0.2))
+    assert not reading.add_item(item_message(1), at(0.2)), "a duplicate"
+    assert not reading.add_item(item_message(4), at(0.2)), "not asked for"
+    assert seqs(reading.poll(at(0.2))) == [3]
+    assert seqs(reading.poll(at(0.35))) == [0, 2]  # asked again when they are overdue, and 3 is not
     for seq in (3, 2, 0):
-        reading.take_item(item_message(seq), at(0.5))
-    assert seqs(reading.due(at(0.5))) == [4]
-    reading.take_item(item_message(4), at(0.6))
+        reading.add_item(item_message(seq), at(0.5))
+    assert seqs(reading.poll(at(0.5))) == [4]
+    reading.add_item(item_message(4), at(0.6))
     assert reading.is_complete
     assert reading.items == ITEMS[:5]
 
 
 def test_a_read_back_that_a_vehicle_breaks_off_is_begun_anew():
     reading = MissionDownload(TO, RttEstimator(0.1), 0)
-    reading.due(0)
-    reading.take_count(count_message(5), at(0.1))
-    reading.broken_off(at(0.2))
-    assert [m.get_type() for m in reading.due(at(0.2))] == ["MISSION_REQUEST_LIST"]
+    reading.poll(0)
+    reading.add_count(count_message(5), at(0.1))
+    reading.restart_if_in_order(at(0.2))
+    assert [m.get_type() for m in reading.poll(at(0.2))] == ["MISSION_REQUEST_LIST"]
 
 
 def test_a_read_back_in_vain_ends():
     reading, t_ns, lists = MissionDownload(TO, RttEstimator(0.1), 0), 0, 0
-    while not reading.unanswered(t_ns):
+    while not reading.is_exhausted(t_ns):
         assert t_ns < at(400.0)
-        for question in reading.due(t_ns):
-            if question.get_type() == "MISSION_REQUEST_LIST":
+        for request in reading.poll(t_ns):
+            if request.get_type() == "MISSION_REQUEST_LIST":
                 lists += 1
-                reading.take_count(count_message(5), t_ns)
+                reading.add_count(count_message(5), t_ns)
         t_ns += at(0.05)
     assert lists == 10
 
 
-# ---------------------------------------------------------------- pace
+# ---------------------------------------------------------------- rtt
 
 
 def test_the_wait_follows_the_link_and_outliers_do_not_move_it():
-    pace = RttEstimator()
-    for took_s in (0.1, 1.1, 0.12, 0.1, 1.2):  # a vehicle that repeats its question looks slow
-        pace.took(took_s)
-    assert pace.wait_s == pytest.approx(0.24)
+    rtt = RttEstimator()
+    for took_s in (0.1, 1.1, 0.12, 0.1, 1.2):  # a vehicle that repeats its request looks slow
+        rtt.add_sample(took_s)
+    assert rtt.wait_s == pytest.approx(0.24)
     for _ in range(9):
-        pace.took(0.8)
-    assert pace.wait_s == pytest.approx(1.6)
+        rtt.add_sample(0.8)
+    assert rtt.wait_s == pytest.approx(1.6)
 
 
 def test_where_round_trips_are_short_repeats_stay_frequent_and_go_out_twice():
     """At 30 % loss over a link of 20 ms one missing item was asked for every 1.2 s."""
-    pace = RttEstimator(0.02)
+    rtt = RttEstimator(0.02)
     for _ in range(20):
-        pace.late()
-    assert pace.wait_s < 0.1
-    assert pace.copies == 2
-    patience = pace.patience(12, 20.0)
-    asking = RetryTimer(count_message(1), patience, 0)
-    sent_s = [0.05 * tick for tick in range(600) if asking.due(at(0.05 * tick))]
+        rtt.back_off()
+    assert rtt.wait_s < 0.1
+    assert rtt.copies == 2
+    policy = rtt.retry_policy(12, 20.0)
+    timer = RetryTimer(count_message(1), policy, 0)
+    sent_s = [0.05 * tick for tick in range(600) if timer.start_try(at(0.05 * tick))]
     assert sent_s[7] < 1.0
     assert 18.0 < sent_s[-1] < 22.0  # an outage may last as long as before
     assert (RttEstimator(0.3).copies, RttEstimator().copies) == (1, 1)
 
 
 def test_repeats_grow_rarer_until_something_can_be_measured_again():
-    pace, waits = RttEstimator(0.3), []
+    rtt, waits = RttEstimator(0.3), []
     for _ in range(5):
-        waits.append(pace.wait_s)
-        pace.late()
+        waits.append(rtt.wait_s)
+        rtt.back_off()
     assert waits == sorted(waits)
-    assert pace.wait_s == pytest.approx(1.2)
-    pace.took(None)
-    assert pace.wait_s == pytest.approx(1.2)
-    pace.took(0.3)
-    assert pace.wait_s == pytest.approx(0.6)
+    assert rtt.wait_s == pytest.approx(1.2)
+    rtt.add_sample(None)
+    assert rtt.wait_s == pytest.approx(1.2)
+    rtt.add_sample(0.3)
+    assert rtt.wait_s == pytest.approx(0.6)
 
 
 # ---------------------------------------------------------------- with vehicles, over every kind of bad link
@@ -173,8 +173,8 @@ def simulated(autopilot):
 def task_for(autopilot, points, shift_deg=0.0):
     route = tuple(Waypoint(33.2 + n * 1e-3 + shift_deg, -87.6, 100.0, 10.0) for n in range(points))
     profile = {"ardupilot": ARDUPLANE, "px4": PX4}[autopilot]
-    custody = ModeAuthority("LOITER")
-    return UploadTask(Mission(1, 7, route), HOME, Encoder(), profile=profile, custody=custody)
+    authority = ModeAuthority("LOITER")
+    return UploadTask(Mission(1, 7, route), HOME, Encoder(), profile=profile, authority=authority)
 
 
 class Talk:
@@ -236,7 +236,7 @@ def test_a_mission_that_replaces_another_in_mid_transfer_is_the_one_that_is_held
     talk = Talk(autopilot, seed, loss=0.2, doubles=0.1, delay_s=(0.01, 0.2))
     first = task_for(autopilot, 20)
     enough = int(np.random.default_rng(seed).integers(1, 15))
-    talk.run(first, until=lambda: first._sending.next >= enough)
+    talk.run(first, until=lambda: first._mission_upload.sent_count >= enough)
     talk.put(first.supersede(talk.t_ns))
     second = task_for(autopilot, 7, shift_deg=0.05)
     began_ns = talk.t_ns

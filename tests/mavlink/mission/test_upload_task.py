@@ -10,7 +10,7 @@ from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.task_terms import Timing
+from gcs.mavlink.mission.upload_stages import UploadTiming
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import Mission, Waypoint
 
@@ -35,7 +35,7 @@ def flying(points=6, leg_s=math.inf, mode=AUTO):
 
 def joined(plane, points=4, *, seed=1, loss=0.0, doubles=0.0, delay_s=(0.005, 0.03), **options):
     known = {
-        "custody": ModeAuthority(MODE_NAMES[plane.mode]),
+        "authority": ModeAuthority(MODE_NAMES[plane.mode]),
         "time_to_next_s": plane.time_to_next_s,
         "current": plane.current,
     }
@@ -57,7 +57,7 @@ def test_a_mission_is_uploaded_read_back_selected_and_flown():
     link = joined(plane)
     result = link.run()
     assert result.ok
-    assert (result.holds, result.retries, result.held) == ("equal", 0, False)
+    assert (result.onboard, result.retries, result.was_held) == ("equal", 0, False)
     assert plane.holds(link.task.items)
     assert (plane.mode, plane.current) == (AUTO, 1)
     assert plane.cached == plane.store[1]
@@ -135,14 +135,14 @@ def test_at_half_loss_it_is_equal_or_reported_and_no_mix_is_left_to_fly(seed):
     link = joined(plane, 28, seed=seed, loss=0.5, doubles=0.1, delay_s=(0.01, 0.3), old=old)
     result = link.run(1000)
     assert result is not None
-    assert result.ok == (result.holds == "equal")
+    assert result.ok == (result.onboard == "equal")
     legs_before = len(plane.mixed_legs)
     if result.ok:
         assert plane.holds(link.task.items)
     else:
         assert result.detail
         assert not (plane.mixed() and plane.mode == AUTO)
-        assert result.holds != "cleared" or plane.store == []
+        assert result.onboard != "cleared" or plane.store == []
     for _ in range(1200):
         link.step()
     assert len(plane.mixed_legs) == legs_before
@@ -170,8 +170,8 @@ def test_one_kind_of_answer_that_never_comes_does_not_hide_the_truth(name):
 def test_a_refused_item_ends_in_loiter_with_nothing_stored_and_a_reason():
     plane, _ = flying()
     plane.accepts = lambda message: 3 if message.seq == 2 else 0
-    result = joined(plane, timing=Timing(uploads=2)).run()
-    assert (result.ok, result.holds, result.held) == (False, "cleared", True)
+    result = joined(plane, timing=UploadTiming(max_uploads=2)).run()
+    assert (result.ok, result.onboard, result.was_held) == (False, "cleared", True)
     assert "UNSUPPORTED" in result.detail
     assert (plane.mode, plane.store) == (LOITER, [])
 
@@ -204,7 +204,7 @@ def test_a_store_that_reads_back_differently_is_repaired_or_cleared():
         return store(message, sender, t_ns)
 
     plane._on_mission_item_int = damages
-    result = joined(plane, timing=Timing(uploads=3)).run()
+    result = joined(plane, timing=UploadTiming(max_uploads=3)).run()
     assert not result.ok
     assert "read-back differs: item 2: x" in result.detail
     assert plane.store == []
@@ -217,8 +217,8 @@ def test_a_vehicle_that_keeps_its_old_mission_on_failure_keeps_flying_it():
         return [dialect.MAVLink_mission_ack_message(*sender, dialect.MAV_MISSION_DENIED, 0)]
 
     plane._on_mission_count = refuses
-    result = joined(plane, timing=Timing(uploads=2), old=old).run()
-    assert (result.ok, result.holds, result.held) == (False, "old", False)
+    result = joined(plane, timing=UploadTiming(max_uploads=2), old=old).run()
+    assert (result.ok, result.onboard, result.was_held) == (False, "old", False)
     assert plane.mode == AUTO
     assert plane.holds(old)
 
@@ -227,28 +227,28 @@ def test_a_dead_vehicle_is_reported_within_bounds():
     plane, _ = flying()
     plane.silent = True
     result = joined(plane).run(300)
-    assert (result.ok, result.holds) == (False, "unknown")
+    assert (result.ok, result.onboard) == (False, "unknown")
 
 
 @pytest.mark.parametrize("at_s", [0.05, 0.2, 0.4, 0.7])
 def test_a_reboot_in_mid_transfer_starts_it_again(at_s):
     plane, _ = flying()
-    custody = ModeAuthority("AUTO")
-    link = joined(plane, 10, custody=custody)
+    authority = ModeAuthority("AUTO")
+    link = joined(plane, 10, authority=authority)
     rebooted = []
 
     def reboot(now):
         if now.t_ns >= at_s * S and not rebooted:
             rebooted.append(now.t_ns)
             plane.reboot(now.t_ns)
-            custody.rebooted()
+            authority.note_reboot()
             now.up.put(now.task.restart(now.t_ns), now.t_ns)
 
     link.each_step = reboot
     result = link.run()
     assert rebooted
     assert plane.holds(link.task.items)
-    assert (result.ok, result.holds, plane.mode) == (False, "equal", MANUAL)
+    assert (result.ok, result.onboard, plane.mode) == (False, "equal", MANUAL)
     assert "MANUAL was chosen" in result.detail
 
 
@@ -260,7 +260,7 @@ def test_a_plane_that_reaches_its_waypoint_in_mid_transfer_is_held_then_sent_on(
     result = link.run()
     assert request
     assert result.ok
-    assert result.held
+    assert result.was_held
     assert plane.mode == AUTO
     assert plane.mixed_legs == [] or plane.mixed_legs[-1] < 9 * S
 
@@ -275,7 +275,7 @@ def test_a_task_that_is_abandoned_midway_leaves_no_mix():
     assert plane.mixed()
     link.up.put(link.task.abandon("ordered to", link.t_ns), link.t_ns)
     result = link.run(extra_s=60.0)
-    assert (result.ok, result.holds, result.detail) == (False, "cleared", "ordered to")
+    assert (result.ok, result.onboard, result.detail) == (False, "cleared", "ordered to")
     assert plane.store == []
     assert plane.mode in (LOITER, RTL)
 
@@ -336,7 +336,7 @@ def test_another_station_in_the_middle_of_its_own_upload_is_waited_for():
 
 
 def test_a_request_that_runs_ahead_is_not_answered():
-    task = UploadTask(mission(6), HOME, Encoder(), custody=ModeAuthority("LOITER"))
+    task = UploadTask(mission(6), HOME, Encoder(), authority=ModeAuthority("LOITER"))
     task.start(0)
     assert task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 4, 0)), 1) == []
     answered = task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 0, 0)), 2)
@@ -372,7 +372,7 @@ def test_a_mode_that_an_operator_chooses_in_mid_transfer_is_left_alone(mode, at_
 
     link.each_step = choose
     result = link.run(extra_s=5.0)
-    assert (result.ok, result.holds, result.held) == (False, "equal", False)
+    assert (result.ok, result.onboard, result.was_held) == (False, "equal", False)
     assert "was chosen meanwhile" in result.detail
     assert plane.mode == mode
     assert plane.holds(link.task.items)
@@ -386,7 +386,7 @@ def test_a_vehicle_near_its_next_waypoint_waits_before_anything_is_changed():
     link.each_step = lambda now: stored_while_in_auto.append(plane.mode == AUTO and plane.mixed())
     result = link.run()
     assert result.ok
-    assert result.held
+    assert result.was_held
     assert not any(stored_while_in_auto)
 
 
@@ -404,7 +404,7 @@ def test_a_vehicle_never_counts_on_into_a_mission_of_which_nothing_was_selected(
 
     link.each_step = hear_later
     result = link.run()
-    assert (result.ok, result.held, result.selected) == (True, True, True)
+    assert (result.ok, result.was_held, result.selected) == (True, True, True)
     assert modes == {AUTO, LOITER}
     assert (plane.mode, plane.current) == (AUTO, 1)
 
@@ -418,22 +418,22 @@ def test_a_task_that_is_superseded_before_it_could_select_says_so():
     while link.task.stage != "select":
         link.step()
     link.task.supersede(link.t_ns)
-    assert (link.task.result.holds, link.task.result.selected) == ("equal", False)
+    assert (link.task.result.onboard, link.task.result.selected) == ("equal", False)
 
 
 def test_a_vehicle_that_cannot_be_told_to_wait_keeps_its_mission():
     plane, old = flying(leg_s=2.0)
     plane.ignores.add("COMMAND_LONG")
     result = joined(plane, 10).run()
-    assert (result.ok, result.holds) == (False, "old")
+    assert (result.ok, result.onboard) == (False, "old")
     assert plane.holds(old)
 
 
 def test_a_vehicle_that_waited_in_vain_goes_on_with_its_old_mission():
     plane, old = flying(leg_s=2.0)
     plane._on_mission_count = lambda _m, sender, _t: [dialect.MAVLink_mission_ack_message(*sender, 14, 0)]
-    result = joined(plane, 10, old=old, timing=Timing(uploads=2)).run()
-    assert (result.ok, result.holds, result.held) == (False, "old", False)
+    result = joined(plane, 10, old=old, timing=UploadTiming(max_uploads=2)).run()
+    assert (result.ok, result.onboard, result.was_held) == (False, "old", False)
     assert plane.holds(old)
     assert plane.mode == AUTO
 
@@ -452,34 +452,34 @@ def test_no_mix_is_flown_over_a_bad_radio(loss):
 
 def test_an_upload_by_another_program_counts_when_it_is_read_back():
     plane, _ = flying(mode=LOITER)
-    task = UploadTask(mission(), HOME, Encoder(), custody=ModeAuthority("LOITER"), delegated=True)
+    task = UploadTask(mission(), HOME, Encoder(), authority=ModeAuthority("LOITER"), delegated=True)
     plane.mean(task.items)
     link = Joined(task, plane, Channel(1), Channel(2))
     assert task.start(0) == []
-    frames = decode(task.handover())[0]
+    frames = decode(task.take_external_frames())[0]
     assert [m.seq for m in frames] == list(range(len(task.items)))
-    assert task.handover() == b""
+    assert task.take_external_frames() == b""
     plane.store = list(plane.whole[-1])
-    link.up.put(task.delivered(True, True, "", 1), 1)
+    link.up.put(task.add_external_result(True, True, "", 1), 1)
     assert link.run().ok
 
 
 def test_a_program_that_never_began_leaves_the_old_mission():
     _plane, old = flying(mode=LOITER)
-    task = UploadTask(mission(), HOME, Encoder(), custody=ModeAuthority("LOITER"), old=old, delegated=True)
+    task = UploadTask(mission(), HOME, Encoder(), authority=ModeAuthority("LOITER"), old=old, delegated=True)
     task.start(0)
-    task.delivered(False, False, "MAVSDK's process is not running", 1)
-    assert (task.result.ok, task.result.holds) == (False, "old")
+    task.add_external_result(False, False, "MAVSDK's process is not running", 1)
+    assert (task.result.ok, task.result.onboard) == (False, "old")
     assert "not running" in task.result.detail
 
 
 def test_a_mix_that_another_program_leaves_is_repaired_by_us():
     plane, _ = flying(mode=LOITER)
-    task = UploadTask(mission(), HOME, Encoder(), custody=ModeAuthority("LOITER"), delegated=True)
+    task = UploadTask(mission(), HOME, Encoder(), authority=ModeAuthority("LOITER"), delegated=True)
     plane.mean(task.items)
     link = Joined(task, plane, Channel(1), Channel(2))
     task.start(0)
     plane.store = plane.store[:3]
-    link.up.put(task.delivered(False, True, "MAVSDK: TIMEOUT", 1), 1)
+    link.up.put(task.add_external_result(False, True, "MAVSDK: TIMEOUT", 1), 1)
     assert link.run().ok
     assert plane.holds(task.items)

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link, parse_endpoint
-from gcs.mavlink.frames.addressee import target_of
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, Frame, scan
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, Frame, scan, target_of
 from gcs.mavlink.router.router import Router, RoutingSettings
 
 S = 1_000_000_000

@@ -12,12 +12,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.geo import LocalFrame
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.services.parameters import (
-    ParameterReading,
-    ParameterSetting,
-    carried,
+    ParameterReader,
+    ParameterSetter,
+    decode_value,
+    encode_value,
     is_bytewise,
-    misfit,
-    value_of,
+    value_problem,
 )
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
@@ -37,14 +37,14 @@ def test_every_integer_survives_its_bytes(value):
     frame[10:14] = struct.pack("<i", value)
     message = dialect.MAVLink_param_value_message(b"NAME", 0.0, 6, 1, 0)
     message._msgbuf = frame
-    assert value_of(message, bytewise=True) == value
+    assert decode_value(message, bytewise=True) == value
 
 
 @pytest.mark.parametrize("kind", [1, 2, 3, 4, 5, 6, 9])
 def test_both_ways_to_carry_a_number_are_read_as_they_are_meant(kind):
-    assert value_of(said(carried(42, kind, True), kind), True) == 42
-    assert value_of(said(42.0, kind), False) == 42
-    assert (value_of(said(42.0, kind), True) == 42) is (kind == 9)
+    assert decode_value(said(encode_value(42, kind, True), kind), True) == 42
+    assert decode_value(said(42.0, kind), False) == 42
+    assert (decode_value(said(42.0, kind), True) == 42) is (kind == 9)
 
 
 def test_capabilities_come_before_what_a_firmware_usually_does():
@@ -81,7 +81,7 @@ def vehicle(autopilot="ardupilot", **parameters):
 def test_parameters_are_read_over_a_lossy_link_in_either_encoding(autopilot, name, value):
     plane = vehicle(autopilot, **{name: value})
     names = [(name,), ("NOT_THERE",), ("RTL_RETURN_ALT", "RTL_ALTITUDE"), ("FENCE_ENABLE",)]
-    reading = ParameterReading(7, names, autopilot == "px4", Encoder())
+    reading = ParameterReader(7, names, autopilot == "px4", Encoder())
     talk(reading, plane, lambda: reading.is_done, loss=0.3, seed=4)
     assert reading.values[name] == value
     assert "NOT_THERE" not in reading.values
@@ -90,7 +90,7 @@ def test_parameters_are_read_over_a_lossy_link_in_either_encoding(autopilot, nam
 
 def test_an_older_name_that_nobody_answers_for_costs_no_time():
     plane = vehicle()
-    reading = ParameterReading(7, [("MAV_GCS_SYSID", "SYSID_MYGCS")], False, Encoder())
+    reading = ParameterReader(7, [("MAV_GCS_SYSID", "SYSID_MYGCS")], False, Encoder())
     assert talk(reading, plane, lambda: reading.is_done) < 2.0
 
 
@@ -98,23 +98,23 @@ def test_an_older_name_that_nobody_answers_for_costs_no_time():
 def test_a_parameter_counts_as_set_when_it_comes_back_so(autopilot):
     plane = vehicle(autopilot)
     name = "GF_ACTION" if autopilot == "px4" else "FENCE_ENABLE"
-    setting = ParameterSetting(7, name, 1.0, autopilot == "px4", Encoder())
+    setting = ParameterSetter(7, name, 1.0, autopilot == "px4", Encoder())
     talk(setting, plane, lambda: setting.outcome is not None, loss=0.2, seed=1)
     assert setting.outcome == (True, f"{name} = 1")
     assert plane.autopilot.parameters[name] == 1
-    stubborn = ParameterSetting(7, "FORMAT_VERSION", 3.0, autopilot == "px4", Encoder())
+    stubborn = ParameterSetter(7, "FORMAT_VERSION", 3.0, autopilot == "px4", Encoder())
     talk(stubborn, plane, lambda: stubborn.outcome is not None)
     assert stubborn.outcome == (False, "FORMAT_VERSION stays 13: it could not be set to 3")
 
 
 def test_a_value_that_does_not_fit_its_type_is_never_sent():
     plane = vehicle()
-    setting = ParameterSetting(7, "FS_LONG_ACTN", 1.5, False, Encoder())
+    setting = ParameterSetter(7, "FS_LONG_ACTN", 1.5, False, Encoder())
     talk(setting, plane, lambda: setting.outcome is not None)
     assert setting.outcome == (
         False,
         "FS_LONG_ACTN stays 0: 1.5 does not fit: it is a whole number of -128 ... 127",
     )
-    assert misfit(300, dialect.MAV_PARAM_TYPE_INT8)
-    assert not misfit(255, dialect.MAV_PARAM_TYPE_UINT8)
-    assert not misfit(1.5, dialect.MAV_PARAM_TYPE_REAL32)
+    assert value_problem(300, dialect.MAV_PARAM_TYPE_INT8)
+    assert not value_problem(255, dialect.MAV_PARAM_TYPE_UINT8)
+    assert not value_problem(1.5, dialect.MAV_PARAM_TYPE_REAL32)

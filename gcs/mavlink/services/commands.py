@@ -1,0 +1,152 @@
+"""One command to one vehicle, repeated until the vehicle's own heartbeat shows that it was done. Sans-I/O.
+
+Source: https://mavlink.io/en/services/command.html. An ACK says that a command was understood, not that the
+vehicle now does it; so an errand ends well when two heartbeats in a row show what was asked for (one may
+cross with an earlier command that is still under way on a slow link), and badly when the vehicle refuses it
+several times or nothing comes of it. What the vehicle says meanwhile in STATUSTEXT is its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
+from gcs.model import system_of
+from gcs.safe_text import printable
+
+SET_MODE: Final[int] = dialect.MAV_CMD_DO_SET_MODE
+MESSAGE_INTERVAL: Final[int] = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+REQUEST_MESSAGE: Final[int] = dialect.MAV_CMD_REQUEST_MESSAGE
+COMMAND_RETRY_POLICY: Final = RetryPolicy(wait_s=1.0, max_wait_s=3.0, max_tries=10)
+_MAX_REFUSALS: Final = 3
+_MIN_CONFIRMATIONS: Final = 2
+_ARMED: Final[int] = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+_WARNING: Final[int] = dialect.MAV_SEVERITY_WARNING
+
+
+def command_long(vehicle: int, number: int, *params: float) -> Message:
+    """Return a COMMAND_LONG; parameters left out are 0."""
+    filled = (*params, *([0.0] * (7 - len(params))))
+    return dialect.MAVLink_command_long_message(
+        system_of(vehicle), AUTOPILOT_COMPONENT_ID, number, 0, *filled
+    )
+
+
+def set_current_item(vehicle: int, profile: AutopilotProfile, item: int) -> Message:
+    """Return the message that makes a vehicle fly to an item of its mission, from where it is.
+
+    MISSION_SET_CURRENT, not the command DO_SET_MISSION_CURRENT: ArduPlane starts the leg of that one at the
+    waypoint that it flew to before (`GCS_MAVLink_Plane.cpp`: `next_wp_crosstrack` is cleared too late), and
+    tracks that line. The message may be repeated. Its answer is MISSION_CURRENT with the number as it was
+    sent. ArduPlane takes 0 for its first item: then 0 is an answer that it gives to nothing else.
+    """
+    named = item if item > profile.home_items else 0
+    return dialect.MAVLink_mission_set_current_message(system_of(vehicle), AUTOPILOT_COMPONENT_ID, named)
+
+
+def set_mode(vehicle: int, autopilot: int, name: str) -> Message:
+    """Return the command that switches the mode; the heartbeat shows whether it did.
+
+    Raises
+    ------
+    KeyError
+        The autopilot is unknown, or has no such mode.
+    """
+    profile = profile_of(autopilot)
+    if profile is None:
+        raise KeyError(autopilot)
+    custom = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    return command_long(vehicle, SET_MODE, custom, *profile.mode_numbers(name))
+
+
+class HeartbeatState(NamedTuple):
+    """What a heartbeat shows."""
+
+    mode: str
+    armed: bool
+
+
+class CommandSender:
+    """A COMMAND_LONG on its way.
+
+    Parameters
+    ----------
+    request : Message
+        The command.
+    is_done : callable
+        Whether what a heartbeat shows is what was asked for.
+    encode : callable
+        Message to frame for this vehicle, such as `Fleet.encoder`.
+    """
+
+    def __init__(
+        self,
+        request: Message,
+        is_done: Callable[[HeartbeatState], bool],
+        encode: Callable[[Message], bytes],
+        t_ns: int,
+        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
+    ) -> None:
+        self.outcome: tuple[bool, str] | None = None
+        """(whether it was done, how or why not), once it has ended."""
+        self._vehicle: int = request.target_system
+        self._command: int = request.command
+        self._is_done, self._encode, self._own = is_done, encode, own
+        self._timer = RetryTimer(request, COMMAND_RETRY_POLICY, t_ns)
+        self._confirmations = self._refusals = 0
+        self._statustext = self._rejection = ""
+
+    def poll(self, t_ns: int) -> list[bytes]:
+        """Let time pass; returns the frames to send."""
+        if self.outcome is not None:
+            return []
+        if self._timer.is_exhausted(t_ns):
+            nothing = f"{self._rejection or 'no answer'} to {self._timer.sent} commands"
+            self.outcome = (False, self._statustext or nothing)
+            return []
+        # A mode that is shown once already is not asked for again before the next heartbeat.
+        return (
+            [self._encode(self._timer.request)]
+            if not self._confirmations and self._timer.start_try(t_ns)
+            else []
+        )
+
+    def receive(self, message: Message) -> None:
+        """Take a message of the vehicle."""
+        if self.outcome is not None or message.get_srcSystem() != self._vehicle:
+            return
+        match message.get_type():
+            case "HEARTBEAT" if message.get_srcComponent() == AUTOPILOT_COMPONENT_ID:
+                self._on_heartbeat(message)
+            case "COMMAND_ACK":
+                self._on_ack(message)
+            case "STATUSTEXT" if message.severity <= _WARNING:
+                self._statustext = printable(str(message.text))
+
+    def _on_heartbeat(self, message: Message) -> None:
+        shown = HeartbeatState(mode_name(message), bool(message.base_mode & _ARMED))
+        self._confirmations = self._confirmations + 1 if self._timer.sent and self._is_done(shown) else 0
+        if self._confirmations >= _MIN_CONFIRMATIONS:
+            self.outcome = (True, f"{shown.mode}, {'armed' if shown.armed else 'disarmed'}")
+
+    def _on_ack(self, message: Message) -> None:
+        is_ours = message.target_system in (0, self._own[0]) and message.target_component in (0, self._own[1])
+        if not is_ours or message.command != self._command:
+            return
+        if message.result == dialect.MAV_RESULT_TEMPORARILY_REJECTED:
+            self._rejection = (
+                "TEMPORARILY_REJECTED"  # it may do so later: PX4 says so of AUTO without a mission
+            )
+            return
+        if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
+            return
+        self._refusals += 1
+        if self._refusals >= _MAX_REFUSALS:
+            name = dialect.enums["MAV_RESULT"].get(message.result)
+            result = name.name.removeprefix("MAV_RESULT_") if name is not None else str(message.result)
+            self.outcome = (False, f"{result}: {self._statustext}" if self._statustext else result)
