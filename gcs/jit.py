@@ -220,7 +220,7 @@ inlined = numba.njit(inline="always", **_OPTIONS)
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def fetch_early(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  numba's signature
+def prefetch_row(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  numba's signature
     """Have the processor load a row of a matrix that is needed some hundred instructions from now."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:

@@ -58,7 +58,7 @@ def _distances(x_m: FloatArray, y_m: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(x[..., 0] - y[..., 0], x[..., 1] - y[..., 1]))
 
 
-def _assigned(cost: FloatArray) -> tuple[IntArray, IntArray]:
+def _optimal_assignment(cost: FloatArray) -> tuple[IntArray, IntArray]:
     """Rows and columns of the cheapest pairs."""
     # Half of what a program takes to start that tracks and may have no truth to judge by.
     from scipy.optimize import linear_sum_assignment
@@ -67,39 +67,41 @@ def _assigned(cost: FloatArray) -> tuple[IntArray, IntArray]:
     return rows, cols
 
 
-def _paired(cost: FloatArray) -> float:
-    rows, cols = _assigned(cost)
+def _assignment_cost(cost: FloatArray) -> float:
+    rows, cols = _optimal_assignment(cost)
     return float(cost[rows, cols].sum())
 
 
-def _ospa_of(distances: FloatArray, c_m: float, p: float) -> Ospa:
+def _ospa_from_distances(distances: FloatArray, c_m: float, p: float) -> Ospa:
     """OSPA from the (m, n) distances, each already cut off at `c_m`."""
     fewer, more = min(distances.shape), max(distances.shape)
     if more == 0:
         return Ospa(0.0, 0.0, 0.0)
-    local = _paired(distances**p) if fewer else 0.0
+    local = _assignment_cost(distances**p) if fewer else 0.0
     extra = c_m**p * (more - fewer)
-    return Ospa(*(float((part / more) ** (1.0 / p)) for part in (local + extra, local, extra)))
+    return Ospa(
+        *(float((split_clusters / more) ** (1.0 / p)) for split_clusters in (local + extra, local, extra))
+    )
 
 
 def ospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 100.0, p: float = 1.0) -> Ospa:
     """OSPA of two sets of points, with cut-off `c_m` > 0 and order `p` >= 1."""
-    return _ospa_of(np.minimum(_distances(x_m, y_m), c_m), c_m, p)
+    return _ospa_from_distances(np.minimum(_distances(x_m, y_m), c_m), c_m, p)
 
 
 def ospa2(
     x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[IdT]], c_m: float = 100.0, p: float = 1.0
 ) -> Ospa:
     """OSPA(2) of two sets of tracks over a window; element k of a sequence is what exists at time k."""
-    x, y = _stacked(x_m), _stacked(y_m)
+    x, y = _stack_tracks(x_m), _stack_tracks(y_m)
     gap = np.hypot(*np.moveaxis(x[:, None] - y[None, :], -1, 0))
     here_x, here_y = ~np.isnan(x[:, None, :, 0]), ~np.isnan(y[None, :, :, 0])
     cut = np.where(here_x & here_y, np.minimum(gap, c_m), np.where(here_x | here_y, c_m, 0.0))
     either = np.maximum((here_x | here_y).sum(axis=-1), 1)
-    return _ospa_of(cut.sum(axis=-1) / either, c_m, p)
+    return _ospa_from_distances(cut.sum(axis=-1) / either, c_m, p)
 
 
-def _stacked(scans: Sequence[Tracks[LabelT]]) -> FloatArray:
+def _stack_tracks(scans: Sequence[Tracks[LabelT]]) -> FloatArray:
     """Return (number of labels, number of times, 2), NaN where a label is not there."""
     row = {label: i for i, label in enumerate(dict.fromkeys(label for scan in scans for label in scan))}
     stacked = np.full((len(row), len(scans), 2), np.nan)
@@ -113,9 +115,9 @@ def gospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 50.0, p: float = 2.0) -
     """GOSPA (alpha = 2) of an estimate `x_m` against the truth `y_m`."""
     distances = _distances(x_m, y_m)
     cost = np.minimum(distances, c_m) ** p
-    rows, cols = _assigned(cost)
-    near = distances[rows, cols] < c_m
-    local, pairs = float(cost[rows, cols][near].sum()), int(near.sum())
+    rows, cols = _optimal_assignment(cost)
+    within_gate = distances[rows, cols] < c_m
+    local, pairs = float(cost[rows, cols][within_gate].sum()), int(within_gate.sum())
     missed, false = distances.shape[1] - pairs, distances.shape[0] - pairs
     total = local + c_m**p / 2.0 * (missed + false)
     return Gospa(float(total ** (1.0 / p)), float(local ** (1.0 / p)), missed, false)
@@ -138,7 +140,7 @@ def identity_switches(
         pairs = {
             id_: label
             for id_, label in shown_by.items()
-            if id_ in true and label in found and _gap(true[id_], found[label]) < c_m
+            if id_ in true and label in found and _distance(true[id_], found[label]) < c_m
         }
         ids = [id_ for id_ in true if id_ not in pairs]
         kept = set(pairs.values())
@@ -146,7 +148,7 @@ def identity_switches(
         gaps = _distances(
             np.reshape([true[id_] for id_ in ids], (-1, 2)), np.reshape([found[n] for n in labels], (-1, 2))
         )
-        for i, j in zip(*_assigned(np.minimum(gaps, c_m)), strict=True):
+        for i, j in zip(*_optimal_assignment(np.minimum(gaps, c_m)), strict=True):
             if gaps[i, j] < c_m:
                 pairs[ids[i]] = labels[j]
                 switches += last.get(ids[i], labels[j]) != labels[j]
@@ -155,5 +157,5 @@ def identity_switches(
     return switches
 
 
-def _gap(a_m: FloatArray, b_m: FloatArray) -> float:
+def _distance(a_m: FloatArray, b_m: FloatArray) -> float:
     return float(np.hypot(a_m[0] - b_m[0], a_m[1] - b_m[1]))

@@ -17,7 +17,14 @@ import numpy as np
 
 from gcs.config.tables import MapTable
 from gcs.model import FloatArray, Polar, Scan, Sensor, TruthObject, read_only
-from gcs.tracking.models.sensors import covers, expected_clutter, measured, on_map, polar_sensor, sector
+from gcs.tracking.models.sensors import (
+    covers,
+    expected_clutter,
+    map_coordinates,
+    polar_sensor,
+    sector,
+    sensor_coordinates,
+)
 from sim_vehicles.world.scenario import Scenario, SensorTable, generator
 
 
@@ -86,11 +93,11 @@ def _ranges_and_bearings(
     sensor: Sensor, polar: Polar, places: FloatArray, noise: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Detections, as east/north, of a sensor that reports range and bearing, and its clutter."""
-    z = measured(sensor, places) + noise * (polar.range_std_m, polar.bearing_std_rad)
+    z = sensor_coordinates(sensor, places) + noise * (polar.range_std_m, polar.bearing_std_rad)
     count = rng.poisson(expected_clutter(sensor))
     centre_rad, half_rad = polar.bearing_rad
     least, most = (polar.range_m[0], centre_rad - half_rad), (polar.range_m[1], centre_rad + half_rad)
-    return on_map(polar, np.concatenate([z, rng.uniform(least, most, (count, 2))]))
+    return map_coordinates(polar, np.concatenate([z, rng.uniform(least, most, (count, 2))]))
 
 
 def _area_m2(field: tuple[float, float, float, float]) -> float:

@@ -29,7 +29,7 @@ def births_run(seed: int, clutter: float, appear_per_s: float, scans: int = 100)
     """Mean count error inside the field, and ms per scan (median); births assumed 0.1 per second."""
     rng, births = np.random.default_rng(seed), AdaptiveBirth(0.1, 8.0, 0.1, 1.0)
     look = Sensor("s", 0.95, clutter / SIDE_M**2, np.eye(2) * 25.0, FIELD)
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), 1, weigh_detections=True)
+    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), 1, summarise_detections=True)
     state, errors, spent = np.empty((0, 4)), [], []
     for k in range(scans):
         inside = sensors.covers(look, state[:, :2])
@@ -46,8 +46,8 @@ def births_run(seed: int, clutter: float, appear_per_s: float, scans: int = 100)
         )
         begin = time.process_time()
         tracker.update(k * NS_PER_S, z, look, births.births(k * NS_PER_S))
-        assert tracker.account is not None
-        births.take(k * NS_PER_S, z, look, tracker.account.explained)
+        assert tracker.detection_summary is not None
+        births.add_scan(k * NS_PER_S, z, look, tracker.detection_summary.explained)
         places = np.reshape([t.mean[:2] for t in tracker.estimate()], (-1, 2))
         spent.append((time.process_time() - begin) * 1e3)
         errors.append(int(sensors.covers(look, places).sum()) - int(sensors.covers(look, state[:, :2]).sum()))
@@ -114,12 +114,12 @@ def update_run(prior_std_m: float, bearing_std_rad: float, runs: int) -> list[tu
     for _ in range(runs):
         mean, cov = np.array([0.0, 1000.0, 0.0, 0.0]), np.diag([prior_std_m**2, prior_std_m**2, 25.0, 25.0])
         x = rng.multivariate_normal(mean, cov)
-        z = sensors.measured(radar, x[None, :2]) + rng.normal(0, (5.0, bearing_std_rad))
+        z = sensors.sensor_coordinates(radar, x[None, :2]) + rng.normal(0, (5.0, bearing_std_rad))
         view = measurement.view(radar, mean[None], cov[None])
-        ours, ours_cov = kalman.update(mean[None], cov[None], first, first, z, view)
+        ours, ours_cov = kalman.update_tracks(mean[None], cov[None], first, first, z, view)
         peer = ExtendedKalmanFilter(4, 2)
         peer.x, peer.P, peer.R = mean, cov, np.diag([25.0, bearing_std_rad**2])
-        peer.update(z[0], _jacobian, lambda s: sensors.measured(radar, s[None, :2])[0])
+        peer.update(z[0], _jacobian, lambda s: sensors.sensor_coordinates(radar, s[None, :2])[0])
         for found, (m, P) in zip(squares, [(ours[0], ours_cov[0]), (peer.x, peer.P)], strict=True):
             d = (m - x)[:2]
             found.append((d @ d, d @ np.linalg.solve(P[:2, :2], d)))

@@ -34,7 +34,7 @@ def tracked(scans, **limits):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_labels_tracked_apart_are_believed_as_if_tracked_together(seed):
-    apart, together = tracked(neighbours(seed)), tracked(neighbours(seed), conflict=0.0)
+    apart, together = tracked(neighbours(seed)), tracked(neighbours(seed), max_conflict=0.0)
     for one, other in zip(apart, together, strict=True):
         ours = {track.label: track.existence for track in one.picture(0).tracks}
         theirs = {track.label: track.existence for track in other.picture(0).tracks}
@@ -67,20 +67,20 @@ def test_a_gate_misses_no_detection_wherever_it_stands_in_the_scan(m):
     rng = np.random.default_rng(m)
     z = rng.uniform(0.0, 200.0, (m, 2)).round(-1)  # many at the same coordinate
     rows = np.arange(m)
-    gating.put_in_strips(z, rows)
+    gating.sort_into_strips(z, rows)
     z = z[rows]
     n, gate_chi2 = 30, 9.0
     mean = np.hstack([rng.uniform(-20.0, 220.0, (n, 2)), np.zeros((n, 2))])
     cov = np.array([np.diag([*rng.uniform(1.0, 900.0, 2), 1.0, 1.0]) for _ in range(n)])
     view = measurement.view(SENSOR, mean, cov)
     flat = np.full(n, -0.1)
-    start, meas, _ = gating.options(cov, flat, flat, z, view, np.full(m, -60.0), gate_chi2)
+    start, meas, _ = gating.association_options(cov, flat, flat, z, view, np.full(m, -60.0), gate_chi2)
     for t in range(n):
         off = z - mean[t, :2]
         d2 = np.einsum("mi,ij,mj->m", off, np.linalg.inv(cov[t, :2, :2] + SENSOR.noise_cov_m2), off)
         inside = np.flatnonzero(d2 <= gate_chi2)
         found = meas[start[t] : start[t + 1]]
-        if inside.size <= gating.MAX_GATED:
+        if inside.size <= gating.MAX_GATED_DETECTIONS:
             assert sorted(found[found >= 0]) == inside.tolist()
         else:
             assert set(found[found >= 0]) < set(inside.tolist())

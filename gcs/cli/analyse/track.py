@@ -168,7 +168,7 @@ def track(
         detections.params,
         _SEED,
         keep_histories=estimator != "filtered",
-        weigh_detections=anywhere.per_s > 0.0,
+        summarise_detections=anywhere.per_s > 0.0,
     )
     unknown = AdaptiveBirth(anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, accel_std_m_s2)
     places = detections.births
@@ -185,8 +185,8 @@ def track(
         if anywhere.per_s > 0.0:
             born = (*born, *unknown.births(look.t_ns))
         tracker.update(look.t_ns, look.z_m, look.sensor, born)
-        if tracker.account is not None:
-            unknown.take(look.t_ns, look.z_m, look.sensor, tracker.account.explained)
+        if tracker.detection_summary is not None:
+            unknown.add_scan(look.t_ns, look.z_m, look.sensor, tracker.detection_summary.explained)
         found = tracker.estimates()
         scan_ms.append((clock() - begin) * 1e3)
         advance()

@@ -78,7 +78,7 @@ class ClassTracker:
         self._accel_std_m_s2 = table.accel_std_m_s2
         self._turn_rate_std_rad_s = math.radians(table.turn_rate_std_deg_s)
         self._again_probability = table.birth_again_probability
-        self._filter = Glmb(kind, params, seed, weigh_detections=True)
+        self._filter = Glmb(kind, params, seed, summarise_detections=True)
         anywhere = table.anywhere
         self.unknown = AdaptiveBirth(
             anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, table.accel_std_m_s2
@@ -95,8 +95,8 @@ class ClassTracker:
         clutter = clutter_per_m2(sensor, z_m) + others
         places = self._places_now(t_ns, sensor)
         self._filter.update(t_ns, z_m, sensor, [*places, *births, *self.unknown.births(t_ns)], clutter)
-        assert self._filter.account is not None
-        return self._filter.account
+        assert self._filter.detection_summary is not None
+        return self._filter.detection_summary
 
     def _places_now(self, t_ns: int, sensor: Sensor) -> list[Birth]:
         """Places give birth once a moment, and where somebody looks: else what is never missed would add up.
@@ -253,10 +253,10 @@ class MultiSensorTracker:
         theirs = self.targets.update(t_ns, scan.z_m, sensor, of_agents)
         explained = 1.0 - (1.0 - ours.explained) * (1.0 - theirs.explained)
         for kind in (self.agents, self.targets):
-            kind.unknown.take(t_ns, scan.z_m, sensor, explained)
+            kind.unknown.add_scan(t_ns, scan.z_m, sensor, explained)
         self.untracked.take(t_ns, scan.z_m, sensor, explained)
         detected, in_view = ours.detected + theirs.detected, ours.in_view + theirs.in_view
-        calibration.take(float((1.0 - explained).sum()), detected, in_view)
+        calibration.add_scan(float((1.0 - explained).sum()), detected, in_view)
         self.findings = calibration.findings(scan.sensor)
         return agents, self.targets.look(scan.t_ns, sensor)
 

@@ -31,7 +31,7 @@ from scipy.spatial import cKDTree
 from gcs.config.tables import TelemetryTable
 from gcs.core.perception.fusion import at_time
 from gcs.model import NS_PER_S, Effect, FloatArray, Label, Notice, Scan, Sensor, Track, VehicleState
-from gcs.tracking.models.sensors import MOST_DETECTION, clutter_per_m2, covers, noise_m2
+from gcs.tracking.models.sensors import MAX_DETECTION_PROBABILITY, clutter_per_m2, covers, noise_m2
 
 Indices: TypeAlias = npt.NDArray[np.int64]
 
@@ -171,7 +171,7 @@ class PositionIntegrityMonitor:
 
 def _evidence(sensor: Sensor, hit: bool, clutter: float, crowd: int) -> float:
     """How much a look speaks against a vehicle's being there."""
-    p_d = min(float(sensor.detection_probability), MOST_DETECTION)
+    p_d = min(float(sensor.detection_probability), MAX_DETECTION_PROBABILITY)
     p_else = -math.expm1(-clutter - p_d * crowd)
     p_there = 1.0 - (1.0 - p_d) * (1.0 - p_else)
     doubt = math.log(max(p_else, _TINY) / max(p_there, _TINY)) if hit else -math.log1p(-p_d)

@@ -24,7 +24,7 @@ class Untracked:
 
     def take(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> None:
         """Take a scan measured at `t_ns`, and how far tracks explain each of its detections, 0 to 1."""
-        for east_m, north_m in self._persistent.take(t_ns, z_m, sensor, explained).tolist():
+        for east_m, north_m in self._persistent.process_scan(t_ns, z_m, sensor, explained).tolist():
             self._new.append((east_m, north_m))
 
     def notices(self, t_ns: int) -> list[Notice]:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from gcs.errors import ConfigError
 from gcs.io.detections.tables import FIRST, SENSOR, Numbers
 from gcs.model import FloatArray, Sensor
-from gcs.tracking.models.sensors import on_map
+from gcs.tracking.models.sensors import map_coordinates
 
 TIMES: Final = {"t_s": 1e9, "t_ns": 1.0}
 """Titles of a first column that is a time, and what makes nanoseconds of it."""
@@ -53,7 +53,7 @@ class Columns:
             return rows[:, self.place]
         z = rows[:, self.polar] * [1.0, self.bearing_rad]
         z[z[:, 0] < 0.0] = np.nan
-        return on_map(sensor.polar, z)
+        return map_coordinates(sensor.polar, z)
 
 
 def columns(path: Path, numbers: Numbers) -> Columns:

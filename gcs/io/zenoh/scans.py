@@ -20,7 +20,7 @@ from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.messages import parsed
 from gcs.model import Polar, Scan, Sensor, read_only
-from gcs.tracking.models.sensors import measured, on_map, polar_sensor
+from gcs.tracking.models.sensors import map_coordinates, polar_sensor, sensor_coordinates
 
 MAX_DETECTIONS = 20_000
 MAX_ORIGIN_OFFSET_M = 1.0
@@ -130,7 +130,7 @@ def encode_scan(scan: Scan, frame: LocalFrame) -> bytes:
             "sector_centre_rad": polar.bearing_rad[0],
             "sector_width_rad": 2.0 * polar.bearing_rad[1],
         }
-        message["z_range_bearing"] = measured(sensor, scan.z_m).tolist()
+        message["z_range_bearing"] = sensor_coordinates(sensor, scan.z_m).tolist()
     return msgspec.json.encode(message)
 
 
@@ -156,7 +156,7 @@ def decode_scan(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Scan:
         _check_origin(key, polar_message.origin, frame)
         polar = _believed_polar(key, polar_message.sensor)
         sensor = polar_sensor(polar_message.sensor.name, polar_message.sensor.detection_probability, polar)
-        z_m = on_map(polar, np.reshape(polar_message.z_range_bearing, (-1, 2)))
+        z_m = map_coordinates(polar, np.reshape(polar_message.z_range_bearing, (-1, 2)))
         return Scan(t_ns, polar_message.measured_t_ns, sensor, read_only(z_m))
     message = parsed(key, payload, _scan_decoder)
     _check_origin(key, message.origin, frame)

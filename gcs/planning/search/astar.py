@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gcs.jit import fetch_early, inlined, kernel
+from gcs.jit import inlined, kernel, prefetch_row
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid
 from gcs.planning.search.canonical_ordering import (
@@ -146,8 +146,8 @@ def seek(  # type: ignore[no-untyped-def]
                 head[to] = used
                 used, live = used + 1, live + 1
                 # Most ways go on as they came.
-                fetch_early(reached, there + offsets[move])
-                fetch_early(known, there + offsets[move])
+                prefetch_row(reached, there + offsets[move])
+                prefetch_row(known, there + offsets[move])
         bucket += 1
     if used * _ALL_AT_ONCE > reached.size:
         reached[:] = 0.0

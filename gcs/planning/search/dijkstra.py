@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from gcs.jit import fetch_early, kernel, leaf
+from gcs.jit import kernel, leaf, prefetch_row
 from gcs.planning.search.canonical_ordering import DIAGONAL, LED, LISTED, MOST_MOVES, NEAR_BIT, NO_MOVE, TIGHT
 from gcs.planning.search.neighbours import SearchMap
 
@@ -67,8 +67,8 @@ def _pass_on(lists, offsets, stack, height, bucket, field, known, edges):  # typ
             if cost < before:
                 field[there] = cost
                 known[there] = (known[there] & ~LED) | move
-                fetch_early(field, there + offsets[move])
-                fetch_early(known, there + offsets[move])
+                prefetch_row(field, there + offsets[move])
+                prefetch_row(known, there + offsets[move])
                 b = int(cost)
                 stack[b & ring, height[b & ring]] = there
                 is_new = before >= b + 1
@@ -95,8 +95,8 @@ def _pass_on_plainly(lists, offsets, stack, height, bucket, field, known, edges)
             if cost < before:
                 field[there] = cost
                 known[there] = (known[there] & ~LED) | move
-                fetch_early(field, there + offsets[move])
-                fetch_early(known, there + offsets[move])
+                prefetch_row(field, there + offsets[move])
+                prefetch_row(known, there + offsets[move])
                 stack[next_slot, near_height] = there
                 near_height += (cost < middle) & (before >= middle)
                 stack[far_slot, far_height] = there

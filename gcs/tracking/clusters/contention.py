@@ -20,16 +20,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import inlined, leaf
-from gcs.tracking.glmb.hypotheses import Clusters, Options
-from gcs.tracking.numerics.fast_math import exponentials
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
+from gcs.tracking.numerics.fast_math import exp_into
 
-_NOBODY, _MANY = -1, -2
-_ROUNDS = 64
+_NO_LABEL, _SEVERAL_LABELS = -1, -2
+_MAX_ROUNDS = 64
 """In which what is contested may grow: a few are enough, and no scan may take for ever."""
 
 
 @inlined
-def root_of(parent: Any, i: int) -> int:
+def find_root(parent: Any, i: int) -> int:
     """Root of the tree that i is in; the way there becomes shorter."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -43,24 +43,24 @@ class Contention(NamedTuple):
     owner: Any
     """(detections,) the one label that gates it, or nobody, or many."""
     contested: Any
-    most: Any
+    strongest_q: Any
     """(detections,) the strongest claim to each, and the strongest of another rival."""
-    second: Any
-    strongest: Any
+    second_q: Any
+    strongest_rival: Any
     """(detections,) whose the first is."""
-    last: Any
+    last_entry: Any
     """(detections,) the last of the options below for each, or -1."""
-    likely: Any
+    hyp_probability: Any
     """(hypotheses,) probability of each."""
-    wants: Any
+    has_rivals: Any
     """(tracks,) whether each is of a rival."""
-    chance: Any
+    track_probability: Any
     """(tracks,) probability of those, 0 of others."""
-    group: Any
+    track_cluster: Any
     """(tracks,) which group those are in."""
-    rival_group: Any
+    rival_cluster: Any
     """(rivals,)."""
-    free: Any
+    uncontested_weight: Any
     """(rivals,) weight of what nobody contests: absence, death, a miss, detections that nobody else gates."""
     begin: Any
     """(rivals + 1,) where the options of each for shared detections begin."""
@@ -68,24 +68,24 @@ class Contention(NamedTuple):
     """Of these options, which detection each is for."""
     rival: Any
     """Whose it is."""
-    before: Any
+    previous_entry: Any
     """The one before it for the same detection, or -1."""
     weight: Any
     """Of the option, times its track's probability."""
-    claim: Any
+    q: Any
     """q."""
-    share: Any
+    scratch: Any
     """(detections,) scratch, 0."""
-    fresh: Any
+    newly_contested: Any
     """(detections,) those contested of late."""
-    turn: Any
+    queue: Any
     """(rivals,) those who claim anew for that."""
-    waits: Any
+    is_queued: Any
     """(rivals,) whether they are among these."""
 
 
 @inlined
-def room_for_claims(n_hyps: int, n_tracks: int, n_options: int, n_detections: int) -> Contention:
+def allocate_contention(n_hyps: int, n_tracks: int, n_options: int, n_detections: int) -> Contention:
     """Return room for so many."""
     return Contention(
         np.empty(n_detections, np.int64),
@@ -114,141 +114,158 @@ def room_for_claims(n_hyps: int, n_tracks: int, n_options: int, n_detections: in
 
 
 @inlined
-def _own(options: Options, track_label: Any, to: Contention) -> None:
+def _find_owners(options: AssociationOptions, track_label: Any, contention: Contention) -> None:
     """Fill `to.owner`."""
-    start, meas, owner = options.start, options.meas, to.owner
+    start, meas, owner = options.start, options.meas, contention.owner
     for j in range(owner.size):
-        owner[j] = to.last[j] = _NOBODY
+        owner[j] = contention.last_entry[j] = _NO_LABEL
     for t in range(track_label.size):
         label = track_label[t]
         for o in range(start[t], start[t + 1]):
             j = meas[o]
             if j >= 0 and owner[j] != label:
-                owner[j] = label if owner[j] == _NOBODY else _MANY
+                owner[j] = label if owner[j] == _NO_LABEL else _SEVERAL_LABELS
 
 
 @inlined
-def _want(options: Options, track_label: Any, to: Contention) -> None:
+def _find_rivals(options: AssociationOptions, track_label: Any, contention: Contention) -> None:
     """Fill `to.wants`."""
-    start, meas, owner = options.start, options.meas, to.owner
+    start, meas, owner = options.start, options.meas, contention.owner
     first = 0
     while first < track_label.size:
         end, rivals = first, False
         while end < track_label.size and track_label[end] == track_label[first]:
             for o in range(start[end], start[end + 1]):
-                rivals |= meas[o] >= 0 and owner[meas[o]] == _MANY
+                rivals |= meas[o] >= 0 and owner[meas[o]] == _SEVERAL_LABELS
             end += 1
         for t in range(first, end):
-            to.wants[t] = rivals
+            contention.has_rivals[t] = rivals
         first = end
 
 
 @inlined
-def _weigh(groups: Clusters, to: Contention) -> None:
+def _compute_track_probabilities(clusters: Clusters, contention: Contention) -> None:
     """Fill `to.chance` and `to.group`."""
-    exponentials(groups.logw, to.likely)
-    for g in range(groups.first.size - 1):
-        for h in range(groups.first[g], groups.first[g + 1]):
-            wanting = False
-            for i in range(groups.start[h], groups.start[h + 1]):
-                wanting |= to.wants[groups.items[i]]
-            if not wanting:
+    exp_into(clusters.logw, contention.hyp_probability)
+    for g in range(clusters.first.size - 1):
+        for h in range(clusters.first[g], clusters.first[g + 1]):
+            is_relevant = False
+            for i in range(clusters.start[h], clusters.start[h + 1]):
+                is_relevant |= contention.has_rivals[clusters.items[i]]
+            if not is_relevant:
                 continue
-            w = to.likely[h]
-            for i in range(groups.start[h], groups.start[h + 1]):
-                to.chance[groups.items[i]] += w
-                to.group[groups.items[i]] = g
+            w = contention.hyp_probability[h]
+            for i in range(clusters.start[h], clusters.start[h + 1]):
+                contention.track_probability[clusters.items[i]] += w
+                contention.track_cluster[clusters.items[i]] = g
 
 
 @inlined
-def _rivals(options: Options, track_label: Any, to: Contention) -> int:
+def _list_rivals(options: AssociationOptions, track_label: Any, contention: Contention) -> int:
     """List the labels with rivals, and what they want; return how many they are."""
-    start, meas, owner = options.start, options.meas, to.owner
+    start, meas, owner = options.start, options.meas, contention.owner
     count, n, t = 0, 0, 0
     while t < track_label.size:
-        if not to.wants[t]:
+        if not contention.has_rivals[t]:
             t += 1
             continue
-        label, absent, free, to.begin[count] = track_label[t], 1.0, 0.0, n
-        to.rival_group[count], to.waits[count] = to.group[t], False
+        label, absent, uncontested_weight, contention.begin[count] = track_label[t], 1.0, 0.0, n
+        contention.rival_cluster[count], contention.is_queued[count] = contention.track_cluster[t], False
         while t < track_label.size and track_label[t] == label:
-            absent -= to.chance[t]
+            absent -= contention.track_probability[t]
             for o in range(start[t], start[t + 1]):
-                weight, j = to.chance[t] * math.exp(options.logw[o]), meas[o]
-                if j < 0 or owner[j] != _MANY:
-                    free += weight
+                weight, j = contention.track_probability[t] * math.exp(options.logw[o]), meas[o]
+                if j < 0 or owner[j] != _SEVERAL_LABELS:
+                    uncontested_weight += weight
                     continue
-                to.meas[n], to.rival[n], to.weight[n] = j, count, weight
-                to.before[n], to.last[j] = to.last[j], n
+                contention.meas[n], contention.rival[n], contention.weight[n] = j, count, weight
+                contention.previous_entry[n], contention.last_entry[j] = contention.last_entry[j], n
                 n += 1
             t += 1
-        to.free[count] = max(absent, 0.0) + free
+        contention.uncontested_weight[count] = max(absent, 0.0) + uncontested_weight
         count += 1
-    to.begin[count] = n
+    contention.begin[count] = n
     return count
 
 
 @inlined
-def _claim(r: int, bound: float, fresh: int, work: Contention) -> int:
+def _update_rival(r: int, max_conflict: float, newly_contested: int, contention: Contention) -> int:
     """Let rival r claim what it shares; put what is contested by that behind the first of `work.fresh`.
 
     Returns how many there are then; `fresh` before.
     """
-    meas, share, contested, most = work.meas, work.share, work.contested, work.most
-    fallback = work.free[r]
-    for i in range(work.begin[r], work.begin[r + 1]):
-        share[meas[i]] += work.weight[i]
+    meas, scratch, contested, strongest_q = (
+        contention.meas,
+        contention.scratch,
+        contention.contested,
+        contention.strongest_q,
+    )
+    fallback = contention.uncontested_weight[r]
+    for i in range(contention.begin[r], contention.begin[r + 1]):
+        scratch[meas[i]] += contention.weight[i]
         if not contested[meas[i]]:
-            fallback += work.weight[i]
-    for i in range(work.begin[r], work.begin[r + 1]):
+            fallback += contention.weight[i]
+    for i in range(contention.begin[r], contention.begin[r + 1]):
         j = meas[i]
-        work.claim[i] = claim = share[j] / max(fallback + (share[j] if contested[j] else 0.0), 1e-300)
+        contention.q[i] = q = scratch[j] / max(fallback + (scratch[j] if contested[j] else 0.0), 1e-300)
         # The more is contested, the greater the claims, so those of before need no second look.
-        if claim > most[j]:
-            if most[j] > 0.0 and work.strongest[j] != r:
-                work.second[j] = most[j]
-            most[j], work.strongest[j] = claim, r
-        elif work.strongest[j] != r:
-            work.second[j] = max(work.second[j], claim)
-    for i in range(work.begin[r], work.begin[r + 1]):
+        if q > strongest_q[j]:
+            if strongest_q[j] > 0.0 and contention.strongest_rival[j] != r:
+                contention.second_q[j] = strongest_q[j]
+            strongest_q[j], contention.strongest_rival[j] = q, r
+        elif contention.strongest_rival[j] != r:
+            contention.second_q[j] = max(contention.second_q[j], q)
+    for i in range(contention.begin[r], contention.begin[r + 1]):
         j = meas[i]
-        share[j] = 0.0
-        if not contested[j] and most[j] * work.second[j] > bound:
-            contested[j], work.fresh[fresh] = True, j
-            fresh += 1
-    return fresh
+        scratch[j] = 0.0
+        if not contested[j] and strongest_q[j] * contention.second_q[j] > max_conflict:
+            contested[j], contention.newly_contested[newly_contested] = True, j
+            newly_contested += 1
+    return newly_contested
 
 
 @leaf
-def unite(
-    groups: Clusters, options: Options, track_label: Any, bound: float, work: Contention, parent: Any
+def find_contending_clusters(
+    clusters: Clusters,
+    options: AssociationOptions,
+    track_label: Any,
+    max_conflict: float,
+    contention: Contention,
+    parent: Any,
 ) -> None:
     """Fill `parent` (groups,) with sets of groups that are in conflict over detections, as trees."""
     for g in range(parent.size):
         parent[g] = g
-    _own(options, track_label, work)
-    _want(options, track_label, work)
-    _weigh(groups, work)
-    n_rivals, fresh = _rivals(options, track_label, work), 0
+    _find_owners(options, track_label, contention)
+    _find_rivals(options, track_label, contention)
+    _compute_track_probabilities(clusters, contention)
+    n_rivals, newly_contested = _list_rivals(options, track_label, contention), 0
     for r in range(n_rivals):
-        fresh = _claim(r, bound, fresh, work)
-    for _ in range(_ROUNDS):
-        turns = 0
-        for k in range(fresh):
-            i = work.last[work.fresh[k]]
+        newly_contested = _update_rival(r, max_conflict, newly_contested, contention)
+    for _ in range(_MAX_ROUNDS):
+        n_queued = 0
+        for k in range(newly_contested):
+            i = contention.last_entry[contention.newly_contested[k]]
             while i >= 0:
-                if not work.waits[work.rival[i]]:
-                    work.turn[turns], work.waits[work.rival[i]] = work.rival[i], True
-                    turns += 1
-                i = work.before[i]
-        fresh = 0
-        for k in range(turns):
-            work.waits[work.turn[k]] = False
-            fresh = _claim(work.turn[k], bound, fresh, work)
-    for i in range(work.begin[n_rivals]):
-        j = work.meas[i]
-        if work.contested[j] and work.strongest[j] != work.rival[i] and work.claim[i] * work.most[j] > bound:
+                if not contention.is_queued[contention.rival[i]]:
+                    contention.queue[n_queued], contention.is_queued[contention.rival[i]] = (
+                        contention.rival[i],
+                        True,
+                    )
+                    n_queued += 1
+                i = contention.previous_entry[i]
+        newly_contested = 0
+        for k in range(n_queued):
+            contention.is_queued[contention.queue[k]] = False
+            newly_contested = _update_rival(contention.queue[k], max_conflict, newly_contested, contention)
+    for i in range(contention.begin[n_rivals]):
+        j = contention.meas[i]
+        if (
+            contention.contested[j]
+            and contention.strongest_rival[j] != contention.rival[i]
+            and contention.q[i] * contention.strongest_q[j] > max_conflict
+        ):
             # The smaller index stays the root, so that order does not depend on history.
-            a = root_of(parent, work.rival_group[work.rival[i]])
-            b = root_of(parent, work.rival_group[work.strongest[j]])
+            a = find_root(parent, contention.rival_cluster[contention.rival[i]])
+            b = find_root(parent, contention.rival_cluster[contention.strongest_rival[j]])
             parent[max(a, b)] = min(a, b)

@@ -13,48 +13,56 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
-from gcs.tracking.glmb.hypotheses import Clusters, Limits, filled, key_of, room_for_groups
-from gcs.tracking.numerics.fast_math import exponentials
-from gcs.tracking.numerics.sorting import Distinct, distinct, head, rank, room_for_distinct
+from gcs.tracking.glmb.hypotheses import Clusters, Limits, allocate_clusters, item_key, trim_clusters
+from gcs.tracking.numerics.fast_math import exp_into
+from gcs.tracking.numerics.sorting import (
+    UniqueBuffers,
+    allocate_unique,
+    head,
+    rank_by_weight,
+    unique_hypotheses,
+)
 
 
 @inlined
-def _number(items: Any, begin: int, end: int, item_label: Any, number: Any, used: Any, example: Any) -> int:
+def _number_tracks(
+    items: Any, begin: int, end: int, item_label: Any, number: Any, n_tracks: Any, example: Any
+) -> int:
     """Number the tracks of each label among the items `begin` to `end` - 1, from 1 on, as they come.
 
     Fills `number` (of a track, 0 before), `used` (how many a label has) and `example` (where in `items` each
     is found); returns the greatest number.
     """
-    most = 0
+    max_number = 0
     for i in range(begin, end):
         if number[items[i]] == 0:
-            used[item_label[i]] += 1
-            number[items[i]] = used[item_label[i]]
-            example[item_label[i], used[item_label[i]]] = i
-            most = max(most, used[item_label[i]])
-    return most
+            n_tracks[item_label[i]] += 1
+            number[items[i]] = n_tracks[item_label[i]]
+            example[item_label[i], n_tracks[item_label[i]]] = i
+            max_number = max(max_number, n_tracks[item_label[i]])
+    return max_number
 
 
 @inlined
-def _dependent(
+def _is_dependent(
     choice: Any,
     n_hyps: int,
     marginal: Any,
-    used: Any,
+    n_tracks: Any,
     weight: Any,
     low: int,
     p: int,
     q: int,
     joint: Any,
-    bound: float,
+    max_dependence: float,
 ) -> bool:
     """Whether labels p and q are further than `bound` (total variation) from being independent.
 
     `joint` is scratch, as great as any two labels need. It is two tables, taken in turns: most hypotheses add
     to the same few places, and would wait for each other.
     """
-    for a in range(used[p] + 1):
-        for b in range(used[q] + 1):
+    for a in range(n_tracks[p] + 1):
+        for b in range(n_tracks[q] + 1):
             joint[0, a, b] = joint[1, a, b] = 0.0
     for h in range(0, n_hyps - 1, 2):
         joint[0, choice[h, p], choice[h, q]] += weight[low + h]
@@ -62,23 +70,23 @@ def _dependent(
     if n_hyps % 2 == 1:
         joint[0, choice[n_hyps - 1, p], choice[n_hyps - 1, q]] += weight[low + n_hyps - 1]
     distance = 0.0
-    for a in range(used[p] + 1):
-        for b in range(used[q] + 1):
+    for a in range(n_tracks[p] + 1):
+        for b in range(n_tracks[q] + 1):
             distance += abs(joint[0, a, b] + joint[1, a, b] - marginal[p, a] * marginal[q, b])
-    return 0.5 * distance > bound
+    return 0.5 * distance > max_dependence
 
 
-class _Numbers(NamedTuple):
+class _LabelNumbers(NamedTuple):
     """Where `_label` puts its numbers."""
 
     item_label: Any
     local: Any
 
 
-class _Parting(NamedTuple):
+class _SplitBuffers(NamedTuple):
     """Room to part the labels of one group."""
 
-    used: Any
+    n_tracks: Any
     """(labels,) how many tracks each has."""
     choice: Any
     """(hypotheses, labels) which of them it has in each hypothesis, 0 for none."""
@@ -88,7 +96,7 @@ class _Parting(NamedTuple):
     """(labels, tracks) where among the items each of them is found."""
     joint: Any
     """(2, tracks, tracks)."""
-    open: Any
+    is_undecided: Any
     """(labels,) whether it may depend on others."""
     set_of: Any
     """(labels,) the first label of the set that each goes on in, or -1 for none."""
@@ -100,43 +108,60 @@ class _Parting(NamedTuple):
     """(all tracks,) number of the track in its label, from 1 on."""
     weight: Any
     """(all hypotheses,) probability."""
-    same: Distinct
+    unique: UniqueBuffers
 
 
 @spliced
-def _split(groups: Clusters, g: int, n: int, limits: Limits, work: _Parting) -> None:
+def _find_dependent_sets(clusters: Clusters, g: int, n: int, limits: Limits, buffers: _SplitBuffers) -> None:
     """Fill `work.set_of` for the n labels of group g."""
-    start, low, high = groups.start, groups.first[g], groups.first[g + 1]
-    choice, marginal, used, set_of, open_ = work.choice, work.marginal, work.used, work.set_of, work.open
+    start, low, high = clusters.start, clusters.first[g], clusters.first[g + 1]
+    choice, marginal, n_tracks, set_of, is_undecided = (
+        buffers.choice,
+        buffers.marginal,
+        buffers.n_tracks,
+        buffers.set_of,
+        buffers.is_undecided,
+    )
     for p in range(n):
-        used[p] = 0
-    most = _number(groups.items, start[low], start[high], work.item_label, work.number, used, work.example)
+        n_tracks[p] = 0
+    max_number = _number_tracks(
+        clusters.items, start[low], start[high], buffers.item_label, buffers.number, n_tracks, buffers.example
+    )
     for p in range(n):
-        for a in range(most + 1):
+        for a in range(max_number + 1):
             marginal[p, a] = 0.0
     for h in range(low, high):
         for p in range(n):
             choice[h - low, p] = 0
         for i in range(start[h], start[h + 1]):
-            choice[h - low, work.item_label[i]] = work.number[groups.items[i]]
+            choice[h - low, buffers.item_label[i]] = buffers.number[clusters.items[i]]
         for p in range(n):
-            marginal[p, choice[h - low, p]] += work.weight[h]
+            marginal[p, choice[h - low, p]] += buffers.weight[h]
     # A label that is almost sure of its track depends on nobody: it is at most 2 (1 - its probability) away.
     for p in range(n):
-        set_of[p] = p if 1.0 - marginal[p, 0] >= limits.existence else -1
-        surest = 0.0
-        for a in range(used[p] + 1):
-            surest = max(surest, marginal[p, a])
-        open_[p] = set_of[p] >= 0 and 2.0 * (1.0 - surest) >= limits.dependence
+        set_of[p] = p if 1.0 - marginal[p, 0] >= limits.min_existence else -1
+        max_probability = 0.0
+        for a in range(n_tracks[p] + 1):
+            max_probability = max(max_probability, marginal[p, a])
+        is_undecided[p] = set_of[p] >= 0 and 2.0 * (1.0 - max_probability) >= limits.max_dependence
     for p in range(n):
-        if not open_[p]:
+        if not is_undecided[p]:
             continue
         for q in range(p + 1, n):
             if (
-                open_[q]
+                is_undecided[q]
                 and set_of[p] != set_of[q]
-                and _dependent(
-                    choice, high - low, marginal, used, work.weight, low, p, q, work.joint, limits.dependence
+                and _is_dependent(
+                    choice,
+                    high - low,
+                    marginal,
+                    n_tracks,
+                    buffers.weight,
+                    low,
+                    p,
+                    q,
+                    buffers.joint,
+                    limits.max_dependence,
                 )
             ):
                 a, b = set_of[p], set_of[q]
@@ -146,77 +171,84 @@ def _split(groups: Clusters, g: int, n: int, limits: Limits, work: _Parting) -> 
 
 
 @inlined
-def _one(p: int, work: _Parting) -> int:
+def _marginal_of_label(p: int, buffers: _SplitBuffers) -> int:
     """Put the tracks of label p into `work.same`, as items, and that it is absent, as -1; return how many."""
-    same, count = work.same, ZERO
-    for a in range(work.used[p] + 1):
-        if work.marginal[p, a] > 0.0:
-            same.weight[count] = work.marginal[p, a]
-            same.example[count] = work.example[p, a] if a > 0 else -1
+    unique, count = buffers.unique, ZERO
+    for a in range(buffers.n_tracks[p] + 1):
+        if buffers.marginal[p, a] > 0.0:
+            unique.weight[count] = buffers.marginal[p, a]
+            unique.example[count] = buffers.example[p, a] if a > 0 else -1
             count += 1
-    rank(count, same)
+    rank_by_weight(count, unique)
     return count
 
 
 @inlined
-def _several(groups: Clusters, g: int, p: int, work: _Parting) -> Any:
+def _marginal_of_set(clusters: Clusters, g: int, p: int, buffers: _SplitBuffers) -> Any:
     """Put the hypotheses of group g over the labels of set p alone into `work.same`, equal ones as one.
 
     Returns how many.
     """
-    low, high, same = groups.first[g], groups.first[g + 1], work.same
+    low, high, unique = clusters.first[g], clusters.first[g + 1], buffers.unique
     for h in range(low, high):
         key = np.uint64(0)
-        for i in range(groups.start[h], groups.start[h + 1]):
-            if work.set_of[work.item_label[i]] == p:
-                key += key_of(groups.items[i])
-        same.key[h - low] = key
-    return distinct(high - low, work.weight, low, same)
+        for i in range(clusters.start[h], clusters.start[h + 1]):
+            if buffers.set_of[buffers.item_label[i]] == p:
+                key += item_key(clusters.items[i])
+        unique.key[h - low] = key
+    return unique_hypotheses(high - low, buffers.weight, low, unique)
 
 
 @leaf
-def _label(groups: Clusters, g: int, track_label: Any, work: _Parting) -> Any:
+def _number_labels(clusters: Clusters, g: int, track_label: Any, buffers: _SplitBuffers) -> Any:
     """Number the labels of group g as they come; return how many."""
-    items, begin, end = groups.items, groups.start[groups.first[g]], groups.start[groups.first[g + 1]]
+    items, begin, end = (
+        clusters.items,
+        clusters.start[clusters.first[g]],
+        clusters.start[clusters.first[g + 1]],
+    )
     n = 0
     for i in range(begin, end):
         label = track_label[items[i]]
-        if work.local[label] < 0:
-            work.local[label] = n
+        if buffers.local[label] < 0:
+            buffers.local[label] = n
             n += 1
-        work.item_label[i] = work.local[label]
+        buffers.item_label[i] = buffers.local[label]
     return n
 
 
 @leaf
-def _survey(groups: Clusters, track_label: Any, work: Any) -> Any:
+def _measure_clusters(clusters: Clusters, track_label: Any, buffers: Any) -> Any:
     """Return the most labels and hypotheses of a group, the most tracks of a label, and hypotheses in all."""
-    labels, hyps, tracks, run, room = 1, 1, 1, 0, 0
+    labels, hyps, tracks, run, capacity = 1, 1, 1, 0, 0
     for t in range(track_label.size):
         run = run + 1 if t > 0 and track_label[t] == track_label[t - 1] else 1
         tracks = max(tracks, run)
-    for g in range(groups.first.size - 1):
-        count, n = groups.first[g + 1] - groups.first[g], _label(groups, g, track_label, work)
-        labels, hyps, room = max(labels, n), max(hyps, count), room + n * count
-    return labels, hyps, tracks, room
+    for g in range(clusters.first.size - 1):
+        count, n = (
+            clusters.first[g + 1] - clusters.first[g],
+            _number_labels(clusters, g, track_label, buffers),
+        )
+        labels, hyps, capacity = max(labels, n), max(hyps, count), capacity + n * count
+    return labels, hyps, tracks, capacity
 
 
 @leaf
-def _parted(groups: Clusters, limits: Limits, work: _Parting, out: Clusters) -> Any:
+def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out: Clusters) -> Any:
     """Fill `out` with the groups that go on; return how many, and how many hypotheses."""
-    first, start, items = groups.first, groups.start, groups.items
+    first, start, items = clusters.first, clusters.start, clusters.items
     count, n_hyps, size = 0, 0, 0
     out.first[0] = out.start[0] = 0
-    exponentials(groups.logw, work.weight)
+    exp_into(clusters.logw, buffers.weight)
     for g in range(first.size - 1):
         n = ZERO
         for i in range(start[first[g]], start[first[g + 1]]):
-            n = max(n, work.item_label[i] + 1)
-        _split(groups, g, n, limits, work)
+            n = max(n, buffers.item_label[i] + 1)
+        _find_dependent_sets(clusters, g, n, limits, buffers)
         for p in range(n):
             members = 0
             for q in range(n):
-                members += work.set_of[q] == p
+                members += buffers.set_of[q] == p
             if members == 0:
                 continue
             if members == n:
@@ -224,23 +256,23 @@ def _parted(groups: Clusters, limits: Limits, work: _Parting, out: Clusters) -> 
                     for i in range(start[h], start[h + 1]):
                         out.items[size] = items[i]
                         size += 1
-                    out.logw[n_hyps], out.start[n_hyps + 1] = groups.logw[h], size
+                    out.logw[n_hyps], out.start[n_hyps + 1] = clusters.logw[h], size
                     n_hyps += 1
             elif members == 1:
-                for k in range(_one(p, work)):
-                    if work.same.which[k] >= 0:
-                        out.items[size] = items[work.same.which[k]]
+                for k in range(_marginal_of_label(p, buffers)):
+                    if buffers.unique.which[k] >= 0:
+                        out.items[size] = items[buffers.unique.which[k]]
                         size += 1
-                    out.logw[n_hyps], out.start[n_hyps + 1] = work.same.logw[k], size
+                    out.logw[n_hyps], out.start[n_hyps + 1] = buffers.unique.logw[k], size
                     n_hyps += 1
             else:
-                for k in range(_several(groups, g, p, work)):
-                    h = work.same.which[k]
+                for k in range(_marginal_of_set(clusters, g, p, buffers)):
+                    h = buffers.unique.which[k]
                     for i in range(start[h], start[h + 1]):
-                        if work.set_of[work.item_label[i]] == p:
+                        if buffers.set_of[buffers.item_label[i]] == p:
                             out.items[size] = items[i]
                             size += 1
-                    out.logw[n_hyps], out.start[n_hyps + 1] = work.same.logw[k], size
+                    out.logw[n_hyps], out.start[n_hyps + 1] = buffers.unique.logw[k], size
                     n_hyps += 1
             count += 1
             out.first[count] = n_hyps
@@ -248,13 +280,15 @@ def _parted(groups: Clusters, limits: Limits, work: _Parting, out: Clusters) -> 
 
 
 @kernel
-def part(groups: Clusters, track_label: Any, n_labels: int, limits: Limits) -> Any:
+def split_clusters(clusters: Clusters, track_label: Any, n_labels: int, limits: Limits) -> Any:
     """Split every group into groups of dependent labels, without the labels not worth keeping."""
-    item_label, local = np.empty(groups.items.size, np.int64), np.empty(n_labels, np.int64)
-    number, weight = np.zeros(track_label.size, np.int64), np.empty(groups.logw.size)
+    item_label, local = np.empty(clusters.items.size, np.int64), np.empty(n_labels, np.int64)
+    number, weight = np.zeros(track_label.size, np.int64), np.empty(clusters.logw.size)
     local[:] = -1
-    labels, hyps, tracks, room = _survey(groups, track_label, _Numbers(item_label, local))
-    work = _Parting(
+    labels, hyps, tracks, capacity = _measure_clusters(
+        clusters, track_label, _LabelNumbers(item_label, local)
+    )
+    buffers = _SplitBuffers(
         np.empty(labels, np.int64),
         np.empty((hyps, labels), np.int64),
         np.empty((labels, tracks + 1)),
@@ -266,22 +300,22 @@ def part(groups: Clusters, track_label: Any, n_labels: int, limits: Limits) -> A
         local,
         number,
         weight,
-        room_for_distinct(hyps),
+        allocate_unique(hyps),
     )
     # A label is in one group, and at most a group of its own then.
-    out = room_for_groups(n_labels, room, groups.items.size)
-    count, n = _parted(groups, limits, work, out)
-    return filled(out, count, n)
+    out = allocate_clusters(n_labels, capacity, clusters.items.size)
+    count, n = _fill_split(clusters, limits, buffers, out)
+    return trim_clusters(out, count, n)
 
 
 @leaf
-def _renumber(old: Any, number: Any, used: Any, items: Any) -> int:
+def _renumber_items(old: Any, number: Any, n_tracks: Any, items: Any) -> int:
     for i in range(old.size):
         number[old[i]] = 1
     count = 0
     for o in range(number.size):
         if number[o]:
-            number[o], used[count] = count, o
+            number[o], n_tracks[count] = count, o
             count += 1
     for i in range(items.size):
         items[i] = number[old[i]]
@@ -289,9 +323,9 @@ def _renumber(old: Any, number: Any, used: Any, items: Any) -> int:
 
 
 @kernel
-def renumber(groups: Clusters, n_options: int) -> tuple[Clusters, Any]:
+def renumber(clusters: Clusters, n_options: int) -> tuple[Clusters, Any]:
     """Items 0, 1, 2 ... for the options in use, in their order; also returns which options those are."""
-    number, used = np.zeros(n_options, np.int64), np.empty(n_options, np.int64)
-    items = np.empty(groups.items.size, np.int64)
-    count = _renumber(groups.items, number, used, items)
-    return Clusters(groups.first, groups.start, items, groups.logw), head(used, count)
+    number, n_tracks = np.zeros(n_options, np.int64), np.empty(n_options, np.int64)
+    items = np.empty(clusters.items.size, np.int64)
+    count = _renumber_items(clusters.items, number, n_tracks, items)
+    return Clusters(clusters.first, clusters.start, items, clusters.logw), head(n_tracks, count)

@@ -15,37 +15,37 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gcs.jit import ZERO, fetch_early, inlined, kernel, leaf, spliced
-from gcs.tracking.glmb.hypotheses import DIED, Clusters, Limits, Options
-from gcs.tracking.glmb.kalman import updated
-from gcs.tracking.glmb.merging import factor, far, near
-from gcs.tracking.numerics.fast_math import take_logarithms
-from gcs.tracking.numerics.sorting import Order, greatest_first, head, room_to_order
+from gcs.jit import ZERO, inlined, kernel, leaf, prefetch_row, spliced
+from gcs.tracking.glmb.hypotheses import DIED, AssociationOptions, Clusters, Limits
+from gcs.tracking.glmb.kalman import update_track
+from gcs.tracking.glmb.merging import cholesky4, outside_axis_gate, within_gate
+from gcs.tracking.numerics.fast_math import log_in_place
+from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, head
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
     from gcs.tracking.models.measurement import LinearisedMeasurement
 
-_NOBODY = -1
-_AHEAD = 2
+_ABSENT = -1
+_PREFETCH_LABELS = 2
 """How many labels before its turn a label's detection is fetched: those of neighbours are far apart."""
 
 
-class SingletonUpdate(NamedTuple):
+class DetectionMarginals(NamedTuple):
     """Probabilities that add up over the groups of a scan; empty where nobody asks for them."""
 
-    explained: Any
+    p_explained: Any
     """(detections,) that some track made each."""
-    detected: Any
+    p_detected: Any
     """(labels,) that each label, before the scan, was detected."""
-    there: Any
+    p_exists: Any
     """(labels,) that it is there."""
 
 
 class Tracks(NamedTuple):
     """Tracks after a scan: which option of which track each was, its Gaussian, and who holds it."""
 
-    groups: Clusters
+    clusters: Clusters
     parent: Any
     option: Any
     mean: Any
@@ -53,31 +53,35 @@ class Tracks(NamedTuple):
     cov: Any
 
 
-class _Children(NamedTuple):
+class _Components(NamedTuple):
     """Scratch: the children of one group; a child is an option of a track, or nobody."""
 
     option: Any
     parent: Any
     logw: Any
-    order: Order
+    order: SortBuffers
     """The ones kept, best first."""
     weight: Any
     """Of the ones kept, in that order; they add up to 1."""
 
 
 @inlined
-def _without_tail(kept: int, share: float, to: Any) -> Any:
+def _drop_tail(kept: int, share: float, components: Any) -> Any:
     """Drop the least probable children that hold less than a share of the label's existence together.
 
     Their weight goes to its others, so the label exists as probably as before. Returns how many are left.
     """
     existence, dropped, n = 0.0, 0.0, ZERO
     for k in range(kept):
-        if to.option[to.order.index[k]] != _NOBODY:
-            existence += to.weight[k]
+        if components.option[components.order.index[k]] != _ABSENT:
+            existence += components.weight[k]
     last = kept
     while last > 0:
-        more = 0.0 if to.option[to.order.index[last - 1]] == _NOBODY else to.weight[last - 1]
+        more = (
+            0.0
+            if components.option[components.order.index[last - 1]] == _ABSENT
+            else components.weight[last - 1]
+        )
         if dropped + more > share * existence:
             break
         dropped += more
@@ -85,68 +89,74 @@ def _without_tail(kept: int, share: float, to: Any) -> Any:
     if dropped == 0.0:
         return kept
     for k in range(kept):
-        c, weight = to.order.index[k], to.weight[k]
-        if to.option[c] == _NOBODY:
-            to.order.index[n], to.weight[n] = c, weight
+        c, weight = components.order.index[k], components.weight[k]
+        if components.option[c] == _ABSENT:
+            components.order.index[n], components.weight[n] = c, weight
             n += 1
         elif k < last:
-            to.order.index[n], to.weight[n] = c, weight * existence / (existence - dropped)
+            components.order.index[n], components.weight[n] = c, weight * existence / (existence - dropped)
             n += 1
     return n
 
 
 @inlined
-def _weigh(groups: Clusters, g: int, options: Options, limits: Limits, to: Any) -> Any:
+def _weigh_components(
+    clusters: Clusters, g: int, options: AssociationOptions, limits: Limits, components: Any
+) -> Any:
     """Fill `to` with the children of group g; return how many are kept."""
-    start, items = groups.start, groups.items
-    n, best, absent, ways = 1, -np.inf, -np.inf, 0
-    for h in range(groups.first[g], groups.first[g + 1]):
+    start, items = clusters.start, clusters.items
+    n, best, max_absent_logw, n_absent = 1, -np.inf, -np.inf, 0
+    for h in range(clusters.first[g], clusters.first[g + 1]):
         if start[h] == start[h + 1]:
-            absent, ways = max(absent, groups.logw[h]), ways + 1
+            max_absent_logw, n_absent = max(max_absent_logw, clusters.logw[h]), n_absent + 1
             continue
         t = items[start[h]]
         for o in range(options.start[t], options.start[t + 1]):
-            logw = groups.logw[h] + options.logw[o]
+            logw = clusters.logw[h] + options.logw[o]
             if options.meas[o] == DIED:
-                absent, ways = max(absent, logw), ways + 1
+                max_absent_logw, n_absent = max(max_absent_logw, logw), n_absent + 1
                 continue
-            to.option[n], to.parent[n], to.logw[n] = o, t, logw
+            components.option[n], components.parent[n], components.logw[n] = o, t, logw
             best = max(best, logw)
             n += 1
     # Nobody is there in several ways; they are added up only where that can be worth keeping.
-    to.option[0], to.parent[0], to.logw[0] = _NOBODY, _NOBODY, -np.inf
-    if ways > 0 and absent + ways > best + limits.log_prune:
-        nobody = 0.0
-        for h in range(groups.first[g], groups.first[g + 1]):
+    components.option[0], components.parent[0], components.logw[0] = _ABSENT, _ABSENT, -np.inf
+    if n_absent > 0 and max_absent_logw + n_absent > best + limits.log_prune:
+        absent_weight = 0.0
+        for h in range(clusters.first[g], clusters.first[g + 1]):
             if start[h] == start[h + 1]:
-                nobody += math.exp(groups.logw[h])
+                absent_weight += math.exp(clusters.logw[h])
                 continue
             t = items[start[h]]
             for o in range(options.start[t], options.start[t + 1]):
                 if options.meas[o] == DIED:
-                    nobody += math.exp(groups.logw[h] + options.logw[o])
-        to.logw[0] = math.log(nobody) if nobody > 0.0 else -np.inf
-    floor, kept = max(best, to.logw[0]) + limits.log_prune, ZERO
+                    absent_weight += math.exp(clusters.logw[h] + options.logw[o])
+        components.logw[0] = math.log(absent_weight) if absent_weight > 0.0 else -np.inf
+    floor, kept = max(best, components.logw[0]) + limits.log_prune, ZERO
     for i in range(n):
-        if to.logw[i] >= floor:
-            to.option[kept], to.parent[kept], to.logw[kept] = to.option[i], to.parent[i], to.logw[i]
+        if components.logw[i] >= floor:
+            components.option[kept], components.parent[kept], components.logw[kept] = (
+                components.option[i],
+                components.parent[i],
+                components.logw[i],
+            )
             kept += 1
     if kept == 1:
-        to.order.index[0], to.weight[0] = 0, 1.0
+        components.order.index[0], components.weight[0] = 0, 1.0
         return kept
-    greatest_first(to.logw, ZERO, kept, to.order)
-    kept = min(kept, limits.hypotheses)
-    total, best = 0.0, to.logw[to.order.index[0]]
+    argsort_descending(components.logw, ZERO, kept, components.order)
+    kept = min(kept, limits.max_hypotheses)
+    total, best = 0.0, components.logw[components.order.index[0]]
     for k in range(kept):
-        to.weight[k] = 1.0 if k == 0 else math.exp(to.logw[to.order.index[k]] - best)
-        total += to.weight[k]
+        components.weight[k] = 1.0 if k == 0 else math.exp(components.logw[components.order.index[k]] - best)
+        total += components.weight[k]
     for k in range(kept):
-        to.weight[k] /= total
-    return _without_tail(kept, limits.tail, to)
+        components.weight[k] /= total
+    return _drop_tail(kept, limits.tail_share, components)
 
 
 @inlined
-def _join(mean: FloatArray, cov: FloatArray, a: int, b: int, share: float) -> None:
+def _merge_pair(mean: FloatArray, cov: FloatArray, a: int, b: int, share: float) -> None:
     """Make of a the Gaussian with the moments of the mixture of a and, with a share of `share`, b."""
     for i in range(4):
         for j in range(4):
@@ -156,44 +166,48 @@ def _join(mean: FloatArray, cov: FloatArray, a: int, b: int, share: float) -> No
         mean[a, i] += share * (mean[b, i] - mean[a, i])
 
 
-class _Leaders(NamedTuple):
+class _Representatives(NamedTuple):
     """Scratch: tracks of a label that stand for those that are like them."""
 
     mean: Any
     """What it was before it took others on."""
-    lower: Any
-    factored: Any
+    cholesky: Any
+    is_factored: Any
     weight: Any
-    place: Any
-    order: Order
+    row: Any
+    order: SortBuffers
 
 
 @leaf
-def _sizes(groups: Clusters, which: Any, options: Options, most: int) -> Any:
+def _compute_bounds(
+    clusters: Clusters, singletons: Any, options: AssociationOptions, max_hypotheses: int
+) -> Any:
     """Bounds: of tracks and hypotheses in all, and of the children of one group."""
-    n_tracks, n_hyps, broadest = 0, 0, 1
-    for i in range(which.size):
+    n_tracks, n_hyps, max_components = 0, 0, 1
+    for i in range(singletons.size):
         tracks = 0
-        for k in range(groups.start[groups.first[which[i]]], groups.start[groups.first[which[i] + 1]]):
-            tracks += options.start[groups.items[k] + 1] - options.start[groups.items[k]]
-        n_tracks += min(tracks, most)
-        n_hyps += min(tracks + 1, most)
-        broadest = max(broadest, tracks + 1)
-    return n_tracks, n_hyps, broadest
+        for k in range(
+            clusters.start[clusters.first[singletons[i]]], clusters.start[clusters.first[singletons[i] + 1]]
+        ):
+            tracks += options.start[clusters.items[k] + 1] - options.start[clusters.items[k]]
+        n_tracks += min(tracks, max_hypotheses)
+        n_hyps += min(tracks + 1, max_hypotheses)
+        max_components = max(max_components, tracks + 1)
+    return n_tracks, n_hyps, max_components
 
 
 @spliced
-def _lead(
+def _update_and_merge(
     n: int,
     kept: int,
-    to: Any,
-    lead: Any,
+    components: Any,
+    reps: Any,
     mean: FloatArray,
     cov: FloatArray,
     z: FloatArray,
     meas: Any,
-    view: LinearisedMeasurement,
-    distance2: float,
+    meas_model: LinearisedMeasurement,
+    max_distance2: float,
     out: Any,
 ) -> Any:
     """Update the children of a label and join those that are alike.
@@ -202,171 +216,183 @@ def _lead(
     """
     count, at = ZERO, n
     for k in range(kept):
-        c, weight = to.order.index[k], to.weight[k]
-        if to.option[c] == _NOBODY:
-            lead.weight[count], lead.place[count] = weight, _NOBODY
+        c, weight = components.order.index[k], components.weight[k]
+        if components.option[c] == _ABSENT:
+            reps.weight[count], reps.row[count] = weight, _ABSENT
             count += 1
             continue
-        o, p = to.option[c], to.parent[c]
-        updated(mean, cov, p, meas[o], z, view, out.mean, out.cov, at)
-        leader = -1
+        o, p = components.option[c], components.parent[c]
+        update_track(mean, cov, p, meas[o], z, meas_model, out.mean, out.cov, at)
+        representative = -1
         for d in range(count):
-            if lead.place[d] == _NOBODY or distance2 <= 0.0:
+            if reps.row[d] == _ABSENT or max_distance2 <= 0.0:
                 continue
-            if not lead.factored[d]:
-                if far(out.mean, at, lead.mean, d, out.cov, lead.place[d], distance2):
+            if not reps.is_factored[d]:
+                if outside_axis_gate(out.mean, at, reps.mean, d, out.cov, reps.row[d], max_distance2):
                     continue
-                factor(out.cov, lead.place[d], lead.lower, d)
-                lead.factored[d] = True
-            if near(out.mean, at, lead.mean, d, lead.lower, d, distance2):
-                leader = d
+                cholesky4(out.cov, reps.row[d], reps.cholesky, d)
+                reps.is_factored[d] = True
+            if within_gate(out.mean, at, reps.mean, d, reps.cholesky, d, max_distance2):
+                representative = d
                 break
-        if leader >= 0:
-            lead.weight[leader] += weight
-            _join(out.mean, out.cov, lead.place[leader], at, weight / lead.weight[leader])
+        if representative >= 0:
+            reps.weight[representative] += weight
+            _merge_pair(out.mean, out.cov, reps.row[representative], at, weight / reps.weight[representative])
             continue
         for j in range(4):
-            lead.mean[count, j] = out.mean[at, j]
+            reps.mean[count, j] = out.mean[at, j]
         out.parent[at], out.option[at] = p, o
-        lead.weight[count], lead.place[count], lead.factored[count] = weight, at, False
+        reps.weight[count], reps.row[count], reps.is_factored[count] = weight, at, False
         count += 1
         at += 1
     return count, at
 
 
 @inlined
-def _account(kept: int, to: Any, meas: Any, track_label: Any, made: SingletonUpdate) -> None:
+def _add_marginals(
+    kept: int, components: Any, meas: Any, track_label: Any, marginals: DetectionMarginals
+) -> None:
     """Add to `made` what the kept children of a label tell."""
     for k in range(kept):
-        c = to.order.index[k]
-        if to.option[c] != _NOBODY:
-            weight, j, label = to.weight[k], meas[to.option[c]], track_label[to.parent[c]]
-            made.there[label] += weight
+        c = components.order.index[k]
+        if components.option[c] != _ABSENT:
+            weight, j, label = (
+                components.weight[k],
+                meas[components.option[c]],
+                track_label[components.parent[c]],
+            )
+            marginals.p_exists[label] += weight
             if j >= 0:
-                made.explained[j] += weight
-                made.detected[label] += weight
+                marginals.p_explained[j] += weight
+                marginals.p_detected[label] += weight
 
 
 @leaf
-def _alone(
-    groups: Clusters,
-    which: Any,
-    options: Options,
+def _update_singletons(
+    clusters: Clusters,
+    singletons: Any,
+    options: AssociationOptions,
     mean: FloatArray,
     cov: FloatArray,
     track_label: Any,
     z: FloatArray,
-    view: LinearisedMeasurement,
+    meas_model: LinearisedMeasurement,
     limits: Limits,
-    distance2: float,
-    made: SingletonUpdate,
-    to: Any,
-    lead: Any,
+    max_distance2: float,
+    marginals: DetectionMarginals,
+    components: Any,
+    reps: Any,
     out: Tracks,
 ) -> Any:
     """Work them all; returns how many groups, hypotheses and tracks go on."""
     meas, first, start, items, logw = (
         options.meas,
-        out.groups.first,
-        out.groups.start,
-        out.groups.items,
-        out.groups.logw,
+        out.clusters.first,
+        out.clusters.start,
+        out.clusters.items,
+        out.clusters.logw,
     )
-    first[0] = start[0] = n_groups = n = h = ZERO
-    for i in range(which.size):
-        if i + _AHEAD < which.size:
-            likely = meas[options.start[groups.items[groups.start[groups.first[which[i + _AHEAD]]]]]]
-            if likely >= 0:
-                fetch_early(z, likely)
-        kept, existence = _weigh(groups, which[i], options, limits, to), 0.0
+    first[0] = start[0] = n_clusters = n = h = ZERO
+    for i in range(singletons.size):
+        if i + _PREFETCH_LABELS < singletons.size:
+            next_detection = meas[
+                options.start[
+                    clusters.items[clusters.start[clusters.first[singletons[i + _PREFETCH_LABELS]]]]
+                ]
+            ]
+            if next_detection >= 0:
+                prefetch_row(z, next_detection)
+        kept, existence = _weigh_components(clusters, singletons[i], options, limits, components), 0.0
         for k in range(kept):
-            if to.option[to.order.index[k]] != _NOBODY:
-                existence += to.weight[k]
-        if made.there.size > 0:
-            _account(kept, to, meas, track_label, made)
-        if existence == 0.0 or existence < limits.existence:
+            if components.option[components.order.index[k]] != _ABSENT:
+                existence += components.weight[k]
+        if marginals.p_exists.size > 0:
+            _add_marginals(kept, components, meas, track_label, marginals)
+        if existence == 0.0 or existence < limits.min_existence:
             continue
-        count, n = _lead(n, kept, to, lead, mean, cov, z, meas, view, distance2, out)
+        count, n = _update_and_merge(
+            n, kept, components, reps, mean, cov, z, meas, meas_model, max_distance2, out
+        )
         if count == 1:
-            logw[h] = lead.weight[0]
-            items[start[h]], start[h + 1], first[n_groups + 1] = n - 1, start[h] + 1, h + 1
-            n_groups, h = n_groups + 1, h + 1
+            logw[h] = reps.weight[0]
+            items[start[h]], start[h + 1], first[n_clusters + 1] = n - 1, start[h] + 1, h + 1
+            n_clusters, h = n_clusters + 1, h + 1
             continue
-        greatest_first(lead.weight, ZERO, count, lead.order)
+        argsort_descending(reps.weight, ZERO, count, reps.order)
         for k in range(count):
-            d = lead.order.index[k]
-            logw[h], start[h + 1] = lead.weight[d], start[h]
-            if lead.place[d] != _NOBODY:
-                items[start[h]] = lead.place[d]
+            d = reps.order.index[k]
+            logw[h], start[h + 1] = reps.weight[d], start[h]
+            if reps.row[d] != _ABSENT:
+                items[start[h]] = reps.row[d]
                 start[h + 1] += 1
             h += 1
-        n_groups += 1
-        first[n_groups] = h
-    take_logarithms(logw[:h])
-    return n_groups, h, n
+        n_clusters += 1
+        first[n_clusters] = h
+    log_in_place(logw[:h])
+    return n_clusters, h, n
 
 
 @kernel
-def alone(
-    groups: Clusters,
-    which: Any,
-    options: Options,
+def update_singletons(
+    clusters: Clusters,
+    singletons: Any,
+    options: AssociationOptions,
     mean: FloatArray,
     cov: FloatArray,
     track_label: Any,
     z: FloatArray,
-    view: LinearisedMeasurement,
+    meas_model: LinearisedMeasurement,
     limits: Limits,
-    distance2: float,
-    spare: int,
-    made: SingletonUpdate,
+    max_distance2: float,
+    n_spare_rows: int,
+    marginals: DetectionMarginals,
 ) -> Tracks:
     """Predict and update the groups `which`, each of one label that competes with nobody.
 
     Probabilities are added to `made`, where it has room. The means and covariances have room for `spare` rows
     more.
     """
-    n_tracks, n_hyps, most = _sizes(groups, which, options, limits.hypotheses)
-    to = _Children(
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
-        np.empty(most),
-        room_to_order(most),
-        np.empty(most),
+    n_tracks, n_hyps, max_hypotheses = _compute_bounds(clusters, singletons, options, limits.max_hypotheses)
+    components = _Components(
+        np.empty(max_hypotheses, np.int64),
+        np.empty(max_hypotheses, np.int64),
+        np.empty(max_hypotheses),
+        allocate_sort(max_hypotheses),
+        np.empty(max_hypotheses),
     )
-    lead = _Leaders(
-        np.empty((most, 4)),
-        np.empty((most, 4, 4)),
-        np.empty(most, np.bool_),
-        np.empty(most),
-        np.empty(most, np.int64),
-        room_to_order(most),
+    reps = _Representatives(
+        np.empty((max_hypotheses, 4)),
+        np.empty((max_hypotheses, 4, 4)),
+        np.empty(max_hypotheses, np.bool_),
+        np.empty(max_hypotheses),
+        np.empty(max_hypotheses, np.int64),
+        allocate_sort(max_hypotheses),
     )
-    out_first, out_start = np.empty(which.size + 1, np.int64), np.empty(n_hyps + 1, np.int64)
+    out_first, out_start = np.empty(singletons.size + 1, np.int64), np.empty(n_hyps + 1, np.int64)
     out_groups = Clusters(out_first, out_start, np.empty(n_hyps, np.int64), np.empty(n_hyps))
     parent, option = np.empty(n_tracks, np.int64), np.empty(n_tracks, np.int64)
-    rows = n_tracks + spare
+    rows = n_tracks + n_spare_rows
     out = Tracks(out_groups, parent, option, np.empty((rows, 4)), np.empty((rows, 4, 4)))
-    n_groups, h, n = _alone(
-        groups,
-        which,
+    n_clusters, h, n = _update_singletons(
+        clusters,
+        singletons,
         options,
         mean,
         cov,
         track_label,
         z,
-        view,
+        meas_model,
         limits,
-        distance2,
-        made,
-        to,
-        lead,
+        max_distance2,
+        marginals,
+        components,
+        reps,
         out,
     )
     n_items = out_start[h]
     return Tracks(
         Clusters(
-            head(out_first, n_groups + 1),
+            head(out_first, n_clusters + 1),
             head(out_start, h + 1),
             head(out_groups.items, n_items),
             head(out_groups.logw, h),

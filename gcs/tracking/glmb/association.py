@@ -10,43 +10,43 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf
-from gcs.tracking.clusters.factorisation import part, renumber
-from gcs.tracking.clusters.merging import meet
-from gcs.tracking.clusters.singleton import SingletonUpdate, Tracks, alone
-from gcs.tracking.glmb.hypotheses import Clusters, Limits, Options, room_for_groups
-from gcs.tracking.glmb.kalman import update
-from gcs.tracking.glmb.marginals import probabilities
-from gcs.tracking.glmb.merging import merge_alike
-from gcs.tracking.glmb.ranked_assignment import children
+from gcs.tracking.clusters.factorisation import renumber, split_clusters
+from gcs.tracking.clusters.merging import merge_clusters
+from gcs.tracking.clusters.singleton import DetectionMarginals, Tracks, update_singletons
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, Limits, allocate_clusters
+from gcs.tracking.glmb.kalman import update_tracks
+from gcs.tracking.glmb.marginals import track_probabilities
+from gcs.tracking.glmb.merging import merge_similar_tracks
+from gcs.tracking.glmb.ranked_assignment import update_clusters
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
     from gcs.tracking.models.measurement import LinearisedMeasurement
 
 
-class Joint(NamedTuple):
+class JointTracks(NamedTuple):
     """Tracks of groups of several labels after a scan: their items are rows of `used`."""
 
-    groups: Clusters
+    clusters: Clusters
     parent: Any
     option: Any
     mean: Any
     cov: Any
-    used: Any
+    kept: Any
     """Which rows of the four before go on."""
 
 
-class Carried(NamedTuple):
+class PosteriorTracks(NamedTuple):
     """All tracks after a scan."""
 
-    groups: Clusters
+    clusters: Clusters
     parent: Any
     """(n,) which track each was before the scan."""
     option: Any
     """(n,) which option of that it took."""
     label: Any
     """(n,) which of `kept` it is of."""
-    kept: Any
+    kept_labels: Any
     """(labels,) which labels go on, by their numbers before the scan."""
     mean: Any
     """(n or more, 4): behind the tracks there may be room."""
@@ -55,64 +55,71 @@ class Carried(NamedTuple):
 
 
 @leaf
-def _append_groups(groups: Clusters, g: int, h: int, size: int, first_item: int, out: Clusters) -> Any:
+def _append_clusters(clusters: Clusters, g: int, h: int, size: int, first_item: int, out: Clusters) -> Any:
     """Put groups behind the g groups, h hypotheses and so many items of `out`; return what it has then."""
-    for i in range(groups.items.size):
-        out.items[size + i] = first_item + groups.items[i]
-    for i in range(groups.logw.size):
-        out.logw[h + i], out.start[h + i + 1] = groups.logw[i], size + groups.start[i + 1]
-    for i in range(groups.first.size - 1):
-        out.first[g + i + 1] = h + groups.first[i + 1]
-    return g + groups.first.size - 1, h + groups.logw.size, size + groups.items.size
+    for i in range(clusters.items.size):
+        out.items[size + i] = first_item + clusters.items[i]
+    for i in range(clusters.logw.size):
+        out.logw[h + i], out.start[h + i + 1] = clusters.logw[i], size + clusters.start[i + 1]
+    for i in range(clusters.first.size - 1):
+        out.first[g + i + 1] = h + clusters.first[i + 1]
+    return g + clusters.first.size - 1, h + clusters.logw.size, size + clusters.items.size
 
 
 @leaf
-def _carry(lone: Tracks, joint: Joint, track_label: Any, out: Carried) -> int:
+def _concatenate(singletons: Tracks, joint: JointTracks, track_label: Any, out: PosteriorTracks) -> int:
     """Fill `out`, and the rows of `lone` behind its tracks; return how many labels go on."""
-    out.groups.first[0] = out.groups.start[0] = n_labels = ZERO
-    g, h, size = _append_groups(lone.groups, ZERO, ZERO, ZERO, ZERO, out.groups)
-    n = lone.parent.size
-    _append_groups(joint.groups, g, h, size, n, out.groups)
-    for t in range(n + joint.used.size):
+    out.clusters.first[0] = out.clusters.start[0] = n_labels = ZERO
+    g, h, size = _append_clusters(singletons.clusters, ZERO, ZERO, ZERO, ZERO, out.clusters)
+    n = singletons.parent.size
+    _append_clusters(joint.clusters, g, h, size, n, out.clusters)
+    for t in range(n + joint.kept.size):
         if t < n:
-            parent, out.option[t] = lone.parent[t], lone.option[t]
+            parent, out.option[t] = singletons.parent[t], singletons.option[t]
         else:
-            u = joint.used[t - n]
+            u = joint.kept[t - n]
             parent, out.option[t] = joint.parent[u], joint.option[u]
             for i in range(4):
-                lone.mean[t, i] = joint.mean[u, i]
+                singletons.mean[t, i] = joint.mean[u, i]
                 for j in range(4):
-                    lone.cov[t, i, j] = joint.cov[u, i, j]
+                    singletons.cov[t, i, j] = joint.cov[u, i, j]
         label = track_label[parent]
-        if n_labels == 0 or out.kept[n_labels - 1] != label:
-            out.kept[n_labels] = label
+        if n_labels == 0 or out.kept_labels[n_labels - 1] != label:
+            out.kept_labels[n_labels] = label
             n_labels += 1
         out.parent[t], out.label[t] = parent, n_labels - 1
     return n_labels
 
 
 @inlined
-def carry(lone: Tracks, joint: Joint, track_label: Any) -> Carried:
+def concatenate(singletons: Tracks, joint: JointTracks, track_label: Any) -> PosteriorTracks:
     """Gather all tracks; their Gaussians are the first rows of those of `lone`, which has room for them.
 
     Tracks of a label stand together, in both.
     """
-    both, n = lone.groups, lone.parent.size + joint.used.size
-    groups = room_for_groups(
-        both.first.size + joint.groups.first.size - 2,
-        both.logw.size + joint.groups.logw.size,
-        both.items.size + joint.groups.items.size,
+    single_clusters, n = singletons.clusters, singletons.parent.size + joint.kept.size
+    clusters = allocate_clusters(
+        single_clusters.first.size + joint.clusters.first.size - 2,
+        single_clusters.logw.size + joint.clusters.logw.size,
+        single_clusters.items.size + joint.clusters.items.size,
     )
     parent, option = np.empty(n, np.int64), np.empty(n, np.int64)
-    label, kept = np.empty(n, np.int64), np.empty(n, np.int64)
-    count = _carry(
-        lone, joint, track_label, Carried(groups, parent, option, label, kept, lone.mean, lone.cov)
+    label, kept_labels = np.empty(n, np.int64), np.empty(n, np.int64)
+    count = _concatenate(
+        singletons,
+        joint,
+        track_label,
+        PosteriorTracks(clusters, parent, option, label, kept_labels, singletons.mean, singletons.cov),
     )
-    return Carried(groups, parent, option, label, kept[:count], lone.mean, lone.cov)
+    return PosteriorTracks(
+        clusters, parent, option, label, kept_labels[:count], singletons.mean, singletons.cov
+    )
 
 
 @leaf
-def _look_up(options: Options, track_label: Any, option: Any, parent: Any, meas: Any, label: Any) -> None:
+def _look_up_options(
+    options: AssociationOptions, track_label: Any, option: Any, parent: Any, meas: Any, label: Any
+) -> None:
     """Fill in which track each of some options, in their order, is of, which detection, and whose label."""
     t = 0
     for i in range(option.size):
@@ -122,44 +129,57 @@ def _look_up(options: Options, track_label: Any, option: Any, parent: Any, meas:
 
 
 @leaf
-def _account(probability: FloatArray, meas: Any, label: Any, made: SingletonUpdate) -> None:
+def _add_marginals(probability: FloatArray, meas: Any, label: Any, marginals: DetectionMarginals) -> None:
     """Add to `made` what tracks of such a probability tell."""
     for i in range(meas.size):
-        made.there[label[i]] += probability[i]
+        marginals.p_exists[label[i]] += probability[i]
         if meas[i] >= 0:
-            made.explained[meas[i]] += probability[i]
-            made.detected[label[i]] += probability[i]
+            marginals.p_explained[meas[i]] += probability[i]
+            marginals.p_detected[label[i]] += probability[i]
 
 
 @inlined
-def associate(
-    groups: Clusters,
-    options: Options,
+def joint_update(
+    clusters: Clusters,
+    options: AssociationOptions,
     track_label: Any,
     n_labels: int,
     mean: FloatArray,
     cov: FloatArray,
     z: FloatArray,
-    view: LinearisedMeasurement,
+    meas_model: LinearisedMeasurement,
     limits: Limits,
     rng: Any,
-    made: SingletonUpdate,
+    marginals: DetectionMarginals,
 ) -> Any:
     """Update predicted tracks by a scan's detections; return (`Carried`) those that some hypothesis holds.
 
     `rng` (1,) uint64 advances; `made` is added to, where it has room.
     """
-    lone, several = meet(groups, options, track_label, z.shape[0], limits)
-    several, option = renumber(children(several, options, z.shape[0], limits, rng), options.meas.size)
-    tracks = alone(
-        groups, lone, options, mean, cov, track_label, z, view, limits, limits.merge_chi2, option.size, made
+    singletons, joint_clusters = merge_clusters(clusters, options, track_label, z.shape[0], limits)
+    joint_clusters, option = renumber(
+        update_clusters(joint_clusters, options, z.shape[0], limits, rng), options.meas.size
+    )
+    tracks = update_singletons(
+        clusters,
+        singletons,
+        options,
+        mean,
+        cov,
+        track_label,
+        z,
+        meas_model,
+        limits,
+        limits.merge_chi2,
+        option.size,
+        marginals,
     )
     parent, meas, label = np.empty_like(option), np.empty_like(option), np.empty_like(option)
-    _look_up(options, track_label, option, parent, meas, label)
-    joint_mean, joint_cov = update(mean, cov, parent, meas, z, view)
-    if made.there.size > 0:
-        _account(probabilities(several, meas.size), meas, label, made)
-    several = merge_alike(several, joint_mean, joint_cov, label, limits.merge_chi2)
-    several, used = renumber(part(several, label, n_labels, limits), option.size)
-    joint = Joint(several, parent, option, joint_mean, joint_cov, used)
-    return carry(tracks, joint, track_label)
+    _look_up_options(options, track_label, option, parent, meas, label)
+    joint_mean, joint_cov = update_tracks(mean, cov, parent, meas, z, meas_model)
+    if marginals.p_exists.size > 0:
+        _add_marginals(track_probabilities(joint_clusters, meas.size), meas, label, marginals)
+    joint_clusters = merge_similar_tracks(joint_clusters, joint_mean, joint_cov, label, limits.merge_chi2)
+    joint_clusters, kept = renumber(split_clusters(joint_clusters, label, n_labels, limits), option.size)
+    joint = JointTracks(joint_clusters, parent, option, joint_mean, joint_cov, kept)
+    return concatenate(tracks, joint, track_label)

@@ -29,7 +29,7 @@ from gcs import jit
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
 from gcs.tracking.glmb import extraction, kalman, recursion
 from gcs.tracking.glmb.extraction import Estimates
-from gcs.tracking.glmb.measurements import seen_by
+from gcs.tracking.glmb.measurements import scan_measurements
 from gcs.tracking.glmb.params import SURE, Birth, BirthComponents, GlmbParams
 from gcs.tracking.glmb.recursion import DetectionSummary, Interval, Posterior
 from gcs.tracking.models import clutter, constant_velocity, coordinated_turn, measurement
@@ -71,22 +71,22 @@ class Glmb:
         seed: int,
         *,
         keep_histories: bool = False,
-        weigh_detections: bool = False,
+        summarise_detections: bool = False,
     ) -> None:
         self.kind: Kind = kind
         self.params = params
-        self._turns = coordinated_turn.Turns(float(params.turn_rate_std_rad_s), float(params.turn_time_s))
+        self._turns = coordinated_turn.TurnModel(float(params.turn_rate_std_rad_s), float(params.turn_time_s))
         turns = self._turns if params.turn_rate_std_rad_s > 0.0 else None
         self.histories = Histories(turns) if keep_histories else None
-        self.account: DetectionSummary | None = None
+        self.detection_summary: DetectionSummary | None = None
         self.scans = self.late_scans = self.bad_detections = 0
-        self._weigh_detections = weigh_detections
+        self._summarise_detections = summarise_detections
         self._limits = params.limits()
         self._rng = np.array([seed % 2**64], dtype=np.uint64)
         self._t_ns: int | None = None
-        self._believed = Posterior.nothing()
+        self._posterior = Posterior.empty()
         self._births: tuple[Birth, ...] = ()
-        self._newborn = BirthComponents.of(())
+        self._birth_components = BirthComponents.from_births(())
         self._sensor: Sensor | None = None
 
     def update(
@@ -128,26 +128,28 @@ class Glmb:
         self._t_ns = measured_t_ns
         if births is not self._births:
             # Known places are one tuple, the same at each scan; what is not a tuple might change.
-            self._births, self._newborn = tuple(births), BirthComponents.of(births)
+            self._births, self._birth_components = tuple(births), BirthComponents.from_births(births)
         if sensor is not self._sensor:
-            self._sensor, self._optics = sensor, measurement.optics(sensor)
-        passed = self._passed(dt_s)
-        taken = recursion.take_in(
-            self._believed,
-            passed,
-            seen_by(sensor, z_m, clutter_density_per_m2),
-            self._optics,
+            self._sensor, self._sensor_model = sensor, measurement.sensor_model(sensor)
+        interval = self._interval(dt_s)
+        result = recursion.update_step(
+            self._posterior,
+            interval,
+            scan_measurements(sensor, z_m, clutter_density_per_m2),
+            self._sensor_model,
             self._limits,
             self._turns,
-            self._weigh_detections,
+            self._summarise_detections,
             self._rng,
         )
-        self._believed = taken.believed
-        self.bad_detections += taken.unusable
-        if self._weigh_detections:
-            self.account = taken.account
+        self._posterior = result.posterior
+        self.bad_detections += result.n_unusable
+        if self._summarise_detections:
+            self.detection_summary = result.summary
         if self.histories is not None:
-            self.histories.take(measured_t_ns, sensor, self._births, self._survival(dt_s), passed, taken)
+            self.histories.add_scan(
+                measured_t_ns, sensor, self._births, self._survival_probability(dt_s), interval, result
+            )
         self.scans += 1
 
     def picture(self, t_ns: int) -> Picture:
@@ -169,9 +171,16 @@ class Glmb:
 
     def estimates(self) -> Estimates:
         """Return what `picture` shows as read-only arrays; for large scenes, where records take time."""
-        of = self._believed
-        least = float(self.params.report_existence)
-        found: Estimates = extraction.shown(of.groups, of.track_label, of.labels, of.mean, of.cov, least)
+        posterior = self._posterior
+        min_existence = float(self.params.min_reported_existence)
+        found: Estimates = extraction.extract_estimates(
+            posterior.clusters,
+            posterior.track_label,
+            posterior.labels,
+            posterior.mean,
+            posterior.cov,
+            min_existence,
+        )
         for column in found:
             column.flags.writeable = False
         return found
@@ -180,24 +189,26 @@ class Glmb:
         """Return who is there: the tracks of `picture` that are in the MAP-cardinality estimate."""
         return tuple(track for track in self.picture(0).tracks if track.estimated)
 
-    def _passed(self, dt_s: float) -> Interval:
+    def _interval(self, dt_s: float) -> Interval:
         """Return what happened since the scan before."""
         params = self.params
         Q = _process_noise(dt_s, params.accel_std_m_s2, params.acceleration)
-        chances = _chances(self._survival(dt_s), float(params.lost_std_m))
-        return Interval(dt_s, Q, chances, self.scans, self._newborn)
+        survival = _survival_terms(self._survival_probability(dt_s), float(params.lost_std_m))
+        return Interval(dt_s, Q, survival, self.scans, self._birth_components)
 
-    def _survival(self, dt_s: float) -> float:
+    def _survival_probability(self, dt_s: float) -> float:
         return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - SURE))
 
 
 @lru_cache(maxsize=64)
-def _chances(survival: float, lost_std_m: float) -> kalman.Chances:
+def _survival_terms(survival: float, lost_std_m: float) -> kalman.Survival:
     """Return what happens to tracks that survive so probably; those that are given up all but die."""
-    live = np.array([survival, 1.0 - SURE])
-    log_live = np.log(live)
-    log_die = np.log1p(-live, out=np.full(2, -np.inf), where=live < 1.0)
-    return kalman.Chances(log_live[0], log_die[0], log_live[1], log_die[1], lost_std_m * lost_std_m)
+    survive = np.array([survival, 1.0 - SURE])
+    log_survival = np.log(survive)
+    log_death = np.log1p(-survive, out=np.full(2, -np.inf), where=survive < 1.0)
+    return kalman.Survival(
+        log_survival[0], log_death[0], log_survival[1], log_death[1], lost_std_m * lost_std_m
+    )
 
 
 @lru_cache(maxsize=64)

@@ -24,68 +24,68 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf
-from gcs.tracking.models.measurement import LinearisedMeasurement, wrapped
-from gcs.tracking.numerics.sorting import Order, greatest_first, room_to_order
+from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
+from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
 
 DIED = -2
 MISSED = -1
-LEAST_INSIDE = 1e-6
+MIN_P_IN_FOV = 1e-6
 """A track that is in the field of view with less than this probability is outside."""
-MAX_GATED = 32
+MAX_GATED_DETECTIONS = 32
 """Detections kept per gate, the likeliest ones: bounds the work that a hostile scan can cause."""
-_FEW = 8
+_MAX_LINEAR_SEARCH = 8
 """So many are looked at one by one."""
-_FINE = 8
+_GUIDE_ENTRIES_PER_STRIP = 8
 """Entries of the guide to the strips, for each of them: most hold no more than one."""
 
 
 @inlined
-def _entry(value: float, least: float, per_unit: float, n: int) -> int:
+def _guide_entry(value: float, least: float, per_unit: float, n: int) -> int:
     """Which of the n entries of a guide a value belongs to; rises with the value."""
     at = (value - least) * per_unit
     return 0 if not at > 0.0 else (n - 1 if at >= n else int(at))
 
 
-class _Sorting(NamedTuple):
+class _StripSort(NamedTuple):
     """Room to sort detections."""
 
     row: Any
     """(m,)."""
     value: Any
     """(m,)."""
-    order: Order
+    order: SortBuffers
 
 
 @leaf
-def _least_first(z: FloatArray, axis: int, rows: Any, first: int, end: int, work: _Sorting) -> None:
+def _sort_rows_ascending(z: FloatArray, axis: int, rows: Any, first: int, end: int, work: _StripSort) -> None:
     """Put `rows[first]` to `rows[end - 1]` in the order of a coordinate, the least first."""
     for i in range(first, end):
         work.row[i - first], work.value[i - first] = rows[i], -z[rows[i], axis]
-    greatest_first(work.value, ZERO, end - first, work.order)
+    argsort_descending(work.value, ZERO, end - first, work.order)
     for i in range(first, end):
         rows[i] = work.row[work.order.index[i - first]]
 
 
 @leaf
-def _in_strips(z: FloatArray, rows: Any, work: _Sorting) -> None:
-    _least_first(z, ZERO, rows, ZERO, rows.size, work)
+def _sort_strips(z: FloatArray, rows: Any, work: _StripSort) -> None:
+    _sort_rows_ascending(z, ZERO, rows, ZERO, rows.size, work)
     width = max(1, int(math.sqrt(rows.size)))
     for low in range(0, rows.size, width):
-        _least_first(z, ZERO + 1, rows, low, min(low + width, rows.size), work)
+        _sort_rows_ascending(z, ZERO + 1, rows, low, min(low + width, rows.size), work)
 
 
 @inlined
-def put_in_strips(z: FloatArray, rows: Any) -> None:
+def sort_into_strips(z: FloatArray, rows: Any) -> None:
     """Put detections, some `rows` of `z` (m, 2), in the order in which `options` finds those in a gate.
 
     They are cut into strips of isqrt(m) by the first coordinate; each is in the order of the second.
     """
     m = rows.size
     if m > 1:
-        _in_strips(z, rows, _Sorting(np.empty(m, np.int64), np.empty(m), room_to_order(m)))
+        _sort_strips(z, rows, _StripSort(np.empty(m, np.int64), np.empty(m), allocate_sort(m)))
 
 
 @inlined
@@ -98,7 +98,7 @@ def _guide(value: Any, low: int, high: int, guide: Any, at: int, n: int) -> floa
     per_unit = n / spread if spread > 0.0 else 0.0
     entry = 0
     for j in range(low, high):
-        here = _entry(value[j], value[low], per_unit, n)
+        here = _guide_entry(value[j], value[low], per_unit, n)
         while entry <= here:
             guide[at + entry] = j
             entry += 1
@@ -109,7 +109,7 @@ def _guide(value: Any, low: int, high: int, guide: Any, at: int, n: int) -> floa
 
 
 @inlined
-def _first_beyond(value: Any, low: int, high: int, least: float) -> int:
+def _bisect_left(value: Any, low: int, high: int, least: float) -> int:
     """Index of the first of the ascending values `low` to `high` - 1 that is not below `least`: bisection."""
     while low < high:
         mid = (low + high) // 2
@@ -147,14 +147,14 @@ def _nth_best(logw: Any, start: int, end: int, best: Any) -> Any:
 
 
 @inlined
-def innovation(cov: FloatArray, t: int, view: LinearisedMeasurement, u: int) -> Any:
+def innovation_cov(cov: FloatArray, t: int, meas_model: LinearisedMeasurement, u: int) -> Any:
     """A P A' + noise of track t, seen by `view` at u: its three different elements."""
-    p, q, r, s = view.A[u, 0, 0], view.A[u, 0, 1], view.A[u, 1, 0], view.A[u, 1, 1]
+    p, q, r, s = meas_model.A[u, 0, 0], meas_model.A[u, 0, 1], meas_model.A[u, 1, 0], meas_model.A[u, 1, 1]
     x, xy, y = cov[t, 0, 0], cov[t, 0, 1], cov[t, 1, 1]
     return (
-        p * p * x + 2.0 * p * q * xy + q * q * y + view.noise[u, 0, 0],
-        p * r * x + (p * s + q * r) * xy + q * s * y + view.noise[u, 0, 1],
-        r * r * x + 2.0 * r * s * xy + s * s * y + view.noise[u, 1, 1],
+        p * p * x + 2.0 * p * q * xy + q * q * y + meas_model.noise[u, 0, 0],
+        p * r * x + (p * s + q * r) * xy + q * s * y + meas_model.noise[u, 0, 1],
+        r * r * x + 2.0 * r * s * xy + s * s * y + meas_model.noise[u, 1, 1],
     )
 
 
@@ -175,7 +175,7 @@ class _Strips(NamedTuple):
 
 
 @leaf
-def _lay_out(z: FloatArray, to: _Strips) -> float:
+def _index_strips(z: FloatArray, to: _Strips) -> float:
     """Fill the strips; return the entries of `entry` per unit of the first coordinate."""
     m, width, count = z.shape[0], to.width, to.edge.size
     for s in range(count):
@@ -184,16 +184,16 @@ def _lay_out(z: FloatArray, to: _Strips) -> float:
         for j in range(low, high):
             to.edge[s], to.second[j] = min(to.edge[s], z[j, 0]), z[j, 1]
         to.per_unit[s] = _guide(to.second, low, high, to.inner, s * (width + 1), width)
-    return _guide(to.edge, 0, count, to.entry, 0, _FINE * count) if count > 0 else 0.0
+    return _guide(to.edge, 0, count, to.entry, 0, _GUIDE_ENTRIES_PER_STRIP * count) if count > 0 else 0.0
 
 
 @leaf
-def _options(
+def _fill_options(
     cov: FloatArray,
-    log_live: FloatArray,
-    log_die: FloatArray,
+    log_survival: FloatArray,
+    log_death: FloatArray,
     z: FloatArray,
-    view: LinearisedMeasurement,
+    meas_model: LinearisedMeasurement,
     log_clutter: FloatArray,
     gate_chi2: float,
     strip: _Strips,
@@ -206,52 +206,58 @@ def _options(
 ) -> int:
     """List the options of tracks from t on; return the first one for which there may be no room, or n."""
     n, m, width, n_strips = cov.shape[0], z.shape[0], strip.width, strip.edge.size
-    step = 0 if view.A.shape[0] == 1 else 1
-    p_d = view.p_d
-    log_made, log_missed = math.log(p_d) - math.log(2.0 * math.pi), math.log1p(-p_d)
+    step = 0 if meas_model.A.shape[0] == 1 else 1
+    p_d = meas_model.p_d
+    log_detected, log_missed = math.log(p_d) - math.log(2.0 * math.pi), math.log1p(-p_d)
     while t < n and logw.size - start[t] >= m + 2:
         first = count = start[t]
-        seen = p_d > 0.0 and view.inside[t] > LEAST_INSIDE
-        if seen and m > 0:
-            x, y = view.z_hat[t, 0], view.z_hat[t, 1]
-            a, b, c = innovation(cov, t, view, t * step)
+        is_visible = p_d > 0.0 and meas_model.p_in_fov[t] > MIN_P_IN_FOV
+        if is_visible and m > 0:
+            x, y = meas_model.z_hat[t, 0], meas_model.z_hat[t, 1]
+            a, b, c = innovation_cov(cov, t, meas_model, t * step)
             det = a * c - b * b
-            scale = log_made - 0.5 * math.log(det) + log_live[t]
-            reach, reach_1 = math.sqrt(gate_chi2 * a), math.sqrt(gate_chi2 * c)
-            e = _entry(x - reach, strip.edge[0], strips_per_unit, _FINE * n_strips)
-            s = max(0, _first_beyond(strip.edge, strip.entry[e], strip.entry[e + 1], x - reach) - 1)
-            while s < n_strips and strip.edge[s] <= x + reach:
+            log_scale = log_detected - 0.5 * math.log(det) + log_survival[t]
+            half_width, half_height = math.sqrt(gate_chi2 * a), math.sqrt(gate_chi2 * c)
+            e = _guide_entry(
+                x - half_width, strip.edge[0], strips_per_unit, _GUIDE_ENTRIES_PER_STRIP * n_strips
+            )
+            s = max(0, _bisect_left(strip.edge, strip.entry[e], strip.entry[e + 1], x - half_width) - 1)
+            while s < n_strips and strip.edge[s] <= x + half_width:
                 j, high = s * width, min((s + 1) * width, m)
-                if not view.wraps:
-                    e = s * (width + 1) + _entry(y - reach_1, strip.second[j], strip.per_unit[s], width)
+                if not meas_model.has_bearing:
+                    e = s * (width + 1) + _guide_entry(
+                        y - half_height, strip.second[j], strip.per_unit[s], width
+                    )
                     j = strip.inner[e]
-                    if strip.inner[e + 1] - j > _FEW:
-                        j = _first_beyond(strip.second, j, strip.inner[e + 1], y - reach_1)
+                    if strip.inner[e + 1] - j > _MAX_LINEAR_SEARCH:
+                        j = _bisect_left(strip.second, j, strip.inner[e + 1], y - half_height)
                 while j < high:
                     dx, dy = z[j, 0] - x, z[j, 1] - y
-                    if view.wraps:
-                        dy = wrapped(dy)
-                    elif dy > reach_1:
+                    if meas_model.has_bearing:
+                        dy = wrap_angle(dy)
+                    elif dy > half_height:
                         break
                     d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
                     if d2 <= gate_chi2:
-                        meas[count], logw[count] = j, scale - 0.5 * d2 - log_clutter[j]
+                        meas[count], logw[count] = j, log_scale - 0.5 * d2 - log_clutter[j]
                         count += 1
                     j += 1
                 s += 1
-            if count - first > MAX_GATED:
+            if count - first > MAX_GATED_DETECTIONS:
                 least = _nth_best(logw, first, count, best)
                 end, count = count, first
                 for i in range(first, end):
-                    if logw[i] >= least and count < first + MAX_GATED:
+                    if logw[i] >= least and count < first + MAX_GATED_DETECTIONS:
                         meas[count], logw[count] = meas[i], logw[i]
                         count += 1
-        meas[count], logw[count] = MISSED, log_live[t]
-        if seen:
-            logw[count] += log_missed if view.inside[t] == 1.0 else math.log1p(-p_d * view.inside[t])
+        meas[count], logw[count] = MISSED, log_survival[t]
+        if is_visible:
+            logw[count] += (
+                log_missed if meas_model.p_in_fov[t] == 1.0 else math.log1p(-p_d * meas_model.p_in_fov[t])
+            )
         count += 1
-        if log_die[t] > -np.inf:
-            meas[count], logw[count] = DIED, log_die[t]
+        if log_death[t] > -np.inf:
+            meas[count], logw[count] = DIED, log_death[t]
             count += 1
         _sort_options(meas, logw, first, count)
         start[t + 1] = count
@@ -267,12 +273,12 @@ def _copy(old: Any, n: int, to: Any) -> None:
 
 
 @inlined
-def options(
+def association_options(
     cov: FloatArray,
-    log_live: FloatArray,
-    log_die: FloatArray,
+    log_survival: FloatArray,
+    log_death: FloatArray,
     z: FloatArray,
-    view: LinearisedMeasurement,
+    meas_model: LinearisedMeasurement,
     log_clutter: FloatArray,
     gate_chi2: float,
 ) -> Any:
@@ -289,24 +295,24 @@ def options(
         width,
         np.empty(count),
         np.empty(m),
-        np.empty(_FINE * count + 1, np.int32),
+        np.empty(_GUIDE_ENTRIES_PER_STRIP * count + 1, np.int32),
         np.empty(count * (width + 1), np.int32),
         np.empty(count),
     )
-    per_unit = _lay_out(z, strip)
+    per_unit = _index_strips(z, strip)
     # Room for what most scenes need, and for the next track all detections; as much again where it runs out.
-    room, t = 5 * n + m + 2, ZERO
-    start, meas, logw = np.zeros(n + 1, np.int64), np.empty(room, np.int64), np.empty(room)
-    best = np.empty(MAX_GATED)
+    capacity, t = 5 * n + m + 2, ZERO
+    start, meas, logw = np.zeros(n + 1, np.int64), np.empty(capacity, np.int64), np.empty(capacity)
+    best = np.empty(MAX_GATED_DETECTIONS)
     while t < n:
-        t = _options(
-            cov, log_live, log_die, z, view, log_clutter, gate_chi2,
+        t = _fill_options(
+            cov, log_survival, log_death, z, meas_model, log_clutter, gate_chi2,
             strip, per_unit, best, start, meas, logw, t,
         )  # fmt: skip
         if t < n:
-            room *= 2
-            more_meas, more_logw = np.empty(room, np.int64), np.empty(room)
-            _copy(meas, start[t], more_meas)
-            _copy(logw, start[t], more_logw)
-            meas, logw = more_meas, more_logw
+            capacity *= 2
+            new_meas, new_logw = np.empty(capacity, np.int64), np.empty(capacity)
+            _copy(meas, start[t], new_meas)
+            _copy(logw, start[t], new_logw)
+            meas, logw = new_meas, new_logw
     return start, meas[: start[n]], logw[: start[n]]

@@ -35,7 +35,7 @@ class Clusters(NamedTuple):
         return cls(np.arange(2), np.arange(2), np.zeros(1, np.int64), np.zeros(1))
 
 
-class Options(NamedTuple):
+class AssociationOptions(NamedTuple):
     """What each track may do (see `gates.options`)."""
 
     start: Any
@@ -46,23 +46,23 @@ class Options(NamedTuple):
 class Limits(NamedTuple):
     """What bounds the work and the approximation."""
 
-    hypotheses: int
+    max_hypotheses: int
     """Most hypotheses of one group."""
     log_prune: float
     """Log of the least weight kept, relative to the group's best."""
-    tail: float
+    tail_share: float
     """Of a label that competes with nobody, least probable histories that hold less than this share of its
     probability together are dropped."""
-    existence: float
+    min_existence: float
     """Labels below it are forgotten."""
-    conflict: float
+    max_conflict: float
     """Labels that would take the same detection less probably than this are associated apart."""
-    dependence: float
+    max_dependence: float
     """Labels whose joint differs by less (total variation) from the product of marginals part."""
-    enumerable: int
+    max_enumerated: int
     """Most joint options within `log_prune` of the best of a hypothesis that is enumerated; beyond, it is
     sampled."""
-    sweeps: int
+    gibbs_sweeps: int
     """Gibbs sweeps that a group's sampled hypotheses share by weight."""
     gate_chi2: float
     """Squared Mahalanobis distance of the gate."""
@@ -71,7 +71,7 @@ class Limits(NamedTuple):
 
 
 @inlined
-def mix(x: Any) -> Any:
+def mix64(x: Any) -> Any:
     """Bijective scrambling of 64 bits (the finaliser of SplitMix64, Steele et al. 2014)."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -79,19 +79,19 @@ def mix(x: Any) -> Any:
 
 
 @inlined
-def key_of(item: Any) -> Any:
+def item_key(item: Any) -> Any:
     """Random-looking 64 bits for an item; a set of them is known by their sum.
 
     Worked out at every use: a table of all is soon slower, since it is read here and there.
     """
-    return mix(np.uint64(item + 1) * np.uint64(0x9E3779B97F4A7C15))
+    return mix64(np.uint64(item + 1) * np.uint64(0x9E3779B97F4A7C15))
 
 
 @inlined
-def room_for_groups(n_groups: int, n_hyps: int, n_items: int) -> Clusters:
+def allocate_clusters(n_clusters: int, n_hyps: int, n_items: int) -> Clusters:
     """Return room for so many groups, hypotheses and items."""
     return Clusters(
-        np.empty(n_groups + 1, np.int64),
+        np.empty(n_clusters + 1, np.int64),
         np.empty(n_hyps + 1, np.int64),
         np.empty(n_items, np.int64),
         np.empty(n_hyps),
@@ -99,11 +99,11 @@ def room_for_groups(n_groups: int, n_hyps: int, n_items: int) -> Clusters:
 
 
 @inlined
-def filled(groups: Clusters, count: int, n: int) -> Clusters:
+def trim_clusters(clusters: Clusters, count: int, n: int) -> Clusters:
     """What of the room is filled: `count` groups with n hypotheses."""
     return Clusters(
-        head(groups.first, count + 1),
-        head(groups.start, n + 1),
-        head(groups.items, groups.start[n]),
-        head(groups.logw, n),
+        head(clusters.first, count + 1),
+        head(clusters.start, n + 1),
+        head(clusters.items, clusters.start[n]),
+        head(clusters.logw, n),
     )

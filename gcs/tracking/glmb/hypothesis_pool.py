@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf, spliced
-from gcs.tracking.glmb.hypotheses import DIED, Limits, Options, key_of
-from gcs.tracking.numerics.sorting import Order, greatest_first, power_of_two, room_to_order
+from gcs.tracking.glmb.hypotheses import DIED, AssociationOptions, Limits, item_key
+from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, power_of_two
 
 
 class HypothesisPool(NamedTuple):
@@ -24,69 +24,69 @@ class HypothesisPool(NamedTuple):
     items: Any
     slot: Any
     """Which hypothesis is where in the table, -1 in free places."""
-    stays: Any
+    is_kept: Any
     """Scratch."""
-    order: Order
+    order: SortBuffers
 
 
 @inlined
-def room_for_children(capacity: int, widest: int) -> HypothesisPool:
+def allocate_pool(capacity: int, max_size: int) -> HypothesisPool:
     """Return room for so many hypotheses, of so many tracks."""
     return HypothesisPool(
         np.empty(capacity),
         np.empty(capacity, np.uint64),
         np.empty(capacity, np.int64),
-        np.empty((capacity, widest), np.int64),
+        np.empty((capacity, max_size), np.int64),
         np.empty(power_of_two(2 * capacity), np.int64),
         np.empty(capacity, np.bool_),
-        room_to_order(capacity),
+        allocate_sort(capacity),
     )
 
 
 @inlined
-def _find(slot: Any, slots: int, known: Any, key: Any) -> Any:
+def _find_slot(slot: Any, slots: int, keys: Any, key: Any) -> Any:
     """Where in the table, the first `slots` of `slot`, the hypothesis with `key` is, or a place for it."""
     mask = slots - 1
     at = np.int64(key & np.uint64(mask))
-    while slot[at] >= 0 and known[slot[at]] != key:
+    while slot[at] >= 0 and keys[slot[at]] != key:
         at = (at + 1) & mask
     return at
 
 
 @leaf
-def _keep_best(pool: HypothesisPool, count: int, slots: int, most: int) -> Any:
+def _keep_best(pool: HypothesisPool, count: int, slots: int, max_kept: int) -> Any:
     """Drop all but the `most` best; return how many those are and the log-weight of the worst of them."""
-    greatest_first(pool.logw, ZERO, count, pool.order)
-    order, stays = pool.order.index, pool.stays
-    kept = min(most, count)
+    argsort_descending(pool.logw, ZERO, count, pool.order)
+    order, is_kept = pool.order.index, pool.is_kept
+    kept = min(max_kept, count)
     worst = pool.logw[order[kept - 1]]
     # Copying down in their old order never overwrites what is still to be copied.
     for i in range(count):
-        stays[order[i]] = i < kept
+        is_kept[order[i]] = i < kept
     for i in range(slots):
         pool.slot[i] = -1
     i = 0
     for k in range(count):
-        if stays[k]:
+        if is_kept[k]:
             pool.logw[i], pool.key[i], pool.size[i] = pool.logw[k], pool.key[k], pool.size[k]
             for j in range(pool.size[k]):
                 pool.items[i, j] = pool.items[k, j]
-            pool.slot[_find(pool.slot, slots, pool.key, pool.key[i])] = i
+            pool.slot[_find_slot(pool.slot, slots, pool.key, pool.key[i])] = i
             i += 1
     return kept, worst
 
 
 @spliced
-def offer(
+def add_candidate(
     pool: HypothesisPool,
-    room: int,
+    capacity: int,
     slots: int,
     count: int,
     floor: float,
     logw: float,
-    pick: Any,
+    assignment: Any,
     n: int,
-    options: Options,
+    options: AssociationOptions,
     limits: Limits,
 ) -> Any:
     """Offer the child in which track i of n takes option `pick[i]`; who died is not in it.
@@ -97,24 +97,24 @@ def offer(
     """
     key = np.uint64(0)
     for i in range(n):
-        if options.meas[pick[i]] != DIED:
-            key += key_of(pick[i])
-    at = _find(pool.slot, slots, pool.key, key)
-    same = pool.slot[at]
-    if same >= 0:
-        high, low = max(pool.logw[same], logw), min(pool.logw[same], logw)
-        pool.logw[same] = high + math.log1p(math.exp(low - high))
+        if options.meas[assignment[i]] != DIED:
+            key += item_key(assignment[i])
+    at = _find_slot(pool.slot, slots, pool.key, key)
+    found = pool.slot[at]
+    if found >= 0:
+        high, low = max(pool.logw[found], logw), min(pool.logw[found], logw)
+        pool.logw[found] = high + math.log1p(math.exp(low - high))
         return count, floor
-    if count == room:
-        count, worst = _keep_best(pool, count, slots, limits.hypotheses)
+    if count == capacity:
+        count, worst = _keep_best(pool, count, slots, limits.max_hypotheses)
         floor = max(floor, worst)
         if logw < floor:
             return count, floor
-        at = _find(pool.slot, slots, pool.key, key)
+        at = _find_slot(pool.slot, slots, pool.key, key)
     size = 0
     for i in range(n):
-        if options.meas[pick[i]] != DIED:
-            pool.items[count, size] = pick[i]
+        if options.meas[assignment[i]] != DIED:
+            pool.items[count, size] = assignment[i]
             size += 1
     pool.slot[at] = count
     pool.logw[count], pool.key[count], pool.size[count] = logw, key, size

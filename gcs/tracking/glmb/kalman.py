@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.jit import inlined, leaf, spliced
-from gcs.tracking.glmb.gating import innovation
-from gcs.tracking.glmb.hypotheses import Clusters, room_for_groups
-from gcs.tracking.models.measurement import LinearisedMeasurement, wrapped
+from gcs.tracking.glmb.gating import innovation_cov
+from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters
+from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
@@ -25,33 +25,33 @@ if TYPE_CHECKING:
 class Prediction(NamedTuple):
     """Tracks as they are expected at a scan, those just born behind the others, and what they make up."""
 
-    groups: Clusters
+    clusters: Clusters
     track_label: Any
     """(n,) which label each is of."""
     labels: Any
     """(labels, 2) scan of birth and index there."""
     mean: Any
     cov: Any
-    log_live: Any
+    log_survival: Any
     """(n,) log of the probability to live, or to appear."""
-    log_die: Any
+    log_death: Any
     """(n,) and not to."""
 
 
-class Chances(NamedTuple):
+class Survival(NamedTuple):
     """Logs of what happens to tracks between scans."""
 
-    live: float
-    die: float
-    lost_live: float
+    log_survival: float
+    log_death: float
+    log_survival_lost: float
     """Of tracks given up."""
-    lost_die: float
-    lost_m2: float
+    log_death_lost: float
+    max_variance_m2: float
     """Variance along the worse axis beyond which a track is given up."""
 
 
 @leaf
-def moved(
+def predict_track(
     mean: FloatArray, cov: FloatArray, t: int, dt_s: float, Q: FloatArray, mean_out: FloatArray, cov_out: Any
 ) -> None:
     """Kalman prediction of track t, F and `Q` of `motion`."""
@@ -59,9 +59,9 @@ def moved(
         mean_out[t, i] = mean[t, i] + dt_s * mean[t, i + 2]
         mean_out[t, i + 2] = mean[t, i + 2]
         for j in range(i + 1):
-            near = cov[t, i, j] + dt_s * cov[t, i + 2, j]
-            far = cov[t, i, j + 2] + dt_s * cov[t, i + 2, j + 2]
-            cov_out[t, i, j] = cov_out[t, j, i] = Q[i, j] + near + far * dt_s
+            within_gate = cov[t, i, j] + dt_s * cov[t, i + 2, j]
+            outside_axis_gate = cov[t, i, j + 2] + dt_s * cov[t, i + 2, j + 2]
+            cov_out[t, i, j] = cov_out[t, j, i] = Q[i, j] + within_gate + outside_axis_gate * dt_s
         for j in range(2):
             cross = Q[i + 2, j] + cov[t, i + 2, j] + cov[t, i + 2, j + 2] * dt_s
             cov_out[t, i + 2, j] = cov_out[t, j, i + 2] = cross
@@ -70,109 +70,116 @@ def moved(
 
 
 @leaf
-def _predict(
-    mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, chances: Chances, to: Any
+def _predict_tracks(
+    mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, survival: Survival, out: Any
 ) -> None:
     for t in range(mean.shape[0]):
-        moved(mean, cov, t, dt_s, Q, to.mean, to.cov)
-        to.log_live[t], to.log_die[t] = chances.live, chances.die
-        if max(to.cov[t, 0, 0], to.cov[t, 1, 1]) > chances.lost_m2:
-            to.log_live[t], to.log_die[t] = chances.lost_live, chances.lost_die
+        predict_track(mean, cov, t, dt_s, Q, out.mean, out.cov)
+        out.log_survival[t], out.log_death[t] = survival.log_survival, survival.log_death
+        if max(out.cov[t, 0, 0], out.cov[t, 1, 1]) > survival.max_variance_m2:
+            out.log_survival[t], out.log_death[t] = survival.log_survival_lost, survival.log_death_lost
 
 
 @leaf
-def _append(groups: Clusters, track_label: Any, labels: Any, scan: int, born: Any, to: Prediction) -> None:
+def _append_births(
+    clusters: Clusters, track_label: Any, labels: Any, scan: int, births: Any, out: Prediction
+) -> None:
     """Put those just born behind the others, each a group of its own."""
-    n_groups, n_hyps, n_items = groups.first.size - 1, groups.logw.size, groups.items.size
+    n_clusters, n_hyps, n_items = clusters.first.size - 1, clusters.logw.size, clusters.items.size
     n, n_labels = track_label.size, labels.shape[0]
-    to.groups.first[0] = to.groups.start[0] = 0
-    for i in range(n_groups):
-        to.groups.first[i + 1] = groups.first[i + 1]
+    out.clusters.first[0] = out.clusters.start[0] = 0
+    for i in range(n_clusters):
+        out.clusters.first[i + 1] = clusters.first[i + 1]
     for i in range(n_hyps):
-        to.groups.start[i + 1], to.groups.logw[i] = groups.start[i + 1], groups.logw[i]
+        out.clusters.start[i + 1], out.clusters.logw[i] = clusters.start[i + 1], clusters.logw[i]
     for i in range(n_items):
-        to.groups.items[i] = groups.items[i]
+        out.clusters.items[i] = clusters.items[i]
     for i in range(n):
-        to.track_label[i] = track_label[i]
+        out.track_label[i] = track_label[i]
     for i in range(n_labels):
-        to.labels[i, 0], to.labels[i, 1] = labels[i, 0], labels[i, 1]
-    for b in range(born.mean.shape[0]):
-        to.groups.first[n_groups + b + 1], to.groups.start[n_hyps + b + 1] = n_hyps + b + 1, n_items + b + 1
-        to.groups.logw[n_hyps + b], to.groups.items[n_items + b] = 0.0, n + b
-        to.track_label[n + b] = n_labels + b
-        to.labels[n_labels + b, 0], to.labels[n_labels + b, 1] = scan, b
-        to.log_live[n + b], to.log_die[n + b] = born.log_live[b], born.log_die[b]
+        out.labels[i, 0], out.labels[i, 1] = labels[i, 0], labels[i, 1]
+    for b in range(births.mean.shape[0]):
+        out.clusters.first[n_clusters + b + 1], out.clusters.start[n_hyps + b + 1] = (
+            n_hyps + b + 1,
+            n_items + b + 1,
+        )
+        out.clusters.logw[n_hyps + b], out.clusters.items[n_items + b] = 0.0, n + b
+        out.track_label[n + b] = n_labels + b
+        out.labels[n_labels + b, 0], out.labels[n_labels + b, 1] = scan, b
+        out.log_survival[n + b], out.log_death[n + b] = births.log_survival[b], births.log_death[b]
         for i in range(4):
-            to.mean[n + b, i] = born.mean[b, i]
+            out.mean[n + b, i] = births.mean[b, i]
             for j in range(4):
-                to.cov[n + b, i, j] = born.cov[b, i, j]
+                out.cov[n + b, i, j] = births.cov[b, i, j]
 
 
 @inlined
-def foresee(
-    groups: Clusters,
+def predict_with_births(
+    clusters: Clusters,
     track_label: Any,
     labels: Any,
     mean: FloatArray,
     cov: FloatArray,
     dt_s: float,
     Q: FloatArray,
-    chances: Chances,
+    survival: Survival,
     scan: int,
-    born: BirthComponents,
+    births: BirthComponents,
 ) -> Prediction:
     """Predict all tracks by `dt_s`, and add those that may have been born by this scan."""
-    n, more, n_labels = track_label.size, born.mean.shape[0], labels.shape[0]
+    n, n_births, n_labels = track_label.size, births.mean.shape[0], labels.shape[0]
     out = Prediction(
-        room_for_groups(groups.first.size - 1 + more, groups.logw.size + more, groups.items.size + more),
-        np.empty(n + more, np.int64),
-        np.empty((n_labels + more, 2), np.int64),
-        np.empty((n + more, 4)),
-        np.empty((n + more, 4, 4)),
-        np.empty(n + more),
-        np.empty(n + more),
+        allocate_clusters(
+            clusters.first.size - 1 + n_births, clusters.logw.size + n_births, clusters.items.size + n_births
+        ),
+        np.empty(n + n_births, np.int64),
+        np.empty((n_labels + n_births, 2), np.int64),
+        np.empty((n + n_births, 4)),
+        np.empty((n + n_births, 4, 4)),
+        np.empty(n + n_births),
+        np.empty(n + n_births),
     )
-    _predict(mean, cov, dt_s, Q, chances, out)
-    _append(groups, track_label, labels, scan, born, out)
+    _predict_tracks(mean, cov, dt_s, Q, survival, out)
+    _append_births(clusters, track_label, labels, scan, births, out)
     return out
 
 
 @inlined
-def _gain(
-    x: float, y: float, view: LinearisedMeasurement, u: int, a: float, b: float, c: float, det: float
+def _gain_row(
+    x: float, y: float, meas_model: LinearisedMeasurement, u: int, a: float, b: float, c: float, det: float
 ) -> Any:
     """One row of K = P H' S^-1, from the first two elements of that row of P and from S."""
-    e = x * view.A[u, 0, 0] + y * view.A[u, 0, 1]
-    f = x * view.A[u, 1, 0] + y * view.A[u, 1, 1]
+    e = x * meas_model.A[u, 0, 0] + y * meas_model.A[u, 0, 1]
+    f = x * meas_model.A[u, 1, 0] + y * meas_model.A[u, 1, 1]
     return (e * c - f * b) / det, (f * a - e * b) / det
 
 
 @inlined
-def _left(row: int, k0: float, k1: float, view: LinearisedMeasurement, u: int) -> Any:
+def _residual_row(row: int, k0: float, k1: float, meas_model: LinearisedMeasurement, u: int) -> Any:
     """One row of I - K H, its first two elements; the others are those of I."""
     return (
-        (1.0 if row == 0 else 0.0) - (k0 * view.A[u, 0, 0] + k1 * view.A[u, 1, 0]),
-        (1.0 if row == 1 else 0.0) - (k0 * view.A[u, 0, 1] + k1 * view.A[u, 1, 1]),
+        (1.0 if row == 0 else 0.0) - (k0 * meas_model.A[u, 0, 0] + k1 * meas_model.A[u, 1, 0]),
+        (1.0 if row == 1 else 0.0) - (k0 * meas_model.A[u, 0, 1] + k1 * meas_model.A[u, 1, 1]),
     )
 
 
 @inlined
-def _noisy(
-    total: float, k0: float, k1: float, view: LinearisedMeasurement, u: int, l0: float, l1: float
+def _add_noise_term(
+    total: float, k0: float, k1: float, meas_model: LinearisedMeasurement, u: int, l0: float, l1: float
 ) -> Any:
     """Add an element of K noise K', from two rows of K."""
-    r = view.noise
+    r = meas_model.noise
     return total + k0 * r[u, 0, 0] * l0 + k0 * r[u, 0, 1] * l1 + k1 * r[u, 1, 0] * l0 + k1 * r[u, 1, 1] * l1
 
 
 @spliced
-def updated(
+def update_track(
     mean: FloatArray,
     cov: FloatArray,
     p: int,
     j: int,
     z: FloatArray,
-    view: LinearisedMeasurement,
+    meas_model: LinearisedMeasurement,
     mean_out: FloatArray,
     cov_out: FloatArray,
     i: int,
@@ -188,27 +195,27 @@ def updated(
             for s in range(4):
                 cov_out[i, r, s] = cov[p, r, s]
         return
-    u = 0 if view.A.shape[0] == 1 else p
-    a, b, c = innovation(cov, p, view, u)
+    u = 0 if meas_model.A.shape[0] == 1 else p
+    a, b, c = innovation_cov(cov, p, meas_model, u)
     det = a * c - b * b
-    dx, dy = z[j, 0] - view.z_hat[p, 0], z[j, 1] - view.z_hat[p, 1]
-    if view.wraps:
-        dy = wrapped(dy)
+    dx, dy = z[j, 0] - meas_model.z_hat[p, 0], z[j, 1] - meas_model.z_hat[p, 1]
+    if meas_model.has_bearing:
+        dy = wrap_angle(dy)
     p00, p10, p11 = cov[p, 0, 0], cov[p, 1, 0], cov[p, 1, 1]
     p20, p21, p22 = cov[p, 2, 0], cov[p, 2, 1], cov[p, 2, 2]
     p30, p31, p32, p33 = cov[p, 3, 0], cov[p, 3, 1], cov[p, 3, 2], cov[p, 3, 3]
-    k00, k01 = _gain(p00, p10, view, u, a, b, c, det)
-    k10, k11 = _gain(p10, p11, view, u, a, b, c, det)
-    k20, k21 = _gain(p20, p21, view, u, a, b, c, det)
-    k30, k31 = _gain(p30, p31, view, u, a, b, c, det)
+    k00, k01 = _gain_row(p00, p10, meas_model, u, a, b, c, det)
+    k10, k11 = _gain_row(p10, p11, meas_model, u, a, b, c, det)
+    k20, k21 = _gain_row(p20, p21, meas_model, u, a, b, c, det)
+    k30, k31 = _gain_row(p30, p31, meas_model, u, a, b, c, det)
     mean_out[i, 0] = mean[p, 0] + k00 * dx + k01 * dy
     mean_out[i, 1] = mean[p, 1] + k10 * dx + k11 * dy
     mean_out[i, 2] = mean[p, 2] + k20 * dx + k21 * dy
     mean_out[i, 3] = mean[p, 3] + k30 * dx + k31 * dy
-    a00, a01 = _left(0, k00, k01, view, u)
-    a10, a11 = _left(1, k10, k11, view, u)
-    a20, a21 = _left(2, k20, k21, view, u)
-    a30, a31 = _left(3, k30, k31, view, u)
+    a00, a01 = _residual_row(0, k00, k01, meas_model, u)
+    a10, a11 = _residual_row(1, k10, k11, meas_model, u)
+    a20, a21 = _residual_row(2, k20, k21, meas_model, u)
+    a30, a31 = _residual_row(3, k30, k31, meas_model, u)
     # What is needed of (I - K H) P: two columns, and below the diagonal the others.
     b00, b01 = a00 * p00 + a01 * p10, a00 * p10 + a01 * p11
     b10, b11 = a10 * p00 + a11 * p10, a10 * p10 + a11 * p11
@@ -217,38 +224,43 @@ def updated(
     b22, b32 = a20 * p20 + a21 * p21 + p22, a30 * p20 + a31 * p21 + p32
     b33 = a30 * p30 + a31 * p31 + p33
     q = cov_out
-    q[i, 0, 0] = _noisy(b00 * a00 + b01 * a01, k00, k01, view, u, k00, k01)
-    q[i, 1, 0] = q[i, 0, 1] = _noisy(b10 * a00 + b11 * a01, k10, k11, view, u, k00, k01)
-    q[i, 1, 1] = _noisy(b10 * a10 + b11 * a11, k10, k11, view, u, k10, k11)
-    q[i, 2, 0] = q[i, 0, 2] = _noisy(b20 * a00 + b21 * a01, k20, k21, view, u, k00, k01)
-    q[i, 2, 1] = q[i, 1, 2] = _noisy(b20 * a10 + b21 * a11, k20, k21, view, u, k10, k11)
-    q[i, 2, 2] = _noisy(b20 * a20 + b21 * a21 + b22, k20, k21, view, u, k20, k21)
-    q[i, 3, 0] = q[i, 0, 3] = _noisy(b30 * a00 + b31 * a01, k30, k31, view, u, k00, k01)
-    q[i, 3, 1] = q[i, 1, 3] = _noisy(b30 * a10 + b31 * a11, k30, k31, view, u, k10, k11)
-    q[i, 3, 2] = q[i, 2, 3] = _noisy(b30 * a20 + b31 * a21 + b32, k30, k31, view, u, k20, k21)
-    q[i, 3, 3] = _noisy(b30 * a30 + b31 * a31 + b33, k30, k31, view, u, k30, k31)
+    q[i, 0, 0] = _add_noise_term(b00 * a00 + b01 * a01, k00, k01, meas_model, u, k00, k01)
+    q[i, 1, 0] = q[i, 0, 1] = _add_noise_term(b10 * a00 + b11 * a01, k10, k11, meas_model, u, k00, k01)
+    q[i, 1, 1] = _add_noise_term(b10 * a10 + b11 * a11, k10, k11, meas_model, u, k10, k11)
+    q[i, 2, 0] = q[i, 0, 2] = _add_noise_term(b20 * a00 + b21 * a01, k20, k21, meas_model, u, k00, k01)
+    q[i, 2, 1] = q[i, 1, 2] = _add_noise_term(b20 * a10 + b21 * a11, k20, k21, meas_model, u, k10, k11)
+    q[i, 2, 2] = _add_noise_term(b20 * a20 + b21 * a21 + b22, k20, k21, meas_model, u, k20, k21)
+    q[i, 3, 0] = q[i, 0, 3] = _add_noise_term(b30 * a00 + b31 * a01, k30, k31, meas_model, u, k00, k01)
+    q[i, 3, 1] = q[i, 1, 3] = _add_noise_term(b30 * a10 + b31 * a11, k30, k31, meas_model, u, k10, k11)
+    q[i, 3, 2] = q[i, 2, 3] = _add_noise_term(b30 * a20 + b31 * a21 + b32, k30, k31, meas_model, u, k20, k21)
+    q[i, 3, 3] = _add_noise_term(b30 * a30 + b31 * a31 + b33, k30, k31, meas_model, u, k30, k31)
 
 
 @leaf
-def _update(
+def _update_tracks(
     mean: FloatArray,
     cov: FloatArray,
     parent: Any,
     meas: Any,
     z: FloatArray,
-    view: LinearisedMeasurement,
+    meas_model: LinearisedMeasurement,
     mean_out: FloatArray,
     cov_out: FloatArray,
 ) -> None:
     for i in range(parent.size):
-        updated(mean, cov, parent[i], meas[i], z, view, mean_out, cov_out, i)
+        update_track(mean, cov, parent[i], meas[i], z, meas_model, mean_out, cov_out, i)
 
 
 @inlined
-def update(
-    mean: FloatArray, cov: FloatArray, parent: Any, meas: Any, z: FloatArray, view: LinearisedMeasurement
+def update_tracks(
+    mean: FloatArray,
+    cov: FloatArray,
+    parent: Any,
+    meas: Any,
+    z: FloatArray,
+    meas_model: LinearisedMeasurement,
 ) -> tuple[FloatArray, FloatArray]:
     """Kalman update of each track `parent[i]` with detection `meas[i]` (or MISSED)."""
     mean_out, cov_out = np.empty((parent.size, 4)), np.empty((parent.size, 4, 4))
-    _update(mean, cov, parent, meas, z, view, mean_out, cov_out)
+    _update_tracks(mean, cov, parent, meas, z, meas_model, mean_out, cov_out)
     return mean_out, cov_out

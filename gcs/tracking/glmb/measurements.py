@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined
-from gcs.tracking.glmb.gating import put_in_strips
+from gcs.tracking.glmb.gating import sort_into_strips
 from gcs.tracking.models import sensors
 from gcs.tracking.numerics.sorting import head
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray, Sensor
 
-_LEAST_CLUTTER_PER_M2 = 1e-15
+_MIN_CLUTTER_PER_M2 = 1e-15
 
 
 class Measurements(NamedTuple):
@@ -22,18 +22,18 @@ class Measurements(NamedTuple):
 
     z: FloatArray
     """(m, 2) as the sensor measured them."""
-    place_m: FloatArray
+    position_m: FloatArray
     """(m, 2) east/north."""
     log_clutter: FloatArray
     """Of the clutter intensity per unit of `z`: (m,) at each, or (1,) at all of them."""
 
 
-class Look(NamedTuple):
+class OrderedMeasurements(NamedTuple):
     """The usable detections of a scan, in the order of `gates.put_in_strips`."""
 
     z: Any
     """(m, 2) as the sensor measured them."""
-    place_m: Any
+    position_m: Any
     """(m, 2) east/north."""
     log_clutter: Any
     """(m,)."""
@@ -41,7 +41,7 @@ class Look(NamedTuple):
     """(m,) which detection of the scan each is."""
 
 
-def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Measurements:
+def scan_measurements(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Measurements:
     """Take detections (m, 2) among clutter of such an intensity (m,), or of the sensor's.
 
     Raises
@@ -49,38 +49,38 @@ def seen_by(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) 
     ValueError
         When they have another shape, such as (2, m).
     """
-    place_m = np.array(z_m, dtype=np.float64, order="C")
-    if place_m.size and (place_m.ndim != 2 or place_m.shape[1] != 2):
-        raise ValueError(f"expected detections (m, 2), east and north; got the shape {place_m.shape}")
-    place_m = place_m.reshape(-1, 2)
-    z = sensors.measured(sensor, place_m)
+    position_m = np.array(z_m, dtype=np.float64, order="C")
+    if position_m.size and (position_m.ndim != 2 or position_m.shape[1] != 2):
+        raise ValueError(f"expected detections (m, 2), east and north; got the shape {position_m.shape}")
+    position_m = position_m.reshape(-1, 2)
+    z = sensors.sensor_coordinates(sensor, position_m)
     if clutter_per_m2 is None and sensor.polar is None:
         clutter = np.array([sensor.clutter_density_per_m2], dtype=np.float64)
     elif clutter_per_m2 is None:
-        clutter = sensors.clutter_per_m2(sensor, place_m)
+        clutter = sensors.clutter_per_m2(sensor, position_m)
     else:
         clutter = np.array(clutter_per_m2, dtype=np.float64)
-    clutter = np.maximum(clutter, _LEAST_CLUTTER_PER_M2)
+    clutter = np.maximum(clutter, _MIN_CLUTTER_PER_M2)
     if sensor.polar is not None:
-        clutter = clutter * sensors.cell_m2(sensor, place_m)
-    return Measurements(z, place_m, np.log(clutter))
+        clutter = clutter * sensors.cell_area_m2(sensor, position_m)
+    return Measurements(z, position_m, np.log(clutter))
 
 
 @inlined
-def look_at(seen: Measurements) -> Look:
+def order_measurements(scan: Measurements) -> OrderedMeasurements:
     """Put the detections that are finite, as are their intensities, in order."""
-    step, rows, n = 0 if seen.log_clutter.size == 1 else 1, np.empty(seen.z.shape[0], np.int64), ZERO
-    for j in range(seen.z.shape[0]):
-        x, y, clutter = seen.z[j, 0], seen.z[j, 1], seen.log_clutter[j * step]
+    step, rows, n = 0 if scan.log_clutter.size == 1 else 1, np.empty(scan.z.shape[0], np.int64), ZERO
+    for j in range(scan.z.shape[0]):
+        x, y, clutter = scan.z[j, 0], scan.z[j, 1], scan.log_clutter[j * step]
         if np.isfinite(x) and np.isfinite(y) and np.isfinite(clutter):
             rows[n] = j
             n += 1
     rows = head(rows, n)
-    put_in_strips(seen.z, rows)
-    z, place_m, log_clutter = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
+    sort_into_strips(scan.z, rows)
+    z, position_m, log_clutter = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
     for i in range(n):
         j = rows[i]
-        log_clutter[i] = seen.log_clutter[j * step]
+        log_clutter[i] = scan.log_clutter[j * step]
         for axis in range(2):
-            z[i, axis], place_m[i, axis] = seen.z[j, axis], seen.place_m[j, axis]
-    return Look(z, place_m, log_clutter, rows)
+            z[i, axis], position_m[i, axis] = scan.z[j, axis], scan.position_m[j, axis]
+    return OrderedMeasurements(z, position_m, log_clutter, rows)

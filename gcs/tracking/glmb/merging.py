@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf
-from gcs.tracking.glmb.hypotheses import Clusters, key_of
-from gcs.tracking.numerics.fast_math import exponentials
+from gcs.tracking.glmb.hypotheses import Clusters, item_key
+from gcs.tracking.numerics.fast_math import exp_into
 from gcs.tracking.numerics.sorting import (
-    Distinct,
-    Order,
-    distinct,
-    greatest_first,
+    SortBuffers,
+    UniqueBuffers,
+    allocate_sort,
+    allocate_unique,
+    argsort_descending,
     head,
-    room_for_distinct,
-    room_to_order,
+    unique_hypotheses,
 )
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @inlined
-def factor(cov: FloatArray, t: int, lower: FloatArray, at: int) -> None:
+def cholesky4(cov: FloatArray, t: int, cholesky: FloatArray, at: int) -> None:
     """Put the Cholesky factor of covariance t at place `at`; `cov` and `lower` (n, 4, 4).
 
     Element by element: loops over so small a matrix take several times as long.
@@ -44,35 +44,35 @@ def factor(cov: FloatArray, t: int, lower: FloatArray, at: int) -> None:
     l22 = math.sqrt(max(cov[t, 2, 2] - l20 * l20 - l21 * l21, 1e-300))
     l32 = (cov[t, 3, 2] - l30 * l20 - l31 * l21) / l22
     l33 = math.sqrt(max(cov[t, 3, 3] - l30 * l30 - l31 * l31 - l32 * l32, 1e-300))
-    lower[at, 0, 0] = l00
-    lower[at, 1, 0], lower[at, 1, 1] = l10, l11
-    lower[at, 2, 0], lower[at, 2, 1], lower[at, 2, 2] = l20, l21, l22
-    lower[at, 3, 0], lower[at, 3, 1], lower[at, 3, 2], lower[at, 3, 3] = l30, l31, l32, l33
+    cholesky[at, 0, 0] = l00
+    cholesky[at, 1, 0], cholesky[at, 1, 1] = l10, l11
+    cholesky[at, 2, 0], cholesky[at, 2, 1], cholesky[at, 2, 2] = l20, l21, l22
+    cholesky[at, 3, 0], cholesky[at, 3, 1], cholesky[at, 3, 2], cholesky[at, 3, 3] = l30, l31, l32, l33
 
 
 @inlined
-def near(
-    mean: FloatArray, a: int, centre: FloatArray, b: int, lower: FloatArray, f: int, distance2: float
+def within_gate(
+    mean: FloatArray, a: int, centre: FloatArray, b: int, cholesky: FloatArray, f: int, max_distance2: float
 ) -> bool:
     """Whether mean a is nearer to the centre b than `distance2` (Mahalanobis, squared; see `factor`)."""
-    w0 = (mean[a, 0] - centre[b, 0]) / lower[f, 0, 0]
+    w0 = (mean[a, 0] - centre[b, 0]) / cholesky[f, 0, 0]
     total = w0 * w0
-    if total >= distance2:
+    if total >= max_distance2:
         return False
-    w1 = (mean[a, 1] - centre[b, 1] - lower[f, 1, 0] * w0) / lower[f, 1, 1]
+    w1 = (mean[a, 1] - centre[b, 1] - cholesky[f, 1, 0] * w0) / cholesky[f, 1, 1]
     total += w1 * w1
-    if total >= distance2:
+    if total >= max_distance2:
         return False
-    w2 = (mean[a, 2] - centre[b, 2] - lower[f, 2, 0] * w0 - lower[f, 2, 1] * w1) / lower[f, 2, 2]
+    w2 = (mean[a, 2] - centre[b, 2] - cholesky[f, 2, 0] * w0 - cholesky[f, 2, 1] * w1) / cholesky[f, 2, 2]
     total += w2 * w2
-    w3 = mean[a, 3] - centre[b, 3] - lower[f, 3, 0] * w0 - lower[f, 3, 1] * w1 - lower[f, 3, 2] * w2
-    w3 /= lower[f, 3, 3]
-    return bool(total + w3 * w3 < distance2)
+    w3 = mean[a, 3] - centre[b, 3] - cholesky[f, 3, 0] * w0 - cholesky[f, 3, 1] * w1 - cholesky[f, 3, 2] * w2
+    w3 /= cholesky[f, 3, 3]
+    return bool(total + w3 * w3 < max_distance2)
 
 
 @inlined
-def far(
-    mean: FloatArray, a: int, centre: FloatArray, b: int, cov: FloatArray, t: int, distance2: float
+def outside_axis_gate(
+    mean: FloatArray, a: int, centre: FloatArray, b: int, cov: FloatArray, t: int, max_distance2: float
 ) -> bool:
     """Whether mean a is beyond `distance2` of the centre b along one of the axes, under covariance t.
 
@@ -80,36 +80,36 @@ def far(
     """
     for i in range(4):
         off = mean[a, i] - centre[b, i]
-        if off * off > 1.001 * distance2 * cov[t, i, i]:
+        if off * off > 1.001 * max_distance2 * cov[t, i, i]:
             return True
     return False
 
 
 @leaf
-def _leaders(
-    groups: Clusters,
+def _find_representatives(
+    clusters: Clusters,
     mean: FloatArray,
     cov: FloatArray,
     track_label: Any,
-    distance2: float,
-    chance: FloatArray,
-    weight: FloatArray,
-    lower: FloatArray,
-    factored: Any,
-    order: Order,
-    leader: Any,
-    leading: Any,
+    max_distance2: float,
+    hyp_probability: FloatArray,
+    track_probability: FloatArray,
+    cholesky: FloatArray,
+    is_factored: Any,
+    order: SortBuffers,
+    representative: Any,
+    representatives: Any,
 ) -> None:
     """Fill `leader`: what stands for each track, itself or a more probable one of its label nearby.
 
     And `chance` (hypotheses,) and `weight` (tracks,), 0 before, with their probabilities; the others are
     scratch.
     """
-    exponentials(groups.logw, chance)
-    for h in range(groups.logw.size):
-        w = chance[h]
-        for i in range(groups.start[h], groups.start[h + 1]):
-            weight[groups.items[i]] += w
+    exp_into(clusters.logw, hyp_probability)
+    for h in range(clusters.logw.size):
+        w = hyp_probability[h]
+        for i in range(clusters.start[h], clusters.start[h + 1]):
+            track_probability[clusters.items[i]] += w
     n, first = track_label.size, ZERO
     while first < n:
         end = first
@@ -117,46 +117,46 @@ def _leaders(
             end += 1
         count = 0
         if end == first + 1:
-            leader[first], first = first, end
+            representative[first], first = first, end
             continue
-        greatest_first(weight, first, end, order)
+        argsort_descending(track_probability, first, end, order)
         for k in range(end - first):
             t = order.index[k]
-            leader[t], factored[t] = t, False
+            representative[t], is_factored[t] = t, False
             for i in range(count):
-                d = leading[i]
-                if not factored[d]:
-                    if far(mean, t, mean, d, cov, d, distance2):
+                d = representatives[i]
+                if not is_factored[d]:
+                    if outside_axis_gate(mean, t, mean, d, cov, d, max_distance2):
                         continue
-                    factor(cov, d, lower, d)
-                    factored[d] = True
-                if near(mean, t, mean, d, lower, d, distance2):
-                    leader[t] = d
+                    cholesky4(cov, d, cholesky, d)
+                    is_factored[d] = True
+                if within_gate(mean, t, mean, d, cholesky, d, max_distance2):
+                    representative[t] = d
                     break
-            if leader[t] == t:
-                leading[count] = t
+            if representative[t] == t:
+                representatives[count] = t
                 count += 1
         first = end
 
 
 @leaf
-def _mixtures(leader: Any, mixture: Any) -> int:
+def _number_mixtures(representative: Any, mixture: Any) -> int:
     """Number the leaders of others in `mixture` (tracks,), -1 for those that stand for themselves alone."""
     count = 0
     mixture[:] = -1
-    for t in range(leader.size):
-        if leader[t] != t and mixture[leader[t]] < 0:
-            mixture[leader[t]] = count
+    for t in range(representative.size):
+        if representative[t] != t and mixture[representative[t]] < 0:
+            mixture[representative[t]] = count
             count += 1
     return count
 
 
 @leaf
-def _join_moments(
+def _moment_match(
     mean: FloatArray,
     cov: FloatArray,
-    weight: FloatArray,
-    leader: Any,
+    track_probability: FloatArray,
+    representative: Any,
     mixture: Any,
     total: FloatArray,
     centre: FloatArray,
@@ -166,18 +166,18 @@ def _join_moments(
 
     `total`, `centre` and `spread` are 0: sums for each mixture.
     """
-    n = leader.size
+    n = representative.size
     for t in range(n):
-        at = mixture[leader[t]]
+        at = mixture[representative[t]]
         if at < 0:
             continue
-        total[at] += weight[t]
+        total[at] += track_probability[t]
         for i in range(4):
-            centre[at, i] += weight[t] * mean[t, i]
+            centre[at, i] += track_probability[t] * mean[t, i]
     for t in range(n):
-        at = mixture[leader[t]]
+        at = mixture[representative[t]]
         if at >= 0:
-            share = weight[t] / total[at]
+            share = track_probability[t] / total[at]
             for i in range(4):
                 off = mean[t, i] - centre[at, i] / total[at]
                 for j in range(4):
@@ -194,37 +194,39 @@ def _join_moments(
 
 
 @leaf
-def _broadest(groups: Clusters) -> int:
+def _max_cluster_hypotheses(clusters: Clusters) -> int:
     """Most hypotheses of a group."""
-    most = 0
-    for g in range(groups.first.size - 1):
-        most = max(most, groups.first[g + 1] - groups.first[g])
-    return most
+    max_count = 0
+    for g in range(clusters.first.size - 1):
+        max_count = max(max_count, clusters.first[g + 1] - clusters.first[g])
+    return max_count
 
 
 @leaf
-def _renamed(groups: Clusters, chance: FloatArray, leader: Any, same: Distinct, out: Clusters) -> None:
+def _merge_hypotheses(
+    clusters: Clusters, hyp_probability: FloatArray, representative: Any, unique: UniqueBuffers, out: Clusters
+) -> None:
     """Let leaders take the places of those for whom they stand; hypotheses that are then equal become one."""
-    first, start, items = groups.first, groups.start, groups.items
+    first, start, items = clusters.first, clusters.start, clusters.items
     n = 0
     out.first[0] = out.start[0] = 0
     for g in range(first.size - 1):
         changed = False
         for i in range(start[first[g]], start[first[g + 1]]):
-            changed |= leader[items[i]] != items[i]
+            changed |= representative[items[i]] != items[i]
         count = first[g + 1] - first[g]
         if changed:
             for h in range(first[g], first[g + 1]):
                 key = np.uint64(0)
                 for i in range(start[h], start[h + 1]):
-                    key += key_of(leader[items[i]])
-                same.key[h - first[g]] = key
-            count = distinct(count, chance, first[g], same)
+                    key += item_key(representative[items[i]])
+                unique.key[h - first[g]] = key
+            count = unique_hypotheses(count, hyp_probability, first[g], unique)
         for k in range(count):
-            h = same.which[k] if changed else first[g] + k
-            out.logw[n], size = same.logw[k] if changed else groups.logw[h], out.start[n]
+            h = unique.which[k] if changed else first[g] + k
+            out.logw[n], size = unique.logw[k] if changed else clusters.logw[h], out.start[n]
             for i in range(start[h], start[h + 1]):
-                out.items[size] = leader[items[i]]
+                out.items[size] = representative[items[i]]
                 size += 1
             n += 1
             out.start[n] = size
@@ -232,30 +234,43 @@ def _renamed(groups: Clusters, chance: FloatArray, leader: Any, same: Distinct, 
 
 
 @kernel
-def merge_alike(
-    groups: Clusters, mean: FloatArray, cov: FloatArray, track_label: Any, distance2: float
+def merge_similar_tracks(
+    clusters: Clusters, mean: FloatArray, cov: FloatArray, track_label: Any, max_distance2: float
 ) -> Clusters:
     """Merge tracks of one label within squared Mahalanobis `distance2`; `mean` and `cov` change in place.
 
     Tracks of a label stand together. Those that were merged into others are in no hypothesis of the result.
     """
     n = track_label.size
-    chance, weight = np.empty(groups.logw.size), np.zeros(n)
-    leader, mixture = np.empty(n, np.int64), np.empty(n, np.int64)
-    lower, factored = np.empty((n, 4, 4)), np.empty(n, np.bool_)
-    order = room_to_order(n)
-    _leaders(
-        groups, mean, cov, track_label, distance2, chance, weight, lower, factored, order, leader, mixture
+    hyp_probability, track_probability = np.empty(clusters.logw.size), np.zeros(n)
+    representative, mixture = np.empty(n, np.int64), np.empty(n, np.int64)
+    cholesky, is_factored = np.empty((n, 4, 4)), np.empty(n, np.bool_)
+    order = allocate_sort(n)
+    _find_representatives(
+        clusters,
+        mean,
+        cov,
+        track_label,
+        max_distance2,
+        hyp_probability,
+        track_probability,
+        cholesky,
+        is_factored,
+        order,
+        representative,
+        mixture,
     )
-    count = _mixtures(leader, mixture)
+    count = _number_mixtures(representative, mixture)
     total, centre, spread = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4, 4))
-    _join_moments(mean, cov, weight, leader, mixture, total, centre, spread)
+    _moment_match(mean, cov, track_probability, representative, mixture, total, centre, spread)
     out = Clusters(
-        np.empty(groups.first.size, np.int64),
-        np.empty(groups.start.size, np.int64),
-        np.empty(groups.items.size, np.int64),
-        np.empty(groups.logw.size),
+        np.empty(clusters.first.size, np.int64),
+        np.empty(clusters.start.size, np.int64),
+        np.empty(clusters.items.size, np.int64),
+        np.empty(clusters.logw.size),
     )
-    _renamed(groups, chance, leader, room_for_distinct(_broadest(groups)), out)
+    _merge_hypotheses(
+        clusters, hyp_probability, representative, allocate_unique(_max_cluster_hypotheses(clusters)), out
+    )
     n = out.first[out.first.size - 1]
     return Clusters(out.first, head(out.start, n + 1), head(out.items, out.start[n]), head(out.logw, n))

@@ -58,17 +58,17 @@ class GlmbParams:
     tail_share: float = 1e-3
     """Of a label that competes with nobody, the least probable histories that together hold less than this
     share of its existence are dropped; it exists as probably as before."""
-    forget_existence: float = 1e-5
+    min_existence: float = 1e-5
     """Labels below it are forgotten."""
-    report_existence: float = 1e-3
+    min_reported_existence: float = 1e-3
     """Labels below it are not in the picture."""
-    conflict: float = 1e-3
+    max_conflict: float = 1e-3
     """Labels that would take the same detection less probably than this are associated apart."""
-    dependence: float = 0.01
+    max_dependence: float = 0.01
     """Labels closer to independence than this total variation are tracked apart."""
     merge_chi2: float = 1.0
     """Tracks of one label closer than this squared Mahalanobis distance become one; 0: never."""
-    enumerable: int = 100_000
+    max_enumerated: int = 100_000
     """Most joint options of a hypothesis, of those that are not hopeless, whose children are enumerated;
     beyond, they are sampled."""
     gibbs_sweeps: int = 1000
@@ -100,10 +100,10 @@ class GlmbParams:
             int(self.max_hypotheses),
             math.log(self.prune_weight),
             float(self.tail_share),
-            float(self.forget_existence),
-            float(self.conflict),
-            float(self.dependence),
-            int(self.enumerable),
+            float(self.min_existence),
+            float(self.max_conflict),
+            float(self.max_dependence),
+            int(self.max_enumerated),
             int(self.gibbs_sweeps),
             float(self.gate_chi2),
             float(self.merge_chi2),
@@ -117,13 +117,13 @@ class BirthComponents(NamedTuple):
     """(n, 4)."""
     cov: FloatArray
     """(n, 4, 4)."""
-    log_live: FloatArray
+    log_survival: FloatArray
     """(n,) of the probability to appear."""
-    log_die: FloatArray
+    log_death: FloatArray
     """(n,) of the probability not to."""
 
     @classmethod
-    def of(cls, births: Sequence[Birth]) -> BirthComponents:
+    def from_births(cls, births: Sequence[Birth]) -> BirthComponents:
         """Convert."""
         probability = np.clip([birth.probability for birth in births], 1.0 - SURE, SURE)
         return cls(

@@ -16,36 +16,44 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
-from gcs.tracking.glmb.hypotheses import Clusters, Limits, Options, filled, key_of, mix, room_for_groups
-from gcs.tracking.glmb.hypothesis_pool import HypothesisPool, offer, room_for_children
-from gcs.tracking.numerics.sorting import Order, greatest_first, power_of_two, room_to_order
+from gcs.tracking.glmb.hypotheses import (
+    AssociationOptions,
+    Clusters,
+    Limits,
+    allocate_clusters,
+    item_key,
+    mix64,
+    trim_clusters,
+)
+from gcs.tracking.glmb.hypothesis_pool import HypothesisPool, add_candidate, allocate_pool
+from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, power_of_two
 
 _FEW_JOINT_OPTIONS = 1000
 _LOSS_BINS = 16
 
 
 @inlined
-def _uniform(rng: Any) -> float:
+def _random_uniform(rng: Any) -> float:
     """Next uniform number in [0, 1) of the generator whose state is `rng` (1,): SplitMix64."""
     rng[0] = rng[0] + np.uint64(0x9E3779B97F4A7C15)
-    return float(mix(rng[0]) >> np.uint64(11)) * 2.0**-53
+    return float(mix64(rng[0]) >> np.uint64(11)) * 2.0**-53
 
 
 @inlined
-def _enumerate(
+def _branch_and_bound(
     pool: HypothesisPool,
-    room: int,
+    capacity: int,
     slots: int,
     count: int,
     floor: float,
-    base: float,
+    parent_logw: float,
     tracks: Any,
-    options: Options,
-    used: Any,
+    options: AssociationOptions,
+    is_assigned: Any,
     limits: Limits,
-    pick: Any,
+    assignment: Any,
     total: Any,
-    tail: Any,
+    best_remaining: Any,
 ) -> Any:
     """Offer every child of a hypothesis above the floor: depth first, options best first, bounded from above.
 
@@ -53,60 +61,62 @@ def _enumerate(
     """
     start, meas, logw = options.start, options.meas, options.logw
     n = tracks.size
-    tail[n], total[0] = 0.0, base
+    best_remaining[n], total[0] = 0.0, parent_logw
     for d in range(n - 1, -1, -1):
-        pick[d] = start[tracks[d]] - 1
-        tail[d] = tail[d + 1] + logw[start[tracks[d]]]
+        assignment[d] = start[tracks[d]] - 1
+        best_remaining[d] = best_remaining[d + 1] + logw[start[tracks[d]]]
     d = 0
     while d >= 0:
         if d == n:
             floor = max(floor, total[n] + limits.log_prune)
-            count, floor = offer(pool, room, slots, count, floor, total[n], pick, n, options, limits)
+            count, floor = add_candidate(
+                pool, capacity, slots, count, floor, total[n], assignment, n, options, limits
+            )
             d -= 1
             continue
-        first, end, o = start[tracks[d]], start[tracks[d] + 1], pick[d]
+        first, end, o = start[tracks[d]], start[tracks[d] + 1], assignment[d]
         if o >= first and meas[o] >= 0:
-            used[meas[o]] = False
+            is_assigned[meas[o]] = False
         o += 1
-        while o < end and meas[o] >= 0 and used[meas[o]]:
+        while o < end and meas[o] >= 0 and is_assigned[meas[o]]:
             o += 1
-        if o == end or total[d] + logw[o] + tail[d + 1] < floor:
-            pick[d] = first - 1
+        if o == end or total[d] + logw[o] + best_remaining[d + 1] < floor:
+            assignment[d] = first - 1
             d -= 1
             continue
-        pick[d] = o
+        assignment[d] = o
         if meas[o] >= 0:
-            used[meas[o]] = True
+            is_assigned[meas[o]] = True
         total[d + 1] = total[d] + logw[o]
         d += 1
     return count, floor
 
 
 @inlined
-def _greedy(tracks: Any, options: Options, used: Any, pick: Any) -> float:
+def _assign_greedily(tracks: Any, options: AssociationOptions, is_assigned: Any, assignment: Any) -> float:
     """Let each track in turn `pick` its best free option, which is `used` then; return their log-weight."""
     start, meas = options.start, options.meas
     total = 0.0
     for i in range(tracks.size):
         o = start[tracks[i]]
-        while meas[o] >= 0 and used[meas[o]]:
+        while meas[o] >= 0 and is_assigned[meas[o]]:
             o += 1
-        pick[i] = o
+        assignment[i] = o
         if meas[o] >= 0:
-            used[meas[o]] = True
+            is_assigned[meas[o]] = True
         total += options.logw[o]
     return total
 
 
 @inlined
-def _free(tracks: Any, options: Options, used: Any, pick: Any) -> None:
+def _release_detections(tracks: Any, options: AssociationOptions, is_assigned: Any, assignment: Any) -> None:
     for i in range(tracks.size):
-        if options.meas[pick[i]] >= 0:
-            used[options.meas[pick[i]]] = False
+        if options.meas[assignment[i]] >= 0:
+            is_assigned[options.meas[assignment[i]]] = False
 
 
 @inlined
-def _contenders(tracks: Any, options: Options, slack: float, count: Any) -> float:
+def _count_assignments(tracks: Any, options: AssociationOptions, slack: float, count: Any) -> float:
     """About how many joint options lose less than `slack` against each track's best, competition aside.
 
     What is lost is counted in steps of a bin of `count` (bins,), rounded down, so the number is rather too
@@ -133,193 +143,199 @@ def _contenders(tracks: Any, options: Options, slack: float, count: Any) -> floa
 
 
 @inlined
-def _draw(first: int, end: int, options: Options, used: Any, rng: Any) -> int:
+def _gibbs_draw(first: int, end: int, options: AssociationOptions, is_assigned: Any, rng: Any) -> int:
     """Draw one of a track's free options in proportion to its weight."""
     meas, logw = options.meas, options.logw
-    while meas[first] >= 0 and used[meas[first]]:
+    while meas[first] >= 0 and is_assigned[meas[first]]:
         first += 1
     total = 0.0
     for o in range(first, end):
-        if meas[o] < 0 or not used[meas[o]]:
+        if meas[o] < 0 or not is_assigned[meas[o]]:
             total += math.exp(logw[o] - logw[first])
-    left, chosen = _uniform(rng) * total, first
+    remaining, choice = _random_uniform(rng) * total, first
     for o in range(first, end):
-        if meas[o] < 0 or not used[meas[o]]:
-            chosen = o
-            left -= math.exp(logw[o] - logw[first])
-            if left < 0.0:
+        if meas[o] < 0 or not is_assigned[meas[o]]:
+            choice = o
+            remaining -= math.exp(logw[o] - logw[first])
+            if remaining < 0.0:
                 break
-    return chosen
+    return choice
 
 
 @inlined
-def _sample(
+def _gibbs_sample(
     pool: HypothesisPool,
-    room: int,
+    capacity: int,
     slots: int,
     count: int,
     floor: float,
-    base: float,
+    parent_logw: float,
     tracks: Any,
-    options: Options,
-    used: Any,
+    options: AssociationOptions,
+    is_assigned: Any,
     limits: Limits,
-    pick: Any,
-    sweeps: int,
-    seen: Any,
+    assignment: Any,
+    gibbs_sweeps: int,
+    visited: Any,
     rng: Any,
 ) -> Any:
     """Offer the distinct children that a Gibbs sampler visits, from the greedy one on; `seen` is scratch."""
     start, meas = options.start, options.meas
     n = tracks.size
-    _greedy(tracks, options, used, pick)
-    size = power_of_two(2 * sweeps + 2)
+    _assign_greedily(tracks, options, is_assigned, assignment)
+    size = power_of_two(2 * gibbs_sweeps + 2)
     for i in range(size):
-        seen[i] = 0
+        visited[i] = 0
     mask = np.uint64(size - 1)
-    for _ in range(sweeps):
-        logw, key = base, np.uint64(1)
+    for _ in range(gibbs_sweeps):
+        logw, key = parent_logw, np.uint64(1)
         for i in range(n):
-            logw += options.logw[pick[i]]
-            key += key_of(pick[i])
+            logw += options.logw[assignment[i]]
+            key += item_key(assignment[i])
         at = key & mask
-        while seen[at] != 0 and seen[at] != key:
+        while visited[at] != 0 and visited[at] != key:
             at = (at + np.uint64(1)) & mask
-        if seen[at] == 0:
-            seen[at] = key
+        if visited[at] == 0:
+            visited[at] = key
             floor = max(floor, logw + limits.log_prune)
             if logw >= floor:
-                count, floor = offer(pool, room, slots, count, floor, logw, pick, n, options, limits)
+                count, floor = add_candidate(
+                    pool, capacity, slots, count, floor, logw, assignment, n, options, limits
+                )
         for i in range(n):
-            if meas[pick[i]] >= 0:
-                used[meas[pick[i]]] = False
-            pick[i] = _draw(start[tracks[i]], start[tracks[i] + 1], options, used, rng)
-            if meas[pick[i]] >= 0:
-                used[meas[pick[i]]] = True
-    _free(tracks, options, used, pick)
+            if meas[assignment[i]] >= 0:
+                is_assigned[meas[assignment[i]]] = False
+            assignment[i] = _gibbs_draw(start[tracks[i]], start[tracks[i] + 1], options, is_assigned, rng)
+            if meas[assignment[i]] >= 0:
+                is_assigned[meas[assignment[i]]] = True
+    _release_detections(tracks, options, is_assigned, assignment)
     return count, floor
 
 
 class _Bounds(NamedTuple):
     """What a search can come to."""
 
-    joint: Any
+    n_joint: Any
     """How many joint options each hypothesis has."""
-    best: Any
+    best_logw: Any
     """The best that a child of each can be."""
-    room: Any
+    capacity: Any
     """How many children each group can have."""
-    widest: Any
+    max_size: Any
     """And how many tracks these."""
 
 
-class _Search(NamedTuple):
+class _Scratch(NamedTuple):
     """Scratch of the search for one hypothesis's children."""
 
-    used: Any
+    is_assigned: Any
     """(detections,) whether one of the tracks has taken each."""
-    pick: Any
-    above: Any
-    tail: Any
-    losses: Any
-    seen: Any
-    order: Order
+    assignment: Any
+    partial_logw: Any
+    best_remaining: Any
+    loss_histogram: Any
+    visited: Any
+    order: SortBuffers
 
 
 @leaf
-def _bound(groups: Clusters, options: Options, most: int, to: _Bounds) -> Any:
+def _compute_bounds(
+    clusters: Clusters, options: AssociationOptions, max_hypotheses: int, bounds: _Bounds
+) -> Any:
     """Fill the bounds.
 
     Returns the widest group, the most room of one, hypotheses and items of all that can go on, and the most
     hypotheses of a group.
     """
-    first, start, items = groups.first, groups.start, groups.items
-    broadest, roomiest, most_hyps, most_items, longest = 0, 0, 0, 0, 0
+    first, start, items = clusters.first, clusters.start, clusters.items
+    max_cluster_size, max_capacity, n_out_hypotheses, n_out_items, max_cluster_hypotheses = 0, 0, 0, 0, 0
     for g in range(first.size - 1):
-        total, wide = 0.0, 1
+        total, size = 0.0, 1
         for h in range(first[g], first[g + 1]):
-            joint, best = 1.0, groups.logw[h]
-            wide = max(wide, start[h + 1] - start[h])
+            n_joint, best_logw = 1.0, clusters.logw[h]
+            size = max(size, start[h + 1] - start[h])
             for i in range(start[h], start[h + 1]):
                 o = options.start[items[i]]
-                joint *= options.start[items[i] + 1] - o
-                best += options.logw[o]
-            to.joint[h], to.best[h] = joint, best
-            total += joint
-        to.room[g], to.widest[g] = int(min(total, 4.0 * most)) + 1, wide
-        most_hyps += min(to.room[g], most)
-        most_items += min(to.room[g], most) * wide
-        broadest, roomiest = max(broadest, wide), max(roomiest, to.room[g])
-        longest = max(longest, first[g + 1] - first[g])
-    return broadest, roomiest, most_hyps, most_items, longest
+                n_joint *= options.start[items[i] + 1] - o
+                best_logw += options.logw[o]
+            bounds.n_joint[h], bounds.best_logw[h] = n_joint, best_logw
+            total += n_joint
+        bounds.capacity[g], bounds.max_size[g] = int(min(total, 4.0 * max_hypotheses)) + 1, size
+        n_out_hypotheses += min(bounds.capacity[g], max_hypotheses)
+        n_out_items += min(bounds.capacity[g], max_hypotheses) * size
+        max_cluster_size, max_capacity = max(max_cluster_size, size), max(max_capacity, bounds.capacity[g])
+        max_cluster_hypotheses = max(max_cluster_hypotheses, first[g + 1] - first[g])
+    return max_cluster_size, max_capacity, n_out_hypotheses, n_out_items, max_cluster_hypotheses
 
 
 @spliced
-def _search(
-    groups: Clusters,
+def _fill_pool(
+    clusters: Clusters,
     g: int,
-    options: Options,
+    options: AssociationOptions,
     limits: Limits,
     bound: _Bounds,
     pool: HypothesisPool,
-    work: _Search,
+    scratch: _Scratch,
     rng: Any,
 ) -> Any:
     """Put the children of group g into the pool; return how many."""
-    room, slots = bound.room[g], power_of_two(2 * bound.room[g])
+    capacity, slots = bound.capacity[g], power_of_two(2 * bound.capacity[g])
     for i in range(slots):
         pool.slot[i] = -1
     count, floor = ZERO, -np.inf
-    greatest_first(bound.best, groups.first[g], groups.first[g + 1], work.order)
-    for k in range(groups.first[g + 1] - groups.first[g]):
-        h = work.order.index[k]
-        if bound.best[h] < floor:
+    argsort_descending(bound.best_logw, clusters.first[g], clusters.first[g + 1], scratch.order)
+    for k in range(clusters.first[g + 1] - clusters.first[g]):
+        h = scratch.order.index[k]
+        if bound.best_logw[h] < floor:
             break
-        base = groups.logw[h]
-        tracks = groups.items[groups.start[h] : groups.start[h + 1]]
-        contenders = bound.joint[h]
-        if contenders > _FEW_JOINT_OPTIONS:
-            greedy = base + _greedy(tracks, options, work.used, work.pick)
-            _free(tracks, options, work.used, work.pick)
-            slack = bound.best[h] - max(floor, greedy + limits.log_prune)
-            contenders = min(contenders, _contenders(tracks, options, slack, work.losses))
-        if contenders <= limits.enumerable:
-            count, floor = _enumerate(
-                pool, room, slots, count, floor, base, tracks, options,
-                work.used, limits, work.pick, work.above, work.tail,
+        parent_logw = clusters.logw[h]
+        tracks = clusters.items[clusters.start[h] : clusters.start[h + 1]]
+        n_assignments = bound.n_joint[h]
+        if n_assignments > _FEW_JOINT_OPTIONS:
+            greedy = parent_logw + _assign_greedily(tracks, options, scratch.is_assigned, scratch.assignment)
+            _release_detections(tracks, options, scratch.is_assigned, scratch.assignment)
+            slack = bound.best_logw[h] - max(floor, greedy + limits.log_prune)
+            n_assignments = min(
+                n_assignments, _count_assignments(tracks, options, slack, scratch.loss_histogram)
+            )
+        if n_assignments <= limits.max_enumerated:
+            count, floor = _branch_and_bound(
+                pool, capacity, slots, count, floor, parent_logw, tracks, options,
+                scratch.is_assigned, limits, scratch.assignment, scratch.partial_logw, scratch.best_remaining,
             )  # fmt: skip
         else:
-            sweeps = math.ceil(limits.sweeps * math.exp(base)) + 8
-            count, floor = _sample(
-                pool, room, slots, count, floor, base, tracks, options,
-                work.used, limits, work.pick, sweeps, work.seen, rng,
+            gibbs_sweeps = math.ceil(limits.gibbs_sweeps * math.exp(parent_logw)) + 8
+            count, floor = _gibbs_sample(
+                pool, capacity, slots, count, floor, parent_logw, tracks, options,
+                scratch.is_assigned, limits, scratch.assignment, gibbs_sweeps, scratch.visited, rng,
             )  # fmt: skip
     return count
 
 
 @leaf
-def _children(
-    groups: Clusters,
-    options: Options,
+def _update_clusters(
+    clusters: Clusters,
+    options: AssociationOptions,
     limits: Limits,
     bound: _Bounds,
     pool: HypothesisPool,
-    work: _Search,
+    scratch: _Scratch,
     rng: Any,
     out: Clusters,
 ) -> Any:
     """Fill `out` with the children of all groups; return how many."""
     n, logw = 0, out.logw
     out.first[0] = out.start[0] = 0
-    for g in range(groups.first.size - 1):
-        count = _search(groups, g, options, limits, bound, pool, work, rng)
-        greatest_first(pool.logw, ZERO, count, pool.order)
-        best, low, total = pool.logw[pool.order.index[0]], n, 0.0
+    for g in range(clusters.first.size - 1):
+        count = _fill_pool(clusters, g, options, limits, bound, pool, scratch, rng)
+        argsort_descending(pool.logw, ZERO, count, pool.order)
+        best_logw, low, total = pool.logw[pool.order.index[0]], n, 0.0
         for k in range(count):
             i = pool.order.index[k]
-            if n == low + limits.hypotheses or pool.logw[i] < best + limits.log_prune:
+            if n == low + limits.max_hypotheses or pool.logw[i] < best_logw + limits.log_prune:
                 break
-            logw[n], out.start[n + 1] = pool.logw[i] - best, out.start[n] + pool.size[i]
+            logw[n], out.start[n + 1] = pool.logw[i] - best_logw, out.start[n] + pool.size[i]
             for j in range(pool.size[i]):
                 out.items[out.start[n] + j] = pool.items[i, j]
             total += math.exp(logw[n])
@@ -332,25 +348,31 @@ def _children(
 
 
 @kernel
-def children(groups: Clusters, options: Options, n_detections: int, limits: Limits, rng: Any) -> Any:
+def update_clusters(
+    clusters: Clusters, options: AssociationOptions, n_detections: int, limits: Limits, rng: Any
+) -> Any:
     """Jointly predict and update groups of several labels; the result's items are options.
 
     `rng` (1,) uint64 advances.
     """
-    n_groups, n_hyps = groups.first.size - 1, groups.logw.size
+    n_clusters, n_hyps = clusters.first.size - 1, clusters.logw.size
     bound = _Bounds(
-        np.empty(n_hyps), np.empty(n_hyps), np.empty(n_groups, np.int64), np.empty(n_groups, np.int64)
+        np.empty(n_hyps), np.empty(n_hyps), np.empty(n_clusters, np.int64), np.empty(n_clusters, np.int64)
     )
-    broadest, roomiest, most_hyps, most_items, longest = _bound(groups, options, limits.hypotheses, bound)
-    work = _Search(
+    max_cluster_size, max_capacity, n_out_hypotheses, n_out_items, max_cluster_hypotheses = _compute_bounds(
+        clusters, options, limits.max_hypotheses, bound
+    )
+    scratch = _Scratch(
         np.zeros(n_detections, np.bool_),
-        np.empty(broadest, np.int64),
-        np.empty(broadest + 1),
-        np.empty(broadest + 1),
+        np.empty(max_cluster_size, np.int64),
+        np.empty(max_cluster_size + 1),
+        np.empty(max_cluster_size + 1),
         np.empty(_LOSS_BINS),
-        np.empty(power_of_two(2 * (limits.sweeps + 9) + 2), np.uint64),
-        room_to_order(longest),
+        np.empty(power_of_two(2 * (limits.gibbs_sweeps + 9) + 2), np.uint64),
+        allocate_sort(max_cluster_hypotheses),
     )
-    out = room_for_groups(n_groups, most_hyps, most_items)
-    n = _children(groups, options, limits, bound, room_for_children(roomiest, broadest), work, rng, out)
-    return filled(out, n_groups, n)
+    out = allocate_clusters(n_clusters, n_out_hypotheses, n_out_items)
+    n = _update_clusters(
+        clusters, options, limits, bound, allocate_pool(max_capacity, max_cluster_size), scratch, rng, out
+    )
+    return trim_clusters(out, n_clusters, n)

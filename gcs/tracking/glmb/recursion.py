@@ -1,9 +1,52 @@
-"""Compiled: all that a scan does to a tracker, in one call.
+"""The GLMB recursion: one compiled call takes the posterior from one scan to the next.
 
-Calling a compiled function takes a quarter of a microsecond for each array that goes in or comes out: in a
-small scene, with a call for each step, that was longer than the steps themselves. So what a tracker believes
-is one record, which comes out of a scan as it goes into the next, and the steps are these: move the tracks
-on, put the detections in order, look at the tracks through the sensor, list their options, associate.
+Source: B.-N. Vo, B.-T. Vo & H. Hoang, "An Efficient Implementation of the Generalized Labeled
+Multi-Bernoulli Filter", IEEE Trans. Signal Processing 65(8), 2017, doi:10.1109/TSP.2016.2641392.
+
+The density of the labelled set X, with labels L(X), is a mixture of hypotheses. Each is a label set I with
+one association history xi:
+
+    pi(X) = Delta(X) sum_(I, xi) w^(I, xi) delta_I(L(X)) prod_((x, l) in X) p^(xi)(x, l)
+
+A scan Z = {z_1 ... z_m} gives each label l of I, and each label that may be born, one value gamma(l): -2 for
+dead or not born, -1 for missed, j >= 0 for detected as z_j. gamma is *positive 1-1*: no two labels have the
+same j >= 0. A posterior component is a hypothesis with such a gamma:
+
+    w^(I, xi, gamma)  propto  w^(I, xi) prod_l eta_l(gamma(l))                            (recursion)
+
+    eta_l(-2) = 1 - p_S                       (birth: 1 - r_B)
+    eta_l(-1) = p_S (1 - p_D P(x in field of view))
+    eta_l(j)  = p_S p_D N(z_j; z_hat, S) / kappa(z_j),    S = A P A' + R                  (birth: r_B for p_S)
+
+    p^(xi, j) = the Kalman update of the predicted p^(xi) with z_j
+
+The Gibbs sampler visits components of one hypothesis. It draws gamma(l) for one label after the other, given
+all other labels (section III-C):
+
+    P(gamma(l) = a | gamma(other labels))  propto  eta_l(a)  if a < 0 or no other label has a      (Gibbs)
+                                                   0         otherwise
+
+Ranked assignment of the same eta, by branch and bound, finds the best components of a small hypothesis
+exactly (`ranked_assignment`). Gating limits j to the detections in the gate of each track (`gating`).
+
+======================  ==========================================================================
+symbol                  array
+======================  ==========================================================================
+w^(I, xi)               ``exp(clusters.logw)``, sums to 1 in each cluster
+(I, xi)                 ``clusters.items[start[h]:start[h + 1]]``: tracks, each one (l, xi)
+p^(xi)(., l)            ``mean``, ``cov`` of the track (one Gaussian)
+gamma(l), log eta_l     ``options.meas``, ``options.logw``: from ``options.start[t]`` on, the best first
+z_j, log kappa(z_j)     ``OrderedMeasurements.z``, ``.log_clutter``
+z_hat, A, R, P(...)     ``LinearisedMeasurement.z_hat``, ``.A``, ``.noise``, ``.p_in_fov``
+log p_S, log(1 - p_S)   ``Prediction.log_survival``, ``.log_death``
+======================  ==========================================================================
+
+The density is kept as a product over clusters of labels that compete for detections (M. Beard, B.-T. Vo &
+B.-N. Vo, "A Solution for Large-Scale Multi-Object Tracking", IEEE Trans. Signal Processing 68, 2020,
+doi:10.1109/TSP.2020.2986136). The recursion runs in each cluster.
+
+Steps of a scan: predict and add births (`kalman`), order detections (`measurements`), linearise the sensor
+(`models.measurement`), list association options (`gating`), and associate (`association`).
 """
 
 from __future__ import annotations
@@ -13,45 +56,50 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import Call, kernel, leaf
-from gcs.tracking.clusters.factorisation import part, renumber
-from gcs.tracking.clusters.merging import meet
-from gcs.tracking.clusters.singleton import SingletonUpdate, alone
-from gcs.tracking.glmb.association import Carried, associate
-from gcs.tracking.glmb.gating import options
-from gcs.tracking.glmb.hypotheses import Clusters, Limits, Options
-from gcs.tracking.glmb.kalman import Chances, foresee
-from gcs.tracking.glmb.marginals import probabilities
-from gcs.tracking.glmb.measurements import Measurements, look_at
-from gcs.tracking.glmb.merging import merge_alike
+from gcs.tracking.clusters.factorisation import renumber, split_clusters
+from gcs.tracking.clusters.merging import merge_clusters
+from gcs.tracking.clusters.singleton import DetectionMarginals, update_singletons
+from gcs.tracking.glmb.association import PosteriorTracks, joint_update
+from gcs.tracking.glmb.gating import association_options
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, Limits
+from gcs.tracking.glmb.kalman import Survival, predict_with_births
+from gcs.tracking.glmb.marginals import track_probabilities
+from gcs.tracking.glmb.measurements import Measurements, order_measurements
+from gcs.tracking.glmb.merging import merge_similar_tracks
 from gcs.tracking.glmb.params import BirthComponents, GlmbParams
-from gcs.tracking.glmb.ranked_assignment import children
+from gcs.tracking.glmb.ranked_assignment import update_clusters
 from gcs.tracking.models import coordinated_turn, measurement
-from gcs.tracking.models.coordinated_turn import Turns
+from gcs.tracking.models.coordinated_turn import TurnModel
 
-_SURELY_THERE, _SURELY_IN_VIEW = 0.95, 0.999
-"""Objects that tell how probably a sensor detects what it looks at."""
+_CERTAIN_EXISTENCE, _CERTAIN_IN_FOV = 0.95, 0.999
+"""Probabilities above which a label counts in the estimate of a sensor's detection probability."""
 
 
 class Posterior(NamedTuple):
-    """What a tracker believes after a scan."""
+    """State of a tracker after a scan; n tracks of L labels.
 
-    groups: Clusters
+    =============  =========  =======  =====================================================
+    clusters       Clusters            hypotheses; their items are tracks
+    track_label    (n,)       int64    row of `labels`; tracks of a label are adjacent
+    labels         (L, 2)     int64    scan of birth, index of the birth in that scan
+    mean           (n, 4)     float64  east, north, v_east, v_north
+    cov            (n, 4, 4)  float64
+    turn           (n, 6)     float64  turn rates (`coordinated_turn`); (0, 6) without turns
+    is_certain     (L,)       bool     existed almost surely; (0,) unless summarised
+    =============  =========  =======  =====================================================
+    """
+
+    clusters: Clusters
     track_label: Any
-    """(n,) index into `labels` for each track; a label's tracks stand together."""
     labels: Any
-    """(labels, 2) scan of birth and index there."""
     mean: Any
-    """(n, 4)."""
     cov: Any
-    """(n, 4, 4)."""
     turn: Any
-    """(n, 6) turn rates (see `turning`); of no track where objects fly straight."""
-    sure: Any
-    """(labels,) whether each existed beyond doubt; empty where detections are not weighed."""
+    is_certain: Any
 
     @classmethod
-    def nothing(cls) -> Posterior:
-        """Return what is believed before the first scan."""
+    def empty(cls) -> Posterior:
+        """Return the state before the first scan: no labels."""
         none, ids = np.zeros(1, np.int64), np.empty(0, np.int64)
         return cls(
             Clusters(none, none, ids, np.empty(0)),
@@ -65,168 +113,201 @@ class Posterior(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """What happened since the scan before."""
+    """The time since the last scan: motion, survival and births."""
 
     dt_s: float
     Q: Any
-    """(4, 4) process noise (see `motion`)."""
-    chances: Chances
+    """(4, 4) process noise (see `constant_velocity`)."""
+    survival: Survival
     scan: int
-    """The number of this scan."""
-    born: BirthComponents
-    """Who may have been born by it."""
+    """Number of this scan."""
+    births: BirthComponents
 
 
 class DetectionSummary(NamedTuple):
-    """What the tracks make of a scan's detections: for births, and to check a sensor's word."""
+    """What the tracks explain of a scan, for adaptive births and sensor estimation."""
 
     explained: Any
-    """(m,) probability that some track made each detection; 1 for one that is unusable."""
+    """(m,) float64, probability that a track made each detection; 1 for an unusable detection."""
     detected: float
-    """How many of the objects that were there beyond doubt, and surely in view, made a detection."""
+    """Expected number of detected objects, among those that certainly existed and were in view."""
     in_view: float
-    """How many those were."""
+    """Number of objects that certainly existed and were in view."""
 
 
 class UpdateResult(NamedTuple):
-    """A scan that was taken in."""
+    """Result of a scan; n tracks, m usable detections.
 
-    believed: Posterior
-    account: DetectionSummary
-    """Where detections are weighed."""
-    unusable: int
-    """How many detections were."""
+    ==========  ================  =======  ================================================================
+    posterior   Posterior
+    summary     DetectionSummary           filled if summarised
+    n_unusable  int                        detections that are not finite
+    parent      (n,)              int64    track before the scan; births are numbered behind these
+    meas        (n,)              int64    row of `position_m`, or MISSED
+    logw        (n,)              float64  log eta of that
+    position_m  (m, 2)            float64  usable detections, east and north
+    ==========  ================  =======  ================================================================
+    """
+
+    posterior: Posterior
+    summary: DetectionSummary
+    n_unusable: int
     parent: Any
-    """(n,) which track each was before the scan, or which of those born behind them."""
-    made: Any
-    """(n,) which row of `place_m` it made, or DIED or MISSED."""
+    meas: Any
     logw: Any
-    """(n,) log-weight of that."""
-    place_m: Any
-    """(m, 2) the usable detections."""
+    position_m: Any
 
 
 @leaf
-def _weigh(
-    sure: Any, track_label: Any, inside: Any, in_view: Any, made: SingletonUpdate, rows: Any, explained: Any
+def _summarise_detections(
+    is_certain: Any,
+    track_label: Any,
+    p_in_fov: Any,
+    label_in_fov: Any,
+    marginals: DetectionMarginals,
+    rows: Any,
+    explained: Any,
 ) -> Any:
-    """Fill `explained`; return how many of the `sure` labels were in view, and how many of these detected."""
-    in_view[:] = 1.0
+    """Fill `explained`; return the detected and the in-view number of the `is_certain` labels."""
+    label_in_fov[:] = 1.0
     for t in range(track_label.size):
-        # Whichever of its tracks is right.
-        in_view[track_label[t]] = min(in_view[track_label[t]], inside[t])
-    seen = detected = 0.0
-    for label in range(sure.size):
-        if sure[label] and in_view[label] > _SURELY_IN_VIEW:
-            seen += 1.0
-            detected += made.detected[label]
+        label_in_fov[track_label[t]] = min(label_in_fov[track_label[t]], p_in_fov[t])
+    in_view = detected = 0.0
+    for label in range(is_certain.size):
+        if is_certain[label] and label_in_fov[label] > _CERTAIN_IN_FOV:
+            in_view += 1.0
+            detected += marginals.p_detected[label]
     explained[:] = 1.0
     for i in range(rows.size):
-        explained[rows[i]] = min(made.explained[i], 1.0)
-    return detected, seen
+        explained[rows[i]] = min(marginals.p_explained[i], 1.0)
+    return detected, in_view
 
 
 @leaf
-def _gather(after: Carried, options: Options, labels: Any, there: Any, out: Any) -> None:
-    """Fill which row each track made with which weight; which labels go on, and which of them surely."""
-    made, logw, labels_out, sure = out
-    for i in range(after.option.size):
-        made[i], logw[i] = options.meas[after.option[i]], options.logw[after.option[i]]
-    for i in range(after.kept.size):
-        label = after.kept[i]
+def _gather_outputs(
+    updated: PosteriorTracks, options: AssociationOptions, labels: Any, p_exists: Any, out: Any
+) -> None:
+    """Fill detection and weight of each track, and the labels that are kept with their certainty."""
+    meas, logw, labels_out, is_certain = out
+    for i in range(updated.option.size):
+        meas[i], logw[i] = options.meas[updated.option[i]], options.logw[updated.option[i]]
+    for i in range(updated.kept_labels.size):
+        label = updated.kept_labels[i]
         labels_out[i, 0], labels_out[i, 1] = labels[label, 0], labels[label, 1]
-    for i in range(sure.size):
-        sure[i] = there[after.kept[i]] > _SURELY_THERE
+    for i in range(is_certain.size):
+        is_certain[i] = p_exists[updated.kept_labels[i]] > _CERTAIN_EXISTENCE
 
 
 @kernel
-def take_in(
-    before: Posterior,
-    passed: Interval,
-    seen: Measurements,
-    optics: measurement.SensorModel,
+def update_step(
+    prior: Posterior,
+    interval: Interval,
+    scan: Measurements,
+    sensor: measurement.SensorModel,
     limits: Limits,
-    turns: Turns,
-    weigh: bool,
+    turns: TurnModel,
+    is_summarised: bool,
     rng: Any,
 ) -> UpdateResult:
-    """Take in a scan; `rng` (1,) uint64 advances."""
-    mean, cov, turn, dt_s, Q = before.mean, before.cov, before.turn, passed.dt_s, passed.Q
-    turn_too = turns.rate_std_rad_s > 0.0
-    if turn_too:
+    """Predict and update the posterior with one scan; `rng` (1,) uint64 advances."""
+    mean, cov, turn, dt_s, Q = prior.mean, prior.cov, prior.turn, interval.dt_s, interval.Q
+    has_turns = turns.rate_std_rad_s > 0.0
+    if has_turns:
         if dt_s > 0.0:
             mean, cov, turn = coordinated_turn.predict(
                 mean, cov, turn, Q, dt_s, turns.rate_std_rad_s, turns.time_s
             )
-        turn = coordinated_turn.with_newborn(turn, passed.born.log_live.size, turns.rate_std_rad_s)
+        turn = coordinated_turn.append_births(turn, interval.births.log_survival.size, turns.rate_std_rad_s)
         dt_s, Q = 0.0, np.zeros((4, 4))
-    now = foresee(
-        before.groups, before.track_label, before.labels, mean, cov, dt_s, Q, passed.chances, passed.scan,
-        passed.born,
+    predicted = predict_with_births(
+        prior.clusters, prior.track_label, prior.labels, mean, cov, dt_s, Q, interval.survival, interval.scan,
+        interval.births,
     )  # fmt: skip
-    look, view = look_at(seen), measurement.seen(optics, now.mean, now.cov)
-    start, meas, logw = options(
-        now.cov, now.log_live, now.log_die, look.z, view, look.log_clutter, limits.gate_chi2
+    measured = order_measurements(scan)
+    meas_model = measurement.linearise(sensor, predicted.mean, predicted.cov)
+    start, meas, logw = association_options(
+        predicted.cov, predicted.log_survival, predicted.log_death, measured.z, meas_model,
+        measured.log_clutter, limits.gate_chi2,
+    )  # fmt: skip
+    options, n_labels = AssociationOptions(start, meas, logw), predicted.labels.shape[0]
+    sizes = (measured.rows.size, n_labels, scan.z.shape[0]) if is_summarised else (0, 0, 0)
+    marginals = DetectionMarginals(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[1]))
+    updated = joint_update(
+        predicted.clusters, options, predicted.track_label, n_labels, predicted.mean, predicted.cov,
+        measured.z, meas_model, limits, rng, marginals,
+    )  # fmt: skip
+    explained, detected, in_view = np.empty(sizes[2]), 0.0, 0.0
+    if is_summarised:
+        detected, in_view = _summarise_detections(
+            prior.is_certain, predicted.track_label, meas_model.p_in_fov, np.empty(n_labels), marginals,
+            measured.rows, explained,
+        )  # fmt: skip
+    n, n_kept = updated.parent.size, updated.kept_labels.size
+    out = (
+        np.empty(n, np.int64),
+        np.empty(n),
+        np.empty((n_kept, 2), np.int64),
+        np.empty(n_kept * is_summarised, np.bool_),
     )
-    open_, n_labels = Options(start, meas, logw), now.labels.shape[0]
-    asked = (look.rows.size, n_labels, seen.z.shape[0]) if weigh else (0, 0, 0)
-    made = SingletonUpdate(np.zeros(asked[0]), np.zeros(asked[1]), np.zeros(asked[1]))
-    after = associate(
-        now.groups, open_, now.track_label, n_labels, now.mean, now.cov, look.z, view, limits, rng, made
-    )
-    explained, detected, in_view = np.empty(asked[2]), 0.0, 0.0
-    if weigh:
-        detected, in_view = _weigh(
-            before.sure, now.track_label, view.inside, np.empty(n_labels), made, look.rows, explained
-        )
-    n, kept = after.parent.size, after.kept.size
-    told = np.empty(n, np.int64), np.empty(n), np.empty((kept, 2), np.int64), np.empty(kept * weigh, np.bool_)
-    _gather(after, open_, now.labels, made.there, told)
-    if turn_too:
-        turn = coordinated_turn.update(now.cov, turn, after.parent, told[0], look.z, view)
+    _gather_outputs(updated, options, predicted.labels, marginals.p_exists, out)
+    if has_turns:
+        turn = coordinated_turn.update(predicted.cov, turn, updated.parent, out[0], measured.z, meas_model)
     return UpdateResult(
-        Posterior(after.groups, after.label, told[2], after.mean[:n], after.cov[:n], turn, told[3]),
+        Posterior(updated.clusters, updated.label, out[2], updated.mean[:n], updated.cov[:n], turn, out[3]),
         DetectionSummary(explained, detected, in_view),
-        seen.z.shape[0] - look.rows.size,
-        after.parent,
-        told[0],
-        told[1],
-        look.place_m,
+        scan.z.shape[0] - measured.rows.size,
+        updated.parent,
+        out[0],
+        out[1],
+        measured.position_m,
     )
 
 
 def warm_up_calls() -> list[Call]:
-    """One call of every kernel that is called for a scan, types as in a tracker."""
-    born, nowhere = BirthComponents.of(()), np.zeros((1, 2))
-    passed = Interval(1.0, np.eye(4), Chances(0.0, 0.0, 0.0, 0.0, 1.0), 0, born)
-    seen = Measurements(nowhere, nowhere, np.zeros(1))
-    optics = measurement.SensorModel(
+    """Return one call of the kernel of a scan, with the types of a tracker."""
+    births, origin = BirthComponents.from_births(()), np.zeros((1, 2))
+    interval = Interval(1.0, np.eye(4), Survival(0.0, 0.0, 0.0, 0.0, 1.0), 0, births)
+    scan = Measurements(origin, origin, np.zeros(1))
+    sensor = measurement.SensorModel(
         False, np.eye(2).reshape(1, 2, 2), np.zeros((2, 2)), np.zeros(2), 0.0, 0.9
     )
-    rng, limits = np.zeros(1, np.uint64), GlmbParams(1.0).limits()
-    return [(take_in, Posterior.nothing(), passed, seen, optics, limits, Turns(0.0, 1.0), False, rng)]
+    rng, limits, turns = np.zeros(1, np.uint64), GlmbParams(1.0).limits(), TurnModel(0.0, 1.0)
+    return [(update_step, Posterior.empty(), interval, scan, sensor, limits, turns, False, rng)]
 
 
 def warm_up_parts() -> list[Call]:
-    """One call of every kernel that is a part of `take_in`, types as there.
+    """Return one call of each kernel that `update_step` calls, with the same types.
 
-    The longest to compile stand at the ends, beside those that share leaves with them: where two processes
-    meet, both compile the same one, so that had better be short.
+    Two processes compile this list from both ends (see `gcs.jit`), so the kernels in the middle are short.
     """
     ones, zeros, z, limits = np.ones(1), np.zeros(1, np.int64), np.zeros((1, 2)), GlmbParams(1.0).limits()
     mean, cov, matrix = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.eye(2).reshape(1, 2, 2)
-    view = measurement.LinearisedMeasurement(z, matrix, matrix, ones, 0.9, wraps=False)
-    groups, open_, made = (
+    meas_model = measurement.LinearisedMeasurement(z, matrix, matrix, ones, 0.9, has_bearing=False)
+    clusters, options, marginals = (
         Clusters.example(),
-        Options(np.arange(2), zeros, ones),
-        SingletonUpdate(ones, ones, ones),
+        AssociationOptions(np.arange(2), zeros, ones),
+        DetectionMarginals(ones, ones, ones),
     )
     return [
-        (children, groups, open_, 1, limits, np.zeros(1, np.uint64)),
-        (meet, groups, open_, zeros, 1, limits),
-        (renumber, groups, 1),
-        (probabilities, groups, 1),
-        (alone, groups, zeros, open_, mean, cov, zeros, z, view, limits, 0.1, 1, made),
-        (merge_alike, groups, mean, cov, zeros, 0.1),
-        (part, groups, zeros, 1, limits),
+        (update_clusters, clusters, options, 1, limits, np.zeros(1, np.uint64)),
+        (merge_clusters, clusters, options, zeros, 1, limits),
+        (renumber, clusters, 1),
+        (track_probabilities, clusters, 1),
+        (
+            update_singletons,
+            clusters,
+            zeros,
+            options,
+            mean,
+            cov,
+            zeros,
+            z,
+            meas_model,
+            limits,
+            0.1,
+            1,
+            marginals,
+        ),
+        (merge_similar_tracks, clusters, mean, cov, zeros, 0.1),
+        (split_clusters, clusters, zeros, 1, limits),
     ]

@@ -25,20 +25,20 @@ from gcs.model import NS_PER_S, FloatArray, Sensor, read_only
 from gcs.tracking.glmb.params import Birth
 from gcs.tracking.models import constant_velocity, sensors
 
-_FIRST_S = 1.0
+_FIRST_INTERVAL_S = 1.0
 """What is taken to have passed before a sensor's first scan."""
-_FORGET_SENSOR_S = 60.0
+_SENSOR_TIMEOUT_S = 60.0
 """A sensor that did not look for so long does not share in the births any more."""
-_LEAST_PROBABILITY = 1e-7
-_MOST_BIRTHS = 2000
+_MIN_PROBABILITY = 1e-7
+_MAX_BIRTHS = 2000
 """Per scan, the least explained first: bounds what a hostile scan can cause."""
 
 
-class _Left(NamedTuple):
+class _Unexplained(NamedTuple):
     """What the last scan left unexplained."""
 
     t_ns: int
-    places_m: FloatArray
+    positions_m: FloatArray
     noise_m2: FloatArray
     probability: FloatArray
 
@@ -59,48 +59,52 @@ class AdaptiveBirth:
     """
 
     def __init__(
-        self, per_s: float, speed_std_m_s: float, most_probability: float, accel_std_m_s2: float
+        self, per_s: float, speed_std_m_s: float, max_probability: float, accel_std_m_s2: float
     ) -> None:
         self._per_s = per_s
         self._speed_std_m_s = speed_std_m_s
-        self._most_probability = most_probability
+        self._max_probability = max_probability
         self._accel_std_m_s2 = accel_std_m_s2
-        self._looked_t_ns: dict[str, int] = {}
-        self._left: _Left | None = None
+        self._last_scan_t_ns: dict[str, int] = {}
+        self._unexplained: _Unexplained | None = None
 
     def births(self, t_ns: int) -> list[Birth]:
         """Return the births of a scan measured at `t_ns`, once, from what the scan before left over."""
-        left, self._left = self._left, None
-        if left is None or t_ns < left.t_ns:
+        last, self._unexplained = self._unexplained, None
+        if last is None or t_ns < last.t_ns:
             return []
-        dt_s = (t_ns - left.t_ns) / NS_PER_S
+        dt_s = (t_ns - last.t_ns) / NS_PER_S
         speed = np.diag([0.0, 0.0, 1.0, 1.0]) * self._speed_std_m_s**2
         F, Q = constant_velocity.transition(dt_s), constant_velocity.process_noise(dt_s, self._accel_std_m_s2)
         found = []
-        for place, noise, probability in zip(left.places_m, left.noise_m2, left.probability, strict=True):
+        for position, noise, probability in zip(
+            last.positions_m, last.noise_m2, last.probability, strict=True
+        ):
             cov = speed.copy()
             cov[:2, :2] = noise
-            mean = np.array([*place, 0.0, 0.0])
+            mean = np.array([*position, 0.0, 0.0])
             found.append(Birth(read_only(mean), read_only(F @ cov @ F.T + Q), float(probability)))
         return found
 
-    def take(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> None:
+    def add_scan(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> None:
         """Take a scan that was worked: its detections (m, 2) and how far tracks explain each (m,), 0 to 1."""
         elapsed_s = self._elapsed_s(t_ns, sensor.name)
         unexplained = np.clip(1.0 - explained, 0.0, 1.0)
         total = float(unexplained.sum())
         if self._per_s <= 0.0 or total <= 0.0:
             return
-        expected = self._per_s * elapsed_s / len(self._looked_t_ns)
-        probability = np.minimum(unexplained / total * expected, self._most_probability)
-        rows = np.argsort(-probability, kind="stable")[:_MOST_BIRTHS]
-        rows = np.sort(rows[probability[rows] >= _LEAST_PROBABILITY])
-        self._left = _Left(t_ns, z_m[rows], sensors.noise_m2(sensor, z_m[rows]), probability[rows])
+        expected = self._per_s * elapsed_s / len(self._last_scan_t_ns)
+        probability = np.minimum(unexplained / total * expected, self._max_probability)
+        rows = np.argsort(-probability, kind="stable")[:_MAX_BIRTHS]
+        rows = np.sort(rows[probability[rows] >= _MIN_PROBABILITY])
+        self._unexplained = _Unexplained(
+            t_ns, z_m[rows], sensors.noise_m2(sensor, z_m[rows]), probability[rows]
+        )
 
     def _elapsed_s(self, t_ns: int, sensor: str) -> float:
         """Return what passed since a sensor looked last, and note that it looks now."""
-        before = self._looked_t_ns.get(sensor)
-        self._looked_t_ns[sensor] = t_ns
-        horizon = t_ns - int(_FORGET_SENSOR_S * NS_PER_S)
-        self._looked_t_ns = {name: at for name, at in self._looked_t_ns.items() if at >= horizon}
-        return _FIRST_S if before is None else (t_ns - before) / NS_PER_S
+        before = self._last_scan_t_ns.get(sensor)
+        self._last_scan_t_ns[sensor] = t_ns
+        horizon = t_ns - int(_SENSOR_TIMEOUT_S * NS_PER_S)
+        self._last_scan_t_ns = {name: at for name, at in self._last_scan_t_ns.items() if at >= horizon}
+        return _FIRST_INTERVAL_S if before is None else (t_ns - before) / NS_PER_S

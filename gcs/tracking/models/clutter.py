@@ -19,7 +19,7 @@ from gcs.jit import Call, kernel
 if TYPE_CHECKING:
     from gcs.model import FloatArray
 
-_NOTHING = 1500.0
+_MAX_CHI2 = 1500.0
 """Squared Mahalanobis distance from which exp(-d2 / 2) is 0 in double precision."""
 
 
@@ -37,7 +37,7 @@ def intensity_per_m2(
         for i in range(mean.shape[0]):
             x, y = z[j, 0] - mean[i, 0], z[j, 1] - mean[i, 1]
             s00, s11 = cov[i, 0, 0] + noise[j, 0, 0], cov[i, 1, 1] + noise[j, 1, 1]
-            if x * x > _NOTHING * s00 or y * y > _NOTHING * s11:
+            if x * x > _MAX_CHI2 * s00 or y * y > _MAX_CHI2 * s11:
                 continue
             s01 = cov[i, 0, 1] + noise[j, 0, 1]
             det = s00 * s11 - s01 * s01

@@ -25,14 +25,14 @@ import numpy as np
 
 from gcs.jit import inlined, kernel, leaf
 from gcs.model import FloatArray
-from gcs.tracking.models.measurement import LinearisedMeasurement, wrapped
+from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
 
 _SMALL_ANGLE = 1e-4
-_MOST_CORRELATION = 0.98
+_MAX_SQUARED_CORRELATION = 0.98
 """Squared, between the turn rate and the other four states."""
 
 
-class Turns(NamedTuple):
+class TurnModel(NamedTuple):
     """How objects turn."""
 
     rate_std_rad_s: float
@@ -54,10 +54,10 @@ def _arc(w: float, dt: float) -> Any:
 @inlined
 def _linearise(w: float, vx: float, vy: float, dt: float, F: FloatArray, g: FloatArray) -> None:
     """Write how the four states at the end change with those at the beginning (F), and with w (g)."""
-    along, aside, d_along, d_aside = _arc(w, dt)
+    along, across, d_along, d_aside = _arc(w, dt)
     s, c = math.sin(w * dt), math.cos(w * dt)
     F[0, 2] = F[1, 3] = along
-    F[0, 3], F[1, 2] = -aside, aside
+    F[0, 3], F[1, 2] = -across, across
     F[2, 2] = F[3, 3] = c
     F[2, 3], F[3, 2] = -s, s
     g[0], g[1] = d_along * vx - d_aside * vy, d_aside * vx + d_along * vy
@@ -65,23 +65,23 @@ def _linearise(w: float, vx: float, vy: float, dt: float, F: FloatArray, g: Floa
 
 
 @inlined
-def _hold(cov: FloatArray, turn: FloatArray, t: int) -> None:
+def _limit_correlation(cov: FloatArray, turn: FloatArray, t: int) -> None:
     """Shrink the covariance with w, where it says more than positive definiteness allows."""
     lower, whitened, total = np.empty((4, 4)), np.empty(4), 0.0
     for i in range(4):
         value = turn[t, 2 + i]
         for j in range(i + 1):
-            part = cov[t, i, j]
+            split_clusters = cov[t, i, j]
             for k in range(j):
-                part -= lower[i, k] * lower[j, k]
-            lower[i, j] = math.sqrt(max(part, 1e-12)) if i == j else part / lower[j, j]
+                split_clusters -= lower[i, k] * lower[j, k]
+            lower[i, j] = math.sqrt(max(split_clusters, 1e-12)) if i == j else split_clusters / lower[j, j]
         for k in range(i):
             value -= lower[i, k] * whitened[k]
         whitened[i] = value / lower[i, i]
         total += whitened[i] ** 2
-    most = _MOST_CORRELATION * turn[t, 1]
-    if total > most:
-        shrink = math.sqrt(most / total)
+    max_total = _MAX_SQUARED_CORRELATION * turn[t, 1]
+    if total > max_total:
+        shrink = math.sqrt(max_total / total)
         for i in range(4):
             turn[t, 2 + i] *= shrink
 
@@ -107,19 +107,19 @@ def predict(
     short = min(dt, rate_time_s)
     q = 2.0 * stationary / rate_time_s
     for t in range(n):
-        _hold(cov, turn, t)
+        _limit_correlation(cov, turn, t)
         w, variance = turn[t, 0], turn[t, 1]
         _linearise(w, mean[t, 2], mean[t, 3], dt, F, g)
         for i in range(4):
-            moved, coupled = 0.0, 0.0
+            predicted, coupled = 0.0, 0.0
             for j in range(4):
-                moved += F[i, j] * mean[t, j]
+                predicted += F[i, j] * mean[t, j]
                 coupled += F[i, j] * turn[t, 2 + j]
                 total = 0.0
                 for k in range(4):
                     total += F[i, k] * cov[t, k, j]
                 FP[i, j] = total
-            mean_out[t, i], Fc[i] = moved, coupled
+            mean_out[t, i], Fc[i] = predicted, coupled
         for i in range(2):  # lateral: J v at the end
             side_i = -mean_out[t, 3] if i == 0 else mean_out[t, 2]
             cross[i], cross[2 + i] = q * short**3 / 6.0 * side_i, q * short**2 / 2.0 * side_i
@@ -137,18 +137,23 @@ def predict(
             turn_out[t, 2 + i] = keep * (Fc[i] + variance * g[i]) + cross[i]
         turn_out[t, 0] = keep * w
         turn_out[t, 1] = keep * keep * variance + stationary * (1.0 - keep * keep)
-        _hold(cov_out, turn_out, t)
+        _limit_correlation(cov_out, turn_out, t)
     return mean_out, cov_out, turn_out
 
 
 @kernel
 def update(
-    cov: FloatArray, turn: FloatArray, parent: Any, meas: Any, z: FloatArray, view: LinearisedMeasurement
+    cov: FloatArray,
+    turn: FloatArray,
+    parent: Any,
+    meas: Any,
+    z: FloatArray,
+    meas_model: LinearisedMeasurement,
 ) -> Any:
     """Turns (n, 6) of the tracks that `kernels.update` makes; `cov` and `turn` are those predicted."""
     n = parent.size
     out = np.empty((n, 6))
-    step = 0 if view.A.shape[0] == 1 else 1
+    step = 0 if meas_model.A.shape[0] == 1 else 1
     PH = np.empty((4, 2))
     for i in range(n):
         p, j = parent[i], meas[i]
@@ -157,7 +162,7 @@ def update(
         if j < 0:
             continue
         u = p * step
-        H, R = view.A[u], view.noise[u]
+        H, R = meas_model.A[u], meas_model.noise[u]
         for r in range(4):
             for k in range(2):
                 PH[r, k] = cov[p, r, 0] * H[k, 0] + cov[p, r, 1] * H[k, 1]
@@ -168,9 +173,9 @@ def update(
         h0 = H[0, 0] * turn[p, 2] + H[0, 1] * turn[p, 3]
         h1 = H[1, 0] * turn[p, 2] + H[1, 1] * turn[p, 3]
         g0, g1 = (h0 * c - h1 * b) / det, (h1 * a - h0 * b) / det
-        dx, dy = z[j, 0] - view.z_hat[p, 0], z[j, 1] - view.z_hat[p, 1]
-        if view.wraps:
-            dy = wrapped(dy)
+        dx, dy = z[j, 0] - meas_model.z_hat[p, 0], z[j, 1] - meas_model.z_hat[p, 1]
+        if meas_model.has_bearing:
+            dy = wrap_angle(dy)
         out[i, 0] += g0 * dx + g1 * dy
         out[i, 1] = max(out[i, 1] - g0 * h0 - g1 * h1, 1e-3 * turn[p, 1])
         for r in range(4):
@@ -194,7 +199,7 @@ def jacobians(mean: FloatArray, dt: FloatArray, rate_time_s: float) -> Any:
 
 
 @leaf
-def _add_newborn(turn: FloatArray, stationary: float, out: FloatArray) -> None:
+def _append_births(turn: FloatArray, stationary: float, out: FloatArray) -> None:
     for t in range(out.shape[0]):
         for i in range(6):
             out[t, i] = turn[t, i] if t < turn.shape[0] else 0.0
@@ -203,10 +208,10 @@ def _add_newborn(turn: FloatArray, stationary: float, out: FloatArray) -> None:
 
 
 @inlined
-def with_newborn(turn: FloatArray, n: int, rate_std_rad_s: float) -> FloatArray:
+def append_births(turn: FloatArray, n: int, rate_std_rad_s: float) -> FloatArray:
     """Add turns of n objects that are as likely to turn as any."""
     out = np.empty((turn.shape[0] + n, 6))
-    _add_newborn(turn, rate_std_rad_s * rate_std_rad_s, out)
+    _append_births(turn, rate_std_rad_s * rate_std_rad_s, out)
     return out
 
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 
 from gcs.jit import called, inlined, kernel, leaf
-from gcs.tracking.models.sensors import MOST_DETECTION, box
+from gcs.tracking.models.sensors import MAX_DETECTION_PROBABILITY, field_bounds_m
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray, Sensor
@@ -38,13 +38,13 @@ _TWO_PI = 2.0 * math.pi
 class SensorModel(NamedTuple):
     """What kernels know of a sensor."""
 
-    polar: bool
+    is_polar: bool
     """Whether it measures range and bearing."""
     noise: FloatArray
     """(1, 2, 2) covariance of what it measures."""
-    field: FloatArray
+    fov: FloatArray
     """(2, 2) least and greatest of each coordinate in the field of view; of a bearing, off the centre."""
-    place_m: FloatArray
+    position_m: FloatArray
     """(2,) where a polar one stands."""
     centre_rad: float
     """And which way it looks."""
@@ -61,22 +61,22 @@ class LinearisedMeasurement(NamedTuple):
     """(n or 1, 2, 2) how that changes with the position."""
     noise: FloatArray
     """(n or 1, 2, 2) covariance of the rest."""
-    inside: FloatArray
+    p_in_fov: FloatArray
     """(n,) probability that the track is in the field of view."""
     p_d: float
     """Detection probability in there."""
-    wraps: bool
+    has_bearing: bool
     """Whether the second coordinate is an angle."""
 
 
 @inlined
-def wrapped(angle_rad: Any) -> Any:
+def wrap_angle(angle_rad: Any) -> Any:
     """Return the same angle in [-pi, pi]."""
     return angle_rad - _TWO_PI * np.rint(angle_rad / _TWO_PI)
 
 
 @inlined
-def _share(centre: float, std: float, low: float, high: float) -> float:
+def _probability_between(centre: float, std: float, low: float, high: float) -> float:
     """Probability of a Gaussian between two bounds."""
     if low <= centre - 6.0 * std and centre + 6.0 * std <= high:
         return 1.0
@@ -85,32 +85,32 @@ def _share(centre: float, std: float, low: float, high: float) -> float:
 
 
 @leaf
-def _look(mean: FloatArray, cov: FloatArray, field: FloatArray, z_hat: Any, inside: Any) -> None:
+def _fill_positions(mean: FloatArray, cov: FloatArray, fov: FloatArray, z_hat: Any, p_in_fov: Any) -> None:
     everywhere = True
     for i in range(2):
-        everywhere &= field[i, 0] == -np.inf and field[i, 1] == np.inf
-    for t in range(inside.size):
-        z_hat[t, 0], z_hat[t, 1], inside[t] = mean[t, 0], mean[t, 1], 1.0
+        everywhere &= fov[i, 0] == -np.inf and fov[i, 1] == np.inf
+    for t in range(p_in_fov.size):
+        z_hat[t, 0], z_hat[t, 1], p_in_fov[t] = mean[t, 0], mean[t, 1], 1.0
         if not everywhere:
             for i in range(2):
-                inside[t] *= _share(mean[t, i], math.sqrt(cov[t, i, i]), field[i, 0], field[i, 1])
+                p_in_fov[t] *= _probability_between(mean[t, i], math.sqrt(cov[t, i, i]), fov[i, 0], fov[i, 1])
 
 
 @called
-def _position(mean: FloatArray, cov: FloatArray, field: FloatArray) -> Any:
+def _position(mean: FloatArray, cov: FloatArray, fov: FloatArray) -> Any:
     """View of each track by a sensor that reports positions, and how probably it is within `field`."""
-    z_hat, inside = np.empty((mean.shape[0], 2)), np.empty(mean.shape[0])
-    _look(mean, cov, field, z_hat, inside)
-    return z_hat, inside
+    z_hat, p_in_fov = np.empty((mean.shape[0], 2)), np.empty(mean.shape[0])
+    _fill_positions(mean, cov, fov, z_hat, p_in_fov)
+    return z_hat, p_in_fov
 
 
 @called
 def _range_bearing(
-    mean: FloatArray, cov: FloatArray, place: FloatArray, R: FloatArray, field: FloatArray, centre_rad: float
+    mean: FloatArray, cov: FloatArray, place: FloatArray, R: FloatArray, fov: FloatArray, centre_rad: float
 ) -> Any:
     """Unscented view of each track; `field` bounds the range, and the bearing relative to `centre_rad`."""
     n = mean.shape[0]
-    z_hat, A, noise, inside = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty((n, 2, 2)), np.empty(n)
+    z_hat, A, noise, p_in_fov = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty((n, 2, 2)), np.empty(n)
     dp, dz = np.zeros((5, 2)), np.zeros((5, 2))
     for t in range(n):
         x, y = mean[t, 0] - place[0], mean[t, 1] - place[1]
@@ -123,7 +123,7 @@ def _range_bearing(
         m0, m1 = 0.0, 0.0
         for i in range(1, 5):
             px, py = x + dp[i, 0], y + dp[i, 1]
-            dz[i, 0], dz[i, 1] = math.hypot(px, py) - r0, wrapped(math.atan2(px, py) - b0)
+            dz[i, 0], dz[i, 1] = math.hypot(px, py) - r0, wrap_angle(math.atan2(px, py) - b0)
             m0 += dz[i, 0] / 6.0
             m1 += dz[i, 1] / 6.0
         # Regression on the position through the factor: A L = C' L'^-1, column by column.
@@ -140,43 +140,50 @@ def _range_bearing(
         noise[t, 0, 0] = R[0, 0, 0] + max(s00 - (c00 * c00 + c01 * c01) / 3.0, 0.0)
         noise[t, 1, 1] = R[0, 1, 1] + max(s11 - (c10 * c10 + c11 * c11) / 3.0, 0.0)
         noise[t, 0, 1] = noise[t, 1, 0] = R[0, 0, 1] + s01 - (c00 * c10 + c01 * c11) / 3.0
-        z_hat[t, 0], z_hat[t, 1] = r0 + m0, wrapped(b0 + m1)
-        inside[t] = _share(z_hat[t, 0], math.sqrt(s00), field[0, 0], field[0, 1])
-        if field[1, 1] < math.pi:
-            inside[t] *= _share(wrapped(z_hat[t, 1] - centre_rad), math.sqrt(s11), field[1, 0], field[1, 1])
-    return z_hat, A, noise, inside
+        z_hat[t, 0], z_hat[t, 1] = r0 + m0, wrap_angle(b0 + m1)
+        p_in_fov[t] = _probability_between(z_hat[t, 0], math.sqrt(s00), fov[0, 0], fov[0, 1])
+        if fov[1, 1] < math.pi:
+            p_in_fov[t] *= _probability_between(
+                wrap_angle(z_hat[t, 1] - centre_rad), math.sqrt(s11), fov[1, 0], fov[1, 1]
+            )
+    return z_hat, A, noise, p_in_fov
 
 
 @kernel
-def seen(optics: SensorModel, mean: FloatArray, cov: FloatArray) -> LinearisedMeasurement:
+def linearise(sensor_model: SensorModel, mean: FloatArray, cov: FloatArray) -> LinearisedMeasurement:
     """How a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
-    if optics.polar:
-        z_hat, A, noise, inside = _range_bearing(
-            mean, cov, optics.place_m, optics.noise, optics.field, optics.centre_rad
+    if sensor_model.is_polar:
+        z_hat, A, noise, p_in_fov = _range_bearing(
+            mean, cov, sensor_model.position_m, sensor_model.noise, sensor_model.fov, sensor_model.centre_rad
         )
     else:
-        z_hat, inside = _position(mean, cov, optics.field)
-        A, noise = np.zeros((1, 2, 2)), optics.noise
+        z_hat, p_in_fov = _position(mean, cov, sensor_model.fov)
+        A, noise = np.zeros((1, 2, 2)), sensor_model.noise
         A[0, 0, 0] = A[0, 1, 1] = 1.0
-    return LinearisedMeasurement(z_hat, A, noise, inside, optics.p_d, optics.polar)
+    return LinearisedMeasurement(z_hat, A, noise, p_in_fov, sensor_model.p_d, sensor_model.is_polar)
 
 
-def optics(sensor: Sensor) -> SensorModel:
+def sensor_model(sensor: Sensor) -> SensorModel:
     """Return what kernels know of a sensor."""
-    p_d = min(float(sensor.detection_probability), MOST_DETECTION)
+    p_d = min(float(sensor.detection_probability), MAX_DETECTION_PROBABILITY)
     polar = sensor.polar
     if polar is None:
         noise = np.array(sensor.noise_cov_m2, dtype=np.float64, order="C").reshape(1, 2, 2)
         return SensorModel(
-            polar=False, noise=noise, field=box(sensor), place_m=np.zeros(2), centre_rad=0.0, p_d=p_d
+            is_polar=False,
+            noise=noise,
+            fov=field_bounds_m(sensor),
+            position_m=np.zeros(2),
+            centre_rad=0.0,
+            p_d=p_d,
         )
     noise = np.diag([polar.range_std_m**2, polar.bearing_std_rad**2]).reshape(1, 2, 2)
     half_rad = polar.bearing_rad[1]
-    field = np.array([polar.range_m, (-half_rad, half_rad)], dtype=np.float64)
-    place_m = np.array([polar.east_m, polar.north_m], dtype=np.float64)
-    return SensorModel(True, noise, field, place_m, float(polar.bearing_rad[0]), p_d)
+    fov = np.array([polar.range_m, (-half_rad, half_rad)], dtype=np.float64)
+    position_m = np.array([polar.east_m, polar.north_m], dtype=np.float64)
+    return SensorModel(True, noise, fov, position_m, float(polar.bearing_rad[0]), p_d)
 
 
 def view(sensor: Sensor, mean: FloatArray, cov: FloatArray) -> LinearisedMeasurement:
     """Return how a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
-    return cast(LinearisedMeasurement, seen(optics(sensor), mean, cov))
+    return cast(LinearisedMeasurement, linearise(sensor_model(sensor), mean, cov))

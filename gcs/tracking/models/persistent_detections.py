@@ -54,7 +54,7 @@ class PersistentDetections:
         """East and north (n, 2) of the chains that are persistent."""
         return np.asarray(self._mean[self._found, :2])
 
-    def take(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> FloatArray:
+    def process_scan(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> FloatArray:
         """Take a scan; return east and north (n, 2) of the chains that have just become persistent.
 
         Parameters
@@ -68,13 +68,13 @@ class PersistentDetections:
             (m,) probability that some track made each detection.
         """
         self._predict(t_ns)
-        free = np.flatnonzero(explained < _UNEXPLAINED)
-        free = np.sort(free[np.argsort(explained[free], kind="stable")[:_MAX_CHAINS]])
-        z, noise = z_m[free], sensors.noise_m2(sensor, z_m[free])
+        unexplained = np.flatnonzero(explained < _UNEXPLAINED)
+        unexplained = np.sort(unexplained[np.argsort(explained[unexplained], kind="stable")[:_MAX_CHAINS]])
+        z, noise = z_m[unexplained], sensors.noise_m2(sensor, z_m[unexplained])
         clutter = np.maximum(sensors.clutter_per_m2(sensor, z), _MIN_CLUTTER_PER_M2)
-        taken = self._associate(z, noise, clutter, sensor)
+        is_assigned = self._associate(z, noise, clutter, sensor)
         self._keep((self._score >= 0.0) & (self._cov[:, [0, 1], [0, 1]].max(axis=1) <= _MAX_STD_M**2))
-        self._begin(z[~taken], noise[~taken])
+        self._begin(z[~is_assigned], noise[~is_assigned])
         new = ~self._found & (self._score >= _PERSISTENT_SCORE)
         self._found |= new
         return np.asarray(self._mean[new, :2])
@@ -91,33 +91,33 @@ class PersistentDetections:
 
         Returns which detections were given.
         """
-        taken = np.zeros(len(z), np.bool_)
+        is_assigned = np.zeros(len(z), np.bool_)
         detected = min(sensor.detection_probability, _MAX_DETECTION)
         missed = sensors.covers(sensor, self._mean[:, :2])
-        chain, made, off, S = self._pairs(z, noise)
+        chain, detection, innovation, S = self._pairs(z, noise)
         if chain.size and detected > 0.0:
-            chi2 = np.einsum("pi,pij,pj->p", off, np.linalg.inv(S), off)
+            chi2 = np.einsum("pi,pij,pj->p", innovation, np.linalg.inv(S), innovation)
             ratio = math.log(detected / (2.0 * math.pi)) - 0.5 * (chi2 + np.log(np.linalg.det(S)))
-            ratio -= np.log(clutter[made])
+            ratio -= np.log(clutter[detection])
             pair = np.flatnonzero(chi2 <= _GATE_CHI2)
             pair = _first_of_each(pair[np.argsort(-ratio[pair], kind="stable")], chain)
-            pair = _first_of_each(pair[np.argsort(-self._score[chain[pair]], kind="stable")], made)
+            pair = _first_of_each(pair[np.argsort(-self._score[chain[pair]], kind="stable")], detection)
             hit = chain[pair]
-            taken[made[pair]], missed[hit] = True, False
+            is_assigned[detection[pair]], missed[hit] = True, False
             self._score[hit] = np.minimum(self._score[hit] + ratio[pair], _MAX_SCORE)
             K = self._cov[hit, :, :2] @ np.linalg.inv(S[pair])
-            self._mean[hit] += (K @ off[pair][:, :, None])[:, :, 0]
+            self._mean[hit] += (K @ innovation[pair][:, :, None])[:, :, 0]
             self._cov[hit] -= K @ self._cov[hit, :2]
         self._score[missed] += math.log1p(-detected)
-        return taken
+        return is_assigned
 
     def _pairs(self, z: FloatArray, noise: FloatArray) -> tuple[Ints, Ints, FloatArray, FloatArray]:
         """Return chain, detection, innovation and its covariance of all pairs that may be near each other."""
         spread_m2 = np.trace(self._cov[:, :2, :2], axis1=1, axis2=2)[:, None]
-        off = z[None] - self._mean[:, None, :2]
+        innovation = z[None] - self._mean[:, None, :2]
         reach_m2 = _GATE_CHI2 * (spread_m2 + np.trace(noise, axis1=1, axis2=2))
-        chain, made = np.nonzero((off**2).sum(axis=2) <= reach_m2)
-        return chain, made, off[chain, made], self._cov[chain, :2, :2] + noise[made]
+        chain, detection = np.nonzero((innovation**2).sum(axis=2) <= reach_m2)
+        return chain, detection, innovation[chain, detection], self._cov[chain, :2, :2] + noise[detection]
 
     def _keep(self, kept: Flags) -> None:
         self._mean, self._cov = self._mean[kept], self._cov[kept]

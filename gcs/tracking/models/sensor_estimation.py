@@ -29,15 +29,15 @@ from gcs.model import Sensor
 from gcs.tracking.models.sensors import expected_clutter
 
 _MEMORY_SCANS = 60.0
-_SURE_STD = 5.0
-_LEAST_SCANS, _LEAST_OBJECTS = 10.0, 30.0
-_CLUTTER_FACTOR, _CLUTTER_AGREES = 2.0, 1.5
-_DETECTION_OFF, _DETECTION_AGREES = 0.1, 0.05
-_ANNOUNCED_SCANS, _ANNOUNCED_OBJECTS = 10.0, 20.0
+_CERTAIN_STD = 5.0
+_MIN_SCANS, _MIN_OBJECTS = 10.0, 30.0
+_CLUTTER_FACTOR, _CLUTTER_AGREEMENT_FACTOR = 2.0, 1.5
+_DETECTION_DEVIATION, _DETECTION_AGREEMENT = 0.1, 0.05
+_PRIOR_SCANS, _PRIOR_OBJECTS = 10.0, 20.0
 """How many scans and detected objects an announced value stands for, when it is corrected."""
-_CLUTTER_BOUND = 50.0
+_MAX_CLUTTER_CORRECTION = 50.0
 """No clutter rate is corrected by more than this factor."""
-_LEAST_DETECTION, _MOST_DETECTION = 0.05, 0.999
+_MIN_DETECTION, _MAX_DETECTION = 0.05, 0.999
 
 
 class Finding(NamedTuple):
@@ -80,7 +80,7 @@ class SensorEstimation:
         self._clutter, self._detected = _Mean(), _Mean()
         self._contradicts = {"clutter": False, "detection": False}
 
-    def take(self, unexplained: float, detected: float, in_view: float) -> None:
+    def add_scan(self, unexplained: float, detected: float, in_view: float) -> None:
         """Take a scan: detections unexplained, and of how many objects in view how many were detected."""
         self._clutter.add(unexplained)
         self._detected.add(detected, in_view)
@@ -90,28 +90,28 @@ class SensorEstimation:
         found = []
         clutter, detection = self._clutter.value, self._detected.value
         announced = expected_clutter(sensor)
-        if math.isfinite(announced) and self._clutter.n >= _LEAST_SCANS:
-            off = abs(clutter - announced) > _SURE_STD * math.sqrt(max(announced, 1e-3) / self._clutter.n)
+        if math.isfinite(announced) and self._clutter.n >= _MIN_SCANS:
+            off = abs(clutter - announced) > _CERTAIN_STD * math.sqrt(max(announced, 1e-3) / self._clutter.n)
             ratio = max(clutter, 1e-3) / max(announced, 1e-3)
             finding = f"{clutter:.3g} false detections a scan seen, {announced:.3g} announced"
             consequence = "clutter may pass for objects" if ratio > 1.0 else "objects are believed late"
-            found += self._switch(
+            found += self._report_change(
                 "clutter",
                 off and abs(math.log(ratio)) > math.log(_CLUTTER_FACTOR),
-                not off or abs(math.log(ratio)) < math.log(_CLUTTER_AGREES),
+                not off or abs(math.log(ratio)) < math.log(_CLUTTER_AGREEMENT_FACTOR),
                 f"{sensor.name}: {finding}",
                 consequence,
             )
-        announced = min(sensor.detection_probability, _MOST_DETECTION)
-        if self._detected.n >= _LEAST_OBJECTS:
+        announced = min(sensor.detection_probability, _MAX_DETECTION)
+        if self._detected.n >= _MIN_OBJECTS:
             off_by = abs(detection - announced)
             std = math.sqrt(max(announced * (1.0 - announced), 1e-3) / self._detected.n)
             finding = f"{detection:.2f} of the objects in view are detected, {announced:.2f} announced"
             consequence = "objects may be given up" if detection < announced else "deaths are seen late"
-            found += self._switch(
+            found += self._report_change(
                 "detection",
-                off_by > max(_DETECTION_OFF, _SURE_STD * std),
-                off_by < _DETECTION_AGREES,
+                off_by > max(_DETECTION_DEVIATION, _CERTAIN_STD * std),
+                off_by < _DETECTION_AGREEMENT,
                 f"{sensor.name}: {finding}",
                 consequence,
             )
@@ -120,30 +120,34 @@ class SensorEstimation:
     def corrected(self, sensor: Sensor) -> Sensor:
         """Return the sensor with the clutter rate and detection probability that the stream shows."""
         announced = expected_clutter(sensor)
-        factor = 1.0
+        cholesky4 = 1.0
         if math.isfinite(announced) and announced > 0.0:
             n = self._clutter.n
-            seen = (_ANNOUNCED_SCANS * announced + n * self._clutter.value) / (_ANNOUNCED_SCANS + n)
-            factor = float(np.clip(seen / announced, 1.0 / _CLUTTER_BOUND, _CLUTTER_BOUND))
+            seen = (_PRIOR_SCANS * announced + n * self._clutter.value) / (_PRIOR_SCANS + n)
+            cholesky4 = float(
+                np.clip(seen / announced, 1.0 / _MAX_CLUTTER_CORRECTION, _MAX_CLUTTER_CORRECTION)
+            )
         n = self._detected.n
-        p_d = (_ANNOUNCED_OBJECTS * sensor.detection_probability + n * self._detected.value) / (
-            _ANNOUNCED_OBJECTS + n
+        p_d = (_PRIOR_OBJECTS * sensor.detection_probability + n * self._detected.value) / (
+            _PRIOR_OBJECTS + n
         )
         polar = sensor.polar
         if polar is not None:
-            polar = replace(polar, clutter_per_m_rad=polar.clutter_per_m_rad * factor)
+            polar = replace(polar, clutter_per_m_rad=polar.clutter_per_m_rad * cholesky4)
         return replace(
             sensor,
-            detection_probability=float(np.clip(p_d, _LEAST_DETECTION, _MOST_DETECTION)),
-            clutter_density_per_m2=sensor.clutter_density_per_m2 * factor,
+            detection_probability=float(np.clip(p_d, _MIN_DETECTION, _MAX_DETECTION)),
+            clutter_density_per_m2=sensor.clutter_density_per_m2 * cholesky4,
             polar=polar,
         )
 
-    def _switch(self, what: str, begins: bool, ends: bool, finding: str, consequence: str) -> list[Finding]:
-        if not self._contradicts[what] and begins:
+    def _report_change(
+        self, what: str, is_contradicting: bool, is_agreeing: bool, finding: str, consequence: str
+    ) -> list[Finding]:
+        if not self._contradicts[what] and is_contradicting:
             self._contradicts[what] = True
             return [Finding(True, f"{finding}: {consequence}; check the sensor's configuration")]
-        if self._contradicts[what] and ends:
+        if self._contradicts[what] and is_agreeing:
             self._contradicts[what] = False
             return [Finding(False, f"{finding}: in agreement again")]
         return []

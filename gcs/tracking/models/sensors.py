@@ -17,14 +17,14 @@ from gcs.model import FloatArray, Polar, Sensor, read_only
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-MOST_DETECTION = 0.999
+MAX_DETECTION_PROBABILITY = 0.999
 """Of a sensor that calls itself perfect: no gate is, and one miss must not be a death certificate."""
-_LEAST_RANGE_M = 1e-3
+_MIN_RANGE_M = 1e-3
 """Nearer, a bearing means nothing, and clutter per m2 would be infinite."""
 _TWO_PI = 2.0 * math.pi
 
 
-def measured(sensor: Sensor, z_m: FloatArray) -> FloatArray:
+def sensor_coordinates(sensor: Sensor, z_m: FloatArray) -> FloatArray:
     """Return what the sensor measured (m, 2) of detections given as east/north: range and bearing."""
     if sensor.polar is None:
         return z_m
@@ -32,7 +32,7 @@ def measured(sensor: Sensor, z_m: FloatArray) -> FloatArray:
     return np.column_stack([np.hypot(x, y), np.arctan2(x, y)])
 
 
-def on_map(polar: Polar, z: FloatArray) -> FloatArray:
+def map_coordinates(polar: Polar, z: FloatArray) -> FloatArray:
     """Return east/north (m, 2) of ranges and bearings (m, 2)."""
     range_m, bearing_rad = z.T
     return np.column_stack(
@@ -41,7 +41,7 @@ def on_map(polar: Polar, z: FloatArray) -> FloatArray:
 
 
 def sector(
-    place_m: tuple[float, float],
+    position_m: tuple[float, float],
     stds: tuple[float, float],
     range_m: tuple[float, float],
     sector_deg: tuple[float, float],
@@ -64,7 +64,7 @@ def sector(
     """
     half_rad = math.radians(sector_deg[1]) / 2.0
     return Polar(
-        *place_m,
+        *position_m,
         stds[0],
         math.radians(stds[1]),
         range_m,
@@ -75,7 +75,7 @@ def sector(
 
 def polar_sensor(name: str, detection_probability: float, polar: Polar) -> Sensor:
     """Return a range/bearing sensor, with what those need to know who only draw."""
-    middle_m = max(0.5 * (polar.range_m[0] + polar.range_m[1]), _LEAST_RANGE_M)
+    middle_m = max(0.5 * (polar.range_m[0] + polar.range_m[1]), _MIN_RANGE_M)
     variance_m2 = 0.5 * (polar.range_std_m**2 + (middle_m * polar.bearing_std_rad) ** 2)
     centre_rad, half_rad = polar.bearing_rad
     # The box around a sector: its ends, and the compass points that lie in it.
@@ -84,7 +84,9 @@ def polar_sensor(name: str, detection_probability: float, polar: Polar) -> Senso
     )
     turns = turns[np.abs(turns) <= half_rad + 1e-12]
     corners = np.array([(range_m, centre_rad + turn) for range_m in polar.range_m for turn in turns])
-    (west, south), (east, north) = (f(on_map(polar, corners), axis=0).tolist() for f in (np.min, np.max))
+    (west, south), (east, north) = (
+        f(map_coordinates(polar, corners), axis=0).tolist() for f in (np.min, np.max)
+    )
     return Sensor(
         name,
         detection_probability,
@@ -99,15 +101,15 @@ def clutter_per_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
     """Return the sensor's clutter intensity (m,) at detections (m, 2), per m2 on the map."""
     if sensor.polar is None:
         return np.full(len(z_m), float(sensor.clutter_density_per_m2))
-    return sensor.polar.clutter_per_m_rad / cell_m2(sensor, z_m)
+    return sensor.polar.clutter_per_m_rad / cell_area_m2(sensor, z_m)
 
 
-def cell_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
+def cell_area_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
     """Return the area on the map (m,) of a unit cell of what the sensor measures, at detections (m, 2)."""
     if sensor.polar is None:
         return np.ones(len(z_m))
     return np.maximum(
-        np.hypot(z_m[:, 0] - sensor.polar.east_m, z_m[:, 1] - sensor.polar.north_m), _LEAST_RANGE_M
+        np.hypot(z_m[:, 0] - sensor.polar.east_m, z_m[:, 1] - sensor.polar.north_m), _MIN_RANGE_M
     )
 
 
@@ -115,13 +117,13 @@ def noise_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
     """Return the covariances (m, 2, 2) of detections (m, 2) on the map."""
     if sensor.polar is None:
         return np.broadcast_to(sensor.noise_cov_m2, (len(z_m), 2, 2))
-    range_m, bearing_rad = measured(sensor, z_m).T
+    range_m, bearing_rad = sensor_coordinates(sensor, z_m).T
     sin, cos = np.sin(bearing_rad), np.cos(bearing_rad)
     along = np.stack([sin, cos], axis=-1)
     across = np.stack([cos, -sin], axis=-1)
     return np.asarray(
         sensor.polar.range_std_m**2 * along[:, :, None] * along[:, None, :]
-        + (np.maximum(range_m, _LEAST_RANGE_M) * sensor.polar.bearing_std_rad)[:, None, None] ** 2
+        + (np.maximum(range_m, _MIN_RANGE_M) * sensor.polar.bearing_std_rad)[:, None, None] ** 2
         * (across[:, :, None] * across[:, None, :])
     )
 
@@ -129,10 +131,10 @@ def noise_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
 def covers(sensor: Sensor, places_m: FloatArray) -> npt.NDArray[np.bool_]:
     """Return whether each place (n, 2) lies in the field of view."""
     if sensor.polar is None:
-        (west, east), (south, north) = box(sensor)
+        (west, east), (south, north) = field_bounds_m(sensor)
         x, y = places_m[:, 0], places_m[:, 1]
         return np.asarray((west <= x) & (x <= east) & (south <= y) & (y <= north))
-    range_m, bearing_rad = measured(sensor, places_m).T
+    range_m, bearing_rad = sensor_coordinates(sensor, places_m).T
     centre_rad, half_rad = sensor.polar.bearing_rad
     off_rad = np.abs(np.angle(np.exp(1j * (bearing_rad - centre_rad))))
     least_m, most_m = sensor.polar.range_m
@@ -142,14 +144,14 @@ def covers(sensor: Sensor, places_m: FloatArray) -> npt.NDArray[np.bool_]:
 def expected_clutter(sensor: Sensor) -> float:
     """Return the mean number of false detections in a scan; infinite for a field of view without an end."""
     if sensor.polar is None:
-        (west, east), (south, north) = box(sensor)
+        (west, east), (south, north) = field_bounds_m(sensor)
         return float(sensor.clutter_density_per_m2 * (east - west) * (north - south))
     least_m, most_m = sensor.polar.range_m
     half_rad = min(sensor.polar.bearing_rad[1], math.pi)
     return sensor.polar.clutter_per_m_rad * (most_m - least_m) * 2.0 * half_rad
 
 
-def box(sensor: Sensor) -> FloatArray:
+def field_bounds_m(sensor: Sensor) -> FloatArray:
     """Return the bounds of a position sensor's field of view, a row for each coordinate."""
     west, south, east, north = sensor.field_of_view_m
     return np.array([[west, east], [south, north]], dtype=np.float64)

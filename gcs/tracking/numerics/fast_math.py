@@ -24,12 +24,12 @@ _TO_INTEGER = 6755399441055744.0
 """1.5 * 2^52: what is added to it loses its fraction, and stands in the last bits."""
 _ROOT_HALF = 0x3FE6A09E667F3BCD
 """The bits of the root of 1/2."""
-_LEAST = 2.2250738585072014e-308
+_MIN_NORMAL = 2.2250738585072014e-308
 """The least number whose bits are in order."""
 
 
 @intrinsic
-def _bits(typing: Any, x: Any) -> Any:  # noqa: ARG001  numba's signature
+def _float_to_bits(typing: Any, x: Any) -> Any:  # noqa: ARG001  numba's signature
     """The bits of a float64."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
@@ -39,7 +39,7 @@ def _bits(typing: Any, x: Any) -> Any:  # noqa: ARG001  numba's signature
 
 
 @intrinsic
-def _float(typing: Any, bits: Any) -> Any:  # noqa: ARG001  numba's signature
+def _bits_to_float(typing: Any, bits: Any) -> Any:  # noqa: ARG001  numba's signature
     """The float64 of these bits."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
@@ -49,7 +49,7 @@ def _float(typing: Any, bits: Any) -> Any:  # noqa: ARG001  numba's signature
 
 
 @leaf
-def exponentials(x: Any, out: Any) -> None:
+def exp_into(x: Any, out: Any) -> None:
     """Fill `out` with e^x for x (n,), which is held between -708 and 709."""
     for i in range(x.size):
         at = min(max(x[i], -708.0), 709.0)
@@ -65,16 +65,18 @@ def exponentials(x: Any, out: Any) -> None:
             2.480152105564744e-05 + r * 2.755724206490074e-06
         )
         top = 2.762020251071917e-07 + r * 2.511015219240185e-08
-        out[i] = (1.0 + (r + r2 * (low + r4 * (high + r4 * top)))) * _float((_bits(shifted) + 1023) << 52)
+        out[i] = (1.0 + (r + r2 * (low + r4 * (high + r4 * top)))) * _bits_to_float(
+            (_float_to_bits(shifted) + 1023) << 52
+        )
 
 
 @leaf
-def take_logarithms(x: Any) -> None:
+def log_in_place(x: Any) -> None:
     """Replace x (n,), positive, by its natural logarithms; below 2e-308 it is -708."""
     for i in range(x.size):
-        bits = _bits(max(x[i], _LEAST))
+        bits = _float_to_bits(max(x[i], _MIN_NORMAL))
         k = (bits - _ROOT_HALF) >> 52
-        f = _float(bits - (k << 52)) - 1.0
+        f = _bits_to_float(bits - (k << 52)) - 1.0
         s = f / (2.0 + f)
         z = s * s
         z2 = z * z

@@ -13,7 +13,7 @@ import numpy as np
 
 from gcs.jit import ZERO, called, inlined, leaf, spliced
 
-_FEW = 8
+_MAX_INSERTION = 8
 
 
 @called
@@ -22,7 +22,7 @@ def head(array: Any, n: int) -> Any:
     return array[:n]
 
 
-class Order(NamedTuple):
+class SortBuffers(NamedTuple):
     """Room to order things in."""
 
     index: Any
@@ -34,13 +34,13 @@ class Order(NamedTuple):
 
 
 @inlined
-def room_to_order(n: int) -> Order:
+def allocate_sort(n: int) -> SortBuffers:
     """Return room for n things."""
-    return Order(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n + 1, np.int64))
+    return SortBuffers(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n + 1, np.int64))
 
 
 @inlined
-def _insert(value: Any, n: int, order: Any) -> None:
+def _insertion_sort(value: Any, n: int, order: Any) -> None:
     """Order the n indices by insertion: quick where all are near their places."""
     for i in range(1, n):
         x, j = order[i], i
@@ -51,7 +51,7 @@ def _insert(value: Any, n: int, order: Any) -> None:
 
 
 @leaf
-def _merge(value: Any, n: int, to: Order) -> None:
+def _merge_sort(value: Any, n: int, to: SortBuffers) -> None:
     """Order the n indices in `to` by merging runs."""
     order, merged, run = to.index, to.other, 1
     while run < n:
@@ -76,7 +76,7 @@ def _merge(value: Any, n: int, to: Order) -> None:
 
 
 @inlined
-def _spread(value: Any, first: int, n: int, least: float, most: float, to: Order) -> bool:
+def _bucket_sort(value: Any, first: int, n: int, least: float, most: float, to: SortBuffers) -> bool:
     """Put the n indices into as many even steps from the greatest value to the least, as they come.
 
     Returns whether none of the steps is crowded.
@@ -89,7 +89,7 @@ def _spread(value: Any, first: int, n: int, least: float, most: float, to: Order
         begin[step[i] + 1] += 1
     crowded = False
     for b in range(n):
-        crowded |= begin[b + 1] > _FEW
+        crowded |= begin[b + 1] > _MAX_INSERTION
         begin[b + 1] += begin[b]
     for i in range(n):
         to.index[begin[step[i]]] = first + i
@@ -98,32 +98,32 @@ def _spread(value: Any, first: int, n: int, least: float, most: float, to: Order
 
 
 @leaf
-def _many_first(value: Any, first: int, n: int, to: Order) -> None:
+def _argsort_many(value: Any, first: int, n: int, to: SortBuffers) -> None:
     """Order n indices, `first` and those behind it."""
     least = most = value[first]
     for i in range(n):
         to.index[i] = first + i
         least, most = min(least, value[first + i]), max(most, value[first + i])
-    if 0.0 < most - least < np.inf and _spread(value, first, n, least, most, to):
-        _insert(value, n, to.index)
+    if 0.0 < most - least < np.inf and _bucket_sort(value, first, n, least, most, to):
+        _insertion_sort(value, n, to.index)
     else:
-        _merge(value, n, to)
+        _merge_sort(value, n, to)
 
 
 @spliced
-def greatest_first(value: Any, first: int, end: int, to: Order) -> None:
+def argsort_descending(value: Any, first: int, end: int, to: SortBuffers) -> None:
     """Put the indices `first` to `end` - 1 of the values in order: greatest first, equal ones as they come.
 
     A few by insertion. More are spread over as many steps by their value first, which leaves little to
     do where they are spread evenly, as log-weights are: a tenth of the time of merging 300.
     """
     n = end - first
-    if n > _FEW:
-        _many_first(value, first, n, to)
+    if n > _MAX_INSERTION:
+        _argsort_many(value, first, n, to)
     else:
         for i in range(n):
             to.index[i] = first + i
-        _insert(value, n, to.index)
+        _insertion_sort(value, n, to.index)
 
 
 @inlined
@@ -135,14 +135,14 @@ def power_of_two(n: int) -> int:
     return size
 
 
-class Distinct(NamedTuple):
+class UniqueBuffers(NamedTuple):
     """Room to find hypotheses that are the same, and those found, greatest first."""
 
     key: Any
     """(n,) what each is known by."""
     slot: Any
     """Which of those found is where in a table by key (open addressing), -1 in free places."""
-    order: Order
+    order: SortBuffers
     weight: Any
     example: Any
     which: Any
@@ -152,12 +152,12 @@ class Distinct(NamedTuple):
 
 
 @inlined
-def room_for_distinct(n: int) -> Distinct:
+def allocate_unique(n: int) -> UniqueBuffers:
     """Return room for n hypotheses."""
-    return Distinct(
+    return UniqueBuffers(
         np.empty(n, np.uint64),
         np.empty(power_of_two(2 * n), np.int64),
-        room_to_order(n),
+        allocate_sort(n),
         np.empty(n),
         np.empty(n, np.int64),
         np.empty(n, np.int64),
@@ -166,18 +166,18 @@ def room_for_distinct(n: int) -> Distinct:
 
 
 @spliced
-def rank(count: int, to: Distinct) -> None:
+def rank_by_weight(count: int, to: UniqueBuffers) -> None:
     """Put `to.example` in the order of `to.weight`, greatest first, equal ones as they come."""
     for k in range(count):
         to.weight[k] = math.log(to.weight[k])
-    greatest_first(to.weight, ZERO, count, to.order)
+    argsort_descending(to.weight, ZERO, count, to.order)
     order = to.order.index
     for k in range(count):
         to.which[k], to.logw[k] = to.example[order[k]], to.weight[order[k]]
 
 
 @leaf
-def distinct(n: int, weight: Any, first: int, to: Distinct) -> int:
+def unique_hypotheses(n: int, weight: Any, first: int, to: UniqueBuffers) -> int:
     """Find hypotheses with equal keys among n, `first`, `first` + 1 ...; return how many are different."""
     slots = power_of_two(2 * n)
     for i in range(slots):
@@ -191,5 +191,5 @@ def distinct(n: int, weight: Any, first: int, to: Distinct) -> int:
             to.slot[at], to.weight[count], to.example[count] = count, 0.0, first + h
             count += 1
         to.weight[to.slot[at]] += weight[first + h]
-    rank(count, to)
+    rank_by_weight(count, to)
     return count

@@ -35,11 +35,11 @@ from gcs.jit import Call
 from gcs.model import FloatArray, Label, Sensor, read_only
 from gcs.tracking.glmb.recursion import Interval, Posterior, UpdateResult
 from gcs.tracking.models import constant_velocity
-from gcs.tracking.models.coordinated_turn import Turns
-from gcs.tracking.models.sensors import MOST_DETECTION
+from gcs.tracking.models.coordinated_turn import TurnModel
+from gcs.tracking.models.sensors import MAX_DETECTION_PROBABILITY
 from gcs.tracking.trajectories import rts
-from gcs.tracking.trajectories.history_tree import NONE, HistoryTree, grow, release
-from gcs.tracking.trajectories.rts import Step, filtered, smoothed
+from gcs.tracking.trajectories.history_tree import NO_NODE, HistoryTree, extend_tree, release_nodes
+from gcs.tracking.trajectories.rts import FilterStep, run_filter, smooth_states
 
 if TYPE_CHECKING:
     from gcs.tracking.glmb.params import Birth
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 IntArray: TypeAlias = npt.NDArray[np.int64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
-_FEW_SCANS = 64
+_MIN_REMEMBERED_SCANS = 64
 """Scans that are remembered before it is asked which of them are still needed."""
 
 
@@ -85,7 +85,7 @@ class _Scan:
 
     @property
     def log_undetected(self) -> float:
-        return math.log1p(-min(self.sensor.detection_probability, MOST_DETECTION))
+        return math.log1p(-min(self.sensor.detection_probability, MAX_DETECTION_PROBABILITY))
 
 
 class Histories:
@@ -97,14 +97,14 @@ class Histories:
         How its objects turn, where they do not fly straight.
     """
 
-    def __init__(self, turns: Turns | None = None) -> None:
+    def __init__(self, turns: TurnModel | None = None) -> None:
         self._turns = turns
         self._scans: dict[int, _Scan] = {}
-        self._moment: list[_Scan] = []
+        self._epoch: list[_Scan] = []
         """The last scans, measured at one time."""
-        self._most_scans = _FEW_SCANS
-        self._forest = HistoryTree.of(256)
-        self._live: IntArray = np.empty(0, np.int64)
+        self._max_scans = _MIN_REMEMBERED_SCANS
+        self._tree = HistoryTree.allocate(256)
+        self._nodes: IntArray = np.empty(0, np.int64)
         """Node of each of the tracker's tracks."""
         self._estimated: dict[Label, int] = {}
         self._estimated_now: set[Label] = set()
@@ -112,45 +112,52 @@ class Histories:
     @property
     def nodes(self) -> int:
         """How many nodes are in use."""
-        return int(self._forest.parent.size - self._forest.n_free[0])
+        return int(self._tree.parent.size - self._tree.n_free[0])
 
     @property
     def labels(self) -> int:
         """Of how many labels a path is kept."""
         return len(self._estimated)
 
-    def take(
+    def add_scan(
         self,
         t_ns: int,
         sensor: Sensor,
         births: tuple[Birth, ...],
         survival: float,
-        passed: Interval,
-        taken: UpdateResult,
+        interval: Interval,
+        result: UpdateResult,
     ) -> None:
         """Take a scan that was taken in: replace the tracks by those after it, and note who is there.
 
         `sensor` made it at `t_ns`, objects survived to it with probability `survival`, and those born by it
         are `births`, which need positive definite covariances.
         """
-        k = passed.scan
-        if passed.dt_s > 0.0:
-            for scan in self._moment:
+        k = interval.scan
+        if interval.dt_s > 0.0:
+            for scan in self._epoch:
                 scan.log_death = math.log(max(1.0 - survival, 1e-300))
-            self._moment.clear()
-        self._scans[k] = _Scan(t_ns, passed.dt_s, passed.Q, sensor, births, survival)
-        self._moment.append(self._scans[k])
-        if taken.parent.size > self._forest.n_free[0]:
-            self._forest = self._forest.larger(taken.parent.size)
-        self._live, labels, nodes = grow(
-            self._forest, self._live, k, taken.believed, taken.parent, taken.made, taken.logw, taken.place_m
+            self._epoch.clear()
+        self._scans[k] = _Scan(t_ns, interval.dt_s, interval.Q, sensor, births, survival)
+        self._epoch.append(self._scans[k])
+        if result.parent.size > self._tree.n_free[0]:
+            self._tree = self._tree.larger(result.parent.size)
+        self._nodes, labels, nodes = extend_tree(
+            self._tree,
+            self._nodes,
+            k,
+            result.posterior,
+            result.parent,
+            result.meas,
+            result.logw,
+            result.position_m,
         )
         now = dict(zip(map(tuple, labels.tolist()), nodes.tolist(), strict=True))
         released = [self._estimated[label] for label in now if label in self._estimated]
         self._estimated.update(now)
         self._estimated_now = set(now)
-        release(self._forest, np.array(released, np.int64))
-        if len(self._scans) > self._most_scans:
+        release_nodes(self._tree, np.array(released, np.int64))
+        if len(self._scans) > self._max_scans:
             self._forget_scans()
 
     def paths(self, *, smooth: bool = False, lag_scans: int | None = None) -> tuple[Path, ...]:
@@ -165,80 +172,88 @@ class Histories:
         """
         chains = {label: self._chain(label) for label in self._estimated}
         return tuple(
-            self._path(label, chain, made, smooth=smooth, lag_scans=lag_scans)
-            for label, (chain, made) in sorted(self._once(chains).items())
+            self._path(label, chain, is_detected, smooth=smooth, lag_scans=lag_scans)
+            for label, (chain, is_detected) in sorted(self._resolve_shared_detections(chains).items())
         )
 
     def _chain(self, label: Label) -> IntArray:
         """Nodes of a label's history, birth first."""
         chain, node = [], self._estimated[label]
-        while node != NONE:
+        while node != NO_NODE:
             chain.append(node)
-            node = int(self._forest.parent[node])
+            node = int(self._tree.parent[node])
         return np.array(chain[::-1], np.int64)
 
-    def _once(self, chains: dict[Label, IntArray]) -> dict[Label, tuple[IntArray, BoolArray]]:
+    def _resolve_shared_detections(
+        self, chains: dict[Label, IntArray]
+    ) -> dict[Label, tuple[IntArray, BoolArray]]:
         """Paths that outweigh clutter by detections of their own; the living and the heavy choose first.
 
         Returns each with whether it made a detection at each scan.
         """
-        weight = {label: self._cut(label, chain, set())[2] for label, chain in chains.items()}
+        weight = {label: self._trim(label, chain, set())[2] for label, chain in chains.items()}
         order = sorted(chains, key=lambda label: (label not in self._estimated_now, -weight[label], label))
-        taken: set[tuple[int, int]] = set()
+        result: set[tuple[int, int]] = set()
         kept = {}
         for label in order:
-            chain, made, logw = self._cut(label, chains[label], taken)
+            chain, is_detected, logw = self._trim(label, chains[label], result)
             if label in self._estimated_now or logw > 0.0:
-                kept[label] = chain, made
-                taken.update(self._detections(chain[made]))
+                kept[label] = chain, is_detected
+                result.update(self._detections(chain[is_detected]))
         return kept
 
     def _detections(self, chain: IntArray) -> list[tuple[int, int]]:
         """Scan and number of the detections that nodes made."""
-        forest = self._forest
-        return list(zip(forest.scan[chain].tolist(), forest.made[chain].tolist(), strict=True))
+        tree = self._tree
+        return list(zip(tree.scan[chain].tolist(), tree.meas[chain].tolist(), strict=True))
 
-    def _cut(
-        self, label: Label, chain: IntArray, taken: set[tuple[int, int]]
+    def _trim(
+        self, label: Label, chain: IntArray, result: set[tuple[int, int]]
     ) -> tuple[IntArray, BoolArray, float]:
         """Cut a path to what is its own: without others' detections, and if it ended, up to its last one.
 
         Returns the nodes, whether each made a detection, and the path's log-weight against clutter.
         """
-        shared = np.array([detection in taken for detection in self._detections(chain)], np.bool_)
-        made = (self._forest.made[chain] >= 0) & ~shared
+        shared = np.array([detection in result for detection in self._detections(chain)], np.bool_)
+        is_detected = (self._tree.meas[chain] >= 0) & ~shared
         alive = label in self._estimated_now
         if not alive:
-            length = int(np.flatnonzero(made)[-1]) + 1 if made.any() else 0
+            length = int(np.flatnonzero(is_detected)[-1]) + 1 if is_detected.any() else 0
             if not length:
-                return chain[:0], made[:0], -math.inf
-            chain, made, shared = chain[:length], made[:length], shared[:length]
-        first = self._scans[int(self._forest.scan[chain[0]])]
-        probability = first.births[int(self._forest.birth[chain[0]])].probability
+                return chain[:0], is_detected[:0], -math.inf
+            chain, is_detected, shared = chain[:length], is_detected[:length], shared[:length]
+        first = self._scans[int(self._tree.scan[chain[0]])]
+        probability = first.births[int(self._tree.birth[chain[0]])].probability
         born = min(max(probability, 1e-9), 1.0 - 1e-9)
-        logw = self._forest.logw[chain].copy()
+        logw = self._tree.logw[chain].copy()
         for i in np.flatnonzero(shared):
-            scan = self._scans[int(self._forest.scan[chain[i]])]
+            scan = self._scans[int(self._tree.scan[chain[i]])]
             logw[i] = scan.log_undetected + math.log(scan.survival if i else born)
         never = math.log1p(-born)
-        death = 0.0 if alive else self._scans[int(self._forest.scan[chain[-1]])].log_death
-        return chain, made, float(logw.sum()) - never + death
+        death = 0.0 if alive else self._scans[int(self._tree.scan[chain[-1]])].log_death
+        return chain, is_detected, float(logw.sum()) - never + death
 
     def _path(
-        self, label: Label, chain: IntArray, made: BoolArray, *, smooth: bool, lag_scans: int | None
+        self, label: Label, chain: IntArray, is_detected: BoolArray, *, smooth: bool, lag_scans: int | None
     ) -> Path:
-        scans = [self._scans[int(k)] for k in self._forest.scan[chain]]
-        birth = scans[0].births[int(self._forest.birth[chain[0]])]
-        z_m = np.where(made[:, None], self._forest.z_m[chain], np.nan)
+        scans = [self._scans[int(k)] for k in self._tree.scan[chain]]
+        birth = scans[0].births[int(self._tree.birth[chain[0]])]
+        z_m = np.where(is_detected[:, None], self._tree.z_m[chain], np.nan)
         steps = [
-            Step(scan.dt_s, constant_velocity.transition(scan.dt_s), scan.Q, scan.sensor, z if seen else None)
-            for scan, z, seen in zip(scans, z_m, made, strict=True)
+            FilterStep(
+                scan.dt_s,
+                constant_velocity.transition(scan.dt_s),
+                scan.Q,
+                scan.sensor,
+                z if detected else None,
+            )
+            for scan, z, detected in zip(scans, z_m, is_detected, strict=True)
         ]
-        run = filtered(birth.mean, birth.cov, steps, self._turns)
-        mean, cov = smoothed(run, lag_scans) if smooth else (run.mean, run.cov)
+        run = run_filter(birth.mean, birth.cov, steps, self._turns)
+        mean, cov = smooth_states(run, lag_scans) if smooth else (run.mean, run.cov)
         return Path(
             label,
-            self._forest.scan[chain],
+            self._tree.scan[chain],
             np.array([scan.t_ns for scan in scans], np.int64),
             read_only(mean[:, :4]),
             read_only(cov[:, :4, :4]),
@@ -248,16 +263,16 @@ class Histories:
 
     def _forget_scans(self) -> None:
         """Forget what no node is of; asked when twice as many are remembered, so that it costs little."""
-        needed = set(self._forest.scan[self._forest.references > 0].tolist())
+        needed = set(self._tree.scan[self._tree.references > 0].tolist())
         self._scans = {k: scan for k, scan in self._scans.items() if k in needed}
-        self._most_scans = max(_FEW_SCANS, 2 * len(self._scans))
+        self._max_scans = max(_MIN_REMEMBERED_SCANS, 2 * len(self._scans))
 
 
 def warm_up_calls() -> list[Call]:
     """One call of every kernel, types as in a tracker."""
-    none, forest = np.empty(0, np.int64), HistoryTree.of(1)
+    none, tree = np.empty(0, np.int64), HistoryTree.allocate(1)
     return [
-        (grow, forest, none, 0, Posterior.nothing(), none, none, np.empty(0), np.empty((0, 2))),
-        (release, forest, none),
+        (extend_tree, tree, none, 0, Posterior.empty(), none, none, np.empty(0), np.empty((0, 2))),
+        (release_nodes, tree, none),
         *rts.warm_up_calls(),
     ]

@@ -20,14 +20,14 @@ import numpy as np
 
 from gcs.jit import ZERO, Call, kernel, leaf
 from gcs.model import FloatArray, Sensor
-from gcs.tracking.glmb.kalman import moved, updated
+from gcs.tracking.glmb.kalman import predict_track, update_track
 from gcs.tracking.models import coordinated_turn, measurement
-from gcs.tracking.models.coordinated_turn import Turns
-from gcs.tracking.models.measurement import SensorModel, seen
-from gcs.tracking.models.sensors import measured
+from gcs.tracking.models.coordinated_turn import TurnModel
+from gcs.tracking.models.measurement import SensorModel, linearise
+from gcs.tracking.models.sensors import sensor_coordinates
 
 
-class Step(NamedTuple):
+class FilterStep(NamedTuple):
     """One scan of an object's history."""
 
     dt_s: float
@@ -42,7 +42,7 @@ class Step(NamedTuple):
     """(2,) the detection, east/north; None for a miss."""
 
 
-class Run(NamedTuple):
+class FilterResult(NamedTuple):
     """A filter's result over n scans; d is 4, or 5 where objects turn."""
 
     mean: FloatArray
@@ -79,80 +79,82 @@ def filter_path(
     dt_s: FloatArray,
     Q: FloatArray,
     z: FloatArray,
-    which: Any,
-    optics: Any,
-    turns: Turns,
+    sensor_index: Any,
+    sensors: Any,
+    turns: TurnModel,
 ) -> Any:
     """States before and after each of n scans: means (2, n, d), covariances (2, n, d, d).
 
     `dt_s` (n,) since the scan before, with process noise `Q` (n, 4, 4); `z` (n, 2) what the sensor `which`
     (n,) of several measured, NaN for a miss; `optics` is an `SensorModel` of arrays, a row for each sensor.
     """
-    n, turn_too, one = dt_s.size, turns.rate_std_rad_s > 0.0, np.zeros(1, np.int64)
-    d = 5 if turn_too else 4
+    n, has_turns, one = dt_s.size, turns.rate_std_rad_s > 0.0, np.zeros(1, np.int64)
+    d = 5 if has_turns else 4
     means, covs = np.empty((2, n, d)), np.empty((2, n, d, d))
     x, P, w = mean.reshape(1, 4).copy(), cov.reshape(1, 4, 4).copy(), np.zeros((1, 6))
     w[0, 1] = turns.rate_std_rad_s * turns.rate_std_rad_s
     for k in range(n):
         if k > 0 and dt_s[k] > 0.0:
-            if turn_too:
+            if has_turns:
                 x, P, w = coordinated_turn.predict(x, P, w, Q[k], dt_s[k], turns.rate_std_rad_s, turns.time_s)
             else:
                 before_x, before_P, x, P = x, P, np.empty((1, 4)), np.empty((1, 4, 4))
-                moved(before_x, before_P, ZERO, dt_s[k], Q[k], x, P)
+                predict_track(before_x, before_P, ZERO, dt_s[k], Q[k], x, P)
         _store(x, P, w, ZERO, k, means, covs)
         if not np.isnan(z[k, 0]):
-            s = which[k]
+            s = sensor_index[k]
             sensor = SensorModel(
-                optics.polar[s], optics.noise[s], optics.field[s], optics.place_m[s], optics.centre_rad[s],
-                optics.p_d[s],
+                sensors.is_polar[s], sensors.noise[s], sensors.fov[s], sensors.position_m[s],
+                sensors.centre_rad[s], sensors.p_d[s],
             )  # fmt: skip
-            view = seen(sensor, x, P)
+            meas_model = linearise(sensor, x, P)
             before_x, before_P, x, P = x, P, np.empty((1, 4)), np.empty((1, 4, 4))
-            updated(before_x, before_P, ZERO, ZERO, z[k : k + 1], view, x, P, ZERO)
-            if turn_too:
-                w = coordinated_turn.update(before_P, w, one, one, z[k : k + 1], view)
+            update_track(before_x, before_P, ZERO, ZERO, z[k : k + 1], meas_model, x, P, ZERO)
+            if has_turns:
+                w = coordinated_turn.update(before_P, w, one, one, z[k : k + 1], meas_model)
         _store(x, P, w, ZERO + 1, k, means, covs)
     return means, covs
 
 
 def warm_up_calls() -> list[Call]:
     """One call of every kernel, types as in `filtered`."""
-    sensor = measurement.optics(Sensor("", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0)))
-    optics = SensorModel._make(np.array([part]) for part in sensor)
+    sensor = measurement.sensor_model(Sensor("", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0)))
+    sensors = SensorModel._make(np.array([field]) for field in sensor)
     zeros = np.zeros(1, np.int64)
     z, Q = np.zeros((1, 2)), np.eye(4).reshape(1, 4, 4)
-    return [(filter_path, np.zeros(4), np.eye(4), np.ones(1), Q, z, zeros, optics, Turns(0.0, 1.0))]
+    return [(filter_path, np.zeros(4), np.eye(4), np.ones(1), Q, z, zeros, sensors, TurnModel(0.0, 1.0))]
 
 
-def filtered(mean: FloatArray, cov: FloatArray, steps: Sequence[Step], turns: Turns | None = None) -> Run:
+def run_filter(
+    mean: FloatArray, cov: FloatArray, steps: Sequence[FilterStep], turns: TurnModel | None = None
+) -> FilterResult:
     """Filter from the prior (4,), (4, 4) at the time of the first scan; its F and Q do not apply."""
     sensors = {id(step.sensor): step.sensor for step in steps}
-    which = {identity: i for i, identity in enumerate(sensors)}
-    optics = [measurement.optics(sensor) for sensor in sensors.values()]
+    sensor_index = {identity: i for i, identity in enumerate(sensors)}
+    models = [measurement.sensor_model(sensor) for sensor in sensors.values()]
     dt_s = np.array([step.dt_s for step in steps])
     z = np.full((len(steps), 2), np.nan)
     for k, step in enumerate(steps):
         if step.z_m is not None:
-            z[k] = measured(step.sensor, step.z_m[None])[0]
+            z[k] = sensor_coordinates(step.sensor, step.z_m[None])[0]
     means, covs = filter_path(
         np.array(mean, dtype=np.float64),
         np.array(cov, dtype=np.float64, order="C"),
         dt_s,
         np.array([step.Q for step in steps]),
         z,
-        np.array([which[id(step.sensor)] for step in steps]),
-        SensorModel._make(map(np.array, zip(*optics, strict=True))),
-        turns or Turns(0.0, 1.0),
+        np.array([sensor_index[id(step.sensor)] for step in steps]),
+        SensorModel._make(map(np.array, zip(*models, strict=True))),
+        turns or TurnModel(0.0, 1.0),
     )
     if turns is None:
         F = np.reshape([step.F for step in steps[1:]], (-1, 4, 4))
     else:
         F = coordinated_turn.jacobians(means[1, :-1], dt_s[1:], turns.time_s)
-    return Run(means[1], covs[1], means[0], covs[0], F)
+    return FilterResult(means[1], covs[1], means[0], covs[0], F)
 
 
-def smoothed(run: Run, lag_scans: int | None = None) -> tuple[FloatArray, FloatArray]:
+def smooth_states(run: FilterResult, lag_scans: int | None = None) -> tuple[FloatArray, FloatArray]:
     """Means (n, d) and covariances (n, d, d) given all scans, or those up to `lag_scans` later."""
     n = len(run.mean)
     mean, cov = run.mean.copy(), run.cov.copy()

@@ -14,7 +14,7 @@ from gcs.geo import LocalFrame
 from gcs.io.zenoh.messages import decode, encode, scan_key
 from gcs.io.zenoh.scans import decode_scan, encode_scan
 from gcs.model import Polar, Scan, read_only
-from gcs.tracking.models.sensors import measured, on_map, polar_sensor
+from gcs.tracking.models.sensors import map_coordinates, polar_sensor, sensor_coordinates
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 POLAR = Polar(-300.0, 1000.0, 4.0, 0.005, (50.0, 2600.0), (1.5, 0.8), 1e-3)
@@ -37,9 +37,11 @@ def message(**changes):
 @given(st.lists(st.tuples(st.floats(0.1, 2600.0), st.floats(-math.pi, math.pi)), max_size=20))
 def test_ranges_and_bearings_arrive_as_they_were_measured(z):
     z = np.reshape(z, (-1, 2))
-    back = decode_scan(KEY, encode_scan(Scan(1, 2, RADAR, read_only(on_map(POLAR, z))), FRAME), 7, FRAME)
+    back = decode_scan(
+        KEY, encode_scan(Scan(1, 2, RADAR, read_only(map_coordinates(POLAR, z))), FRAME), 7, FRAME
+    )
     assert (back.t_ns, back.measured_t_ns, back.sensor.polar) == (7, 2, POLAR)
-    off = measured(RADAR, back.z_m) - z
+    off = sensor_coordinates(RADAR, back.z_m) - z
     np.testing.assert_allclose(off[:, 0], 0.0, atol=1e-8)
     np.testing.assert_allclose(np.sin(off[:, 1] / 2.0), 0.0, atol=1e-8)
 
@@ -92,7 +94,7 @@ def test_the_box_around_a_sector_holds_all_of_it():
         polar = Polar(10.0, -20.0, 4.0, 0.01, (100.0, 900.0), (centre, half), 1e-3)
         west, south, east, north = polar_sensor("r", 0.9, polar).field_of_view_m
         z = rng.uniform((100.0, centre - half), (900.0, centre + half), (20_000, 2))
-        places = on_map(polar, z)
+        places = map_coordinates(polar, z)
         assert ((west, south) <= places.min(axis=0)).all()
         assert (places.max(axis=0) <= (east, north)).all()
         assert places.max(axis=0) == pytest.approx((east, north), abs=10.0)

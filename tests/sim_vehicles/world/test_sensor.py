@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, Polar, Sensor, TruthObject, read_only
-from gcs.tracking.models.sensors import measured, polar_sensor
+from gcs.tracking.models.sensors import polar_sensor, sensor_coordinates
 from sim_vehicles.world.scenario import load
 from sim_vehicles.world.sensor import make_sensors, observe
 from sim_vehicles.world.world import World
@@ -146,10 +146,10 @@ def test_a_radar_sees_in_range_and_bearing_what_is_in_its_sector() -> None:
     quiet = replace(radar, polar=replace(polar, clutter_per_m_rad=0.0))
     seen = np.concatenate([points(quiet, OBJECTS, index=i) for i in range(SCANS)])
     assert len(seen) == 2 * SCANS  # the one at 700 m east is too far
-    z = measured(quiet, seen[np.hypot(*seen.T) < 300.0])
+    z = sensor_coordinates(quiet, seen[np.hypot(*seen.T) < 300.0])
     assert z.mean(axis=0) == pytest.approx((math.hypot(100.0, 100.0), math.pi / 4), abs=0.4)
     assert z.std(axis=0) == pytest.approx((3.0, 0.01), rel=0.1)
-    clutter = measured(radar, np.concatenate([points(radar, [], index=i) for i in range(SCANS)]))
+    clutter = sensor_coordinates(radar, np.concatenate([points(radar, [], index=i) for i in range(SCANS)]))
     assert len(clutter) / SCANS == pytest.approx(2.0, abs=0.2)
     assert clutter[:, 0].mean() == pytest.approx(325.0, rel=0.05)  # uniform in range, not in area
 

@@ -28,7 +28,7 @@ def plainly(probability, track_label, t, mean, cov):
     same = []
     for u in np.flatnonzero(track_label == track_label[t]):
         d = mean[u] - mean[t]
-        if u == t or d @ np.linalg.solve(cov[t] + cov[u], d) <= extraction.SAME_CHI2:
+        if u == t or d @ np.linalg.solve(cov[t] + cov[u], d) <= extraction.SAME_STATE_CHI2:
             same.append(u)
     w = probability[same] / probability[same].sum()
     centre = w @ mean[same]
@@ -41,7 +41,7 @@ def plainly(probability, track_label, t, mean, cov):
 def test_a_label_is_shown_by_the_mixture_of_the_histories_that_mean_its_place(seed):
     of = mixture(np.random.default_rng(seed))
     probability, track_label, shown, mean, cov = of
-    found, spread = extraction.averaged(*of)
+    found, spread = extraction.average_states(*of)
     for row, t in enumerate(shown):
         expected, expected_cov, _ = plainly(probability, track_label, t, mean, cov)
         np.testing.assert_allclose(found[row], expected, rtol=1e-9, atol=1e-7)
@@ -52,7 +52,7 @@ def test_a_label_is_shown_by_the_mixture_of_the_histories_that_mean_its_place(se
 def test_an_object_is_not_shown_between_two_places_that_it_may_be_at():
     mean = np.array([[0.0, 0.0, 0.0, 0.0], [100.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]])
     cov, label = np.tile(np.eye(4) * 4.0, (3, 1, 1)), np.zeros(3, np.int64)
-    found, _ = extraction.averaged(np.array([0.3, 0.3, 0.3]), label, np.zeros(1, np.int64), mean, cov)
+    found, _ = extraction.average_states(np.array([0.3, 0.3, 0.3]), label, np.zeros(1, np.int64), mean, cov)
     assert found[0, 0] == 1.0
 
 
@@ -67,8 +67,8 @@ def test_in_clutter_what_is_shown_is_nearer_to_the_truth_than_the_best_history_a
             z = x[None, :2][rng.random(1) < 0.8] + rng.normal(0.0, 5.0, (1, 2))
             clutter = x[:2] + rng.uniform(-100.0, 100.0, (rng.poisson(12.0), 2))
             of.update(k * NS_PER_S, np.vstack([z, clutter]), sensor, [birth] if k == 0 else [])
-            for track, t in zip(of.estimate(), marginals.map_tracks(of._believed.groups), strict=True):
-                states = (track.mean - x, track.cov), (of._believed.mean[t] - x, of._believed.cov[t])
+            for track, t in zip(of.estimate(), marginals.map_tracks(of._posterior.clusters), strict=True):
+                states = (track.mean - x, track.cov), (of._posterior.mean[t] - x, of._posterior.cov[t])
                 distances.append([np.hypot(*d[:2]) for d, _ in states])
                 nees.append([d @ np.linalg.solve(P, d) for d, P in states])
             push = rng.normal(0.0, 2.0, 2)

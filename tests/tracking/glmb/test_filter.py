@@ -178,7 +178,9 @@ def test_two_labels_are_never_shown_at_one_object():
     groups = hypotheses.Clusters(
         np.array([0, 3]), np.array([0, 2, 4, 6]), np.array([2, 4, 0, 3, 1, 2]), np.log([0.45, 0.30, 0.25])
     )
-    existence, shown, estimate, cardinality, _ = marginals.summary(groups, np.array([0, 0, 1, 1, 2]), 3)
+    existence, shown, estimate, cardinality, _ = marginals.compute_marginals(
+        groups, np.array([0, 0, 1, 1, 2]), 3
+    )
     np.testing.assert_allclose(existence, [0.55, 1.0, 0.45])
     np.testing.assert_allclose(cardinality, [0, 0, 1, 0], atol=1e-12)
     assert (shown[0], shown[1]) == (0, 3)
@@ -244,7 +246,7 @@ def busy_run(seed, scans=60):
     rng = np.random.default_rng(seed)
     angle = np.arange(12) * np.pi / 6
     way = np.column_stack([np.cos(angle), np.sin(angle)])
-    of = tracker(seed, enumerable=50, gibbs_sweeps=200)
+    of = tracker(seed, max_enumerated=50, gibbs_sweeps=200)
     pictures = []
     for k in range(scans):
         at = 1000.0 + way * (150.0 - 5.0 * k)
@@ -272,7 +274,9 @@ def test_state_does_not_grow_over_a_thousand_scans():
         seen = PLACES[rng.random(4) < 0.98]
         z = np.vstack([seen + rng.normal(0, 3, seen.shape), clutter(rng, 30)])
         of.update(k * NS_PER_S, z, sensor(clutter=30.0), births())
-        held.append((len(of._believed.labels), of._believed.mean.shape[0], of._believed.groups.logw.size))
+        held.append(
+            (len(of._posterior.labels), of._posterior.mean.shape[0], of._posterior.clusters.logw.size)
+        )
     early, late = np.array(held[20:200]), np.array(held[-180:])
     assert (late.mean(axis=0) < 1.5 * early.mean(axis=0) + 5).all()
     assert len(of.estimate()) == 4

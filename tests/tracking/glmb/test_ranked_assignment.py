@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from reference_glmb import ranked_assignments
 
-from gcs.tracking.glmb.hypotheses import Clusters, Options
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.glmb.params import GlmbParams
-from gcs.tracking.glmb.ranked_assignment import children
-from gcs.tracking.oracle import ranked_assignments
+from gcs.tracking.glmb.ranked_assignment import update_clusters
 
 DETECTIONS = 9
 MISSED = -1
@@ -39,7 +39,7 @@ def crowd(seed, n_labels):
             meas.append(j)
             weight.append(w)
         start.append(len(meas))
-    return groups, Options(np.array(start), np.array(meas, np.int64), np.array(weight)), hypotheses
+    return groups, AssociationOptions(np.array(start), np.array(meas, np.int64), np.array(weight)), hypotheses
 
 
 def ranked(hypotheses, logw, options):
@@ -61,7 +61,7 @@ def ranked(hypotheses, logw, options):
 
 
 def found(groups, options, limits):
-    result = children(groups, options, DETECTIONS, limits, np.ones(1, np.uint64))
+    result = update_clusters(groups, options, DETECTIONS, limits, np.ones(1, np.uint64))
     return {
         frozenset(result.items[low:high].tolist()): math.exp(w)
         for (low, high), w in zip(itertools.pairwise(result.start.tolist()), result.logw, strict=True)

@@ -28,14 +28,14 @@ def scan(rng, clutter, objects=()):
 def follow(clutter, objects, scans, seed, sensors=None):
     """Numbers in the estimate, scan by scan; `objects(k)` gives the true places."""
     rng, births = np.random.default_rng(seed), unknown()
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), 1, weigh_detections=True)
+    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), 1, summarise_detections=True)
     found = []
     for k in range(scans):
         t_ns = k * NS_PER_S
         for one in sensors or [sensor(clutter)]:
             z = scan(rng, clutter, objects(k))
             tracker.update(t_ns, z, one, births.births(t_ns))
-            births.take(t_ns, z, one, tracker.account.explained)
+            births.add_scan(t_ns, z, one, tracker.detection_summary.explained)
         found.append(len(tracker.estimate()))
     return np.array(found), tracker
 
@@ -77,13 +77,13 @@ def test_births_add_up_to_the_rate_however_many_detections_and_sensors_there_are
                 for i in range(n_sensors):
                     z = rng.uniform(0.0, SIDE_M, (n, 2))
                     total += sum(b.probability for b in births.births(k * NS_PER_S))
-                    births.take(k * NS_PER_S, z, sensor(n, f"s{i}"), np.zeros(n))
+                    births.add_scan(k * NS_PER_S, z, sensor(n, f"s{i}"), np.zeros(n))
             assert total == pytest.approx(0.2 * 20, rel=0.1)
 
 
 def test_what_is_explained_gives_no_birth_and_no_birth_passes_the_cap():
     births, z = unknown(per_s=5.0, most=0.1), np.array([[10.0, 10.0], [500.0, 500.0]])
-    births.take(0, z, sensor(1), np.array([1.0, 0.2]))
+    births.add_scan(0, z, sensor(1), np.array([1.0, 0.2]))
     (only,) = births.births(NS_PER_S)
     assert only.mean[:2] == pytest.approx((500.0, 500.0))
     assert only.probability == 0.1
@@ -92,9 +92,9 @@ def test_what_is_explained_gives_no_birth_and_no_birth_passes_the_cap():
 
 def test_a_newborn_may_have_moved_by_the_next_scan():
     births = unknown()
-    births.take(0, np.array([[10.0, 10.0]]), sensor(1), np.zeros(1))
+    births.add_scan(0, np.array([[10.0, 10.0]]), sensor(1), np.zeros(1))
     (soon,) = births.births(0)
-    births.take(NS_PER_S, np.array([[10.0, 10.0]]), sensor(1), np.zeros(1))
+    births.add_scan(NS_PER_S, np.array([[10.0, 10.0]]), sensor(1), np.zeros(1))
     (later,) = births.births(3 * NS_PER_S)
     np.testing.assert_allclose(soon.cov, np.diag([25.0, 25.0, 64.0, 64.0]))
     assert later.cov[0, 0] > 25.0 + 4.0 * 64.0
@@ -105,13 +105,13 @@ def test_an_object_that_left_every_field_of_view_fades_and_does_not_haunt():
     """It lives by survival alone, as one track, and is given up when its place is no more than a guess."""
     params = GlmbParams(accel_std_m_s2=1.0, lost_std_m=300.0)
     rng, births = np.random.default_rng(3), unknown()
-    tracker = Glmb("targets", params, 1, weigh_detections=True)
+    tracker = Glmb("targets", params, 1, summarise_detections=True)
     look, numbers, existence = sensor(5), [], []
     for k in range(140):
         place = np.array([1500.0 + 20.0 * k, 1000.0])
         z = scan(rng, 5, [place] if place[0] <= SIDE_M else [])
         tracker.update(k * NS_PER_S, z, look, births.births(k * NS_PER_S))
-        births.take(k * NS_PER_S, z, look, tracker.account.explained)
+        births.add_scan(k * NS_PER_S, z, look, tracker.detection_summary.explained)
         tracks = [t for t in tracker.picture(0).tracks if t.existence > 0.2]
         numbers.append(len(tracks))
         existence.append(max((t.existence for t in tracks), default=0.0))

@@ -77,7 +77,7 @@ def test_the_update_is_the_kalman_update_of_five_states():
     mean, cov, turn = split(x, P)
     place = mean[:, :2] + 4.0
     view, first = measurement.view(SENSOR, mean, cov), np.zeros(1, np.int64)
-    new_mean, new_cov = kalman.update(mean, cov, first, first, place, view)
+    new_mean, new_cov = kalman.update_tracks(mean, cov, first, first, place, view)
     new_turn = coordinated_turn.update(cov, turn, first, first, place, view)
     H = np.eye(2, 5)
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + SENSOR.noise_cov_m2)
@@ -112,7 +112,7 @@ def test_the_joint_covariance_stays_positive_definite_at_any_pace(seed, steps):
         view = measurement.view(SENSOR, mean, cov)
         z = mean[:, :2] + rng.normal(0, 5, (1, 2))
         meas = first if seen else first - 1
-        mean_after, cov_after = kalman.update(mean, cov, first, meas, z, view)
+        mean_after, cov_after = kalman.update_tracks(mean, cov, first, meas, z, view)
         turn = coordinated_turn.update(cov, turn, first, meas, z, view)
         mean, cov = mean_after, cov_after
         P = joint(cov[0], turn[0])
@@ -164,10 +164,10 @@ def loitering(seed, **params):
 
 def best_tracks(of):
     """State of each estimated label along the single history that the best hypothesis has of it."""
-    tracks = marginals.map_tracks(of._believed.groups)
-    labels = map(tuple, of._believed.labels[of._believed.track_label[tracks]].tolist())
+    tracks = marginals.map_tracks(of._posterior.clusters)
+    labels = map(tuple, of._posterior.labels[of._posterior.track_label[tracks]].tolist())
     return {
-        label: (of._believed.mean[t], of._believed.cov[t]) for label, t in zip(labels, tracks, strict=True)
+        label: (of._posterior.mean[t], of._posterior.cov[t]) for label, t in zip(labels, tracks, strict=True)
     }
 
 

@@ -27,7 +27,7 @@ def found(clutter, objects, scans, seed, detection=0.95, one=None):
     rng, persistent, news = np.random.default_rng(seed), PersistentDetections(), []
     for k in range(scans):
         z = scan(rng, clutter, objects(k), detection)
-        new = persistent.take(k * NS_PER_S, z, one or sensor(clutter, detection), np.zeros(len(z)))
+        new = persistent.process_scan(k * NS_PER_S, z, one or sensor(clutter, detection), np.zeros(len(z)))
         news += [(k, place) for place in new]
     return news, persistent
 
@@ -57,23 +57,23 @@ def test_what_tracks_take_does_not_persist():
     persistent = PersistentDetections()
     for k in range(30):
         z = np.array([[300.0, 700.0], [1500.0, 100.0]])
-        assert not len(persistent.take(k * NS_PER_S, z, sensor(20), np.array([0.99, 1.0])))
+        assert not len(persistent.process_scan(k * NS_PER_S, z, sensor(20), np.array([0.99, 1.0])))
 
 
 def test_it_ends_when_the_object_is_gone_or_tracked():
     _, persistent = found(20.0, lambda _: [np.array([300.0, 700.0])], 25, seed=3)
     nothing = np.zeros((0, 2))
     for k in range(25, 40):
-        persistent.take(k * NS_PER_S, nothing, sensor(20), np.zeros(0))
+        persistent.process_scan(k * NS_PER_S, nothing, sensor(20), np.zeros(0))
     assert not len(persistent.places_m)
 
 
 def test_where_nobody_looks_nothing_ends_until_its_place_is_lost():
     _, persistent = found(20.0, lambda _: [np.array([300.0, 700.0])], 25, seed=3)
     elsewhere = sensor(20, field=(1000.0, 0.0, 2000.0, 2000.0))
-    persistent.take(27 * NS_PER_S, np.zeros((0, 2)), elsewhere, np.zeros(0))
+    persistent.process_scan(27 * NS_PER_S, np.zeros((0, 2)), elsewhere, np.zeros(0))
     assert len(persistent.places_m) == 1
-    persistent.take(600 * NS_PER_S, np.zeros((0, 2)), elsewhere, np.zeros(0))
+    persistent.process_scan(600 * NS_PER_S, np.zeros((0, 2)), elsewhere, np.zeros(0))
     assert not len(persistent.places_m)
 
 
@@ -81,5 +81,5 @@ def test_a_flood_of_detections_is_bounded():
     rng, persistent = np.random.default_rng(1), PersistentDetections()
     for k in range(3):
         z = rng.uniform(0.0, SIDE_M, (20_000, 2))
-        persistent.take(k * NS_PER_S, z, sensor(20_000), np.zeros(len(z)))
+        persistent.process_scan(k * NS_PER_S, z, sensor(20_000), np.zeros(len(z)))
     assert persistent._score.size <= 300

@@ -20,7 +20,7 @@ def told(announced, p_d, clutter, scans, seed=0, calibration=None):
     rng, calibration = np.random.default_rng(seed), calibration or SensorEstimation()
     found = []
     for _ in range(scans):
-        calibration.take(float(rng.poisson(clutter)), float(rng.binomial(8, p_d)), 8.0)
+        calibration.add_scan(float(rng.poisson(clutter)), float(rng.binomial(8, p_d)), 8.0)
         found += calibration.findings(announced)
     return found, calibration
 
@@ -75,7 +75,7 @@ def test_a_corrected_radar_keeps_its_geometry_and_gets_its_clutter():
 def test_a_trackers_account_shows_the_sensor_as_it_is(p_d, clutter):
     """Announced 0.9 and 10; the truth is another. Estimated through the tracker, not from the truth."""
     rng, look, calibration = np.random.default_rng(4), sensor(), SensorEstimation()
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=0.5), 1, weigh_detections=True)
+    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=0.5), 1, summarise_detections=True)
     places = rng.uniform(200.0, 800.0, (8, 2))
     for k in range(150):
         r = 0.02 if k < 5 else 1e-4  # as of places that have given their object
@@ -83,8 +83,8 @@ def test_a_trackers_account_shows_the_sensor_as_it_is(p_d, clutter):
         z = places[rng.random(8) < p_d]
         z = np.vstack([z + rng.normal(0, 3.0, z.shape), rng.uniform(0, SIDE_M, (rng.poisson(clutter), 2))])
         tracker.update(k * NS_PER_S, z, look, births)
-        account = tracker.account
-        calibration.take(float((1.0 - account.explained).sum()), account.detected, account.in_view)
+        account = tracker.detection_summary
+        calibration.add_scan(float((1.0 - account.explained).sum()), account.detected, account.in_view)
     corrected = calibration.corrected(look)
     assert corrected.detection_probability == pytest.approx(p_d, abs=0.13)  # the announced value still counts
     assert corrected.clutter_density_per_m2 * SIDE_M**2 == pytest.approx(clutter, rel=0.15)

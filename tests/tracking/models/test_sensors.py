@@ -48,9 +48,9 @@ def residual(a, b):
 
 def updated(sensor, mean, cov, place_m):
     view = measurement.view(sensor, mean[None], cov[None])
-    z = sensors.measured(sensor, np.reshape(place_m, (1, 2)))
+    z = sensors.sensor_coordinates(sensor, np.reshape(place_m, (1, 2)))
     first = np.zeros(1, np.int64)
-    new, new_cov = kalman.update(mean[None], cov[None], first, first, z, view)
+    new, new_cov = kalman.update_tracks(mean[None], cov[None], first, first, z, view)
     return new[0], new_cov[0]
 
 
@@ -111,7 +111,7 @@ def test_any_track_seen_from_anywhere_keeps_a_sound_covariance(seed, reach, std,
     cov = spd(rng, 4, np.array([std, std, 5.0, 5.0]))
     sensor = radar(std=noise)
     view = measurement.view(sensor, mean[None], cov[None])
-    assert 0.0 <= view.inside[0] <= 1.0
+    assert 0.0 <= view.p_in_fov[0] <= 1.0
     assert abs(view.z_hat[0, 1]) <= math.pi
     found, found_cov = updated(sensor, mean, cov, mean[:2] + std * rng.normal(0.0, 1.0, 2))
     assert np.isfinite(found).all()
@@ -122,7 +122,7 @@ def test_any_track_seen_from_anywhere_keeps_a_sound_covariance(seed, reach, std,
 
 @given(angle=st.floats(-1e3, 1e3))
 def test_angles_wrap(angle):
-    wrapped = measurement.wrapped.py_func(angle)
+    wrapped = measurement.wrap_angle.py_func(angle)
     assert abs(wrapped) <= math.pi + 1e-9
     assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
     assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
@@ -145,14 +145,14 @@ def test_a_track_is_inside_as_much_as_its_gaussian_is(sensor):
     for centre in [(0.0, -300.0), (30.0, -880.0), (200.0, -500.0), (990.0, 980.0), (-1020.0, 0.0)]:
         mean, cov = np.array([*centre, 0.0, 0.0]), np.diag([20.0**2, 25.0**2, 1.0, 1.0])
         draws = rng.multivariate_normal(mean[:2], cov[:2, :2], 20_000)
-        found = measurement.view(sensor, mean[None], cov[None]).inside[0]
+        found = measurement.view(sensor, mean[None], cov[None]).p_in_fov[0]
         assert found == pytest.approx(sensors.covers(sensor, draws).mean(), abs=0.05)
 
 
 def test_noise_on_the_map_lies_along_and_across_the_line_of_sight():
     rng, sensor = np.random.default_rng(2), radar(place=(40.0, 10.0), std=(3.0, 0.01))
     place = np.array([640.0, 810.0])
-    z = sensors.measured(sensor, place[None])[0] + rng.normal(0.0, (3.0, 0.01), (50_000, 2))
+    z = sensors.sensor_coordinates(sensor, place[None])[0] + rng.normal(0.0, (3.0, 0.01), (50_000, 2))
     draws = np.column_stack([40.0 + z[:, 0] * np.sin(z[:, 1]), 10.0 + z[:, 0] * np.cos(z[:, 1])])
     np.testing.assert_allclose(sensors.noise_m2(sensor, place[None])[0], np.cov(draws.T), rtol=0.05)
 
@@ -168,7 +168,7 @@ def fly(sensors_of, path, scans=20, seed=0, births=None, params=None):
         for i, sensor in enumerate(sensors_of):
             z = place[sensors.covers(sensor, place)]
             if sensor.polar is not None and len(z):
-                r, b = sensors.measured(sensor, z)[0] + rng.normal(
+                r, b = sensors.sensor_coordinates(sensor, z)[0] + rng.normal(
                     0.0, (sensor.polar.range_std_m, sensor.polar.bearing_std_rad)
                 )
                 z = np.array([[math.sin(b), math.cos(b)]]) * r + (sensor.polar.east_m, sensor.polar.north_m)

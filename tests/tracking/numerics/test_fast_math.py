@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from gcs.jit import kernel
-from gcs.tracking.numerics.fast_math import exponentials, take_logarithms
+from gcs.tracking.numerics.fast_math import exp_into, log_in_place
 
 
 @kernel
 def _exponentials(x, out):
-    exponentials(x, out)
+    exp_into(x, out)
 
 
 @kernel
 def _logarithms(x):
-    take_logarithms(x)
+    log_in_place(x)
 
 
 def e_to(x):

@@ -8,7 +8,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.tracking.numerics.sorting import distinct, greatest_first, room_for_distinct, room_to_order
+from gcs.tracking.numerics.sorting import (
+    allocate_sort,
+    allocate_unique,
+    argsort_descending,
+    unique_hypotheses,
+)
 
 FINITE = st.floats(-100.0, 100.0)
 CROWDED = st.floats(-1e-9, 1e-9) | st.just(-90.0)
@@ -17,17 +22,17 @@ ANY = st.floats(allow_nan=False) | st.just(-math.inf)
 
 @numba.njit
 def ordered(values, first):
-    room = room_to_order(values.size)
-    greatest_first(values, first, values.size, room)
+    room = allocate_sort(values.size)
+    argsort_descending(values, first, values.size, room)
     return room.index
 
 
 @numba.njit
 def joined(keys, weights, first):
-    room = room_for_distinct(keys.size)
+    room = allocate_unique(keys.size)
     for i in range(keys.size):
         room.key[i] = keys[i]
-    n = distinct(keys.size, weights, first, room)
+    n = unique_hypotheses(keys.size, weights, first, room)
     return n, room.which, room.logw
 
 

@@ -41,10 +41,10 @@ def noisy_run(seed, scans=25, p_d=0.9, clutter=20, keep=True, **params):
 
 def best_tracks(of):
     """State of each estimated label along the single history that the best hypothesis has of it."""
-    tracks = marginals.map_tracks(of._believed.groups)
-    labels = map(tuple, of._believed.labels[of._believed.track_label[tracks]].tolist())
+    tracks = marginals.map_tracks(of._posterior.clusters)
+    labels = map(tuple, of._posterior.labels[of._posterior.track_label[tracks]].tolist())
     return {
-        label: (of._believed.mean[t], of._believed.cov[t]) for label, t in zip(labels, tracks, strict=True)
+        label: (of._posterior.mean[t], of._posterior.cov[t]) for label, t in zip(labels, tracks, strict=True)
     }
 
 
@@ -76,7 +76,7 @@ def test_paths_have_no_gaps_and_no_detection_is_of_two_of_them(seed):
         used |= here
 
 
-def test_an_object_believed_late_is_shown_from_its_birth_on():
+def test_an_object_posterior_late_is_shown_from_its_birth_on():
     of, first = tracker(), None
     for k in range(6):
         z = PLACES[:1] if k != 1 else np.empty((0, 2))
@@ -179,7 +179,7 @@ def nodes_beyond_the_paths(scans):
         if k % 50 == 49:
             kept = {int(n) for label in histories._estimated for n in histories._chain(label)}
             most = max(most, histories.nodes - len(kept))
-            forest = histories._forest
+            forest = histories._tree
             needed = set(forest.scan[forest.references > 0].tolist())
             assert needed <= set(histories._scans), "a path would not know its scans"
             assert len(histories._scans) <= max(64, 2 * len(needed)) + 50, "scans of no path are kept"

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gcs.model import Sensor
 from gcs.tracking.models import constant_velocity
-from gcs.tracking.trajectories.rts import Step, filtered, smoothed
+from gcs.tracking.trajectories.rts import FilterStep, run_filter, smooth_states
 
 PRIOR = np.diag([100.0, 100.0, 25.0, 25.0])
 
@@ -20,7 +20,9 @@ def history(seed, n, missed=0.3):
         dt = float(rng.uniform(0.1, 3.0))
         z = None if rng.random() < missed else rng.normal((5.0 * k, 0.0), 30.0)
         steps.append(
-            Step(dt, constant_velocity.transition(dt), constant_velocity.process_noise(dt, 2.0), sensor, z)
+            FilterStep(
+                dt, constant_velocity.transition(dt), constant_velocity.process_noise(dt, 2.0), sensor, z
+            )
         )
     return rng.normal(0, 10, 4), steps
 
@@ -50,8 +52,8 @@ def joint_posterior(mean, steps, upto):
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 8), lag=st.integers(0, 8))
 def test_each_state_is_the_posterior_given_what_it_may_know(seed, n, lag):
     mean, steps = history(seed, n)
-    run = filtered(mean, PRIOR, steps)
-    lagged, whole = smoothed(run, lag)[0], smoothed(run)[0]
+    run = run_filter(mean, PRIOR, steps)
+    lagged, whole = smooth_states(run, lag)[0], smooth_states(run)[0]
     for k in range(n):
         for result, upto in ((run.mean, k + 1), (lagged, k + 1 + lag), (whole, n)):
             np.testing.assert_allclose(result[k], joint_posterior(mean, steps, upto)[k], atol=1e-5)
@@ -59,7 +61,7 @@ def test_each_state_is_the_posterior_given_what_it_may_know(seed, n, lag):
 
 def test_filter_and_smoother_agree_with_filterpy():
     mean, steps = history(4, 30, missed=0.0)
-    run = filtered(mean, PRIOR, steps)
+    run = run_filter(mean, PRIOR, steps)
     kalman = KalmanFilter(4, 2)
     kalman.x, kalman.P, kalman.H = mean.copy(), PRIOR.copy(), np.eye(2, 4)
     means, covs = [], []
@@ -74,7 +76,7 @@ def test_filter_and_smoother_agree_with_filterpy():
     expected, expected_cov, _, _ = kalman.rts_smoother(
         np.array(means), np.array(covs), [step.F for step in steps], [step.Q for step in steps]
     )
-    mean_out, cov_out = smoothed(run)
+    mean_out, cov_out = smooth_states(run)
     np.testing.assert_allclose(mean_out, expected, atol=1e-6)
     np.testing.assert_allclose(cov_out, expected_cov, atol=1e-6)
 
@@ -82,7 +84,7 @@ def test_filter_and_smoother_agree_with_filterpy():
 @given(seed=st.integers(0, 1000), n=st.integers(1, 30))
 def test_what_comes_later_never_makes_a_state_less_certain(seed, n):
     mean, steps = history(seed, n)
-    run = filtered(mean, PRIOR, steps)
-    _, cov = smoothed(run)
+    run = run_filter(mean, PRIOR, steps)
+    _, cov = smooth_states(run)
     assert (np.trace(cov, axis1=1, axis2=2) <= np.trace(run.cov, axis1=1, axis2=2) + 1e-9).all()
     assert (np.linalg.eigvalsh(cov) > 0).all()

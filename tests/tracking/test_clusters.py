@@ -8,12 +8,12 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from gcs.tracking.clusters.factorisation import part
-from gcs.tracking.clusters.merging import meet
-from gcs.tracking.glmb.hypotheses import Clusters, Options
+from gcs.tracking.clusters.factorisation import split_clusters
+from gcs.tracking.clusters.merging import merge_clusters
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.glmb.params import GlmbParams
 
-LIMITS = GlmbParams(1.0, max_hypotheses=1000, prune_weight=1e-300, forget_existence=0.01).limits()
+LIMITS = GlmbParams(1.0, max_hypotheses=1000, prune_weight=1e-300, min_existence=0.01).limits()
 MISSED, DIED = -1, -2
 
 
@@ -59,7 +59,11 @@ def competition(seed):
         t += n
     flat = [o for each in options for o in each]
     start = np.cumsum([0, *map(len, options)])
-    return groups, Options(start, np.array([j for j, _ in flat]), np.array([w for _, w in flat])), labels
+    return (
+        groups,
+        AssociationOptions(start, np.array([j for j, _ in flat]), np.array([w for _, w in flat])),
+        labels,
+    )
 
 
 def in_conflict(groups, options, labels, bound):
@@ -105,7 +109,9 @@ def test_labels_meet_that_claim_the_same_detections(seed):
     groups, options, labels = competition(seed)
     bound = 10.0 ** -(1 + seed % 4)
     expected = in_conflict(groups, options, labels, bound)
-    alone, several = meet(grouped(groups), options, np.array(labels), 80, LIMITS._replace(conflict=bound))
+    alone, several = merge_clusters(
+        grouped(groups), options, np.array(labels), 80, LIMITS._replace(max_conflict=bound)
+    )
     assert {frozenset({int(g)}) for g in alone} == {s for s in expected if len(s) == 1}
     together = {frozenset(labels[t] for _, held in group for t in held) for group in listed(several)}
     assert together == {s for s in expected if len(s) > 1}
@@ -135,7 +141,9 @@ def dependent(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_labels_part_into_the_marginals_of_those_that_depend_on_each_other(seed):
     product, pair, alone, labels = dependent(seed)
-    parted = part(grouped([[(math.log(w), held) for w, held in product]]), np.array(labels), 6, LIMITS)
+    parted = split_clusters(
+        grouped([[(math.log(w), held) for w, held in product]]), np.array(labels), 6, LIMITS
+    )
     found = [{held: w for w, held in group} for group in listed(parted)]
     for group in listed(parted):
         assert [w for w, _ in group] == sorted((w for w, _ in group), reverse=True)
@@ -148,5 +156,5 @@ def test_labels_part_into_the_marginals_of_those_that_depend_on_each_other(seed)
 
 def test_labels_that_all_depend_on_each_other_stay_as_they_are():
     group = [(math.log(0.6), [0, 2]), (math.log(0.3), [1]), (math.log(0.1), [2])]
-    parted = part(grouped([group]), np.array([0, 0, 1]), 2, LIMITS)
+    parted = split_clusters(grouped([group]), np.array([0, 0, 1]), 2, LIMITS)
     assert listed(parted) == listed(grouped([group]))

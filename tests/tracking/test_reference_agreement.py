@@ -6,10 +6,10 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
+from reference_glmb import ReferenceGlmb
 
 from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
-from gcs.tracking.oracle import ReferenceGlmb
 
 EXACT = {
     "accel_std_m_s2": 2.0,
@@ -18,11 +18,11 @@ EXACT = {
     "gate_chi2": 1e6,
     "prune_weight": 1e-300,
     "tail_share": 0.0,
-    "forget_existence": 0.0,
-    "conflict": 0.0,
-    "dependence": 1e-12,
+    "min_existence": 0.0,
+    "max_conflict": 0.0,
+    "max_dependence": 1e-12,
     "merge_chi2": 0.0,
-    "report_existence": 0.0,
+    "min_reported_existence": 0.0,
 }
 SENSOR = Sensor("s", 0.8, 1e-4, np.diag([9.0, 16.0]), (-500.0, -500.0, 500.0, 500.0))
 BLIND = Sensor("b", 0.6, 2e-4, np.array([[30.0, 9.0], [9.0, 20.0]]), (-500.0, -500.0, 20.0, 500.0))
@@ -52,7 +52,7 @@ def run_both(seed, dts_s, **overrides):
 
 def joint(fast):
     """All (weight, tracks) of the product of the fast filter's groups, and its state by track."""
-    g = fast._believed.groups
+    g = fast._posterior.clusters
     everything = [(1.0, ())]
     for low, high in itertools.pairwise(g.first):
         held = [(math.exp(g.logw[h]), tuple(g.items[g.start[h] : g.start[h + 1]])) for h in range(low, high)]
@@ -61,7 +61,7 @@ def joint(fast):
 
 
 def label_of(fast, track):
-    return tuple(fast._believed.labels[fast._believed.track_label[track]].tolist())
+    return tuple(fast._posterior.labels[fast._posterior.track_label[track]].tolist())
 
 
 def assert_agree(fast, exact, picture, rel, floor):
@@ -75,7 +75,7 @@ def assert_agree(fast, exact, picture, rel, floor):
         assert track.existence == pytest.approx(exact.existence(track.label), rel=rel, abs=floor)
     for label in {track.label for track in picture.tracks if track.existence > 0.2}:
         held = [(w, t) for w, tracks in hypotheses for t in tracks if label_of(fast, t) == label]
-        mean = sum(w * fast._believed.mean[t] for w, t in held) / sum(w for w, _ in held)
+        mean = sum(w * fast._posterior.mean[t] for w, t in held) / sum(w for w, _ in held)
         np.testing.assert_allclose(mean, exact.mean(label), rtol=rel, atol=100 * floor)
     sizes = np.zeros(picture.cardinality.size)
     for labels, weight in exact.label_sets().items():
@@ -94,7 +94,7 @@ def test_without_limits_the_fast_filter_is_the_exact_one(seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_gibbs_sampling_alone_finds_the_same_marginals(seed):
-    fast, exact, picture = run_both(seed, [1.0, 1.0, 0.0], enumerable=0, gibbs_sweeps=20_000)
+    fast, exact, picture = run_both(seed, [1.0, 1.0, 0.0], max_enumerated=0, gibbs_sweeps=20_000)
     assert_agree(fast, exact, picture, rel=1e-2, floor=2e-3)
 
 
@@ -106,9 +106,9 @@ def test_default_limits_hardly_change_existence(seed):
         "gate_chi2",
         "prune_weight",
         "tail_share",
-        "forget_existence",
-        "conflict",
-        "dependence",
+        "min_existence",
+        "max_conflict",
+        "max_dependence",
         "merge_chi2",
     ]
     _, exact, picture = run_both(seed, [1.0, 1.0, 0.0, 0.4], **{name: getattr(usual, name) for name in kept})
@@ -122,7 +122,7 @@ def test_a_crowd_is_enumerated_as_exactly_as_without_a_bound_on_the_work(seed):
     place = rng.uniform(-60.0, 60.0, (9, 2))
     born = [Birth(np.array([*p, 0.0, 0.0]), np.diag([60.0, 60.0, 9.0, 9.0]), 0.7) for p in place]
     usual, unbound = (
-        Glmb("targets", GlmbParams(accel_std_m_s2=1.0, enumerable=most), 1) for most in (100_000, 10**15)
+        Glmb("targets", GlmbParams(accel_std_m_s2=1.0, max_enumerated=most), 1) for most in (100_000, 10**15)
     )
     for k in range(4):
         z = np.vstack([place[rng.random(9) < 0.9] + rng.normal(0, 3, 2), rng.uniform(-80, 80, (6, 2))])
@@ -145,5 +145,5 @@ def test_a_label_without_its_least_probable_histories_exists_as_probably_as_with
         assert track.existence == pytest.approx(exact.existence((0, 0)), rel=1e-9 if k == 0 else 4e-3)
     held = [(w, *tracks) for w, tracks in joint(fast) if tracks]
     assert len(held) < 0.7 * sum(bool(h) for h in exact.weights)
-    mean = sum(w * fast._believed.mean[t] for w, t in held) / track.existence
+    mean = sum(w * fast._posterior.mean[t] for w, t in held) / track.existence
     np.testing.assert_allclose(mean, exact.mean((0, 0)), atol=0.05)

@@ -1,11 +1,10 @@
-"""The GLMB filter, plain and exact, for tiny problems: the judge of the fast one.
+"""Reference implementation of the GLMB filter, exact, for tests with tiny scenes.
 
-Every association of every hypothesis is enumerated (Vo & Vo 2013, with the joint prediction and update of
-Vo, Vo & Hoang 2017): no gate, no cap, no pruning, no merging, no partition. The number of hypotheses grows
-faster than exponentially, so three objects and a few scans are its limit. Same model and same arguments as
-`glmb.Glmb`.
+It enumerates every association of every hypothesis (B.-T. Vo & B.-N. Vo, IEEE TSP 61, 2013, with the joint
+prediction and update of Vo, Vo & Hoang 2017). It has no gates, limits, pruning, merging or clusters. Three
+objects and a few scans are its limit. Model and arguments are those of `gcs.tracking.Glmb`.
 
-Where a single scan has more associations than that, `ranked_assignments` gives the best of them in order.
+`ranked_assignments` yields the best associations of one larger scan in order.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from scipy.optimize import linear_sum_assignment
 
 from gcs.model import NS_PER_S, FloatArray, Label, Sensor
 from gcs.tracking.glmb.filter import Birth, GlmbParams
-from gcs.tracking.glmb.gating import LEAST_INSIDE
+from gcs.tracking.glmb.gating import MIN_P_IN_FOV
 from gcs.tracking.models import constant_velocity
 
 Track = tuple[Label, tuple[int, ...]]
-"""A label and its detections so far, -1 where it was missed."""
+"""A label and its detections so far, -1 for a miss."""
 Hypothesis = frozenset[Track]
 
 _H = np.eye(2, 4)
@@ -43,7 +42,7 @@ class ReferenceGlmb:
         self._scans = 0
 
     def update(self, t_ns: int, z_m: FloatArray, sensor: Sensor, births: Sequence[Birth] = ()) -> None:
-        """Take in a scan (see `Glmb.update`)."""
+        """Predict and update with a scan (see `Glmb.update`)."""
         dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) / NS_PER_S
         self._t_ns = t_ns
         F, Q = (
@@ -63,10 +62,10 @@ class ReferenceGlmb:
         weights: defaultdict[Hypothesis, float] = defaultdict(float)
         for parent, weight in self.weights.items():
             for choice in itertools.product(*(options[track] for track in [*parent, *born])):
-                taken = [used for used, _, _ in choice if used >= 0]
-                if len(taken) == len(set(taken)):
+                used_detections = [used for used, _, _ in choice if used >= 0]
+                if len(used_detections) == len(set(used_detections)):
                     child = frozenset(track for _, _, track in choice if track is not None)
-                    weights[child] += weight * math.prod(factor for _, factor, _ in choice)
+                    weights[child] += weight * math.prod(cholesky4 for _, cholesky4, _ in choice)
         total = sum(weights.values())
         self.weights = {child: weight / total for child, weight in weights.items() if weight > 0.0}
         self._scans += 1
@@ -74,7 +73,7 @@ class ReferenceGlmb:
     def _options(
         self, track: Track, mean: FloatArray, cov: FloatArray, live: float, z_m: FloatArray, sensor: Sensor
     ) -> list[tuple[int, float, Track | None]]:
-        """All that a track may do: (detection or -1, weight, the track it leads to or None when dead)."""
+        """Return all association options of a track: detection or -1, weight, resulting track or None."""
         label, history = track
         east_min, north_min, east_max, north_max = sensor.field_of_view_m
         in_view = math.prod(
@@ -91,29 +90,29 @@ class ReferenceGlmb:
         ]
         S = _H @ cov @ _H.T + sensor.noise_cov_m2
         gain = cov @ _H.T @ np.linalg.inv(S)
-        for j, z in enumerate(z_m if in_view > LEAST_INSIDE else ()):
-            made = (label, (*history, j))
+        for j, z in enumerate(z_m if in_view > MIN_P_IN_FOV else ()):
+            hit = (label, (*history, j))
             step = z - _H @ mean
             density = math.exp(-0.5 * step @ np.linalg.solve(S, step)) / math.sqrt(
                 np.linalg.det(2.0 * math.pi * S)
             )
-            self._states[made] = (mean + gain @ step, cov - gain @ S @ gain.T)
-            options.append((j, live * p_d * density / sensor.clutter_density_per_m2, made))
+            self._states[hit] = (mean + gain @ step, cov - gain @ S @ gain.T)
+            options.append((j, live * p_d * density / sensor.clutter_density_per_m2, hit))
         return options
 
     def label_sets(self) -> dict[frozenset[Label], float]:
-        """Probability that exactly these labels exist."""
+        """Return the probability that exactly these labels exist."""
         sets: defaultdict[frozenset[Label], float] = defaultdict(float)
         for hypothesis, weight in self.weights.items():
             sets[frozenset(label for label, _ in hypothesis)] += weight
         return dict(sets)
 
     def existence(self, label: Label) -> float:
-        """Probability that a label exists."""
+        """Return the probability that a label exists."""
         return sum(w for labels, w in self.label_sets().items() if label in labels)
 
     def mean(self, label: Label) -> FloatArray:
-        """Expected state of a label, given that it exists, over all hypotheses."""
+        """Return the expected state of a label, given that it exists."""
         held = [
             (w, self._states[t][0])
             for hypothesis, w in self.weights.items()
@@ -124,30 +123,29 @@ class ReferenceGlmb:
 
 
 def ranked_assignments(cost: FloatArray) -> Iterator[tuple[float, tuple[int, ...]]]:
-    """All ways to give each row of `cost` (n, m) a column of its own, the cheapest first (Murty 1968).
+    """Yield the assignments of a column to each row of `cost` (n, m), the cheapest first (Murty 1968).
 
-    Yields the total and the column of each row; `inf` is forbidden. The space behind an assignment is cut
-    into those that agree with it up to a row and differ there, and the best of each waits for its turn.
+    Yields the total cost and the column of each row. A cost of `inf` forbids a pair.
     """
     count = itertools.count()
     waiting: list[tuple[float, int, tuple[int, ...], int, FloatArray]] = []
 
-    def offer(part: FloatArray, agreed: int) -> None:
+    def add_candidate(split_clusters: FloatArray, agreed: int) -> None:
         try:
-            _, columns = linear_sum_assignment(part)
+            _, columns = linear_sum_assignment(split_clusters)
         except ValueError:  # nothing in this part is allowed
             return
-        total = float(part[np.arange(len(part)), columns].sum())
-        heapq.heappush(waiting, (total, next(count), tuple(columns.tolist()), agreed, part))
+        total = float(split_clusters[np.arange(len(split_clusters)), columns].sum())
+        heapq.heappush(waiting, (total, next(count), tuple(columns.tolist()), agreed, split_clusters))
 
-    offer(np.array(cost, dtype=np.float64), 0)
+    add_candidate(np.array(cost, dtype=np.float64), 0)
     while waiting:
-        total, _, columns, agreed, part = heapq.heappop(waiting)
+        total, _, columns, agreed, split_clusters = heapq.heappop(waiting)
         yield total, columns
-        for row in range(agreed, len(part)):
-            other = part.copy()
+        for row in range(agreed, len(split_clusters)):
+            other = split_clusters.copy()
             other[row, columns[row]] = np.inf
-            offer(other, row)
-            keep = part[row, columns[row]]
-            part[row] = np.inf
-            part[row, columns[row]] = keep
+            add_candidate(other, row)
+            keep = split_clusters[row, columns[row]]
+            split_clusters[row] = np.inf
+            split_clusters[row, columns[row]] = keep
