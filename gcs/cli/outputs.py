@@ -22,9 +22,9 @@ from gcs.io.console import Printable, console_for
 from gcs.io.links.manager import Links
 from gcs.io.output import is_busy
 from gcs.io.private_files import new_folder
+from gcs.io.recording.folder import Run, remove_empty, versions
 from gcs.io.recording.reader import read
-from gcs.io.recording.unfinished import remove_empty
-from gcs.io.recording.writer import DiskBudget, Recorder, Run, versions
+from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.model import Effect, Event
 from gcs.report.run.evaluation import Evaluator

@@ -14,12 +14,10 @@ HISTORIES: Final = "gcs.tracking.trajectories.recovery"
 """Recovered and smoothed trajectories: `gcs track` alone asks for them."""
 PLANNING: Final = "gcs.planning.planner"
 LINKS: Final = "gcs.mavlink.fleet.fast_telemetry"
-RECORDING: Final = "gcs.io.recording.packing"
-FLYING: Final = (TRACKING, PLANNING, LINKS, RECORDING)
+FLYING: Final = (TRACKING, PLANNING, LINKS)
 ALL: Final = (*FLYING, HISTORIES)
 _NAMES: Final = {
     TRACKING: "trackers", HISTORIES: "trajectories", PLANNING: "planner", LINKS: "links",
-    RECORDING: "recorder",
 }  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.config import read_text
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.errors import RecordingError
-from gcs.io.recording.writer import versions
+from gcs.io.recording.folder import versions
 from gcs.model import Effect, Truth
 from gcs.report.campaign.results import Row
 from gcs.report.paper.losses import DeathWatch

@@ -12,9 +12,10 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from gcs.cli.warm_up_progress import LINKS, PLANNING, RECORDING, TRACKING, load_kernels
+from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.io.console import console_for
-from gcs.io.recording.writer import DiskBudget, Recorder, Run, versions
+from gcs.io.recording.folder import Run, versions
+from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.model import Effect, Event, Truth
 from gcs.report.run.evaluation import Summary, judge_of, summary_json
 from gcs.report.run.summary import print_summary
@@ -33,7 +34,7 @@ def simulate(
 ) -> bool:
     """Fly `runs` missions with seeds from `seed` upwards; return whether every one was complete."""
     console = console_for(stderr=as_json)
-    load_kernels(console, TRACKING, PLANNING, LINKS, *([] if out is None else [RECORDING]))
+    load_kernels(console, TRACKING, PLANNING, LINKS)
     started = time.perf_counter()
     summaries = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

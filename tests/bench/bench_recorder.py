@@ -1,16 +1,14 @@
-"""What recording costs in flight: the recorder's part of the service's CPU time, over real sockets.
+"""CPU time of recording in flight: the writer thread's part of the service, over real sockets.
 
-``python tests/bench/bench_recorder.py [SCENARIO] [--duration 60] [--pack 25]`` flies a demo in this process
-(the vehicles and the world are others) and prints the CPU time of the service's thread inside the recorder,
-by what it does, against the CPU time of the whole process: two clocks of one run, so that load matters
-little. Reading the thread's clock costs as much as taking a record, so calls that do nothing are timed
-beside, and their time is taken off.
+``python tests/bench/bench_recorder.py [SCENARIO] [--duration 60] [--pack 25]`` flies a demo in this process.
+The vehicles and the world are other processes. It prints the CPU time of the writer thread, and of the whole
+process in the same period, so that the load of the machine matters little. Handing records to the thread is
+not measured.
 """
 
 import argparse
 import tempfile
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from time import monotonic_ns, process_time_ns, thread_time_ns
 from typing import Any
@@ -18,67 +16,41 @@ from typing import Any
 from rich.console import Console
 
 from gcs.cli.fly.demo import DemoOptions, run_demo
-from gcs.io.recording import packing
-from gcs.io.recording.mcap_writer import McapWriter
 from gcs.io.recording.writer import Recorder
+from gcs.io.recording.writer_thread import RecorderThread
 from gcs.service.service import Service
 
-NOTHING = "a call that does nothing"
-ROWS = {
-    "taking": "taking events and effects",
-    "form": "JSON of pictures, plans and the like, and looking up forms",
-    "pack": "datagrams as JSON messages and tlog entries",
-    "chunk": "compression, index, and handing to the system",
-}
-
-spent_ns, calls = Counter[str](), Counter[str]()
+spent_ns = Counter[str]()
+record_count = 0
 
 
-def timed(owner: Any, name: str, what: str) -> None:
-    """Have a function's CPU time counted."""
+def measure(owner: Any, name: str, row: str) -> None:
+    """Add the CPU time of a method to a row."""
     function = getattr(owner, name)
 
-    def measured(*arguments: Any, **options: Any) -> Any:
+    def measured(*arguments: Any) -> Any:
         began_ns = thread_time_ns()
         try:
-            return function(*arguments, **options)
+            return function(*arguments)
         finally:
-            spent_ns[what] += thread_time_ns() - began_ns
-            calls[what] += 1
+            spent_ns[row] += thread_time_ns() - began_ns
 
     setattr(owner, name, measured)
 
 
-class Nothing:
-    def at_all(self, _event: Any) -> None:
-        """Take something and leave it."""
-
-
-def watch() -> None:
-    """Have everything timed that matters."""
-    for name in ("event", "effect"):
-        timed(Recorder, name, "all")
-    timed(packing.Packer, "_formed", "form")
-    timed(packing.Packer, "_packed", "pack")
-    timed(McapWriter, "flush", "chunk")
-    timed(Nothing, "at_all", NOTHING)
-    taken: Callable[[Recorder, Any], None] = Recorder.event
-    nothing = Nothing()
-
-    def event(self: Recorder, event: Any) -> None:
-        nothing.at_all(event)
-        taken(self, event)
-
-    Recorder.event = event  # type: ignore[method-assign]
-    serve = Service.run
+def measure_service() -> None:
+    """Measure the process from the start to the end of the service."""
+    run_service = Service.run
 
     async def run(self: Service, *arguments: Any, **options: Any) -> None:
         before = process_time_ns(), monotonic_ns()
         spent_ns.clear()
-        calls.clear()
-        await serve(self, *arguments, **options)
+        await run_service(self, *arguments, **options)
         spent_ns["service"] = process_time_ns() - before[0]
         spent_ns["wall"] = monotonic_ns() - before[1]
+        assert isinstance(self.recorder, RecorderThread)
+        global record_count
+        record_count = self.recorder._written
 
     Service.run = run  # type: ignore[method-assign]
 
@@ -89,23 +61,29 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=60.0)
     parser.add_argument("--pack", type=int, default=25)
     options = parser.parse_args()
-    watch()
+    measure(RecorderThread, "_write", "recording")
+    measure(Recorder, "flush", "flush")
+    measure_service()
     with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent) / "run"
         demo = DemoOptions(
-            scenario=options.scenario, speed=1.0, seed=1, headless=True, out=Path(parent) / "run",
+            scenario=options.scenario, speed=1.0, seed=1, headless=True, out=folder,
             duration_s=options.duration, as_json=False, loss=0.0, pack=options.pack,
         )  # fmt: skip
         run_demo(demo, Console(quiet=True))
-    empty_ns = spent_ns[NOTHING] / calls[NOTHING]
-    all_ns = round(spent_ns["all"] - empty_ns * calls["all"])
-    spent_ns["taking"] = all_ns - sum(spent_ns[name] for name in ("form", "pack", "chunk"))
-    wall_s, service_ns = spent_ns["wall"] / 1e9, round(spent_ns["service"] - empty_ns * calls.total())
-    rate_hz = calls["all"] / wall_s
-    print(f"| {options.scenario}, {wall_s:.0f} s, {rate_hz:.0f} records a second | ms a second | % |")
-    print("|---|---|---|")
-    print(f"| the service | {service_ns / 1e6 / wall_s:.1f} | 100 |")
-    for what, ns in [("recording", all_ns), *((f"… {ROWS[name]}", spent_ns[name]) for name in ROWS)]:
-        print(f"| {what} | {ns / 1e6 / wall_s:.2f} | {100 * ns / service_ns:.2f} |")
+        mcap_mb = sum(path.stat().st_size for path in folder.glob("*.mcap")) / 1e6
+    wall_s = spent_ns["wall"] / 1e9
+    name, rate_hz = Path(options.scenario).stem, record_count / wall_s
+    print(f"| {name}, {wall_s:.0f} s, {rate_hz:.0f} records a second | ms a second | % |\n|---|---|---|")
+    rows = {
+        "service": spent_ns["service"],
+        "recording": spent_ns["recording"],
+        "… records": spent_ns["recording"] - spent_ns["flush"],
+        "… compression, index, and handing to the system": spent_ns["flush"],
+    }
+    for row, ns in rows.items():
+        print(f"| {row} | {ns / 1e6 / wall_s:.2f} | {100 * ns / spent_ns['service']:.2f} |")
+    print(f"\nMCAP: {mcap_mb / wall_s * 60:.2f} MB a minute")
 
 
 if __name__ == "__main__":

@@ -24,8 +24,9 @@ from rich.console import Console
 from gcs.cli.outputs import warm_up
 from gcs.config import Config, parse
 from gcs.core.engine import Engine
+from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.reader import about, read
-from gcs.io.recording.writer import Recorder, Run, versions
+from gcs.io.recording.writer import Recorder
 from gcs.model import NS_PER_S, Effect, Event
 from gcs.service.replay import Replay, Verifier, Window
 from sim_vehicles.campaign.virtual_run import VirtualRun

@@ -25,7 +25,8 @@ from rich.table import Table
 
 from gcs.config import read_text
 from gcs.core.engine import Engine
-from gcs.io.recording.writer import DiskBudget, Recorder, Run, versions
+from gcs.io.recording.folder import Run, versions
+from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.model import NS_PER_S, AgentStatus, NoFlyZone, Order, Plan, UploadReport
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.service.journal import Journal, fingerprint

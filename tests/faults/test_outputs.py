@@ -24,8 +24,9 @@ from gcs.errors import RecordingError
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.output import QueuedText, Writer, off_loop
+from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Record, read
-from gcs.io.recording.writer import Recorder, Run
+from gcs.io.recording.writer import Recorder
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import scan
@@ -232,7 +233,7 @@ def slow(seconds: float) -> Callable[..., None]:
 def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gcs.io.recording.writer._Part.flush", slow(1.5))
+    monkeypatch.setattr("gcs.io.recording.part.RecordingPart.flush", slow(1.5))
     monkeypatch.setattr("gcs.service.journal.os.fsync", slow(1.5))
     with RecorderThread(Recorder(tmp_path / "run", "", {}, Run("prescribed", 1))) as recorder:
         keeper = JournalSink(service, Journal(tmp_path / "m.journal", "m", ""))
@@ -253,7 +254,7 @@ def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_fligh
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     released = threading.Event()
-    monkeypatch.setattr("gcs.io.recording.writer._Part.flush", lambda _part: released.wait())
+    monkeypatch.setattr("gcs.io.recording.part.RecordingPart.flush", lambda _part: released.wait())
     monkeypatch.setattr("gcs.io.recording.writer_thread._MAX_WAITING", 20)
     service.recorder = recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
     service.outputs.append(recorder.writer)
@@ -343,7 +344,7 @@ def test_a_recording_that_fails_says_so_once(tmp_path: Path, monkeypatch: pytest
         raise OSError(28, "No space left on device")
 
     recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
-    monkeypatch.setattr("gcs.io.recording.writer._Part.add", full)
+    monkeypatch.setattr("gcs.io.recording.part.RecordingPart.add", full)
     recorder.event(Tick(1))
     with pytest.raises(RecordingError, match="No space left"):
         recorder.close()

@@ -20,8 +20,9 @@ from gcs.errors import JournalError, LinkError, RecordingError
 from gcs.io.clock import RunClock
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
+from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, read
-from gcs.io.recording.writer import DiskBudget, Recorder, Run
+from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import NS_PER_S, Datagram, LinkNews, PersistedState, Tick
@@ -84,7 +85,7 @@ def test_what_is_worked_is_what_is_recorded() -> None:
 def filled(folder: Path, room: DiskBudget, told: list[str]) -> tuple[str, int]:
     """Record until the room is used up; return why it ended and how many records there were."""
     recorder = Recorder(folder, "name = 'x'", {}, None, room)
-    recorder.tell = lambda level, text: told.append(f"{level} {text}")
+    recorder.notify = lambda level, text: told.append(f"{level} {text}")
     for number in range(10_000):
         try:
             recorder.event(Datagram(number, "udp", "a:1", RNG.bytes(1000)))
@@ -134,7 +135,7 @@ def test_a_recording_whose_folder_goes_away_goes_on_in_another(tmp_path: Path, h
     told: list[str] = []
     folder = tmp_path / "run"
     with Recorder(folder, "name = 'x'", {}, Run("x", 1)) as recorder:
-        recorder.tell = lambda level, text: told.append(f"{level} {text}")
+        recorder.notify = lambda level, text: told.append(f"{level} {text}")
         for number in range(100):
             recorder.event(Tick(number))
         recorder.flush()

@@ -8,8 +8,9 @@ import pytest
 from recorded import CONFIG, VERSIONS, frames, texts, whole
 
 from gcs.errors import RecordingError
+from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import about, read
-from gcs.io.recording.writer import Recorder, Run
+from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.messages import TOPICS, Recordable
 from gcs.model import (
     Datagram,

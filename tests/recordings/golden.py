@@ -30,8 +30,9 @@ import msgspec
 
 from gcs.cli.analyse.whatif import Comparison
 from gcs.config import Config, parse
+from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.reader import Damage, Record, about, read
-from gcs.io.recording.writer import Recorder, Run, versions
+from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.messages import encode, topic_of
 from gcs.model import (
     NS_PER_S,

@@ -80,7 +80,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_flight(service, tmp_path, mo
         service.sinks.append(sink)
         service.truth(Truth(1, ()))
         recorder.flush()
-        monkeypatch.setattr("gcs.io.recording.writer._Part.add", full)
+        monkeypatch.setattr("gcs.io.recording.part.RecordingPart.add", full)
         recorder._flush_at_s = 0.0  # at the next event
         serve(service, now(), 0.5)
         service.truth(Truth(2, ()))

@@ -22,9 +22,9 @@ from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.config import Config, load, parse
 from gcs.errors import RecordingError
 from gcs.files import open_regular
+from gcs.io.recording.folder import versions
 from gcs.io.recording.reader import About, Record, about, is_recording, read
 from gcs.io.recording.tlog import is_stamped
-from gcs.io.recording.writer import versions
 from gcs.model import Effect, Event
 from gcs.report.run.verification import Verification
 from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records

@@ -28,7 +28,7 @@ from gcs.errors import InterruptedRunError, SimulationError
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.output import QueuedText, off_loop
-from gcs.io.recording.writer import Run
+from gcs.io.recording.folder import Run
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.signing.gate import Signing
 from gcs.io.zenoh.discovery import announced

@@ -15,7 +15,7 @@ from gcs.config import Config, parse, read_text
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.output import QueuedText, off_loop
-from gcs.io.recording.writer import Run
+from gcs.io.recording.folder import Run
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.signing.gate import Signing
 from gcs.io.zenoh.discovery import announced

@@ -29,13 +29,20 @@ from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
 from gcs.errors import RecordingError, WireError
 from gcs.files import open_regular
 from gcs.io.recording.chunks import MAX_CHUNK_BYTES, Unpacker, UnpackingError
-from gcs.io.recording.writer import CONFIG_NAME, MCAP_NAME, RUN_METADATA, VERSIONS_METADATA, Run, part_paths
+from gcs.io.recording.folder import (
+    CONFIG_NAME,
+    MCAP_MAGIC,
+    MCAP_NAME,
+    RUN_METADATA,
+    VERSIONS_METADATA,
+    Run,
+    part_paths,
+)
 from gcs.io.zenoh.messages import TOPICS, Recordable, decode
 from gcs.model import Picture
 
 _MAX_OTHERS = 200_000
 """Records of a chunk that are no messages: schemas and channels, of which there may be 65,536 each."""
-_MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time of a message, before its content."""
@@ -108,7 +115,7 @@ def is_recording(path: Path) -> bool:
         return True
     try:
         with open_regular(path) as file:
-            return file.read(len(_MAGIC)) == _MAGIC
+            return file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
 
@@ -273,8 +280,8 @@ class _Reading:
 
 
 def _parts(file: BinaryIO) -> Iterator[_Part]:
-    magic = file.read(len(_MAGIC))
-    if magic != _MAGIC:
+    magic = file.read(len(MCAP_MAGIC))
+    if magic != MCAP_MAGIC:
         raise _BreaksOffError("cut off in its first bytes")
     while True:
         offset = file.tell()
@@ -295,7 +302,7 @@ def _parts(file: BinaryIO) -> Iterator[_Part]:
 
 
 def _check_end(file: BinaryIO) -> None:
-    if file.read(len(_MAGIC)) != _MAGIC:
+    if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
         raise _BreaksOffError("cut off in its last bytes; every record was read")
 
 
@@ -335,9 +342,9 @@ def _opened(path: Path) -> BinaryIO:
         file = open_regular(path)
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
-    magic = file.read(len(_MAGIC))
+    magic = file.read(len(MCAP_MAGIC))
     file.seek(0)
-    if not _MAGIC.startswith(magic):
+    if not MCAP_MAGIC.startswith(magic):
         file.close()
         raise RecordingError(str(path), "is no recording: it does not begin as an MCAP does")
     return file

@@ -1,146 +1,84 @@
-"""A run's recording: everything that went into the fold and everything that came out, in order.
+"""Writes the recording of a run: every event, effect and truth in the order of consumption.
 
-A recording is a folder::
+A message's ``sequence`` counts all records of the run. So the order of consumption is known although times
+may be equal or run back. ``log_time`` is the time of the run.
 
-    run.mcap        every event, effect and truth (https://mcap.dev), as JSON with schemas, for Foxglove
-    link.tlog       the MAVLink traffic both ways, for QGroundControl, Mission Planner and MAVExplorer
-    mission.toml    the mission file that was flown
-    versions.json   of everything that a result depends on
-
-In the MCAP a message's ``sequence`` counts all records of the run, so that the order in which the consumer
-took them stays known whatever their times; ``log_time`` is the run's time. The mission file is also attached
-to it; the versions are its metadata, and so is `Run`: what the run was started with beside that file.
-
-A long run is split into parts (``run-002.mcap`` with ``link-002.tlog`` and so on): the next one begins, with
-an event, when a file of the last has grown past a size. Each part is a whole file of its kind with all of
-the above in it. That also bounds the memory: an MCAP's index is kept until its file is finished.
-
-Messages gather in a compressed chunk, of a megabyte at most, that `flush` writes: called once a second, it
-leaves all but the last second readable after SIGKILL or on a full disk. It does not wait for the disk itself
-(no fsync): a power cut may cost more. A write may block all the same: a service records on a thread
+Messages wait in a compressed chunk of at most 1 MB, which a flush ends. The recorder flushes once a second:
+after SIGKILL or on a full disk everything older than that is readable. A flush does not wait for the disk (no
+fsync), so a power cut may cost more. A write may block: a service records on a thread
 (`gcs.io.recording.writer_thread`).
+
+A new part begins with an event when a file has grown past `DiskBudget.rotate_bytes`. This bounds memory too,
+since the index of an MCAP is kept until its file is finished.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import io
 import json
 import os
-import platform
-import re
-import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from errno import ENOTDIR
-from importlib import metadata
 from math import inf
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Final, Self
 
 from gcs.errors import RecordingError
 from gcs.io.private_files import make_private, new_folder, private
-from gcs.io.recording.mcap_writer import McapWriter
-from gcs.io.recording.schemas import json_schema
-from gcs.io.zenoh.messages import TOPICS, Recordable
-from gcs.model import Effect, Event, Level, Picture, Truth
+from gcs.io.recording.folder import CONFIG_NAME, MCAP_NAME, TLOG_NAME, VERSIONS_NAME, Run, part_paths
+from gcs.io.recording.part import PendingRecord, RecordingPart
+from gcs.io.zenoh.messages import Recordable
+from gcs.model import Effect, Event, Level, Truth
 
-if TYPE_CHECKING:
-    from gcs.io.recording.packing import UploadQueue
-
-MCAP_NAME, TLOG_NAME, CONFIG_NAME, VERSIONS_NAME = "run.mcap", "link.tlog", "mission.toml", "versions.json"
-PROFILE = "swarm-gcs"
-VERSIONS_METADATA, RUN_METADATA = "versions", "run"
-ROTATE_BYTES = 500_000_000
-"""Size of a part. Viewers in a browser read it in one go, and every file system holds it."""
-_CHUNK_BYTES = 1024 * 1024
-_LEVEL = 1
-"""Of Zstandard: for a second of records it is twice as fast as the usual 3, and the file is smaller."""
-_BUFFER_BYTES = 256 * 1024
-_WAITING = 512
-"""Records that are written at once, unless a flush comes before; then there is a look at the size."""
-_LOW = 0.8
-"""Of the room: from here on it is low."""
-_FLUSH_PERIOD_S = 0.8
+_ROTATE_BYTES: Final = 500_000_000
+"""Size that viewers in a browser can load, and that every file system can hold."""
+_FLUSH_PERIOD_S: Final = 0.8
 """With the time until a record gets here, less than the second that a crash may cost."""
-_PART = re.compile(r"run-(\d+)\.mcap")
-_LIBRARIES = (
-    "swarm-gcs", "numpy", "scipy", "numba", "llvmlite", "pymavlink", "eclipse-zenoh", "mcap",
-    "msgspec", "zstandard",
-)  # fmt: skip
+_MAX_PENDING: Final = 512
+"""Records that wait for a flush. They are written to the new folder if the current one is deleted."""
+_LOW_SPACE_FRACTION: Final = 0.8
+"""Part of the disk budget from which on an alarm is raised."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiskBudget:
-    """What a recording may take of its disk."""
+    """Disk space that a recording may use."""
 
-    rotate_bytes: int = ROTATE_BYTES
-    """A part whose MCAP or tlog has grown past this is finished, and the next one begins. It may be larger by
-    what comes within one look at the size: 512 records or a flush."""
+    rotate_bytes: int = _ROTATE_BYTES
+    """Size of an MCAP or tlog at which the next part begins. It is checked every 512 records and at each
+    flush."""
     max_bytes: float = inf
-    """Of all parts together."""
+    """Maximum size of all parts together."""
     min_free_bytes: float = 0.0
-    """What is left free for the journal and other programs."""
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """What a run was started with, beside its mission file."""
-
-    scenario: str
-    """Name in the mission file."""
-    seed: int
-
-
-def versions() -> dict[str, str]:
-    """Versions of everything that a result depends on, and the processor that kernels are compiled for."""
-    found = {}
-    for library in _LIBRARIES:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            found[library] = metadata.version(library)
-    machine = {"machine": platform.machine(), "processor": _processor()}
-    return found | {"python": platform.python_version()} | machine
-
-
-def _processor() -> str:
-    """Name what kernels are compiled for: the model, and a checksum of its instruction sets."""
-    from llvmlite import binding  # loads LLVM
-
-    sets = str(binding.get_host_cpu_features().flatten())
-    return f"{binding.get_host_cpu_name()}-{zlib.crc32(sets.encode()):08x}"
-
-
-def part_paths(folder: Path) -> list[Path]:
-    """MCAP files of a recording in order; its first is named even where it is missing."""
-    numbered = [(int(match[1]), path) for path in folder.iterdir() if (match := _PART.fullmatch(path.name))]
-    return [folder / MCAP_NAME, *(path for _, path in sorted(numbered))]
+    """Space that is left free for the journal and other programs."""
 
 
 class Recorder:
     """Writes a recording.
 
+    The recorder raises an alarm at four fifths of its budget, or if little more than the minimum is free. At
+    the limit it finishes the recording and raises `RecordingError`. It never deletes a record.
+
     Parameters
     ----------
     folder : Path
-        Made when it is not there. One that holds a recording already is refused: a flight is never
-        overwritten.
+        Created if it does not exist. A folder that holds a recording is refused.
     config_text : str
-        The mission file, as it was read.
+        The mission file.
     versions : mapping
-        Version of each thing that a result depends on.
+        Version of each library that a result depends on.
     run : Run, optional
-        What else is needed to fly, or replay, the same again.
-    room : Room, optional
-        What it may take of the disk. At four fifths, and when little more is free than what must be, there is
-        an alarm; at the end the recording is finished, and `RecordingError` raised. Nothing is ever deleted.
+        Parameters that are not in the mission file.
+    budget : DiskBudget, optional
+        Disk space that the recording may use.
 
     Raises
     ------
     RecordingError
-        When the folder cannot be written; also by every method, such as on a full disk. What was flushed
+        If the folder cannot be written; also by every method, such as on a full disk. What was flushed
         before stays readable.
     """
 
@@ -150,21 +88,21 @@ class Recorder:
         config_text: str,
         versions: Mapping[str, str],
         run: Run | None = None,
-        room: DiskBudget | None = None,
+        budget: DiskBudget | None = None,
     ) -> None:
         self.folder = folder
-        self.tell: Callable[[Level, str], None] = lambda _level, _text: None
-        """Takes what an operator should know while the recording goes on."""
-        self._about = config_text, dict(versions), run
-        self._room = room or DiskBudget()
+        self.notify: Callable[[Level, str], None] = lambda _level, _text: None
+        """Called with notices for the operator."""
+        self._metadata = config_text, dict(versions), run
+        self._budget = budget or DiskBudget()
         self._finished_bytes = 0
-        """Of earlier parts."""
-        self._is_low = False
+        """Size of earlier parts."""
+        self._is_space_low = False
         self._sequence = 0
-        self._waiting: list[UploadQueue] = []
-        """To be written: many at once cost a third of one by one."""
-        self._parts = 0
-        self._full = self._closed = False
+        """Number of records that are written."""
+        self._pending: list[PendingRecord] = []
+        self._part_count = 0
+        self._is_part_full = self._is_closed = False
         self._flush_at_s = monotonic() + _FLUSH_PERIOD_S
         try:
             if folder.exists() and not folder.is_dir():
@@ -181,153 +119,164 @@ class Recorder:
             raise RecordingError(
                 str(folder), f"cannot be written: {error.strerror}; choose another folder"
             ) from None
-        self._own = [folder / name for name in (CONFIG_NAME, VERSIONS_NAME) if not (folder / name).exists()]
-        """Files beside the parts that were not there before."""
+        self._new_files = [
+            folder / name for name in (CONFIG_NAME, VERSIONS_NAME) if not (folder / name).exists()
+        ]
+        """Text files that did not exist before."""
         try:
             self._begin_folder()
         except OSError as error:
-            failure = self._failed(error)
+            failure = self._fail(error)
             self._discard()
             raise failure from None
 
     def _begin_folder(self) -> None:
-        config_text, versions, _ = self._about
+        config_text, versions, _ = self._metadata
         for name, text in (
             (CONFIG_NAME, config_text),
             (VERSIONS_NAME, json.dumps(versions, indent=2) + "\n"),
         ):
             with open(self.folder / name, "w", encoding="utf-8", opener=private) as file:
                 file.write(text)
-        self._part.begin(*self._about)
+        self._part.begin(*self._metadata)
 
-    def _next_part(self) -> _Part:
-        self._parts += 1
+    def _next_part(self) -> RecordingPart:
+        self._part_count += 1
         names = [Path(name) for name in (MCAP_NAME, TLOG_NAME)]
-        if self._parts > 1:
-            names = [name.with_stem(f"{name.stem}-{self._parts:03}") for name in names]
-        return _Part(*(self.folder / name for name in names))
+        if self._part_count > 1:
+            names = [name.with_stem(f"{name.stem}-{self._part_count:03}") for name in names]
+        return RecordingPart(*(self.folder / name for name in names))
 
     def event(self, event: Event) -> None:
-        """Record what goes into the fold; call it before the fold works it."""
-        if self._full:
+        """Record an event; call it before the engine processes the event."""
+        if self._is_part_full:
             self._rotate()
         elif monotonic() >= self._flush_at_s:
             self.flush()
         self._add(event, event.t_ns)
 
     def effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
-        """Record what came out of the fold at `t_ns`; `payload` is its JSON where there is one already."""
+        """Record an effect of the engine.
+
+        Parameters
+        ----------
+        t_ns : int
+            Time of the event that caused the effect.
+        effect : Effect
+            The effect.
+        payload : bytes
+            The effect as JSON; empty if it is not encoded yet.
+        """
         self._add(effect, t_ns, payload)
 
     def truth(self, truth: Truth) -> None:
-        """Record the truth of a simulated world."""
+        """Record the ground truth of a simulated world."""
         self._add(truth, truth.t_ns)
 
     def flush(self) -> None:
-        """Hand everything recorded so far to the operating system; `event` does it in time."""
-        if self._closed:
+        """Hand everything recorded so far to the operating system; `event` does so once a second."""
+        if self._is_closed:
             return
         try:
-            self._look_after_folder()
-            self._write_out()
+            self._replace_missing_folder()
+            self._write_pending()
             self._part.flush()
-            self._look_after_room()
+            self._check_space()
         except OSError as error:
-            raise self._failed(error) from None
+            raise self._fail(error) from None
         self._flush_at_s = monotonic() + _FLUSH_PERIOD_S
 
-    def _look_after_folder(self) -> None:
-        """Go on in a new folder when this one was deleted or moved away."""
+    def _replace_missing_folder(self) -> None:
+        """Continue in a new folder if the current one was deleted or moved away."""
         if self._part.is_in_place():
             return
         self._part.abandon()
         lost, self.folder = self.folder, new_folder(self.folder.parent, self.folder.name)
-        self._parts = self._finished_bytes = 0
+        self._part_count = self._finished_bytes = 0
         self._part = self._next_part()
         self._begin_folder()
-        self.tell("alarm", f"{lost} was deleted or moved away; the recording goes on in {self.folder}")
+        self.notify("alarm", f"{lost} was deleted or moved away; the recording goes on in {self.folder}")
 
-    def _look_after_room(self) -> None:
-        """Tell when room runs low; finish the recording when there is none."""
-        used = self._finished_bytes + self._part.total_bytes
+    def _check_space(self) -> None:
+        """Raise an alarm when disk space runs low; finish the recording when the budget is used up."""
+        used = self._finished_bytes + sum(self._part.file_bytes)
         disk = os.statvfs(self.folder)
-        free, room = disk.f_bavail * disk.f_frsize, self._room
-        if used >= room.max_bytes or free < room.min_free_bytes:
-            self._closed = True
+        free, budget = disk.f_bavail * disk.f_frsize, self._budget
+        if used >= budget.max_bytes or free < budget.min_free_bytes:
+            self._is_closed = True
             self._part.finish()
             why = f"it has {used / 1e9:.2f} GB (recording.max_gb)"
-            if free < room.min_free_bytes:
+            if free < budget.min_free_bytes:
                 why = f"its disk has {free / 1e6:.0f} MB left (recording.min_free_mb)"
             raise RecordingError(str(self.folder), f"ended: {why}; what was recorded is complete")
-        is_low = used >= _LOW * room.max_bytes or free < room.min_free_bytes / (1.0 - _LOW)
-        if is_low and not self._is_low:
-            self.tell(
+        is_low = used >= _LOW_SPACE_FRACTION * budget.max_bytes or free < budget.min_free_bytes / (
+            1.0 - _LOW_SPACE_FRACTION
+        )
+        if is_low and not self._is_space_low:
+            self.notify(
                 "alarm",
                 f"room runs low: {self.folder} has {used / 1e9:.2f} GB, its disk {free / 1e6:.0f} MB free; "
-                f"it ends at {room.max_bytes / 1e9:.6g} GB, or {room.min_free_bytes / 1e6:.0f} MB free: make "
-                "room",
+                f"it ends at {budget.max_bytes / 1e9:.6g} GB, or {budget.min_free_bytes / 1e6:.0f} MB free: "
+                "make room",
             )
-        self._is_low = is_low
+        self._is_space_low = is_low
 
     def close(self) -> None:
-        """Finish the files; closing again, or after a failure, does nothing.
+        """Finish the files; do nothing if the recording has ended.
 
-        A recording without a record is deleted: the start failed, and the next one may use the folder.
+        A recording without a record is deleted, so that the next start may use the folder.
         """
-        if self._closed:
+        if self._is_closed:
             return
-        if not self._sequence and not self._waiting:
-            self._closed = True
+        self._is_closed = True
+        if not self._sequence and not self._pending:
             self._part.abandon()
             self._discard()
             return
         try:
-            self._write_out()
+            self._write_pending()
             self._part.finish()
         except OSError as error:
-            raise self._failed(error) from None
-        self._closed = True
+            raise self._fail(error) from None
 
     def _rotate(self) -> None:
-        """Finish this part and begin the next."""
+        """Finish the current part and begin the next."""
         try:
-            self._look_after_folder()
-            self._write_out()
-            self._part.finish()
-            self._finished_bytes += self._part.total_bytes
+            self._replace_missing_folder()
+            self._write_pending()
+            self._finished_bytes += self._part.finish()
             self._part = self._next_part()
-            self._part.begin(*self._about)
+            self._part.begin(*self._metadata)
         except OSError as error:
-            raise self._failed(error) from None
-        self._full = False
+            raise self._fail(error) from None
+        self._is_part_full = False
 
     def _discard(self) -> None:
-        """Delete what this recorder has made."""
+        """Delete the files of this recorder, and the folder if it is empty then."""
         with contextlib.suppress(OSError):
-            for path in (*self._part.paths, *self._own):
+            for path in (*self._part.paths, *self._new_files):
                 path.unlink(missing_ok=True)
-            self.folder.rmdir()  # when nothing else is in it
+            self.folder.rmdir()
 
     def _add(self, record: Recordable, t_ns: int, payload: bytes = b"") -> None:
-        if self._closed:
+        if self._is_closed:
             raise RecordingError(str(self.folder), "is closed")
-        self._waiting.append((record, t_ns, payload))
-        if len(self._waiting) >= _WAITING:
+        self._pending.append((record, t_ns, payload))
+        if len(self._pending) >= _MAX_PENDING:
             try:
-                self._write_out()
+                self._write_pending()
             except OSError as error:
-                raise self._failed(error) from None
+                raise self._fail(error) from None
 
-    def _write_out(self) -> None:
-        """Write what waits, and look at the size."""
-        waiting, self._waiting = self._waiting, []
-        self._part.add(waiting, self._sequence)
-        self._sequence += len(waiting)
-        self._full = self._part.size > self._room.rotate_bytes
+    def _write_pending(self) -> None:
+        pending, self._pending = self._pending, []
+        self._part.add(pending, self._sequence)
+        self._sequence += len(pending)
+        self._is_part_full = max(self._part.file_bytes) > self._budget.rotate_bytes
 
-    def _failed(self, error: OSError) -> RecordingError:
-        """Leave the files as they are now: finishing them would write on a disk that is full."""
-        self._closed = True
+    def _fail(self, error: OSError) -> RecordingError:
+        """Close the files unfinished: there may be no space for an index. Return the error to raise."""
+        self._is_closed = True
         self._part.abandon()
         return RecordingError(
             str(self.folder),
@@ -341,86 +290,3 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-class _Part:
-    """One MCAP file and the tlog of the same time; every method may raise OSError."""
-
-    def __init__(self, mcap_path: Path, tlog_path: Path) -> None:
-        self.paths = (mcap_path, tlog_path)
-        self._files: list[io.FileIO] = []
-        try:
-            for path in self.paths:
-                self._files.append(open(path, "xb", buffering=0, opener=private))  # noqa: SIM115  kept
-        except OSError:
-            for path, file in zip(self.paths, self._files, strict=False):
-                file.close()
-                path.unlink()
-            raise
-        with contextlib.suppress(
-            OSError
-        ):  # not every file system can; `gcs.io.recording.unfinished` looks for it
-            fcntl.flock(self._files[0], fcntl.LOCK_EX | fcntl.LOCK_NB)
-        self._inode = os.fstat(self._files[0].fileno()).st_ino
-        self.total_bytes = 0
-        """Of both files when they were looked at last."""
-        self._mcap, self._tlog = (io.BufferedWriter(file, _BUFFER_BYTES) for file in self._files)
-        self._writer = McapWriter(self._mcap, _CHUNK_BYTES, _LEVEL)
-
-    @property
-    def size(self) -> int:
-        """Bytes of the larger file; what waits in a chunk is not counted."""
-        return max(self._mcap.tell(), self._tlog.tell())
-
-    def is_in_place(self) -> bool:
-        """Return True if the MCAP is where it was made."""
-        try:
-            return self.paths[0].stat().st_ino == self._inode
-        except FileNotFoundError:
-            return False
-
-    def begin(self, config_text: str, versions: dict[str, str], run: Run | None) -> None:
-        """Say what the run is and announce every topic with its schema, used or not."""
-        from gcs.io.recording.packing import Packer  # loads numba, which whoever only reads can do without
-
-        self._writer.start(PROFILE, PROFILE)
-        self._writer.add_attachment(CONFIG_NAME, "application/toml", config_text.encode())
-        self._writer.add_metadata(VERSIONS_METADATA, versions)
-        if run is not None:
-            self._writer.add_metadata(RUN_METADATA, {"scenario": run.scenario, "seed": str(run.seed)})
-        self._mcap.flush()
-        channels: dict[type | str, int] = {}
-        for record_type, topic in TOPICS.items():
-            schema = self._writer.register_schema(
-                f"gcs.{record_type.__name__}", "jsonschema", json_schema(record_type)
-            )
-            if record_type is Picture:
-                for name in (f"{topic}/agents", f"{topic}/targets"):
-                    channels[name] = self._writer.register_channel(name, "json", schema)
-            else:
-                channels[record_type] = self._writer.register_channel(topic, "json", schema)
-        self._packer = Packer(channels)
-
-    def add(self, records: Sequence[UploadQueue], sequence: int) -> None:
-        """Write records, numbered from `sequence` on, which wraps."""
-        for piece in self._packer.pack(records, sequence):
-            self._writer.add_messages(piece.messages, piece.channels, piece.places)
-            self._tlog.write(piece.log)
-
-    def flush(self) -> None:
-        """Hand everything to the operating system."""
-        self._writer.flush()
-        self._tlog.flush()
-        self.total_bytes = self._mcap.tell() + self._tlog.tell()
-
-    def finish(self) -> None:
-        """Write the index and close."""
-        self._writer.finish()
-        self.total_bytes = self._mcap.tell() + self._tlog.tell()
-        self._mcap.close()
-        self._tlog.close()
-
-    def abandon(self) -> None:
-        """Close without writing any more."""
-        for file in self._files:
-            file.close()

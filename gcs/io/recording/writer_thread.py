@@ -37,7 +37,7 @@ class RecorderThread:
     def __init__(self, recorder: Recorder) -> None:
         self.writer = Writer("recording", _MAX_WAITING, "alarm", tells_error=False)
         self._recorder = recorder
-        recorder.tell = self.writer.tell
+        recorder.notify = self.writer.tell
         self._batch: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
         self._due_s = monotonic()
         self._handed = self._written = 0

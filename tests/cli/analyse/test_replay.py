@@ -16,8 +16,9 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.config import load
+from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, Record, about, read
-from gcs.io.recording.writer import Recorder, Run
+from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.messages import Recordable, encode
 from gcs.model import (
     BadInput,

@@ -11,9 +11,9 @@ from recorded import CONFIG, VERSIONS
 from gcs.cli.outputs import open_recorder
 from gcs.config.tables import RecordingTable
 from gcs.errors import RecordingError
+from gcs.io.recording.folder import Run, remove_empty
 from gcs.io.recording.reader import read
-from gcs.io.recording.unfinished import remove_empty
-from gcs.io.recording.writer import Recorder, Run
+from gcs.io.recording.writer import Recorder
 from gcs.model import Tick
 
 KILLED = """
