@@ -16,7 +16,7 @@ from typing import Any
 from rich.console import Console
 
 from gcs.cli.fly.demo import DemoOptions, run_demo
-from gcs.io.recording.writer import Recorder
+from gcs.io.recording.part import RecordingPart
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.service.service import Service
 
@@ -50,7 +50,7 @@ def measure_service() -> None:
         spent_ns["wall"] = monotonic_ns() - before[1]
         assert isinstance(self.recorder, RecorderThread)
         global record_count
-        record_count = self.recorder._written
+        record_count = self.recorder._written_count
 
     Service.run = run  # type: ignore[method-assign]
 
@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("--pack", type=int, default=25)
     options = parser.parse_args()
     measure(RecorderThread, "_write", "recording")
-    measure(Recorder, "flush", "flush")
+    measure(RecordingPart, "flush", "flush")
     measure_service()
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"

@@ -255,7 +255,7 @@ def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_fligh
 ) -> None:
     released = threading.Event()
     monkeypatch.setattr("gcs.io.recording.part.RecordingPart.flush", lambda _part: released.wait())
-    monkeypatch.setattr("gcs.io.recording.writer_thread._MAX_WAITING", 20)
+    monkeypatch.setattr("gcs.io.recording.writer_thread._MAX_WAITING_RECORDS", 20)
     service.recorder = recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
     service.outputs.append(recorder.writer)
     ticks = serve(service, 3.0)

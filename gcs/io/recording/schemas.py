@@ -1,10 +1,9 @@
 """JSON Schemas of the records, in the dialect that Foxglove and Lichtblick read from an MCAP.
 
-Their reader accepts an object whose properties are booleans, numbers, strings (base64 for bytes), objects,
-and lists of those; any other property makes it refuse the whole channel (studio's ``parseJsonSchema``): no
-``$ref``, no ``null``, no lists of lists. So optional fields are named by their type, and lists of lists
-(covariances, detections) are not named at all: the viewer shows them all the same, since a schema does not
-forbid what it does not name.
+Their reader (``parseJsonSchema``) accepts objects whose properties are booleans, numbers, strings (base64 for
+bytes), objects, and lists of these. It refuses the whole channel because of ``$ref``, ``null`` or a list of
+lists. So an optional field has the schema of its type. Lists of lists (covariances, detections) are left out
+of the schema; viewers show them all the same.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ _SIMPLE: dict[type, dict[str, str]] = {
     bytes: {"type": "string", "contentEncoding": "base64"},
 }
 _VECTORS = frozenset({"mean", "cardinality"})
-"""Array fields with one dimension."""
+"""Array fields of one dimension."""
 
 
 def json_schema(record_type: type) -> bytes:
@@ -44,7 +43,7 @@ def _object(record_type: type) -> dict[str, Any]:
 
 
 def _property(name: str, hint: Any) -> dict[str, Any] | None:
-    """Return the schema of one field; None when the dialect has no words for it."""
+    """Return the schema of a field; None if the dialect cannot express it."""
     if hint in _SIMPLE:
         return dict(_SIMPLE[hint])
     if is_dataclass(hint):

@@ -1,4 +1,4 @@
-"""A recorder on a thread of its own: a disk that is slow, full or away stops no flight."""
+"""Recording on a thread, so that a slow, full or missing disk does not delay the event loop."""
 
 from __future__ import annotations
 
@@ -14,98 +14,98 @@ from gcs.io.output import Writer
 from gcs.io.recording.writer import Recorder
 from gcs.model import Effect, Event, Truth
 
-_HAND_OVER_S: Final = 0.1
-"""How often records are handed to the thread; with the recorder's flush period, less than a second."""
-_BATCH: Final = 512
-_MAX_WAITING: Final = 300_000
-"""Records that wait for the disk at most: half a minute of the heaviest traffic, hours of a small swarm."""
-_CLOSE_S: Final = 30.0
+_HAND_OVER_PERIOD_S: Final = 0.1
+"""With the flush period of the recorder, less than the second that a crash may cost."""
+_BATCH_SIZE: Final = 512
+_MAX_WAITING_RECORDS: Final = 300_000
+"""Half a minute of the heaviest traffic, hours of a small swarm."""
+_CLOSE_TIMEOUT_S: Final = 30.0
 
 
 class RecorderThread:
-    """Hands records to a recorder on a thread of its own, in order.
+    """Runs a recorder on its own thread; records stay in order.
 
-    Every record is written, or the recording ends with an error: a recording with a hole could not be
-    replayed.
+    The recording ends with an error rather than lose a record, since a recording with a gap cannot be
+    replayed. After such an error every method raises `RecordingError`.
 
     Parameters
     ----------
     recorder : Recorder
-        Used by nobody else from now on.
+        Not to be used by the caller any more.
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self.writer = Writer("recording", _MAX_WAITING, "alarm", tells_error=False)
+        self.writer = Writer("recording", _MAX_WAITING_RECORDS, "alarm", tells_error=False)
         self._recorder = recorder
         recorder.notify = self.writer.tell
         self._batch: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
-        self._due_s = monotonic()
-        self._handed = self._written = 0
-        self._ended = False
+        self._hand_over_at_s = monotonic()
+        self._handed_over_count = self._written_count = 0
+        self._has_ended = False
 
     @property
     def folder(self) -> Path:
-        """Where it records now: another folder when the first was deleted."""
+        """Current folder; it changes if the first one was deleted or moved away."""
         return self._recorder.folder
 
     def event(self, event: Event) -> None:
-        """Record what goes into the fold; call it before the fold works it.
+        """Record an event; call it before the engine processes the event.
 
         Raises
         ------
         RecordingError
-            If the recording cannot be written any further; also by the methods below.
+            If the recording cannot be written any further.
         """
-        if len(self._batch) >= _BATCH or monotonic() >= self._due_s:
+        if len(self._batch) >= _BATCH_SIZE or monotonic() >= self._hand_over_at_s:
             self._hand_over()
         self._batch.append((self._recorder.event, (event,)))
 
     def effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
-        """Record what came out of the fold at `t_ns`; `payload` is its JSON where there is one already."""
+        """Record an effect at time `t_ns`; `payload` is its JSON, or empty if it is not encoded yet."""
         self._batch.append((self._recorder.effect, (t_ns, effect, payload)))
 
     def truth(self, truth: Truth) -> None:
-        """Record the truth of a simulated world."""
+        """Record the ground truth of a simulated world."""
         self._batch.append((self._recorder.truth, (truth,)))
 
     def close(self) -> None:
-        """Write what waits and finish the files; does nothing after an error that was raised before."""
-        if self._ended:
+        """Write all records and finish the files; do nothing if the recording has ended."""
+        if self._has_ended:
             return
         self._hand_over()
         self.writer.put(self._recorder.close)
-        is_written = self.writer.drain(_CLOSE_S)
-        self._check()
-        self._ended = True
+        is_written = self.writer.drain(_CLOSE_TIMEOUT_S)
+        self._raise_error()
+        self._has_ended = True
         if not is_written:
-            raise self._too_slow()
+            raise self._disk_stuck_error()
 
     def _hand_over(self) -> None:
         batch, self._batch = self._batch, []
-        self._due_s = monotonic() + _HAND_OVER_S
-        self._handed += len(batch)
-        if self._handed - self._written > _MAX_WAITING:
-            self._ended = True
-            self.writer.fail(self._too_slow())
+        self._hand_over_at_s = monotonic() + _HAND_OVER_PERIOD_S
+        self._handed_over_count += len(batch)
+        if self._handed_over_count - self._written_count > _MAX_WAITING_RECORDS:
+            self._has_ended = True
+            self.writer.fail(self._disk_stuck_error())
         else:
             self.writer.put(partial(self._write, batch))
-        self._check()
+        self._raise_error()
 
-    def _check(self) -> None:
+    def _raise_error(self) -> None:
         error = self.writer.error
         if error is not None:
-            self._ended = True
+            self._has_ended = True
             raise (
                 error if isinstance(error, RecordingError) else RecordingError(str(self.folder), repr(error))
             )
 
-    def _too_slow(self) -> RecordingError:
+    def _disk_stuck_error(self) -> RecordingError:
         return RecordingError(str(self.folder), "cannot be written any further (the disk takes nothing)")
 
     def _write(self, batch: list[tuple[Callable[..., None], tuple[Any, ...]]]) -> None:
         for record, arguments in batch:
             record(*arguments)
-        self._written += len(batch)
+        self._written_count += len(batch)
 
     def __enter__(self) -> Self:
         return self
