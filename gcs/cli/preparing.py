@@ -156,36 +156,17 @@ def plan(
         Path | None,
         typer.Option("--map", metavar="FILE.map", help="Plan on a Moving AI map; places are in cells."),
     ] = None,
-    scen_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--scen",
-            metavar="FILE.scen",
-            help="Solve the problems of a Moving AI file on that map and compare lengths; plans nothing.",
-        ),
-    ] = None,
-    limit: Annotated[
-        int | None, typer.Option(min=1, help="Only so many of these problems, evenly from the whole file.")
-    ] = None,
     seed: SeedOption = 1,
     plot: Annotated[Path | None, typer.Option(help="Picture of the plan, such as plan.png.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Plan once, without flying: who goes to which target, by which way, how far; and why somebody cannot.
 
-    Exits with 1 when an agent stays without a route although there is a target for it, or a problem of
-    --scen comes out longer or shorter than its optimal length.
+    Exits with 1 when an agent stays without a route although there is a target for it.
     """
     from gcs.cli.prepare.plan import PlanArguments, run_plan
-    from gcs.cli.prepare.problems import run_problems
 
     with errors_shown():
-        if scen_file is not None:
-            if scenario or agents or targets or plot:
-                raise typer.BadParameter("goes with --map, --limit and --json alone", param_hint="--scen")
-            raise typer.Exit(
-                run_problems(map_file, scen_file, limit, console_for(stderr=as_json), as_json=as_json)
-            )
         arguments = PlanArguments(scenario, agents, targets, map_file, seed, plot, as_json)
         code = run_plan(arguments, console_for(stderr=as_json))
     raise typer.Exit(code)

@@ -1,1 +1,48 @@
-"""Grid search, assignment and routes: pure numerics, no I/O."""
+"""Motion planning for a team of fixed-wing vehicles: grid search, assignment, flyable routes.
+
+`plan_routes` takes a `Grid`, the `AgentState` of each vehicle and the targets, and returns a `PlanResult`.
+The package is pure: no I/O, no clock, no random numbers.
+
+Reading order:
+
+1. `options`: inputs of the planner. `planner`: the stages of one plan.
+2. `map`: obstacle grid, polygons, exact line of sight, clearance-shifted nodes, Moving AI maps.
+3. `search`: eight-neighbour moves, canonical ordering (jump-point pruning), A*, one-to-all Dijkstra, and the
+   cost matrix of all agent-target pairs.
+4. `assignment` (Hungarian, with hysteresis) and `intercept` (moving targets).
+5. `path`: from grid path to flyable route. Shortcuts, string pulling over tangent points, corner smoothing,
+   turns, initial turn, Dubins paths.
+6. `route_search`: one agent to one target, all of the above.
+7. `vehicle_model`: forward simulation. `route_capture`, `route_progress`: joining and following a route.
+8. `terminal`: climb after take-off, terminal loiter, return route and landing.
+9. `deconfliction`: altitude layers.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gcs.planning.map.grid import Grid
+    from gcs.planning.options import AgentState, LoiterSpec, PlanOptions, TargetDemand
+    from gcs.planning.planner import PlanResult, plan_routes
+
+__all__ = ["AgentState", "Grid", "LoiterSpec", "PlanOptions", "PlanResult", "TargetDemand", "plan_routes"]
+
+_MODULES = {
+    "AgentState": "options",
+    "Grid": "map.grid",
+    "LoiterSpec": "options",
+    "PlanOptions": "options",
+    "PlanResult": "planner",
+    "TargetDemand": "options",
+    "plan_routes": "planner",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name at first use, so that short commands load no compiler (PEP 562)."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

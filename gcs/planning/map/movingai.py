@@ -1,59 +1,38 @@
-"""The Moving AI benchmarks: maps, and problems with known optimal lengths.
+"""Reader of Moving AI benchmark maps.
 
-After N. R. Sturtevant, "Benchmarks for Grid-Based Pathfinding", IEEE TCIAIG 4, 2012; formats:
+Source: N. R. Sturtevant, "Benchmarks for Grid-Based Pathfinding", IEEE TCIAIG 4, 2012; format:
 https://movingai.com/benchmarks/formats.html.
 
-A `.map` file has four lines of header (`type octile`, `height H`, `width W`, `map`) and H lines of W
-characters: `.` and `G` are ground, `S` is swamp, which one can walk; `@` and `O` are out of bounds, `T` is
-trees, `W` is water, which one cannot enter from ground. x counts columns from the left, y rows from the top.
-Here row y of the file is row y of the grid, so that (x, y) means the same in both; a picture of it has y
-pointing down.
-
-A `.scen` file begins with `version 1`; each line behind it is a problem: bucket, map, width, height, start x,
-start y, goal x, goal y, optimal length. Diagonals count sqrt(2) and do not cut corners, as everywhere here.
+A `.map` file has four header lines (`type octile`, `height H`, `width W`, `map`) and H lines of W characters.
+`.` and `G` are ground and `S` is walkable swamp. `@` and `O` are out of bounds, `T` trees and `W` water: all
+blocked. Row y of the file is row y of the grid, so a picture of the map has y pointing down.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 
 from gcs.errors import ConfigError
-from gcs.planning.map.grid import Grid, Node
+from gcs.planning.map.grid import Grid
 
-_GROUND, _WALLS = b".GS", b"@OTW"
-_MOST_CELLS = 16_777_216
-"""4096 x 4096; the benchmarks' largest maps have 2048 x 2048."""
-_MOST_LINES = 65_536
+_FREE_CHARS, _BLOCKED_CHARS = b".GS", b"@OTW"
+_MAX_CELLS = 16_777_216
+"""4096 x 4096; the largest maps of the benchmark have 2048 x 2048."""
+_MAX_LINES = 65_536
 MAX_BYTES = 32_000_000
-"""Of a file, maps and problems."""
-
-
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """One line of a `.scen` file; nodes are (row, col), the length is in cells."""
-
-    bucket: int
-    map_name: str
-    shape: tuple[int, int]
-    """(height, width) of the map that is meant."""
-    start: Node
-    goal: Node
-    optimal_length: float
+"""Maximum size of a file."""
 
 
 def read_map(text: str, source: str) -> Grid:
-    """Read the text of a `.map` file: a grid with cells of 1 m.
+    """Read the text of a `.map` file as a grid with cells of 1 m.
 
     Raises
     ------
     ConfigError
-        With `source`, the line at fault and what was expected there.
+        Names `source`, the line at fault and what was expected there.
     """
-    if text.count("\n") > _MOST_LINES:
-        raise ConfigError(source, "", f"expected a map of at most {_MOST_LINES} lines")
+    if text.count("\n") > _MAX_LINES:
+        raise ConfigError(source, "", f"expected a map of at most {_MAX_LINES} lines")
     lines = text.split("\n")
     header = {}
     for number, line in enumerate(lines[:4]):
@@ -72,7 +51,7 @@ def read_map(text: str, source: str) -> Grid:
         raise ConfigError(
             source, "header", "expected `height` and `width` with a whole number each"
         ) from None
-    if not (height > 0 and width > 0 and height * width <= _MOST_CELLS):
+    if not (height > 0 and width > 0 and height * width <= _MAX_CELLS):
         raise ConfigError(source, "header", f"{width} x {height} is no size for a map")
     while lines and not lines[-1].strip():
         lines.pop()
@@ -84,41 +63,11 @@ def read_map(text: str, source: str) -> Grid:
         where = f"line {len(header) + row + 1}"
         if len(cells) != width:
             raise ConfigError(source, where, f"expected {width} characters, found {len(cells)}")
-        if strange := cells.strip(_GROUND + _WALLS).translate(None, _GROUND + _WALLS):
+        if unknown := cells.strip(_FREE_CHARS + _BLOCKED_CHARS).translate(None, _FREE_CHARS + _BLOCKED_CHARS):
             raise ConfigError(
-                source, where, f"expected . G S (ground) or @ O T W (blocked), not {chr(strange[0])!r}"
+                source, where, f"expected . G S (ground) or @ O T W (blocked), not {chr(unknown[0])!r}"
             )
-        blocked[row] = np.isin(np.frombuffer(cells, dtype=np.uint8), np.frombuffer(_WALLS, dtype=np.uint8))
-    return Grid((0.0, 0.0), 1.0, blocked)
-
-
-def read_problems(text: str, source: str) -> tuple[Problem, ...]:
-    """Read the text of a `.scen` file.
-
-    Raises
-    ------
-    ConfigError
-        With `source`, the line at fault and what was expected there.
-    """
-    problems = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip() or (number == 1 and line.split()[0] == "version"):
-            continue
-        # Names of maps may have spaces in them, so newer files separate by tabs.
-        words = line.strip().split("\t") if "\t" in line else line.split()
-        try:
-            bucket, width, height, *ends = (int(word) for word in (words[0], *words[2:8]))
-            start_x, start_y, goal_x, goal_y = ends
-            length = float(words[8])
-        except (ValueError, IndexError):
-            raise ConfigError(
-                source,
-                f"line {number}",
-                "expected bucket, map, width, height, start x, start y, goal x, goal y, optimal length",
-            ) from None
-        if not math.isfinite(length):
-            raise ConfigError(source, f"line {number}", "the optimal length is not a number")
-        problems.append(
-            Problem(bucket, words[1], (height, width), (start_y, start_x), (goal_y, goal_x), length)
+        blocked[row] = np.isin(
+            np.frombuffer(cells, dtype=np.uint8), np.frombuffer(_BLOCKED_CHARS, dtype=np.uint8)
         )
-    return tuple(problems)
+    return Grid((0.0, 0.0), 1.0, blocked)
