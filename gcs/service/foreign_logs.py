@@ -24,8 +24,8 @@ from gcs.files import open_regular
 from gcs.io.detections.readers import Detections, load
 from gcs.io.detections.tables import ENDINGS
 from gcs.io.recording.reader import Record
-from gcs.io.recording.timestamps import TimeLine
-from gcs.io.recording.tlog import Logged, is_stamped, read_log
+from gcs.io.recording.timestamps import FrameTimes
+from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
 from gcs.mavlink.frames.codec import Frame
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick, read_only
 from gcs.service.service import TICK_NS
@@ -159,9 +159,9 @@ def _frames(path: Path) -> Iterator[tuple[int, Frame]]:
     try:
         with open_regular(path) as file:
             stamped = is_stamped(file, str(path))
-            line = TimeLine(stamped=stamped)
+            line = FrameTimes(stamped=stamped)
             for part in read_log(file, stamped=stamped):
-                if isinstance(part, Logged):
+                if isinstance(part, LogFrame):
                     yield line(part), part.frame
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None

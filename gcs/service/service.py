@@ -74,13 +74,13 @@ LAG_TEXT = "this machine cannot keep up"
 class Recording(Protocol):
     """Takes what a recording is made of; every method may raise `RecordingError`."""
 
-    def event(self, event: Event) -> None:
+    def record_event(self, event: Event) -> None:
         """Record what goes into the fold."""
 
-    def effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
+    def record_effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
         """Record what came out of the fold."""
 
-    def truth(self, truth: Truth) -> None:
+    def record_truth(self, truth: Truth) -> None:
         """Record the truth of a simulated world."""
 
 
@@ -325,7 +325,7 @@ class Service:
                 self.on_link_news(fleet.link(vehicle), "alarm", text)
 
     def _work(self, event: Event) -> bool:
-        self._record(lambda recorder: recorder.event(event))
+        self._record(lambda recorder: recorder.record_event(event))
         for sink in self.sinks:
             sink.event(event)
         started = time.perf_counter()
@@ -351,13 +351,13 @@ class Service:
                 self.links.picture(effect)
             payload = encode_effect(effect)
             self._publisher.put(partial(self._bus.publish, effect_key(self.config.name, effect), payload))
-        self._record(lambda recorder: recorder.effect(t_ns, effect, payload))
+        self._record(lambda recorder: recorder.record_effect(t_ns, effect, payload))
         for sink in self.sinks:
             sink.effect(t_ns, effect)
 
     def truth(self, truth: Truth) -> None:
         """Record the truth of a simulated world."""
-        self._record(lambda recorder: recorder.truth(truth))
+        self._record(lambda recorder: recorder.record_truth(truth))
 
     def _record(self, write: Callable[[Recording], None]) -> None:
         """Record; whoever is in the air needs us more than a recording that cannot be written."""

@@ -84,17 +84,17 @@ def fly(
 
         def on_event(event: Event) -> None:
             if recorder is not None:
-                recorder.event(event)
+                recorder.record_event(event)
 
         def on_effect(t_ns: int, effect: Effect) -> None:
             judge.effect(effect)
             if recorder is not None:
-                recorder.effect(t_ns, effect)
+                recorder.record_effect(t_ns, effect)
 
         def on_truth(truth: Truth) -> None:
             judge.truth(truth)
             if recorder is not None:
-                recorder.truth(truth)
+                recorder.record_truth(truth)
 
         run = VirtualRun(scenario, seed, on_event, on_effect, on_truth, loss)
         flown_s = run.run(duration_s)

@@ -25,7 +25,7 @@ from gcs.cli.outputs import warm_up
 from gcs.config import Config, parse
 from gcs.core.engine import Engine
 from gcs.io.recording.folder import Run, versions
-from gcs.io.recording.reader import about, read
+from gcs.io.recording.reader import read, read_info
 from gcs.io.recording.writer import Recorder
 from gcs.model import NS_PER_S, Effect, Event
 from gcs.service.replay import Replay, Verifier, Window
@@ -43,9 +43,9 @@ def fly(scenario: str, duration_s: float, folder: Path) -> None:
     run = VirtualRun(load(scenario), seed=1)
     name = run.scenario.config.name
     with Recorder(folder, run.scenario.text, versions(), Run(name, 1)) as recorder:
-        run.on_event = recorder.event
-        run.on_effect = recorder.effect
-        run.on_truth = recorder.truth
+        run.on_event = recorder.record_event
+        run.on_effect = recorder.record_effect
+        run.on_truth = recorder.record_truth
         run.run(duration_s)
 
 
@@ -75,12 +75,12 @@ def write(folder: Path, copy: Path) -> float:
     with Recorder(copy, "", {}) as recorder:
         for record in records:
             if isinstance(record.value, Event):
-                recorder.event(record.value)
+                recorder.record_event(record.value)
                 if record.t_ns - flushed_ns > NS_PER_S:
                     recorder.flush()
                     flushed_ns = record.t_ns
             elif isinstance(record.value, Effect):
-                recorder.effect(record.t_ns, record.value)
+                recorder.record_effect(record.t_ns, record.value)
     return time.process_time() - began
 
 
@@ -98,7 +98,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
         fly(options.scenario, options.duration, folder)
-        config = parse(about(folder).config_text, options.scenario)
+        config = parse(read_info(folder).config_text, options.scenario)
         times = [record.value.t_ns for record in read(folder, only=get_args(Event))]
         run_s = (times[-1] - times[0]) / NS_PER_S
         rounds = range(options.repeats)

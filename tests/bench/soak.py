@@ -112,7 +112,7 @@ class Soak:
         self.recorder = Recorder(self.folder, text, versions(), Run("soak", self.seed), DiskBudget(1_000_000))
         self.journal = Journal(self.folder / "journal", "soak", fingerprint(text, self.seed))
         self.run = VirtualRun(
-            self.scenario, self.seed, self.recorder.event, self._effect, None, loss=self.loss
+            self.scenario, self.seed, self.recorder.record_event, self._effect, None, loss=self.loss
         )
 
     @property
@@ -120,7 +120,7 @@ class Soak:
         return self.run.command
 
     def _effect(self, t_ns: int, effect: object) -> None:
-        self.recorder.effect(t_ns, effect)
+        self.recorder.record_effect(t_ns, effect)
         if isinstance(effect, Plan):
             self.counts["plans"] += 1
         elif isinstance(effect, UploadReport):

@@ -19,9 +19,9 @@ from gcs.cli.analyse.report import ReportOptions, material_of
 from gcs.config import load
 from gcs.io.detections import tables
 from gcs.io.detections.readers import load as load_detections
-from gcs.io.recording.reader import about, read
-from gcs.io.recording.timestamps import START_NS, TimeLine
-from gcs.io.recording.tlog import Logged, read_log
+from gcs.io.recording.reader import read, read_info
+from gcs.io.recording.timestamps import START_NS, FrameTimes
+from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.io.recording.writer import Recorder
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
@@ -50,7 +50,7 @@ def run(*arguments: object) -> tuple[int, str, dict[str, Any]]:
 def raw_of(tlog: Path, path: Path) -> Path:
     """Leave the stamps of a log out."""
     with tlog.open("rb") as file:
-        path.write_bytes(b"".join(part.frame.data for part in read_log(file) if isinstance(part, Logged)))
+        path.write_bytes(b"".join(part.frame.data for part in read_log(file) if isinstance(part, LogFrame)))
     return path
 
 
@@ -110,7 +110,7 @@ def test_detections_laid_beside_a_log_let_both_trackers_see(
         path = flight
     elif unit == "t_s":  # on a clock of its own, that began ten seconds before the log
         with (flight / "link.tlog").open("rb") as file:
-            start_ns = next(part.t_ns for part in read_log(file) if isinstance(part, Logged))
+            start_ns = next(part.t_ns for part in read_log(file) if isinstance(part, LogFrame))
         rows = [line.split(",", 1) for line in path.read_text().splitlines()[1:]]
         text = "\n".join(f"{(int(t_ns) - start_ns) / 1e9 + 10.0:.6f},{rest}" for t_ns, rest in rows)
         path, offset_s = tmp_path / "radar.csv", -10.0
@@ -214,14 +214,14 @@ def test_a_stream_that_says_no_times_is_said_to(tmp_path: Path) -> None:
     assert "says not when" in " ".join(reported(tmp_path / "uart.raw").remarks)
 
 
-def attitude(system: int, boot_s: float) -> Logged:
+def attitude(system: int, boot_s: float) -> LogFrame:
     message = mavlink.MAVLink_attitude_message(round(boot_s * 1000), 0, 0, 0, 0, 0, 0)
     frame = scan(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=1))).frames[0]
-    return Logged(0, 0, frame, "good")
+    return LogFrame(0, 0, frame, "good")
 
 
 def test_vehicles_that_were_booted_at_different_times_share_one_time_line() -> None:
-    line = TimeLine(stamped=False)
+    line = FrameTimes(stamped=False)
     said = [(1, 100.0), (1, 101.0), (2, 7.0), (2, 8.0), (1, 102.5), (1, 102.4), (1, 0.0), (1, 1.0), (2, 10.6)]
     at_s = [(line(attitude(*one)) - START_NS) / NS_PER_S for one in said]
     assert at_s == [0.0, 1.0, 1.0, 2.0, 2.5, 2.5, 2.5, 3.5, 4.6]
@@ -230,7 +230,7 @@ def test_vehicles_that_were_booted_at_different_times_share_one_time_line() -> N
 
 def test_a_log_out_of_order_never_runs_back(flight: Path, tmp_path: Path) -> None:
     with (flight / "link.tlog").open("rb") as file:
-        parts = [part for part in read_log(file) if isinstance(part, Logged)]
+        parts = [part for part in read_log(file) if isinstance(part, LogFrame)]
     order = np.argsort(np.arange(len(parts)) + np.random.default_rng(1).uniform(0, 40, len(parts)))
     data = b"".join((parts[i].t_ns // 1000).to_bytes(8, "big") + parts[i].frame.data for i in order)
     (tmp_path / "mixed.tlog").write_bytes(data)
@@ -249,10 +249,10 @@ def test_detections_that_break_off_are_tracked_up_to_there(flight: Path, scans: 
     assert "the last, breaks off and is left out" in said
     (tmp_path / "bad.csv").write_text(text.replace("\n", "\nwhat is this\n", 40))
     assert run("track", tmp_path / "bad.csv", "--model", tmp_path / "radar.toml")[0] == 2
-    with Recorder(tmp_path / "run", about(flight).config_text, {}) as recorder:
+    with Recorder(tmp_path / "run", read_info(flight).config_text, {}) as recorder:
         for record in read(flight):
             if isinstance(record.value, Event):
-                recorder.event(record.value)
+                recorder.record_event(record.value)
             if record.sequence % 200 == 0:
                 recorder.flush()
     mcap = tmp_path / "run" / "run.mcap"
@@ -284,7 +284,9 @@ def test_shared_logs_and_detections_go_together(tmp_path: Path) -> None:
         positions = [
             message
             for part in read_log(file)
-            if isinstance(part, Logged) and part.frame.message_id == 33 and (message := part.frame.message())
+            if isinstance(part, LogFrame)
+            and part.frame.message_id == 33
+            and (message := part.frame.message())
         ]
     text = Path("config/scenarios/prescribed.toml").read_text(encoding="utf-8")
     text = text.replace("lat_deg = 33.2000", f"lat_deg = {positions[0].lat / 1e7 - 0.009}")

@@ -287,7 +287,7 @@ from gcs.model import Tick
 recorder = RecorderThread(Recorder(Path(sys.argv[1]), "", {}))
 print(flush=True)
 while True:
-    recorder.event(Tick(time.monotonic_ns()))
+    recorder.record_event(Tick(time.monotonic_ns()))
     time.sleep(0.01)
 """
     command = [sys.executable, "-P", "-c", code, str(tmp_path / "run")]
@@ -345,7 +345,7 @@ def test_a_recording_that_fails_says_so_once(tmp_path: Path, monkeypatch: pytest
 
     recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
     monkeypatch.setattr("gcs.io.recording.part.RecordingPart.add", full)
-    recorder.event(Tick(1))
+    recorder.record_event(Tick(1))
     with pytest.raises(RecordingError, match="No space left"):
         recorder.close()
     recorder.close()

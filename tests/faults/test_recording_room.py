@@ -88,7 +88,7 @@ def filled(folder: Path, room: DiskBudget, told: list[str]) -> tuple[str, int]:
     recorder.notify = lambda level, text: told.append(f"{level} {text}")
     for number in range(10_000):
         try:
-            recorder.event(Datagram(number, "udp", "a:1", RNG.bytes(1000)))
+            recorder.record_event(Datagram(number, "udp", "a:1", RNG.bytes(1000)))
             recorder.flush()
         except RecordingError as error:
             return str(error), number
@@ -137,7 +137,7 @@ def test_a_recording_whose_folder_goes_away_goes_on_in_another(tmp_path: Path, h
     with Recorder(folder, "name = 'x'", {}, Run("x", 1)) as recorder:
         recorder.notify = lambda level, text: told.append(f"{level} {text}")
         for number in range(100):
-            recorder.event(Tick(number))
+            recorder.record_event(Tick(number))
         recorder.flush()
         if how == "deleted":
             shutil.rmtree(folder)
@@ -145,7 +145,7 @@ def test_a_recording_whose_folder_goes_away_goes_on_in_another(tmp_path: Path, h
             folder.rename(tmp_path / "aside")
             folder.mkdir()
         for number in range(100, 200):
-            recorder.event(Tick(number))
+            recorder.record_event(Tick(number))
         recorder.flush()
     assert recorder.folder == (folder if how == "deleted" else tmp_path / "run-2")
     (text,) = told
@@ -163,7 +163,7 @@ def test_recordings_and_journals_are_their_owners_alone(
     before = os.umask(0)
     try:
         with open_recorder(None, "x", "name = 'x'", Run("x", 1), RecordingTable()) as recorder:
-            recorder.event(Tick(1))
+            recorder.record_event(Tick(1))
         Journal(Path("runs") / "x.journal", "x", "y").write(MEMORY)
     finally:
         os.umask(before)

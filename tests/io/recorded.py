@@ -96,11 +96,11 @@ def record(recorder: Recorder, run: Iterator[tuple[int, Recordable]]) -> list[Re
     values = []
     for t_ns, value in run:
         if isinstance(value, EVENTS):
-            recorder.event(value)
+            recorder.record_event(value)
         elif isinstance(value, Truth):
-            recorder.truth(value)
+            recorder.record_truth(value)
         else:
-            recorder.effect(t_ns, value)
+            recorder.record_effect(t_ns, value)
         values.append(value)
         if isinstance(value, AgentStatus):
             recorder.flush()

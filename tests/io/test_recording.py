@@ -9,7 +9,7 @@ from recorded import CONFIG, VERSIONS, frames, texts, whole
 
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import Run
-from gcs.io.recording.reader import about, read
+from gcs.io.recording.reader import read, read_info
 from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.messages import TOPICS, Recordable
 from gcs.model import (
@@ -35,24 +35,24 @@ def test_everything_comes_back_in_the_order_of_consumption(recording: tuple[Path
 def test_the_mcap_file_alone_is_enough(recording: tuple[Path, list[Recordable]]) -> None:
     folder, values = recording
     assert len(list(read(folder / "run.mcap"))) == len(values)
-    assert about(folder / "run.mcap").config_text == CONFIG
+    assert read_info(folder / "run.mcap").config_text == CONFIG
 
 
 def test_the_folder_says_how_it_was_made(recording: tuple[Path, list[Recordable]]) -> None:
     folder, _ = recording
     assert (folder / "mission.toml").read_text(encoding="utf-8") == CONFIG
     assert json.loads((folder / "versions.json").read_text()) == VERSIONS
-    assert (about(folder).config_text, about(folder).versions) == (CONFIG, VERSIONS)
+    assert (read_info(folder).config_text, read_info(folder).versions) == (CONFIG, VERSIONS)
 
 
 def test_the_seed_is_part_of_the_recording(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run", CONFIG, VERSIONS, Run("demo", 2**40)) as recorder:
-        recorder.event(Tick(1))
-    assert about(tmp_path / "run").run == Run("demo", 2**40)
+        recorder.record_event(Tick(1))
+    assert read_info(tmp_path / "run").run == Run("demo", 2**40)
 
 
 def test_a_recording_that_does_not_know_its_seed_says_none(recording: tuple[Path, list[Recordable]]) -> None:
-    assert about(recording[0]).run is None
+    assert read_info(recording[0]).run is None
 
 
 def test_a_flight_is_never_overwritten(recording: tuple[Path, list[Recordable]]) -> None:
@@ -73,7 +73,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run", CONFIG, VERSIONS) as recorder:
         tracemalloc.start()
         for number in range(6000):
-            recorder.effect(number, Notice(number, "info", "x" * 10_000))
+            recorder.record_effect(number, Notice(number, "info", "x" * 10_000))
         _, peak_bytes = tracemalloc.get_traced_memory()
         tracemalloc.stop()
     assert peak_bytes < 20_000_000  # 60 MB went through
@@ -81,17 +81,17 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
 
 def test_a_closed_recorder_takes_nothing_more(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run", CONFIG, VERSIONS)
-    recorder.event(Tick(1))
+    recorder.record_event(Tick(1))
     recorder.close()
     recorder.close()
     recorder.flush()
     with pytest.raises(RecordingError, match="is closed"):
-        recorder.event(Tick(2))
+        recorder.record_event(Tick(2))
     assert [record.value for record in read(tmp_path / "run")] == [Tick(1)]
 
 
 def test_times_outside_the_format_do_not_stop_the_recording(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run", CONFIG, VERSIONS) as recorder:
-        recorder.event(Datagram(-5, "udp", "x", frames(1, 1)))
+        recorder.record_event(Datagram(-5, "udp", "x", frames(1, 1)))
     (only,) = list(read(tmp_path / "run"))
     assert only.value == Datagram(-5, "udp", "x", frames(1, 1))

@@ -21,7 +21,7 @@ from gcs.io.recording.writer import Recorder, DiskBudget
 from gcs.model import Datagram, Tick
 recorder = Recorder(Path(sys.argv[1]), "name = 'x'", {}, None, DiskBudget(int(sys.argv[2])))
 for number in range(100_000):
-    recorder.event(Tick(number))
+    recorder.record_event(Tick(number))
     if number % 500 == 499:
         recorder.flush()
         print(number + 1, flush=True)
@@ -63,7 +63,7 @@ try:
     with Recorder(Path(sys.argv[1]), "name = 'x'", {}) as recorder:
         number = 0
         while True:
-            recorder.effect(number, Notice(number, "info", str(hash(str(number)))))
+            recorder.record_effect(number, Notice(number, "info", str(hash(str(number)))))
             number += 1
             if number % 100 == 0:
                 recorder.flush()
@@ -99,7 +99,7 @@ from gcs.model import Tick
 try:
     with Recorder(Path(sys.argv[1]), "name = 'x'", {}, None, DiskBudget(40_000)) as recorder:
         for number in range(10_000_000):
-            recorder.event(Tick(hash(str(number)) % 2**60))
+            recorder.record_event(Tick(hash(str(number)) % 2**60))
             if number % 500 == 499:
                 recorder.flush()
                 print(number + 1, flush=True)

@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from recorded import texts, whole
 
 from gcs.errors import RecordingError
-from gcs.io.recording.reader import Damage, about, read
+from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.zenoh.messages import Recordable
 
 
@@ -33,7 +33,7 @@ def test_a_truncated_recording_is_read_up_to_the_break(
         assert texts(whole(records)) == expected[: len(records)]
         assert len(records) >= most
         most = len(records)
-        about(path)
+        read_info(path)
     if step > 1:
         assert most == len(values)
 
@@ -53,7 +53,7 @@ def test_a_damaged_recording_gives_true_records_up_to_the_damage_and_says_so(
         hurt[at : at + 4] = rng.bytes(4)
         path.write_bytes(hurt)
         records = list(read(path))
-        about(path)
+        read_info(path)
         values_read = whole(records)
         assert texts(values_read) == expected[: len(values_read)]
         told += isinstance(records[-1].value, Damage)

@@ -7,8 +7,8 @@ from mcap.reader import make_reader
 from recorded import CONFIG, EVENTS, VERSIONS, in_parts, texts, whole
 
 from gcs.errors import RecordingError
-from gcs.io.recording.reader import Damage, about, mcap_paths, read, recording_bytes
-from gcs.io.recording.tlog import Logged, read_log
+from gcs.io.recording.reader import Damage, mcap_paths, read, read_info, recording_bytes
+from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.io.recording.writer import Recorder
 
 
@@ -29,7 +29,7 @@ def test_each_part_is_whole_in_itself(tmp_path: Path) -> None:
         alone = list(read(path))
         assert not any(isinstance(r.value, Damage) for r in alone)
         assert isinstance(alone[0].value, EVENTS)
-        assert about(path) == about(tmp_path / "run")
+        assert read_info(path) == read_info(tmp_path / "run")
         with path.open("rb") as file:
             summary = make_reader(file, validate_crcs=True).get_summary()
         assert summary is not None
@@ -38,7 +38,7 @@ def test_each_part_is_whole_in_itself(tmp_path: Path) -> None:
     assert total == len(values)
     logs = sorted((tmp_path / "run").glob("link*.tlog"))
     assert len(logs) == len(mcap_paths(tmp_path / "run")) > 2
-    frames_logged = sum(isinstance(part, Logged) for log in logs for part in read_log(log.open("rb")))
+    frames_logged = sum(isinstance(part, LogFrame) for log in logs for part in read_log(log.open("rb")))
     assert frames_logged == 60 * 4
 
 

@@ -31,7 +31,7 @@ import msgspec
 from gcs.cli.analyse.whatif import Comparison
 from gcs.config import Config, parse
 from gcs.io.recording.folder import Run, versions
-from gcs.io.recording.reader import Damage, Record, about, read
+from gcs.io.recording.reader import Damage, Record, read, read_info
 from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.messages import encode, topic_of
 from gcs.model import (
@@ -113,9 +113,9 @@ def fly(golden: Golden, folder: Path) -> Path:
     run = VirtualRun(_scenario(golden), seed=1, loss=golden.loss, orders=golden.orders)
     config = run.scenario.config
     with Recorder(folder / golden.name, run.scenario.text, versions(), Run(config.name, 1)) as recorder:
-        run.on_event = recorder.event
-        run.on_effect = recorder.effect
-        run.on_truth = recorder.truth
+        run.on_event = recorder.record_event
+        run.on_effect = recorder.record_effect
+        run.on_truth = recorder.record_truth
         run.run(golden.duration_s)
     return folder / golden.name / "run.mcap"
 
@@ -178,7 +178,7 @@ class Result:
 
 def compare(path: Path) -> Result:
     """Replay a recording and hold the result against what it holds."""
-    made_with = about(path)
+    made_with = read_info(path)
     assert made_with.run is not None, f"{path} does not say its seed"
     config = parse(made_with.config_text, str(path))
     records = list(read(path))

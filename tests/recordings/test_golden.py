@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from golden import GOLDEN, HERE, Golden, compare, differences
 
-from gcs.io.recording.reader import Damage, about, read
+from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.recording.writer import Recorder
 from gcs.model import AgentStatus, Event, OrderAnswer, Picture, Plan, Truth, UploadReport, read_only
 
@@ -41,7 +41,7 @@ def test_they_hold_what_they_are_kept_for() -> None:
 
 def changed(source: Path, folder: Path) -> Path:
     """Write a golden run again, with one number of one picture changed, and one fate left out."""
-    made_with = about(source)
+    made_with = read_info(source)
     pictures = 0
     with Recorder(folder, made_with.config_text, made_with.versions, made_with.run) as recorder:
         for record in read(source):
@@ -52,11 +52,11 @@ def changed(source: Path, folder: Path) -> Path:
                 if pictures == 6:
                     value = replace(value, cardinality=read_only(value.cardinality + 0.25))
             if isinstance(value, Event):
-                recorder.event(value)
+                recorder.record_event(value)
             elif isinstance(value, Truth):
-                recorder.truth(value)
+                recorder.record_truth(value)
             elif not (isinstance(value, AgentStatus) and value.fate == "dead"):
-                recorder.effect(record.t_ns, value)
+                recorder.record_effect(record.t_ns, value)
     return folder / "run.mcap"
 
 

@@ -17,9 +17,9 @@ from gcs.cli.analyse.info_contents import print_contents
 from gcs.errors import RecordingError
 from gcs.files import open_regular
 from gcs.io.detections.tables import ENDINGS
-from gcs.io.recording.reader import Damage, about, is_recording, mcap_paths, read, recording_bytes
-from gcs.io.recording.timestamps import TimeLine
-from gcs.io.recording.tlog import Logged, Unreadable, is_stamped, read_log
+from gcs.io.recording.reader import Damage, is_recording, mcap_paths, read, read_info, recording_bytes
+from gcs.io.recording.timestamps import FrameTimes
+from gcs.io.recording.tlog import LogFrame, UnreadableBytes, is_stamped, read_log
 from gcs.io.zenoh.messages import topic_of
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, AgentStatus, Datagram, MissionEnded, Scan, Send
@@ -78,7 +78,7 @@ class _Span:
 
 def _recording(path: Path, console: Console) -> dict[str, Any]:
     size = recording_bytes(path)
-    made_with, traffic, span = about(path), Traffic(), _Span()
+    made_with, traffic, span = read_info(path), Traffic(), _Span()
     topics: dict[str, _Span] = {}
     sensors: dict[str, Counter[str]] = {}
     fates: dict[int, str] = {}
@@ -128,15 +128,15 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
 def _log(path: Path, console: Console) -> dict[str, Any]:
     size = _size(path)
     traffic, span = Traffic(), _Span()
-    damage: list[Unreadable] = []
+    damage: list[UnreadableBytes] = []
     stretches = bad_bytes = 0
     with open_regular(path) as file, reading_progress(console, path, size) as advance:
         stamped = is_stamped(file, str(path))
-        line = TimeLine(stamped=stamped)
+        line = FrameTimes(stamped=stamped)
         for number, part in enumerate(read_log(file, stamped=stamped)):
             if number % _EVERY == 0:
                 advance(part.offset)
-            if isinstance(part, Unreadable):
+            if isinstance(part, UnreadableBytes):
                 stretches += 1
                 bad_bytes += part.length
                 if len(damage) < _MAX_LISTED:
@@ -159,10 +159,10 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     }
 
 
-def _count(traffic: Traffic, part: Logged, t_ns: int) -> None:
-    if part.standing == "good":
+def _count(traffic: Traffic, part: LogFrame, t_ns: int) -> None:
+    if part.validity == "good":
         traffic.take(t_ns, part.frame)
-    elif part.standing == "unknown id":
+    elif part.validity == "unknown id":
         traffic.take_unknown(part.frame)
     else:
         traffic.take_bad_checksum(part.frame)

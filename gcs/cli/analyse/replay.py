@@ -23,7 +23,7 @@ from gcs.config import Config, load, parse
 from gcs.errors import RecordingError
 from gcs.files import open_regular
 from gcs.io.recording.folder import versions
-from gcs.io.recording.reader import About, Record, about, is_recording, read
+from gcs.io.recording.reader import Record, RecordingInfo, is_recording, read, read_info
 from gcs.io.recording.tlog import is_stamped
 from gcs.model import Effect, Event
 from gcs.report.run.verification import Verification
@@ -56,7 +56,7 @@ class ReplayOptions:
 class _Plan:
     """What to replay, and with what."""
 
-    made_with: About | None
+    made_with: RecordingInfo | None
     """None for a telemetry log."""
     config: Config
     seed: int
@@ -138,7 +138,7 @@ def _prepared(options: ReplayOptions, console: Console) -> _Plan:
         return _Plan(None, config, options.seed or 0, records)
     if options.detections is not None:
         raise RecordingError(str(path), "is a recording with scans of its own; --detections goes with a log")
-    made_with = about(path)
+    made_with = read_info(path)
     if options.config is not None:
         config = load(options.config)
     elif made_with.config_text:
@@ -166,7 +166,7 @@ def _beside(options: ReplayOptions, console: Console) -> Beside | None:
     return beside
 
 
-def _seed(options: ReplayOptions, made_with: About, config: Config) -> int:
+def _seed(options: ReplayOptions, made_with: RecordingInfo, config: Config) -> int:
     if options.seed is not None:
         return options.seed
     if made_with.run is not None:
@@ -234,7 +234,7 @@ def _say(replay: Replay, summary: dict[str, Any], console: Console) -> None:
 
 
 def _verified(
-    result: Verification, replay: Replay, made_with: About | None, console: Console
+    result: Verification, replay: Replay, made_with: RecordingInfo | None, console: Console
 ) -> dict[str, Any]:
     equal = sum(result.equal.values())
     summary: dict[str, Any] = {
@@ -266,7 +266,7 @@ def _verified(
     return summary
 
 
-def _other_versions(made_with: About | None) -> list[tuple[str, str, str]]:
+def _other_versions(made_with: RecordingInfo | None) -> list[tuple[str, str, str]]:
     then, now = {} if made_with is None else made_with.versions, versions()
     return [(name, then[name], now.get(name, "missing")) for name in then if then[name] != now.get(name)]
 

@@ -26,9 +26,9 @@ from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.files import open_regular
 from gcs.geo import LocalFrame
-from gcs.io.recording.reader import Damage, about, is_recording, read, recording_bytes
-from gcs.io.recording.timestamps import TimedBy, TimeLine
-from gcs.io.recording.tlog import Logged, is_stamped, read_log
+from gcs.io.recording.reader import Damage, is_recording, read, read_info, recording_bytes
+from gcs.io.recording.timestamps import FrameTimes, TimeSource
+from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
 from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.plots.maps import Ground
@@ -132,7 +132,7 @@ class _Reading:
             raise RecordingError(
                 str(path), "is a recording with scans of its own; --detections goes with a log"
             )
-        made_with = about(path)
+        made_with = read_info(path)
         self._find_mission(made_with.config_text)
         seed = self.options.seed if self.options.seed is not None else made_with.run and made_with.run.seed
         self.seed = seed or 0
@@ -201,20 +201,20 @@ class _Reading:
         kind = "telemetry log" if timed_by == "stamps" else "raw MAVLink"
         return self._material(path.name, kind, course, flights, judge, ground, {}, span)
 
-    def _read_log(self, flights: Flights) -> tuple[TimedBy | None, tuple[int, int]]:
+    def _read_log(self, flights: Flights) -> tuple[TimeSource | None, tuple[int, int]]:
         """Take every frame; return where times come from, and the first and last one."""
         path = self.options.path
         size = path.stat().st_size
         times, bad_bytes, stretches = [0, 0], 0, 0
         with open_regular(path) as file, reading_progress(self.console, path, size) as advance:
             stamped = is_stamped(file, str(path))
-            line = TimeLine(stamped=stamped)
+            line = FrameTimes(stamped=stamped)
             for number, part in enumerate(read_log(file, stamped=stamped)):
                 if number % _EVERY == 0:
                     advance(part.offset)
-                if not isinstance(part, Logged):
+                if not isinstance(part, LogFrame):
                     stretches, bad_bytes = stretches + 1, bad_bytes + part.length
-                elif part.standing == "good":
+                elif part.validity == "good":
                     t_ns = line(part)
                     times = [times[0] or t_ns, max(times[1], t_ns)]
                     self.traffic.take(t_ns, part.frame)

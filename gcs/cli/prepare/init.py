@@ -18,7 +18,7 @@ from gcs.config import parse
 from gcs.errors import ConfigError
 from gcs.fence import fence_of
 from gcs.geo import LocalFrame
-from gcs.io.recording.reader import about, is_recording
+from gcs.io.recording.reader import is_recording, read_info
 
 _MARGIN_M: Final = 500.0
 """Around all places: vehicles turn, climb and wait there."""
@@ -96,7 +96,7 @@ def _text(options: InitOptions, name: str, console: Console) -> str:
     elif source.suffix.lower() in (".kml", ".kmz"):
         sketch = read_kml(source)
     elif is_recording(source):
-        text = about(source).config_text
+        text = read_info(source).config_text
         if not text:
             raise ConfigError(str(source), "", "the recording does not hold its mission file")
         return f"# The mission file of the recording {_line(source.name)}.\n\n{text}"

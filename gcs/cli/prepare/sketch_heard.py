@@ -15,7 +15,7 @@ from gcs.endpoints import parse_endpoint
 from gcs.errors import LinkError, RecordingError
 from gcs.files import open_regular
 from gcs.io.links.manager import TRANSPORTS
-from gcs.io.recording.tlog import Logged, is_stamped, read_log
+from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Message, scan
 from gcs.model import Level
 
@@ -113,7 +113,7 @@ def read_heard(path: Path) -> Sketch:
 
 def _read_into(heard: Heard, file: BinaryIO, name: str) -> None:
     for part in read_log(file, stamped=is_stamped(file, name)):
-        if isinstance(part, Logged) and part.standing == "good":
+        if isinstance(part, LogFrame) and part.validity == "good":
             heard.take(part.frame)
         if part.offset > _MAX_LOG_BYTES:
             return

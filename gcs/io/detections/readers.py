@@ -258,11 +258,11 @@ def _of_recording(
     path: Path, model: Path | None, truth: Path | None, progress: Callable[[int], None] | None
 ) -> Detections:
     """Scans of a recorded run; one tracker for agents and targets, which moves as the agents may."""
-    from gcs.io.recording.reader import Damage, about, read
+    from gcs.io.recording.reader import Damage, read, read_info
 
     if model is not None:
         raise ConfigError(str(model), "", "a recording has its own model: expected no --model with it")
-    text = about(path).config_text
+    text = read_info(path).config_text
     if not text:
         raise RecordingError(str(path), "holds no mission file, so it is not known where objects appear")
     config = parse(text, f"{path}: mission file")

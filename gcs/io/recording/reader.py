@@ -86,7 +86,7 @@ class Record:
 
 
 @dataclass(frozen=True, slots=True)
-class About:
+class RecordingInfo:
     """What a recording says of itself."""
 
     config_text: str
@@ -177,7 +177,7 @@ def _part_records(
             progress(before + offset)
 
 
-def about(path: Path) -> About:
+def read_info(path: Path) -> RecordingInfo:
     """Return what a recording was made with: mission file, versions, seed; empty where damage hides them.
 
     Raises
@@ -203,7 +203,7 @@ def about(path: Path) -> About:
                     break
         except (_BreaksOffError, *_BROKEN):
             pass
-    return About(config_text, versions, run)
+    return RecordingInfo(config_text, versions, run)
 
 
 class _Reading:

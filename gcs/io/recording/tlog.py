@@ -1,14 +1,13 @@
 """Telemetry logs (``.tlog``) as QGroundControl, Mission Planner and MAVProxy write and read them.
 
 A tlog is a plain sequence of (8-byte big-endian microseconds since the Unix epoch, one MAVLink frame),
-without a header: https://ardupilot.org/planner/docs/mission-planner-telemetry-logs.html. Readers parse one
-frame after each time stamp, so a datagram of several frames becomes several entries, and bytes that belong
-to no frame must stay out.
+without a header (https://ardupilot.org/planner/docs/mission-planner-telemetry-logs.html). A datagram of
+several frames becomes several entries. Bytes outside frames are left out, since readers expect one frame
+after each time stamp.
 
-Logs of others are read in bounded memory and believed frame by frame. A frame counts when its checksum holds;
-one of an id that we do not know, or that another dialect defines otherwise, has a place when it lies between
-frames. All else is damage; the first good frame behind it is found again whatever the damage was. A raw
-stream (frames alone, as they came from a serial port) is the same without stamps.
+Logs of other programs are read in bounded memory. A frame is valid if its checksum holds. A frame of an
+unknown id, or of another dialect, is accepted between frames. All other bytes are damage, and reading goes on
+at the next valid frame. A raw stream (as it came from a serial port) has frames without time stamps.
 """
 
 from __future__ import annotations
@@ -26,72 +25,46 @@ from gcs.errors import RecordingError
 from gcs.mavlink.frames.codec import Frame, checked_frame, scan
 
 _STAMP = struct.Struct(">Q")
-_LATEST_US = 4_102_444_800_000_000
-"""The year 2100: a later stamp is none."""
+_MAX_STAMP_US = 4_102_444_800_000_000
+"""The year 2100. Later stamps are invalid."""
 _BLOCK_BYTES = 1024 * 1024
 _MAX_ENTRY_BYTES = 2 * (8 + 280)
-"""An entry and the beginning of the next."""
+"""An entry, and the start of the next one."""
 _MARKER = re.compile(b"[\xfd\xfe]")
-_SNIFFED = 200
-_SNIFFED_BYTES = 16 * 1024 * 1024
+_SAMPLE_PARTS = 200
+_SAMPLE_BYTES = 16 * 1024 * 1024
 
 
-class LogClock:
-    """Makes one time line of a log's stamps, whose clock may have been set while it was written.
-
-    A step back by more than `_BACK_NS`, or ahead by more than `_AHEAD_NS`, is none of time: the line goes on
-    from where it was. Smaller steps back are datagrams that overtook each other, and stay.
-    """
-
-    _BACK_NS = 60 * 1_000_000_000
-    _AHEAD_NS = 24 * 3600 * 1_000_000_000
-
-    def __init__(self) -> None:
-        self.jumps = 0
-        self._last_ns: int | None = None
-        self._shift_ns = 0
-
-    def __call__(self, stamp_ns: int) -> int:
-        """Return the time of a stamp on the line."""
-        t_ns = stamp_ns + self._shift_ns
-        if self._last_ns is not None and not -self._BACK_NS <= t_ns - self._last_ns <= self._AHEAD_NS:
-            self.jumps += 1
-            self._shift_ns += self._last_ns - t_ns
-            t_ns = self._last_ns
-        self._last_ns = t_ns if self._last_ns is None else max(t_ns, self._last_ns)
-        return t_ns
+Validity: TypeAlias = Literal["good", "unknown id", "bad checksum"]
 
 
-Standing: TypeAlias = Literal["good", "unknown id", "bad checksum"]
-
-
-class Logged(NamedTuple):
-    """One frame of a log."""
+class LogFrame(NamedTuple):
+    """A frame of a log."""
 
     offset: int
-    """Byte of the file where its entry begins."""
+    """Byte of the file at which the entry begins."""
     t_ns: int
-    """Its stamp, or the last good one; 0 in a raw stream."""
+    """Time stamp, or the last valid one; 0 in a raw stream."""
     frame: Frame
-    standing: Standing
-    """Only of a good frame can the content be believed. A bad checksum is damage or another dialect."""
+    validity: Validity
+    """Only the content of a good frame is reliable. A bad checksum is damage or another dialect."""
 
 
-class Unreadable(NamedTuple):
-    """A stretch of a log that holds no frames."""
+class UnreadableBytes(NamedTuple):
+    """A range of bytes without frames."""
 
     offset: int
     length: int
 
 
 def tlog_entries(t_ns: int, datagram: bytes) -> bytes:
-    """Return the entries of one datagram, ready to be appended to a tlog."""
+    """Return the tlog entries of a datagram; `t_ns` is the time since the Unix epoch."""
     stamp = _STAMP.pack(t_ns // 1000)
     return b"".join(stamp + frame for frame in split_frames(datagram))
 
 
-def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[Logged | Unreadable]:
-    """Read a tlog, or a raw MAVLink stream when it is not `stamped`, to its end, whatever it holds."""
+def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[LogFrame | UnreadableBytes]:
+    """Read a tlog, or a raw MAVLink stream if it is not `stamped`, to its end."""
     lead = _STAMP.size if stamped else 0
     data, base, at, t_ns, ended = b"", 0, 0, 0, False
     bad_from: int | None = None
@@ -109,32 +82,32 @@ def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[Logged | Unrea
             at = marker.start() - lead if marker else len(data) if ended else len(data) - lead
             continue
         if bad_from is not None:
-            yield Unreadable(bad_from, base + at - bad_from)
+            yield UnreadableBytes(bad_from, base + at - bad_from)
             bad_from = None
-        frame, standing = found
-        if stamped and (stamp_us := _STAMP.unpack_from(data, at)[0]) <= _LATEST_US:
+        frame, validity = found
+        if stamped and (stamp_us := _STAMP.unpack_from(data, at)[0]) <= _MAX_STAMP_US:
             t_ns = stamp_us * 1000
-        yield Logged(base + at, t_ns, frame, standing)
+        yield LogFrame(base + at, t_ns, frame, validity)
         at += lead + len(frame.data)
     if bad_from is not None:
-        yield Unreadable(bad_from, base + at - bad_from)
+        yield UnreadableBytes(bad_from, base + at - bad_from)
 
 
 def is_stamped(file: BinaryIO, name: str) -> bool:
-    """Tell a tlog from a raw stream by what lies between the first frames; goes back to the beginning.
+    """Return True if the file is a tlog, False if it is a raw MAVLink stream.
 
-    The beginning of the file decides, so that gigabytes of something else are refused at once.
+    The first 16 MB decide, by the bytes between frames. The file is rewound.
 
     Raises
     ------
     RecordingError
-        When no frame is there; it calls the file `name`.
+        If there is no frame in them. `name` is the file's name in the message.
     """
-    between, frames = 0, 0
-    head = io.BytesIO(file.read(_SNIFFED_BYTES))
-    for part in islice(read_log(head, stamped=False), _SNIFFED):
-        if isinstance(part, Unreadable):
-            between += part.length == _STAMP.size
+    stamp_gaps, frames = 0, 0
+    head = io.BytesIO(file.read(_SAMPLE_BYTES))
+    for part in islice(read_log(head, stamped=False), _SAMPLE_PARTS):
+        if isinstance(part, UnreadableBytes):
+            stamp_gaps += part.length == _STAMP.size
         else:
             frames += 1
     if frames == 0:
@@ -143,11 +116,11 @@ def is_stamped(file: BinaryIO, name: str) -> bool:
             name, "is empty" if empty else "is no recording, and no MAVLink frame is in its first 16 MB"
         )
     file.seek(0)
-    return 2 * between >= frames
+    return 2 * stamp_gaps >= frames
 
 
-def _entry(data: bytes, at: int, lead: int, *, in_step: bool) -> tuple[Frame, Standing] | None:
-    """Return the frame at `at` and what is known of it; None when there is none to be believed."""
+def _entry(data: bytes, at: int, lead: int, *, in_step: bool) -> tuple[Frame, Validity] | None:
+    """Return the frame at `at` and its validity; None if there is no plausible frame."""
     end = len(data)
     length = _length(data, at, end) if at < end else 0
     if not length:
@@ -163,7 +136,7 @@ def _entry(data: bytes, at: int, lead: int, *, in_step: bool) -> tuple[Frame, St
 
 
 def _unchecked(data: bytes) -> Frame:
-    """Read the header of a frame of an unknown id."""
+    """Read the header of a frame whose checksum is not valid or not known."""
     if data[0] == 0xFD:
         message_id = int.from_bytes(data[7:10], "little")
         return Frame(data[5], data[6], data[4], message_id, bool(data[2] & 1), data)
@@ -173,8 +146,8 @@ def _unchecked(data: bytes) -> Frame:
 def split_frames(datagram: bytes) -> list[bytes]:
     """Split a datagram into its MAVLink frames.
 
-    A datagram that frames fill from end to end is split by their lengths alone. In any other, only frames
-    whose checksum holds are taken.
+    If frames fill the datagram from end to end, it is split by their lengths. Otherwise only frames with a
+    valid checksum are returned.
     """
     frames = []
     at, end = 0, len(datagram)
@@ -188,7 +161,7 @@ def split_frames(datagram: bytes) -> list[bytes]:
 
 
 def _length(data: bytes, at: int, end: int) -> int:
-    """Length of the whole frame at `at`, 0 when there is none."""
+    """Return the length of the complete frame at `at`, or 0."""
     if data[at] == 0xFD and at + 12 <= end:
         length = 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
     elif data[at] == 0xFE and at + 8 <= end:

@@ -147,7 +147,7 @@ class Recorder:
             names = [name.with_stem(f"{name.stem}-{self._part_count:03}") for name in names]
         return RecordingPart(*(self.folder / name for name in names))
 
-    def event(self, event: Event) -> None:
+    def record_event(self, event: Event) -> None:
         """Record an event; call it before the engine processes the event."""
         if self._is_part_full:
             self._rotate()
@@ -155,7 +155,7 @@ class Recorder:
             self.flush()
         self._add(event, event.t_ns)
 
-    def effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
+    def record_effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
         """Record an effect of the engine.
 
         Parameters
@@ -169,12 +169,12 @@ class Recorder:
         """
         self._add(effect, t_ns, payload)
 
-    def truth(self, truth: Truth) -> None:
+    def record_truth(self, truth: Truth) -> None:
         """Record the ground truth of a simulated world."""
         self._add(truth, truth.t_ns)
 
     def flush(self) -> None:
-        """Hand everything recorded so far to the operating system; `event` does so once a second."""
+        """Hand everything recorded so far to the operating system; `record_event` does so once a second."""
         if self._is_closed:
             return
         try:

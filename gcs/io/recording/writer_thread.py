@@ -48,7 +48,7 @@ class RecorderThread:
         """Current folder; it changes if the first one was deleted or moved away."""
         return self._recorder.folder
 
-    def event(self, event: Event) -> None:
+    def record_event(self, event: Event) -> None:
         """Record an event; call it before the engine processes the event.
 
         Raises
@@ -58,15 +58,15 @@ class RecorderThread:
         """
         if len(self._batch) >= _BATCH_SIZE or monotonic() >= self._hand_over_at_s:
             self._hand_over()
-        self._batch.append((self._recorder.event, (event,)))
+        self._batch.append((self._recorder.record_event, (event,)))
 
-    def effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
+    def record_effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
         """Record an effect at time `t_ns`; `payload` is its JSON, or empty if it is not encoded yet."""
-        self._batch.append((self._recorder.effect, (t_ns, effect, payload)))
+        self._batch.append((self._recorder.record_effect, (t_ns, effect, payload)))
 
-    def truth(self, truth: Truth) -> None:
+    def record_truth(self, truth: Truth) -> None:
         """Record the ground truth of a simulated world."""
-        self._batch.append((self._recorder.truth, (truth,)))
+        self._batch.append((self._recorder.record_truth, (truth,)))
 
     def close(self) -> None:
         """Write all records and finish the files; do nothing if the recording has ended."""

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from gcs.cli import app
 from gcs.config import load
 from gcs.io.recording.folder import Run
-from gcs.io.recording.reader import Damage, Record, about, read
+from gcs.io.recording.reader import Damage, Record, read, read_info
 from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.messages import Recordable, encode
 from gcs.model import (
@@ -51,11 +51,11 @@ def written(folder: Path, records: Iterable[tuple[int, Recordable]], run: Run | 
     with Recorder(folder, config, {}, run) as recorder:
         for t_ns, value in records:
             if isinstance(value, EVENTS):
-                recorder.event(value)
+                recorder.record_event(value)
             elif isinstance(value, Truth):
-                recorder.truth(value)
+                recorder.record_truth(value)
             else:
-                recorder.effect(t_ns, value)
+                recorder.record_effect(t_ns, value)
     return folder
 
 
@@ -63,7 +63,7 @@ def changed(
     flight: Path, folder: Path, change: Callable[[list[Record]], list[tuple[int, Recordable]]]
 ) -> Path:
     """Write the flight again with a change to its records."""
-    made_with = about(flight)
+    made_with = read_info(flight)
     return written(folder, change(list(read(flight))), made_with.run, made_with.config_text)
 
 
@@ -155,7 +155,7 @@ def test_a_recording_without_a_seed_asks_for_it(flight: Path, tmp_path: Path) ->
     while not isinstance(records[-1][1], Tick):
         records.pop()
     records.pop()
-    old = written(tmp_path / "old", records, None, about(flight).config_text)
+    old = written(tmp_path / "old", records, None, read_info(flight).config_text)
     code, text, _ = replay(old, "--verify")
     assert code == 2
     assert "--seed" in text
@@ -172,16 +172,16 @@ def test_a_cut_off_flight_is_replayed_up_to_the_break(flight: Path, tmp_path: Pa
 
 
 def test_an_event_whose_effects_were_never_written_is_no_difference(flight: Path, tmp_path: Path) -> None:
-    made_with = about(flight)
+    made_with = read_info(flight)
     recorder = Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run)
     scans = 0
     for record in read(flight):
         t_ns, value = plain(record)
         scans += isinstance(value, Scan)
         if isinstance(value, EVENTS):
-            recorder.event(value)
+            recorder.record_event(value)
         elif not isinstance(value, Truth):
-            recorder.effect(t_ns, value)
+            recorder.record_effect(t_ns, value)
         if scans == 10:
             break
     recorder.flush()  # and the process is killed

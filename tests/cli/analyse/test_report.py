@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from gcs.cli import app
 from gcs.cli.analyse.report import ReportOptions, _Reading
 from gcs.config import load
-from gcs.io.recording.reader import Damage, about, read
+from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.recording.tlog import tlog_entries
 from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.model import NS_PER_S, Effect, Event, Picture, Scan, Truth
@@ -137,13 +137,13 @@ def test_the_csv_holds_every_track_of_every_picture(
 def test_a_real_flight_without_truth_that_breaks_off_is_shown_as_far_as_it_goes(
     flight: Path, tmp_path: Path
 ) -> None:
-    made_with = about(flight)
+    made_with = read_info(flight)
     with Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run) as recorder:
         for record in read(flight):
             if isinstance(record.value, Event):
-                recorder.event(record.value)
+                recorder.record_event(record.value)
             elif not isinstance(record.value, Truth | Damage):
-                recorder.effect(record.t_ns, record.value)
+                recorder.record_effect(record.t_ns, record.value)
             if record.sequence % 200 == 0:
                 recorder.flush()
     mcap = tmp_path / "run" / "run.mcap"
@@ -263,15 +263,15 @@ def test_the_papers_figures_and_claims_come_from_one_command(tmp_path: Path) -> 
 
 
 def test_a_run_in_parts_is_one_run_to_every_command(flight: Path, tmp_path: Path) -> None:
-    made_with = about(flight)
+    made_with = read_info(flight)
     with Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run, DiskBudget(60_000)) as recorder:
         for record in read(flight):
             if isinstance(record.value, Event):
-                recorder.event(record.value)
+                recorder.record_event(record.value)
             elif isinstance(record.value, Truth):
-                recorder.truth(record.value)
+                recorder.record_truth(record.value)
             elif not isinstance(record.value, Damage):
-                recorder.effect(record.t_ns, record.value)
+                recorder.record_effect(record.t_ns, record.value)
             if record.sequence % 50 == 0:
                 recorder.flush()
     assert (tmp_path / "run" / "run-002.mcap").is_file()

@@ -199,8 +199,8 @@ def test_a_recording_is_tracked_with_what_its_sensors_say_of_themselves(tmp_path
         for k in range(20):
             t_ns = k * NS_PER_S
             look = Sensor("radar", 0.98, 1e-6, read_only(np.eye(2) * 9.0), (0.0, 0.0, 2000.0, 2000.0))
-            recorder.event(Scan(t_ns + 5, t_ns, look, read_only([place + rng.normal(0, 3, 2)])))
-            recorder.truth(Truth(t_ns, (TruthObject("targets", 1, *place.tolist(), True),)))
+            recorder.record_event(Scan(t_ns + 5, t_ns, look, read_only([place + rng.normal(0, 3, 2)])))
+            recorder.record_truth(Truth(t_ns, (TruthObject("targets", 1, *place.tolist(), True),)))
     result = scores(tmp_path / "run")
     assert result["scans"] == 20
     assert result["ospa_mean_m"] < 10.0

@@ -148,7 +148,7 @@ def test_a_recording_gives_back_its_mission_file(tmp_path):
     text = 'name = "x"\n[frame]\nlat_deg = 33.0\nlon_deg = -87.0\nalt_msl_m = 70.0\n'
     text += "[[agents]]\nsystem_id = 1\neast_m = 100.0\nnorth_m = 100.0\n"
     with Recorder(tmp_path / "run", text, {}, Run("x", 1)) as recorder:
-        recorder.event(Tick(1))
+        recorder.record_event(Tick(1))
     assert init(tmp_path / "run", "-o", "again.toml").exit_code == 0
     assert checked(tmp_path / "again.toml") == load_text(text)
 

@@ -48,7 +48,7 @@ def test_every_record_comes_back_as_it_was_in_the_order_of_consumption(steps: li
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
         recorder = Recorder(folder, "", {}, Run("x", 1))
-        recorder.event(Tick(0))
+        recorder.record_event(Tick(0))
         for step in steps:
             if step == "flush":
                 recorder.flush()
@@ -56,9 +56,9 @@ def test_every_record_comes_back_as_it_was_in_the_order_of_consumption(steps: li
             record, t_ns, is_encoded = step
             if isinstance(record, Event):
                 t_ns = record.t_ns
-                recorder.event(record)
+                recorder.record_event(record)
             else:
-                recorder.effect(t_ns, record, encode(record) if is_encoded else b"")
+                recorder.record_effect(t_ns, record, encode(record) if is_encoded else b"")
             expected.append((record, max(t_ns, 0)))
             if isinstance(record, Datagram | Send):
                 log += tlog_entries(max(t_ns, 0), record.data)
@@ -72,8 +72,8 @@ def test_every_record_comes_back_as_it_was_in_the_order_of_consumption(steps: li
 def test_messages_are_found_by_topic_and_time(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run", "", {}) as recorder:
         for number in range(50):
-            recorder.event(Tick(10 * number))
-            recorder.effect(10 * number, Send("udp", "x", b"y"))
+            recorder.record_event(Tick(10 * number))
+            recorder.record_effect(10 * number, Send("udp", "x", b"y"))
     with (tmp_path / "run" / "run.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         found = [
@@ -86,7 +86,7 @@ def test_messages_are_found_by_topic_and_time(tmp_path: Path) -> None:
 def test_chunks_are_compressed_and_small_enough_for_viewers(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run", "", {}) as recorder:
         for number in range(160):
-            recorder.effect(number, Send("udp", "x", bytes(90_000)))
+            recorder.record_effect(number, Send("udp", "x", bytes(90_000)))
     with (tmp_path / "run" / "run.mcap").open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None

@@ -11,7 +11,7 @@ from pymavlink.dialects.v10 import ardupilotmega as mavlink1
 from pymavlink.dialects.v20 import ardupilotmega as mavlink2
 
 from gcs.errors import RecordingError
-from gcs.io.recording.tlog import Logged, Unreadable, is_stamped, read_log
+from gcs.io.recording.tlog import LogFrame, UnreadableBytes, is_stamped, read_log
 
 T0_US = 1_436_056_003_000_000
 NO_MARKERS = bytes.maketrans(b"\xfd\xfe", b"ab")
@@ -34,23 +34,23 @@ def entry(data: bytes, at_us: int = T0_US) -> bytes:
     return at_us.to_bytes(8, "big") + data
 
 
-def parts(data: bytes, *, stamped: bool = True) -> list[Logged | Unreadable]:
+def parts(data: bytes, *, stamped: bool = True) -> list[LogFrame | UnreadableBytes]:
     return list(read_log(io.BytesIO(data), stamped=stamped))
 
 
-def frames(found: Sequence[Logged | Unreadable]) -> list[bytes]:
-    return [part.frame.data for part in found if isinstance(part, Logged) and part.standing == "good"]
+def frames(found: Sequence[LogFrame | UnreadableBytes]) -> list[bytes]:
+    return [part.frame.data for part in found if isinstance(part, LogFrame) and part.validity == "good"]
 
 
-def damage(found: Sequence[Logged | Unreadable]) -> list[Unreadable]:
-    return [part for part in found if isinstance(part, Unreadable)]
+def damage(found: Sequence[LogFrame | UnreadableBytes]) -> list[UnreadableBytes]:
+    return [part for part in found if isinstance(part, UnreadableBytes)]
 
 
 def test_both_versions_are_read_with_their_times() -> None:
     wanted = [frame(0, version=1), frame(1), frame(2, version=1, system_id=255)]
     found = parts(b"".join(entry(data, T0_US + number) for number, data in enumerate(wanted)))
     assert frames(found) == wanted
-    assert [part.t_ns for part in found if isinstance(part, Logged)] == [
+    assert [part.t_ns for part in found if isinstance(part, LogFrame)] == [
         (T0_US + number) * 1000 for number in range(3)
     ]
     assert not damage(found)
@@ -70,7 +70,7 @@ def test_damage_costs_nothing_but_itself(junk: bytes, before: int, behind: int, 
     head, tail = b"".join(texts[:before]), b"".join(texts[before:])
     found = parts(head + junk + tail, stamped=stamped)
     assert frames(found) == wanted
-    assert damage(found) == [Unreadable(len(head), len(junk))]
+    assert damage(found) == [UnreadableBytes(len(head), len(junk))]
 
 
 @given(st.binary(max_size=2000), st.booleans())
@@ -79,7 +79,7 @@ def test_every_byte_is_accounted_for_whatever_the_file_holds(data: bytes, stampe
     at = 0
     for part in parts(entry(frame(1)) + data, stamped=stamped):
         assert part.offset == at
-        at += part.length if isinstance(part, Unreadable) else lead + len(part.frame.data)
+        at += part.length if isinstance(part, UnreadableBytes) else lead + len(part.frame.data)
     assert at == len(entry(frame(1)) + data)
 
 
@@ -88,7 +88,7 @@ def test_a_log_cut_off_in_its_last_entry_is_read_up_to_it(cut: int) -> None:
     whole, last = entry(frame(0)) + entry(frame(1)), entry(frame(2))
     found = parts(whole + last[:cut])
     assert frames(found) == [frame(0), frame(1)]
-    assert damage(found) == [Unreadable(len(whole), cut)]
+    assert damage(found) == [UnreadableBytes(len(whole), cut)]
 
 
 def test_a_marker_in_the_damage_does_not_swallow_what_follows() -> None:
@@ -102,15 +102,15 @@ def test_a_lost_part_of_a_frame_costs_that_frame() -> None:
     length = len(entry(frame(0)))
     found = parts(data[: length + 20] + data[length + 25 :])
     assert frames(found) == [frame(0), frame(2), frame(3)]
-    assert damage(found) == [Unreadable(length, length - 5)]
+    assert damage(found) == [UnreadableBytes(length, length - 5)]
 
 
 def test_frames_of_other_dialects_have_their_place() -> None:
     wrong = bytearray(frame(1))
     wrong[-1] ^= 0xFF
     data = entry(frame(0)) + entry(unknown_frame()) + entry(bytes(wrong)) + entry(frame(2))
-    found = [part for part in parts(data) if isinstance(part, Logged)]
-    assert [part.standing for part in found] == ["good", "unknown id", "bad checksum", "good"]
+    found = [part for part in parts(data) if isinstance(part, LogFrame)]
+    assert [part.validity for part in found] == ["good", "unknown id", "bad checksum", "good"]
     unknown = found[1].frame
     assert (unknown.system_id, unknown.component_id, unknown.message_id) == (7, 8, 60_000)
     assert not damage(parts(data))
@@ -118,7 +118,7 @@ def test_frames_of_other_dialects_have_their_place() -> None:
 
 def test_a_stamp_that_cannot_be_is_not_believed() -> None:
     found = parts(entry(frame(0)) + entry(frame(1), 2**63) + entry(frame(2), T0_US + 5))
-    assert [part.t_ns // 1000 - T0_US for part in found if isinstance(part, Logged)] == [0, 0, 5]
+    assert [part.t_ns // 1000 - T0_US for part in found if isinstance(part, LogFrame)] == [0, 0, 5]
 
 
 def test_a_tlog_is_told_from_a_raw_stream() -> None:
@@ -143,7 +143,7 @@ def test_memory_does_not_grow_with_the_file() -> None:
 
     tracemalloc.start()
     try:
-        count = sum(isinstance(part, Logged) for part in read_log(Endless()))  # type: ignore[arg-type]
+        count = sum(isinstance(part, LogFrame) for part in read_log(Endless()))  # type: ignore[arg-type]
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -27,7 +27,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 def start_in(folder: Path) -> None:
     with open_recorder(folder, "x", CONFIG, Run("x", 1), RecordingTable()) as recorder:
-        recorder.event(Tick(7))
+        recorder.record_event(Tick(7))
 
 
 @pytest.fixture
@@ -76,5 +76,5 @@ def test_a_recording_that_somebody_has_just_begun_is_not_replaced(tmp_path: Path
         assert not remove_empty(tmp_path / "run")
         with pytest.raises(RecordingError, match="holds a recording already"):
             start_in(tmp_path / "run")
-        other.event(Tick(1))
+        other.record_event(Tick(1))
     assert [record.value for record in read(tmp_path / "run")] == [Tick(1)]
