@@ -1,19 +1,18 @@
-"""How far a picture is from the truth: OSPA, OSPA(2) and GOSPA with their parts, counts, identity switches.
+"""Metrics of estimates against ground truth: OSPA, OSPA(2), GOSPA, cardinality error, identity switches.
 
-- OSPA (Schuhmacher, Vo & Vo, IEEE TSP 56, 2008): for m <= n points, the best pairing's distances, cut off at
-  c, and c for each of the n - m points left over, averaged in the order p: ``((min sum min(d, c)^p + c^p (n -
-  m)) / n)^(1/p)``.
-- OSPA(2) (Beard, Vo & Vo, IEEE TSP 68, 2020): OSPA between sets of tracks over a window of time, where the
-  distance of two tracks is the mean, over the times at which either exists, of min(d, c), and c where only
-  one exists. It sees swapped and broken labels, which OSPA does not.
-- GOSPA (Rahmathullah, Garcia-Fernandez & Svensson, 2017), alpha = 2: not averaged; every missed or false
-  object costs c^p / 2: ``(min over partial pairings of sum d^p + c^p / 2 (missed + false))^(1/p)``.
-- Cardinality error: the mean over time of how far the number of objects is off, whatever the sign.
-- Identity switches (Bernardin & Stiefelhagen, "CLEAR MOT", 2008): how often a true object is shown by another
-  label than the one that showed it last. A pair lasts for as long as it stays within c; who is left over is
-  paired as nearly as possible.
+- OSPA (Schuhmacher, Vo & Vo, IEEE TSP 56, 2008): for m <= n points, the distances of the best pairing, cut
+  off at c, and c for each of the n - m unpaired points, averaged in the order p:
+  ``((min sum min(d, c)^p + c^p (n - m)) / n)^(1/p)``.
+- OSPA(2) (Beard, Vo & Vo, IEEE TSP 68, 2020): OSPA between sets of tracks over a time window. The distance of
+  two tracks is the mean, over the times at which either exists, of min(d, c), and of c where one exists. It
+  sees swapped and broken labels, which OSPA does not.
+- GOSPA (Rahmathullah, Garcia-Fernandez & Svensson, 2017), alpha = 2: not averaged. A missed or false object
+  costs c^p / 2: ``(min over partial pairings of sum d^p + c^p / 2 (missed + false))^(1/p)``.
+- Cardinality error: mean over time of the absolute error of the number of objects.
+- Identity switches (Bernardin & Stiefelhagen, "CLEAR MOT", 2008): number of times that a true object changes
+  its label. A pair lasts while it is within c. Others are paired by distance.
 
-Points are (n, 2) arrays of east/north in metres; all results are in metres.
+Points are (n, 2) arrays of east and north in metres. Results are in metres.
 """
 
 from __future__ import annotations
@@ -59,8 +58,8 @@ def _distances(x_m: FloatArray, y_m: FloatArray) -> FloatArray:
 
 
 def _optimal_assignment(cost: FloatArray) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the cheapest pairs."""
-    # Half of what a program takes to start that tracks and may have no truth to judge by.
+    """Return rows and columns of the cheapest assignment."""
+    # Half of the start-up time of a program that tracks without ground truth.
     from scipy.optimize import linear_sum_assignment
 
     rows, cols = linear_sum_assignment(cost)
@@ -73,26 +72,24 @@ def _assignment_cost(cost: FloatArray) -> float:
 
 
 def _ospa_from_distances(distances: FloatArray, c_m: float, p: float) -> Ospa:
-    """OSPA from the (m, n) distances, each already cut off at `c_m`."""
+    """Return OSPA from distances (m, n) already cut off at `c_m`."""
     fewer, more = min(distances.shape), max(distances.shape)
     if more == 0:
         return Ospa(0.0, 0.0, 0.0)
     local = _assignment_cost(distances**p) if fewer else 0.0
     extra = c_m**p * (more - fewer)
-    return Ospa(
-        *(float((split_clusters / more) ** (1.0 / p)) for split_clusters in (local + extra, local, extra))
-    )
+    return Ospa(*(float((part / more) ** (1.0 / p)) for part in (local + extra, local, extra)))
 
 
 def ospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 100.0, p: float = 1.0) -> Ospa:
-    """OSPA of two sets of points, with cut-off `c_m` > 0 and order `p` >= 1."""
+    """Return OSPA of two sets of points, with cut-off `c_m` > 0 and order `p` >= 1."""
     return _ospa_from_distances(np.minimum(_distances(x_m, y_m), c_m), c_m, p)
 
 
 def ospa2(
     x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[IdT]], c_m: float = 100.0, p: float = 1.0
 ) -> Ospa:
-    """OSPA(2) of two sets of tracks over a window; element k of a sequence is what exists at time k."""
+    """Return OSPA(2) of two sets of tracks over a window; element k is what exists at time k."""
     x, y = _stack_tracks(x_m), _stack_tracks(y_m)
     gap = np.hypot(*np.moveaxis(x[:, None] - y[None, :], -1, 0))
     here_x, here_y = ~np.isnan(x[:, None, :, 0]), ~np.isnan(y[None, :, :, 0])
@@ -102,7 +99,7 @@ def ospa2(
 
 
 def _stack_tracks(scans: Sequence[Tracks[LabelT]]) -> FloatArray:
-    """Return (number of labels, number of times, 2), NaN where a label is not there."""
+    """Return positions (labels, times, 2), NaN where a label does not exist."""
     row = {label: i for i, label in enumerate(dict.fromkeys(label for scan in scans for label in scan))}
     stacked = np.full((len(row), len(scans), 2), np.nan)
     for k, scan in enumerate(scans):
@@ -112,19 +109,19 @@ def _stack_tracks(scans: Sequence[Tracks[LabelT]]) -> FloatArray:
 
 
 def gospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 50.0, p: float = 2.0) -> Gospa:
-    """GOSPA (alpha = 2) of an estimate `x_m` against the truth `y_m`."""
+    """Return GOSPA (alpha = 2) of an estimate `x_m` against the truth `y_m`."""
     distances = _distances(x_m, y_m)
     cost = np.minimum(distances, c_m) ** p
     rows, cols = _optimal_assignment(cost)
-    within_gate = distances[rows, cols] < c_m
-    local, pairs = float(cost[rows, cols][within_gate].sum()), int(within_gate.sum())
+    is_localised = distances[rows, cols] < c_m
+    local, pairs = float(cost[rows, cols][is_localised].sum()), int(is_localised.sum())
     missed, false = distances.shape[1] - pairs, distances.shape[0] - pairs
     total = local + c_m**p / 2.0 * (missed + false)
     return Gospa(float(total ** (1.0 / p)), float(local ** (1.0 / p)), missed, false)
 
 
 def cardinality_error(found_m: Sequence[Tracks[LabelT]], true_m: Sequence[Tracks[IdT]]) -> float:
-    """Mean over time of | number found - number there |; 0 without any time."""
+    """Return the mean over time of | estimated number - true number |; 0 without any time."""
     errors = [abs(len(found) - len(true)) for found, true in zip(found_m, true_m, strict=True)]
     return sum(errors) / max(1, len(errors))
 
@@ -132,7 +129,7 @@ def cardinality_error(found_m: Sequence[Tracks[LabelT]], true_m: Sequence[Tracks
 def identity_switches(
     found_m: Sequence[Tracks[LabelT]], true_m: Sequence[Tracks[IdT]], c_m: float = 50.0
 ) -> int:
-    """Count how often true objects change the label that shows them, within `c_m`."""
+    """Count the label changes of true objects, paired within `c_m`."""
     shown_by: dict[IdT, LabelT] = {}
     last: dict[IdT, LabelT] = {}
     switches = 0

@@ -115,7 +115,7 @@ def update_run(prior_std_m: float, bearing_std_rad: float, runs: int) -> list[tu
         mean, cov = np.array([0.0, 1000.0, 0.0, 0.0]), np.diag([prior_std_m**2, prior_std_m**2, 25.0, 25.0])
         x = rng.multivariate_normal(mean, cov)
         z = sensors.sensor_coordinates(radar, x[None, :2]) + rng.normal(0, (5.0, bearing_std_rad))
-        view = measurement.view(radar, mean[None], cov[None])
+        view = measurement.linearise(measurement.sensor_model(radar), mean[None], cov[None])
         ours, ours_cov = kalman.update_tracks(mean[None], cov[None], first, first, z, view)
         peer = ExtendedKalmanFilter(4, 2)
         peer.x, peer.P, peer.R = mean, cov, np.diag([25.0, bearing_std_rad**2])

@@ -1,4 +1,4 @@
-"""The metrics are the judge of every tracker: here they are held against brute force over all pairings."""
+"""Wrong metrics would rank trackers wrongly: they are compared with brute force over all pairings."""
 
 import itertools
 from datetime import datetime

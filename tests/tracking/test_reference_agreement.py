@@ -1,4 +1,4 @@
-"""If the compiled filter and the exact one part, no existence or position on the picture can be trusted."""
+"""If the filter differed from the reference, no existence or position in the picture could be trusted."""
 
 import itertools
 import math
@@ -84,7 +84,7 @@ def assert_agree(fast, exact, picture, rel, floor):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_without_limits_the_fast_filter_is_the_exact_one(seed):
+def test_without_limits_the_filter_equals_the_reference(seed):
     fast, exact, picture = run_both(seed, [1.0, 1.0, 0.0, 0.4])
     assert_agree(fast, exact, picture, rel=1e-6, floor=1e-9)
     ours = np.sort([w for w, _ in joint(fast)])[::-1]
@@ -93,7 +93,7 @@ def test_without_limits_the_fast_filter_is_the_exact_one(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_gibbs_sampling_alone_finds_the_same_marginals(seed):
+def test_gibbs_sampling_finds_the_same_marginals(seed):
     fast, exact, picture = run_both(seed, [1.0, 1.0, 0.0], max_enumerated=0, gibbs_sweeps=20_000)
     assert_agree(fast, exact, picture, rel=1e-2, floor=2e-3)
 
@@ -117,7 +117,7 @@ def test_default_limits_hardly_change_existence(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_crowd_is_enumerated_as_exactly_as_without_a_bound_on_the_work(seed):
+def test_enumeration_of_a_dense_scene_is_exact_within_its_bound(seed):
     rng = np.random.default_rng(seed)
     place = rng.uniform(-60.0, 60.0, (9, 2))
     born = [Birth(np.array([*p, 0.0, 0.0]), np.diag([60.0, 60.0, 9.0, 9.0]), 0.7) for p in place]
@@ -133,7 +133,7 @@ def test_a_crowd_is_enumerated_as_exactly_as_without_a_bound_on_the_work(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_label_without_its_least_probable_histories_exists_as_probably_as_with_them(seed):
+def test_dropping_improbable_tracks_keeps_existence(seed):
     rng = np.random.default_rng(seed)
     params = GlmbParams(**{**EXACT, "tail_share": 1e-3})
     fast, exact = Glmb("targets", params, 1), ReferenceGlmb(params)

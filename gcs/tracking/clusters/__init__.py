@@ -1,1 +1,1 @@
-"""Labels whose associations depend on each other: they merge, split, or are worked alone."""
+"""Clusters of labels: contention for detections, merging, splitting, singletons."""

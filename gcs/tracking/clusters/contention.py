@@ -1,15 +1,44 @@
-"""Compiled competition for detections: which labels want the same one so much that it matters.
+"""Measurement contention: which labels compete for a detection so much that it matters.
 
-Two labels whose gates share a detection need not be associated jointly. Let a and b take detection j with
-probabilities q_a(j) and q_b(j), each by itself. Their joint posterior is the product of the two, given that
-they do not take the same detection; the two distributions differ, in total variation, by the probability of
-such a conflict, which is at most the sum of q_a(j) q_b(j). So labels go on apart where that product is below
-the bound that also lets labels part (`parting.part`). At the edge of a gate, where most of the sharing
-happens, it is below by orders of magnitude.
+Labels a and b that gate detection j need not be associated jointly. Let each by itself take j with
+probability q_a(j) and q_b(j). Their joint posterior is the product of both, given that they do not take the
+same detection. It differs from the product, in total variation, by the probability of such a conflict,
+which is at most the sum of q_a(j) q_b(j). Labels stay in separate clusters where that product is below
+`max_conflict`.
 
-q is taken on the safe side. A label that loses a contested detection turns to its next best one, so what it
-may fall back upon counts only what nobody contests: its death, its being missed, and detections without a
-conflict. What is contested grows until nothing changes: the same sets whichever label is looked at first.
+q is an upper bound. A label that loses a contested detection takes its next best option, so its alternatives
+count only uncontested options: death, a miss, and detections without conflict. The contested set grows until
+nothing changes, and does not depend on the order of the labels.
+
+A *rival* is a label that gates a detection which another label gates too. An *entry* is an option of a rival
+for such a detection.
+
+====================  ==============  =======  =====================================================
+Contention            shape           dtype    meaning (m detections, T tracks, R rivals, E entries)
+====================  ==============  =======  =====================================================
+owner                 (m,)            int64    the one label that gates it, or none, or several
+contested             (m,)            bool     True if rivals are in conflict over it
+strongest_q           (m,)            float64  greatest q of a rival
+second_q              (m,)            float64  greatest q of another rival
+strongest_rival       (m,)            int64    rival with `strongest_q`
+last_entry            (m,)            int64    last entry for it, or -1
+hyp_probability       (H,)            float64  probability of each hypothesis
+has_rivals            (T,)            bool     True if the track is of a rival
+track_probability     (T,)            float64  of tracks of rivals, else 0
+track_cluster         (T,)            int64    cluster of tracks of rivals
+rival_cluster         (R,)            int64    cluster of each rival
+uncontested_weight    (R,)            float64  weight of absence, death, miss, and unshared detections
+begin                 (R + 1,)        int64    first entry of each rival
+meas                  (E,)            int64    detection of each entry
+rival                 (E,)            int64    rival of each entry
+previous_entry        (E,)            int64    previous entry for the same detection, or -1
+weight                (E,)            float64  weight of the option times the track's probability
+q                     (E,)            float64  probability that the rival takes the detection
+scratch               (m,)            float64  0 between uses
+newly_contested       (m,)            int64    detections that became contested in a round
+queue                 (R,)            int64    rivals to be updated
+is_queued             (R,)            bool     True if the rival is in `queue`
+====================  ==============  =======  =====================================================
 """
 
 from __future__ import annotations
@@ -25,12 +54,12 @@ from gcs.tracking.numerics.fast_math import exp_into
 
 _NO_LABEL, _SEVERAL_LABELS = -1, -2
 _MAX_ROUNDS = 64
-"""In which what is contested may grow: a few are enough, and no scan may take for ever."""
+"""Rounds in which the contested set may grow; a few suffice, and a scan must end."""
 
 
 @inlined
 def find_root(parent: Any, i: int) -> int:
-    """Root of the tree that i is in; the way there becomes shorter."""
+    """Return the root of the tree with node i, with path compression."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -38,55 +67,35 @@ def find_root(parent: Any, i: int) -> int:
 
 
 class Contention(NamedTuple):
-    """Room to see who wants what. A label with rivals is a rival; what is shared, several of them gate."""
+    """Arrays of the contention analysis (see the table above)."""
 
     owner: Any
-    """(detections,) the one label that gates it, or nobody, or many."""
     contested: Any
     strongest_q: Any
-    """(detections,) the strongest claim to each, and the strongest of another rival."""
     second_q: Any
     strongest_rival: Any
-    """(detections,) whose the first is."""
     last_entry: Any
-    """(detections,) the last of the options below for each, or -1."""
     hyp_probability: Any
-    """(hypotheses,) probability of each."""
     has_rivals: Any
-    """(tracks,) whether each is of a rival."""
     track_probability: Any
-    """(tracks,) probability of those, 0 of others."""
     track_cluster: Any
-    """(tracks,) which group those are in."""
     rival_cluster: Any
-    """(rivals,)."""
     uncontested_weight: Any
-    """(rivals,) weight of what nobody contests: absence, death, a miss, detections that nobody else gates."""
     begin: Any
-    """(rivals + 1,) where the options of each for shared detections begin."""
     meas: Any
-    """Of these options, which detection each is for."""
     rival: Any
-    """Whose it is."""
     previous_entry: Any
-    """The one before it for the same detection, or -1."""
     weight: Any
-    """Of the option, times its track's probability."""
     q: Any
-    """q."""
     scratch: Any
-    """(detections,) scratch, 0."""
     newly_contested: Any
-    """(detections,) those contested of late."""
     queue: Any
-    """(rivals,) those who claim anew for that."""
     is_queued: Any
-    """(rivals,) whether they are among these."""
 
 
 @inlined
 def allocate_contention(n_hyps: int, n_tracks: int, n_options: int, n_detections: int) -> Contention:
-    """Return room for so many."""
+    """Allocate the arrays."""
     return Contention(
         np.empty(n_detections, np.int64),
         np.zeros(n_detections, np.bool_),
@@ -115,7 +124,7 @@ def allocate_contention(n_hyps: int, n_tracks: int, n_options: int, n_detections
 
 @inlined
 def _find_owners(options: AssociationOptions, track_label: Any, contention: Contention) -> None:
-    """Fill `to.owner`."""
+    """Fill `owner`."""
     start, meas, owner = options.start, options.meas, contention.owner
     for j in range(owner.size):
         owner[j] = contention.last_entry[j] = _NO_LABEL
@@ -129,7 +138,7 @@ def _find_owners(options: AssociationOptions, track_label: Any, contention: Cont
 
 @inlined
 def _find_rivals(options: AssociationOptions, track_label: Any, contention: Contention) -> None:
-    """Fill `to.wants`."""
+    """Fill `has_rivals`."""
     start, meas, owner = options.start, options.meas, contention.owner
     first = 0
     while first < track_label.size:
@@ -145,7 +154,7 @@ def _find_rivals(options: AssociationOptions, track_label: Any, contention: Cont
 
 @inlined
 def _compute_track_probabilities(clusters: Clusters, contention: Contention) -> None:
-    """Fill `to.chance` and `to.group`."""
+    """Fill `track_probability` and `track_cluster`."""
     exp_into(clusters.logw, contention.hyp_probability)
     for g in range(clusters.first.size - 1):
         for h in range(clusters.first[g], clusters.first[g + 1]):
@@ -162,7 +171,7 @@ def _compute_track_probabilities(clusters: Clusters, contention: Contention) -> 
 
 @inlined
 def _list_rivals(options: AssociationOptions, track_label: Any, contention: Contention) -> int:
-    """List the labels with rivals, and what they want; return how many they are."""
+    """List the rivals and their entries; return the number of rivals."""
     start, meas, owner = options.start, options.meas, contention.owner
     count, n, t = 0, 0, 0
     while t < track_label.size:
@@ -189,10 +198,10 @@ def _list_rivals(options: AssociationOptions, track_label: Any, contention: Cont
 
 
 @inlined
-def _update_rival(r: int, max_conflict: float, newly_contested: int, contention: Contention) -> int:
-    """Let rival r claim what it shares; put what is contested by that behind the first of `work.fresh`.
+def _update_rival(r: int, max_conflict: float, n_newly_contested: int, contention: Contention) -> int:
+    """Compute q of rival r; append newly contested detections.
 
-    Returns how many there are then; `fresh` before.
+    `n_newly_contested` are there before; returns their number after.
     """
     meas, scratch, contested, strongest_q = (
         contention.meas,
@@ -208,7 +217,7 @@ def _update_rival(r: int, max_conflict: float, newly_contested: int, contention:
     for i in range(contention.begin[r], contention.begin[r + 1]):
         j = meas[i]
         contention.q[i] = q = scratch[j] / max(fallback + (scratch[j] if contested[j] else 0.0), 1e-300)
-        # The more is contested, the greater the claims, so those of before need no second look.
+        # q only grows with the contested set, so earlier values need no second comparison.
         if q > strongest_q[j]:
             if strongest_q[j] > 0.0 and contention.strongest_rival[j] != r:
                 contention.second_q[j] = strongest_q[j]
@@ -219,9 +228,9 @@ def _update_rival(r: int, max_conflict: float, newly_contested: int, contention:
         j = meas[i]
         scratch[j] = 0.0
         if not contested[j] and strongest_q[j] * contention.second_q[j] > max_conflict:
-            contested[j], contention.newly_contested[newly_contested] = True, j
-            newly_contested += 1
-    return newly_contested
+            contested[j], contention.newly_contested[n_newly_contested] = True, j
+            n_newly_contested += 1
+    return n_newly_contested
 
 
 @leaf
@@ -233,18 +242,18 @@ def find_contending_clusters(
     contention: Contention,
     parent: Any,
 ) -> None:
-    """Fill `parent` (groups,) with sets of groups that are in conflict over detections, as trees."""
+    """Fill `parent` (clusters,) with the sets of clusters in conflict over detections, as trees."""
     for g in range(parent.size):
         parent[g] = g
     _find_owners(options, track_label, contention)
     _find_rivals(options, track_label, contention)
     _compute_track_probabilities(clusters, contention)
-    n_rivals, newly_contested = _list_rivals(options, track_label, contention), 0
+    n_rivals, n_newly_contested = _list_rivals(options, track_label, contention), 0
     for r in range(n_rivals):
-        newly_contested = _update_rival(r, max_conflict, newly_contested, contention)
+        n_newly_contested = _update_rival(r, max_conflict, n_newly_contested, contention)
     for _ in range(_MAX_ROUNDS):
         n_queued = 0
-        for k in range(newly_contested):
+        for k in range(n_newly_contested):
             i = contention.last_entry[contention.newly_contested[k]]
             while i >= 0:
                 if not contention.is_queued[contention.rival[i]]:
@@ -254,10 +263,12 @@ def find_contending_clusters(
                     )
                     n_queued += 1
                 i = contention.previous_entry[i]
-        newly_contested = 0
+        n_newly_contested = 0
         for k in range(n_queued):
             contention.is_queued[contention.queue[k]] = False
-            newly_contested = _update_rival(contention.queue[k], max_conflict, newly_contested, contention)
+            n_newly_contested = _update_rival(
+                contention.queue[k], max_conflict, n_newly_contested, contention
+            )
     for i in range(contention.begin[n_rivals]):
         j = contention.meas[i]
         if (
@@ -265,7 +276,7 @@ def find_contending_clusters(
             and contention.strongest_rival[j] != contention.rival[i]
             and contention.q[i] * contention.strongest_q[j] > max_conflict
         ):
-            # The smaller index stays the root, so that order does not depend on history.
+            # The smaller index stays the root, so that the order of clusters does not depend on history.
             a = find_root(parent, contention.rival_cluster[contention.rival[i]])
             b = find_root(parent, contention.rival_cluster[contention.strongest_rival[j]])
             parent[max(a, b)] = min(a, b)

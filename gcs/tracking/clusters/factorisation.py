@@ -1,9 +1,25 @@
-"""Compiled parting: after a scan's update, labels that no longer depend on each other go on apart.
+"""Splitting of clusters after a scan's update: labels that no longer depend on each other.
 
-Labels too improbable to matter are forgotten, and labels whose joint distribution is the product of their
-marginals, within a bound on total variation, go on as groups of their own. The test looks at pairs. It asks
-about the density itself, not about distance: two labels that once crossed stay together for as long as it is
-open who is who.
+Labels with too little existence are dropped. Labels whose joint distribution is the product of their
+marginals, within a bound on total variation, become clusters of their own. The test compares pairs of
+labels. It uses the density, not distances: labels that crossed stay together while their identities are
+ambiguous.
+
+==============  =====================  =======  =========================================================
+_SplitBuffers   shape                  dtype    meaning (n labels and h hypotheses of one cluster)
+==============  =====================  =======  =========================================================
+n_tracks        (n,)                   int64    number of tracks of each label
+choice          (h, n)                 int64    track of each label in each hypothesis, from 1; 0 for none
+marginal        (n, tracks + 1)        float64  probability of each choice
+example         (n, tracks + 1)        int64    item where each track is found
+joint           (2, tracks + 1, same)  float64  joint distribution of two labels
+is_undecided    (n,)                   bool     True if the label may depend on others
+set_of          (n,)                   int64    first label of its new cluster, -1 if dropped
+item_label      (all items,)           int64    number of the label in its cluster
+local           (all labels,)          int64    that number, -1 elsewhere
+number          (all tracks,)          int64    number of the track in its label, from 1
+weight          (all hypotheses,)      float64  probability
+==============  =====================  =======  =========================================================
 """
 
 from __future__ import annotations
@@ -13,7 +29,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
-from gcs.tracking.glmb.hypotheses import Clusters, Limits, allocate_clusters, item_key, trim_clusters
+from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters, item_key, trim_clusters
+from gcs.tracking.glmb.params import Limits
 from gcs.tracking.numerics.fast_math import exp_into
 from gcs.tracking.numerics.sorting import (
     UniqueBuffers,
@@ -28,10 +45,9 @@ from gcs.tracking.numerics.sorting import (
 def _number_tracks(
     items: Any, begin: int, end: int, item_label: Any, number: Any, n_tracks: Any, example: Any
 ) -> int:
-    """Number the tracks of each label among the items `begin` to `end` - 1, from 1 on, as they come.
+    """Number the tracks of each label among items `begin` to `end` - 1, from 1.
 
-    Fills `number` (of a track, 0 before), `used` (how many a label has) and `example` (where in `items` each
-    is found); returns the greatest number.
+    Fills `number` (0 before), `n_tracks` and `example`; returns the greatest number.
     """
     max_number = 0
     for i in range(begin, end):
@@ -56,10 +72,10 @@ def _is_dependent(
     joint: Any,
     max_dependence: float,
 ) -> bool:
-    """Whether labels p and q are further than `bound` (total variation) from being independent.
+    """Return True if labels p and q are further than `max_dependence` from independence.
 
-    `joint` is scratch, as great as any two labels need. It is two tables, taken in turns: most hypotheses add
-    to the same few places, and would wait for each other.
+    The distance is the total variation. `joint` is scratch: two tables, used in turns, because most
+    hypotheses add to the same few cells and would wait for each other.
     """
     for a in range(n_tracks[p] + 1):
         for b in range(n_tracks[q] + 1):
@@ -77,43 +93,32 @@ def _is_dependent(
 
 
 class _LabelNumbers(NamedTuple):
-    """Where `_label` puts its numbers."""
+    """Output of `_number_labels`."""
 
     item_label: Any
     local: Any
 
 
 class _SplitBuffers(NamedTuple):
-    """Room to part the labels of one group."""
+    """Buffers to split one cluster (see the table above)."""
 
     n_tracks: Any
-    """(labels,) how many tracks each has."""
     choice: Any
-    """(hypotheses, labels) which of them it has in each hypothesis, 0 for none."""
     marginal: Any
-    """(labels, tracks) probability of that."""
     example: Any
-    """(labels, tracks) where among the items each of them is found."""
     joint: Any
-    """(2, tracks, tracks)."""
     is_undecided: Any
-    """(labels,) whether it may depend on others."""
     set_of: Any
-    """(labels,) the first label of the set that each goes on in, or -1 for none."""
     item_label: Any
-    """(items of all groups,) number of the label in its group."""
     local: Any
-    """(all labels,) that number, -1 elsewhere."""
     number: Any
-    """(all tracks,) number of the track in its label, from 1 on."""
     weight: Any
-    """(all hypotheses,) probability."""
     unique: UniqueBuffers
 
 
 @spliced
 def _find_dependent_sets(clusters: Clusters, g: int, n: int, limits: Limits, buffers: _SplitBuffers) -> None:
-    """Fill `work.set_of` for the n labels of group g."""
+    """Fill `set_of` for the n labels of cluster g."""
     start, low, high = clusters.start, clusters.first[g], clusters.first[g + 1]
     choice, marginal, n_tracks, set_of, is_undecided = (
         buffers.choice,
@@ -137,7 +142,7 @@ def _find_dependent_sets(clusters: Clusters, g: int, n: int, limits: Limits, buf
             choice[h - low, buffers.item_label[i]] = buffers.number[clusters.items[i]]
         for p in range(n):
             marginal[p, choice[h - low, p]] += buffers.weight[h]
-    # A label that is almost sure of its track depends on nobody: it is at most 2 (1 - its probability) away.
+    # A label with one almost certain track is independent: its distance is at most 2 (1 - probability).
     for p in range(n):
         set_of[p] = p if 1.0 - marginal[p, 0] >= limits.min_existence else -1
         max_probability = 0.0
@@ -172,7 +177,10 @@ def _find_dependent_sets(clusters: Clusters, g: int, n: int, limits: Limits, buf
 
 @inlined
 def _marginal_of_label(p: int, buffers: _SplitBuffers) -> int:
-    """Put the tracks of label p into `work.same`, as items, and that it is absent, as -1; return how many."""
+    """Write the marginal of label p to `unique`: its tracks as items, and -1 for absence.
+
+    Returns the number of hypotheses.
+    """
     unique, count = buffers.unique, ZERO
     for a in range(buffers.n_tracks[p] + 1):
         if buffers.marginal[p, a] > 0.0:
@@ -185,9 +193,9 @@ def _marginal_of_label(p: int, buffers: _SplitBuffers) -> int:
 
 @inlined
 def _marginal_of_set(clusters: Clusters, g: int, p: int, buffers: _SplitBuffers) -> Any:
-    """Put the hypotheses of group g over the labels of set p alone into `work.same`, equal ones as one.
+    """Write the marginal of the labels of set p to `unique`, equal hypotheses merged.
 
-    Returns how many.
+    Returns the number of hypotheses.
     """
     low, high, unique = clusters.first[g], clusters.first[g + 1], buffers.unique
     for h in range(low, high):
@@ -201,7 +209,7 @@ def _marginal_of_set(clusters: Clusters, g: int, p: int, buffers: _SplitBuffers)
 
 @leaf
 def _number_labels(clusters: Clusters, g: int, track_label: Any, buffers: _SplitBuffers) -> Any:
-    """Number the labels of group g as they come; return how many."""
+    """Number the labels of cluster g; return how many."""
     items, begin, end = (
         clusters.items,
         clusters.start[clusters.first[g]],
@@ -219,7 +227,7 @@ def _number_labels(clusters: Clusters, g: int, track_label: Any, buffers: _Split
 
 @leaf
 def _measure_clusters(clusters: Clusters, track_label: Any, buffers: Any) -> Any:
-    """Return the most labels and hypotheses of a group, the most tracks of a label, and hypotheses in all."""
+    """Return the most labels and hypotheses of a cluster, tracks of a label, and the total hypotheses."""
     labels, hyps, tracks, run, capacity = 1, 1, 1, 0, 0
     for t in range(track_label.size):
         run = run + 1 if t > 0 and track_label[t] == track_label[t - 1] else 1
@@ -235,7 +243,7 @@ def _measure_clusters(clusters: Clusters, track_label: Any, buffers: Any) -> Any
 
 @leaf
 def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out: Clusters) -> Any:
-    """Fill `out` with the groups that go on; return how many, and how many hypotheses."""
+    """Fill `out` with the split clusters; return the number of clusters and hypotheses."""
     first, start, items = clusters.first, clusters.start, clusters.items
     count, n_hyps, size = 0, 0, 0
     out.first[0] = out.start[0] = 0
@@ -281,7 +289,7 @@ def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out:
 
 @kernel
 def split_clusters(clusters: Clusters, track_label: Any, n_labels: int, limits: Limits) -> Any:
-    """Split every group into groups of dependent labels, without the labels not worth keeping."""
+    """Split each cluster into sets of dependent labels, without labels of too little existence."""
     item_label, local = np.empty(clusters.items.size, np.int64), np.empty(n_labels, np.int64)
     number, weight = np.zeros(track_label.size, np.int64), np.empty(clusters.logw.size)
     local[:] = -1
@@ -302,7 +310,7 @@ def split_clusters(clusters: Clusters, track_label: Any, n_labels: int, limits: 
         weight,
         allocate_unique(hyps),
     )
-    # A label is in one group, and at most a group of its own then.
+    # A label is in one cluster, and at most in a cluster of its own afterwards.
     out = allocate_clusters(n_labels, capacity, clusters.items.size)
     count, n = _fill_split(clusters, limits, buffers, out)
     return trim_clusters(out, count, n)
@@ -324,7 +332,7 @@ def _renumber_items(old: Any, number: Any, n_tracks: Any, items: Any) -> int:
 
 @kernel
 def renumber(clusters: Clusters, n_options: int) -> tuple[Clusters, Any]:
-    """Items 0, 1, 2 ... for the options in use, in their order; also returns which options those are."""
+    """Renumber the used options 0, 1, 2 ... in their order; also return these options."""
     number, n_tracks = np.zeros(n_options, np.int64), np.empty(n_options, np.int64)
     items = np.empty(clusters.items.size, np.int64)
     count = _renumber_items(clusters.items, number, n_tracks, items)

@@ -1,13 +1,11 @@
-"""Compiled meeting: before a scan's update, groups whose labels want the same detections become one.
+"""Merging of clusters whose labels compete for the same detections, before a scan's update.
 
-Objects whose gates share no detection are associated independently, so the density is kept as a product of
-delta-GLMBs over disjoint sets of labels (Reuter et al. 2014; Beard, Vo & Vo 2020). Cost then grows with the
-number of objects, not with the number of their joint hypotheses, and the cap on hypotheses cuts only where
-objects interact: with fifty objects at p_D 0.98 there is a miss at every scan, and no cap could hold all
-combinations of who was missed.
+Labels whose gates share no detection are associated independently, so the density is a product of delta-GLMBs
+over clusters of labels (Reuter et al. 2014; Beard, Vo & Vo 2020). The cost grows with the number of objects,
+and the limit on hypotheses cuts only where objects interact.
 
-Groups that compete (see `claims`) become the product of their hypotheses, which is exact but for the cap.
-Afterwards they part again (see `parting`).
+Clusters that compete (`contention`) become the product of their hypotheses. That is exact but for the limit
+on hypotheses. They are split again after the update (`factorisation`).
 """
 
 from __future__ import annotations
@@ -19,19 +17,14 @@ import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
 from gcs.tracking.clusters.contention import allocate_contention, find_contending_clusters, find_root
-from gcs.tracking.glmb.hypotheses import (
-    AssociationOptions,
-    Clusters,
-    Limits,
-    allocate_clusters,
-    trim_clusters,
-)
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, allocate_clusters, trim_clusters
+from gcs.tracking.glmb.params import Limits
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, head
 
 
 @inlined
 def _max_size(start: Any, low: int, high: int) -> int:
-    """Most items of one of the hypotheses `low` to `high` - 1."""
+    """Return the most items of a hypothesis from `low` to `high` - 1."""
     max_size = 0
     for h in range(low, high):
         max_size = max(max_size, start[h + 1] - start[h])
@@ -39,7 +32,7 @@ def _max_size(start: Any, low: int, high: int) -> int:
 
 
 class _ProductBuffers(NamedTuple):
-    """Room for pairs of hypotheses of two groups, and for two unions of groups."""
+    """Buffers for pairs of hypotheses, and for two products of clusters."""
 
     logw: Any
     left: Any
@@ -62,10 +55,10 @@ def _cluster_product(
     buffers: _ProductBuffers,
     out: Clusters,
 ) -> int:
-    """Hypotheses `low` to `high` - 1 and those of an independent group g together: the best pairs.
+    """Write the best products of hypotheses `low` to `high` - 1 and those of an independent cluster g.
 
-    Both are sorted, so the pair (i, j) has at least (i + 1)(j + 1) - 1 pairs that are no worse, and the best
-    `limits.hypotheses` pairs lie under that hyperbola. Returns how many hypotheses `to` has then.
+    Both lists are sorted, so at least (i + 1)(j + 1) - 1 pairs are no worse than the pair (i, j), and the
+    best `limits.max_hypotheses` pairs lie under that hyperbola. Returns the number of hypotheses.
     """
     max_pairs, rows = limits.max_hypotheses, min(high - low, limits.max_hypotheses)
     g_low, columns = clusters.first[g], clusters.first[g + 1] - clusters.first[g]
@@ -99,7 +92,7 @@ def _cluster_product(
 
 @inlined
 def _max_pairs(rows: int, columns: int, max_pairs: int) -> int:
-    """How many pairs `_product` may look at."""
+    """Bound the number of pairs that `_cluster_product` forms."""
     bound = 0
     for i in range(min(rows, max_pairs)):
         bound += min(columns, max_pairs // (i + 1))
@@ -108,6 +101,7 @@ def _max_pairs(rows: int, columns: int, max_pairs: int) -> int:
 
 @inlined
 def _is_single_label(clusters: Clusters, g: int, track_label: Any) -> bool:
+    """Return True if all tracks of cluster g have one label."""
     begin = clusters.start[clusters.first[g]]
     for i in range(begin, clusters.start[clusters.first[g + 1]]):
         if track_label[clusters.items[i]] != track_label[clusters.items[begin]]:
@@ -116,25 +110,30 @@ def _is_single_label(clusters: Clusters, g: int, track_label: Any) -> bool:
 
 
 class _Unions(NamedTuple):
-    """Which groups are one, for each group."""
+    """Unions of C clusters, all arrays (C,) int64.
+
+    ============  ==================================================================
+    parent        first cluster of the union; -1 for a singleton without competitors
+    next_cluster  next cluster in the union, or -1
+    last          scratch
+    max_hyps      bound on the hypotheses of the union, at its first cluster
+    max_size      bound on the items of such a hypothesis
+    ============  ==================================================================
+    """
 
     parent: Any
-    """The first group of its union; -1 for one label that competes with nobody."""
     next_cluster: Any
-    """The next one in its union, -1 behind the last."""
     last: Any
-    """Scratch."""
     max_hyps: Any
-    """Of a first one: most hypotheses of the union."""
     max_size: Any
-    """And most items of one of them."""
 
 
 @leaf
 def _link_unions(clusters: Clusters, track_label: Any, limits: Limits, out: _Unions, singletons: Any) -> Any:
-    """Make of the trees in `to.parent` chains, and list in `alone` the labels that compete with nobody.
+    """Turn the trees in `out.parent` into chains, and list the singleton clusters.
 
-    Returns how many those are; hypotheses and items of all unions, and the most of one; pairs of a product.
+    Returns the number of singletons, the hypotheses and items of all unions and of the largest one, and the
+    pairs of a product.
     """
     first, n_clusters = clusters.first, clusters.first.size - 1
     pairs = 1
@@ -166,7 +165,7 @@ def _link_unions(clusters: Clusters, track_label: Any, limits: Limits, out: _Uni
 def _multiply_unions(
     clusters: Clusters, unions: _Unions, limits: Limits, buffers: _ProductBuffers, out: Clusters
 ) -> Any:
-    """Fill `out` with the unions; return how many groups and hypotheses those are."""
+    """Fill `out` with the product of each union; return the number of clusters and hypotheses."""
     first = clusters.first
     count, n = 0, 0
     out.first[0] = out.start[0] = 0
@@ -196,9 +195,9 @@ def _multiply_unions(
 def merge_clusters(
     clusters: Clusters, options: AssociationOptions, track_label: Any, n_detections: int, limits: Limits
 ) -> Any:
-    """Unite the groups whose labels want the same detections (see `claims`).
+    """Merge the clusters whose labels compete for the same detections (`contention`).
 
-    Returns which groups are of one label that competes with nobody, and all others, united.
+    Returns the indices of the singleton clusters, and all other clusters, merged.
     """
     n_clusters = clusters.first.size - 1
     unions = _Unions(

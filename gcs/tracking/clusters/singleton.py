@@ -1,11 +1,22 @@
-"""Compiled association of labels that compete with nobody: a whole scan's work on each in one pass.
+"""Update of singleton labels: a whole scan for each label that competes for no detection, in one pass.
 
-In a large scene most labels want no detection that another wants. Such a label's hypotheses hold one of its
-tracks, or none (it is not there); their children are all options of all tracks, and nothing needs to be
-searched. So what `search.children`, `kernels.update`, `merging.merge_alike` and `parting.part` do for
-groups of many labels, one after the other over arrays of everything, is done here label by label while its
-few numbers are at hand: weigh the children, drop the hopeless, update, join those that became alike, forget
-the label if it is improbable.
+In a large scene most labels compete with no other label. The hypotheses of such a label hold one of its
+tracks, or none. Its posterior components are all options of all tracks, and no search is needed. Each label
+is weighed, pruned, updated, merged and possibly dropped while its few numbers are in the cache. The result
+is that of `ranked_assignment`, `kalman`, `merging` and `factorisation` one after the other.
+
+===================  ===========  =======  ==========================================================
+array                shape        dtype    meaning (m detections, L labels, K components of a label)
+===================  ===========  =======  ==========================================================
+p_explained          (m,)         float64  probability that a track made each detection
+p_detected           (L,)         float64  probability that each predicted label was detected
+p_exists             (L,)         float64  existence of each predicted label
+_Components.option   (K,)         int64    option, or _ABSENT for the empty hypothesis
+.parent, .logw       (K,)                  track and log-weight of each component
+.order, .weight      (K,)                  components kept, best first; their weights sum to 1
+_Representatives     (K, ...)              tracks that represent similar ones (see `merging`); `mean` is that
+                                           before merging, `row` the row in the result
+===================  ===========  =======  ==========================================================
 """
 
 from __future__ import annotations
@@ -16,9 +27,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, prefetch_row, spliced
-from gcs.tracking.glmb.hypotheses import DIED, AssociationOptions, Clusters, Limits
+from gcs.tracking.glmb.hypotheses import DIED, AssociationOptions, Clusters
 from gcs.tracking.glmb.kalman import update_track
 from gcs.tracking.glmb.merging import cholesky4, outside_axis_gate, within_gate
+from gcs.tracking.glmb.params import Limits
 from gcs.tracking.numerics.fast_math import log_in_place
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, head
 
@@ -28,48 +40,44 @@ if TYPE_CHECKING:
 
 _ABSENT = -1
 _PREFETCH_LABELS = 2
-"""How many labels before its turn a label's detection is fetched: those of neighbours are far apart."""
+"""Labels by which a detection is prefetched: detections of neighbours are far apart in memory."""
 
 
 class DetectionMarginals(NamedTuple):
-    """Probabilities that add up over the groups of a scan; empty where nobody asks for them."""
+    """Marginals summed over the clusters of a scan; empty if not requested."""
 
     p_explained: Any
-    """(detections,) that some track made each."""
     p_detected: Any
-    """(labels,) that each label, before the scan, was detected."""
     p_exists: Any
-    """(labels,) that it is there."""
 
 
 class Tracks(NamedTuple):
-    """Tracks after a scan: which option of which track each was, its Gaussian, and who holds it."""
+    """Tracks after a scan: option and predicted track of each, Gaussian, and hypotheses."""
 
     clusters: Clusters
     parent: Any
     option: Any
     mean: Any
-    """A row for each, and room for more behind them."""
+    """One row for each track, and spare rows behind them."""
     cov: Any
 
 
 class _Components(NamedTuple):
-    """Scratch: the children of one group; a child is an option of a track, or nobody."""
+    """Posterior components of one label (see the table above)."""
 
     option: Any
     parent: Any
     logw: Any
     order: SortBuffers
-    """The ones kept, best first."""
     weight: Any
-    """Of the ones kept, in that order; they add up to 1."""
 
 
 @inlined
 def _drop_tail(kept: int, share: float, components: Any) -> Any:
-    """Drop the least probable children that hold less than a share of the label's existence together.
+    """Drop the least probable tracks that hold less than `share` of the existence of the label together.
 
-    Their weight goes to its others, so the label exists as probably as before. Returns how many are left.
+    Their weight goes to the other tracks, so existence does not change. Returns the number of components
+    left.
     """
     existence, dropped, n = 0.0, 0.0, ZERO
     for k in range(kept):
@@ -103,7 +111,7 @@ def _drop_tail(kept: int, share: float, components: Any) -> Any:
 def _weigh_components(
     clusters: Clusters, g: int, options: AssociationOptions, limits: Limits, components: Any
 ) -> Any:
-    """Fill `to` with the children of group g; return how many are kept."""
+    """Fill the posterior components of cluster g; return the number kept."""
     start, items = clusters.start, clusters.items
     n, best, max_absent_logw, n_absent = 1, -np.inf, -np.inf, 0
     for h in range(clusters.first[g], clusters.first[g + 1]):
@@ -119,7 +127,7 @@ def _weigh_components(
             components.option[n], components.parent[n], components.logw[n] = o, t, logw
             best = max(best, logw)
             n += 1
-    # Nobody is there in several ways; they are added up only where that can be worth keeping.
+    # Several components say that the object is absent. Their sum is computed only if it can be kept.
     components.option[0], components.parent[0], components.logw[0] = _ABSENT, _ABSENT, -np.inf
     if n_absent > 0 and max_absent_logw + n_absent > best + limits.log_prune:
         absent_weight = 0.0
@@ -157,7 +165,7 @@ def _weigh_components(
 
 @inlined
 def _merge_pair(mean: FloatArray, cov: FloatArray, a: int, b: int, share: float) -> None:
-    """Make of a the Gaussian with the moments of the mixture of a and, with a share of `share`, b."""
+    """Give Gaussian a the moments of the mixture of a and b, where b has the weight `share`."""
     for i in range(4):
         for j in range(4):
             spread = (mean[b, i] - mean[a, i]) * (mean[b, j] - mean[a, j])
@@ -167,10 +175,9 @@ def _merge_pair(mean: FloatArray, cov: FloatArray, a: int, b: int, share: float)
 
 
 class _Representatives(NamedTuple):
-    """Scratch: tracks of a label that stand for those that are like them."""
+    """Scratch for merging (see the table above)."""
 
     mean: Any
-    """What it was before it took others on."""
     cholesky: Any
     is_factored: Any
     weight: Any
@@ -182,7 +189,7 @@ class _Representatives(NamedTuple):
 def _compute_bounds(
     clusters: Clusters, singletons: Any, options: AssociationOptions, max_hypotheses: int
 ) -> Any:
-    """Bounds: of tracks and hypotheses in all, and of the children of one group."""
+    """Return bounds on all tracks and hypotheses, and on the components of one label."""
     n_tracks, n_hyps, max_components = 0, 0, 1
     for i in range(singletons.size):
         tracks = 0
@@ -210,9 +217,10 @@ def _update_and_merge(
     max_distance2: float,
     out: Any,
 ) -> Any:
-    """Update the children of a label and join those that are alike.
+    """Update the components of a label and merge similar tracks.
 
-    Leaders are the tracks n, n + 1 ... and nobody, who is like no one. Returns how many they are, and tracks.
+    Representatives are tracks n, n + 1 ... and the empty hypothesis. Returns their number and the number of
+    tracks.
     """
     count, at = ZERO, n
     for k in range(kept):
@@ -252,7 +260,7 @@ def _update_and_merge(
 def _add_marginals(
     kept: int, components: Any, meas: Any, track_label: Any, marginals: DetectionMarginals
 ) -> None:
-    """Add to `made` what the kept children of a label tell."""
+    """Add the kept components of a label to the marginals."""
     for k in range(kept):
         c = components.order.index[k]
         if components.option[c] != _ABSENT:
@@ -284,7 +292,7 @@ def _update_singletons(
     reps: Any,
     out: Tracks,
 ) -> Any:
-    """Work them all; returns how many groups, hypotheses and tracks go on."""
+    """Update all singletons; return the number of clusters, hypotheses and tracks that are kept."""
     meas, first, start, items, logw = (
         options.meas,
         out.clusters.first,
@@ -347,10 +355,9 @@ def update_singletons(
     n_spare_rows: int,
     marginals: DetectionMarginals,
 ) -> Tracks:
-    """Predict and update the groups `which`, each of one label that competes with nobody.
+    """Predict and update the `singletons`: indices of clusters of one label without competitors.
 
-    Probabilities are added to `made`, where it has room. The means and covariances have room for `spare` rows
-    more.
+    `marginals` are added to, unless they are empty. Means and covariances get `n_spare_rows` rows more.
     """
     n_tracks, n_hyps, max_hypotheses = _compute_bounds(clusters, singletons, options, limits.max_hypotheses)
     components = _Components(

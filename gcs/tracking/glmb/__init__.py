@@ -1,1 +1,1 @@
-"""The GLMB filter: prediction, gating, association, update, and extraction of estimates."""
+"""The GLMB filter. Start with `filter` (interface) and `recursion` (equations)."""

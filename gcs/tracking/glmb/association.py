@@ -1,6 +1,19 @@
-"""Compiled: a scan's association from beginning to end, and what goes on to the next scan.
+"""Association of a scan from predicted tracks to the posterior tracks.
 
-Labels that compete with nobody go first (`alone`), the groups of the others behind them.
+Singleton labels, which compete for no detection, are updated by themselves (`clusters.singleton`). All other
+labels are associated jointly in their clusters (`ranked_assignment`). Results are concatenated, singletons
+first.
+
+================  =============  =======  =====================================================
+PosteriorTracks   shape          dtype    meaning (n tracks)
+================  =============  =======  =====================================================
+parent            (n,)           int64    predicted track
+option            (n,)           int64    option that it took
+label             (n,)           int64    row of `kept_labels`
+kept_labels       (labels,)      int64    predicted labels that are kept
+mean              (>= n, 4)      float64  rows beyond n are unused
+cov               (>= n, 4, 4)   float64
+================  =============  =======  =====================================================
 """
 
 from __future__ import annotations
@@ -13,10 +26,11 @@ from gcs.jit import ZERO, inlined, leaf
 from gcs.tracking.clusters.factorisation import renumber, split_clusters
 from gcs.tracking.clusters.merging import merge_clusters
 from gcs.tracking.clusters.singleton import DetectionMarginals, Tracks, update_singletons
-from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, Limits, allocate_clusters
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, allocate_clusters
 from gcs.tracking.glmb.kalman import update_tracks
 from gcs.tracking.glmb.marginals import track_probabilities
 from gcs.tracking.glmb.merging import merge_similar_tracks
+from gcs.tracking.glmb.params import Limits
 from gcs.tracking.glmb.ranked_assignment import update_clusters
 
 if TYPE_CHECKING:
@@ -25,7 +39,7 @@ if TYPE_CHECKING:
 
 
 class JointTracks(NamedTuple):
-    """Tracks of groups of several labels after a scan: their items are rows of `used`."""
+    """Tracks of clusters with several labels; items are rows of `kept`."""
 
     clusters: Clusters
     parent: Any
@@ -33,30 +47,24 @@ class JointTracks(NamedTuple):
     mean: Any
     cov: Any
     kept: Any
-    """Which rows of the four before go on."""
+    """Rows of the four arrays above that are kept."""
 
 
 class PosteriorTracks(NamedTuple):
-    """All tracks after a scan."""
+    """All tracks after a scan (see the table above)."""
 
     clusters: Clusters
     parent: Any
-    """(n,) which track each was before the scan."""
     option: Any
-    """(n,) which option of that it took."""
     label: Any
-    """(n,) which of `kept` it is of."""
     kept_labels: Any
-    """(labels,) which labels go on, by their numbers before the scan."""
     mean: Any
-    """(n or more, 4): behind the tracks there may be room."""
     cov: Any
-    """(n or more, 4, 4)."""
 
 
 @leaf
 def _append_clusters(clusters: Clusters, g: int, h: int, size: int, first_item: int, out: Clusters) -> Any:
-    """Put groups behind the g groups, h hypotheses and so many items of `out`; return what it has then."""
+    """Append clusters behind g clusters, h hypotheses and `size` items of `out`; return the new numbers."""
     for i in range(clusters.items.size):
         out.items[size + i] = first_item + clusters.items[i]
     for i in range(clusters.logw.size):
@@ -68,7 +76,7 @@ def _append_clusters(clusters: Clusters, g: int, h: int, size: int, first_item: 
 
 @leaf
 def _concatenate(singletons: Tracks, joint: JointTracks, track_label: Any, out: PosteriorTracks) -> int:
-    """Fill `out`, and the rows of `lone` behind its tracks; return how many labels go on."""
+    """Fill `out`, and the spare rows of `singletons`; return the number of kept labels."""
     out.clusters.first[0] = out.clusters.start[0] = n_labels = ZERO
     g, h, size = _append_clusters(singletons.clusters, ZERO, ZERO, ZERO, ZERO, out.clusters)
     n = singletons.parent.size
@@ -93,9 +101,9 @@ def _concatenate(singletons: Tracks, joint: JointTracks, track_label: Any, out: 
 
 @inlined
 def concatenate(singletons: Tracks, joint: JointTracks, track_label: Any) -> PosteriorTracks:
-    """Gather all tracks; their Gaussians are the first rows of those of `lone`, which has room for them.
+    """Concatenate the tracks, with the Gaussians in the spare rows of `singletons`.
 
-    Tracks of a label stand together, in both.
+    Tracks of a label are adjacent in both.
     """
     single_clusters, n = singletons.clusters, singletons.parent.size + joint.kept.size
     clusters = allocate_clusters(
@@ -120,7 +128,7 @@ def concatenate(singletons: Tracks, joint: JointTracks, track_label: Any) -> Pos
 def _look_up_options(
     options: AssociationOptions, track_label: Any, option: Any, parent: Any, meas: Any, label: Any
 ) -> None:
-    """Fill in which track each of some options, in their order, is of, which detection, and whose label."""
+    """Fill track, detection and label of each of some ascending options."""
     t = 0
     for i in range(option.size):
         while options.start[t + 1] <= option[i]:
@@ -130,7 +138,7 @@ def _look_up_options(
 
 @leaf
 def _add_marginals(probability: FloatArray, meas: Any, label: Any, marginals: DetectionMarginals) -> None:
-    """Add to `made` what tracks of such a probability tell."""
+    """Add the probabilities of tracks to the marginals of their labels and detections."""
     for i in range(meas.size):
         marginals.p_exists[label[i]] += probability[i]
         if meas[i] >= 0:
@@ -152,9 +160,9 @@ def joint_update(
     rng: Any,
     marginals: DetectionMarginals,
 ) -> Any:
-    """Update predicted tracks by a scan's detections; return (`Carried`) those that some hypothesis holds.
+    """Return the `PosteriorTracks` of a scan.
 
-    `rng` (1,) uint64 advances; `made` is added to, where it has room.
+    `rng` (1,) uint64 advances. `marginals` are added to, unless they are empty.
     """
     singletons, joint_clusters = merge_clusters(clusters, options, track_label, z.shape[0], limits)
     joint_clusters, option = renumber(

@@ -1,12 +1,23 @@
-"""Compiled: the state in which a label is shown, averaged over the histories that mean the same place.
+"""State extraction: the estimate of each label, averaged over the tracks that agree on its state.
 
-A label's density is a mixture over association histories. Its mean is the best guess where the histories
-differ in a detection or two (which of them is clutter), and a place where nobody is where they differ in
-which object they follow. So a label is shown as an average: of the history that the best joint hypothesis has
-of it, and those that may well be the same state, which differ from it by less than 99 % of differences would
-by the covariances of both. That has the least expected square error; its covariance is the mixture's.
+The density of a label is a mixture over association histories. Its mean is the best estimate where histories
+differ in a few detections. It is wrong where histories follow different objects: a mean between two objects
+is at neither. So a label's estimate averages its representative track (`marginals`) and the tracks that may
+have the same state: their difference is within the 99 % gate of both covariances. The covariance is that of
+this mixture.
 
-Which labels are shown, and in which order: those that are probable enough or in the estimate, as born.
+Reported labels are those in the estimate or with enough existence, in the order of birth.
+
+============  ============  =======  =========================================================
+Estimates     shape         dtype    meaning (n reported labels)
+============  ============  =======  =========================================================
+label         (n, 2)        int64    scan of birth, index of the birth in that scan
+mean          (n, 4)        float64  east, north, v_east, v_north
+cov           (n, 4, 4)     float64
+existence     (n,)          float64  existence probability
+estimated     (n,)          bool     True if the label is in the MAP-cardinality estimate
+cardinality   (k,)          float64  probability of each number of objects
+============  ============  =======  =========================================================
 """
 
 from __future__ import annotations
@@ -25,28 +36,22 @@ if TYPE_CHECKING:
     from gcs.model import FloatArray
 
 SAME_STATE_CHI2: Final = 13.28
-"""99 % of the chi-square distribution with four degrees of freedom."""
+"""99 % quantile of the chi-square distribution with four degrees of freedom."""
 _NOT_REPORTED_KEY: Final = -(2**63)
-"""What is not shown is sorted by this."""
+"""Sort key of labels that are not reported."""
 _MIN_SHARE: Final = 1e-3
-"""Histories less probable than this, against the one that is shown, are passed over: they move nothing."""
+"""Tracks below this probability, relative to the representative one, do not change the average."""
 
 
 class Estimates(NamedTuple):
-    """A picture as arrays, a row for each of its labels, in their order."""
+    """Estimates of the reported labels as arrays (see the table above)."""
 
     label: Any
-    """(n, 2) scan of birth and index there, int64."""
     mean: Any
-    """(n, 4)."""
     cov: Any
-    """(n, 4, 4)."""
     existence: Any
-    """(n,)."""
     estimated: Any
-    """(n,) whether it is in the MAP-cardinality estimate."""
     cardinality: Any
-    """(k,) probability of each number of objects."""
 
 
 @leaf
@@ -106,9 +111,9 @@ def _average_states(
 def average_states(
     probability: FloatArray, track_label: Any, extract_estimates: Any, mean: FloatArray, cov: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Means (n, 4) and covariances (n, 4, 4) of labels by the tracks `shown` (n,) that stand for them.
+    """Return means (n, 4) and covariances (n, 4, 4) of labels with the tracks `representative` (n,).
 
-    `probability` of each track (see `summing.probabilities`); a label's tracks stand together.
+    `probability` of each track is that of `marginals`; tracks of a label are adjacent.
     """
     out_mean, out_cov = np.empty((extract_estimates.size, 4)), np.empty((extract_estimates.size, 4, 4))
     centre, total_cov, cholesky = np.empty((1, 4)), np.empty((1, 4, 4)), np.empty((1, 4, 4))
@@ -138,13 +143,13 @@ def _select_labels(
     key: Any,
     order: SortBuffers,
 ) -> int:
-    """Put the labels to be shown in order, and fill which are estimated; return how many are shown."""
+    """Sort the labels to report by birth, and fill which are estimated; return how many to report."""
     for i in range(marginals.estimated.size):
         track = marginals.estimated[i]
         marginals.representative[track_label[track]], estimated[track_label[track]] = track, True
     count = ZERO
     for label in range(estimated.size):
-        # Those that are not shown stand behind all others.
+        # Labels that are not reported are sorted last.
         key[label] = _NOT_REPORTED_KEY
         if estimated[label] or marginals.existence[label] >= min_existence:
             key[label] = -(labels[label, 0] << 32) - labels[label, 1]
@@ -169,7 +174,7 @@ def _fill_estimates(
 def extract_estimates(
     clusters: Clusters, track_label: Any, labels: Any, mean: FloatArray, cov: FloatArray, min_existence: float
 ) -> Estimates:
-    """Labels in the estimate, and those with an existence of at least `least`."""
+    """Return the estimates of labels in the MAP estimate or with an existence of at least `min_existence`."""
     marginals = compute_marginals(clusters, track_label, labels.shape[0])
     n_labels = labels.shape[0]
     estimated, order = np.zeros(n_labels, np.bool_), allocate_sort(n_labels)
@@ -183,6 +188,6 @@ def extract_estimates(
 
 
 def warm_up_calls() -> list[tuple[Any, ...]]:
-    """One call of every kernel, types as in a tracker."""
+    """Return one call of every kernel, with the types of a tracker."""
     zeros, ids, clusters = np.zeros(1, np.int64), np.zeros((1, 2), np.int64), Clusters.example()
     return [(extract_estimates, clusters, zeros, ids, np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), 1e-3)]

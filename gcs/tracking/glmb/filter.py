@@ -1,21 +1,14 @@
 """The GLMB tracker: scans of detections in, a picture of labelled tracks out.
 
-The delta-generalised labelled multi-Bernoulli filter with joint prediction and update (B.-N. Vo, B.-T. Vo &
-H. Hoang, "An efficient implementation of the generalized labeled multi-Bernoulli filter", IEEE TSP 65, 2017),
-one Gaussian per track, kept as a product over groups of interacting labels (Beard, Vo & Vo, IEEE TSP 68,
-2020). This module holds what is believed between scans. What a scan does to it is compiled, one call
-(`scanning`): `kernels`, `views` and `gates` (one object), `meeting`, `claims` and `parting` (which labels
-interact), `alone` and `search` (association), `association` (all of that for a scan), `merging`. What is
-shown is another (`showing`, `summing`).
+A delta-generalised labelled multi-Bernoulli filter with joint prediction and update, one Gaussian per track,
+as a product over clusters of interacting labels. Equations and sources: `gcs.tracking.glmb.recursion`.
 
-Model: an object survives dt with probability p_S^dt and moves as in `motion`; a sensor detects it with p_D
-while it is inside the field of view, at most once, with Gaussian noise (see `views`); all else in a
-scan is Poisson clutter; new objects appear where the caller says that they may (a labelled multi-Bernoulli
-birth for each scan).
+Model: an object survives dt with probability p_S^dt and moves at constant velocity or in turns. A sensor
+detects it with p_D in its field of view, at most once, with Gaussian noise. All other detections are Poisson
+clutter. Objects appear by a labelled multi-Bernoulli birth at each scan.
 
-The tracker is a pure value machine: time is an argument, randomness comes from a seed, and the same calls
-give the same bytes. No values make it raise once constructed: what it cannot use it counts (`late_scans`,
-`bad_detections`). Arrays of another shape than (m, 2) do.
+The tracker is deterministic: time is an argument and randomness comes from a seed. Unusable detections and
+late scans are counted, not raised. A wrong array shape raises ValueError.
 """
 
 from __future__ import annotations
@@ -39,29 +32,29 @@ __all__ = ["Birth", "DetectionSummary", "Estimates", "Glmb", "GlmbParams", "warm
 
 
 class Glmb:
-    """One tracker of one kind of object.
+    """A GLMB tracker of one kind of object.
 
     Parameters
     ----------
     kind : {"agents", "targets"}
-        Written on its pictures.
+        Kind of object, for its pictures.
     params : GlmbParams
         Model and limits.
     seed : int
-        Of the Gibbs sampler, which works only where many objects interact.
+        Seed of the Gibbs sampler, which large clusters alone use.
     keep_histories : bool
-        Whether tracks remember their detections, so that whole paths can be recovered (see `recovery`).
-    weigh_detections : bool
-        Whether each update says in `account` what the tracks make of the scan's detections.
+        True to keep association histories, for whole trajectories (see `trajectories.recovery`).
+    summarise_detections : bool
+        True to fill `detection_summary` at each update.
 
     Attributes
     ----------
     histories : Histories or None
-        Where they remember them.
-    account : Account or None
-        Of the last scan, when detections are weighed.
+        Association histories.
+    detection_summary : DetectionSummary or None
+        What the tracks explain of the last scan.
     scans, late_scans, bad_detections : int
-        Scans taken in; scans refused as measured before the last one; detections refused as not finite.
+        Processed scans, scans refused as older than the last one, detections refused as not finite.
     """
 
     def __init__(
@@ -97,29 +90,28 @@ class Glmb:
         births: Sequence[Birth] = (),
         clutter_density_per_m2: FloatArray | None = None,
     ) -> None:
-        """Take in a scan.
+        """Process a scan.
 
         Parameters
         ----------
         measured_t_ns : int
-            When it was measured. The same time as the last scan's is fine (another sensor); earlier than it,
-            the scan is counted in `late_scans` and otherwise ignored.
+            Time of measurement. It may equal that of the last scan (another sensor). An older scan is
+            counted in `late_scans` and ignored.
         z_m : (m, 2) array
-            Detections east/north, in any order, whatever the sensor measures. Rows that are not finite are
+            Detections, east and north in metres for every kind of sensor. Rows that are not finite are
             counted in `bad_detections`.
         sensor : Sensor
-            What the scan's sensor says of itself.
+            Model of the sensor.
         births : sequence of Birth
-            Where objects may have appeared by this scan. Birth i gets the label (scan count, i).
+            Birth components of this scan. Birth i gets the label (scan number, i).
         clutter_density_per_m2 : (m,) array, optional
-            Clutter intensity at each detection, where it is known better than by the sensor's uniform
-            density: near objects that this tracker does not track. A detection whose intensity is not finite
-            is unusable and counted in `bad_detections`.
+            Clutter intensity at each detection, in place of the sensor's. A detection whose intensity is not
+            finite is counted in `bad_detections`.
 
         Raises
         ------
         ValueError
-            When `z_m` has another shape: two rows in place of two columns would be other places.
+            If `z_m` has another shape.
         """
         if self._t_ns is not None and measured_t_ns < self._t_ns:
             self.late_scans += 1
@@ -127,7 +119,7 @@ class Glmb:
         dt_s = 0.0 if self._t_ns is None else (measured_t_ns - self._t_ns) / NS_PER_S
         self._t_ns = measured_t_ns
         if births is not self._births:
-            # Known places are one tuple, the same at each scan; what is not a tuple might change.
+            # Constant births are one tuple, the same object at each scan; other sequences might change.
             self._births, self._birth_components = tuple(births), BirthComponents.from_births(births)
         if sensor is not self._sensor:
             self._sensor, self._sensor_model = sensor, measurement.sensor_model(sensor)
@@ -153,12 +145,10 @@ class Glmb:
         self.scans += 1
 
     def picture(self, t_ns: int) -> Picture:
-        """All labels with an existence of at least `report_existence`, as of the last scan.
+        """Return all labels with an existence of at least `min_reported_existence`, as of the last scan.
 
-        Means and covariances are averages over a label's association histories that mean the same place, not
-        over all: a mean between two places would be a place where nobody is (see `showing`). Labels that
-        interact are shown as in the most probable joint hypothesis that holds all the likely ones, so that
-        two labels are not shown at one object.
+        States are averages over the tracks that agree on the state of a label (see `extraction`). Labels of a
+        cluster are represented by one joint hypothesis, so that two labels are not at one object.
         """
         found = self.estimates()
         columns = (found.mean, found.cov, found.existence.tolist(), found.estimated.tolist())
@@ -170,7 +160,7 @@ class Glmb:
         return Picture(t_ns, scan_t_ns, self.kind, tracks, found.cardinality)
 
     def estimates(self) -> Estimates:
-        """Return what `picture` shows as read-only arrays; for large scenes, where records take time."""
+        """Return the content of `picture` as read-only arrays; faster for large scenes."""
         posterior = self._posterior
         min_existence = float(self.params.min_reported_existence)
         found: Estimates = extraction.extract_estimates(
@@ -186,11 +176,11 @@ class Glmb:
         return found
 
     def estimate(self) -> tuple[Track, ...]:
-        """Return who is there: the tracks of `picture` that are in the MAP-cardinality estimate."""
+        """Return the tracks of `picture` that are in the MAP-cardinality estimate."""
         return tuple(track for track in self.picture(0).tracks if track.estimated)
 
     def _interval(self, dt_s: float) -> Interval:
-        """Return what happened since the scan before."""
+        """Return motion, survival and births since the last scan."""
         params = self.params
         Q = _process_noise(dt_s, params.accel_std_m_s2, params.acceleration)
         survival = _survival_terms(self._survival_probability(dt_s), float(params.lost_std_m))
@@ -202,7 +192,7 @@ class Glmb:
 
 @lru_cache(maxsize=64)
 def _survival_terms(survival: float, lost_std_m: float) -> kalman.Survival:
-    """Return what happens to tracks that survive so probably; those that are given up all but die."""
+    """Return the survival terms; lost tracks die almost surely."""
     survive = np.array([survival, 1.0 - SURE])
     log_survival = np.log(survive)
     log_death = np.log1p(-survive, out=np.full(2, -np.inf), where=survive < 1.0)
@@ -219,7 +209,7 @@ def _process_noise(
 
 
 def warm_up_calls() -> list[jit.Call]:
-    """One call of every kernel that a tracker calls, types as there; for histories see `recovery`."""
+    """Return one call of every kernel of a tracker; for histories see `recovery`."""
     return [
         *extraction.warm_up_calls(),
         *recursion.warm_up_calls(),
@@ -229,10 +219,10 @@ def warm_up_calls() -> list[jit.Call]:
 
 
 def warm_up_parts() -> list[jit.Call]:
-    """One call of every kernel that is a part of these, types as there."""
+    """Return one call of every kernel that these call."""
     return recursion.warm_up_parts()
 
 
 def warm_up() -> None:
-    """Compile every kernel, or load it from the cache: seconds, once; without it the first scans pay."""
+    """Compile every kernel, or load it from the cache, before the first scan."""
     jit.warm_up(__name__)

@@ -1,19 +1,26 @@
-"""Compiled gates: what each predicted track may do at a scan, and how its detections are found quickly.
+"""Gating: the association options of each predicted track.
 
-What a track may do is its list of *options*: to have died, to live undetected, or to live and have made one
-of the detections in its gate. An option's log-weight is that of eq. (20) of Vo, Vo & Hoang 2017, relative to
-clutter:
+An option has a log-weight (log eta, eq. (20) of Vo, Vo & Hoang 2017, relative to clutter):
 
     died       log(1 - p_S)
     missed     log p_S + log(1 - p_D P(in the field of view))
-    made z     log p_S + log p_D + log N(z; z_hat, A P A' + noise) - log kappa
+    detected   log p_S + log p_D + log N(z; z_hat, A P A' + R) - log kappa(z)
 
-with p_S replaced by the birth probability for a track that is being born. Options lie track after track in
-flat arrays, the best one first.
+A birth has its birth probability in place of p_S. Options of a track are adjacent, the best one first.
 
-Detections lie in strips (`put_in_strips`), so that those in a gate are a few runs. Where a run begins is
-looked up in a guide, a table of evenly spaced values, and found among the few that share an entry by
-bisection: as fast as a grid where detections are spread evenly, and never slow, however they lie.
+Detections are sorted into strips, so that those in a gate are a few runs. A guide table of evenly spaced
+values, then bisection, finds where a run begins. The cost is that of a grid where detections are spread
+evenly, and is bounded wherever they are.
+
+=============  =====================  =======  ===================================================
+_Strips        shape                  dtype    meaning (s strips of `width` detections, m detections)
+=============  =====================  =======  ===================================================
+edge           (s,)                   float64  least first coordinate of each strip
+second         (m,)                   float64  second coordinate of each detection
+entry          (8 s + 1,)             int32    guide to `edge`
+inner          (s (width + 1),)       int32    guides to `second` in each strip
+per_unit       (s,)                   float64  guide entries per unit of the second coordinate
+=============  =====================  =======  ===================================================
 """
 
 from __future__ import annotations
@@ -24,44 +31,41 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf
+from gcs.tracking.glmb.hypotheses import DIED, MISSED
 from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray
 
-DIED = -2
-MISSED = -1
 MIN_P_IN_FOV = 1e-6
-"""A track that is in the field of view with less than this probability is outside."""
+"""A track below this probability of being in the field of view cannot be detected."""
 MAX_GATED_DETECTIONS = 32
-"""Detections kept per gate, the likeliest ones: bounds the work that a hostile scan can cause."""
+"""Detections kept in a gate, the likeliest ones: bounds the work of a hostile scan."""
 _MAX_LINEAR_SEARCH = 8
-"""So many are looked at one by one."""
+"""Longest run that is searched one by one."""
 _GUIDE_ENTRIES_PER_STRIP = 8
-"""Entries of the guide to the strips, for each of them: most hold no more than one."""
+"""With so many entries, most hold no more than one strip."""
 
 
 @inlined
 def _guide_entry(value: float, least: float, per_unit: float, n: int) -> int:
-    """Which of the n entries of a guide a value belongs to; rises with the value."""
+    """Return which of the n entries of a guide a value belongs to; rises with the value."""
     at = (value - least) * per_unit
     return 0 if not at > 0.0 else (n - 1 if at >= n else int(at))
 
 
 class _StripSort(NamedTuple):
-    """Room to sort detections."""
+    """Scratch to sort m detections."""
 
     row: Any
-    """(m,)."""
     value: Any
-    """(m,)."""
     order: SortBuffers
 
 
 @leaf
 def _sort_rows_ascending(z: FloatArray, axis: int, rows: Any, first: int, end: int, work: _StripSort) -> None:
-    """Put `rows[first]` to `rows[end - 1]` in the order of a coordinate, the least first."""
+    """Sort `rows[first]` to `rows[end - 1]` by a coordinate, the least first."""
     for i in range(first, end):
         work.row[i - first], work.value[i - first] = rows[i], -z[rows[i], axis]
     argsort_descending(work.value, ZERO, end - first, work.order)
@@ -79,9 +83,10 @@ def _sort_strips(z: FloatArray, rows: Any, work: _StripSort) -> None:
 
 @inlined
 def sort_into_strips(z: FloatArray, rows: Any) -> None:
-    """Put detections, some `rows` of `z` (m, 2), in the order in which `options` finds those in a gate.
+    """Sort `rows` of detections `z` (m, 2) into the order that `association_options` needs.
 
-    They are cut into strips of isqrt(m) by the first coordinate; each is in the order of the second.
+    Strips of isqrt(m) detections are in the order of the first coordinate, detections of a strip in that of
+    the second.
     """
     m = rows.size
     if m > 1:
@@ -90,9 +95,9 @@ def sort_into_strips(z: FloatArray, rows: Any) -> None:
 
 @inlined
 def _guide(value: Any, low: int, high: int, guide: Any, at: int, n: int) -> float:
-    """Fill `guide[at]` to `guide[at + n]`: where each entry of the ascending values `low` ... begins.
+    """Fill `guide[at]` to `guide[at + n]` with where each entry of ascending values begins.
 
-    Returns how many entries there are per unit of value.
+    Returns the number of entries per unit of value.
     """
     spread = value[high - 1] - value[low]
     per_unit = n / spread if spread > 0.0 else 0.0
@@ -110,7 +115,7 @@ def _guide(value: Any, low: int, high: int, guide: Any, at: int, n: int) -> floa
 
 @inlined
 def _bisect_left(value: Any, low: int, high: int, least: float) -> int:
-    """Index of the first of the ascending values `low` to `high` - 1 that is not below `least`: bisection."""
+    """Return the index of the first ascending value from `low` to `high` - 1 not below `least`."""
     while low < high:
         mid = (low + high) // 2
         if value[mid] < least:
@@ -122,7 +127,7 @@ def _bisect_left(value: Any, low: int, high: int, least: float) -> int:
 
 @inlined
 def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
-    """Best option first, stable: insertion, as the lists are short."""
+    """Sort options by weight, the best first, stable (insertion: the lists are short)."""
     for i in range(start + 1, end):
         m, w, j = meas[i], logw[i], i
         while j > start and logw[j - 1] < w:
@@ -133,7 +138,7 @@ def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
 
 @inlined
 def _nth_best(logw: Any, start: int, end: int, best: Any) -> Any:
-    """The n-th greatest of more than n weights; `best` (n,) is scratch."""
+    """Return the n-th greatest of more than n weights; `best` (n,) is scratch."""
     n = best.size
     for i in range(start, end):
         j = min(i - start, n - 1)
@@ -148,7 +153,7 @@ def _nth_best(logw: Any, start: int, end: int, best: Any) -> Any:
 
 @inlined
 def innovation_cov(cov: FloatArray, t: int, meas_model: LinearisedMeasurement, u: int) -> Any:
-    """A P A' + noise of track t, seen by `view` at u: its three different elements."""
+    """Return the elements 00, 01 and 11 of A P A' + R of track t; u is the row of A and R."""
     p, q, r, s = meas_model.A[u, 0, 0], meas_model.A[u, 0, 1], meas_model.A[u, 1, 0], meas_model.A[u, 1, 1]
     x, xy, y = cov[t, 0, 0], cov[t, 0, 1], cov[t, 1, 1]
     return (
@@ -159,19 +164,14 @@ def innovation_cov(cov: FloatArray, t: int, meas_model: LinearisedMeasurement, u
 
 
 class _Strips(NamedTuple):
-    """Where detections lie: strips of `width`, and guides to them."""
+    """Detections in strips, with guides (see the table above)."""
 
     width: int
     edge: Any
-    """(strips,) the least first coordinate of each."""
     second: Any
-    """(m,) the second coordinate of each detection."""
     entry: Any
-    """(_FINE * strips + 1,) guide to `edge`."""
     inner: Any
-    """(strips * (width + 1),) guides to `second` within each strip."""
     per_unit: Any
-    """(strips,) their entries per unit of the second coordinate."""
 
 
 @leaf
@@ -204,7 +204,7 @@ def _fill_options(
     logw: FloatArray,
     t: int,
 ) -> int:
-    """List the options of tracks from t on; return the first one for which there may be no room, or n."""
+    """List the options of tracks from t on; return the first track without space, or n."""
     n, m, width, n_strips = cov.shape[0], z.shape[0], strip.width, strip.edge.size
     step = 0 if meas_model.A.shape[0] == 1 else 1
     p_d = meas_model.p_d
@@ -282,11 +282,10 @@ def association_options(
     log_clutter: FloatArray,
     gate_chi2: float,
 ) -> Any:
-    """What each predicted track may do: (start (n + 1,), detection or DIED or MISSED, log-weight).
+    """Return the association options of each predicted track: start, meas, logw.
 
-    `z` (m, 2) is what the sensor measured, in the order of `put_in_strips`; `log_clutter` (m,) is the log of
-    the clutter intensity at each, in the same units. A track that is surely outside the field of view cannot
-    be detected; one that may be outside is the less missed.
+    `z` (m, 2) is in sensor coordinates and in the order of `sort_into_strips`. `log_clutter` (m,) is the
+    log of the clutter intensity in the same units.
     """
     n, m = cov.shape[0], z.shape[0]
     width = max(1, int(math.sqrt(m)))
@@ -300,7 +299,7 @@ def association_options(
         np.empty(count),
     )
     per_unit = _index_strips(z, strip)
-    # Room for what most scenes need, and for the next track all detections; as much again where it runs out.
+    # Enough for most scenes, and for the next track to gate all detections; doubled when it runs out.
     capacity, t = 5 * n + m + 2, ZERO
     start, meas, logw = np.zeros(n + 1, np.int64), np.empty(capacity, np.int64), np.empty(capacity)
     best = np.empty(MAX_GATED_DETECTIONS)

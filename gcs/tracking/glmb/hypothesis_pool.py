@@ -1,6 +1,18 @@
-"""Compiled pool: the distinct children of a group's hypotheses, as they are found.
+"""Pool of the distinct posterior components of a cluster, with a bound on their number.
 
-Children with equal track sets are one hypothesis: their weights add under a 64-bit key of the set.
+Components with equal track sets are one hypothesis: their weights add. A 64-bit key identifies a set.
+
+==============  ===================  =======  ==================================================
+HypothesisPool  shape                dtype    meaning (K capacity)
+==============  ===================  =======  ==================================================
+logw            (K,)                 float64  log-weight
+key             (K,)                 uint64   key of the item set
+size            (K,)                 int64    number of items
+items           (K, max_size)        int64    option indices
+slot            (power of two,)      int64    hash table (open addressing): component, or -1
+is_kept         (K,)                 bool     scratch
+order           SortBuffers                   scratch
+==============  ===================  =======  ==================================================
 """
 
 from __future__ import annotations
@@ -11,27 +23,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf, spliced
-from gcs.tracking.glmb.hypotheses import DIED, AssociationOptions, Limits, item_key
+from gcs.tracking.glmb.hypotheses import DIED, AssociationOptions, item_key
+from gcs.tracking.glmb.params import Limits
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, power_of_two
 
 
 class HypothesisPool(NamedTuple):
-    """Distinct hypotheses so far: item sets with log-weights, found again by key (open addressing)."""
+    """Distinct posterior components, found by key (see the table above)."""
 
     logw: Any
     key: Any
     size: Any
     items: Any
     slot: Any
-    """Which hypothesis is where in the table, -1 in free places."""
     is_kept: Any
-    """Scratch."""
     order: SortBuffers
 
 
 @inlined
 def allocate_pool(capacity: int, max_size: int) -> HypothesisPool:
-    """Return room for so many hypotheses, of so many tracks."""
+    """Allocate a pool for `capacity` components of at most `max_size` items."""
     return HypothesisPool(
         np.empty(capacity),
         np.empty(capacity, np.uint64),
@@ -45,7 +56,7 @@ def allocate_pool(capacity: int, max_size: int) -> HypothesisPool:
 
 @inlined
 def _find_slot(slot: Any, slots: int, keys: Any, key: Any) -> Any:
-    """Where in the table, the first `slots` of `slot`, the hypothesis with `key` is, or a place for it."""
+    """Return the slot of the component with `key`, or the free slot where it belongs."""
     mask = slots - 1
     at = np.int64(key & np.uint64(mask))
     while slot[at] >= 0 and keys[slot[at]] != key:
@@ -55,12 +66,12 @@ def _find_slot(slot: Any, slots: int, keys: Any, key: Any) -> Any:
 
 @leaf
 def _keep_best(pool: HypothesisPool, count: int, slots: int, max_kept: int) -> Any:
-    """Drop all but the `most` best; return how many those are and the log-weight of the worst of them."""
+    """Keep the `max_kept` best components; return their number and the worst log-weight of these."""
     argsort_descending(pool.logw, ZERO, count, pool.order)
     order, is_kept = pool.order.index, pool.is_kept
     kept = min(max_kept, count)
     worst = pool.logw[order[kept - 1]]
-    # Copying down in their old order never overwrites what is still to be copied.
+    # Rows move down in their old order, so no row is overwritten before it is copied.
     for i in range(count):
         is_kept[order[i]] = i < kept
     for i in range(slots):
@@ -89,11 +100,11 @@ def add_candidate(
     options: AssociationOptions,
     limits: Limits,
 ) -> Any:
-    """Offer the child in which track i of n takes option `pick[i]`; who died is not in it.
+    """Add the component in which track i of n takes option `assignment[i]`; dead tracks are left out.
 
-    A child that is in the pool already gains the weight. A pool with `room` children is full and keeps its
-    best alone, and the floor, the log-weight below which nothing is worth adding, rises to their worst.
-    Returns the pool's count and the floor.
+    A known component gains the weight. A full pool keeps its best components alone, and `floor`, the
+    log-weight below which candidates are ignored, rises to the worst of them. Returns the number of
+    components and the floor.
     """
     key = np.uint64(0)
     for i in range(n):

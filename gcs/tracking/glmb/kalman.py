@@ -1,9 +1,19 @@
-"""Compiled single-object numerics over flat arrays: predict and update.
+"""Kalman prediction and update of single tracks, and the appending of births.
 
-Everything here works per *track* (one label with one association history, one Gaussian), never per
-hypothesis: hypotheses share tracks, so each prediction and update is computed once (Vo, Vo & Hoang 2017,
-section IV). What is known to be 0 or 1 in the matrices is not multiplied: that halves the time of a scan's
-predictions and updates, and changes no bit.
+A track is one label with one association history and has one Gaussian. Hypotheses share tracks, so each
+prediction and update is computed once (Vo, Vo & Hoang 2017, section IV). Products with matrix elements that
+are known to be 0 or 1 are left out, which changes no bit.
+
+================  ===========  =======  =====================================================
+Prediction        shape        dtype    meaning (n tracks, L labels, births last)
+================  ===========  =======  =====================================================
+clusters          Clusters              each birth is a cluster of its own
+track_label       (n,)         int64    label of each track
+labels            (L, 2)       int64    scan of birth, index of the birth in that scan
+mean, cov         (n, 4 (4))   float64  predicted Gaussians
+log_survival      (n,)         float64  log p_S; of a birth log r_B
+log_death         (n,)         float64  log(1 - p_S); of a birth log(1 - r_B)
+================  ===========  =======  =====================================================
 """
 
 from __future__ import annotations
@@ -23,45 +33,41 @@ if TYPE_CHECKING:
 
 
 class Prediction(NamedTuple):
-    """Tracks as they are expected at a scan, those just born behind the others, and what they make up."""
+    """Predicted tracks and births (see the table above)."""
 
     clusters: Clusters
     track_label: Any
-    """(n,) which label each is of."""
     labels: Any
-    """(labels, 2) scan of birth and index there."""
     mean: Any
     cov: Any
     log_survival: Any
-    """(n,) log of the probability to live, or to appear."""
     log_death: Any
-    """(n,) and not to."""
 
 
 class Survival(NamedTuple):
-    """Logs of what happens to tracks between scans."""
+    """Log-probabilities of survival and death between scans."""
 
     log_survival: float
     log_death: float
     log_survival_lost: float
-    """Of tracks given up."""
+    """Of a track whose position variance exceeds `max_variance_m2`."""
     log_death_lost: float
     max_variance_m2: float
-    """Variance along the worse axis beyond which a track is given up."""
+    """Along the worse axis."""
 
 
 @leaf
 def predict_track(
     mean: FloatArray, cov: FloatArray, t: int, dt_s: float, Q: FloatArray, mean_out: FloatArray, cov_out: Any
 ) -> None:
-    """Kalman prediction of track t, F and `Q` of `motion`."""
+    """Predict track t by `dt_s` at constant velocity, with process noise `Q` (`constant_velocity`)."""
     for i in range(2):
         mean_out[t, i] = mean[t, i] + dt_s * mean[t, i + 2]
         mean_out[t, i + 2] = mean[t, i + 2]
         for j in range(i + 1):
-            within_gate = cov[t, i, j] + dt_s * cov[t, i + 2, j]
-            outside_axis_gate = cov[t, i, j + 2] + dt_s * cov[t, i + 2, j + 2]
-            cov_out[t, i, j] = cov_out[t, j, i] = Q[i, j] + within_gate + outside_axis_gate * dt_s
+            at_start = cov[t, i, j] + dt_s * cov[t, i + 2, j]
+            rate = cov[t, i, j + 2] + dt_s * cov[t, i + 2, j + 2]
+            cov_out[t, i, j] = cov_out[t, j, i] = Q[i, j] + at_start + rate * dt_s
         for j in range(2):
             cross = Q[i + 2, j] + cov[t, i + 2, j] + cov[t, i + 2, j + 2] * dt_s
             cov_out[t, i + 2, j] = cov_out[t, j, i + 2] = cross
@@ -84,7 +90,7 @@ def _predict_tracks(
 def _append_births(
     clusters: Clusters, track_label: Any, labels: Any, scan: int, births: Any, out: Prediction
 ) -> None:
-    """Put those just born behind the others, each a group of its own."""
+    """Append the births to the predicted tracks, each with a cluster of its own."""
     n_clusters, n_hyps, n_items = clusters.first.size - 1, clusters.logw.size, clusters.items.size
     n, n_labels = track_label.size, labels.shape[0]
     out.clusters.first[0] = out.clusters.start[0] = 0
@@ -126,7 +132,7 @@ def predict_with_births(
     scan: int,
     births: BirthComponents,
 ) -> Prediction:
-    """Predict all tracks by `dt_s`, and add those that may have been born by this scan."""
+    """Predict all tracks by `dt_s` and append the births of this scan."""
     n, n_births, n_labels = track_label.size, births.mean.shape[0], labels.shape[0]
     out = Prediction(
         allocate_clusters(
@@ -148,7 +154,7 @@ def predict_with_births(
 def _gain_row(
     x: float, y: float, meas_model: LinearisedMeasurement, u: int, a: float, b: float, c: float, det: float
 ) -> Any:
-    """One row of K = P H' S^-1, from the first two elements of that row of P and from S."""
+    """Return a row of K = P H' S^-1 from two elements of that row of P, and S = [[a, b], [b, c]]."""
     e = x * meas_model.A[u, 0, 0] + y * meas_model.A[u, 0, 1]
     f = x * meas_model.A[u, 1, 0] + y * meas_model.A[u, 1, 1]
     return (e * c - f * b) / det, (f * a - e * b) / det
@@ -156,7 +162,7 @@ def _gain_row(
 
 @inlined
 def _residual_row(row: int, k0: float, k1: float, meas_model: LinearisedMeasurement, u: int) -> Any:
-    """One row of I - K H, its first two elements; the others are those of I."""
+    """Return the first two elements of a row of I - K H; the others are those of I."""
     return (
         (1.0 if row == 0 else 0.0) - (k0 * meas_model.A[u, 0, 0] + k1 * meas_model.A[u, 1, 0]),
         (1.0 if row == 1 else 0.0) - (k0 * meas_model.A[u, 0, 1] + k1 * meas_model.A[u, 1, 1]),
@@ -167,7 +173,7 @@ def _residual_row(row: int, k0: float, k1: float, meas_model: LinearisedMeasurem
 def _add_noise_term(
     total: float, k0: float, k1: float, meas_model: LinearisedMeasurement, u: int, l0: float, l1: float
 ) -> Any:
-    """Add an element of K noise K', from two rows of K."""
+    """Add an element of K R K' to `total`, from two rows of K."""
     r = meas_model.noise
     return total + k0 * r[u, 0, 0] * l0 + k0 * r[u, 0, 1] * l1 + k1 * r[u, 1, 0] * l0 + k1 * r[u, 1, 1] * l1
 
@@ -184,10 +190,10 @@ def update_track(
     cov_out: FloatArray,
     i: int,
 ) -> None:
-    """Put at i the Kalman update of track p with detection j (or MISSED), in Joseph form.
+    """Write to row i the Kalman update of track p with detection j (or MISSED), in Joseph form.
 
-    With H = [A, 0]: P' = (I - K H) P (I - K H)' + K noise K' stays positive definite whatever the ratio of P
-    to the noise. Element by element, because loops over so small matrices take four times as long.
+    With H = [A, 0], P' = (I - K H) P (I - K H)' + K R K' stays positive definite for any ratio of P to R.
+    It is written out by element: loops over so small matrices take four times as long.
     """
     if j < 0:
         for r in range(4):
@@ -216,7 +222,7 @@ def update_track(
     a10, a11 = _residual_row(1, k10, k11, meas_model, u)
     a20, a21 = _residual_row(2, k20, k21, meas_model, u)
     a30, a31 = _residual_row(3, k30, k31, meas_model, u)
-    # What is needed of (I - K H) P: two columns, and below the diagonal the others.
+    # (I - K H) P: two columns, and of the others the elements below the diagonal.
     b00, b01 = a00 * p00 + a01 * p10, a00 * p10 + a01 * p11
     b10, b11 = a10 * p00 + a11 * p10, a10 * p10 + a11 * p11
     b20, b21 = a20 * p00 + a21 * p10 + p20, a20 * p10 + a21 * p11 + p21
@@ -260,7 +266,7 @@ def update_tracks(
     z: FloatArray,
     meas_model: LinearisedMeasurement,
 ) -> tuple[FloatArray, FloatArray]:
-    """Kalman update of each track `parent[i]` with detection `meas[i]` (or MISSED)."""
+    """Return means and covariances of the updates of tracks `parent` with detections `meas` (or MISSED)."""
     mean_out, cov_out = np.empty((parent.size, 4)), np.empty((parent.size, 4, 4))
     _update_tracks(mean, cov, parent, meas, z, meas_model, mean_out, cov_out)
     return mean_out, cov_out

@@ -1,7 +1,20 @@
-"""Compiled summaries of the groups: who is there, how probably, and how many.
+"""Marginals of the posterior: existence of labels, probability of tracks, cardinality distribution.
 
-Groups are independent, so existence adds up within a group, and the distributions of the groups' numbers of
-objects convolve.
+Clusters are independent. Existence adds up within a cluster, and the cardinality distributions of the
+clusters convolve.
+
+==================  ============  =======  =====================================================
+Marginals           shape         dtype    meaning (L labels, n tracks)
+==================  ============  =======  =====================================================
+existence           (L,)          float64  probability that each label exists
+representative      (L,)          int64    track that represents each label (see below)
+estimated           (k,)          int64    tracks of the MAP-cardinality estimate (`map_tracks`)
+cardinality         (L + 1,)      float64  probability of each number of objects
+probability         (n,)          float64  probability of each track
+==================  ============  =======  =====================================================
+
+A label is represented by the track that the representative hypothesis of its cluster holds, or else by the
+first track in the order of the hypotheses.
 """
 
 from __future__ import annotations
@@ -23,10 +36,10 @@ _TAIL = 1e-15
 
 @inlined
 def _representative_hypothesis(clusters: Clusters, g: int, track_label: Any, existence: FloatArray) -> Any:
-    """Return the hypothesis of group g that shows its likely labels (existence above 1/2).
+    """Return the most probable hypothesis of cluster g with the most likely labels (existence > 1/2).
 
-    The most probable one of those that hold the most of them. Each label's own best hypothesis would not do:
-    when it is open which of two labels is where, both would be shown at one place.
+    One hypothesis is used for all labels. The best track of each label by itself would put two labels at one
+    object while their identities are ambiguous.
     """
     first, start, items = clusters.first, clusters.start, clusters.items
     chosen, largest = first[g], -1
@@ -42,9 +55,9 @@ def _representative_hypothesis(clusters: Clusters, g: int, track_label: Any, exi
 
 @inlined
 def _cardinality_weights(clusters: Clusters, g: int, hyp_probability: FloatArray, weight: FloatArray) -> int:
-    """Fill `weight` with the probability of each number of objects of group g; return the greatest number.
+    """Add the probability of each number of objects of cluster g to `weight`; return the greatest number.
 
-    `chance` is that of each hypothesis, `weight` 0 up to there.
+    `weight` is 0 before; `hyp_probability` is that of each hypothesis.
     """
     max_size = 0
     for h in range(clusters.first[g], clusters.first[g + 1]):
@@ -56,7 +69,7 @@ def _cardinality_weights(clusters: Clusters, g: int, hyp_probability: FloatArray
 
 @inlined
 def _map_hypothesis(clusters: Clusters, g: int, weight: FloatArray, max_size: int) -> Any:
-    """Return the best hypothesis of the most probable number of objects of group g."""
+    """Return the best hypothesis with the most probable number of objects of cluster g."""
     size = 0
     for k in range(1, max_size + 1):
         if weight[k] > weight[size]:
@@ -71,7 +84,7 @@ def _map_hypothesis(clusters: Clusters, g: int, weight: FloatArray, max_size: in
 def _convolve(
     old: FloatArray, new: FloatArray, smallest: int, largest: int, weight: FloatArray, max_size: int
 ) -> None:
-    """Put the convolution of `old`, which is `least` to `most`, with `weight`, 0 to `widest`, into `new`."""
+    """Convolve `old` (`smallest` to `largest`) with `weight` (0 to `max_size`) into `new`."""
     if max_size == 1:
         w0, w1, n = weight[0], weight[1], largest - smallest
         new[smallest], new[largest + 1] = w0 * old[smallest], w1 * old[largest]
@@ -92,18 +105,13 @@ def _convolve(
 
 
 class Marginals(NamedTuple):
-    """What the groups say of labels and tracks."""
+    """Marginals of labels and tracks (see the table above)."""
 
     existence: Any
-    """(labels,)."""
     representative: Any
-    """(labels,) the track of each that its group's reference hypothesis holds, or else the best that does."""
     estimated: Any
-    """The tracks that are in the MAP-cardinality estimate, as `map_tracks` finds them."""
     cardinality: Any
-    """(labels + 1,) probability of each number of objects."""
     probability: Any
-    """(tracks,)."""
 
 
 @leaf
@@ -115,12 +123,12 @@ def _accumulate_marginals(
     hyp_probability: Any,
     out: Marginals,
 ) -> Any:
-    """Fill `out`; `weight` (labels + 1,) is 0, `other` as well and takes turns with `out.cardinality`.
+    """Fill `out`; return the number of estimated tracks.
 
-    Returns how many tracks are estimated.
+    `weight` (L + 1,) and `other` (L + 1,) are 0 before; `other` alternates with `out.cardinality`.
     """
     first, start, items = clusters.first, clusters.start, clusters.items
-    # `least` to `most` objects are all that is probable so far; the tails left out are below 1e-12.
+    # Only `smallest` to `largest` objects are probable so far; the tails left out are below 1e-12.
     n = smallest = largest = ZERO
     before, after = out.cardinality, other
     before[0] = 1.0
@@ -167,7 +175,7 @@ def _accumulate_marginals(
 
 @inlined
 def compute_marginals(clusters: Clusters, track_label: Any, n_labels: int) -> Marginals:
-    """Sum up what the groups believe."""
+    """Return the marginals of the clusters."""
     existence, probability = np.zeros(n_labels), np.zeros(track_label.size)
     representative, estimated = np.empty(n_labels, np.int64), np.empty(n_labels, np.int64)
     even, odd = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
@@ -182,7 +190,7 @@ def compute_marginals(clusters: Clusters, track_label: Any, n_labels: int) -> Ma
 
 @kernel
 def track_probabilities(clusters: Clusters, n_tracks: int) -> Any:
-    """Probability of each track: that of the hypotheses that hold it."""
+    """Return the probability of each track (n,): that of the hypotheses that hold it."""
     probability, hyp_probability = np.zeros(n_tracks), np.empty(clusters.logw.size)
     exp_into(clusters.logw, hyp_probability)
     for h in range(clusters.logw.size):
@@ -193,7 +201,7 @@ def track_probabilities(clusters: Clusters, n_tracks: int) -> Any:
 
 @kernel
 def map_tracks(clusters: Clusters) -> Any:
-    """Tracks of the best hypothesis of each group's most probable number of objects."""
+    """Return the tracks of the best hypothesis with the most probable cardinality of each cluster."""
     chosen, n = np.empty(clusters.items.size, np.int64), ZERO
     weight, hyp_probability = np.zeros(clusters.items.size + 1), np.empty(clusters.logw.size)
     exp_into(clusters.logw, hyp_probability)

@@ -1,4 +1,14 @@
-"""What a tracker takes of a scan: the detections that are usable, in the order in which gates find them."""
+"""The detections of a scan: validated, in sensor coordinates, and sorted for gating.
+
+===================  =============  =======  ===================================================
+array                shape          dtype    meaning (m detections)
+===================  =============  =======  ===================================================
+z                    (m, 2)         float64  sensor coordinates: east/north or range/bearing
+position_m           (m, 2)         float64  east, north
+log_clutter          (m,) or (1,)   float64  log of the clutter intensity per unit of `z`
+rows (ordered)       (m,)           int64    row of each usable detection in the scan
+===================  =============  =======  ===================================================
+"""
 
 from __future__ import annotations
 
@@ -18,36 +28,29 @@ _MIN_CLUTTER_PER_M2 = 1e-15
 
 
 class Measurements(NamedTuple):
-    """The detections of a scan."""
+    """All detections of a scan."""
 
     z: FloatArray
-    """(m, 2) as the sensor measured them."""
     position_m: FloatArray
-    """(m, 2) east/north."""
     log_clutter: FloatArray
-    """Of the clutter intensity per unit of `z`: (m,) at each, or (1,) at all of them."""
 
 
 class OrderedMeasurements(NamedTuple):
-    """The usable detections of a scan, in the order of `gates.put_in_strips`."""
+    """The usable detections of a scan, in the order of `gating.sort_into_strips`."""
 
     z: Any
-    """(m, 2) as the sensor measured them."""
     position_m: Any
-    """(m, 2) east/north."""
     log_clutter: Any
-    """(m,)."""
     rows: Any
-    """(m,) which detection of the scan each is."""
 
 
 def scan_measurements(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Measurements:
-    """Take detections (m, 2) among clutter of such an intensity (m,), or of the sensor's.
+    """Return detections (m, 2) with a clutter intensity (m,), or with that of the sensor.
 
     Raises
     ------
     ValueError
-        When they have another shape, such as (2, m).
+        If the shape is not (m, 2).
     """
     position_m = np.array(z_m, dtype=np.float64, order="C")
     if position_m.size and (position_m.ndim != 2 or position_m.shape[1] != 2):
@@ -68,7 +71,7 @@ def scan_measurements(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArra
 
 @inlined
 def order_measurements(scan: Measurements) -> OrderedMeasurements:
-    """Put the detections that are finite, as are their intensities, in order."""
+    """Select the detections with finite coordinates and clutter intensity, and sort them."""
     step, rows, n = 0 if scan.log_clutter.size == 1 else 1, np.empty(scan.z.shape[0], np.int64), ZERO
     for j in range(scan.z.shape[0]):
         x, y, clutter = scan.z[j, 0], scan.z[j, 1], scan.log_clutter[j * step]

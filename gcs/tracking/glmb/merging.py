@@ -1,10 +1,9 @@
-"""Compiled merging of tracks that have become alike, so that hypotheses are spent on differences that matter.
+"""Merging of similar tracks of one label.
 
-Association histories multiply at every scan, but two that differ in one detection long ago soon say the same.
-Tracks of one label whose means are close, by the covariance of the more probable one, become a single
-Gaussian with the mixture's mean and covariance (Salmond 1990, joining); hypotheses that then hold equal
-tracks become one, and their weights add. Existence and cardinality are left exactly as they were; only the
-shape of a label's density is approximated.
+The number of association histories multiplies at every scan. Histories that differ in one old detection
+soon have nearly equal Gaussians. Tracks of one label with close means, by the covariance of the more probable
+one, become one Gaussian with the moments of their mixture (Salmond 1990). Hypotheses that then hold equal
+tracks become one. Existence and cardinality do not change.
 """
 
 from __future__ import annotations
@@ -33,9 +32,9 @@ if TYPE_CHECKING:
 
 @inlined
 def cholesky4(cov: FloatArray, t: int, cholesky: FloatArray, at: int) -> None:
-    """Put the Cholesky factor of covariance t at place `at`; `cov` and `lower` (n, 4, 4).
+    """Write the Cholesky factor of covariance t into row `at`; both arrays are (n, 4, 4).
 
-    Element by element: loops over so small a matrix take several times as long.
+    Written out by element: loops over so small a matrix take several times as long.
     """
     l00 = math.sqrt(max(cov[t, 0, 0], 1e-300))
     l10, l20, l30 = cov[t, 1, 0] / l00, cov[t, 2, 0] / l00, cov[t, 3, 0] / l00
@@ -54,7 +53,10 @@ def cholesky4(cov: FloatArray, t: int, cholesky: FloatArray, at: int) -> None:
 def within_gate(
     mean: FloatArray, a: int, centre: FloatArray, b: int, cholesky: FloatArray, f: int, max_distance2: float
 ) -> bool:
-    """Whether mean a is nearer to the centre b than `distance2` (Mahalanobis, squared; see `factor`)."""
+    """Return True if mean a is within squared Mahalanobis distance `max_distance2` of centre b.
+
+    Row f of `cholesky` is the factor of the covariance (see `cholesky4`).
+    """
     w0 = (mean[a, 0] - centre[b, 0]) / cholesky[f, 0, 0]
     total = w0 * w0
     if total >= max_distance2:
@@ -74,9 +76,9 @@ def within_gate(
 def outside_axis_gate(
     mean: FloatArray, a: int, centre: FloatArray, b: int, cov: FloatArray, t: int, max_distance2: float
 ) -> bool:
-    """Whether mean a is beyond `distance2` of the centre b along one of the axes, under covariance t.
+    """Return True if mean a is outside the gate around centre b along one axis alone.
 
-    Then it is not `near`, and nothing need be factored to know it.
+    It needs no Cholesky factor, and implies that `within_gate` is False.
     """
     for i in range(4):
         off = mean[a, i] - centre[b, i]
@@ -100,9 +102,9 @@ def _find_representatives(
     representative: Any,
     representatives: Any,
 ) -> None:
-    """Fill `leader`: what stands for each track, itself or a more probable one of its label nearby.
+    """Fill `representative`: of each track, itself or a more probable similar track of its label.
 
-    And `chance` (hypotheses,) and `weight` (tracks,), 0 before, with their probabilities; the others are
+    Also fills `hyp_probability` (H,) and adds to `track_probability` (n,), which is 0 before. All else is
     scratch.
     """
     exp_into(clusters.logw, hyp_probability)
@@ -141,7 +143,7 @@ def _find_representatives(
 
 @leaf
 def _number_mixtures(representative: Any, mixture: Any) -> int:
-    """Number the leaders of others in `mixture` (tracks,), -1 for those that stand for themselves alone."""
+    """Number the tracks that represent others in `mixture` (n,), -1 elsewhere; return how many."""
     count = 0
     mixture[:] = -1
     for t in range(representative.size):
@@ -162,9 +164,9 @@ def _moment_match(
     centre: FloatArray,
     spread: FloatArray,
 ) -> None:
-    """Give each leader the mean and covariance of the mixture that it stands for, in place.
+    """Give each representative the mean and covariance of its mixture, in place.
 
-    `total`, `centre` and `spread` are 0: sums for each mixture.
+    `total`, `centre` and `spread` are sums for each mixture, 0 before.
     """
     n = representative.size
     for t in range(n):
@@ -195,7 +197,7 @@ def _moment_match(
 
 @leaf
 def _max_cluster_hypotheses(clusters: Clusters) -> int:
-    """Most hypotheses of a group."""
+    """Return the most hypotheses of a cluster."""
     max_count = 0
     for g in range(clusters.first.size - 1):
         max_count = max(max_count, clusters.first[g + 1] - clusters.first[g])
@@ -206,7 +208,7 @@ def _max_cluster_hypotheses(clusters: Clusters) -> int:
 def _merge_hypotheses(
     clusters: Clusters, hyp_probability: FloatArray, representative: Any, unique: UniqueBuffers, out: Clusters
 ) -> None:
-    """Let leaders take the places of those for whom they stand; hypotheses that are then equal become one."""
+    """Replace tracks by their representatives and merge hypotheses that become equal."""
     first, start, items = clusters.first, clusters.start, clusters.items
     n = 0
     out.first[0] = out.start[0] = 0
@@ -237,9 +239,9 @@ def _merge_hypotheses(
 def merge_similar_tracks(
     clusters: Clusters, mean: FloatArray, cov: FloatArray, track_label: Any, max_distance2: float
 ) -> Clusters:
-    """Merge tracks of one label within squared Mahalanobis `distance2`; `mean` and `cov` change in place.
+    """Merge tracks of one label within `max_distance2`; `mean` and `cov` change in place.
 
-    Tracks of a label stand together. Those that were merged into others are in no hypothesis of the result.
+    Tracks of a label are adjacent. A merged track is in no hypothesis of the result.
     """
     n = track_label.size
     hyp_probability, track_probability = np.empty(clusters.logw.size), np.zeros(n)

@@ -1,4 +1,4 @@
-"""What a tracker is told: its model and limits, and where objects may appear."""
+"""Parameters of a tracker: model, limits and birth components."""
 
 from __future__ import annotations
 
@@ -10,69 +10,94 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from gcs.model import FloatArray
-from gcs.tracking.glmb.hypotheses import Limits
 from gcs.tracking.models import constant_velocity
 
 SURE = 1.0 - 1e-9
-"""Probabilities are held below it: a model that is certain cannot be corrected."""
+"""Largest probability in the model: a certain model could not be corrected."""
+
+
+class Limits(NamedTuple):
+    """Limits of work and approximation (see `GlmbParams`)."""
+
+    max_hypotheses: int
+    """Per cluster."""
+    log_prune: float
+    """Log of the least weight kept, relative to the best of the cluster."""
+    tail_share: float
+    """Share of the existence of a singleton label that its least probable tracks may lose."""
+    min_existence: float
+    """Labels below it are dropped."""
+    max_conflict: float
+    """Probability of a shared detection above which labels are associated jointly."""
+    max_dependence: float
+    """Total variation above which labels stay in one cluster."""
+    max_enumerated: int
+    """Joint options of a hypothesis above which it is Gibbs-sampled."""
+    gibbs_sweeps: int
+    """Per cluster, shared by its sampled hypotheses in proportion to their weights."""
+    gate_chi2: float
+    """Squared Mahalanobis distance of the gate."""
+    merge_chi2: float
+    """Squared Mahalanobis distance below which tracks of one label merge."""
 
 
 @dataclass(frozen=True, slots=True)
 class Birth:
-    """Where an object may appear at a scan: a Gaussian at the time of the scan, and how probable it is."""
+    """A birth component: a Gaussian at the time of the scan, and its birth probability r_B."""
 
     mean: FloatArray
     """(4,) east_m, north_m, v_east_m_s, v_north_m_s."""
     cov: FloatArray
-    """(4, 4)."""
+    """(4, 4), positive definite."""
     probability: float
 
 
 @dataclass(frozen=True, slots=True)
 class GlmbParams:
-    """Model and limits of a tracker. The limits' defaults bound the error; they are not there to be tuned.
+    """Model and limits of a tracker. The defaults of the limits bound the error; they need no tuning.
 
     Raises
     ------
     ValueError
-        When a number is none of its kind; which, and what was expected.
+        If a value is out of range: names the parameter and the expected range.
     """
 
     accel_std_m_s2: float
-    """Velocity gained in a second, standard deviation (see `motion`)."""
+    """Standard deviation of the velocity gained in one second (see `constant_velocity`)."""
     acceleration: constant_velocity.Acceleration = "white"
-    """Which of the two models of `motion`."""
+    """Model of the process noise (see `constant_velocity`)."""
     turn_rate_std_rad_s: float = 0.0
-    """Standard deviation of the rate at which objects turn (see `turning`); 0: they fly straight."""
+    """Standard deviation of the turn rate (see `coordinated_turn`); 0 for straight motion."""
     turn_time_s: float = 5.0
-    """How long a turn lasts."""
+    """Time constant of a turn."""
     survival_probability_per_s: float = 0.99
     lost_std_m: float = math.inf
-    """A track whose position is known worse than this, along its worst axis, is given up."""
+    """A track with a larger position standard deviation, along its worst axis, is dropped."""
     max_hypotheses: int = 300
-    """Of one group of interacting labels."""
+    """Per cluster of interacting labels."""
     gate_chi2: float = 32.2
-    """Squared Mahalanobis distance of the gate: 2 degrees of freedom, 1e-7 of the detections outside."""
+    """Squared Mahalanobis distance of the gate; 32.2 leaves 1e-7 of the detections outside."""
     prune_weight: float = 1e-4
-    """Hypotheses below this share of their group's best are dropped."""
+    """Hypotheses below this share of the best in their cluster are pruned."""
     tail_share: float = 1e-3
-    """Of a label that competes with nobody, the least probable histories that together hold less than this
-    share of its existence are dropped; it exists as probably as before."""
+    """Share of the existence of a singleton label that its least probable tracks may lose.
+
+    The weight goes to its other tracks, so its existence probability does not change.
+    """
     min_existence: float = 1e-5
-    """Labels below it are forgotten."""
+    """Labels below it are dropped."""
     min_reported_existence: float = 1e-3
     """Labels below it are not in the picture."""
     max_conflict: float = 1e-3
-    """Labels that would take the same detection less probably than this are associated apart."""
+    """Probability of a shared detection above which labels are associated jointly."""
     max_dependence: float = 0.01
-    """Labels closer to independence than this total variation are tracked apart."""
+    """Total variation from independence above which labels stay in one cluster."""
     merge_chi2: float = 1.0
-    """Tracks of one label closer than this squared Mahalanobis distance become one; 0: never."""
+    """Tracks of one label within this squared Mahalanobis distance merge; 0: never."""
     max_enumerated: int = 100_000
-    """Most joint options of a hypothesis, of those that are not hopeless, whose children are enumerated;
-    beyond, they are sampled."""
+    """Joint options of a hypothesis, above the pruning threshold, that are enumerated; more are sampled."""
     gibbs_sweeps: int = 1000
-    """Per group and scan, shared by its sampled hypotheses."""
+    """Per cluster and scan, shared by its sampled hypotheses."""
 
     def __post_init__(self) -> None:
         expected = {
@@ -95,7 +120,7 @@ class GlmbParams:
                 raise ValueError(f"{name}: expected {what}, got {getattr(self, name)!r}")
 
     def limits(self) -> Limits:
-        """Return the limits as the kernels take them."""
+        """Return the limits as kernels use them."""
         return Limits(
             int(self.max_hypotheses),
             math.log(self.prune_weight),
@@ -111,20 +136,20 @@ class GlmbParams:
 
 
 class BirthComponents(NamedTuple):
-    """Births as arrays."""
+    """Birth components as arrays, all float64."""
 
     mean: FloatArray
     """(n, 4)."""
     cov: FloatArray
     """(n, 4, 4)."""
     log_survival: FloatArray
-    """(n,) of the probability to appear."""
+    """(n,) log r_B."""
     log_death: FloatArray
-    """(n,) of the probability not to."""
+    """(n,) log(1 - r_B)."""
 
     @classmethod
     def from_births(cls, births: Sequence[Birth]) -> BirthComponents:
-        """Convert."""
+        """Convert births to arrays."""
         probability = np.clip([birth.probability for birth in births], 1.0 - SURE, SURE)
         return cls(
             np.array([birth.mean for birth in births], dtype=np.float64).reshape(-1, 4),

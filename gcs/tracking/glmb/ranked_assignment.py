@@ -1,11 +1,27 @@
-"""Compiled joint association: the children of hypotheses after a scan.
+"""Joint association of clusters with several labels: the posterior components of each hypothesis.
 
-Prediction and update are one step (Vo, Vo & Hoang 2017): each track of a hypothesis takes one of its options
-(see `gates`), no detection is taken twice, and a child's weight is its parent's times its options'.
+Each track of a hypothesis takes one of its association options, and no two tracks take the same detection.
+The weight of a component is that of its hypothesis times those of the options (see `recursion`, equation
+*recursion*).
 
-A hypothesis with few joint options is enumerated by branch and bound, which finds exactly the children above
-the floor; a larger one is Gibbs-sampled (section III-C of the paper): each track in turn draws anew among the
-options that the others leave free, and every distinct state visited is a child with its exact weight.
+A hypothesis with few joint options is enumerated by branch and bound. That finds exactly the components above
+the floor. A larger hypothesis is Gibbs-sampled (`recursion`, equation *Gibbs*): each track in turn draws one
+of the options that the other tracks leave free. Every distinct state is a component with its exact weight.
+
+===============  ==================  =======  ======================================================
+array            shape               dtype    meaning (H hypotheses, C clusters, n tracks, m detections)
+===============  ==================  =======  ======================================================
+_Bounds.n_joint  (H,)                float64  number of joint options
+.best_logw       (H,)                float64  upper bound of the log-weight of a component
+.capacity        (C,)                int64    bound on the components of a cluster
+.max_size        (C,)                int64    most tracks of a component
+is_assigned      (m,)                bool     True if a track has the detection
+assignment       (n,)                int64    option of each track: gamma
+partial_logw     (n + 1,)            float64  log-weight of the first tracks' options
+best_remaining   (n + 1,)            float64  log-weight of the best options of the tracks behind
+loss_histogram   (_LOSS_BINS,)       float64  joint options by loss against the best
+visited          (power of two,)     uint64   hash table of the Gibbs states
+===============  ==================  =======  ======================================================
 """
 
 from __future__ import annotations
@@ -19,13 +35,13 @@ from gcs.jit import ZERO, inlined, kernel, leaf, spliced
 from gcs.tracking.glmb.hypotheses import (
     AssociationOptions,
     Clusters,
-    Limits,
     allocate_clusters,
     item_key,
     mix64,
     trim_clusters,
 )
 from gcs.tracking.glmb.hypothesis_pool import HypothesisPool, add_candidate, allocate_pool
+from gcs.tracking.glmb.params import Limits
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, power_of_two
 
 _FEW_JOINT_OPTIONS = 1000
@@ -34,7 +50,7 @@ _LOSS_BINS = 16
 
 @inlined
 def _random_uniform(rng: Any) -> float:
-    """Next uniform number in [0, 1) of the generator whose state is `rng` (1,): SplitMix64."""
+    """Return a uniform number in [0, 1); `rng` (1,) is the state of a SplitMix64 generator."""
     rng[0] = rng[0] + np.uint64(0x9E3779B97F4A7C15)
     return float(mix64(rng[0]) >> np.uint64(11)) * 2.0**-53
 
@@ -55,9 +71,9 @@ def _branch_and_bound(
     total: Any,
     best_remaining: Any,
 ) -> Any:
-    """Offer every child of a hypothesis above the floor: depth first, options best first, bounded from above.
+    """Add every component of a hypothesis above the floor: depth first, best options first.
 
-    The bound lets the tracks still to choose have their best options as if nobody competed for detections.
+    The bound gives the remaining tracks their best options as if no other track competed for them.
     """
     start, meas, logw = options.start, options.meas, options.logw
     n = tracks.size
@@ -94,7 +110,7 @@ def _branch_and_bound(
 
 @inlined
 def _assign_greedily(tracks: Any, options: AssociationOptions, is_assigned: Any, assignment: Any) -> float:
-    """Let each track in turn `pick` its best free option, which is `used` then; return their log-weight."""
+    """Give each track in turn its best free option; return their log-weight."""
     start, meas = options.start, options.meas
     total = 0.0
     for i in range(tracks.size):
@@ -110,6 +126,7 @@ def _assign_greedily(tracks: Any, options: AssociationOptions, is_assigned: Any,
 
 @inlined
 def _release_detections(tracks: Any, options: AssociationOptions, is_assigned: Any, assignment: Any) -> None:
+    """Mark the detections of an assignment as free."""
     for i in range(tracks.size):
         if options.meas[assignment[i]] >= 0:
             is_assigned[options.meas[assignment[i]]] = False
@@ -117,10 +134,10 @@ def _release_detections(tracks: Any, options: AssociationOptions, is_assigned: A
 
 @inlined
 def _count_assignments(tracks: Any, options: AssociationOptions, slack: float, count: Any) -> float:
-    """About how many joint options lose less than `slack` against each track's best, competition aside.
+    """Estimate how many joint options lose less than `slack` against the best of each track.
 
-    What is lost is counted in steps of a bin of `count` (bins,), rounded down, so the number is rather too
-    great.
+    Conflicts are ignored, and losses are counted in the bins of `count`, rounded down: the result is an upper
+    bound.
     """
     start, logw = options.start, options.logw
     count[:] = 0.0
@@ -144,7 +161,7 @@ def _count_assignments(tracks: Any, options: AssociationOptions, slack: float, c
 
 @inlined
 def _gibbs_draw(first: int, end: int, options: AssociationOptions, is_assigned: Any, rng: Any) -> int:
-    """Draw one of a track's free options in proportion to its weight."""
+    """Draw one of the free options of a track in proportion to its weight."""
     meas, logw = options.meas, options.logw
     while meas[first] >= 0 and is_assigned[meas[first]]:
         first += 1
@@ -179,7 +196,7 @@ def _gibbs_sample(
     visited: Any,
     rng: Any,
 ) -> Any:
-    """Offer the distinct children that a Gibbs sampler visits, from the greedy one on; `seen` is scratch."""
+    """Add the distinct components that the Gibbs sampler visits, from the greedy one on."""
     start, meas = options.start, options.meas
     n = tracks.size
     _assign_greedily(tracks, options, is_assigned, assignment)
@@ -213,23 +230,18 @@ def _gibbs_sample(
 
 
 class _Bounds(NamedTuple):
-    """What a search can come to."""
+    """Bounds of the search (see the table above)."""
 
     n_joint: Any
-    """How many joint options each hypothesis has."""
     best_logw: Any
-    """The best that a child of each can be."""
     capacity: Any
-    """How many children each group can have."""
     max_size: Any
-    """And how many tracks these."""
 
 
 class _Scratch(NamedTuple):
-    """Scratch of the search for one hypothesis's children."""
+    """Scratch of the search in one hypothesis (see the table above)."""
 
     is_assigned: Any
-    """(detections,) whether one of the tracks has taken each."""
     assignment: Any
     partial_logw: Any
     best_remaining: Any
@@ -244,8 +256,8 @@ def _compute_bounds(
 ) -> Any:
     """Fill the bounds.
 
-    Returns the widest group, the most room of one, hypotheses and items of all that can go on, and the most
-    hypotheses of a group.
+    Returns the most tracks of a cluster, its largest capacity, the bounds on hypotheses and items of the
+    result, and the most hypotheses of a cluster.
     """
     first, start, items = clusters.first, clusters.start, clusters.items
     max_cluster_size, max_capacity, n_out_hypotheses, n_out_items, max_cluster_hypotheses = 0, 0, 0, 0, 0
@@ -279,7 +291,7 @@ def _fill_pool(
     scratch: _Scratch,
     rng: Any,
 ) -> Any:
-    """Put the children of group g into the pool; return how many."""
+    """Put the posterior components of cluster g into the pool; return their number."""
     capacity, slots = bound.capacity[g], power_of_two(2 * bound.capacity[g])
     for i in range(slots):
         pool.slot[i] = -1
@@ -324,7 +336,7 @@ def _update_clusters(
     rng: Any,
     out: Clusters,
 ) -> Any:
-    """Fill `out` with the children of all groups; return how many."""
+    """Fill `out` with the posterior components of all clusters; return their number."""
     n, logw = 0, out.logw
     out.first[0] = out.start[0] = 0
     for g in range(clusters.first.size - 1):
@@ -351,7 +363,7 @@ def _update_clusters(
 def update_clusters(
     clusters: Clusters, options: AssociationOptions, n_detections: int, limits: Limits, rng: Any
 ) -> Any:
-    """Jointly predict and update groups of several labels; the result's items are options.
+    """Return the posterior components of clusters with several labels; their items are options.
 
     `rng` (1,) uint64 advances.
     """

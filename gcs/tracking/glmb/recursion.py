@@ -61,12 +61,12 @@ from gcs.tracking.clusters.merging import merge_clusters
 from gcs.tracking.clusters.singleton import DetectionMarginals, update_singletons
 from gcs.tracking.glmb.association import PosteriorTracks, joint_update
 from gcs.tracking.glmb.gating import association_options
-from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, Limits
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.glmb.kalman import Survival, predict_with_births
 from gcs.tracking.glmb.marginals import track_probabilities
 from gcs.tracking.glmb.measurements import Measurements, order_measurements
 from gcs.tracking.glmb.merging import merge_similar_tracks
-from gcs.tracking.glmb.params import BirthComponents, GlmbParams
+from gcs.tracking.glmb.params import BirthComponents, GlmbParams, Limits
 from gcs.tracking.glmb.ranked_assignment import update_clusters
 from gcs.tracking.models import coordinated_turn, measurement
 from gcs.tracking.models.coordinated_turn import TurnModel

@@ -1,1 +1,1 @@
-"""Motion, sensors, clutter and births: the models that the filter is given."""
+"""Models of motion, sensors, clutter and births."""

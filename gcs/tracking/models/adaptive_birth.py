@@ -1,18 +1,16 @@
-"""Measurement-driven births: an object may appear anywhere, and then leaves a detection unexplained.
+"""Adaptive birth: birth components at detections that no track explains.
 
-After a scan every detection z has a probability r_U(z) that some track made it. What is left, 1 - r_U(z), is
-shared out among clutter and newborns: at the next scan each detection gives birth with (Reuter, Vo, Vo &
-Dietmayer, "The labeled multi-Bernoulli filter", IEEE TSP 62, 2014, section IV-C)
+A track explains each detection z of a scan with probability r_U(z). At the next scan each detection gives
+birth with probability (Reuter, Vo, Vo & Dietmayer, "The Labeled Multi-Bernoulli Filter", IEEE TSP 62, 2014,
+IV-C)
 
     r_B(z) = min(r_max, (1 - r_U(z)) / sum over z' of (1 - r_U(z')) x lambda_B)
 
-so that lambda_B objects are expected in all, however much clutter there is: many false detections make each
-birth less probable, not the picture fuller. The position's covariance is that of the sensor at z, the
-velocity's the scenario's speeds, around zero; both are moved on to the time of the next scan.
+So lambda_B objects are expected in all, however much clutter there is. The position covariance is that of the
+sensor at z. The velocity has mean zero. Both are predicted to the next scan.
 
-Objects appear per second and not per scan, so lambda_B is the rate times what passed since this sensor
-looked last, divided by the number of sensors that look: two radars do not double the births. What one has
-given birth to, another that measures at the same moment explains like any other track.
+The birth rate is per second: lambda_B is the rate times the time since the sensor's last scan, divided by the
+number of sensors. Two sensors do not double the births.
 """
 
 from __future__ import annotations
@@ -26,16 +24,16 @@ from gcs.tracking.glmb.params import Birth
 from gcs.tracking.models import constant_velocity, sensors
 
 _FIRST_INTERVAL_S = 1.0
-"""What is taken to have passed before a sensor's first scan."""
+"""Interval assumed before a sensor's first scan."""
 _SENSOR_TIMEOUT_S = 60.0
-"""A sensor that did not look for so long does not share in the births any more."""
+"""A sensor without a scan for so long no longer counts."""
 _MIN_PROBABILITY = 1e-7
 _MAX_BIRTHS = 2000
-"""Per scan, the least explained first: bounds what a hostile scan can cause."""
+"""Per scan, the least explained detections first: bounds the work of a hostile scan."""
 
 
 class _Unexplained(NamedTuple):
-    """What the last scan left unexplained."""
+    """Unexplained detections of the last scan."""
 
     t_ns: int
     positions_m: FloatArray
@@ -44,18 +42,18 @@ class _Unexplained(NamedTuple):
 
 
 class AdaptiveBirth:
-    """Births at detections that nothing explains.
+    """Birth components at unexplained detections.
 
     Parameters
     ----------
     per_s : float
-        Objects expected to appear in a second, over all that the sensors see. 0: none.
+        Expected births per second in the field of view of all sensors. 0: none.
     speed_std_m_s : float
-        Standard deviation of a newborn's velocity, along each axis.
-    most_probability : float
-        No single birth is more probable.
+        Standard deviation of the velocity of a birth, along each axis.
+    max_probability : float
+        Largest probability of a single birth.
     accel_std_m_s2 : float
-        Of the motion until the next scan.
+        Process noise until the next scan.
     """
 
     def __init__(
@@ -69,7 +67,7 @@ class AdaptiveBirth:
         self._unexplained: _Unexplained | None = None
 
     def births(self, t_ns: int) -> list[Birth]:
-        """Return the births of a scan measured at `t_ns`, once, from what the scan before left over."""
+        """Remove and return the birth components for a scan measured at `t_ns`."""
         last, self._unexplained = self._unexplained, None
         if last is None or t_ns < last.t_ns:
             return []
@@ -87,7 +85,7 @@ class AdaptiveBirth:
         return found
 
     def add_scan(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> None:
-        """Take a scan that was worked: its detections (m, 2) and how far tracks explain each (m,), 0 to 1."""
+        """Add a processed scan: detections (m, 2) and the probability that tracks explain each (m,)."""
         elapsed_s = self._elapsed_s(t_ns, sensor.name)
         unexplained = np.clip(1.0 - explained, 0.0, 1.0)
         total = float(unexplained.sum())
@@ -102,7 +100,7 @@ class AdaptiveBirth:
         )
 
     def _elapsed_s(self, t_ns: int, sensor: str) -> float:
-        """Return what passed since a sensor looked last, and note that it looks now."""
+        """Record a sensor's scan, and return the time since its last one."""
         before = self._last_scan_t_ns.get(sensor)
         self._last_scan_t_ns[sensor] = t_ns
         horizon = t_ns - int(_SENSOR_TIMEOUT_S * NS_PER_S)

@@ -1,8 +1,7 @@
-"""How dense the detections of known objects are: what they are to whoever tracks other objects.
+"""Clutter intensity from known objects: detections of objects that another tracker tracks.
 
-An object with existence probability r and a Gaussian position N(p; m, P) is detected with probability p_D at
-m plus noise R, so detections of all objects have the intensity (Mahler 2007, section 4.3: the first moment of
-a multi-Bernoulli set)
+An object with existence r and Gaussian position N(p; m, P) is detected with probability p_D and noise R.
+Detections of all objects have the intensity (Mahler 2007, section 4.3: first moment of a multi-Bernoulli set)
 
     lambda(z) = p_D sum_i r_i N(z; m_i, P_i + R(z))
 """
@@ -20,16 +19,16 @@ if TYPE_CHECKING:
     from gcs.model import FloatArray
 
 _MAX_CHI2 = 1500.0
-"""Squared Mahalanobis distance from which exp(-d2 / 2) is 0 in double precision."""
+"""Squared Mahalanobis distance from which exp(-d2 / 2) is 0 in float64."""
 
 
 @kernel
 def intensity_per_m2(
     mean: FloatArray, cov: FloatArray, existence: FloatArray, z: FloatArray, noise: FloatArray
 ) -> FloatArray:
-    """Intensity (m,) at places z (m, 2), seen with `noise` (m, 2, 2), of certainly detected objects.
+    """Return the intensity (m,) at positions z (m, 2) with `noise` (m, 2, 2), for p_D = 1.
 
-    Their means are (n, 2), covariances (n, 2, 2), existence probabilities (n,).
+    Means are (n, 2), covariances (n, 2, 2), existence probabilities (n,).
     """
     density = np.zeros(z.shape[0])
     for j in range(z.shape[0]):
@@ -48,6 +47,6 @@ def intensity_per_m2(
 
 
 def warm_up_calls() -> list[Call]:
-    """One call of every kernel, types as in a tracker."""
+    """Return one call of every kernel, with the types of a tracker."""
     cov = np.eye(2).reshape(1, 2, 2)
     return [(intensity_per_m2, np.zeros((1, 2)), cov, np.ones(1), np.zeros((1, 2)), cov)]

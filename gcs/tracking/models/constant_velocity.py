@@ -1,18 +1,17 @@
-"""How an object moves between scans: constant velocity disturbed by white-noise acceleration.
+"""Nearly constant velocity: the motion model between scans.
 
-Continuous model (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.2), per axis with white acceleration w(t) of
-spectral density q:
+Continuous white-noise acceleration (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.2), per axis with spectral
+density q:
 
     d/dt [p, v] = [v, w],    F(dt) = [[1, dt], [0, 1]],    Q(dt) = q [[dt^3/3, dt^2/2], [dt^2/2, dt]]
 
-It is the continuous form and not the piecewise-constant one because scans of several sensors come at
-irregular times: here F and Q over a + b are exactly those over a followed by b, so the picture does not
-depend on how often somebody looked. The parameter is the standard deviation that the velocity gains in one
-second, ``accel_std_m_s2``, so q = accel_std_m_s2^2 x 1 s (m^2/s^3).
+F and Q over a + b equal those over a followed by b, so the estimate does not depend on the scan times of
+other sensors. ``accel_std_m_s2`` is the standard deviation of the velocity gained in one second: q =
+accel_std_m_s2^2 x 1 s, in m^2/s^3.
 
-Much of the literature simulates the piecewise-constant form instead (ibid., section 6.3.2), one draw of the
-acceleration for each scan: ``Q = accel_std_m_s2^2 [[dt^4/4, dt^3/2], [dt^3/2, dt^2]]``. It is here for data
-that was made so, at regular scans; at dt = 1 s both add the same to the velocity.
+The piecewise-constant model (ibid., section 6.3.2) has one acceleration from scan to scan:
+``Q = accel_std_m_s2^2 [[dt^4/4, dt^3/2], [dt^3/2, dt^2]]``. It is for data that was simulated so, at regular
+scans. At dt = 1 s both add the same variance to the velocity.
 """
 
 from __future__ import annotations
@@ -24,18 +23,18 @@ import numpy as np
 from gcs.model import FloatArray
 
 Acceleration: TypeAlias = Literal["white", "piecewise"]
-"""White noise in continuous time, or one constant draw from scan to scan."""
+"""Continuous white noise, or piecewise constant between scans."""
 
 
 def transition(dt_s: float) -> FloatArray:
-    """F(dt), (4, 4), for the state [east, north, v_east, v_north]."""
+    """Return F(dt), (4, 4), for the state [east, north, v_east, v_north]."""
     matrix = np.eye(4)
     matrix[0, 2] = matrix[1, 3] = dt_s
     return matrix
 
 
 def process_noise(dt_s: float, accel_std_m_s2: float, acceleration: Acceleration = "white") -> FloatArray:
-    """Q(dt), (4, 4), zero for dt = 0; positive definite for dt > 0, semidefinite when "piecewise"."""
+    """Return Q(dt), (4, 4): 0 for dt = 0; for dt > 0 positive definite, or semidefinite if "piecewise"."""
     density = accel_std_m_s2 * accel_std_m_s2
     if acceleration == "white":
         position, cross, velocity = dt_s**3 / 3.0, dt_s**2 / 2.0, dt_s

@@ -1,19 +1,18 @@
-"""How an aircraft moves: nearly constant turns, with the turn rate as a fifth state beside the other four.
+"""Nearly coordinated turn: the turn rate as a fifth state beside position and velocity.
 
-Coordinated turn with an unknown rate w (Bar-Shalom, Li & Kirubarajan 2001, section 11.7), counter-clockwise:
+Coordinated turn with unknown rate w (Bar-Shalom, Li & Kirubarajan 2001, section 11.7), counter-clockwise:
 
     p' = p + (sin(w dt) v + (1 - cos(w dt)) J v) / w
     v' = cos(w dt) v + sin(w dt) J v,    J v = (-v_n, v_e)
 
-disturbed by white acceleration as in `motion`. The rate itself comes and goes, as aircraft roll into turns
-and out of them: a stationary Ornstein-Uhlenbeck process with standard deviation sigma and time constant tau,
-so that w' = exp(-dt/tau) w and nobody is expected to circle for ever.
+with white acceleration as in `constant_velocity`. The rate is a stationary Ornstein-Uhlenbeck process with
+standard deviation sigma and time constant tau: w' = exp(-dt/tau) w, since aircraft roll into turns and out of
+them.
 
-This is an extended Kalman filter on [p, v, w], kept in blocks: mean (4,) and covariance (4, 4) of position
-and velocity as everywhere else, and for each track a row ``turn`` (6,) of w, its variance, and its covariance
-with the four. So association, gates and update need not know of it: what an update makes of w follows from
-the covariance with what was measured. The joint covariance stays positive definite; where tracks are merged,
-the covariance with w is held within what the four allow.
+This is an extended Kalman filter on [p, v, w] in blocks. Mean (4,) and covariance (4, 4) are those of all
+other kernels. Each track has a row of ``turn`` (n, 6) float64: w, its variance, and its covariance with the
+other four states. So association and update do not depend on the turn model. Where tracks merge, the
+covariance with w is limited to keep the joint covariance positive definite.
 """
 
 from __future__ import annotations
@@ -29,21 +28,21 @@ from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
 
 _SMALL_ANGLE = 1e-4
 _MAX_SQUARED_CORRELATION = 0.98
-"""Squared, between the turn rate and the other four states."""
+"""Between the turn rate and the other four states."""
 
 
 class TurnModel(NamedTuple):
-    """How objects turn."""
+    """Model of the turn rate."""
 
     rate_std_rad_s: float
-    """Standard deviation of the turn rate."""
+    """Standard deviation of the turn rate; 0 for straight motion."""
     time_s: float
-    """How long a turn lasts."""
+    """Time constant of a turn."""
 
 
 @inlined
 def _arc(w: float, dt: float) -> Any:
-    """sin(w dt)/w, (1 - cos(w dt))/w, and their derivatives by w."""
+    """Return sin(w dt)/w, (1 - cos(w dt))/w, and their derivatives by w."""
     a = w * dt
     if abs(a) < _SMALL_ANGLE:
         return dt, 0.5 * a * dt, -a * dt * dt / 3.0, 0.5 * dt * dt
@@ -53,7 +52,7 @@ def _arc(w: float, dt: float) -> Any:
 
 @inlined
 def _linearise(w: float, vx: float, vy: float, dt: float, F: FloatArray, g: FloatArray) -> None:
-    """Write how the four states at the end change with those at the beginning (F), and with w (g)."""
+    """Write the Jacobians of the four states by themselves (F) and by w (g)."""
     along, across, d_along, d_aside = _arc(w, dt)
     s, c = math.sin(w * dt), math.cos(w * dt)
     F[0, 2] = F[1, 3] = along
@@ -66,15 +65,15 @@ def _linearise(w: float, vx: float, vy: float, dt: float, F: FloatArray, g: Floa
 
 @inlined
 def _limit_correlation(cov: FloatArray, turn: FloatArray, t: int) -> None:
-    """Shrink the covariance with w, where it says more than positive definiteness allows."""
+    """Shrink the covariance with w to what positive definiteness allows."""
     lower, whitened, total = np.empty((4, 4)), np.empty(4), 0.0
     for i in range(4):
         value = turn[t, 2 + i]
         for j in range(i + 1):
-            split_clusters = cov[t, i, j]
+            element = cov[t, i, j]
             for k in range(j):
-                split_clusters -= lower[i, k] * lower[j, k]
-            lower[i, j] = math.sqrt(max(split_clusters, 1e-12)) if i == j else split_clusters / lower[j, j]
+                element -= lower[i, k] * lower[j, k]
+            lower[i, j] = math.sqrt(max(element, 1e-12)) if i == j else element / lower[j, j]
         for k in range(i):
             value -= lower[i, k] * whitened[k]
         whitened[i] = value / lower[i, i]
@@ -96,14 +95,17 @@ def predict(
     rate_std_rad_s: float,
     rate_time_s: float,
 ) -> Any:
-    """Predict every track: means (n, 4), covariances (n, 4, 4), turns (n, 6). `Q` is that of `motion`."""
+    """Predict every track: means (n, 4), covariances (n, 4, 4), turns (n, 6).
+
+    `Q` is that of `constant_velocity`.
+    """
     n = mean.shape[0]
     mean_out, cov_out, turn_out = np.empty((n, 4)), np.empty((n, 4, 4)), np.empty((n, 6))
     F, FP, Fc, g = np.eye(4), np.empty((4, 4)), np.empty(4), np.empty(4)
     lateral, cross = np.zeros((4, 4)), np.zeros(4)
     keep = math.exp(-dt / rate_time_s)
     stationary = rate_std_rad_s * rate_std_rad_s
-    # What the rate gains on the way turns the velocity, too: a triple integral of white noise.
+    # The noise of the rate also turns the velocity: a triple integral of white noise.
     short = min(dt, rate_time_s)
     q = 2.0 * stationary / rate_time_s
     for t in range(n):
@@ -150,7 +152,7 @@ def update(
     z: FloatArray,
     meas_model: LinearisedMeasurement,
 ) -> Any:
-    """Turns (n, 6) of the tracks that `kernels.update` makes; `cov` and `turn` are those predicted."""
+    """Return the turns (n, 6) of the updates in `kalman.update_tracks`; `cov` and `turn` are predicted."""
     n = parent.size
     out = np.empty((n, 6))
     step = 0 if meas_model.A.shape[0] == 1 else 1
@@ -185,7 +187,7 @@ def update(
 
 @kernel
 def jacobians(mean: FloatArray, dt: FloatArray, rate_time_s: float) -> Any:
-    """Return how [p, v, w] (5, 5) changes over each `dt` (n,) with what it was, `mean` (n, 5)."""
+    """Return the Jacobians (n, 5, 5) of [p, v, w] over each `dt` (n,) at `mean` (n, 5)."""
     out = np.zeros((mean.shape[0], 5, 5))
     F, g = np.eye(4), np.empty(4)
     for k in range(mean.shape[0]):
@@ -209,12 +211,12 @@ def _append_births(turn: FloatArray, stationary: float, out: FloatArray) -> None
 
 @inlined
 def append_births(turn: FloatArray, n: int, rate_std_rad_s: float) -> FloatArray:
-    """Add turns of n objects that are as likely to turn as any."""
+    """Append the turns of n births, at the stationary distribution."""
     out = np.empty((turn.shape[0] + n, 6))
     _append_births(turn, rate_std_rad_s * rate_std_rad_s, out)
     return out
 
 
 def warm_up_calls() -> list[tuple[Any, ...]]:
-    """One call of every kernel that is called from Python, types as in a tracker."""
+    """Return one call of every kernel that Python calls, with the types of a tracker."""
     return [(jacobians, np.zeros((1, 5)), np.ones(1), 5.0)]

@@ -1,28 +1,35 @@
-"""How a sensor sees a track: what it would measure there, how sharply, and whether it looks there at all.
+"""Linearised measurement models: what a sensor measures of a predicted track, and if it is in view.
 
-Every filter here updates by a *view*: the sensor as if it were linear around each predicted track,
+Every update uses the sensor as linear around each predicted track, with position p:
 
-    z = z_hat + A (p - p_hat) + e,    e ~ N(0, noise),
+    z = z_hat + A (p - p_hat) + e,    e ~ N(0, noise)
 
-p being the position. For a sensor that reports positions this is exact, with A = I. For one that reports
-range and bearing it comes from the unscented transform (Julier & Uhlmann 2004) of the position, whose
-Gaussian is carried through the measurement by five points: z_hat is their mean, A = C' P^-1 their regression
-on the position, and what the line leaves over adds to the noise. That is the unscented Kalman filter, written
-so that association and update need not know of it: S = A P A' + noise, K = P A' S^-1, the Joseph form. (The
-points of an unscented transform of the whole state with kappa = 3 - n give the same, as velocities are not
-measured.) Where a track's spread is wide for its range, it is nearer to the truth than an extended filter,
-though not exact either; and it survives a track over the sensor.
+For a position sensor this is exact with A = I. For range and bearing it is the unscented transform (Julier
+& Uhlmann 2004) of the position at five points: z_hat is their mean, A = C' P^-1 their regression on the
+position, and the rest adds to the noise. That is the unscented Kalman filter in terms of S = A P A' + noise
+and K = P A' S^-1. Velocities are not measured, so an unscented transform of the whole state with kappa = 3
+- n gives the same.
 
-A sensor looks at a field: a box on the map, or a sector around it. How probable it is that a track is in
-there is an integral over its Gaussian (along each coordinate by itself), not a question about its mean: at an
-edge, a track is missed a little and may still be detected; one that is far outside is not missed at all; one
-that may be anywhere, because it was not seen for long, is missed where the sensor looks.
+The field of view is a box or a sector. The probability that a track is inside is an integral over its
+Gaussian, along each coordinate by itself. So a track at the edge is missed in part, and a track with a wide
+Gaussian is missed where the sensor looks.
+
+=====================  ==================  =======  ========================================
+LinearisedMeasurement  shape               dtype    meaning (n tracks)
+=====================  ==================  =======  ========================================
+z_hat                  (n, 2)              float64  expected measurement
+A                      (n or 1, 2, 2)      float64  Jacobian by the position
+noise                  (n or 1, 2, 2)      float64  covariance of the rest
+p_in_fov               (n,)                float64  probability to be in the field of view
+p_d                    float                        detection probability in there
+has_bearing            bool                         True if the second coordinate is an angle
+=====================  ==================  =======  ========================================
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -36,37 +43,31 @@ _TWO_PI = 2.0 * math.pi
 
 
 class SensorModel(NamedTuple):
-    """What kernels know of a sensor."""
+    """Sensor as kernels use it, all float64."""
 
     is_polar: bool
-    """Whether it measures range and bearing."""
+    """True if it measures range and bearing."""
     noise: FloatArray
-    """(1, 2, 2) covariance of what it measures."""
+    """(1, 2, 2) covariance of a measurement."""
     fov: FloatArray
-    """(2, 2) least and greatest of each coordinate in the field of view; of a bearing, off the centre."""
+    """(2, 2) bounds of each coordinate; of a bearing, relative to the centre."""
     position_m: FloatArray
-    """(2,) where a polar one stands."""
+    """(2,) position of a range/bearing sensor."""
     centre_rad: float
-    """And which way it looks."""
+    """Bearing of the centre of its sector."""
     p_d: float
     """Detection probability in the field of view."""
 
 
 class LinearisedMeasurement(NamedTuple):
-    """How n predicted tracks are seen; where they share `A` and `noise`, these are (1, 2, 2)."""
+    """Linearised measurement model of n predicted tracks (see the table above)."""
 
     z_hat: FloatArray
-    """(n, 2) what it would measure."""
     A: FloatArray
-    """(n or 1, 2, 2) how that changes with the position."""
     noise: FloatArray
-    """(n or 1, 2, 2) covariance of the rest."""
     p_in_fov: FloatArray
-    """(n,) probability that the track is in the field of view."""
     p_d: float
-    """Detection probability in there."""
     has_bearing: bool
-    """Whether the second coordinate is an angle."""
 
 
 @inlined
@@ -77,7 +78,7 @@ def wrap_angle(angle_rad: Any) -> Any:
 
 @inlined
 def _probability_between(centre: float, std: float, low: float, high: float) -> float:
-    """Probability of a Gaussian between two bounds."""
+    """Return the probability of a Gaussian between two bounds."""
     if low <= centre - 6.0 * std and centre + 6.0 * std <= high:
         return 1.0
     scale = math.sqrt(2.0) * max(std, 1e-12)
@@ -98,7 +99,7 @@ def _fill_positions(mean: FloatArray, cov: FloatArray, fov: FloatArray, z_hat: A
 
 @called
 def _position(mean: FloatArray, cov: FloatArray, fov: FloatArray) -> Any:
-    """View of each track by a sensor that reports positions, and how probably it is within `field`."""
+    """Return expected measurements of a position sensor, and the probability to be in `fov`."""
     z_hat, p_in_fov = np.empty((mean.shape[0], 2)), np.empty(mean.shape[0])
     _fill_positions(mean, cov, fov, z_hat, p_in_fov)
     return z_hat, p_in_fov
@@ -108,7 +109,7 @@ def _position(mean: FloatArray, cov: FloatArray, fov: FloatArray) -> Any:
 def _range_bearing(
     mean: FloatArray, cov: FloatArray, place: FloatArray, R: FloatArray, fov: FloatArray, centre_rad: float
 ) -> Any:
-    """Unscented view of each track; `field` bounds the range, and the bearing relative to `centre_rad`."""
+    """Return the unscented model of each track; `fov` bounds range and relative bearing."""
     n = mean.shape[0]
     z_hat, A, noise, p_in_fov = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty((n, 2, 2)), np.empty(n)
     dp, dz = np.zeros((5, 2)), np.zeros((5, 2))
@@ -151,7 +152,7 @@ def _range_bearing(
 
 @kernel
 def linearise(sensor_model: SensorModel, mean: FloatArray, cov: FloatArray) -> LinearisedMeasurement:
-    """How a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
+    """Return the measurement model of tracks with means (n, 4) and covariances (n, 4, 4)."""
     if sensor_model.is_polar:
         z_hat, A, noise, p_in_fov = _range_bearing(
             mean, cov, sensor_model.position_m, sensor_model.noise, sensor_model.fov, sensor_model.centre_rad
@@ -164,7 +165,7 @@ def linearise(sensor_model: SensorModel, mean: FloatArray, cov: FloatArray) -> L
 
 
 def sensor_model(sensor: Sensor) -> SensorModel:
-    """Return what kernels know of a sensor."""
+    """Return a sensor as kernels use it."""
     p_d = min(float(sensor.detection_probability), MAX_DETECTION_PROBABILITY)
     polar = sensor.polar
     if polar is None:
@@ -182,8 +183,3 @@ def sensor_model(sensor: Sensor) -> SensorModel:
     fov = np.array([polar.range_m, (-half_rad, half_rad)], dtype=np.float64)
     position_m = np.array([polar.east_m, polar.north_m], dtype=np.float64)
     return SensorModel(True, noise, fov, position_m, float(polar.bearing_rad[0]), p_d)
-
-
-def view(sensor: Sensor, mean: FloatArray, cov: FloatArray) -> LinearisedMeasurement:
-    """Return how a sensor sees tracks with means (n, 4) and covariances (n, 4, 4)."""
-    return cast(LinearisedMeasurement, linearise(sensor_model(sensor), mean, cov))

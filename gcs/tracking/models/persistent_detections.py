@@ -1,13 +1,12 @@
-"""Detections that persist although no track takes them: objects where none may be born.
+"""Persistent detections: objects where no birth component lets a track begin.
 
-Each detection that no track explains may begin a chain, and each later one near where the chain should be
-then adds to its score: the log-likelihood ratio of "one object" against "clutter" (Wald's sequential test;
-Bar-Shalom & Li, "Multitarget-Multisensor Tracking", 1995, section 3.2). A missed detection takes from it, and
-a chain whose score falls below its beginning ends. Places that nobody looks at keep their score.
+A detection that no track explains may begin a chain. Later detections near its predicted position add the
+log-likelihood ratio of object against clutter to its score (Wald's sequential test; Bar-Shalom & Li,
+"Multitarget-Multisensor Tracking", 1995, section 3.2). A miss subtracts from it. A chain with a negative
+score ends. The score does not change where no sensor looks.
 
-A chain is persistent when its score reaches 25: by Wald's bound clutter gets there less than once in 7e10
-chains, which is far less than once a year. At 20 false detections a scan on 2 km x 2 km that takes five
-detections.
+A chain is persistent from a score of 25 on. By Wald's bound, clutter reaches that less than once in 7e10
+chains: far less than once a year. It takes five detections at 20 false detections a scan on 2 km x 2 km.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ Flags = npt.NDArray[np.bool_]
 _PERSISTENT_SCORE: Final = 25.0
 _MAX_SCORE: Final = 35.0
 _UNEXPLAINED: Final = 0.5
-"""A detection that some track made less probably than this belongs to none."""
+"""A detection below this probability of being explained belongs to no track."""
 _GATE_CHI2: Final = 16.0
 _SPEED_STD_M_S: Final = 10.0
 _ACCEL_STD_M_S2: Final = 0.5
 _MAX_DETECTION: Final = 0.98
-"""Of a sensor that calls itself perfect: one miss proves little."""
+"""Cap of the detection probability: one miss proves little."""
 _MIN_CLUTTER_PER_M2: Final = 1e-9
 _MAX_STD_M: Final = 200.0
-"""Of a chain's position, where nobody looks."""
+"""Of a chain's position, where no sensor looks."""
 _MAX_CHAINS: Final = 300
 
 
@@ -51,21 +50,22 @@ class PersistentDetections:
 
     @property
     def places_m(self) -> FloatArray:
-        """East and north (n, 2) of the chains that are persistent."""
+        """Positions (n, 2) of the persistent chains, east and north."""
         return np.asarray(self._mean[self._found, :2])
 
     def process_scan(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> FloatArray:
-        """Take a scan; return east and north (n, 2) of the chains that have just become persistent.
+        """Process a scan; return positions (n, 2) of the chains that have just become persistent.
 
         Parameters
         ----------
         t_ns : int
-            When it was measured; never before the last one.
+            Time of measurement, not before that of the last scan.
         z_m : array
             (m, 2) detections, east and north.
         sensor : Sensor
+            Sensor of the scan.
         explained : array
-            (m,) probability that some track made each detection.
+            (m,) probability that a track made each detection.
         """
         self._predict(t_ns)
         unexplained = np.flatnonzero(explained < _UNEXPLAINED)
@@ -87,9 +87,9 @@ class PersistentDetections:
         self._cov = F @ self._cov @ F.T + Q
 
     def _associate(self, z: FloatArray, noise: FloatArray, clutter: FloatArray, sensor: Sensor) -> Flags:
-        """Give each chain the detection that speaks most for it, unless one with a greater score takes it.
+        """Update each chain with its likeliest detection, unless a chain with a greater score has it.
 
-        Returns which detections were given.
+        Returns True for each detection that was used.
         """
         is_assigned = np.zeros(len(z), np.bool_)
         detected = min(sensor.detection_probability, _MAX_DETECTION)
@@ -112,7 +112,7 @@ class PersistentDetections:
         return is_assigned
 
     def _pairs(self, z: FloatArray, noise: FloatArray) -> tuple[Ints, Ints, FloatArray, FloatArray]:
-        """Return chain, detection, innovation and its covariance of all pairs that may be near each other."""
+        """Return chain, detection, innovation and its covariance of all pairs that may be in a gate."""
         spread_m2 = np.trace(self._cov[:, :2, :2], axis1=1, axis2=2)[:, None]
         innovation = z[None] - self._mean[:, None, :2]
         reach_m2 = _GATE_CHI2 * (spread_m2 + np.trace(noise, axis1=1, axis2=2))
@@ -137,6 +137,6 @@ class PersistentDetections:
 
 
 def _first_of_each(pair: Ints, of: Ints) -> Ints:
-    """Return the pairs that come first of those with their chain, or with their detection."""
+    """Return the first pair of each chain, or of each detection."""
     _, first = np.unique(of[pair], return_index=True)
     return pair[np.sort(first)]

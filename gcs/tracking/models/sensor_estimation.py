@@ -1,20 +1,17 @@
-"""Whether a sensor is what it says: its clutter and its detection probability, estimated from its own scans.
+"""Estimation of a sensor's clutter rate and detection probability from its own scans.
 
-The tracker weighs every detection by what its sensor announces. A clutter rate announced too low makes ghosts
-believable; a detection probability announced too high makes it give up objects that were only missed. Both
-can be seen in the stream:
+The tracker uses the values that a sensor announces. A clutter rate announced too low lets clutter pass for
+objects. A detection probability announced too high lets missed objects be dropped. Both show in the scans:
 
-- clutter is what no track explains: the sum of 1 - P(explained) over a scan's detections is Poisson with the
-  announced mean;
-- objects that were there beyond doubt before the scan, and surely in view, are detected with p_D; one that
-  was just missed is in doubt and does not count until it is seen again, so that a death counts once.
+- clutter is what no track explains: the sum of 1 - P(explained) over a scan is Poisson with the announced
+  mean;
+- objects that certainly existed before the scan, and were in view, are detected with p_D. A missed object is
+  not certain until it is detected again, so that a death counts once.
 
-Means fade with a memory of some sixty scans. A contradiction is reported when it is both certain (five
-standard deviations of what is announced) and large enough to matter; it is taken back when the difference has
-become small, which is nearer than where it began, so that it does not flap.
+Means fade with a memory of 60 scans. A contradiction is reported if it is significant (five standard
+deviations) and large. It ends when the difference is small; the hysteresis avoids repeated reports.
 
-On request (`corrected`) the tracker goes by the estimates, in which the announced values count as much as the
-first scans do.
+`corrected` returns the sensor with the estimates, in which the announced values count as some first scans.
 """
 
 from __future__ import annotations
@@ -34,23 +31,23 @@ _MIN_SCANS, _MIN_OBJECTS = 10.0, 30.0
 _CLUTTER_FACTOR, _CLUTTER_AGREEMENT_FACTOR = 2.0, 1.5
 _DETECTION_DEVIATION, _DETECTION_AGREEMENT = 0.1, 0.05
 _PRIOR_SCANS, _PRIOR_OBJECTS = 10.0, 20.0
-"""How many scans and detected objects an announced value stands for, when it is corrected."""
+"""Scans and detected objects that an announced value counts for in a correction."""
 _MAX_CLUTTER_CORRECTION = 50.0
-"""No clutter rate is corrected by more than this factor."""
+"""Largest factor of a correction of the clutter rate."""
 _MIN_DETECTION, _MAX_DETECTION = 0.05, 0.999
 
 
 class Finding(NamedTuple):
-    """News about a sensor."""
+    """A change in the agreement between a sensor's announced and estimated values."""
 
     is_contradiction: bool
-    """False: a contradiction that was reported is over."""
+    """False if a reported contradiction has ended."""
     text: str
 
 
 @dataclass(slots=True)
 class _Mean:
-    """A fading mean; `n` is how many samples it is worth."""
+    """A fading mean; `n` is its effective number of samples."""
 
     total: float = 0.0
     weight: float = 0.0
@@ -74,19 +71,19 @@ class _Mean:
 
 
 class SensorEstimation:
-    """One sensor, as its stream shows it."""
+    """Estimates of one sensor."""
 
     def __init__(self) -> None:
         self._clutter, self._detected = _Mean(), _Mean()
         self._contradicts = {"clutter": False, "detection": False}
 
     def add_scan(self, unexplained: float, detected: float, in_view: float) -> None:
-        """Take a scan: detections unexplained, and of how many objects in view how many were detected."""
+        """Add a scan: unexplained detections, and detected objects of those in view."""
         self._clutter.add(unexplained)
         self._detected.add(detected, in_view)
 
     def findings(self, sensor: Sensor) -> list[Finding]:
-        """Return what has changed about whether the stream is as the sensor announces."""
+        """Return the changes in agreement with the sensor's announced values."""
         found = []
         clutter, detection = self._clutter.value, self._detected.value
         announced = expected_clutter(sensor)
@@ -94,7 +91,7 @@ class SensorEstimation:
             off = abs(clutter - announced) > _CERTAIN_STD * math.sqrt(max(announced, 1e-3) / self._clutter.n)
             ratio = max(clutter, 1e-3) / max(announced, 1e-3)
             finding = f"{clutter:.3g} false detections a scan seen, {announced:.3g} announced"
-            consequence = "clutter may pass for objects" if ratio > 1.0 else "objects are believed late"
+            consequence = "clutter may pass for objects" if ratio > 1.0 else "tracks are confirmed late"
             found += self._report_change(
                 "clutter",
                 off and abs(math.log(ratio)) > math.log(_CLUTTER_FACTOR),
@@ -107,7 +104,7 @@ class SensorEstimation:
             off_by = abs(detection - announced)
             std = math.sqrt(max(announced * (1.0 - announced), 1e-3) / self._detected.n)
             finding = f"{detection:.2f} of the objects in view are detected, {announced:.2f} announced"
-            consequence = "objects may be given up" if detection < announced else "deaths are seen late"
+            consequence = "tracks may be dropped" if detection < announced else "losses are detected late"
             found += self._report_change(
                 "detection",
                 off_by > max(_DETECTION_DEVIATION, _CERTAIN_STD * std),
@@ -118,7 +115,7 @@ class SensorEstimation:
         return found
 
     def corrected(self, sensor: Sensor) -> Sensor:
-        """Return the sensor with the clutter rate and detection probability that the stream shows."""
+        """Return the sensor with the estimated clutter rate and detection probability."""
         announced = expected_clutter(sensor)
         cholesky4 = 1.0
         if math.isfinite(announced) and announced > 0.0:

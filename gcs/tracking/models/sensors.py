@@ -1,7 +1,7 @@
-"""What a sensor measures and where it looks; how it sees a track follows from that (see `views`).
+"""Sensor geometry: coordinates, field of view, noise and clutter on the map.
 
-Clutter is uniform in what a sensor measures. Intensities are given per m2 on the map to whoever compares
-sensors and kinds; a cell of range and bearing dr x db covers r dr db there, so lambda(r, b) = r lambda(east,
+Clutter is uniform in sensor coordinates. Intensities are per m2 on the map, so that sensors can be
+compared. A cell of range and bearing dr x db covers r dr db on the map, so lambda(r, b) = r lambda(east,
 north).
 """
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 MAX_DETECTION_PROBABILITY = 0.999
-"""Of a sensor that calls itself perfect: no gate is, and one miss must not be a death certificate."""
+"""Cap of the announced detection probability: a single miss must not end a track."""
 _MIN_RANGE_M = 1e-3
 """Nearer, a bearing means nothing, and clutter per m2 would be infinite."""
 _TWO_PI = 2.0 * math.pi
 
 
 def sensor_coordinates(sensor: Sensor, z_m: FloatArray) -> FloatArray:
-    """Return what the sensor measured (m, 2) of detections given as east/north: range and bearing."""
+    """Return detections (m, 2) in sensor coordinates: east/north, or range and bearing."""
     if sensor.polar is None:
         return z_m
     x, y = z_m[:, 0] - sensor.polar.east_m, z_m[:, 1] - sensor.polar.north_m
@@ -47,20 +47,20 @@ def sector(
     sector_deg: tuple[float, float],
     clutter_per_scan: float,
 ) -> Polar:
-    """Return the geometry of a range/bearing sensor as its maker states it.
+    """Return the geometry of a range/bearing sensor from its data sheet.
 
     Parameters
     ----------
     place_m
         East and north of the sensor.
     stds
-        Of the range in metres, of the bearing in degrees.
+        Standard deviations of range in metres and of bearing in degrees.
     range_m
         Least and greatest range.
     sector_deg
-        Its centre, clockwise from north, and its width.
+        Centre of the sector, clockwise from north, and its width.
     clutter_per_scan
-        Uniform over range and bearing.
+        Mean number of false detections, uniform over range and bearing.
     """
     half_rad = math.radians(sector_deg[1]) / 2.0
     return Polar(
@@ -74,11 +74,11 @@ def sector(
 
 
 def polar_sensor(name: str, detection_probability: float, polar: Polar) -> Sensor:
-    """Return a range/bearing sensor, with what those need to know who only draw."""
+    """Return a range/bearing sensor, with a box and a mean noise for displays."""
     middle_m = max(0.5 * (polar.range_m[0] + polar.range_m[1]), _MIN_RANGE_M)
     variance_m2 = 0.5 * (polar.range_std_m**2 + (middle_m * polar.bearing_std_rad) ** 2)
     centre_rad, half_rad = polar.bearing_rad
-    # The box around a sector: its ends, and the compass points that lie in it.
+    # Bounding box of a sector: its ends, and the compass points inside it.
     turns = np.array(
         [-half_rad, half_rad, *(math.remainder(k * math.pi / 2 - centre_rad, _TWO_PI) for k in range(4))]
     )
@@ -105,7 +105,7 @@ def clutter_per_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
 
 
 def cell_area_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
-    """Return the area on the map (m,) of a unit cell of what the sensor measures, at detections (m, 2)."""
+    """Return the map area (m,) of a unit cell of sensor coordinates at detections (m, 2)."""
     if sensor.polar is None:
         return np.ones(len(z_m))
     return np.maximum(
@@ -129,7 +129,7 @@ def noise_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
 
 
 def covers(sensor: Sensor, places_m: FloatArray) -> npt.NDArray[np.bool_]:
-    """Return whether each place (n, 2) lies in the field of view."""
+    """Return True for each position (n, 2) in the field of view."""
     if sensor.polar is None:
         (west, east), (south, north) = field_bounds_m(sensor)
         x, y = places_m[:, 0], places_m[:, 1]
@@ -142,7 +142,7 @@ def covers(sensor: Sensor, places_m: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def expected_clutter(sensor: Sensor) -> float:
-    """Return the mean number of false detections in a scan; infinite for a field of view without an end."""
+    """Return the mean number of false detections in a scan; infinite for an unbounded field of view."""
     if sensor.polar is None:
         (west, east), (south, north) = field_bounds_m(sensor)
         return float(sensor.clutter_density_per_m2 * (east - west) * (north - south))
@@ -152,6 +152,6 @@ def expected_clutter(sensor: Sensor) -> float:
 
 
 def field_bounds_m(sensor: Sensor) -> FloatArray:
-    """Return the bounds of a position sensor's field of view, a row for each coordinate."""
+    """Return the bounds (2, 2) of a position sensor's field of view, one row per coordinate."""
     west, south, east, north = sensor.field_of_view_m
     return np.array([[west, east], [south, north]], dtype=np.float64)

@@ -1,1 +1,1 @@
-"""Compiled helpers: sorting, exponentials and logarithms of many numbers."""
+"""Compiled helpers: sorting, exponentials and logarithms of arrays."""

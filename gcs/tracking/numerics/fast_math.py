@@ -1,11 +1,10 @@
-"""Compiled: exponentials and logarithms of many numbers at once.
+"""Exponentials and logarithms of many numbers at once.
 
-Weights become log-weights, and these weights again, for every hypothesis at every scan. A loop that calls the
-system's library takes them one by one, 6 ns each; these loops have no call in them, so that the processor
-takes several at once, in less than 1 ns each, and have the same bits on every system and processor.
+Every hypothesis needs both at every scan. These loops call no library function, so the compiler vectorises
+them: below 1 ns a number in place of 6 ns, and the same bits on every system and processor.
 
-Both are within two units in the last place. Their polynomials are minimax fits (Remez) to what is left when
-powers of two are taken out.
+Both are within two units in the last place. Their polynomials are minimax fits (Remez) of the range that
+remains after powers of two are taken out.
 """
 
 from __future__ import annotations
@@ -21,16 +20,16 @@ _PER_LN2 = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
 """log 2 in two parts; multiples of the first are exact."""
 _TO_INTEGER = 6755399441055744.0
-"""1.5 * 2^52: what is added to it loses its fraction, and stands in the last bits."""
+"""1.5 * 2^52: a number added to it loses its fraction, and its integer part is in the low bits."""
 _ROOT_HALF = 0x3FE6A09E667F3BCD
-"""The bits of the root of 1/2."""
+"""Bits of the square root of 1/2."""
 _MIN_NORMAL = 2.2250738585072014e-308
-"""The least number whose bits are in order."""
+"""Smallest normal float64."""
 
 
 @intrinsic
 def _float_to_bits(typing: Any, x: Any) -> Any:  # noqa: ARG001  numba's signature
-    """The bits of a float64."""
+    """Return the bits of a float64 as an integer."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
         return builder.bitcast(args[0], context.get_value_type(types.int64))
@@ -40,7 +39,7 @@ def _float_to_bits(typing: Any, x: Any) -> Any:  # noqa: ARG001  numba's signatu
 
 @intrinsic
 def _bits_to_float(typing: Any, bits: Any) -> Any:  # noqa: ARG001  numba's signature
-    """The float64 of these bits."""
+    """Return the float64 with these bits."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
         return builder.bitcast(args[0], context.get_value_type(types.float64))
@@ -50,7 +49,7 @@ def _bits_to_float(typing: Any, bits: Any) -> Any:  # noqa: ARG001  numba's sign
 
 @leaf
 def exp_into(x: Any, out: Any) -> None:
-    """Fill `out` with e^x for x (n,), which is held between -708 and 709."""
+    """Fill `out` with e^x for x (n,), clipped to -708 ... 709."""
     for i in range(x.size):
         at = min(max(x[i], -708.0), 709.0)
         shifted = at * _PER_LN2 + _TO_INTEGER
@@ -72,7 +71,7 @@ def exp_into(x: Any, out: Any) -> None:
 
 @leaf
 def log_in_place(x: Any) -> None:
-    """Replace x (n,), positive, by its natural logarithms; below 2e-308 it is -708."""
+    """Replace x (n,), positive, by its natural logarithms; -708 below 2e-308."""
     for i in range(x.size):
         bits = _float_to_bits(max(x[i], _MIN_NORMAL))
         k = (bits - _ROOT_HALF) >> 52

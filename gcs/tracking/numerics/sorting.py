@@ -1,7 +1,6 @@
-"""Compiled sorting and joining of hypotheses, shared by the kernels of this room.
+"""Sorting of log-weights and merging of equal hypotheses, for the tracking kernels.
 
-Its functions are compiled into the kernels of other files, so their caches must be cleared after an edit here
-(see `gcs.jit`).
+These functions are compiled into kernels of other files (see `gcs.jit` about their caches).
 """
 
 from __future__ import annotations
@@ -18,30 +17,34 @@ _MAX_INSERTION = 8
 
 @called
 def head(array: Any, n: int) -> Any:
-    """The first n elements."""
+    """Return the first n elements."""
     return array[:n]
 
 
 class SortBuffers(NamedTuple):
-    """Room to order things in."""
+    """Buffers to sort n values, int64.
+
+    ======  =======  ============================
+    index   (n,)     sorted indices, the result
+    other   (n,)     scratch
+    begin   (n + 1,) scratch
+    ======  =======  ============================
+    """
 
     index: Any
-    """(n,) what comes first, second and so on."""
     other: Any
-    """(n,) scratch."""
     begin: Any
-    """(n + 1,) scratch."""
 
 
 @inlined
 def allocate_sort(n: int) -> SortBuffers:
-    """Return room for n things."""
+    """Allocate buffers for n values."""
     return SortBuffers(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n + 1, np.int64))
 
 
 @inlined
 def _insertion_sort(value: Any, n: int, order: Any) -> None:
-    """Order the n indices by insertion: quick where all are near their places."""
+    """Sort n indices by insertion: fast if all are near their places."""
     for i in range(1, n):
         x, j = order[i], i
         while j > 0 and value[order[j - 1]] < value[x]:
@@ -52,13 +55,13 @@ def _insertion_sort(value: Any, n: int, order: Any) -> None:
 
 @leaf
 def _merge_sort(value: Any, n: int, to: SortBuffers) -> None:
-    """Order the n indices in `to` by merging runs."""
+    """Sort n indices by merging runs."""
     order, merged, run = to.index, to.other, 1
     while run < n:
         for low in range(0, n, 2 * run):
             mid, high = min(low + run, n), min(low + 2 * run, n)
             if mid == high or not value[order[mid - 1]] < value[order[mid]]:
-                # In order as they are, as most of what was in order before is.
+                # Already in order.
                 for k in range(low, high):
                     merged[k] = order[k]
                 continue
@@ -77,9 +80,9 @@ def _merge_sort(value: Any, n: int, to: SortBuffers) -> None:
 
 @inlined
 def _bucket_sort(value: Any, first: int, n: int, least: float, most: float, to: SortBuffers) -> bool:
-    """Put the n indices into as many even steps from the greatest value to the least, as they come.
+    """Distribute n indices over even steps from the greatest value to the least.
 
-    Returns whether none of the steps is crowded.
+    Returns True if no step has more than a few values.
     """
     begin, step, per_unit = to.begin, to.other, (n - 0.5) / (most - least)
     for b in range(n + 1):
@@ -99,7 +102,7 @@ def _bucket_sort(value: Any, first: int, n: int, least: float, most: float, to: 
 
 @leaf
 def _argsort_many(value: Any, first: int, n: int, to: SortBuffers) -> None:
-    """Order n indices, `first` and those behind it."""
+    """Sort n indices from `first` on."""
     least = most = value[first]
     for i in range(n):
         to.index[i] = first + i
@@ -112,10 +115,10 @@ def _argsort_many(value: Any, first: int, n: int, to: SortBuffers) -> None:
 
 @spliced
 def argsort_descending(value: Any, first: int, end: int, to: SortBuffers) -> None:
-    """Put the indices `first` to `end` - 1 of the values in order: greatest first, equal ones as they come.
+    """Sort the indices `first` to `end` - 1 by value: greatest first, stable.
 
-    A few by insertion. More are spread over as many steps by their value first, which leaves little to
-    do where they are spread evenly, as log-weights are: a tenth of the time of merging 300.
+    Few values are sorted by insertion. More are first distributed over even steps, which leaves little to do
+    for log-weights: a tenth of the time of a merge sort of 300.
     """
     n = end - first
     if n > _MAX_INSERTION:
@@ -136,24 +139,31 @@ def power_of_two(n: int) -> int:
 
 
 class UniqueBuffers(NamedTuple):
-    """Room to find hypotheses that are the same, and those found, greatest first."""
+    """Buffers to merge n equal hypotheses.
+
+    =======  ===============  =======  ======================================================
+    key      (n,)             uint64   key of each hypothesis
+    slot     (power of two,)  int64    hash table (open addressing): row found, or -1
+    order    SortBuffers               scratch
+    weight   (n,)             float64  weight of each distinct key
+    example  (n,)             int64    a hypothesis with that key
+    which    (n,)             int64    result: a hypothesis for each key, greatest weight first
+    logw     (n,)             float64  result: log of the sum of the weights with that key
+    =======  ===============  =======  ======================================================
+    """
 
     key: Any
-    """(n,) what each is known by."""
     slot: Any
-    """Which of those found is where in a table by key (open addressing), -1 in free places."""
     order: SortBuffers
     weight: Any
     example: Any
     which: Any
-    """(n,) one hypothesis for each key."""
     logw: Any
-    """(n,) the log of the sum of the weights of those that share it."""
 
 
 @inlined
 def allocate_unique(n: int) -> UniqueBuffers:
-    """Return room for n hypotheses."""
+    """Allocate buffers for n hypotheses."""
     return UniqueBuffers(
         np.empty(n, np.uint64),
         np.empty(power_of_two(2 * n), np.int64),
@@ -167,7 +177,7 @@ def allocate_unique(n: int) -> UniqueBuffers:
 
 @spliced
 def rank_by_weight(count: int, to: UniqueBuffers) -> None:
-    """Put `to.example` in the order of `to.weight`, greatest first, equal ones as they come."""
+    """Sort `to.example` by `to.weight`, greatest first, stable; fill `which` and `logw`."""
     for k in range(count):
         to.weight[k] = math.log(to.weight[k])
     argsort_descending(to.weight, ZERO, count, to.order)
@@ -178,7 +188,7 @@ def rank_by_weight(count: int, to: UniqueBuffers) -> None:
 
 @leaf
 def unique_hypotheses(n: int, weight: Any, first: int, to: UniqueBuffers) -> int:
-    """Find hypotheses with equal keys among n, `first`, `first` + 1 ...; return how many are different."""
+    """Merge hypotheses with equal keys among n from `first` on; return how many are distinct."""
     slots = power_of_two(2 * n)
     for i in range(slots):
         to.slot[i] = -1

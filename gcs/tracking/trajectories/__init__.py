@@ -1,1 +1,1 @@
-"""Whole trajectories from association histories: recovery and smoothing."""
+"""Trajectories from association histories: recovery and smoothing."""

@@ -1,7 +1,21 @@
-"""Compiled: association histories as a forest of nodes that are reused.
+"""Association histories as a tree of reference-counted nodes.
 
-A node is one track after one scan, and points at the track that it came from. Nodes are counted by who refers
-to them (tracks that live on, children, labels that were estimated), and free when nobody does.
+A node is one track after one scan and refers to the track before it. Current tracks, later nodes and
+estimated labels hold references. A node without references is free and is used again.
+
+============  ===========  =======  ==================================================
+HistoryTree   shape        dtype    meaning (N nodes)
+============  ===========  =======  ==================================================
+references    (N,)         int64    number of references
+parent        (N,)         int64    node of the track before, or NO_NODE
+scan          (N,)         int64    scan number
+birth         (N,)         int64    birth index in its scan, for nodes without parent
+meas          (N,)         int64    detection of its scan, negative for none
+z_m           (N, 2)       float64  that detection, east and north
+logw          (N,)         float64  log eta of the option
+free          (N,)         int64    the first `n_free` entries are the free nodes
+n_free        (1,)         int64
+============  ===========  =======  ==================================================
 """
 
 from __future__ import annotations
@@ -21,33 +35,27 @@ NO_NODE: Final = -1
 
 
 class HistoryTree(NamedTuple):
-    """Nodes, in use or free."""
+    """Nodes, used and free (see the table above)."""
 
     references: Any
     parent: Any
     scan: Any
     birth: Any
-    """Which birth of its scan, in a node without parent."""
     meas: Any
-    """Which detection of its scan, negative for none."""
     z_m: Any
-    """(nodes, 2) that detection."""
     logw: Any
-    """Of what the track did, relative to its detection being clutter."""
     free: Any
-    """The first `n_free` of these nodes are not in use."""
     n_free: Any
-    """(1,)."""
 
     @classmethod
     def allocate(cls, n: int) -> HistoryTree:
-        """Return a forest of n free nodes."""
+        """Return a tree of n free nodes."""
         references, parent, scan, birth, meas = np.zeros((5, n), np.int64)
         z_m, logw, free = np.zeros((n, 2)), np.zeros(n), np.arange(n)
         return cls(references, parent, scan, birth, meas, z_m, logw, free, np.full(1, n))
 
     def larger(self, n: int) -> HistoryTree:
-        """Return the same with n more free nodes, and twice as many nodes at least."""
+        """Return a copy with at least n more free nodes and at least twice as many nodes."""
         size = self.parent.size
         more = HistoryTree.allocate(max(size, n))
         columns = (np.concatenate(pair) for pair in zip(self, more, strict=True))
@@ -57,7 +65,7 @@ class HistoryTree(NamedTuple):
 
 @inlined
 def _release_chain(tree: HistoryTree, node: int) -> None:
-    """Drop a reference to a node, and free what nobody refers to any more."""
+    """Drop a reference to a node, and free all nodes without references."""
     while node != NO_NODE:
         tree.references[node] -= 1
         if tree.references[node] > 0:
@@ -102,7 +110,7 @@ def _fill_nodes(
 def _record_estimated(
     tree: HistoryTree, nodes_before: Any, tracks: Any, posterior: Posterior, labels: Any, nodes: Any
 ) -> None:
-    """Fill in label and node of each track that is in the estimate; the node is referred to once more."""
+    """Fill label and node of each estimated track, and add a reference to the node."""
     for i in range(tracks.size):
         label, nodes[i] = posterior.track_label[tracks[i]], nodes_before[tracks[i]]
         labels[i, 0], labels[i, 1] = posterior.labels[label, 0], posterior.labels[label, 1]
@@ -120,10 +128,11 @@ def extend_tree(
     logw: FloatArray,
     position_m: FloatArray,
 ) -> Any:
-    """Replace the tracks' nodes `live` by those after a scan; there must be room.
+    """Replace the nodes `nodes_before` of the tracks by those after a scan; enough nodes must be free.
 
-    Each track (n,) comes from the track `parent`, or from a birth behind them, with what it `made` in the
-    scan: a row of `place_m`, or negative. Returns the new nodes, and labels and nodes of those estimated.
+    Each track (n,) comes from the track `parent`, or from a birth numbered behind these, with the detection
+    `meas` (row of `position_m`, or negative). Returns the new nodes, and labels and nodes of the estimated
+    tracks.
     """
     new = np.empty(parent.size, np.int64)
     _fill_nodes(tree, nodes_before, scan, parent, meas, logw, position_m, new)
@@ -136,5 +145,5 @@ def extend_tree(
 
 @kernel
 def release_nodes(tree: HistoryTree, nodes: Any) -> None:
-    """Refer to nodes no more."""
+    """Drop a reference to each of the nodes."""
     _release_nodes(tree, nodes)

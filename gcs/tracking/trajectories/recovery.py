@@ -1,25 +1,23 @@
-"""Recovered trajectories: whole paths from association histories, without the gaps of late confirmation.
+"""Trajectory recovery: whole paths from association histories, without the delay of confirmation.
 
-A filtered estimate shows an object from the scan at which it was believed, and each state as it was known
-then. But the track that is believed at last carries its *association history*: which detection it made at
-each scan since its birth. Re-running the Kalman filter over that history gives the path from the birth on
-(the "recovered" estimator of the Vos' toolbox; Nguyen & Kim, "GLMB tracker with partial smoothing", Sensors
-19, 2019), and a Rauch-Tung-Striebel pass (see `smoothing`) the smoothed one.
+A filtered estimate shows an object from the scan of its confirmation on. The confirmed track carries its
+association history: its detection at each scan since birth. A Kalman filter over that history gives the path
+from birth on (the "recovered" estimator of the Vos' toolbox; Nguyen & Kim, Sensors 19, 2019). A
+Rauch-Tung-Striebel pass gives the smoothed path (`rts`).
 
-`Histories` keeps them as a forest (see `forest`): memory and time per scan follow the tracks that matter, not
-the length of the run; only what is part of a path to be returned stays.
+`Histories` keeps them as a tree (`history_tree`). Memory and time per scan follow the current tracks, not the
+length of the run.
 
-Which paths: every label that was in the MAP-cardinality estimate at some scan, with the history that it had
-when it was there last. What is known later decides about two ends of it, by the model alone:
+A path is returned for every label that was in the MAP-cardinality estimate at some scan, with its last
+estimated history. Later scans decide three questions:
 
-- *Death.* A label that is no longer there ends with its last detection: living on undetected for j scans and
-  dying then has the weight (p_S (1 - p_D))^j (1 - p_S), greatest for j = 0. Nobody dies between the scans of
-  several sensors at one moment: p_S is that of the time to the next moment.
-- *Birth.* A path of weight r/(1 - r) x prod(option weights) (1 - p_S), relative to its detections being
-  clutter, is dropped when that is below 1: the estimate had taken clutter for an object, and gave it up.
-- *Once.* A detection is of one object. When two labels' paths hold the same one (two guesses at one object,
-  one later given up), it belongs to the one that is still there or else to that of the greater weight, and
-  the other is weighed and re-estimated without it.
+- *Death.* The path of a label that no longer exists ends with its last detection: j undetected scans before
+  death have the weight (p_S (1 - p_D))^j (1 - p_S), greatest at j = 0. An object does not die between scans
+  of one epoch, so p_S is that of the time to the next epoch.
+- *Birth.* A path of weight r/(1 - r) x prod(option weights) (1 - p_S), relative to clutter, is dropped if
+  the weight is below 1: the estimate took clutter for an object.
+- *Shared detections.* A detection belongs to one object. If two paths hold it, the existing label gets it, or
+  else that of greater weight. The other path is weighed and filtered again without it.
 """
 
 from __future__ import annotations
@@ -48,31 +46,31 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 _MIN_REMEMBERED_SCANS = 64
-"""Scans that are remembered before it is asked which of them are still needed."""
+"""Scans that are kept before the unused ones are removed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """The whole path of one label, one row per scan from its birth to its end."""
+    """The path of one label, one row per scan from its birth to its end."""
 
     label: Label
     scan: IntArray
-    """(n,) which of the tracker's scans, counted from 0, without gaps."""
+    """(n,) scan numbers of the tracker, consecutive."""
     t_ns: IntArray
-    """(n,) when these were measured."""
+    """(n,) times of measurement."""
     mean: FloatArray
     """(n, 4) east_m, north_m, v_east_m_s, v_north_m_s."""
     cov: FloatArray
     """(n, 4, 4)."""
     z_m: FloatArray
-    """(n, 2) the detection that the object made in the scan, NaN where none."""
+    """(n, 2) detection of the object in each scan, NaN for none."""
     alive: bool
-    """Whether the label is in the last scan's estimate."""
+    """True if the label is in the estimate of the last scan."""
 
 
 @dataclass(slots=True)
 class _Scan:
-    """What every node of a scan shares."""
+    """What all nodes of a scan share."""
 
     t_ns: int
     dt_s: float
@@ -81,7 +79,7 @@ class _Scan:
     births: tuple[Birth, ...]
     survival: float
     log_death: float = 0.0
-    """Of not surviving to the next moment at which anything was measured; 0 until there is one."""
+    """Log-probability of death before the next epoch; 0 until there is one."""
 
     @property
     def log_undetected(self) -> float:
@@ -89,12 +87,12 @@ class _Scan:
 
 
 class Histories:
-    """The association histories of a tracker's tracks.
+    """The association histories of a tracker.
 
     Parameters
     ----------
-    turns : Turns, optional
-        How its objects turn, where they do not fly straight.
+    turns : TurnModel, optional
+        Turn model of the objects; without it they fly straight.
     """
 
     def __init__(self, turns: TurnModel | None = None) -> None:
@@ -111,12 +109,12 @@ class Histories:
 
     @property
     def nodes(self) -> int:
-        """How many nodes are in use."""
+        """Number of nodes in use."""
         return int(self._tree.parent.size - self._tree.n_free[0])
 
     @property
     def labels(self) -> int:
-        """Of how many labels a path is kept."""
+        """Number of labels with a path."""
         return len(self._estimated)
 
     def add_scan(
@@ -128,10 +126,10 @@ class Histories:
         interval: Interval,
         result: UpdateResult,
     ) -> None:
-        """Take a scan that was taken in: replace the tracks by those after it, and note who is there.
+        """Add a processed scan: replace the tracks and record the estimated labels.
 
-        `sensor` made it at `t_ns`, objects survived to it with probability `survival`, and those born by it
-        are `births`, which need positive definite covariances.
+        `sensor` measured at `t_ns`, `survival` is the probability of survival to it, and `births` are its
+        birth components, with positive definite covariances.
         """
         k = interval.scan
         if interval.dt_s > 0.0:
@@ -166,9 +164,9 @@ class Histories:
         Parameters
         ----------
         smooth : bool
-            Whether each state knows the detections that came later; else only those up to it.
+            True to use later detections for each state.
         lag_scans : int, optional
-            How many later scans a smoothed state knows; all of them without it.
+            Number of later scans that a smoothed state uses; all by default.
         """
         chains = {label: self._chain(label) for label in self._estimated}
         return tuple(
@@ -177,7 +175,7 @@ class Histories:
         )
 
     def _chain(self, label: Label) -> IntArray:
-        """Nodes of a label's history, birth first."""
+        """Return the nodes of a label, birth first."""
         chain, node = [], self._estimated[label]
         while node != NO_NODE:
             chain.append(node)
@@ -187,9 +185,9 @@ class Histories:
     def _resolve_shared_detections(
         self, chains: dict[Label, IntArray]
     ) -> dict[Label, tuple[IntArray, BoolArray]]:
-        """Paths that outweigh clutter by detections of their own; the living and the heavy choose first.
+        """Return the paths that outweigh clutter, with True at each scan with a detection.
 
-        Returns each with whether it made a detection at each scan.
+        Existing labels choose first, then those of greater weight.
         """
         weight = {label: self._trim(label, chain, set())[2] for label, chain in chains.items()}
         order = sorted(chains, key=lambda label: (label not in self._estimated_now, -weight[label], label))
@@ -203,16 +201,16 @@ class Histories:
         return kept
 
     def _detections(self, chain: IntArray) -> list[tuple[int, int]]:
-        """Scan and number of the detections that nodes made."""
+        """Return scan and index of the detection of each node."""
         tree = self._tree
         return list(zip(tree.scan[chain].tolist(), tree.meas[chain].tolist(), strict=True))
 
     def _trim(
         self, label: Label, chain: IntArray, result: set[tuple[int, int]]
     ) -> tuple[IntArray, BoolArray, float]:
-        """Cut a path to what is its own: without others' detections, and if it ended, up to its last one.
+        """Cut a path to its own detections and, if the label ended, to its last one.
 
-        Returns the nodes, whether each made a detection, and the path's log-weight against clutter.
+        Returns the nodes, True for each one with a detection, and the log-weight against clutter.
         """
         shared = np.array([detection in result for detection in self._detections(chain)], np.bool_)
         is_detected = (self._tree.meas[chain] >= 0) & ~shared
@@ -262,14 +260,14 @@ class Histories:
         )
 
     def _forget_scans(self) -> None:
-        """Forget what no node is of; asked when twice as many are remembered, so that it costs little."""
+        """Remove scans without nodes; called when their number has doubled."""
         needed = set(self._tree.scan[self._tree.references > 0].tolist())
         self._scans = {k: scan for k, scan in self._scans.items() if k in needed}
         self._max_scans = max(_MIN_REMEMBERED_SCANS, 2 * len(self._scans))
 
 
 def warm_up_calls() -> list[Call]:
-    """One call of every kernel, types as in a tracker."""
+    """Return one call of every kernel, with the types of a tracker."""
     none, tree = np.empty(0, np.int64), HistoryTree.allocate(1)
     return [
         (extend_tree, tree, none, 0, Posterior.empty(), none, none, np.empty(0), np.empty((0, 2))),

@@ -1,14 +1,13 @@
-"""One object's Kalman filter over a known association history, and smoothers over its result.
+"""Kalman filter over a known association history, and Rauch-Tung-Striebel smoothers.
 
 Filter: x_k|k-1 = F x, P_k|k-1 = F P F' + Q, then for a detection the gain K = P H' (H P H' + R)^-1 and the
 Joseph form. Smoother (Rauch, Tung & Striebel 1965), with the gain G_k = P_k|k F' P_k+1|k^-1:
 
     x_k|n = x_k|k + G_k (x_k+1|n - x_k+1|k),    P_k|n = P_k|k + G_k (P_k+1|n - P_k+1|k) G_k'
 
-With a fixed lag L the state k is that of n = min(k + L, last): what one knows L scans later.
-State order [east, north, v_east, v_north], and the turn rate as a fifth where objects turn: then the filter
-is that of `turning`, and the smoother takes the turn to be linear around the filtered states (an extended
-one). How a sensor sees a state is its `view` of it, which is linear around each (see `views`).
+With a fixed lag L, n = min(k + L, last). The state is [east, north, v_east, v_north], and the turn rate as a
+fifth element with a turn model. That filter is `coordinated_turn`, and its smoother linearises around the
+filtered states. Sensors are linearised around each state (`models.measurement`).
 """
 
 from __future__ import annotations
@@ -33,35 +32,35 @@ class FilterStep(NamedTuple):
     dt_s: float
     """Time since the scan before."""
     F: FloatArray
-    """(4, 4) transition from the scan before, straight ahead."""
+    """(4, 4) transition from the last scan, at constant velocity."""
     Q: FloatArray
-    """(4, 4) process noise since the scan before."""
+    """(4, 4) process noise since the last scan."""
     sensor: Sensor
-    """What made the detection."""
+    """Sensor of the scan."""
     z_m: FloatArray | None
-    """(2,) the detection, east/north; None for a miss."""
+    """(2,) detection, east and north; None for a miss."""
 
 
 class FilterResult(NamedTuple):
-    """A filter's result over n scans; d is 4, or 5 where objects turn."""
+    """Result of the filter over n scans; d is 4, or 5 with a turn model."""
 
     mean: FloatArray
     """(n, d)."""
     cov: FloatArray
     """(n, d, d)."""
     predicted_mean: FloatArray
-    """(n, d) before each scan's detection."""
+    """(n, d) before the detection of each scan."""
     predicted_cov: FloatArray
     """(n, d, d)."""
     F: FloatArray
-    """(n - 1, d, d) how each state but the first changes with the one before."""
+    """(n - 1, d, d) Jacobian of each state but the first by the one before."""
 
 
 @leaf
 def _store(
     mean: FloatArray, cov: FloatArray, turn: FloatArray, at: int, k: int, means: Any, covs: Any
 ) -> None:
-    """Write a state, with its turn rate where there is room for it."""
+    """Write a state, with its turn rate if there is a fifth element."""
     for i in range(4):
         means[at, k, i] = mean[0, i]
         for j in range(4):
@@ -83,10 +82,11 @@ def filter_path(
     sensors: Any,
     turns: TurnModel,
 ) -> Any:
-    """States before and after each of n scans: means (2, n, d), covariances (2, n, d, d).
+    """Return the states before and after each of n scans: means (2, n, d), covariances (2, n, d, d).
 
-    `dt_s` (n,) since the scan before, with process noise `Q` (n, 4, 4); `z` (n, 2) what the sensor `which`
-    (n,) of several measured, NaN for a miss; `optics` is an `SensorModel` of arrays, a row for each sensor.
+    `dt_s` (n,) is the time since the last scan, `Q` (n, 4, 4) its process noise, and `z` (n, 2) the
+    measurement of the sensor `sensor_index` (n,), NaN for a miss. `sensors` is a `SensorModel` of arrays,
+    one row per sensor.
     """
     n, has_turns, one = dt_s.size, turns.rate_std_rad_s > 0.0, np.zeros(1, np.int64)
     d = 5 if has_turns else 4
@@ -117,7 +117,7 @@ def filter_path(
 
 
 def warm_up_calls() -> list[Call]:
-    """One call of every kernel, types as in `filtered`."""
+    """Return one call of every kernel, with the types of `run_filter`."""
     sensor = measurement.sensor_model(Sensor("", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0)))
     sensors = SensorModel._make(np.array([field]) for field in sensor)
     zeros = np.zeros(1, np.int64)
@@ -128,7 +128,7 @@ def warm_up_calls() -> list[Call]:
 def run_filter(
     mean: FloatArray, cov: FloatArray, steps: Sequence[FilterStep], turns: TurnModel | None = None
 ) -> FilterResult:
-    """Filter from the prior (4,), (4, 4) at the time of the first scan; its F and Q do not apply."""
+    """Filter from a prior (4,), (4, 4) at the time of the first scan, whose F and Q do not apply."""
     sensors = {id(step.sensor): step.sensor for step in steps}
     sensor_index = {identity: i for i, identity in enumerate(sensors)}
     models = [measurement.sensor_model(sensor) for sensor in sensors.values()]
@@ -155,7 +155,7 @@ def run_filter(
 
 
 def smooth_states(run: FilterResult, lag_scans: int | None = None) -> tuple[FloatArray, FloatArray]:
-    """Means (n, d) and covariances (n, d, d) given all scans, or those up to `lag_scans` later."""
+    """Return means (n, d) and covariances (n, d, d) given all scans, or those up to `lag_scans` later."""
     n = len(run.mean)
     mean, cov = run.mean.copy(), run.cov.copy()
     if n < 2:

@@ -1,4 +1,4 @@
-"""A user would see objects beside where they are: at a clutter point, or between two possible places."""
+"""A user would see objects at a clutter point, or between two possible positions."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -38,7 +38,7 @@ def plainly(probability, track_label, t, mean, cov):
 
 @settings(deadline=None, max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_a_label_is_shown_by_the_mixture_of_the_histories_that_mean_its_place(seed):
+def test_an_estimate_is_the_mixture_of_the_tracks_that_agree(seed):
     of = mixture(np.random.default_rng(seed))
     probability, track_label, shown, mean, cov = of
     found, spread = extraction.average_states(*of)
@@ -49,14 +49,14 @@ def test_a_label_is_shown_by_the_mixture_of_the_histories_that_mean_its_place(se
         assert np.linalg.eigvalsh(spread[row]).min() > 0.0
 
 
-def test_an_object_is_not_shown_between_two_places_that_it_may_be_at():
+def test_no_estimate_lies_between_two_possible_positions():
     mean = np.array([[0.0, 0.0, 0.0, 0.0], [100.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]])
     cov, label = np.tile(np.eye(4) * 4.0, (3, 1, 1)), np.zeros(3, np.int64)
     found, _ = extraction.average_states(np.array([0.3, 0.3, 0.3]), label, np.zeros(1, np.int64), mean, cov)
     assert found[0, 0] == 1.0
 
 
-def test_in_clutter_what_is_shown_is_nearer_to_the_truth_than_the_best_history_and_knows_how_near():
+def test_in_clutter_estimates_are_better_than_the_best_track_and_consistent():
     distances, nees = [], []
     sensor = Sensor("s", 0.8, 3e-4, np.eye(2) * 25.0, (-1e4, -1e4, 1e4, 1e4))
     birth = Birth(np.zeros(4), np.diag([25.0, 25.0, 200.0, 200.0]), 0.9)

@@ -70,7 +70,7 @@ def test_existence_after_misses_is_bayes_rule_and_recovers():
     assert existence(of)[(0, 0)] > 0.9
 
 
-def test_each_missed_one_of_sixty_has_the_existence_of_a_lone_missed_one():
+def test_each_of_sixty_missed_objects_has_the_existence_of_a_single_one():
     """No cap on joint hypotheses may make sure of an object, or lose it, as others were missed as well."""
     east, north = np.meshgrid(np.arange(100.0, 1900, 180), np.arange(100.0, 1900, 300))
     places = np.column_stack([east.ravel(), north.ravel()])
@@ -110,7 +110,7 @@ def test_a_second_sensor_at_the_same_time_costs_no_survival_and_adds_its_accurac
     np.testing.assert_allclose(after.cov[:2, :2], np.linalg.inv(information), rtol=1e-6)
 
 
-def test_the_picture_does_not_depend_on_how_the_waiting_time_is_cut():
+def test_empty_predictions_do_not_change_the_picture():
     blind = sensor(p_d=0.0)
     once, t_ns = followed(4)
     often, _ = followed(4)
@@ -170,7 +170,7 @@ def test_crossing_objects_keep_their_labels():
     assert kept >= 10
 
 
-def test_two_labels_are_never_shown_at_one_object():
+def test_two_labels_are_never_at_one_object():
     """Two objects, three labels: the best hypothesis lacks a likely label, whose own best is another one.
 
     Tracks 0 and 1 are of label 0 (at the first and the second object), 2 and 3 of label 1, 4 of label 2.
@@ -187,7 +187,7 @@ def test_two_labels_are_never_shown_at_one_object():
     assert list(estimate) == list(marginals.map_tracks(groups)) == [2, 4]
 
 
-def test_two_objects_from_one_place_are_counted_while_it_is_open_who_is_who():
+def test_two_objects_of_one_birth_component_are_counted_while_identities_are_ambiguous():
     of = tracker()
     first = np.array([800.0, 800.0])
     for k in range(6):
@@ -198,7 +198,7 @@ def test_two_objects_from_one_place_are_counted_while_it_is_open_who_is_who():
     assert np.hypot(*(at[0] - at[1])) > 30
 
 
-def test_a_place_of_birth_with_nobody_there_makes_no_tracks():
+def test_a_birth_component_without_an_object_makes_no_tracks():
     rng = np.random.default_rng(5)
     of = tracker()
     worst = 0.0
@@ -312,6 +312,6 @@ def test_nothing_is_compiled_in_flight_after_the_warm_up():
         ("max_hypotheses", 0),
     ],
 )
-def test_a_model_that_is_none_is_refused_by_name(key, value):
+def test_an_invalid_parameter_is_refused_by_name(key, value):
     with pytest.raises(ValueError, match=f"{key}: expected"):
         GlmbParams(**{"accel_std_m_s2": 1.0, key: value})

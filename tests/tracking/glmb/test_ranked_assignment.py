@@ -1,4 +1,4 @@
-"""If the search left a likely association out, the truth could be it, and a track would be lost for good."""
+"""If a likely association were left out, it could be the true one, and the track would be lost."""
 
 import heapq
 import itertools
@@ -70,7 +70,7 @@ def found(groups, options, limits):
 
 @pytest.mark.parametrize("n_labels", [3, 6])
 @pytest.mark.parametrize("seed", range(6))
-def test_the_best_associations_are_those_of_ranked_assignment(seed, n_labels):
+def test_the_best_associations_equal_ranked_assignment(seed, n_labels):
     groups, options, hypotheses = crowd(seed, n_labels)
     limits = GlmbParams(1.0, max_hypotheses=40, prune_weight=1e-12).limits()
     best = itertools.islice(ranked(hypotheses, groups.logw, options), 40)

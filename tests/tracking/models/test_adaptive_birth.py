@@ -1,4 +1,4 @@
-"""Where nobody knows places of birth: all objects must be found, and clutter must not fill the picture."""
+"""Without known birth positions, all objects must be found, and clutter must not fill the picture."""
 
 import numpy as np
 import pytest
@@ -81,7 +81,7 @@ def test_births_add_up_to_the_rate_however_many_detections_and_sensors_there_are
             assert total == pytest.approx(0.2 * 20, rel=0.1)
 
 
-def test_what_is_explained_gives_no_birth_and_no_birth_passes_the_cap():
+def test_explained_detections_give_no_birth_and_no_birth_exceeds_the_cap():
     births, z = unknown(per_s=5.0, most=0.1), np.array([[10.0, 10.0], [500.0, 500.0]])
     births.add_scan(0, z, sensor(1), np.array([1.0, 0.2]))
     (only,) = births.births(NS_PER_S)
@@ -90,7 +90,7 @@ def test_what_is_explained_gives_no_birth_and_no_birth_passes_the_cap():
     assert births.births(2 * NS_PER_S) == []
 
 
-def test_a_newborn_may_have_moved_by_the_next_scan():
+def test_a_birth_is_predicted_to_the_next_scan():
     births = unknown()
     births.add_scan(0, np.array([[10.0, 10.0]]), sensor(1), np.zeros(1))
     (soon,) = births.births(0)
@@ -101,7 +101,7 @@ def test_a_newborn_may_have_moved_by_the_next_scan():
     assert np.linalg.eigvalsh(later.cov).min() > 0.0
 
 
-def test_an_object_that_left_every_field_of_view_fades_and_does_not_haunt():
+def test_an_object_outside_every_field_of_view_fades():
     """It lives by survival alone, as one track, and is given up when its place is no more than a guess."""
     params = GlmbParams(accel_std_m_s2=1.0, lost_std_m=300.0)
     rng, births = np.random.default_rng(3), unknown()

@@ -1,4 +1,4 @@
-"""The other kind's detections are as dense as the textbook says, near and far."""
+"""A wrong clutter intensity would let detections of other objects start tracks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gcs.tracking.models.clutter import intensity_per_m2
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32), st.integers(0, 6), st.integers(0, 5), st.sampled_from([10.0, 1000.0, 1e5]))
-def test_it_is_the_sum_of_the_gaussians(seed, objects, places, wide_m):
+def test_clutter_intensity_is_the_sum_of_the_gaussians(seed, objects, places, wide_m):
     rng = np.random.default_rng(seed)
     mean, z = rng.uniform(0, wide_m, (objects, 2)), rng.uniform(0, wide_m, (places, 2))
     roots = [rng.normal(0, 5, (n, 2, 2)) for n in (objects, places)]

@@ -76,7 +76,7 @@ def test_the_update_is_the_kalman_update_of_five_states():
     x, P = random_track(rng)
     mean, cov, turn = split(x, P)
     place = mean[:, :2] + 4.0
-    view, first = measurement.view(SENSOR, mean, cov), np.zeros(1, np.int64)
+    view, first = measurement.linearise(measurement.sensor_model(SENSOR), mean, cov), np.zeros(1, np.int64)
     new_mean, new_cov = kalman.update_tracks(mean, cov, first, first, place, view)
     new_turn = coordinated_turn.update(cov, turn, first, first, place, view)
     H = np.eye(2, 5)
@@ -109,7 +109,7 @@ def test_the_joint_covariance_stays_positive_definite_at_any_pace(seed, steps):
         mean, cov, turn = coordinated_turn.predict(
             mean, cov, turn, constant_velocity.process_noise(dt, 1.0), dt, 0.3, 10.0
         )
-        view = measurement.view(SENSOR, mean, cov)
+        view = measurement.linearise(measurement.sensor_model(SENSOR), mean, cov)
         z = mean[:, :2] + rng.normal(0, 5, (1, 2))
         meas = first if seen else first - 1
         mean_after, cov_after = kalman.update_tracks(mean, cov, first, meas, z, view)
@@ -173,7 +173,7 @@ def best_tracks(of):
 
 @settings(deadline=None, max_examples=10)
 @given(seed=st.integers(0, 10_000))
-def test_a_living_path_of_turns_ends_in_the_very_state_of_the_filters_track(seed):
+def test_a_path_with_turns_ends_in_the_state_of_the_filter(seed):
     tracker, _, _ = loitering(seed, merge_chi2=0.0)
     shown = best_tracks(tracker)
     living = {path.label: path for path in tracker.histories.paths() if path.alive}

@@ -53,7 +53,7 @@ def test_an_object_persists_within_some_scans_and_once(clutter, speed_m_s, detec
     assert len(persistent.places_m) == 1
 
 
-def test_what_tracks_take_does_not_persist():
+def test_explained_detections_do_not_persist():
     persistent = PersistentDetections()
     for k in range(30):
         z = np.array([[300.0, 700.0], [1500.0, 100.0]])
@@ -68,7 +68,7 @@ def test_it_ends_when_the_object_is_gone_or_tracked():
     assert not len(persistent.places_m)
 
 
-def test_where_nobody_looks_nothing_ends_until_its_place_is_lost():
+def test_an_unobserved_chain_lasts_until_its_position_is_lost():
     _, persistent = found(20.0, lambda _: [np.array([300.0, 700.0])], 25, seed=3)
     elsewhere = sensor(20, field=(1000.0, 0.0, 2000.0, 2000.0))
     persistent.process_scan(27 * NS_PER_S, np.zeros((0, 2)), elsewhere, np.zeros(0))

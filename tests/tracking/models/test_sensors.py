@@ -1,4 +1,4 @@
-"""A wrong sensor model bends every track of a radar, loses who is at an edge, makes clutter believable."""
+"""A wrong sensor model biases every radar track, loses objects at an edge, and confirms clutter."""
 
 import math
 
@@ -47,7 +47,7 @@ def residual(a, b):
 
 
 def updated(sensor, mean, cov, place_m):
-    view = measurement.view(sensor, mean[None], cov[None])
+    view = measurement.linearise(measurement.sensor_model(sensor), mean[None], cov[None])
     z = sensors.sensor_coordinates(sensor, np.reshape(place_m, (1, 2)))
     first = np.zeros(1, np.int64)
     new, new_cov = kalman.update_tracks(mean[None], cov[None], first, first, z, view)
@@ -110,7 +110,7 @@ def test_any_track_seen_from_anywhere_keeps_a_sound_covariance(seed, reach, std,
     mean = np.array([*(reach * rng.normal(0.0, 1.0, 2)), *rng.normal(0.0, 10.0, 2)])
     cov = spd(rng, 4, np.array([std, std, 5.0, 5.0]))
     sensor = radar(std=noise)
-    view = measurement.view(sensor, mean[None], cov[None])
+    view = measurement.linearise(measurement.sensor_model(sensor), mean[None], cov[None])
     assert 0.0 <= view.p_in_fov[0] <= 1.0
     assert abs(view.z_hat[0, 1]) <= math.pi
     found, found_cov = updated(sensor, mean, cov, mean[:2] + std * rng.normal(0.0, 1.0, 2))
@@ -139,13 +139,13 @@ def test_the_clutter_of_a_sector_adds_up_to_what_is_uniform_in_range_and_bearing
 
 
 @pytest.mark.parametrize("sensor", [box(), radar(sector=(math.pi, 0.5), reach=(300.0, 900.0))])
-def test_a_track_is_inside_as_much_as_its_gaussian_is(sensor):
+def test_the_probability_in_view_is_the_integral_of_the_gaussian(sensor):
     """Against sampling: the edges of the field, its corners, and a sector that lies across south."""
     rng = np.random.default_rng(1)
     for centre in [(0.0, -300.0), (30.0, -880.0), (200.0, -500.0), (990.0, 980.0), (-1020.0, 0.0)]:
         mean, cov = np.array([*centre, 0.0, 0.0]), np.diag([20.0**2, 25.0**2, 1.0, 1.0])
         draws = rng.multivariate_normal(mean[:2], cov[:2, :2], 20_000)
-        found = measurement.view(sensor, mean[None], cov[None]).p_in_fov[0]
+        found = measurement.linearise(measurement.sensor_model(sensor), mean[None], cov[None]).p_in_fov[0]
         assert found == pytest.approx(sensors.covers(sensor, draws).mean(), abs=0.05)
 
 

@@ -56,7 +56,7 @@ def test_logarithms_are_right_to_the_last_places(rng, low, high):
 
 
 @pytest.mark.parametrize("n", range(20))
-def test_they_do_not_depend_on_how_many_are_taken_together(rng, n):
+def test_results_do_not_depend_on_the_length_of_the_array(rng, n):
     x = rng.uniform(-30.0, 0.0, n)
     assert e_to(x).tolist() == [e_to(x[i : i + 1])[0] for i in range(n)]
     assert log_of(-x).tolist() == [log_of(-x[i : i + 1])[0] for i in range(n)]
@@ -67,7 +67,7 @@ def test_certainty_is_certain():
     assert log_of(np.array([1.0])).tolist() == [0.0]
 
 
-def test_what_no_weight_can_be_is_held_within_bounds():
+def test_extreme_weights_are_clipped():
     assert np.all(e_to(np.array([-np.inf, -1e4, -709.0])) < 1e-306)
     assert np.all(np.isfinite(e_to(np.array([np.inf, 1e4, 710.0]))))
     assert log_of(np.array([0.0, 5e-324, 1e-310])).tolist() == [math.log(2.2250738585072014e-308)] * 3

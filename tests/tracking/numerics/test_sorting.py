@@ -38,13 +38,13 @@ def joined(keys, weights, first):
 
 @settings(deadline=None)  # the first one compiles
 @given(st.lists(FINITE, max_size=80) | st.lists(CROWDED, max_size=80) | st.lists(ANY, max_size=40))
-def test_the_greatest_come_first_and_equal_ones_as_they_come(values):
+def test_sorting_is_descending_and_stable(values):
     values = np.array([0.0, *values])
     expected = 1 + np.argsort(-values[1:], kind="stable")
     assert ordered(values, 1)[:-1].tolist() == expected.tolist()
 
 
-def test_what_is_not_a_number_does_no_harm():
+def test_nan_does_no_harm():
     values = np.where(np.arange(50) % 7 == 3, math.nan, np.arange(50.0))
     assert sorted(ordered(values, 0).tolist()) == list(range(50))
 

@@ -50,7 +50,7 @@ def best_tracks(of):
 
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_a_living_path_ends_in_the_very_state_of_the_filters_track(seed):
+def test_a_path_ends_in_the_state_of_the_filter(seed):
     of = noisy_run(seed, merge_chi2=0.0)
     shown = best_tracks(of)
     living = {path.label: path for path in of.histories.paths() if path.alive}
@@ -76,7 +76,7 @@ def test_paths_have_no_gaps_and_no_detection_is_of_two_of_them(seed):
         used |= here
 
 
-def test_an_object_posterior_late_is_shown_from_its_birth_on():
+def test_an_object_confirmed_late_has_a_path_from_its_birth_on():
     of, first = tracker(), None
     for k in range(6):
         z = PLACES[:1] if k != 1 else np.empty((0, 2))
@@ -89,7 +89,7 @@ def test_an_object_posterior_late_is_shown_from_its_birth_on():
     assert np.isnan(path.z_m[:, 0]).tolist() == [False, True, False, False, False, False]
 
 
-def test_an_object_that_is_gone_ended_with_its_last_detection():
+def test_the_path_of_a_lost_object_ends_with_its_last_detection():
     of = tracker()
     for k in range(12):
         z = PLACES[:1] if k < 8 and k != 5 else np.empty((0, 2))
@@ -100,7 +100,7 @@ def test_an_object_that_is_gone_ended_with_its_last_detection():
     assert not path.alive
 
 
-def test_a_detection_of_clutter_that_was_taken_for_an_object_is_taken_back():
+def test_a_path_of_clutter_is_dropped():
     of = tracker()
     of.update(0, PLACES[:1], sensor(0.98, 5.0), births())
     assert len(of.estimate()) == 1
@@ -110,7 +110,7 @@ def test_a_detection_of_clutter_that_was_taken_for_an_object_is_taken_back():
     assert of.histories.paths() == ()
 
 
-def test_remembering_changes_nothing_in_what_is_tracked():
+def test_histories_do_not_change_the_estimates():
     plain, keeping = noisy_run(3, keep=False), noisy_run(3)
     assert plain.histories is None
     for a, b in zip(plain.picture(0).tracks, keeping.picture(0).tracks, strict=True):
@@ -144,7 +144,7 @@ def test_two_updates_at_one_time_are_two_rows_of_a_path():
 
 
 @pytest.mark.parametrize("last", [0, 1])
-def test_an_object_last_seen_by_any_sensor_of_a_moment_keeps_its_path(last):
+def test_an_object_last_detected_by_any_sensor_of_an_epoch_keeps_its_path(last):
     """Nobody dies between two scans of one moment: that once made a path that ended there impossible."""
     of = tracker()
     looks = [sensor(clutter=1.0), sensor(clutter=1.0)]

@@ -1,4 +1,4 @@
-"""A wrong smoother bends every path shown afterwards: held against the one linear-Gaussian posterior."""
+"""A wrong smoother biases every path: it is compared with the exact linear-Gaussian posterior."""
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
