@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from gcs.cli.errors import complain
+from gcs.cli.errors import print_error
 from gcs.errors import GcsError
 from gcs.io.console import console_for
 from sim_vehicles.autopilots.firmware import parse_sitl
@@ -101,7 +101,7 @@ def run(
         firmware = dict(parse_sitl(text) for text in sitl or [])
         loaded = load(scenario)
     except GcsError as error:
-        raise typer.Exit(complain(error)) from None
+        raise typer.Exit(print_error(error)) from None
     plan = Plan(
         loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss, not start_at_once, firmware, sitl_folder
     )
@@ -132,7 +132,7 @@ def world(
     try:
         loaded = load(scenario)
     except GcsError as error:
-        raise typer.Exit(complain(error)) from None
+        raise typer.Exit(print_error(error)) from None
     plan = Plan(loaded, seed, 1.0, "", zenoh, zenoh_role, truth_links=link)
     _supervise(plan, as_json)
 
@@ -158,7 +158,7 @@ def _supervise(plan: Plan, as_json: bool, stdin: int | None = None) -> None:
         finally:
             supervisor.stop()
     except GcsError as error:
-        raise typer.Exit(complain(error, console)) from None
+        raise typer.Exit(print_error(error, console)) from None
 
 
 def _interrupt(*_: object) -> None:
@@ -215,7 +215,7 @@ def simulate(
     try:
         complete = simulate_runs(load(scenario), seed, runs, as_json, out, loss, duration)
     except GcsError as error:
-        raise typer.Exit(complain(error)) from None
+        raise typer.Exit(print_error(error)) from None
     raise typer.Exit(0 if complete else 1)
 
 
@@ -229,7 +229,7 @@ def montecarlo(options: str) -> None:
     try:
         complete = run_montecarlo(msgspec.json.decode(options, type=MontecarloOptions))
     except GcsError as error:
-        raise typer.Exit(complain(error)) from None
+        raise typer.Exit(print_error(error)) from None
     raise typer.Exit(0 if complete else 1)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import os
 import subprocess
@@ -9,10 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 from rich.console import Console
 from typer.testing import CliRunner
 
-from gcs.cli import app, warm_up_progress
+from gcs.cli import _COMMANDS, app, warm_up_progress
 
 
 def test_version_is_that_of_the_package() -> None:
@@ -29,11 +31,25 @@ def test_help_lists_every_command_by_its_use() -> None:
         assert f" {command} " in shown
 
 
-@pytest.mark.parametrize("command", ["demo", "run", "plan", "replay", "report", "track", "order", "keys"])
-def test_every_command_explains_itself(command: str) -> None:
+@pytest.mark.parametrize(
+    ("command", "module", "summary"),
+    [(name, *row) for commands in _COMMANDS.values() for name, row in commands.items()],
+)
+def test_every_command_explains_itself_as_the_list_of_commands_does(
+    command: str, module: str, summary: str
+) -> None:
     shown = CliRunner().invoke(app, [command, "--help"])
     assert shown.exit_code == 0
-    assert "Usage:" in shown.stdout
+    assert f"Usage: gcs {command} " in shown.stdout.replace("root", "gcs", 1)
+    loaded = typer.main.get_command(importlib.import_module(module).app)
+    assert (loaded.help or "").partition("\n")[0] == summary
+
+
+def test_the_list_of_commands_loads_none_of_them() -> None:
+    code = "import sys, gcs.cli; gcs.cli.app(['--help'], standalone_mode=False)\n"
+    code += "print([name for name in ('numpy', 'zenoh', 'gcs.model', 'gcs.cli.fly') if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 def test_the_short_form_of_help_and_the_package_itself_are_understood() -> None:

@@ -1,7 +1,11 @@
-"""How an error of ours is shown to whoever called a command, and the exit code that goes with it."""
+"""Error messages and exit codes of the commands."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
 from rich.console import Console
 from rich.text import Text
 
@@ -9,10 +13,10 @@ from gcs.errors import GcsError, InterruptedRunError
 from gcs.io.console import console_for
 
 
-def complain(error: GcsError, console: Console | None = None) -> int:
-    """Print an error as one line, on stderr unless told where; return 130 after Ctrl-C, else 2.
+def print_error(error: GcsError, console: Console | None = None) -> int:
+    """Print an error as one line, on stderr by default; return the exit code: 130 after Ctrl-C, else 2.
 
-    What it says is not read as markup: file names may have brackets.
+    The text is not read as markup: file names may have brackets.
     """
     if isinstance(error, InterruptedRunError):
         line = Text.assemble(("interrupted: ", "yellow"), str(error))
@@ -20,3 +24,16 @@ def complain(error: GcsError, console: Console | None = None) -> int:
         line = Text.assemble(("error: ", "bold red"), str(error))
     (console or console_for(stderr=True)).print(line, highlight=False, soft_wrap=True)
     return 130 if isinstance(error, InterruptedRunError) else 2
+
+
+@contextmanager
+def exit_on_error() -> Iterator[None]:
+    """Turn an expected error into one line on stderr and an exit code."""
+    try:
+        yield
+    except GcsError as error:
+        raise typer.Exit(print_error(error)) from None
+    except MemoryError:
+        raise typer.Exit(print_error(GcsError("this needs more memory than there is"))) from None
+    except KeyboardInterrupt:
+        raise typer.Exit(print_error(InterruptedRunError("the command did not finish"))) from None

@@ -19,9 +19,15 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gcs.cli.lines import effect_line, target_text
 from gcs.cli.link_table import link_rows, link_table
-from gcs.cli.proposal import MAX_ROUTES, ProposalLog, proposal_title, route_lines
+from gcs.cli.operator_lines import (
+    MAX_ROUTES,
+    ProposalLog,
+    effect_line,
+    proposal_title,
+    route_lines,
+    target_text,
+)
 from gcs.config import Config
 from gcs.core.authority.override_notices import not_ours_text
 from gcs.core.engine import Engine
@@ -86,7 +92,7 @@ class PlainLines:
 
     def effect(self, t_ns: int, effect: Effect) -> None:
         """Print what there is to say of an effect."""
-        if isinstance(effect, Proposal) and not self._proposals.is_news(effect):
+        if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
             return
         line = effect_line(effect)
         if line is not None:

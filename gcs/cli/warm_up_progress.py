@@ -1,4 +1,4 @@
-"""Having the compiled kernels ready before anything flies or is measured, and saying what that takes."""
+"""Compiled kernels: load or compile them before a run, and show the progress."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gcs import jit
 
 TRACKING: Final = "gcs.tracking.glmb.filter"
 HISTORIES: Final = "gcs.tracking.trajectories.recovery"
-"""Recovered and smoothed trajectories: `gcs track` alone asks for them."""
+"""Recovered and smoothed trajectories, for `gcs track` only."""
 PLANNING: Final = "gcs.planning.planner"
 LINKS: Final = "gcs.mavlink.fleet.fast_telemetry"
 FLYING: Final = (TRACKING, PLANNING, LINKS)
@@ -21,18 +21,17 @@ _NAMES: Final = {
 }  # fmt: skip
 
 
-def load_kernels(console: Console, *rooms: str) -> None:
-    """Load the kernels of rooms, of all that fly when none is named; compile what is not in the cache.
+def load_kernels(console: Console, *modules: str) -> None:
+    """Load the kernels of modules, by default those of a flight; compile those that are not in the cache.
 
-    What is compiled is told before, meanwhile and after: a first start that is silent for a minute looks like
-    one that hangs. A terminal shows the number of the kernel; a log gets a line for each room.
+    Prints the progress of a compilation: for each kernel in a terminal, for each module in a log.
     """
     began_s = time.perf_counter()
     cold: list[str] = []
     with console.status("loading the compiled kernels") as status:
 
-        def on_compiled(room: str, number: int, count: int) -> None:
-            name = _NAMES.get(room, room)
+        def on_compiled(module: str, number: int, count: int) -> None:
+            name = _NAMES.get(module, module)
             if not cold:
                 console.print(
                     "compiling the kernels, once after an installation: one to two minutes on two cores "
@@ -44,7 +43,9 @@ def load_kernels(console: Console, *rooms: str) -> None:
                     console.print(f"compiling {count} kernels: {name}", highlight=False)
             status.update(f"compiling kernel {number} of {count}: {name}")
 
-        jit.warm_up(*(rooms or FLYING), on_compiled=on_compiled)
+        jit.warm_up(*(modules or FLYING), on_compiled=on_compiled)
     if cold:
-        taken_s = time.perf_counter() - began_s
-        console.print(f"compiled in {taken_s:.0f} s; later starts load them from the cache", highlight=False)
+        elapsed_s = time.perf_counter() - began_s
+        console.print(
+            f"compiled in {elapsed_s:.0f} s; later starts load them from the cache", highlight=False
+        )

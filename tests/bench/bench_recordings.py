@@ -21,7 +21,7 @@ from typing import Any, get_args
 
 from rich.console import Console
 
-from gcs.cli.outputs import warm_up
+from gcs.cli.run_setup import warm_up
 from gcs.config import Config, parse
 from gcs.core.engine import Engine
 from gcs.io.recording.folder import Run, versions

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from draws import sets
 
-from gcs.cli.analyse.track import Scores, score, track
+from gcs.cli.analyse.track import Scores, score, track_detections
 from gcs.io.detections.readers import load
 from gcs.tracking.glmb.filter import warm_up
 
@@ -42,7 +42,10 @@ def main() -> None:
         loaded = [replace(d, params=replace(d.params, **override)) for d in loaded]
         for estimator in ("filtered", "recovered", "smoothed"):
             rows = np.array(
-                [astuple(score(d, track(d, estimator, clock=time.process_time))[0]) for d in loaded],
+                [
+                    astuple(score(d, track_detections(d, estimator, clock=time.process_time))[0])
+                    for d in loaded
+                ],
                 dtype=float,
             )
             print(f"{difficulty} {estimator}: {len(rows)} sets; mean ± spread, ± error of the mean")

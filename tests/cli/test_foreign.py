@@ -15,7 +15,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.cli.analyse.report import ReportOptions, material_of
+from gcs.cli.analyse.report import ReportOptions, read_material
 from gcs.config import load
 from gcs.io.detections import tables
 from gcs.io.detections.readers import load as load_detections
@@ -56,7 +56,7 @@ def raw_of(tlog: Path, path: Path) -> Path:
 
 def reported(path: Path) -> Material:
     """What a report would show."""
-    return material_of(ReportOptions(path, None, None, None, False, True), None, Console(quiet=True))
+    return read_material(ReportOptions(path, None, None, None, False, True), None, Console(quiet=True))
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +147,7 @@ def test_a_replay_with_detections_from_the_command_line(flight: Path, scans: Pat
     assert "--offset" in text
     code, text, _ = run("replay", flight, *beside)
     assert code == 2
-    assert "--detections goes with a log" in text
+    assert "--detections is for logs" in text
     code, text, _ = run("replay", *log, "--detections", scans / "radar.csv")
     assert code == 2
     assert "--model" in text
@@ -177,7 +177,7 @@ def test_a_report_shows_what_both_trackers_made_of_detections_beside_a_log(
     assert "shift them with --offset" in text
     code, text, _ = run("report", flight, *beside)
     assert code == 2
-    assert "--detections goes with a log" in text
+    assert "--detections is for logs" in text
 
 
 def test_a_raw_stream_is_timed_by_the_vehicles_own_clocks(flight: Path, tmp_path: Path) -> None:
@@ -211,7 +211,7 @@ def test_a_stream_that_says_no_times_is_said_to(tmp_path: Path) -> None:
     code, text, _ = run("replay", tmp_path / "uart.raw", "--config", "prescribed", "--headless")
     assert code == 2
     assert "says not when" in text
-    assert "says not when" in " ".join(reported(tmp_path / "uart.raw").remarks)
+    assert "without times" in " ".join(reported(tmp_path / "uart.raw").remarks)
 
 
 def attitude(system: int, boot_s: float) -> LogFrame:
@@ -261,7 +261,7 @@ def test_detections_that_break_off_are_tracked_up_to_there(flight: Path, scans: 
     assert code == 0
     assert 5 < found["scans"] < 26
     assert "cut off" in said
-    assert "breaks off" in found["remarks"][0]
+    assert "ends early" in found["remarks"][0]
 
 
 def test_files_that_would_not_fit_into_memory_are_refused_before_they_are_read(

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from gcs.cli.live_view import LiveView, PlainLines, effect_line
+from gcs.cli.live_view import LiveView, PlainLines
+from gcs.cli.operator_lines import effect_line
 from gcs.config import load
 from gcs.core.engine import Engine
 from gcs.core.replanning.triggers import in_words, lost, moved, passed

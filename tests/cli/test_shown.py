@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from gcs.cli.live_view import LiveView
-from gcs.cli.outputs import view_for
-from gcs.cli.prepare.preflight import show
+from gcs.cli.prepare.preflight import print_checks
+from gcs.cli.run_setup import display
 from gcs.config import load
 from gcs.core.engine import Engine
 from gcs.core.preflight.result import Check
@@ -27,7 +27,7 @@ CHECKS = [
 
 def shown(width: int, *, terminal: bool) -> str:
     console = Console(file=io.StringIO(), force_terminal=terminal, width=width, color_system=None)
-    show(CHECKS, "m", console)
+    print_checks(CHECKS, "m", console)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
@@ -38,11 +38,11 @@ def test_a_check_is_one_line_with_its_words_whole(width: int, terminal: bool) ->
     assert lines[1] == "agent 1"
     (battery,) = [line for line in lines if "BATT_FS_LOW_ACT" in line]
     assert " ".join(battery.split()).startswith(
-        "warning BATT_FS_LOW_ACT 0, wanted: 1 ... 6 – set it: without"
+        "warning BATT_FS_LOW_ACT 0, expected: 1 ... 6 – set it: without"
     )
     assert lines[-2:] == [
         "mission",
-        "  refused scans            none came, wanted: within 1 s – is the sensor there?",
+        "  refused scans            none came, expected: within 1 s – is the sensor there?",
     ]
 
 
@@ -148,7 +148,7 @@ def test_a_dumb_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> No
     Run.config, Run.command = config, Engine(config, 1)
 
     async def show() -> None:
-        async with view_for(Run(), console, speed=1.0, headless=False):
+        async with display(Run(), console, speed=1.0, headless=False):
             Run.sinks[0].effect(0, Notice(0, "alarm", "not heard at all", 3))
 
     asyncio.run(show())

@@ -12,7 +12,7 @@ from rich.console import Console
 from wall_clock import WallClock
 
 from gcs.cli.fly.demo import DemoOptions, run_demo
-from gcs.cli.prepare.preflight import Ears
+from gcs.cli.prepare.preflight import ScanListener
 from gcs.config import load
 from gcs.core.preflight.mission import sensor_checks
 from gcs.endpoints import Link, parse_endpoint
@@ -130,7 +130,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
 @pytest.mark.parametrize("step_s", [-3600.0, -20.0, 20.0, 3600.0])
 def test_preflight_judges_scans_by_the_run_clock(monkeypatch: pytest.MonkeyPatch, step_s: float) -> None:
     config, key = load("prescribed"), scan_key("prescribed", "radar")
-    now_ns, ears = time.time_ns(), Ears(config)
+    now_ns, ears = time.time_ns(), ScanListener(config)
     scan = Scan(
         0,
         now_ns,

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gcs.cli.errors import complain
+from gcs.cli.errors import print_error
 from gcs.cli.live_view import LiveView, PlainLines
 from gcs.config import load, parse
 from gcs.core.engine import Engine
@@ -108,7 +108,7 @@ def test_lines_view_and_errors_on_a_terminal_hold_no_escapes_but_our_own(
     table.add_row(Text(HOSTILE))
     console_for().print(table)
     console_for().print(HOSTILE, markup=False)
-    complain(GcsError(HOSTILE))
+    print_error(GcsError(HOSTILE))
     out = capsys.readouterr()
     for text in (shown.getvalue(), out.out, out.err):
         assert is_safe(text, keep="\n")

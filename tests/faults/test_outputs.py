@@ -17,7 +17,7 @@ import pytest
 from missions import short_mission
 from rich.console import Console
 
-from gcs.cli.outputs import view_for
+from gcs.cli.run_setup import display
 from gcs.config import load
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import RecordingError
@@ -90,7 +90,7 @@ def serve(service: Service, seconds: float, console: Console | None = None) -> T
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
         loop.call_later(0.1, service.on_link_news, "test", "info", "something to publish")
         loop.call_later(seconds, stop.set)
-        view = view_for(service, console, speed=1.0, headless=False) if console else contextlib.nullcontext()
+        view = display(service, console, speed=1.0, headless=False) if console else contextlib.nullcontext()
         async with view:
             await asyncio.wait_for(service.run(RunClock(), stop), 20.0 + seconds)
 

@@ -11,8 +11,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rich.console import Console
 
-from gcs.cli.fly.run import ServeOptions, serve
-from gcs.cli.outputs import open_recorder
+from gcs.cli.fly.run import serve
+from gcs.cli.run_setup import open_recorder
 from gcs.config import load, read_text
 from gcs.config.tables import RecordingTable
 from gcs.endpoints import Link, parse_endpoint
@@ -181,15 +181,27 @@ def test_a_start_that_fails_leaves_no_recording(tmp_path: Path, monkeypatch: pyt
     text, _ = read_text("prescribed")
     taken = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1], load("prescribed").local_frame)
     mission.write_text(re.sub(r'"udpin:[^"]*"', f'"udpin:127.0.0.1:{taken.port}"', text, count=1))
-    options = ServeOptions(str(mission), 1, True, out, None, None, RunClock())
+
+    def start() -> None:
+        serve(
+            str(mission),
+            1,
+            Console(quiet=True),
+            headless=True,
+            out=out,
+            resume=None,
+            journal_path=None,
+            clock=RunClock(),
+        )
+
     for _ in range(2):
         with pytest.raises(LinkError):
-            serve(options, Console(quiet=True))
+            start()
         assert not out.exists()
     out.mkdir()
     (out / "mission.toml").write_text("mine")
     with pytest.raises(LinkError):
-        serve(options, Console(quiet=True))
+        start()
     assert [path.name for path in out.iterdir()] == ["mission.toml"]
     taken.close()
 

@@ -1,4 +1,4 @@
-"""`gcs info`: what is in a recording of ours, a telemetry log, raw MAVLink or a table of detections."""
+"""`gcs info`: summarise a recording, a log or a table of detections."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gcs.cli.analyse.info_contents import print_contents
+from gcs.cli.arguments import JsonOption, command_app
+from gcs.cli.errors import exit_on_error
 from gcs.errors import RecordingError
 from gcs.files import open_regular
+from gcs.io.console import console_for
 from gcs.io.detections.tables import ENDINGS
 from gcs.io.recording.reader import Damage, is_recording, mcap_paths, read, read_info, recording_bytes
 from gcs.io.recording.timestamps import FrameTimes
@@ -25,23 +29,45 @@ from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, AgentStatus, Datagram, MissionEnded, Scan, Send
 from gcs.report.telemetry.traffic import Traffic, rate_hz
 
-_MAX_LISTED: Final = 100
+app = command_app()
+
+_MAX_DAMAGE_LISTED: Final = 100
 _MAX_NAMES: Final = 10_000
-"""Of sensors, and of vehicles with a fate: later ones are not counted."""
-_BAR_ABOVE_BYTES: Final = 4_000_000
-_EVERY: Final = 4096
+"""Sensors and vehicles that are counted; later ones are ignored."""
+_MIN_PROGRESS_BYTES: Final = 4_000_000
+"""File size from which on a progress bar is shown."""
+_PROGRESS_PERIOD: Final = 4096
+"""Parts of a log between updates of the progress bar."""
 
 
-def run_info(path: Path, console: Console, *, as_json: bool) -> int:
-    """Read a file to its end, say what is in it, and return the exit code.
+@app.command()
+def info(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A recording, a .tlog of any ground station, raw MAVLink, or detections (NPZ, CSV)."
+        ),
+    ],
+    as_json: JsonOption = False,
+) -> None:
+    """Summarise a recording, a log or a table of detections.
+
+    Prints vehicles, messages and their rates, gaps, losses, mission transfers and damage.
+    """
+    with exit_on_error():
+        print_info(file, console_for(stderr=as_json), as_json=as_json)
+
+
+def print_info(path: Path, console: Console, *, as_json: bool) -> None:
+    """Read a file to its end and print its contents.
 
     Raises
     ------
     RecordingError
-        When it cannot be read or is nothing that we know.
+        When the file cannot be read or has an unknown format.
     """
     if path.suffix.lower() in ENDINGS and not path.is_dir():
-        # Here, since it knows sensors, whose kernels take a second and 60 MB to load.
+        # Not at the top: it loads the sensors' kernels, one second and 60 MB.
         from gcs.cli.analyse.info_scans import detections_contents, print_detections
 
         contents = detections_contents(path)
@@ -50,20 +76,19 @@ def run_info(path: Path, console: Console, *, as_json: bool) -> int:
         contents = _recording(path, console) if is_recording(path) else _log(path, console)
         print_contents(contents, console)
     if as_json:
-        print(json.dumps(contents), flush=True)  # noqa: T201  the promised last line
-    return 0
+        print(json.dumps(contents), flush=True)  # noqa: T201  the output of --json
 
 
 @dataclass(slots=True)
 class _Span:
-    """First and last time of something, and how often."""
+    """Number of times, the first and the last one."""
 
     count: int = 0
     first_t_ns: int = 0
     last_t_ns: int = 0
 
-    def take(self, t_ns: int) -> None:
-        """Count one."""
+    def add(self, t_ns: int) -> None:
+        """Add a time."""
         if self.count == 0:
             self.first_t_ns = self.last_t_ns = t_ns
         self.count += 1
@@ -71,17 +96,17 @@ class _Span:
         self.last_t_ns = max(self.last_t_ns, t_ns)
 
     def times(self) -> dict[str, Any]:
-        """Say when."""
+        """Return first time, last time and duration."""
         seconds = (self.last_t_ns - self.first_t_ns) / NS_PER_S
         return {"first_t_ns": self.first_t_ns, "last_t_ns": self.last_t_ns, "seconds": seconds}
 
 
 def _recording(path: Path, console: Console) -> dict[str, Any]:
     size = recording_bytes(path)
-    made_with, traffic, span = read_info(path), Traffic(), _Span()
+    header, traffic, span = read_info(path), Traffic(), _Span()
     topics: dict[str, _Span] = {}
     sensors: dict[str, Counter[str]] = {}
-    fates: dict[int, str] = {}
+    statuses: dict[int, str] = {}
     damage, ended = None, False
     with reading_progress(console, path, size) as advance:
         for record in read(path, advance):
@@ -89,8 +114,8 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
             if isinstance(value, Damage):
                 damage = asdict(value)
                 break
-            span.take(record.t_ns)
-            topics.setdefault(topic_of(value), _Span()).take(record.t_ns)
+            span.add(record.t_ns)
+            topics.setdefault(topic_of(value), _Span()).add(record.t_ns)
             if isinstance(value, Datagram | Send):
                 for frame in scan(value.data).frames:
                     traffic.take(record.t_ns, frame)
@@ -100,8 +125,8 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
                     counts = sensors.setdefault(name, Counter())
                     counts["scans"] += 1
                     counts["detections"] += len(value.z_m)
-            elif isinstance(value, AgentStatus) and (value.vehicle in fates or len(fates) < _MAX_NAMES):
-                fates[value.vehicle] = value.fate
+            elif isinstance(value, AgentStatus) and (value.vehicle in statuses or len(statuses) < _MAX_NAMES):
+                statuses[value.vehicle] = value.fate
             elif isinstance(value, MissionEnded):
                 ended = True
     return {
@@ -109,16 +134,16 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
         "file": str(path),
         "bytes": size,
         "parts": len(mcap_paths(path)),
-        "scenario": None if made_with.run is None else made_with.run.scenario,
-        "seed": None if made_with.run is None else made_with.run.seed,
-        "versions": made_with.versions,
+        "scenario": None if header.run is None else header.run.scenario,
+        "seed": None if header.run is None else header.run.seed,
+        "versions": header.versions,
         **span.times(),
         "records": {
-            topic: {"count": of.count, "rate_hz": rate_hz(of.count, of.first_t_ns, of.last_t_ns)}
-            for topic, of in sorted(topics.items())
+            topic: {"count": one.count, "rate_hz": rate_hz(one.count, one.first_t_ns, one.last_t_ns)}
+            for topic, one in sorted(topics.items())
         },
         "sensors": {name: dict(counts) for name, counts in sorted(sensors.items())},
-        "fates": {str(vehicle): fate for vehicle, fate in sorted(fates.items())},
+        "fates": {str(vehicle): fate for vehicle, fate in sorted(statuses.items())},
         "mission_ended": ended,
         "damage": [] if damage is None else [damage],
         **traffic.summary(),
@@ -134,16 +159,16 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
         stamped = is_stamped(file, str(path))
         line = FrameTimes(stamped=stamped)
         for number, part in enumerate(read_log(file, stamped=stamped)):
-            if number % _EVERY == 0:
+            if number % _PROGRESS_PERIOD == 0:
                 advance(part.offset)
             if isinstance(part, UnreadableBytes):
                 stretches += 1
                 bad_bytes += part.length
-                if len(damage) < _MAX_LISTED:
+                if len(damage) < _MAX_DAMAGE_LISTED:
                     damage.append(part)
             else:
                 t_ns = line(part)
-                span.take(t_ns)
+                span.add(t_ns)
                 _count(traffic, part, t_ns)
     return {
         "kind": "tlog" if stamped else "raw MAVLink",
@@ -177,8 +202,8 @@ def _size(path: Path) -> int:
 
 @contextmanager
 def reading_progress(console: Console, path: Path, size: int) -> Iterator[Callable[[int], None]]:
-    """Show a bar for what takes longer; yields what moves it to a byte of the file."""
+    """Show a progress bar for a long file; yield the function that sets the position in bytes."""
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=size < _BAR_ABOVE_BYTES) as progress:
+    with Progress(*columns, console=console, transient=True, disable=size < _MIN_PROGRESS_BYTES) as progress:
         task = progress.add_task(path.name, total=size)
         yield lambda offset: progress.update(task, completed=offset)

@@ -1,4 +1,4 @@
-"""How `gcs info` shows what is in a file."""
+"""Output of `gcs info` for recordings and logs."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from rich.table import Table
 
 from gcs.model import NS_PER_S
 
-_ROWS: Final = 20
-_GAPS: Final = 3
+_MAX_ROWS: Final = 20
+_MAX_GAPS: Final = 3
 
 
 def print_contents(contents: dict[str, Any], console: Console) -> None:
     """Print a summary, the senders, their messages, missions and damage."""
-    _say(console, _heading(contents))
+    _print(console, _heading(contents))
     if contents["kind"] == "recording":
         _recording(contents, console)
     start_t_ns = contents["first_t_ns"]
@@ -47,16 +47,16 @@ def _heading(contents: dict[str, Any]) -> str:
 def _recording(contents: dict[str, Any], console: Console) -> None:
     seed = "seed unknown" if contents["seed"] is None else f"seed {contents['seed']}"
     versions = ", ".join(f"{name} {version}" for name, version in contents["versions"].items())
-    _say(
+    _print(
         console,
         f"mission {contents['scenario'] or 'unnamed'}, {seed}; made with {versions or 'unknown versions'}",
     )
     for name, counts in contents["sensors"].items():
         mean = counts["detections"] / counts["scans"]
-        _say(console, f"sensor {name}: {counts['scans']} scans, {mean:.1f} detections in each")
-    fates = list(contents["fates"].values())
+        _print(console, f"sensor {name}: {counts['scans']} scans, {mean:.1f} detections in each")
+    statuses = list(contents["fates"].values())
     end = "ended" if contents["mission_ended"] else "did not end"
-    _say(console, f"the mission {end}: {fates.count('arrived')} arrived, {fates.count('dead')} lost")
+    _print(console, f"the mission {end}: {statuses.count('arrived')} arrived, {statuses.count('dead')} lost")
     table = _table("Records", ("topic", "count", "Hz"))
     for topic, of in contents["records"].items():
         table.add_row(topic, str(of["count"]), _number(of["rate_hz"]))
@@ -69,7 +69,7 @@ def _senders(title: str, senders: Sequence[dict[str, Any]], start_t_ns: int | No
     for sender in senders:
         gaps = [
             f"{gap['seconds']:.0f} s at {(gap['t_ns'] - (start_t_ns or 0)) / NS_PER_S:.0f} s"
-            for gap in sender["gaps"][:_GAPS]
+            for gap in sender["gaps"][:_MAX_GAPS]
         ]
         more = sender["gap_count"] - len(gaps)
         lost = sender["lost"]
@@ -89,7 +89,7 @@ def _senders(title: str, senders: Sequence[dict[str, Any]], start_t_ns: int | No
 
 
 def _messages(senders: Sequence[dict[str, Any]]) -> Table:
-    """One row for each kind of message, whoever sent it: with fifty vehicles nobody reads fifty tables."""
+    """Return a table with one row for each kind of message, summed over senders."""
     found: dict[str, list[dict[str, Any]]] = {}
     for sender in senders:
         for name, of in sender["messages"].items():
@@ -110,42 +110,44 @@ def _messages(senders: Sequence[dict[str, Any]]) -> Table:
 def _missions(contents: dict[str, Any], console: Console, start_t_ns: int | None) -> None:
     missions = contents["missions"]
     table = _table("Mission transfers", ("at s", "from", "to", "items", "seen", "result"))
-    for of in missions[:_ROWS]:
+    for of in missions[:_MAX_ROWS]:
         at = "" if start_t_ns is None else f"{(of['t_ns'] - start_t_ns) / NS_PER_S:.1f}"
         kind = "" if of["kind"] == "mission" else f" ({of['kind']})"
         seen = str(of["items_seen"])
         table.add_row(at, str(of["from"]), str(of["to"]), f"{of['items']}{kind}", seen, of["result"].lower())
     console.print(table)
-    more = len(missions) - _ROWS + contents["more_missions"]
+    more = len(missions) - _MAX_ROWS + contents["more_missions"]
     if more > 0:
-        _say(console, f"and {more} more transfers")
+        _print(console, f"and {more} more transfers")
 
 
 def _damage(contents: dict[str, Any], console: Console) -> None:
-    for of in contents["bad_checksums"][:_ROWS]:
-        _say(
+    for of in contents["bad_checksums"][:_MAX_ROWS]:
+        _print(
             console,
             f"{of['count']} frames of message {of['message_id']} from {of['system']}/{of['component']} "
             "with a bad checksum: damaged, or of another dialect",
             "yellow",
         )
     if contents["unknown_ids"]:
-        ids = ", ".join(f"{key} ({count})" for key, count in list(contents["unknown_ids"].items())[:_ROWS])
-        _say(console, f"frames of unknown message ids: {ids}", "yellow")
+        ids = ", ".join(
+            f"{key} ({count})" for key, count in list(contents["unknown_ids"].items())[:_MAX_ROWS]
+        )
+        _print(console, f"frames of unknown message ids: {ids}", "yellow")
     if contents.get("clock_jumps"):
         stamped = contents["timed_by"] == "stamps"
         what = "its clock was set" if stamped else "a vehicle was booted anew"
         jumps = contents["clock_jumps"]
-        _say(console, f"{what} {'once' if jumps == 1 else f'{jumps} times'} while it was written", "yellow")
+        _print(console, f"{what} {'once' if jumps == 1 else f'{jumps} times'} while it was written", "yellow")
     damage = contents["damage"]
     if not damage:
-        _say(console, "no damage", "green")
+        _print(console, "no damage", "green")
     elif contents["kind"] == "recording":
-        _say(console, f"the recording breaks off: {damage[0]['problem']}", "yellow")
+        _print(console, f"the recording ends early: {damage[0]['problem']}", "yellow")
     else:
-        places = ", ".join(f"{of['bytes']} at byte {of['offset']}" for of in damage[:_ROWS])
-        more = contents["damaged_stretches"] - min(len(damage), _ROWS)
-        _say(
+        places = ", ".join(f"{of['bytes']} at byte {of['offset']}" for of in damage[:_MAX_ROWS])
+        more = contents["damaged_stretches"] - min(len(damage), _MAX_ROWS)
+        _print(
             console,
             f"{contents['damaged_bytes']} bytes are damaged: {places}"
             + (f" and {more} more" if more else ""),
@@ -165,5 +167,5 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.3g}"
 
 
-def _say(console: Console, text: str, style: str = "") -> None:
+def _print(console: Console, text: str, style: str = "") -> None:
     console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)

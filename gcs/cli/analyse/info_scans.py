@@ -1,4 +1,4 @@
-"""What `gcs info` says of detections: scans, their rate and gaps, what is missing or out of order."""
+"""Contents of a table of detections for `gcs info`: scans, rate, gaps, missing values, order."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from gcs.io.detections.columns import TIMES, Columns, columns
 from gcs.io.detections.tables import Numbers, read_csv, read_npz
 from gcs.model import NS_PER_S, FloatArray
 
-_GAP: Final = 5.0
-"""Times the usual time between scans: longer is a gap."""
-_MAX_LISTED: Final = 100
-_SHOWN: Final = 3
-_ROWS: Final = "rows of numbers k,x,y or t_s,x,y or t_ns,x,y"
+_MIN_GAP_PERIODS: Final = 5.0
+"""A gap is longer than this many median scan periods."""
+_MAX_GAPS_LISTED: Final = 100
+_MAX_GAPS_SHOWN: Final = 3
+_EXPECTED_ROWS: Final = "rows of numbers k,x,y or t_s,x,y or t_ns,x,y"
 
 
 def detections_contents(path: Path) -> dict[str, Any]:
-    """Read detections and return what is in them, as plain data.
+    """Read detections and return their contents for JSON.
 
     Raises
     ------
     ConfigError
-        When the file is no table of detections.
+        When the file is not a table of detections.
     """
     more: list[str] = []
     if path.is_file() and path.stat().st_size == 0:
@@ -35,13 +35,13 @@ def detections_contents(path: Path) -> dict[str, Any]:
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
         if "meas" not in arrays:
-            raise ConfigError(str(path), "meas", f"is missing; expected {_ROWS}")
+            raise ConfigError(str(path), "meas", f"is missing; expected {_EXPECTED_ROWS}")
         numbers, more = Numbers((), arrays["meas"]), sorted(set(arrays) - {"meas"})
     else:
-        numbers = read_csv(path, _ROWS)
+        numbers = read_csv(path, _EXPECTED_ROWS)
     rows = numbers.rows
     if rows.ndim != 2 or rows.shape[1] < 3:
-        raise ConfigError(str(path), "", f"expected {_ROWS}; found the shape {rows.shape}")
+        raise ConfigError(str(path), "", f"expected {_EXPECTED_ROWS}; found the shape {rows.shape}")
     return {
         "kind": "detections",
         "file": str(path),
@@ -54,61 +54,62 @@ def detections_contents(path: Path) -> dict[str, Any]:
 
 
 def _scans(rows: FloatArray, of: Columns) -> dict[str, Any]:
-    """Count scans; times are in seconds where the file has them, in scan numbers where not."""
+    """Count scans. Times are in seconds if the file has them, else in scan numbers."""
     title = of.time
     first = rows[:, 0] * (TIMES[title] / NS_PER_S if title in TIMES else 1.0)
-    looked, seen = of.measured(rows), np.zeros(len(rows), np.bool_)
+    is_measured, is_finite = of.measured(rows), np.zeros(len(rows), np.bool_)
     for pair in (of.place, of.polar):
         if pair is not None:
-            seen |= np.isfinite(rows[:, pair]).all(axis=1)
+            is_finite |= np.isfinite(rows[:, pair]).all(axis=1)
     when = np.unique(first[np.isfinite(first)])
     steps = np.diff(when)
-    usual = float(np.median(steps)) if steps.size else 0.0
-    gaps = np.flatnonzero(steps > _GAP * usual)
+    median = float(np.median(steps)) if steps.size else 0.0
+    gaps = np.flatnonzero(steps > _MIN_GAP_PERIODS * median)
     timed = title in TIMES
     return {
         "column": title,
         "scans": int(when.size),
-        "detections": int(seen.sum()),
-        "not_finite": int((~seen & looked).sum()),
+        "detections": int(is_finite.sum()),
+        "not_finite": int((~is_finite & is_measured).sum()),
         "first": float(when[0]) if when.size else None,
         "last": float(when[-1]) if when.size else None,
-        "rate_hz": 1.0 / usual if timed and usual > 0.0 else None,
+        "rate_hz": 1.0 / median if timed and median > 0.0 else None,
         "gap_count": int(gaps.size),
-        "gaps": [{"at": float(when[i]), "length": float(steps[i])} for i in gaps[:_MAX_LISTED]],
+        "gaps": [{"at": float(when[i]), "length": float(steps[i])} for i in gaps[:_MAX_GAPS_LISTED]],
         "out_of_order": int((np.diff(first) < 0.0).sum()),
     }
 
 
 def print_detections(contents: dict[str, Any], console: Console) -> None:
-    """Print what is in a table of detections."""
+    """Print the contents of a table of detections."""
 
-    def say(text: str, style: str = "") -> None:
+    def print_line(text: str, style: str = "") -> None:
         console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
 
     more = f"; also {', '.join(contents['more'])}" if contents["more"] else ""
-    say(f"{contents['file']}: detections, {decimal(contents['bytes'])}{more}")
+    print_line(f"{contents['file']}: detections, {decimal(contents['bytes'])}{more}")
     if contents["sensors"]:
-        say(f"sensors: {', '.join(contents['sensors'])}")
+        print_line(f"sensors: {', '.join(contents['sensors'])}")
     scans, unit = contents["scans"], "" if contents["column"] == "k" else " s"
     if not scans:
-        say("no scans", "yellow")
+        print_line("no scans", "yellow")
         return
     start = contents["first"]
     rate = "" if contents["rate_hz"] is None else f" at {contents['rate_hz']:.3g} Hz"
     span = f"from {start:.10g}{unit} to {contents['last']:.10g}{unit}"
-    say(f"{scans} scans{rate}, {span}, {contents['detections'] / scans:.1f} detections in each")
+    print_line(f"{scans} scans{rate}, {span}, {contents['detections'] / scans:.1f} detections in each")
     if contents["gap_count"]:
         places = ", ".join(
-            f"{gap['length']:.4g}{unit} at {gap['at'] - start:.4g}{unit}" for gap in contents["gaps"][:_SHOWN]
+            f"{gap['length']:.4g}{unit} at {gap['at'] - start:.4g}{unit}"
+            for gap in contents["gaps"][:_MAX_GAPS_SHOWN]
         )
-        left = contents["gap_count"] - min(_SHOWN, contents["gap_count"])
-        say(f"gaps: {places}" + (f" and {left} more" if left else ""), "yellow")
+        left = contents["gap_count"] - min(_MAX_GAPS_SHOWN, contents["gap_count"])
+        print_line(f"gaps: {places}" + (f" and {left} more" if left else ""), "yellow")
     if contents["out_of_order"]:
         count = contents["out_of_order"]
         rows = "row is earlier than the one before" if count == 1 else "rows are earlier than those before"
-        say(f"{count} {rows}", "yellow")
+        print_line(f"{count} {rows}", "yellow")
     if contents["not_finite"]:
-        say(f"{contents['not_finite']} detections are no finite numbers", "yellow")
+        print_line(f"{contents['not_finite']} detections are not finite numbers", "yellow")
     for remark in contents["remarks"]:
-        say(remark, "yellow")
+        print_line(remark, "yellow")

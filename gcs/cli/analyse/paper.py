@@ -1,7 +1,7 @@
-"""`gcs report --paper`: the paper's result figures (3 to 9) and its claims, from runs that are made for it.
+"""`gcs report --paper`: the paper's figures 3 to 9 and its claims.
 
-The four missions of the paper are flown on virtual time with fixed seeds, each as a process of `sim_vehicles`
-that leaves a recording; everything is then read from these recordings.
+`sim_vehicles` flies the paper's four missions on virtual time with fixed seeds. Figures and claims come from
+the recordings.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gcs.cli.analyse.report import ReportOptions, material_of
+from gcs.cli.analyse.report import ReportOptions, read_material
 from gcs.config import load, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.errors import RecordingError, SimulationError
@@ -39,7 +39,7 @@ from gcs.report.run.evaluation import Summary
 from gcs.report.run.tables import Table
 
 SEEDS: Final = {FIGURE_3: 1, FIGURES_4_5: 1, FIGURES_6_7: 4, FIGURES_8_9: 4}
-"""Where deaths are random: the first seed with which one agent dies, as in the paper's figures."""
+"""With random deaths: the first seed with one death, as in the paper's figures."""
 SWARM: Final = "swarm-50"
 _FASTER: Final = "prescribed-1hz"
 _PERIOD: Final = re.compile(r"(\[planning\]\n(?:(?!\[).*\n)*?period_s = )[0-9.]+")
@@ -52,8 +52,8 @@ _TITLES: Final = {
 _NUMBERS: Final = {FIGURES_4_5: (4, 5), FIGURES_6_7: (6, 7), FIGURES_8_9: (8, 9)}
 
 
-def run_paper(out: Path, console: Console, *, as_json: bool) -> int:
-    """Fly, draw and judge; return the exit code.
+def run_paper(out: Path, console: Console, *, as_json: bool) -> None:
+    """Fly the missions, draw the figures and check the claims.
 
     Raises
     ------
@@ -63,8 +63,10 @@ def run_paper(out: Path, console: Console, *, as_json: bool) -> int:
     try:
         (out / "recordings").mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RecordingError(str(out), f"cannot be made: {error.strerror}; choose another with -o") from None
-    runs, sections = _flown(out, console)
+        raise RecordingError(
+            str(out), f"cannot be created: {error.strerror}; choose another with -o"
+        ) from None
+    runs, sections = _fly_missions(out, console)
     found = claims(runs)
     page = Page(
         title="The paper, claim by claim",
@@ -85,11 +87,10 @@ def run_paper(out: Path, console: Console, *, as_json: bool) -> int:
         verdicts = [msgspec.to_builtins(claim) for claim in found]
         figures = sorted(str(path) for path in (out / "figures").iterdir())
         result = {"page": str(out / "index.html"), "figures": figures, "claims": verdicts}
-        print(json.dumps(result), flush=True)  # noqa: T201  the promised last line
-    return 0
+        print(json.dumps(result), flush=True)  # noqa: T201  the output of --json
 
 
-def _flown(out: Path, console: Console) -> tuple[Runs, list[Section]]:
+def _fly_missions(out: Path, console: Console) -> tuple[Runs, list[Section]]:
     flown: dict[str, Flown] = {}
     sections: list[Section] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
@@ -114,10 +115,12 @@ def _flown(out: Path, console: Console) -> tuple[Runs, list[Section]]:
 
 def _fly(scenario: str, seed: int, folder: Path) -> Flown:
     """Fly a mission and read its recording back."""
-    for old in folder.glob("*"):  # of an earlier page: the same again
+    for old in folder.glob("*"):  # Of an earlier page.
         old.unlink()
     simulated = _simulated(scenario, seed, folder)
-    material = material_of(ReportOptions(folder, None, None, None, timing=False, as_json=False), None, _QUIET)
+    material = read_material(
+        ReportOptions(folder, None, None, None, timing=False, as_json=False), None, _QUIET
+    )
     assert material.summary is not None
     summary = replace(material.summary, scan_ms_p99=simulated.scan_ms_p99, plan_ms_p99=simulated.plan_ms_p99)
     return Flown(material.course, summary, mission_grid(load(scenario), seed))
@@ -127,7 +130,7 @@ _QUIET: Final = Console(quiet=True)
 
 
 def _simulated(scenario: str, seed: int, folder: Path | None) -> Summary:
-    """Fly a mission as a process of its own; return what its own judge says."""
+    """Fly a mission in its own process; return its summary."""
     command = [
         sys.executable,
         "-P",
@@ -140,7 +143,7 @@ def _simulated(scenario: str, seed: int, folder: Path | None) -> Summary:
         "--json",
     ]
     command += [] if folder is None else ["--out", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  our own module
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  not user input
     lines = done.stdout.strip().splitlines()
     if done.returncode not in (0, 1) or not lines:
         raise SimulationError(f"{scenario} could not be flown: {done.stderr.strip()[-500:]}")

@@ -1,4 +1,4 @@
-"""`gcs replay`: a recorded run once more, exactly or with other settings."""
+"""`gcs replay`: play a recording again, exactly or with other settings."""
 
 from __future__ import annotations
 
@@ -11,17 +11,28 @@ from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
 import typer
 from rich.console import Console
 
-from gcs.cli.analyse.whatif import Comparison, settings, table
-from gcs.cli.outputs import view_for, warm_up
+from gcs.cli.analyse.whatif import Comparison, comparison_table, different_settings
+from gcs.cli.arguments import (
+    DetectionsOption,
+    HeadlessOption,
+    JsonOption,
+    ModelOption,
+    OffsetOption,
+    RecordedSeedOption,
+    command_app,
+)
+from gcs.cli.errors import exit_on_error
+from gcs.cli.run_setup import display, warm_up
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.config import Config, load, parse
 from gcs.errors import RecordingError
 from gcs.files import open_regular
+from gcs.io.console import console_for
 from gcs.io.recording.folder import versions
 from gcs.io.recording.reader import Record, RecordingInfo, is_recording, read, read_info
 from gcs.io.recording.tlog import is_stamped
@@ -31,14 +42,16 @@ from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, tel
 from gcs.service.replay import Replay, Verifier, Window
 from gcs.service.service import wait_for_interrupt
 
+app = command_app()
+
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """What the command line says."""
+    """The options of `gcs replay`."""
 
     path: Path
     speed: float | None
-    """Infinite as fast as can be; None: 1 in a live view, as fast as can be elsewhere."""
+    """Multiple of real time; None: 1 in a live view, infinite elsewhere."""
     window: Window
     verify: bool
     config: str | None
@@ -46,30 +59,83 @@ class ReplayOptions:
     headless: bool
     as_json: bool
     detections: Path | None = None
-    """To lay beside a log."""
+    """Detections to add to a log."""
     model: Path | None = None
-    """Of the detections, where their file has none."""
+    """Model of the detections, if their file has none."""
     offset_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Plan:
-    """What to replay, and with what."""
+class _Source:
+    """Records to replay, with their configuration."""
 
-    made_with: RecordingInfo | None
+    header: RecordingInfo | None
     """None for a telemetry log."""
     config: Config
     seed: int
     records: Iterable[Record]
 
 
-def speed_of(text: str | None) -> float | None:
-    """Read ``--speed``: a positive number, or ``max``.
+@app.command()
+def replay(
+    recording: Annotated[
+        Path,
+        typer.Argument(help="A recording (its folder or .mcap), or with --config a .tlog or raw MAVLink."),
+    ],
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N|max",
+            help="Speed as a multiple of real time.  [default: 1 in the live view, else max]",
+        ),
+    ] = None,
+    start: Annotated[
+        float, typer.Option("--from", min=0.0, help="Start of the output, in seconds of the run.")
+    ] = 0,
+    end: Annotated[float | None, typer.Option("--to", min=0.0, help="End, in seconds of the run.")] = None,
+    verify: Annotated[
+        bool,
+        typer.Option("--verify", help="Compare every track, plan and sent message with the recorded one."),
+    ] = False,
+    config: Annotated[
+        str | None, typer.Option(help="Another mission file, to compare results under other settings.")
+    ] = None,
+    seed: RecordedSeedOption = None,
+    detections: DetectionsOption = None,
+    model: ModelOption = None,
+    offset: OffsetOption = 0.0,
+    headless: HeadlessOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Play a recording through central command again.
+
+    With --verify the exit code is 1 if an output differs by a byte; the first difference is printed.
+    """
+    with exit_on_error():
+        options = ReplayOptions(
+            recording,
+            parse_speed(speed),
+            Window(start, math.inf if end is None else end),
+            verify,
+            config,
+            seed,
+            headless,
+            as_json,
+            detections,
+            model,
+            offset,
+        )
+        code = run_replay(options, console_for(stderr=as_json))
+    raise typer.Exit(code)
+
+
+def parse_speed(text: str | None) -> float | None:
+    """Return ``--speed``: a positive number, or ``max``.
 
     Raises
     ------
     typer.BadParameter
-        When it is neither.
+        When the text is neither.
     """
     if text is None:
         return None
@@ -85,20 +151,20 @@ def speed_of(text: str | None) -> float | None:
 
 
 def run_replay(options: ReplayOptions, console: Console) -> int:
-    """Replay, show and judge; return the exit code: 1 when a verification finds a difference.
+    """Replay, show and compare; return the exit code: 1 when the verification finds a difference.
 
     Raises
     ------
     RecordingError, ConfigError
-        When there is nothing to replay, or not enough to replay it with.
+        When the recording has no events, or its mission or seed is missing.
     """
-    plan = _prepared(options, console)
+    source = _open_source(options, console)
     warm_up(console, TRACKING, PLANNING, LINKS)
-    replay = Replay(plan.config, plan.seed, plan.records, options.window)
+    replay = Replay(source.config, source.seed, source.records, options.window)
     verifier, comparison = Verifier(), Comparison()
     if options.verify:
         replay.watchers.append(verifier)
-    if options.config is not None and plan.made_with is not None:
+    if options.config is not None and source.header is not None:
         replay.watchers.append(comparison)
     started = time.perf_counter()
     interrupted = asyncio.run(_play(replay, options, console))
@@ -107,19 +173,19 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
         why = "" if replay.damage is None else f": {replay.damage.problem}"
         raise RecordingError(str(options.path), f"holds no events to replay{why}")
     summary = _summary(replay, options.path, wall_s)
-    _say(replay, summary, console)
+    _print_summary(replay, summary, console)
     if options.verify:
-        summary |= _verified(verifier.result, replay, plan.made_with, console)
-    if options.config is not None and plan.made_with is not None:
-        summary |= _compared(comparison, replay, plan, console)
+        summary |= _print_verification(verifier.result, replay, source.header, console)
+    if options.config is not None and source.header is not None:
+        summary |= _print_comparison(comparison, replay, source, console)
     if options.as_json:
-        print(json.dumps(summary), flush=True)  # noqa: T201  the promised last line
+        print(json.dumps(summary), flush=True)  # noqa: T201  the output of --json
     if interrupted:
         return 130
     return 1 if verifier.result.first is not None else 0
 
 
-def _prepared(options: ReplayOptions, console: Console) -> _Plan:
+def _open_source(options: ReplayOptions, console: Console) -> _Source:
     path = options.path
     if not is_recording(path):
         refuse_detections(path)
@@ -130,47 +196,47 @@ def _prepared(options: ReplayOptions, console: Console) -> _Plan:
                 str(path), "is a telemetry log: name the mission of its vehicles with --config"
             )
         if options.verify:
-            raise RecordingError(str(path), "is no recording of ours: there is nothing to verify it against")
+            raise RecordingError(str(path), "is not a recording of gcs: it has no outputs to verify")
         config = load(options.config)
         records = telemetry_records(
-            path, [agent.vehicle for agent in config.agents], _beside(options, console)
+            path, [agent.vehicle for agent in config.agents], _load_detections(options, console)
         )
-        return _Plan(None, config, options.seed or 0, records)
+        return _Source(None, config, options.seed or 0, records)
     if options.detections is not None:
-        raise RecordingError(str(path), "is a recording with scans of its own; --detections goes with a log")
-    made_with = read_info(path)
+        raise RecordingError(str(path), "is a recording with scans; --detections is for logs")
+    header = read_info(path)
     if options.config is not None:
         config = load(options.config)
-    elif made_with.config_text:
-        config = parse(made_with.config_text, f"{path}: its mission file")
+    elif header.config_text:
+        config = parse(header.config_text, f"{path}: its mission file")
     else:
         raise RecordingError(str(path), "its mission file cannot be read; name one with --config")
-    is_held_against = options.verify or options.config is not None
-    records = read(path, only=get_args(Event) + get_args(Effect) if is_held_against else get_args(Event))
+    has_comparison = options.verify or options.config is not None
+    records = read(path, only=get_args(Event) + get_args(Effect) if has_comparison else get_args(Event))
     first = list(itertools.islice(records, 1))
     if options.verify and first and first[0].sequence > 0:
         raise RecordingError(
             str(path),
             f"begins in the middle of a run, with record {first[0].sequence}; to verify it, name its folder",
         )
-    seed = _seed(options, made_with, config)
-    return _Plan(made_with, config, seed, itertools.chain(first, records))
+    seed = _seed(options, header, config)
+    return _Source(header, config, seed, itertools.chain(first, records))
 
 
-def _beside(options: ReplayOptions, console: Console) -> Beside | None:
+def _load_detections(options: ReplayOptions, console: Console) -> Beside | None:
     if options.detections is None:
         return None
-    beside = load_beside(options.detections, options.model, options.offset_s)
-    for remark in beside.detections.remarks:
+    added = load_beside(options.detections, options.model, options.offset_s)
+    for remark in added.detections.remarks:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
-    return beside
+    return added
 
 
-def _seed(options: ReplayOptions, made_with: RecordingInfo, config: Config) -> int:
+def _seed(options: ReplayOptions, header: RecordingInfo, config: Config) -> int:
     if options.seed is not None:
         return options.seed
-    if made_with.run is not None:
-        return made_with.run.seed
+    if header.run is not None:
+        return header.run.seed
     if config.map.random_threshold > 0.0:
         raise RecordingError(
             str(options.path),
@@ -180,13 +246,13 @@ def _seed(options: ReplayOptions, made_with: RecordingInfo, config: Config) -> i
 
 
 async def _play(replay: Replay, options: ReplayOptions, console: Console) -> bool:
-    """Play it with what the user wants to see; return whether it was interrupted."""
+    """Play the records; return True if interrupted."""
     stop = asyncio.Event()
     undo = wait_for_interrupt(stop)
     plain = options.headless or options.verify or not console.is_terminal
     speed = options.speed if options.speed is not None else math.inf if plain else 1.0
     try:
-        async with _shown(replay, options, console, speed):
+        async with _display(replay, options, console, speed):
             await replay.run(stop, speed)
     finally:
         undo()
@@ -194,14 +260,14 @@ async def _play(replay: Replay, options: ReplayOptions, console: Console) -> boo
 
 
 @asynccontextmanager
-async def _shown(
+async def _display(
     replay: Replay, options: ReplayOptions, console: Console, speed: float
 ) -> AsyncIterator[None]:
     if options.verify:
         with console.status("recomputing every picture, plan and send"):
             yield
         return
-    async with view_for(replay, console, speed=speed, headless=options.headless):
+    async with display(replay, console, speed=speed, headless=options.headless):
         yield
 
 
@@ -217,7 +283,7 @@ def _summary(replay: Replay, path: Path, wall_s: float) -> dict[str, Any]:
     }
 
 
-def _say(replay: Replay, summary: dict[str, Any], console: Console) -> None:
+def _print_summary(replay: Replay, summary: dict[str, Any], console: Console) -> None:
     console.print(
         f"replayed {replay.duration_s:.1f} s of run time in {summary['wall_s']:.1f} s "
         f"({summary['times_real_time']:.0f} times real time): "
@@ -226,15 +292,15 @@ def _say(replay: Replay, summary: dict[str, Any], console: Console) -> None:
     )
     if replay.damage is not None:
         console.print(
-            f"the recording breaks off there: {replay.damage.problem}",
+            f"the recording ends early: {replay.damage.problem}",
             style="yellow",
             highlight=False,
             soft_wrap=True,
         )
 
 
-def _verified(
-    result: Verification, replay: Replay, made_with: RecordingInfo | None, console: Console
+def _print_verification(
+    result: Verification, replay: Replay, header: RecordingInfo | None, console: Console
 ) -> dict[str, Any]:
     equal = sum(result.equal.values())
     summary: dict[str, Any] = {
@@ -244,7 +310,7 @@ def _verified(
         "first_difference": None if result.first is None else asdict(result.first),
     }
     if equal == 0 and result.first is None:
-        console.print("nothing was recorded there that could be compared", style="yellow", highlight=False)
+        console.print("the recording has no outputs to compare", style="yellow", highlight=False)
         return summary
     if result.first is None:
         counts = ", ".join(f"{count} {topic}" for topic, count in sorted(result.equal.items()))
@@ -261,28 +327,38 @@ def _verified(
     )  # fmt: skip
     console.print(f"  recorded: {first.recorded}", highlight=False, markup=False, soft_wrap=True)
     console.print(f"  replayed: {first.replayed}", highlight=False, markup=False, soft_wrap=True)
-    for library, then, now in _other_versions(made_with):
-        console.print(f"  {library} was {then} then and is {now} here", style="dim", highlight=False)
+    for library, recorded, present in _different_versions(header):
+        console.print(
+            f"  {library} was {recorded} in the recording and is {present} here", style="dim", highlight=False
+        )
     return summary
 
 
-def _other_versions(made_with: RecordingInfo | None) -> list[tuple[str, str, str]]:
-    then, now = {} if made_with is None else made_with.versions, versions()
-    return [(name, then[name], now.get(name, "missing")) for name in then if then[name] != now.get(name)]
+def _different_versions(header: RecordingInfo | None) -> list[tuple[str, str, str]]:
+    recorded, present = {} if header is None else header.versions, versions()
+    return [
+        (name, version, present.get(name, "missing"))
+        for name, version in recorded.items()
+        if version != present.get(name)
+    ]
 
 
-def _compared(comparison: Comparison, replay: Replay, plan: _Plan, console: Console) -> dict[str, Any]:
-    made_with = plan.made_with
-    assert made_with is not None
-    changed = settings(parse(made_with.config_text, "recorded"), plan.config) if made_with.config_text else []
+def _print_comparison(
+    comparison: Comparison, replay: Replay, source: _Source, console: Console
+) -> dict[str, Any]:
+    header = source.header
+    assert header is not None
+    changed = (
+        different_settings(parse(header.config_text, "recorded"), source.config) if header.config_text else []
+    )
     rows = comparison.rows(replay.start_t_ns or 0)
     if changed:
-        console.print(table("Settings that differ", changed))
-    console.print(table("What came of it", rows))
+        console.print(comparison_table("Settings that differ", changed))
+    console.print(comparison_table("Results", rows))
     if any(row.differs for row in rows):
-        console.print("the recorded vehicles fly on as they did then, whatever is planned here", style="dim")
+        console.print("the recorded vehicles do not react to the plans made here", style="dim")
     else:
-        console.print("nothing would have been different", style="green")
+        console.print("the results are the same", style="green")
     return {
         "settings": [asdict(row) for row in changed],
         "outcome": [asdict(row) | {"differs": row.differs} for row in rows],

@@ -1,7 +1,7 @@
-"""`gcs report`: a run on one page, with figures, tables and the tracks as CSV.
+"""`gcs report`: write a page about a run, with figures, tables and the tracks as CSV.
 
-Everything is gathered in one pass over the file, whatever its kind: a recording of ours, a telemetry log, a
-raw MAVLink stream. What a file does not hold (truth, trackers, times) the page says, and shows the rest.
+The file is read once, whatever its kind: a recording, a telemetry log, a raw MAVLink stream. The page names
+what the file does not have (ground truth, tracks, times) and shows the rest.
 """
 
 from __future__ import annotations
@@ -12,13 +12,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Final
 
 import numpy as np
+import typer
 from rich.console import Console
 
 from gcs.cli.analyse.info import reading_progress
-from gcs.cli.outputs import warm_up
+from gcs.cli.arguments import (
+    DetectionsOption,
+    JsonOption,
+    ModelOption,
+    OffsetOption,
+    RecordedSeedOption,
+    command_app,
+)
+from gcs.cli.errors import exit_on_error
+from gcs.cli.run_setup import warm_up
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.config import Config, load, parse
 from gcs.core.airspace.obstacle_map import mission_grid
@@ -26,6 +36,7 @@ from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.files import open_regular
 from gcs.geo import LocalFrame
+from gcs.io.console import console_for
 from gcs.io.recording.reader import Damage, is_recording, read, read_info, recording_bytes
 from gcs.io.recording.timestamps import FrameTimes, TimeSource
 from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
@@ -40,13 +51,16 @@ from gcs.report.telemetry.flights import Flight, Flights
 from gcs.report.telemetry.traffic import Traffic
 from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
 
-CSV_NAME = "tracks.csv"
-_EVERY = 4096
+app = command_app()
+
+CSV_NAME: Final = "tracks.csv"
+_PROGRESS_PERIOD: Final = 4096
+"""Parts of a log between updates of the progress bar."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReportOptions:
-    """What the command line says."""
+    """The options of a report about one run."""
 
     path: Path
     out: Path | None
@@ -55,42 +69,89 @@ class ReportOptions:
     timing: bool
     as_json: bool
     detections: Path | None = None
-    """To lay beside a log."""
+    """Detections to add to a log."""
     model: Path | None = None
-    """Of the detections, where their file has none."""
+    """Model of the detections, if their file has none."""
     offset_s: float = 0.0
 
 
-def run_report(options: ReportOptions, console: Console) -> int:
-    """Read a file to its end and write its page; return the exit code.
+@app.command()
+def report(
+    recording: Annotated[
+        Path | None, typer.Argument(help="A recording, a .tlog of any ground station, or raw MAVLink.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the page.  [default: RECORDING/report, or NAME-report]"),
+    ] = None,
+    paper: Annotated[
+        bool,
+        typer.Option(
+            "--paper", help="Fly the paper's missions, draw its figures 3 to 9 and check its claims."
+        ),
+    ] = False,
+    config: Annotated[
+        str | None, typer.Option(help="Mission file, for a log or a recording without its own.")
+    ] = None,
+    seed: RecordedSeedOption = None,
+    detections: DetectionsOption = None,
+    model: ModelOption = None,
+    offset: OffsetOption = 0.0,
+    timing: Annotated[
+        bool,
+        typer.Option(
+            help="Process every event again, to measure the time of scans and plans on this machine."
+        ),
+    ] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a page about a run: maps, tracks, plans and times.
+
+    The page opens in any browser. It names what the file does not have, such as ground truth. Figures are
+    written as PNG and PDF, tracks as CSV.
+    """
+    if (recording is None) != paper:
+        raise typer.BadParameter("expected a recording, or --paper without one")
+    console = console_for(stderr=as_json)
+    with exit_on_error():
+        if recording is None:
+            from gcs.cli.analyse.paper import run_paper  # It imports this module.
+
+            run_paper(out if out is not None else Path("paper-report"), console, as_json=as_json)
+        else:
+            options = ReportOptions(recording, out, config, seed, timing, as_json, detections, model, offset)
+            run_report(options, console)
+
+
+def run_report(options: ReportOptions, console: Console) -> None:
+    """Read a file to its end and write its page.
 
     Raises
     ------
     GcsError
-        When the file cannot be read, is nothing that we know, or the page cannot be written.
+        When the file cannot be read or has an unknown format, or the page cannot be written.
     """
     folder = options.out if options.out is not None else default_folder(options.path)
-    with _made(folder):
-        material = material_of(options, folder / CSV_NAME, console)
+    with _new_folder(folder):
+        material = read_material(options, folder / CSV_NAME, console)
     with console.status("drawing the figures"):
         page = run_page(material, folder)
     console.print(str(page), highlight=False, markup=False, soft_wrap=True)
     for remark in material.remarks:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
-        print(json.dumps(_in_json(material, page, folder)), flush=True)  # noqa: T201  the promised last line
-    return 0
+        print(json.dumps(_as_dict(material, page, folder)), flush=True)  # noqa: T201  the output of --json
 
 
 @contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Make a folder before the long work for it begins; take it away again when nothing came of that."""
+def _new_folder(folder: Path) -> Iterator[None]:
+    """Create a folder before the long work; remove it again on an error."""
     is_new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(
-            str(folder), f"cannot be made: {error.strerror}; choose another with -o"
+            str(folder), f"cannot be created: {error.strerror}; choose another with -o"
         ) from None
     try:
         yield
@@ -102,12 +163,12 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def default_folder(path: Path) -> Path:
-    """Return where the report of a file goes: into the folder of a recording, else beside nothing else."""
+    """Return the default folder of a report: in the folder of a recording, else NAME-report."""
     return path / "report" if path.is_dir() else Path(f"{path.stem}-report")
 
 
-def material_of(options: ReportOptions, csv: Path | None, console: Console) -> Material:
-    """Read a file once, to its end or to its damage, and return everything that is shown of it."""
+def read_material(options: ReportOptions, csv: Path | None, console: Console) -> Material:
+    """Read a file to its end, or to its damage, and return the content of the page."""
     if is_recording(options.path):
         return _Reading(options, csv, console).recording()
     refuse_detections(options.path)
@@ -116,6 +177,8 @@ def material_of(options: ReportOptions, csv: Path | None, console: Console) -> M
 
 @dataclass(slots=True)
 class _Reading:
+    """One pass over a file."""
+
     options: ReportOptions
     csv: Path | None
     console: Console
@@ -126,20 +189,18 @@ class _Reading:
     work_ms: dict[str, list[float]] = field(default_factory=lambda: {"scan": [], "plan": []})
 
     def recording(self) -> Material:
-        """Read a recording of ours."""
+        """Read a recording."""
         path = self.options.path
         if self.options.detections is not None:
-            raise RecordingError(
-                str(path), "is a recording with scans of its own; --detections goes with a log"
-            )
-        made_with = read_info(path)
-        self._find_mission(made_with.config_text)
-        seed = self.options.seed if self.options.seed is not None else made_with.run and made_with.run.seed
+            raise RecordingError(str(path), "is a recording with scans; --detections is for logs")
+        header = read_info(path)
+        self._find_mission(header.config_text)
+        seed = self.options.seed if self.options.seed is not None else header.run and header.run.seed
         self.seed = seed or 0
         ground = self._ground(known=seed is not None)
         command = self._command(can_repeat=ground is not None)
-        judge, flights = self._judge(), self._flights()
-        builder = TimelineBuilder(judge)
+        evaluator, flights = self._evaluator(), self._flights()
+        builder = TimelineBuilder(evaluator)
         records = 0
         with (
             reading_progress(self.console, path, recording_bytes(path)) as advance,
@@ -148,42 +209,42 @@ class _Reading:
             for record in read(path, advance):
                 value = record.value
                 if isinstance(value, Damage):
-                    self.remarks.append(f"The recording breaks off: {value.problem}.")
+                    self.remarks.append(f"The recording ends early: {value.problem}.")
                     break
                 records += 1
                 if isinstance(value, Event) and command is not None:
-                    self._timed(command, value)
+                    self._timed_step(command, value)
                 if isinstance(value, Datagram | Send):
-                    self._frames(record.t_ns, value.data, flights)
+                    self._add_frames(record.t_ns, value.data, flights)
                 builder.take(value)
                 if isinstance(value, Picture):
                     csv.take(value, builder.start_t_ns)
         if records == 0:
-            raise RecordingError(str(path), "holds none of our records" + _because(self.remarks))
-        name = made_with.run.scenario if made_with.run else self.config.name if self.config else path.name
+            raise RecordingError(str(path), "has no records" + _because(self.remarks))
+        name = header.run.scenario if header.run else self.config.name if self.config else path.name
         course = builder.course()
         if not course.has_truth:
             self.remarks.append(
-                "No truth is in this recording, as in any real flight: OSPA, deaths and arrivals cannot be "
-                "judged, and the maps show reports and tracks."
+                "This recording has no ground truth, like any real flight: OSPA, losses and arrivals cannot "
+                "be evaluated, and the maps show reports and tracks."
             )
-        return self._material(name, "recording", course, flights, judge, ground, made_with.versions)
+        return self._material(name, "recording", course, flights, evaluator, ground, header.versions)
 
     def log(self) -> Material:
-        """Read a telemetry log or a raw stream, with trackers when a mission is given."""
+        """Read a telemetry log or a raw stream; run the trackers if a mission is given."""
         options, path = self.options, self.options.path
-        builder, judge, ground = TimelineBuilder(), None, None
-        beside = self._beside()
+        builder, evaluator, ground = TimelineBuilder(), None, None
+        added = self._load_detections()
         if options.config is not None:
             self.config, self.seed = load(options.config), options.seed or 0
-            judge, ground = self._judge(), self._ground(known=True)
-            builder = TimelineBuilder(judge)
+            evaluator, ground = self._evaluator(), self._ground(known=True)
+            builder = TimelineBuilder(evaluator)
         flights = self._flights()
         timed_by, span = self._read_log(flights)
         course = builder.course()
         with TracksCsv(self.csv) as csv:
             if self.config is not None:
-                for value in self._flown(self.config, beside):
+                for value in self._replay_log(self.config, added):
                     builder.take(value)
                     if isinstance(value, Picture):
                         csv.take(value, builder.start_t_ns)
@@ -191,18 +252,18 @@ class _Reading:
             course = builder.course()
         else:
             self.remarks.append(
-                "A telemetry log holds no scans and no mission: the page shows what the vehicles reported. "
-                "With --config and a mission that names them, the agents' tracker runs on it."
+                "A telemetry log has no scans and no mission: the page shows the reports of the vehicles. "
+                "With --config and a mission of these vehicles, the agents' tracker runs on it."
             )
         if timed_by == "boot clocks":
-            self.remarks.append("A raw MAVLink stream: its times are those of the vehicles' own clocks.")
+            self.remarks.append("A raw MAVLink stream: times are from the vehicles' own clocks.")
         elif timed_by is None:
-            self.remarks.append("A raw MAVLink stream says not when: nothing over time can be shown.")
+            self.remarks.append("A raw MAVLink stream without times: nothing is shown over time.")
         kind = "telemetry log" if timed_by == "stamps" else "raw MAVLink"
-        return self._material(path.name, kind, course, flights, judge, ground, {}, span)
+        return self._material(path.name, kind, course, flights, evaluator, ground, {}, span)
 
     def _read_log(self, flights: Flights) -> tuple[TimeSource | None, tuple[int, int]]:
-        """Take every frame; return where times come from, and the first and last one."""
+        """Read every frame; return the source of the times, and the first and last time."""
         path = self.options.path
         size = path.stat().st_size
         times, bad_bytes, stretches = [0, 0], 0, 0
@@ -210,7 +271,7 @@ class _Reading:
             stamped = is_stamped(file, str(path))
             line = FrameTimes(stamped=stamped)
             for number, part in enumerate(read_log(file, stamped=stamped)):
-                if number % _EVERY == 0:
+                if number % _PROGRESS_PERIOD == 0:
                     advance(part.offset)
                 if not isinstance(part, LogFrame):
                     stretches, bad_bytes = stretches + 1, bad_bytes + part.length
@@ -221,11 +282,11 @@ class _Reading:
                     flights.take(t_ns, part.frame)
         if bad_bytes:
             places = _times(stretches, "stretch", "stretches")
-            self.remarks.append(f"{bad_bytes} damaged bytes, in {places}, were passed over.")
+            self.remarks.append(f"{bad_bytes} damaged bytes, in {places}, were skipped.")
         if line.jumps:
             often = _times(line.jumps, "time", "times")
-            what = "Its clock was set" if stamped else "A vehicle was booted anew"
-            self.remarks.append(f"{what} {often} while it was written; the time line goes on.")
+            what = "Its clock was set" if stamped else "A vehicle was rebooted"
+            self.remarks.append(f"{what} {often} while it was written; the time line continues.")
         return line.timed_by, (times[0], times[1])
 
     def _find_mission(self, text: str) -> None:
@@ -238,20 +299,18 @@ class _Reading:
         except ConfigError as error:
             self.remarks.append(f"Its mission file cannot be used ({error}); name one with --config.")
         if not text:
-            self.remarks.append(
-                "It holds no mission file: obstacles and judgement are missing; see --config."
-            )
+            self.remarks.append("It has no mission file: obstacles and evaluation are missing; see --config.")
 
     def _ground(self, *, known: bool) -> Ground | None:
         config = self.config
         if config is None:
             return None
         if not known and config.map.random_threshold > 0.0:
-            self.remarks.append("It does not say its seed, and its obstacles are random; give --seed.")
+            self.remarks.append("It has no seed, and its obstacles are random; give --seed.")
             return None
         return Ground.of(mission_grid(config, self.seed))
 
-    def _judge(self) -> Evaluator:
+    def _evaluator(self) -> Evaluator:
         config = self.config
         if config is None:
             return Evaluator(0.0, ())
@@ -267,30 +326,30 @@ class _Reading:
         warm_up(self.console, TRACKING, PLANNING, LINKS)
         return Engine(self.config, self.seed)
 
-    def _beside(self) -> Beside | None:
+    def _load_detections(self) -> Beside | None:
         options = self.options
         if options.detections is None:
             return None
         if options.config is None:
             raise RecordingError(
                 str(options.path),
-                "--detections needs the mission that they were made in: name it with --config",
+                "--detections needs the mission of the detections: name it with --config",
             )
-        beside = load_beside(options.detections, options.model, options.offset_s)
-        self.remarks += beside.detections.remarks
-        return beside
+        added = load_beside(options.detections, options.model, options.offset_s)
+        self.remarks += added.detections.remarks
+        return added
 
-    def _flown(self, config: Config, beside: Beside | None) -> Iterator[object]:
-        """Yield the events of a telemetry log, and what central command makes of each."""
+    def _replay_log(self, config: Config, added: Beside | None) -> Iterator[object]:
+        """Yield the events of a telemetry log, each followed by its effects."""
         command = self._command(can_repeat=True) or Engine(config, self.seed)
         system_ids = [agent.system_id for agent in config.agents]
-        for record in telemetry_records(self.options.path, system_ids, beside):
+        for record in telemetry_records(self.options.path, system_ids, added):
             assert isinstance(record.value, Event)
             yield record.value
-            yield from self._timed(command, record.value)
+            yield from self._timed_step(command, record.value)
 
-    def _timed(self, command: Engine, event: Event) -> list[Effect]:
-        """Work an event and note how long scans and plans took; a plan's time includes its scan's."""
+    def _timed_step(self, command: Engine, event: Event) -> list[Effect]:
+        """Process an event and record its CPU time; the time of a plan includes its scan."""
         started = time.process_time()
         effects = command.step(event)
         took_ms = 1e3 * (time.process_time() - started)
@@ -301,7 +360,7 @@ class _Reading:
             self.work_ms["scan"].append(took_ms)
         return effects
 
-    def _frames(self, t_ns: int, data: bytes, flights: Flights) -> None:
+    def _add_frames(self, t_ns: int, data: bytes, flights: Flights) -> None:
         for frame in scan(data).frames:
             self.traffic.take(t_ns, frame)
             flights.take(t_ns, frame)
@@ -312,7 +371,7 @@ class _Reading:
         kind: str,
         course: Timeline,
         flights: Flights,
-        judge: Evaluator | None,
+        evaluator: Evaluator | None,
         ground: Ground | None,
         versions: dict[str, str],
         span_t_ns: tuple[int, int] | None = None,
@@ -330,7 +389,7 @@ class _Reading:
             course=course,
             start_t_ns=start_t_ns,
             duration_s=duration_s,
-            summary=self._summary(judge, course),
+            summary=self._summary(evaluator, course),
             flights=flown,
             traffic=self.traffic.summary(),
             ground=ground,
@@ -339,10 +398,10 @@ class _Reading:
             remarks=tuple(self.remarks),
         )
 
-    def _summary(self, judge: Evaluator | None, course: Timeline) -> Summary | None:
-        if judge is None or self.config is None:
+    def _summary(self, evaluator: Evaluator | None, course: Timeline) -> Summary | None:
+        if evaluator is None or self.config is None:
             return None
-        return judge.summary(
+        return evaluator.summary(
             scenario=self.config.name,
             seed=self.seed,
             duration_s=course.duration_s,
@@ -364,7 +423,7 @@ def _because(remarks: list[str]) -> str:
     return f": {remarks[-1]}" if remarks else ""
 
 
-def _in_json(material: Material, page: Path, folder: Path) -> dict[str, Any]:
+def _as_dict(material: Material, page: Path, folder: Path) -> dict[str, Any]:
     from gcs.report.run.evaluation import summary_json
 
     return {

@@ -1,7 +1,7 @@
-"""`gcs track`: a tracker alone on recorded detections, judged where the truth is known.
+"""`gcs track`: track recorded detections and score the result.
 
-Three estimators of the same filter: "filtered" is what one knew at each scan, "recovered" the whole paths
-from their association histories, each state by the detections up to it, and "smoothed" these by all
+The estimators use the same filter. "filtered" is the estimate at each scan. "recovered" are whole paths from
+the association histories, each state from the detections up to it. "smoothed" are these paths from all
 detections (see `gcs.tracking.trajectories.recovery`).
 """
 
@@ -13,35 +13,42 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Annotated, Final, Literal, TypeAlias
 
 import numpy as np
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from gcs.cli.analyse.info import reading_progress
+from gcs.cli.arguments import JsonOption, command_app
+from gcs.cli.errors import exit_on_error
 from gcs.cli.warm_up_progress import HISTORIES, TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
+from gcs.io.console import console_for
 from gcs.io.detections.readers import Detections, load
+from gcs.io.recording.reader import recording_bytes
 from gcs.model import FloatArray, Label
 from gcs.report.plots.tracking import Drawing, draw_tracking
 from gcs.tracking.glmb.filter import Birth, Glmb
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 
+app = command_app()
+
 Estimator: TypeAlias = Literal["filtered", "recovered", "smoothed"]
 States: TypeAlias = dict[Label, FloatArray]
-"""(4,) state by label at one scan."""
+"""State (4,) by label at one scan."""
 
-WINDOW_SCANS = 10
-"""Of OSPA(2)."""
-_SEED = 1
-_PICTURES = (".png", ".pdf", ".svg")
+OSPA2_WINDOW_SCANS: Final = 10
+_SEED: Final = 1
+_PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg")
 
 
 @dataclass(frozen=True, slots=True)
 class TrackOptions:
-    """What the command line says."""
+    """The options of `gcs track`."""
 
     path: Path
     model: Path | None
@@ -55,12 +62,12 @@ class TrackOptions:
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """What came out of it."""
+    """Estimates of all scans."""
 
     states: dict[int, States]
     """By scan number k."""
     existence: dict[int, dict[Label, float]]
-    """As the filter saw it at k."""
+    """Existence probability by scan number and label."""
     scan_ms: list[float]
     late_scans: int
     bad_detections: int
@@ -68,7 +75,7 @@ class Tracked:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """The result in numbers; None where the truth is not known."""
+    """Scores of the estimates; None without ground truth."""
 
     scans: int
     ospa_mean_m: float | None
@@ -80,87 +87,135 @@ class Scores:
     scan_ms_p99: float
 
 
+@app.command()
+def track(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Detections: NPZ, or CSV with k,x,y or t_s,sensor,range_m,bearing_deg; or a recording."
+        ),
+    ],
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Motion and sensor model, TOML or NPZ.  [default: the model in the file]"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="CSV of the estimates: k,label,x,y,vx,vy,…"),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            help="Ground truth for the scores, CSV with k,id,x,y or t_s,id,x,y, or NPZ.  "
+            "[default: the truth in the file]"
+        ),
+    ] = None,
+    estimator: Annotated[
+        Estimator,
+        typer.Option(help="Estimates at each scan, whole paths afterwards, or smoothed paths."),
+    ] = "recovered",
+    lag_scans: Annotated[
+        int | None,
+        typer.Option(min=0, help="Fixed lag of the smoother, in scans.  [default: all detections]"),
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the result, such as tracks.png.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Track recorded detections and score the result.
+
+    Ground truth is used for the scores only.
+    """
+    options = TrackOptions(file, model, truth, estimator, lag_scans, out, plot, as_json)
+    with exit_on_error():
+        run_track(options, console_for(stderr=as_json))
+
+
 def run_track(options: TrackOptions, console: Console) -> None:
-    """Read, track, write, and print how good and how fast it was.
+    """Read and track the detections; write and print the result.
 
     Raises
     ------
     GcsError
-        When a file is not what it should be, or the result cannot be written.
+        When a file is invalid, or the result cannot be written.
     """
-    if options.plot is not None and options.plot.suffix.lower() not in _PICTURES:
-        raise ConfigError(str(options.plot), "", f"expected a name that ends in {', '.join(_PICTURES)}")
-    if options.lag_scans is not None and options.estimator != "smoothed":
+    if options.plot is not None and options.plot.suffix.lower() not in _PICTURE_SUFFIXES:
         raise ConfigError(
-            "--lag-scans", "", "a lag is of smoothed paths: expected --estimator smoothed with it"
+            str(options.plot), "", f"expected a name that ends in {', '.join(_PICTURE_SUFFIXES)}"
         )
+    if options.lag_scans is not None and options.estimator != "smoothed":
+        raise ConfigError("--lag-scans", "", "is for smoothed paths: expected --estimator smoothed with it")
     _check_outputs(options)
-    detections = _loaded(options, console)
+    detections = _load_detections(options, console)
     if not detections.births and detections.anywhere.per_s <= 0.0:
         where = str(options.model or options.path)
-        raise ConfigError(where, "births", "expected places where objects appear, or anywhere.per_s > 0")
+        raise ConfigError(where, "births", "expected birth components, or anywhere.per_s > 0")
     load_kernels(console, TRACKING, HISTORIES)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("tracking", total=len(detections.looks))
-        tracked = track(detections, options.estimator, lambda: progress.advance(task), options.lag_scans)
+        tracked = track_detections(
+            detections, options.estimator, lambda: progress.advance(task), options.lag_scans
+        )
     scores, per_scan = score(detections, tracked)
     if options.out is not None:
         _write(options.out, tracked, detections)
     if options.plot is not None:
         with console.status("drawing"):
             _draw(options, detections, tracked, scores, per_scan)
-    _show(options, tracked, scores, console)
+    _print_result(options, tracked, scores, console)
     for remark in detections.remarks:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
-        print(json.dumps(asdict(scores) | {"remarks": list(detections.remarks)}), flush=True)  # noqa: T201  the promised last line
+        print(json.dumps(asdict(scores) | {"remarks": list(detections.remarks)}), flush=True)  # noqa: T201  the output of --json
 
 
 def _check_outputs(options: TrackOptions) -> None:
-    """Refuse to write over what is read, two results to one file, or where nothing can be written."""
-    names = {path.resolve(): what for what, path in _inputs(options)}
-    for what, path in (("-o", options.out), ("--plot", options.plot)):
+    """Refuse an output that is also an input or another output, or that cannot be written."""
+    used = {path.resolve(): role for role, path in _inputs(options)}
+    for option, path in (("-o", options.out), ("--plot", options.plot)):
         if path is None:
             continue
-        if path.resolve() in names:
-            raise ConfigError(str(path), what, f"is {names[path.resolve()]} as well; expected another file")
-        names[path.resolve()] = what
-        there = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
-        if there.is_dir() == (there == path.absolute()):
-            is_what = "a directory" if there.is_dir() else "no directory"
-            raise ConfigError(str(path), what, f"cannot be written: {there} is {is_what}")
-        if not os.access(there, os.W_OK):
-            raise ConfigError(str(path), what, f"cannot be written: no permission for {there}")
+        if path.resolve() in used:
+            raise ConfigError(str(path), option, f"is {used[path.resolve()]} as well; expected another file")
+        used[path.resolve()] = option
+        existing = next(part for part in (path.absolute(), *path.absolute().parents) if part.exists())
+        if existing.is_dir() == (existing == path.absolute()):
+            kind = "a directory" if existing.is_dir() else "no directory"
+            raise ConfigError(str(path), option, f"cannot be written: {existing} is {kind}")
+        if not os.access(existing, os.W_OK):
+            raise ConfigError(str(path), option, f"cannot be written: no permission for {existing}")
 
 
 def _inputs(options: TrackOptions) -> list[tuple[str, Path]]:
     detections = options.path / "run.mcap" if options.path.is_dir() else options.path
     named = (("the file of detections", detections), ("--model", options.model), ("--truth", options.truth))
-    return [(what, path) for what, path in named if path is not None]
+    return [(role, path) for role, path in named if path is not None]
 
 
-def _loaded(options: TrackOptions, console: Console) -> Detections:
+def _load_detections(options: TrackOptions, console: Console) -> Detections:
     if not options.path.is_dir() and options.path.suffix != ".mcap":
         return load(options.path, options.model, options.truth)
-    # Here, since what reads recordings knows all that is in them.
-    from gcs.cli.analyse.info import reading_progress
-    from gcs.io.recording.reader import recording_bytes
-
     with reading_progress(console, options.path, recording_bytes(options.path)) as advance:
         return load(options.path, options.model, options.truth, advance)
 
 
-def track(
+def track_detections(
     detections: Detections,
     estimator: Estimator,
     advance: Callable[[], object] = lambda: None,
     lag_scans: int | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Tracked:
-    """Run the filter over all scans; `advance` is called after each, `clock` (seconds) before and after.
+    """Run the filter over all scans.
 
-    With `lag_scans`, a smoothed state knows the detections of so many later scans, else of all.
+    Parameters
+    ----------
+    advance
+        Called after each scan.
+    lag_scans
+        Fixed lag of the smoother; None: all detections.
+    clock
+        Time in seconds, for the time of a scan.
     """
     anywhere, accel_std_m_s2 = detections.anywhere, detections.params.accel_std_m_s2
     tracker = Glmb(
@@ -178,26 +233,26 @@ def track(
     scan_ms: list[float] = []
     for look in detections.looks:
         k = detections.number[look.t_ns]
-        again = bool(number_of_scan) and number_of_scan[-1] == k
+        is_same_epoch = bool(number_of_scan) and number_of_scan[-1] == k
         begin = clock()
-        # Places keep their numbers: at the same moment they do not give birth again.
-        born = tuple(replace(place, probability=0.0) for place in places) if again else places
+        # Components keep their numbers: a second scan at one epoch has no births.
+        births = tuple(replace(place, probability=0.0) for place in places) if is_same_epoch else places
         if anywhere.per_s > 0.0:
-            born = (*born, *unknown.births(look.t_ns))
-        tracker.update(look.t_ns, look.z_m, look.sensor, born)
+            births = (*births, *unknown.births(look.t_ns))
+        tracker.update(look.t_ns, look.z_m, look.sensor, births)
         if tracker.detection_summary is not None:
             unknown.add_scan(look.t_ns, look.z_m, look.sensor, tracker.detection_summary.explained)
         found = tracker.estimates()
         scan_ms.append((clock() - begin) * 1e3)
         advance()
         if tracker.scans == len(number_of_scan):
-            continue  # refused as late
+            continue  # Refused as late.
         number_of_scan.append(k)
         labels = [(scan, place) for scan, place in found.label.tolist()]
         states[k] = {labels[i]: found.mean[i] for i in np.flatnonzero(found.estimated)}
         existence[k] = dict(zip(labels, found.existence.tolist(), strict=True))
         if detections.birth_again_probability is not None:
-            places = _again(places, states[k], detections.birth_again_probability)
+            places = _renew_births(places, states[k], detections.birth_again_probability)
     if tracker.histories is not None:
         states = {k: {} for k in states}
         for path in tracker.histories.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
@@ -206,16 +261,16 @@ def track(
     return Tracked(states, existence, scan_ms, tracker.late_scans, tracker.bad_detections)
 
 
-def _again(places: tuple[Birth, ...], states: States, probability: float) -> tuple[Birth, ...]:
-    """Let places where somebody was born give birth again so probably; the same tuple if nothing changes."""
-    once = {place for _, place in states if place < len(places) and places[place].probability != probability}
-    if not once:
+def _renew_births(places: tuple[Birth, ...], states: States, probability: float) -> tuple[Birth, ...]:
+    """Set the probability of components that had a birth; return the same tuple if nothing changes."""
+    used = {place for _, place in states if place < len(places) and places[place].probability != probability}
+    if not used:
         return places
-    return tuple(replace(p, probability=probability) if i in once else p for i, p in enumerate(places))
+    return tuple(replace(p, probability=probability) if i in used else p for i, p in enumerate(places))
 
 
 def score(detections: Detections, tracked: Tracked) -> tuple[Scores, FloatArray]:
-    """Return the scores, and OSPA and number found and true (n, 3) of each scan that has a truth."""
+    """Return the scores, and for each scan with ground truth OSPA (m), found and true number (n, 3)."""
     times = tracked.scan_ms or [0.0]
     speed = (float(np.mean(times)), float(np.percentile(times, 99)))
     judged = [k for k in tracked.states if k in detections.truth]
@@ -224,7 +279,7 @@ def score(detections: Detections, tracked: Tracked) -> tuple[Scores, FloatArray]
     found = [{label: state[:2] for label, state in tracked.states[k].items()} for k in judged]
     true = [detections.truth[k] for k in judged]
     near = [ospa(_points(x), _points(y)).total_m for x, y in zip(found, true, strict=True)]
-    windows = [slice(max(0, k - WINDOW_SCANS + 1), k + 1) for k in range(len(judged))]
+    windows = [slice(max(0, k - OSPA2_WINDOW_SCANS + 1), k + 1) for k in range(len(judged))]
     scores = Scores(
         len(tracked.states),
         float(np.mean(near)),
@@ -243,14 +298,14 @@ def _points(tracks: Tracks[Label] | Tracks[object]) -> FloatArray:
 
 
 def _numbers(tracked: Tracked) -> dict[Label, int]:
-    """Labels as whole numbers from 1, in the order of their births."""
+    """Number the labels from 1, in the order of their births."""
     labels = sorted({label for states in tracked.states.values() for label in states})
     return {label: n for n, label in enumerate(labels, 1)}
 
 
 def _write(path: Path, tracked: Tracked, detections: Detections) -> None:
     number = _numbers(tracked)
-    # Where scans are counted, k is all there is to say.
+    # Without times, k is the only column.
     times = {k: f",{t_ns}" if detections.timed else "" for t_ns, k in detections.number.items()}
     lines = ["k,label,x,y,vx,vy,existence" + (",t_ns" if detections.timed else "")]
     for k, states in sorted(tracked.states.items()):
@@ -290,7 +345,7 @@ def _draw(
         raise RecordingError(str(options.plot), f"cannot be written: {error.strerror}") from None
 
 
-def _show(options: TrackOptions, tracked: Tracked, scores: Scores, console: Console) -> None:
+def _print_result(options: TrackOptions, tracked: Tracked, scores: Scores, console: Console) -> None:
     table = Table(show_header=False)
     table.add_column(style="bold")
     table.add_column(overflow="fold")
@@ -299,10 +354,10 @@ def _show(options: TrackOptions, tracked: Tracked, scores: Scores, console: Cons
     table.add_row("scans", str(scores.scans))
     table.add_row("objects", str(len(_numbers(tracked))))
     if scores.ospa_mean_m is None:
-        table.add_row("scores", "none: the truth is not known (--truth)")
+        table.add_row("scores", "none: no ground truth (--truth)")
     else:
         table.add_row("OSPA (c 100 m, p 1)", f"{scores.ospa_mean_m:.2f} m")
-        table.add_row(f"OSPA(2), window {WINDOW_SCANS}", f"{scores.ospa2_mean_m:.2f} m")
+        table.add_row(f"OSPA(2), window {OSPA2_WINDOW_SCANS}", f"{scores.ospa2_mean_m:.2f} m")
         table.add_row("GOSPA (c 50 m, p 2)", f"{scores.gospa_mean_m:.2f} m")
         table.add_row("cardinality error", f"{scores.cardinality_error_mean:.3f}")
         table.add_row("identity switches", str(scores.id_switches))

@@ -1,8 +1,7 @@
-"""What would have been different with other settings: two courses of one recording, side by side.
+"""Comparison of a recording with its replay under other settings.
 
-The recorded world does not react: vehicles report what they flew then, whatever another plan tells them now,
-and transfers of missions that were never flown go unanswered. So the first plan that differs is exact; what
-comes behind it says how the service would have judged the same flight.
+The recorded vehicles do not react to other plans, and uploads of other missions go unanswered. So the first
+plan that differs is exact. Later ones are the decisions of the service for the recorded flight.
 """
 
 from __future__ import annotations
@@ -22,25 +21,25 @@ _NOTHING: Final = "–"
 
 @dataclass(slots=True)
 class Outcome:
-    """What central command decided, as far as an operator compares it."""
+    """Decisions of central command."""
 
     plans: list[tuple[int, str]] = field(default_factory=list)
     """Time and routes of each plan."""
     retasked: int = 0
-    """New routes given to vehicles."""
+    """Number of new routes for vehicles."""
     uploads: int = 0
     failed_uploads: int = 0
     fates: dict[int, AgentStatus] = field(default_factory=dict)
     ended_t_ns: int | None = None
 
-    def take(self, effect: Effect) -> None:
-        """Follow an effect."""
+    def add_effect(self, effect: Effect) -> None:
+        """Count an effect."""
         match effect:
             case Plan():
                 routes = (
                     f"{r.vehicle} → {target_name(r.target)} ({r.length_m:.0f} m)" for r in effect.routes
                 )
-                self.plans.append((effect.t_ns, ", ".join(routes) or "nobody"))
+                self.plans.append((effect.t_ns, ", ".join(routes) or "none"))
                 self.retasked += len(effect.changed)
             case UploadReport():
                 self.uploads += effect.ok
@@ -55,7 +54,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One thing that was compared."""
+    """One compared value."""
 
     what: str
     recorded: str
@@ -63,35 +62,35 @@ class Row:
 
     @property
     def differs(self) -> bool:
-        """Whether it came out differently."""
+        """True if the values differ."""
         return self.recorded != self.replayed
 
 
 class Comparison:
-    """Follows both courses."""
+    """Collects the outcomes of the recording and of its replay."""
 
     def __init__(self) -> None:
-        self.was, self.would_be = Outcome(), Outcome()
+        self.recorded_outcome, self.replayed_outcome = Outcome(), Outcome()
         self._judged = False
 
     def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:  # noqa: ARG002
-        """Take what the fold made of an event."""
+        """Add the effects of a replayed event."""
         self._judged = judged
         if judged:
             for effect in effects:
-                self.would_be.take(effect)
+                self.replayed_outcome.add_effect(effect)
 
     def recorded(self, record: Record, effect: Effect) -> None:  # noqa: ARG002
-        """Take an effect that was recorded."""
+        """Add a recorded effect."""
         if self._judged:
-            self.was.take(effect)
+            self.recorded_outcome.add_effect(effect)
 
     def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:
-        """Nothing more is to come."""
+        """Do nothing: all effects are counted."""
 
     def rows(self, start_t_ns: int) -> list[Row]:
-        """Both courses, thing by thing; times in seconds from `start_t_ns`."""
-        was, would_be = self.was, self.would_be
+        """Return the compared values, with times in seconds from `start_t_ns`."""
+        recorded, replayed = self.recorded_outcome, self.replayed_outcome
 
         def at(t_ns: int) -> str:
             return f"{(t_ns - start_t_ns) / NS_PER_S:.1f} s"
@@ -113,26 +112,26 @@ class Comparison:
             return _NOTHING if outcome.ended_t_ns is None else at(outcome.ended_t_ns)
 
         rows = [
-            Row("plans", str(len(was.plans)), str(len(would_be.plans))),
-            Row("new routes given", str(was.retasked), str(would_be.retasked)),
-            Row("missions delivered", str(was.uploads), str(would_be.uploads)),
-            Row("missions not delivered", str(was.failed_uploads), str(would_be.failed_uploads)),
+            Row("plans", str(len(recorded.plans)), str(len(replayed.plans))),
+            Row("new routes given", str(recorded.retasked), str(replayed.retasked)),
+            Row("missions delivered", str(recorded.uploads), str(replayed.uploads)),
+            Row("missions not delivered", str(recorded.failed_uploads), str(replayed.failed_uploads)),
         ]
-        longest = max(len(was.plans), len(would_be.plans))
-        first = next((i for i in range(longest) if plan(was, i) != plan(would_be, i)), None)
+        longest = max(len(recorded.plans), len(replayed.plans))
+        first = next((i for i in range(longest) if plan(recorded, i) != plan(replayed, i)), None)
         if first is not None:
             rows.append(
-                Row(f"plan {first + 1}, the first to differ", plan(was, first), plan(would_be, first))
+                Row(f"plan {first + 1}, the first to differ", plan(recorded, first), plan(replayed, first))
             )
         rows += [
-            Row(f"agent {vehicle}", fate(was, vehicle), fate(would_be, vehicle))
-            for vehicle in sorted({*was.fates, *would_be.fates})
+            Row(f"agent {vehicle}", fate(recorded, vehicle), fate(replayed, vehicle))
+            for vehicle in sorted({*recorded.fates, *replayed.fates})
         ]
-        return [*rows, Row("mission ended", end(was), end(would_be))]
+        return [*rows, Row("mission ended", end(recorded), end(replayed))]
 
 
-def settings(recorded: Config, given: Config) -> list[Row]:
-    """Keys that two mission files set differently; the simulated world's are left out: nothing reads them."""
+def different_settings(recorded: Config, given: Config) -> list[Row]:
+    """Return the keys that differ in two mission files, without those of the simulated world."""
     one, other = (_flat(msgspec.to_builtins(config), "") for config in (recorded, given))
     return [
         Row(key, one.get(key, _NOTHING), other.get(key, _NOTHING))
@@ -141,8 +140,8 @@ def settings(recorded: Config, given: Config) -> list[Row]:
     ]
 
 
-def table(title: str, rows: list[Row]) -> Table:
-    """Draw rows; those that differ stand out."""
+def comparison_table(title: str, rows: list[Row]) -> Table:
+    """Return a table of rows, with differences in yellow."""
     result = Table(title=title, title_justify="left")
     for name in ("", "recorded", "replayed"):
         result.add_column(name, overflow="fold")

@@ -1,1 +1,1 @@
-"""Commands that fly: `gcs demo`, `gcs run`, `gcs order`."""
+"""Commands in flight: `gcs demo`, `gcs run`, `gcs order`, `gcs simulate`, `gcs montecarlo`."""

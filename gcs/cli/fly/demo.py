@@ -1,8 +1,8 @@
-"""`gcs demo`: a simulated swarm as processes of their own, and central command among them.
+"""`gcs demo`: fly a mission with simulated vehicles.
 
-The service runs in this process; vehicles and the world run in others, started through ``sim_vehicles`` as
-a program, and speak to it by MAVLink over UDP and by zenoh, as they would from another machine. They end
-when their standard input closes, however this process ends.
+The service runs in this process. Vehicles and the world run in others (``python -m sim_vehicles``) and talk
+to it by MAVLink over UDP and by zenoh, as from another machine. They end when their standard input closes,
+however this process ends.
 """
 
 from __future__ import annotations
@@ -15,39 +15,56 @@ from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Final
 
 import numpy as np
+import typer
 from rich.console import Console
 
+from gcs.cli.arguments import (
+    HeadlessOption,
+    JsonOption,
+    LossOption,
+    ScenarioArgument,
+    SeedOption,
+    command_app,
+)
+from gcs.cli.errors import exit_on_error
 from gcs.cli.link_table import link_rows
-from gcs.cli.outputs import EvaluatorSink, draw_recording, open_recorder, view_for, warm_up
+from gcs.cli.run_setup import display, open_recorder, warm_up
 from gcs.config import Config, parse, read_text
+from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import InterruptedRunError, SimulationError
 from gcs.io.clock import RunClock
+from gcs.io.console import console_for
 from gcs.io.links.manager import Links
 from gcs.io.output import QueuedText, off_loop
 from gcs.io.recording.folder import Run
+from gcs.io.recording.reader import read
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.signing.gate import Signing
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.messages import decode_truth, truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
-from gcs.model import NS_PER_S
+from gcs.model import NS_PER_S, Effect, Event
+from gcs.report.plots.figures import draw_run
+from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, judge_of, summary_json
 from gcs.report.run.summary import print_summary
 from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
-_STARTS_WITHIN_S = 90.0
-_LAUNCH_WITHIN_S = 180.0
-"""More, for real firmware: it boots and takes off."""
-_STOPS_WITHIN_S = 6.0
+app = command_app()
+
+_START_TIMEOUT_S: Final = 90.0
+_FIRMWARE_TIMEOUT_S: Final = 180.0
+"""Added for real firmware, which boots and takes off."""
+_STOP_TIMEOUT_S: Final = 6.0
 
 
 @dataclass(frozen=True, slots=True)
 class DemoOptions:
-    """What the command line says."""
+    """The options of `gcs demo`."""
 
     scenario: str
     seed: int
@@ -59,18 +76,77 @@ class DemoOptions:
     as_json: bool
     out: Path | None
     forward: tuple[str, ...] = ()
-    """Where other ground stations may look on, besides those of the mission file."""
+    """Endpoints of other ground stations, in addition to those of the mission file."""
     sitl: tuple[str, ...] = ()
-    """Real firmware to fly, each as NAME=PATH."""
+    """Real firmware, each as NAME=PATH."""
+
+
+@app.command()
+def demo(
+    scenario: ScenarioArgument = "prescribed",
+    speed: Annotated[float, typer.Option(min=0.1, max=50.0, help="Speed as a multiple of real time.")] = 1.0,
+    seed: SeedOption = 1,
+    headless: HeadlessOption = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the recording and the picture.  [default: runs/SCENARIO-SEED]"),
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            min=1.0, help="Time limit in seconds of run time.  [default: max_duration_s of the scenario]"
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+    loss: LossOption = 0.0,
+    pack: Annotated[int, typer.Option(min=1, max=250, help="Simulated vehicles in each process.")] = 1,
+    sitl: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=PATH",
+            help="Fly real firmware instead of simulated autopilots: arduplane=PATH (ArduPilot's SITL) or "
+            "px4=PATH (PX4 with SIH). One process for each agent; they take off first.",
+        ),
+    ] = None,
+    forward: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ENDPOINT",
+            help="Endpoint of another ground station that may watch, such as udpout:127.0.0.1:14550 for "
+            "QGroundControl on this machine. Can be repeated.",
+        ),
+    ] = None,
+) -> None:
+    """Fly a mission with simulated vehicles, over real MAVLink and real zenoh.
+
+    Each vehicle is a process. The run ends when every agent has reached a target or is lost, and leaves a
+    summary, a recording and a picture. Ctrl-C ends it early; the recording stays readable.
+    """
+    options = DemoOptions(
+        scenario,
+        seed,
+        speed,
+        duration,
+        loss,
+        pack,
+        headless,
+        as_json,
+        out,
+        tuple(forward or ()),
+        tuple(sitl or ()),
+    )
+    with exit_on_error():
+        code = run_demo(options, console_for(stderr=as_json))
+    raise typer.Exit(code)
 
 
 def run_demo(options: DemoOptions, console: Console) -> int:
-    """Fly a scenario, show it, record it and judge it; return the exit code.
+    """Fly, show, record and evaluate a scenario; return the exit code.
 
     Raises
     ------
     GcsError
-        When it cannot be flown: a mistake in the file, a port that is taken, vehicles that do not start.
+        When the run cannot start: a mistake in the file, a port in use, vehicles that do not start.
     """
     text, source = read_text(options.scenario)
     for endpoint in options.forward:
@@ -78,31 +154,31 @@ def run_demo(options: DemoOptions, console: Console) -> int:
         text += f'\n[[links.forward]]  # by --forward\nendpoint = "{endpoint}"\n'
     config = parse(text, source)
     with off_loop(console) as view:
-        code, summary = _flown(options, config, text, source, console, view)
+        code, summary = _fly_and_summarise(options, config, text, source, console, view)
     if options.as_json:
-        print(summary_json(summary), flush=True)  # noqa: T201  the promised last line
+        print(summary_json(summary), flush=True)  # noqa: T201  the last line of --json
     return code
 
 
-def _flown(
+def _fly_and_summarise(
     options: DemoOptions, config: Config, text: str, source: str, console: Console, view: QueuedText
 ) -> tuple[int, Summary]:
-    """Fly it; return the exit code and the summary."""
+    """Fly; return the exit code and the summary."""
     warm_up(console)
-    judge = judge_of(config)
+    evaluator = judge_of(config)
     run = Run(config.name, options.seed)
     name, table = f"{config.name}-{options.seed}", config.recording
     with open_recorder(options.out, name, text, run, table) as recorder:
         health, links, duration_s, interrupted = asyncio.run(
-            _fly(config, config.links.key_file(source), options, recorder, judge, console, view)
+            _fly(config, config.links.key_file(source), options, recorder, evaluator, console, view)
         )
         folder = recorder.folder
-    summary = judge.summary(
+    summary = evaluator.summary(
         scenario=config.name,
         seed=options.seed,
         duration_s=duration_s,
-        scan_ms_p99=percentile(health.scan_ms),
-        plan_ms_p99=percentile(health.plan_ms),
+        scan_ms_p99=p99(health.scan_ms),
+        plan_ms_p99=p99(health.plan_ms),
         recording=str(folder),
     )
     summary = replace(summary, links=links)
@@ -121,9 +197,9 @@ def _show(
     picture, problem = None, ""
     try:
         with console.status("drawing the picture of the run"):
-            picture = draw_recording(folder, config, options.seed)
+            picture = _draw_recording(folder, config, options.seed)
         (folder / "summary.json").write_text(summary_json(summary) + "\n", encoding="utf-8")
-    except OSError as error:  # a full disk takes nobody the summary
+    except OSError as error:  # The summary is printed even when the disk is full.
         problem = f"picture and summary.json cannot be written to {folder}: {error.strerror}"
     print_summary(summary, console, picture=picture)
     if problem:
@@ -133,9 +209,37 @@ def _show(
     return 0 if summary.outcome == "complete" else 1
 
 
-def percentile(values_ms: Collection[float]) -> float:
-    """99th percentile, NaN-free: 0 when nothing was measured."""
+def p99(values_ms: Collection[float]) -> float:
+    """Return the 99th percentile; 0 without values."""
     return float(np.percentile(list(values_ms), 99)) if values_ms else 0.0
+
+
+class EvaluatorSink:
+    """Passes effects to the evaluator."""
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self._evaluator = evaluator
+
+    def event(self, event: Event) -> None:
+        """Ignore events: the evaluator does not need them."""
+
+    def effect(self, _t_ns: int, effect: Effect) -> None:
+        """Pass an effect on."""
+        self._evaluator.effect(effect)
+
+
+def _draw_recording(folder: Path, config: Config, seed: int) -> Path:
+    """Draw the picture of a recorded run into its folder; return the file."""
+    ground = Ground.of(mission_grid(config, seed))
+    picture = folder / "run.png"
+    draw_run(
+        (record.value for record in read(folder)),
+        picture,
+        obstacles_m=ground.obstacles_m,
+        cell_m=ground.cell_m,
+        title=f"{config.name}, seed {seed}",
+    )
+    return picture
 
 
 async def _fly(
@@ -143,35 +247,35 @@ async def _fly(
     keys: Path | None,
     options: DemoOptions,
     recorder: RecorderThread,
-    judge: Evaluator,
+    evaluator: Evaluator,
     console: Console,
     view: QueuedText,
 ) -> tuple[Health, tuple[dict[str, Any], ...], float, bool]:
-    """Fly from start to end; return health, links, run time in seconds, and whether it was interrupted."""
-    guests = [link for link in config.mavlink_links if link.role != "vehicles"]
-    here = [Link(parse_endpoint("udpin:127.0.0.1:0")), *guests]
+    """Fly; return health, link counters, run time in seconds, and True if interrupted."""
+    forward = [link for link in config.mavlink_links if link.role != "vehicles"]
+    open_links = [Link(parse_endpoint("udpin:127.0.0.1:0")), *forward]
     vehicles = [agent.vehicle for agent in config.agents]
-    links = Links(here, vehicles, config.local_frame, Signing(here, keys, kernel=True))
+    links = Links(open_links, vehicles, config.local_frame, Signing(open_links, keys, kernel=True))
     stop, interrupt = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()
 
-    def take_truth(key: str, payload: bytes) -> None:
+    def add_truth(key: str, payload: bytes) -> None:
         truth = decode_truth(key, payload)
-        judge.truth(truth)
+        evaluator.truth(truth)
         service.truth(truth)
 
     with ZenohSession(listen=endpoint) as bus, announced(config.name, endpoint):
         service = Service(config, options.seed, links, bus)
         service.recorder = recorder
         service.outputs += [view.writer, recorder.writer]
-        service.sinks.append(EvaluatorSink(judge))
+        service.sinks.append(EvaluatorSink(evaluator))
         bus.subscribe(
             truth_key(config.name),
-            lambda key, payload: on_loop(loop, take_truth, key, payload),
+            lambda key, payload: on_loop(loop, add_truth, key, payload),
         )
         undo, undo_hangup = wait_for_interrupt(interrupt), fly_on_after_hangup(view)
-        relay = asyncio.create_task(_relay(interrupt, stop))
+        relay = asyncio.create_task(_stop_on_interrupt(interrupt, stop))
         try:
             console.print(
                 f"central command listens on UDP port {links.port}; starting the vehicles", highlight=False
@@ -179,7 +283,7 @@ async def _fly(
             async with _simulation(options, links.port, endpoint, stop, console) as clock:
                 limit_s = options.duration_s or config.mission.max_duration_s
                 limit = loop.call_later(limit_s / options.speed, stop.set)
-                async with view_for(service, console, speed=options.speed, headless=options.headless):
+                async with display(service, console, speed=options.speed, headless=options.headless):
                     await service.run(clock, stop, end_with_mission=True)
                 limit.cancel()
                 duration_s = (clock.now_ns() - clock.start_t_ns) / NS_PER_S
@@ -191,7 +295,7 @@ async def _fly(
     return service.health, rows, duration_s, interrupt.is_set()
 
 
-async def _relay(interrupt: asyncio.Event, stop: asyncio.Event) -> None:
+async def _stop_on_interrupt(interrupt: asyncio.Event, stop: asyncio.Event) -> None:
     await interrupt.wait()
     stop.set()
 
@@ -200,9 +304,9 @@ async def _relay(interrupt: asyncio.Event, stop: asyncio.Event) -> None:
 async def _simulation(
     options: DemoOptions, port: int, zenoh: str, stop: asyncio.Event, console: Console
 ) -> AsyncIterator[RunClock]:
-    """The simulated side as a process; yields the clock that it flies by, and ends it on the way out."""
+    """Run the simulated vehicles as a process; yield the clock that they fly by."""
     firmware = [word for text in options.sitl for word in ("--sitl", text)]
-    starts_within_s = _STARTS_WITHIN_S + (_LAUNCH_WITHIN_S if options.sitl else 0.0)
+    starts_within_s = _START_TIMEOUT_S + (_FIRMWARE_TIMEOUT_S if options.sitl else 0.0)
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-P", "-m", "sim_vehicles", "run", options.scenario,
         "--seed", str(options.seed), "--speed", str(options.speed),
@@ -227,7 +331,7 @@ async def _simulation(
         watcher = asyncio.create_task(_watch(process, stop))
         yield clock
         if watcher.done():
-            raise SimulationError("the simulated side ended before the mission did: see the messages above")
+            raise SimulationError("the simulation ended before the mission: see the messages above")
     finally:
         if watcher is not None:
             watcher.cancel()
@@ -238,7 +342,7 @@ async def _end(process: asyncio.subprocess.Process) -> None:
     assert process.stdin is not None
     process.stdin.close()
     with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(process.wait(), _STOPS_WITHIN_S)
+        await asyncio.wait_for(process.wait(), _STOP_TIMEOUT_S)
     if process.returncode is None:
         process.kill()
         await process.wait()
@@ -261,7 +365,7 @@ async def _until_started(process: asyncio.subprocess.Process, console: Console) 
 
 
 async def _watch(process: asyncio.subprocess.Process, stop: asyncio.Event) -> None:
-    """Read on, so that the pipe never fills; when the simulated side ends by itself, the run is over."""
+    """Read events so that the pipe never fills; stop the run when the simulation ends."""
     async for _ in _events(process):
         pass
     stop.set()

@@ -1,6 +1,7 @@
-"""`gcs order`: an operator's word to a running service.
+"""`gcs order`: orders to a running service.
 
-Exit codes: 0 done for all, 1 refused, failed or unanswered for somebody, 2 a mistake in the arguments.
+Exit codes: 0 done for all vehicles; 1 refused, failed or unanswered for at least one; 2 a mistake in the
+arguments.
 """
 
 from __future__ import annotations
@@ -16,8 +17,16 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeAlias
 import typer
 from rich.console import Console
 
-from gcs.cli.errors import complain
-from gcs.cli.vehicle_names import names, vehicle_named
+from gcs.cli.arguments import (
+    JsonOption,
+    VehicleOption,
+    YesOption,
+    command_app,
+    confirm_or_abort,
+    parse_vehicle,
+    vehicles_text,
+)
+from gcs.cli.errors import print_error
 from gcs.errors import GcsError, LinkError
 from gcs.io.console import console_for
 
@@ -25,104 +34,78 @@ if TYPE_CHECKING:
     from gcs.io.zenoh.orders import AreaMessage, OrderMessage
     from gcs.model import OrderAnswer, Proposal
 
-app = typer.Typer(
-    help="""Orders to a running service (`gcs run`, `gcs demo`): to vehicles, about plans, about the map.
+app = command_app("""Give orders to a running service (`gcs run` or `gcs demo`).
 
-    It is found by itself when it runs on this machine. The command waits until each vehicle itself shows that
-    the order was carried out.""",
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-)
+    A service on this machine is found without further options. The command waits until each vehicle reports
+    that it carries out the order.""")
 
-
-VehicleOption = Annotated[
-    list[int] | None,
-    typer.Option(
-        "--vehicle",
-        "-v",
-        parser=vehicle_named,
-        metavar="ID",
-        help="System id of a vehicle, with its network as 2:17 when that is not 0; repeat it for more.",
-    ),
-]
 VehiclesArgument = Annotated[
     list[int] | None,
     typer.Argument(
-        parser=vehicle_named, metavar="[ID]...", help="The same as --vehicle, for each.", show_default=False
+        parser=parse_vehicle, metavar="[ID]...", help="System ids, as --vehicle.", show_default=False
     ),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="All vehicles of the mission.")]
 MissionOption = Annotated[
     str | None,
-    typer.Option(help="Name of the mission that the service flies.  [default: the one that runs here]"),
+    typer.Option(help="Mission of the service.  [default: the one service on this machine]"),
 ]
 ZenohOption = Annotated[
     str | None,
-    typer.Option(help="Where the service is, such as tcp/10.0.0.5:7447.  [default: on this machine]"),
+    typer.Option(help="zenoh endpoint of the service, such as tcp/10.0.0.5:7447.  [default: this machine]"),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="End with one JSON object on its own line.")]
-TimeoutOption = Annotated[float, typer.Option(min=1.0, help="Seconds to wait until all is done.")]
-YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
-PlanArgument = Annotated[int, typer.Argument(min=1, help="Number of the plan that is shown.", metavar="PLAN")]
+TimeoutOption = Annotated[float, typer.Option(min=1.0, help="Timeout in seconds.")]
+PlanArgument = Annotated[int, typer.Argument(min=1, help="Number of the proposed plan.", metavar="PLAN")]
 
 
 VehicleAction: TypeAlias = Literal["hold", "resume", "return", "arm", "disarm"]
 
-_AT_ONCE: Final[dict[VehicleAction, str]] = {
-    "hold": "Loiter where it is, and get no task until it is resumed.",
-    "resume": "Go on with its mission where that still makes sense, and be there for tasks again.",
-    "return": "Return to launch (RTL), and get no task until it is resumed.",
+_UNCONFIRMED_ACTIONS: Final[dict[VehicleAction, str]] = {
+    "hold": "Loiter here, and take no tasks until resumed.",
+    "resume": "Continue the mission where it is still valid, and take tasks again.",
+    "return": "Return to launch (RTL), and take no tasks until resumed.",
 }
-_ASKED: Final[dict[VehicleAction, str]] = {
-    "arm": "Arm. Propellers may turn: it asks first. Nothing else in this project arms a vehicle.",
-    "disarm": "Disarm; refused for a vehicle that may be in the air.",
+_CONFIRMED_ACTIONS: Final[dict[VehicleAction, str]] = {
+    "arm": "Arm. Propellers may turn. Asks for confirmation; nothing else in this project arms a vehicle.",
+    "disarm": "Disarm. Asks for confirmation; refused for a vehicle that may be in the air.",
 }
 
 
-def _add_at_once(action: VehicleAction, what: str) -> None:
-    @app.command(action, help=what)
+def _add_unconfirmed_command(action: VehicleAction, summary: str) -> None:
+    @app.command(action, help=summary)
     def order(
         vehicles: VehiclesArgument = None,
         vehicle: VehicleOption = None,
-        everybody: AllOption = False,
+        all_vehicles: AllOption = False,
         mission: MissionOption = None,
         zenoh: ZenohOption = None,
         timeout: TimeoutOption = 60.0,
         as_json: JsonOption = False,
     ) -> None:
-        _to_vehicles(
-            action, [*(vehicles or ()), *(vehicle or ())], everybody, mission, zenoh, timeout, as_json
-        )
+        named = [*(vehicles or ()), *(vehicle or ())]
+        _order_vehicles(action, named, all_vehicles, mission, zenoh, timeout, as_json)
 
 
-def _add_asked(action: VehicleAction, what: str) -> None:
-    @app.command(action, help=what)
+def _add_confirmed_command(action: VehicleAction, summary: str) -> None:
+    @app.command(action, help=summary)
     def order(
         vehicles: VehiclesArgument = None,
         vehicle: VehicleOption = None,
-        everybody: AllOption = False,
+        all_vehicles: AllOption = False,
         yes: YesOption = False,
         mission: MissionOption = None,
         zenoh: ZenohOption = None,
         timeout: TimeoutOption = 60.0,
         as_json: JsonOption = False,
     ) -> None:
-        _to_vehicles(
-            action,
-            [*(vehicles or ()), *(vehicle or ())],
-            everybody,
-            mission,
-            zenoh,
-            timeout,
-            as_json,
-            ask=not yes,
-        )
+        named = [*(vehicles or ()), *(vehicle or ())]
+        _order_vehicles(action, named, all_vehicles, mission, zenoh, timeout, as_json, is_confirmed=yes)
 
 
-for _action, _what in _AT_ONCE.items():
-    _add_at_once(_action, _what)
-for _action, _what in _ASKED.items():
-    _add_asked(_action, _what)
+for _action, _summary in _UNCONFIRMED_ACTIONS.items():
+    _add_unconfirmed_command(_action, _summary)
+for _action, _summary in _CONFIRMED_ACTIONS.items():
+    _add_confirmed_command(_action, _summary)
 
 
 @app.command(name="plan")
@@ -132,8 +115,8 @@ def show_plan(
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Print the plan that waits: who flies where and why, lengths, times, separation, clearance, age."""
-    _give("plan", "all", mission, zenoh, timeout, as_json)
+    """Print the proposed plan: routes, reason, lengths, times, separation, clearance and age."""
+    _send("plan", "all", mission, zenoh, timeout, as_json)
 
 
 @app.command()
@@ -142,7 +125,7 @@ def confirm(
         int | None,
         typer.Argument(
             min=1,
-            help="Number of the plan that is shown.  [default: the one that is printed]",
+            help="Number of the proposed plan.  [default: print it and confirm what was printed]",
             metavar="[PLAN]",
         ),
     ] = None,
@@ -153,19 +136,19 @@ def confirm(
     timeout: TimeoutOption = 330.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Let a plan that waits be flown, whole or for some vehicles (`planning.retask = "confirm"`).
+    """Confirm the proposed plan, for all or for some vehicles (`planning.retask = "confirm"`).
 
-    Without a number it prints the plan and confirms what it printed; at a terminal it asks first.
-    Routes begin where the vehicles are by then. A plan that is another one by then is refused.
+    Without a number it prints the plan, asks, and confirms what it printed. Routes start where the vehicles
+    are at that time. If the plan has changed since, the order is refused.
     """
     printed = None
     if plan is None:
-        printed = _printed(mission, zenoh, timeout, as_json)
+        printed = _print_proposal(mission, zenoh, timeout, as_json)
         plan = printed.plan_id
         if sys.stdin.isatty() and not yes:
-            whom = f" for {names(vehicle)}" if vehicle else ""
-            typer.confirm(f"confirm plan {plan}{whom}?", abort=True, err=True)
-    _give("confirm", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan, printed=printed)
+            suffix = f" for {vehicles_text(vehicle)}" if vehicle else ""
+            confirm_or_abort(f"confirm plan {plan}{suffix}")
+    _send("confirm", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan, printed=printed)
 
 
 @app.command()
@@ -177,39 +160,40 @@ def reject(
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Refuse a plan that waits; it is not proposed again before something changes."""
-    _give("reject", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan)
+    """Reject the proposed plan. It is not proposed again until the situation changes."""
+    _send("reject", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan)
 
 
 @app.command(name="keep-out")
 def keep_out(
-    name: Annotated[str, typer.Argument(help="What the area is called; one of that name is replaced.")],
+    name: Annotated[str, typer.Argument(help="Name of the zone. A zone with this name is replaced.")],
     circle: Annotated[
         str | None, typer.Option(metavar="EAST,NORTH,RADIUS", help="Centre and radius in metres.")
     ] = None,
     polygon: Annotated[
-        str | None, typer.Option(metavar='"EAST,NORTH EAST,NORTH ..."', help="Three corners or more.")
+        str | None,
+        typer.Option(metavar='"EAST,NORTH EAST,NORTH ..."', help="Corners in metres, three or more."),
     ] = None,
     degrees: Annotated[
-        bool, typer.Option("--degrees", help="Places are LATITUDE,LONGITUDE in degrees.")
+        bool, typer.Option("--degrees", help="Positions are LATITUDE,LONGITUDE in degrees.")
     ] = False,
-    open_again: Annotated[bool, typer.Option("--open", help="Open the area of this name again.")] = False,
+    open_zone: Annotated[bool, typer.Option("--open", help="Remove the zone with this name.")] = False,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Close an area: routes are planned around it at once.
+    """Add a no-fly zone, and plan new routes around it at once.
 
     Example: `gcs order keep-out fire --circle 900,640,120`
     """
-    if sum((circle is not None, polygon is not None, open_again)) != 1:
+    if sum((circle is not None, polygon is not None, open_zone)) != 1:
         raise typer.BadParameter("expected one of --circle, --polygon and --open")
-    area = _area(name, circle, polygon, "wgs84" if degrees else "local")
-    _give("keep-out", "all", mission, zenoh, timeout, as_json, keep_out=area)
+    zone = _zone(name, circle, polygon, "wgs84" if degrees else "local")
+    _send("keep-out", "all", mission, zenoh, timeout, as_json, keep_out=zone)
 
 
-def _area(
+def _zone(
     name: str, circle: str | None, polygon: str | None, frame: Literal["local", "wgs84"]
 ) -> AreaMessage:
     from gcs.io.zenoh.orders import AreaMessage
@@ -231,30 +215,27 @@ def _numbers(text: str, count: int, option: str) -> list[float]:
     return numbers
 
 
-def _to_vehicles(
+def _order_vehicles(
     action: VehicleAction,
     vehicles: list[int],
-    everybody: bool,
+    all_vehicles: bool,
     mission: str | None,
     zenoh: str | None,
     timeout_s: float,
     as_json: bool,
     *,
-    ask: bool = False,
+    is_confirmed: bool = True,
 ) -> None:
-    if bool(vehicles) == everybody:
-        raise typer.BadParameter(f"say for whom, such as: gcs order {action} 2 3 (or --all)")
-    if ask:
-        whom = "all vehicles" if everybody else names(vehicles)
-        if not sys.stdin.isatty():
-            raise typer.BadParameter(f"to {action} {whom} without somebody to ask, say --yes")
-        typer.confirm(f"{action} {whom}?", abort=True, err=True)
-    _give(action, vehicles or "all", mission, zenoh, timeout_s, as_json)
+    if bool(vehicles) == all_vehicles:
+        raise typer.BadParameter(f"name the vehicles, such as: gcs order {action} 2 3 (or --all)")
+    if not is_confirmed:
+        confirm_or_abort(f"{action} {'all vehicles' if all_vehicles else vehicles_text(vehicles)}")
+    _send(action, vehicles or "all", mission, zenoh, timeout_s, as_json)
 
 
-def _printed(mission: str | None, zenoh: str | None, timeout_s: float, as_json: bool) -> Proposal:
-    """Print the plan that waits and return it. Without one the command ends here, with exit code 1."""
-    answers, problem = _ask(_order("plan", "all"), mission, zenoh, timeout_s, as_json)
+def _print_proposal(mission: str | None, zenoh: str | None, timeout_s: float, as_json: bool) -> Proposal:
+    """Print the proposed plan and return it; exit with 1 when there is none."""
+    answers, problem = _print_answers(_order("plan", "all"), mission, zenoh, timeout_s, as_json)
     proposal = next((answer.proposal for answer in answers if answer.proposal is not None), None)
     if proposal is not None:
         return proposal
@@ -263,7 +244,7 @@ def _printed(mission: str | None, zenoh: str | None, timeout_s: float, as_json: 
     raise typer.Exit(1)
 
 
-def _give(
+def _send(
     action: VehicleAction | Literal["plan", "confirm", "reject", "keep-out"],
     vehicles: list[int] | Literal["all"],
     mission: str | None,
@@ -276,7 +257,7 @@ def _give(
     printed: Proposal | None = None,
 ) -> None:
     order = _order(action, vehicles, plan_id, keep_out)
-    answers, problem = _ask(order, mission, zenoh, timeout_s, as_json)
+    answers, problem = _print_answers(order, mission, zenoh, timeout_s, as_json)
     ok = _is_ok(answers, problem)
     if as_json:
         _print_result(action, order.order_id, answers, problem, printed)
@@ -301,15 +282,15 @@ def _order(
     )
 
 
-def _ask(
+def _print_answers(
     order: OrderMessage, mission: str | None, zenoh: str | None, timeout_s: float, as_json: bool
 ) -> tuple[list[OrderAnswer], str]:
-    """Give an order and print its answers; return them, and what went wrong on the way."""
+    """Send an order and print its answers; return them, and the error text."""
     answers: list[OrderAnswer] = []
     try:
         _collect(order, mission, zenoh, timeout_s, console_for(stderr=as_json), answers)
     except GcsError as error:
-        complain(error)
+        print_error(error)
         return answers, str(error)
     return answers, ""
 
@@ -321,7 +302,7 @@ def _is_ok(answers: list[OrderAnswer], problem: str) -> bool:
 def _print_result(
     action: str, order_id: str, answers: list[OrderAnswer], problem: str, printed: Proposal | None = None
 ) -> None:
-    """Print the promised last line: one JSON object."""
+    """Print the last line of --json: one JSON object."""
     rows = [{"vehicle": a.vehicle, "state": a.state, "detail": a.detail} for a in answers]
     result: dict[str, object] = {"order_id": order_id, "action": action, "ok": _is_ok(answers, problem)}
     result |= {"problem": problem, "answers": rows}
@@ -330,7 +311,7 @@ def _print_result(
         from gcs.io.zenoh.messages import encode
 
         result["proposal"] = json.loads(encode(shown))
-    print(json.dumps(result), flush=True)  # noqa: T201  the promised last line
+    print(json.dumps(result), flush=True)  # noqa: T201  the output of --json
 
 
 def _collect(
@@ -341,8 +322,7 @@ def _collect(
     console: Console,
     answers: list[OrderAnswer],
 ) -> None:
-    from gcs.cli.lines import answer_line
-    from gcs.cli.proposal import proposal_title, route_lines
+    from gcs.cli.operator_lines import answer_line, proposal_title, route_lines
     from gcs.io.zenoh.discovery import the_service
     from gcs.io.zenoh.order_client import give
 
@@ -350,7 +330,7 @@ def _collect(
         service = the_service(mission)
         mission, zenoh = service.mission, service.zenoh
     elif mission is None:
-        raise LinkError(zenoh, "say with --mission which mission its service flies")
+        raise LinkError(zenoh, "name the mission of its service with --mission")
     for answer in give(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):
         answers.append(answer)
         text, level = answer_line(answer)

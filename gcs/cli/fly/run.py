@@ -1,18 +1,22 @@
-"""`gcs run`: central command alone, on the links that the mission file names."""
+"""`gcs run`: central command on the links of a mission file."""
 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Annotated
 
+import typer
 from rich.console import Console
 
+from gcs.cli.arguments import ConfigArgument, HeadlessOption, SeedOption, command_app
+from gcs.cli.errors import exit_on_error
 from gcs.cli.link_table import link_rows, link_table
-from gcs.cli.outputs import open_recorder, view_for, warm_up
+from gcs.cli.run_setup import display, open_recorder, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.io.clock import RunClock
+from gcs.io.console import console_for
 from gcs.io.links.manager import Links
 from gcs.io.output import QueuedText, off_loop
 from gcs.io.recording.folder import Run
@@ -24,61 +28,110 @@ from gcs.service.journal import Journal, fingerprint
 from gcs.service.resume import JournalSink, default_path, take_up
 from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
 
-
-@dataclass(frozen=True, slots=True)
-class ServeOptions:
-    """What the command line says."""
-
-    scenario: str
-    seed: int
-    headless: bool
-    out: Path | None
-    resume: bool | None
-    journal: Path | None
-    clock: RunClock
+app = command_app()
 
 
-def serve(options: ServeOptions, console: Console) -> None:
-    """Serve until interrupted; leaves a recording, and a journal to resume from.
+@app.command()
+def run(
+    config: ConfigArgument,
+    seed: SeedOption = 1,
+    headless: HeadlessOption = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for the recording.  [default: runs/NAME]")] = None,
+    resume: Annotated[
+        bool | None,
+        typer.Option(
+            "--resume/--no-resume",
+            help="Restore the state of a service that ended or was killed. Vehicles keep their missions.  "
+            "[default: when its journal is less than 15 minutes old]",
+        ),
+    ] = None,
+    journal: Annotated[
+        Path | None, typer.Option(help="Journal to resume from.  [default: runs/NAME.journal]")
+    ] = None,
+    clock: Annotated[str | None, typer.Option(hidden=True, metavar="EPOCH_NS,SPEED")] = None,
+) -> None:
+    """Run central command on the links of a mission file, until Ctrl-C.
+
+    To try it, start `sim-vehicles run SCENARIO` in a second terminal with the same scenario and seed.
+
+    After Ctrl-C the vehicles fly their missions to the end. Started again, the service resumes.
+    """
+    run_clock = RunClock()
+    if clock is not None:  # A simulation faster than real time.
+        epoch_ns, _, speed = clock.partition(",")
+        run_clock = RunClock(int(epoch_ns), int(epoch_ns), float(speed))
+    with exit_on_error():
+        serve(
+            config,
+            seed,
+            console_for(),
+            headless=headless,
+            out=out,
+            resume=resume,
+            journal_path=journal,
+            clock=run_clock,
+        )
+
+
+def serve(
+    scenario: str,
+    seed: int,
+    console: Console,
+    *,
+    headless: bool,
+    out: Path | None,
+    resume: bool | None,
+    journal_path: Path | None,
+    clock: RunClock,
+) -> None:
+    """Serve until interrupted; write a recording, and a journal to resume from.
 
     Raises
     ------
     ConfigError, LinkError
-        When the mission file is wrong or a port cannot be had.
+        When the mission file is wrong or a port cannot be opened.
     """
-    text, source = read_text(options.scenario)
+    text, source = read_text(scenario)
     config = parse(text, source)
     warm_up(console)
-    name, run = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}", Run(config.name, options.seed)
+    name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
     with (
         off_loop(console) as view,
-        open_recorder(options.out, name, text, run, config.recording) as recorder,
+        open_recorder(out, name, text, Run(config.name, seed), config.recording) as recorder,
     ):
-        journal = Journal(
-            options.journal or default_path(config.name), config.name, fingerprint(text, options.seed)
-        )
+        path = journal_path or default_path(config.name)
+        journal = Journal(path, config.name, fingerprint(text, seed))
         signing = Signing(config.mavlink_links, config.links.key_file(source), kernel=True)
-        asyncio.run(_serve(config, options, signing, recorder, journal, console, view))
+        vehicles = [agent.vehicle for agent in config.agents]
+        links = Links(config.mavlink_links, vehicles, config.local_frame, signing)
+        asyncio.run(
+            _serve(config, seed, links, recorder, journal, console, view, clock, resume, headless=headless)
+        )
         console.print(f"recording: {recorder.folder}", highlight=False, markup=False, soft_wrap=True)
 
 
 async def _serve(
     config: Config,
-    options: ServeOptions,
-    signing: Signing,
+    seed: int,
+    links: Links,
     recorder: RecorderThread,
     journal: Journal,
     console: Console,
     view: QueuedText,
+    clock: RunClock,
+    resume: bool | None,
+    *,
+    headless: bool,
 ) -> None:
-    vehicles = [agent.vehicle for agent in config.agents]
-    links = Links(config.mavlink_links, vehicles, config.local_frame, signing)
     stop, at_once = asyncio.Event(), asyncio.Event()
     undo, undo_hangup = wait_for_interrupt(stop, at_once), fly_on_after_hangup(view)
     table = config.links
-    with service_bus(table.zenoh_role, table.zenoh) as (bus, door), announced(config.name, door):
-        service = Service(config, options.seed, links, bus)
-        take_up(service, journal, options.resume, options.clock.now_ns(), console)
+    with (
+        service_bus(table.zenoh_role, table.zenoh) as (bus, zenoh_endpoint),
+        announced(config.name, zenoh_endpoint),
+    ):
+        service = Service(config, seed, links, bus)
+        take_up(service, journal, resume, clock.now_ns(), console)
         keeper = JournalSink(service, journal)
         service.recorder = recorder
         service.outputs += [view.writer, recorder.writer, keeper.writer]
@@ -88,9 +141,9 @@ async def _serve(
             "Ctrl-C ends it",
             highlight=False,
         )
-        async with view_for(service, console, speed=options.clock.speed, headless=options.headless):
-            await service.run(options.clock, stop, at_once=at_once)
-        keeper.write(options.clock.now_ns())
+        async with display(service, console, speed=clock.speed, headless=headless):
+            await service.run(clock, stop, at_once=at_once)
+        keeper.write(clock.now_ns())
         keeper.close()
         console.print(link_table(link_rows(service.command.fleet, links, service.now_ns())))
     undo()

@@ -1,4 +1,4 @@
-"""`gcs check`: what a mission file would do, without doing it."""
+"""`gcs check`: validate a mission file and print what it means."""
 
 from __future__ import annotations
 
@@ -7,17 +7,32 @@ import math
 from rich.console import Console
 from rich.table import Table
 
+from gcs.cli.arguments import ConfigArgument, SeedOption, command_app
+from gcs.cli.errors import exit_on_error
 from gcs.config import Config, load
 from gcs.config.tables import AgentTable, BirthTable
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.fence import fence_of, rally_of
+from gcs.io.console import console_for
 from gcs.model import vehicle_name
+
+app = command_app()
 
 _ROLES = {
     "vehicles": "vehicles",
-    "read-only": "other ground stations, which may look on",
-    "full": "other ground stations, which may do everything",
+    "read-only": "other ground stations, read-only",
+    "full": "other ground stations, with full access",
 }
+
+
+@app.command()
+def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
+    """Validate a mission file and print what it means.
+
+    A mistake is shown with its file, its key and the expected value.
+    """
+    with exit_on_error():
+        describe(config, seed, console_for())
 
 
 def describe(scenario: str, seed: int, console: Console) -> None:
@@ -26,7 +41,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     Raises
     ------
     ConfigError
-        When it is wrong: file, key, what was expected.
+        When the file is wrong.
     """
     config = load(scenario)
     grid = mission_grid(config, seed)
@@ -36,7 +51,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     table.add_column(style="bold")
     table.add_column()
     table.add_row(
-        "place",
+        "origin",
         f"{config.frame.lat_deg:.7f}°, {config.frame.lon_deg:.7f}°, {config.frame.alt_msl_m:.0f} m AMSL",
     )
     table.add_row(
@@ -51,16 +66,16 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         zones = config.zones
         table.add_row(
             "GeoJSON",
-            f"{len(zones.polygons) + len(zones.circles)} keep-out zones, "
+            f"{len(zones.polygons) + len(zones.circles)} no-fly zones, "
             + ("a boundary" if zones.boundary else "no boundary"),
         )
     table.add_row(
         "agents",
-        "\n".join(f"{vehicle_name(a.vehicle)} at {_place(config, a)}" for a in config.agents),
+        "\n".join(f"{vehicle_name(a.vehicle)} at {_position_text(config, a)}" for a in config.agents),
     )
     table.add_row(
         "target births",
-        "\n".join(f"{_place(config, b)} ± {b.std_m:.0f} m" for b in config.births) or "none",
+        "\n".join(f"{_position_text(config, b)} ± {b.std_m:.0f} m" for b in config.births) or "none",
     )
     table.add_row(
         "tracking",
@@ -69,7 +84,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     )
     table.add_row(
         "planning",
-        f"a look every {planning.period_s} s; again when a target moved "
+        f"checked every {planning.period_s} s; new plan when a target has moved "
         f"{planning.target_moved_m:.0f} m, an agent is lost or a target appears",
     )
     table.add_row(
@@ -86,12 +101,12 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     table.add_row("zenoh", f"{config.links.zenoh} ({config.links.zenoh_role}s)")
     table.add_row(
         "simulated world",
-        "yes: `gcs demo` can fly it (its keys are checked by `sim-vehicles`)" if config.simulation else "no",
+        "yes: `gcs demo` can fly it (`sim-vehicles` checks its keys)" if config.simulation else "no",
     )
     console.print(table)
 
 
-def _place(config: Config, row: AgentTable | BirthTable) -> str:
-    """Return a place in both forms that a mission file takes."""
+def _position_text(config: Config, row: AgentTable | BirthTable) -> str:
+    """Return a position in degrees and in metres."""
     lat_deg, lon_deg = config.local_frame.to_geodetic(row.east_m, row.north_m)
     return f"{lat_deg:.7f}°, {lon_deg:.7f}° (east {row.east_m:.1f} m, north {row.north_m:.1f} m)"

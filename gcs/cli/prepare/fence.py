@@ -1,53 +1,42 @@
-"""`gcs fence`: bring the mission file's fence and rally points to the vehicles, show them, clear them.
+"""`gcs fence`: upload, show or clear the fence and the rally points of vehicles.
 
-Exit codes: 0 done for all, 1 not for somebody, 2 a mistake in the arguments or the mission file.
+Exit codes: 0 done for all vehicles; 1 failed for at least one; 2 a mistake in the arguments or the mission
+file.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 from rich.table import Table
 
-from gcs.cli.errors import complain
-from gcs.cli.vehicle_names import names, vehicle_named
-from gcs.errors import GcsError
+from gcs.cli.arguments import (
+    ConfigArgument,
+    JsonOption,
+    LinkOption,
+    VehicleOption,
+    WaitOption,
+    YesOption,
+    command_app,
+    confirm_or_abort,
+    vehicles_text,
+)
+from gcs.cli.errors import exit_on_error
 from gcs.io.console import console_for
 
 if TYPE_CHECKING:
     from gcs.config import Config
     from gcs.io.vehicles.geofence import Fencing
 
-app = typer.Typer(
-    help="""The fence and the rally points of a mission file, and of its vehicles.
+app = command_app("""Upload, show or clear the fence and the rally points of vehicles.
 
-    Nothing else in this project sends a fence to a vehicle. What is uploaded counts when it was read back
-    equal. Whether a vehicle heeds its fence is its own parameters' to say: `gcs preflight` shows them.""",
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-)
+    Nothing else in this project uploads a fence. An upload counts when the download from the vehicle is
+    equal. The vehicle's parameters decide whether it obeys its fence: `gcs preflight` shows them.
 
-ConfigArgument = Annotated[str, typer.Argument(help="A mission file.", metavar="CONFIG")]
-VehicleOption = Annotated[
-    list[int] | None,
-    typer.Option(
-        "--vehicle",
-        "-v",
-        parser=vehicle_named,
-        metavar="ID",
-        help="Only this vehicle, with its network as 2:17 when that is not 0; repeat it.  [default: all]",
-    ),
-]
-WaitOption = Annotated[float, typer.Option("--wait", min=1.0, help="Seconds to wait until all is done.")]
-LinkOption = Annotated[
-    str | None, typer.Option("--link", help="Where the vehicles are.  [default: the mission file's links]")
-]
-YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="End with one JSON object on its own line.")]
+    Without `--vehicle` a command is for all vehicles of the mission.""")
 
 
 @app.command()
@@ -59,7 +48,7 @@ def upload(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Replace the fence and the rally points of the vehicles by those of the mission file."""
+    """Upload the fence and the rally points of the mission file, in place of those on the vehicles."""
     _run("upload", config, vehicle, wait, link, yes, as_json)
 
 
@@ -71,7 +60,7 @@ def show(
     link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what the vehicles hold."""
+    """Show the fence and the rally points on the vehicles."""
     _run("show", config, vehicle, wait, link, True, as_json)
 
 
@@ -84,7 +73,7 @@ def clear(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Take the fence and the rally points from the vehicles."""
+    """Remove the fence and the rally points from the vehicles."""
     _run("clear", config, vehicle, wait, link, yes, as_json)
 
 
@@ -102,55 +91,46 @@ def _run(
     from gcs.io.vehicles.geofence import fence_vehicles
 
     console = console_for(stderr=as_json)
-    try:
+    with exit_on_error():
         config = load(source)
-        whom = chosen(config, vehicles)
+        selected = selected_vehicles(config, vehicles)
         if not yes:
-            _ask(action, whom)
-        if words := entrance_of(config, link, writes=action != "show").words:
-            console.print(words, highlight=False, markup=False, soft_wrap=True)
-        talks = fence_vehicles(config, source, action, whom, wait_s, link)
-    except GcsError as error:
-        raise typer.Exit(complain(error)) from None
-    console.print(_table(talks))
-    ok = all(talk.ok for talk in talks)
+            confirm_or_abort(f"{action} fence and rally points of {vehicles_text(selected)}")
+        if notice := entrance_of(config, link, writes=action != "show").words:
+            console.print(notice, highlight=False, markup=False, soft_wrap=True)
+        transfers = fence_vehicles(config, source, action, selected, wait_s, link)
+    console.print(_table(transfers))
+    ok = all(transfer.ok for transfer in transfers)
     if as_json:
-        rows = [{"vehicle": talk.vehicle, "ok": talk.ok, "steps": talk.rows()} for talk in talks]
+        rows = [{"vehicle": one.vehicle, "ok": one.ok, "steps": one.rows()} for one in transfers]
         print(json.dumps({"action": action, "ok": ok, "vehicles": rows}), flush=True)  # noqa: T201
     raise typer.Exit(0 if ok else 1)
 
 
-def chosen(config: Config, vehicles: list[int] | None) -> list[int]:
-    """Return the vehicles that a command is for: those named, or all of the mission.
+def selected_vehicles(config: Config, vehicles: list[int] | None) -> list[int]:
+    """Return the vehicles of a command: those named, or all of the mission.
 
     Raises
     ------
     typer.BadParameter
-        One of them is not of the mission.
+        When a vehicle is not of the mission.
     """
     known = [agent.vehicle for agent in config.agents]
     for vehicle in vehicles or ():
         if vehicle not in known:
-            problem = f"{names([vehicle])} is none of the mission's"
+            problem = f"{vehicles_text([vehicle])} is not in the mission"
             raise typer.BadParameter(problem, param_hint="--vehicle")
     return vehicles or known
 
 
-def _ask(action: str, vehicles: list[int]) -> None:
-    whom = names(vehicles)
-    if not sys.stdin.isatty():
-        raise typer.BadParameter(f"to {action} the fence of {whom} without somebody to ask, say --yes")
-    typer.confirm(f"{action} fence and rally points of {whom}?", abort=True, err=True)
-
-
-def _table(talks: Sequence[Fencing]) -> Table:
+def _table(transfers: Sequence[Fencing]) -> Table:
     from gcs.model import vehicle_name
 
     table = Table(pad_edge=False)
-    for column in ("vehicle", "what", "", "how it went"):
+    for column in ("vehicle", "step", "", "result"):
         table.add_column(column)
-    for talk in talks:
-        for index, (what, ok, detail) in enumerate(talk.rows()):
-            word = "[green]ok[/]" if ok else "[bold red]failed[/]"
-            table.add_row(vehicle_name(talk.vehicle) if index == 0 else "", what, word, detail)
+    for transfer in transfers:
+        for index, (step, ok, detail) in enumerate(transfer.rows()):
+            mark = "[green]ok[/]" if ok else "[bold red]failed[/]"
+            table.add_row(vehicle_name(transfer.vehicle) if index == 0 else "", step, mark, detail)
     return table

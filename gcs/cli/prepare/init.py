@@ -1,4 +1,4 @@
-"""`gcs init`: a first mission file, from a plan, a map, a log, or the vehicles that are heard."""
+"""`gcs init`: write a first mission file from a plan, a map, a log, or a link."""
 
 from __future__ import annotations
 
@@ -7,28 +7,34 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
+import typer
 from rich.console import Console
 
+from gcs.cli.arguments import command_app
+from gcs.cli.errors import exit_on_error
 from gcs.cli.prepare.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start
 from gcs.cli.prepare.sketch_files import read_kml, read_plan
-from gcs.cli.prepare.sketch_heard import listen, read_heard
+from gcs.cli.prepare.sketch_heard import listen_for_vehicles, read_vehicles
 from gcs.config import parse
 from gcs.errors import ConfigError
 from gcs.fence import fence_of
 from gcs.geo import LocalFrame
+from gcs.io.console import console_for
 from gcs.io.recording.reader import is_recording, read_info
 
+app = command_app()
+
 _MARGIN_M: Final = 500.0
-"""Around all places: vehicles turn, climb and wait there."""
+"""Margin of the map around all positions, for turns, climbs and loiters."""
 _MAX_EXTENT_M: Final = 50_000.0
 _MAX_NODES: Final = 100
 _MIN_CELL_M: Final = 20.0
 _MAX_AGENTS: Final = 250
 _LINK: Final = "udpin:0.0.0.0:14550"
 _NO_TARGETS: Final = (
-    "# No target is in the source. Where they may appear, a table for each place:",
+    "# The source has no targets. For each place where targets may appear, add a table:",
     "# [[births]]",
     "# lat_deg = ...",
     "# lon_deg = ...",
@@ -36,33 +42,67 @@ _NO_TARGETS: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class InitOptions:
-    """What the command line says."""
+@app.command()
+def init(
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            help="A .plan of QGroundControl, a .kml, a .tlog, raw MAVLink, or a recording of gcs.",
+            show_default=False,
+        ),
+    ] = None,
+    listen: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ENDPOINT", help="Use the vehicles heard on this link, such as udpin:0.0.0.0:14550."
+        ),
+    ] = None,
+    wait: Annotated[float, typer.Option(min=1.0, max=600.0, help="Seconds to listen.")] = 10.0,
+    name: Annotated[str | None, typer.Option(help="Mission name.  [default: from the source]")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to write.  [default: NAME.toml]")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Write a first mission file from a plan, a map, a log, or a link.
 
-    source: Path | None
-    listen: str | None
-    wait_s: float
-    name: str | None
-    out: Path | None
-    force: bool
+    Waypoints of a plan and points of a KML become target births. Points named "agent" or "vehicle" become
+    starts; polygons become a fence. Logs and links give the vehicles. Nothing on a vehicle is changed.
+    """
+    with exit_on_error():
+        write_mission_file(source, listen, console_for(), wait_s=wait, name=name, out=out, force=force)
 
 
-def run_init(options: InitOptions, console: Console) -> Path:
-    """Write a mission file that `gcs check` takes; return its path.
+def write_mission_file(
+    source: Path | None,
+    endpoint: str | None,
+    console: Console,
+    *,
+    wait_s: float,
+    name: str | None,
+    out: Path | None,
+    force: bool,
+) -> None:
+    """Write a valid mission file from a file or from what is heard on an endpoint.
 
     Raises
     ------
     ConfigError, LinkError, RecordingError
-        When the source cannot be used, or the file exists already.
+        When the source cannot be used, or the mission file exists already.
     """
-    if (options.source is None) == (options.listen is None):
+    if (source is None) == (endpoint is None):
         raise ConfigError("gcs init", "", "expected a file, or --listen ENDPOINT")
-    name = options.name or _name(options.source.stem if options.source else "mission")
-    path = options.out or Path(f"{name}.toml")
-    if path.exists() and not options.force:
+    name = name or _mission_name(source.stem if source else "mission")
+    path = out or Path(f"{name}.toml")
+    if path.exists() and not force:
         raise ConfigError(str(path), "", "exists already; --force replaces it, --out names another")
-    text = _text(options, name, console)
+    if endpoint is not None:
+        console.print(f"listening on {endpoint} for {wait_s:g} s", highlight=False)
+        sketch = listen_for_vehicles(endpoint, wait_s)
+        text = _sketch_text(sketch, name, f"the vehicles heard on {endpoint}", console, endpoint)
+    else:
+        assert source is not None
+        text = _text_from_file(source, name, console)
     config = parse(text, str(path))
     fence_of(config, str(path))
     try:
@@ -70,25 +110,18 @@ def run_init(options: InitOptions, console: Console) -> Path:
     except OSError as error:
         raise ConfigError(str(path), "", f"cannot be written: {error.strerror}") from None
     console.print(
-        f"{path}: {len(config.agents)} agents, {len(config.births)} places of birth, "
+        f"{path}: {len(config.agents)} agents, {len(config.births)} target births, "
         f"{len(config.fence.areas)} fence areas; read it through, then: gcs check {path}",
         highlight=False,
         soft_wrap=True,
     )
-    return path
 
 
-def _name(stem: str) -> str:
+def _mission_name(stem: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-")[:64] or "mission"
 
 
-def _text(options: InitOptions, name: str, console: Console) -> str:
-    source = options.source
-    if source is None:
-        assert options.listen is not None
-        console.print(f"listening on {options.listen} for {options.wait_s:g} s", highlight=False)
-        sketch, of = listen(options.listen, options.wait_s), f"the vehicles heard on {options.listen}"
-        return _told(sketch, name, of, console, options.listen)
+def _text_from_file(source: Path, name: str, console: Console) -> str:
     if not source.exists():
         raise ConfigError(str(source), "", "no such file")
     if source.suffix.lower() == ".plan":
@@ -101,37 +134,37 @@ def _text(options: InitOptions, name: str, console: Console) -> str:
             raise ConfigError(str(source), "", "the recording does not hold its mission file")
         return f"# The mission file of the recording {_line(source.name)}.\n\n{text}"
     else:
-        sketch = read_heard(source)
-    return _told(sketch, name, source.name, console)
+        sketch = read_vehicles(source)
+    return _sketch_text(sketch, name, source.name, console)
 
 
-def _told(sketch: Sketch, name: str, of: str, console: Console, link: str = _LINK) -> str:
-    """Return the mission file's text, and print what was left out of it."""
+def _sketch_text(sketch: Sketch, name: str, of: str, console: Console, link: str = _LINK) -> str:
+    """Return the text of the mission file, and print what was left out of it."""
     for note in sketch.notes:
         console.print(f"note: {note}", style="yellow", highlight=False, markup=False)
     return mission_text(sketch, name, of, link)
 
 
 def mission_text(sketch: Sketch, name: str, of: str, link: str = _LINK) -> str:
-    """Return the text of a mission file with what a sketch says and comments on the rest.
+    """Return the text of a mission file: the values of a sketch, and comments on the rest.
 
     Raises
     ------
     ConfigError
-        When there are no places, too many, or they lie too far apart.
+        When there are no positions, too many, or they are too far apart.
     """
     stay_in = [area for area in sketch.areas if area.stay_in]
     if len(stay_in) > 1:
-        raise ConfigError(of, "fence", "there are several areas to stay in: draw a single one")
+        raise ConfigError(of, "fence", "has several inclusion areas: draw only one")
     if len(sketch.starts) > _MAX_AGENTS or max(len(sketch.targets), len(sketch.areas)) > MAX_PLACES:
         raise ConfigError(of, "", f"has more than {_MAX_AGENTS} vehicles or {MAX_PLACES} targets or areas")
     box = _Box.around(_places(sketch), of)
-    starts = sketch.starts or [Start(box.centre, note="NOT in the source: put where it starts")]
+    starts = sketch.starts or [Start(box.centre, note="NOT in the source: set the position of the start")]
     note = "" if sketch.ground_msl_m is not None else "; NOT in the source: look it up"
     speed = f"{sketch.speed_m_s:g}" if sketch.speed_m_s else "15.0"
     parts = [
-        f"# Made by `gcs init` from {_line(of)}. Read it through: the source does not tell everything.",
-        "# What is not here has its default; config/scenarios/prescribed.toml explains every key.",
+        f"# Made by `gcs init` from {_line(of)}. Read it through: the source does not have every value.",
+        "# Other keys have their defaults; config/scenarios/prescribed.toml explains every key.",
         *(f"# {_line(text)}" for text in sketch.notes),
         "",
         f"name = {_quoted(name)}  # letters, digits, - and _; sensors publish under it",
@@ -147,7 +180,7 @@ def mission_text(sketch: Sketch, name: str, of: str, link: str = _LINK) -> str:
         f"height_m = {box.height_m:.1f}  # metres north",
         f"nodes_east = {box.nodes_east}  # search-grid nodes; cells are square",
         f"nodes_north = {box.nodes_north}",
-        '# geojson = "zones.geojson"  # keep-out zones and boundary, beside this file',
+        '# geojson = "zones.geojson"  # no-fly zones and boundary, in the same folder',
         *(line for start in starts for line in _agent(start)),
         *(line for place, label in sketch.targets for line in _birth(place, label)),
         *([] if sketch.targets else ["", *_NO_TARGETS]),
@@ -155,7 +188,7 @@ def mission_text(sketch: Sketch, name: str, of: str, link: str = _LINK) -> str:
         "[tracking.targets]",
         "accel_std_m_s2 = 0.5  # m/s2: targets keep their velocity",
         "",
-        "[tracking.targets.anywhere]  # births at detections that nothing explains, away from [[births]]",
+        "[tracking.targets.anywhere]  # adaptive births, at detections away from [[births]]",
         "per_s = 0.0005  # 1/s: objects expected to appear in a second; 0: none",
         "",
         "[airframe]  # measure these on your own vehicle",
@@ -180,7 +213,7 @@ def mission_text(sketch: Sketch, name: str, of: str, link: str = _LINK) -> str:
         f"mavlink = {_quoted(link)}  # where vehicles are heard: docs/links.md",
         'zenoh = "tcp/127.0.0.1:7447"  # sensors publish here: docs/sensors.md',
         "",
-        "[fence]  # `gcs fence upload` brings it to the vehicles",
+        "[fence]  # `gcs fence upload` sends it to the vehicles",
         "max_alt_rel_m = 0.0  # metres above home; 0: no ceiling. Set one above the highest layer",
         *(line for area in sketch.areas for line in _area(area)),
         *(line for point in sketch.rally for line in _rally(point)),
@@ -193,7 +226,7 @@ def mission_text(sketch: Sketch, name: str, of: str, link: str = _LINK) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Box:
-    """A map around places, with square cells."""
+    """A map around positions, with square cells."""
 
     south_west: Place
     centre: Place
@@ -203,27 +236,27 @@ class _Box:
 
     @property
     def width_m(self) -> float:
-        """East."""
+        """Width from west to east."""
         return (self.nodes_east - 1) * self.cell_m
 
     @property
     def height_m(self) -> float:
-        """North."""
+        """Height from south to north."""
         return (self.nodes_north - 1) * self.cell_m
 
     @classmethod
     def around(cls, places: list[tuple[Place, float]], of: str) -> _Box:
-        """Return the map that holds places (degrees), each with so many metres around it."""
+        """Return the map of positions (degrees), each with a radius in metres."""
         if not places:
-            raise ConfigError(of, "", "no place in it: no vehicle, waypoint, point or area")
+            raise ConfigError(of, "", "has no position: no vehicle, waypoint, point or area")
         frame = LocalFrame(*places[0][0], 0.0)
         if abs(frame.lat_deg) > 85.0:
-            raise ConfigError(of, "", "lies nearer to a pole than latitude 85°")
+            raise ConfigError(of, "", "has a position beyond latitude 85°")
         spots = [(frame.to_local(*place), radius_m) for place, radius_m in places]
         far_m = max(math.hypot(*spot) + radius_m for spot, radius_m in spots)
         opposite = any(math.cos(math.radians(p[1] - frame.lon_deg)) < 0.0 for p, _ in places)
         if far_m > _MAX_EXTENT_M or opposite:
-            raise ConfigError(of, "", f"its places lie more than {_MAX_EXTENT_M / 1000:g} km apart")
+            raise ConfigError(of, "", f"its positions are more than {_MAX_EXTENT_M / 1000:g} km apart")
         west = min(x - radius_m for (x, _), radius_m in spots) - _MARGIN_M
         east = max(x + radius_m for (x, _), radius_m in spots) + _MARGIN_M
         south = min(y - radius_m for (_, y), radius_m in spots) - _MARGIN_M
@@ -295,10 +328,10 @@ def _comment(text: str) -> str:
 
 
 def _line(text: str) -> str:
-    """Return text of others as a part of one line."""
+    """Return foreign text as a printable part of one line."""
     return "".join(one if one.isprintable() else " " for one in text)[:100].strip()
 
 
 def _quoted(text: str) -> str:
-    """Return a TOML string: a JSON string of one line without control characters is one."""
+    """Return a TOML string. A one-line JSON string without control characters is one."""
     return json.dumps(text, ensure_ascii=False)

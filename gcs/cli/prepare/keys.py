@@ -1,6 +1,7 @@
-"""`gcs keys`: makes, shows, installs and rotates the keys that vehicles and ground stations sign with.
+"""`gcs keys`: make, show, install and rotate the keys for MAVLink 2 signing.
 
-Exit codes: 0 done for all, 1 some vehicle did not take its key, 2 a mistake in the arguments or files.
+Exit codes: 0 done for all vehicles; 1 a vehicle did not accept its key; 2 a mistake in the arguments or
+files.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from gcs.cli.errors import complain
+from gcs.cli.arguments import JsonOption, command_app
+from gcs.cli.errors import print_error
 from gcs.errors import ConfigError, GcsError
 from gcs.io.console import console_for
 
@@ -23,30 +25,27 @@ if TYPE_CHECKING:
     from gcs.io.signing.keystore import KeyFile
     from gcs.io.signing.provisioning import Result, Wanted
 
-app = typer.Typer(
-    help="""Keys for MAVLink 2 signing: vehicles obey, and are believed, by their key alone.
+app = command_app("""Make and install keys for MAVLink 2 signing.
+
+    With a key, a vehicle obeys only signed commands, and central command accepts only its signed reports.
 
     First **new**, then **install** over a cable, then `keys = "keys.toml"` under `[links]` of the mission
-    file. No command prints a key unless it is told to.""",
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-)
+    file. Keys are printed only by `show --secret`.""")
 
 FileArgument = Annotated[Path, typer.Argument(help="The key file, such as keys.toml.", metavar="FILE")]
 EndpointArgument = Annotated[
     str,
     typer.Argument(
-        help="Where the vehicles are heard now: serial:/dev/ttyACM0:115200, udpin:0.0.0.0:14550.",
+        help="Link to the vehicles, such as serial:/dev/ttyACM0:115200 or udpin:0.0.0.0:14550.",
         metavar="ENDPOINT",
     ),
 ]
 VehicleOption = Annotated[
     list[str] | None,
-    typer.Option("--vehicle", "-v", help="System id (2:3 on network 2); repeat it for more."),
+    typer.Option("--vehicle", "-v", help="System id of a vehicle, or 2:3 on network 2. Can be repeated."),
 ]
-YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask whether the link is secure.")]
-TimeoutOption = Annotated[float, typer.Option(min=0.5, help="Seconds to try.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="End with one JSON object on its own line.")]
+YesOption = Annotated[bool, typer.Option("--yes", help="Confirm that the link is secure; do not ask.")]
+TimeoutOption = Annotated[float, typer.Option(min=0.5, help="Timeout in seconds.")]
 
 
 @app.command()
@@ -55,20 +54,22 @@ def new(
     vehicle: VehicleOption = None,
     link: Annotated[
         list[str] | None,
-        typer.Option(help="An endpoint of the mission file: one key for all who are there."),
+        typer.Option(help="Endpoint of the mission file. Its vehicles share one key. Can be repeated."),
     ] = None,
     passphrase: Annotated[
-        bool, typer.Option("--passphrase", help="Ask for words: Mission Planner and MAVProxy can use them.")
+        bool,
+        typer.Option(
+            "--passphrase", help="Derive the key from a passphrase, as Mission Planner and MAVProxy do."
+        ),
     ] = False,
 ) -> None:
     """Make keys and write them to a file that only you can read.
 
-    Without `--vehicle` or `--link`: one key for all vehicles. A key that is there already stays: `rotate`
-    replaces it.
+    Without `--vehicle` or `--link`: one key for all vehicles. An existing key is kept; `rotate` replaces it.
     """
     console = console_for(stderr=True)
     try:
-        keys = _read_or_begin(file)
+        keys = _read_or_create(file)
         vehicles, links = _vehicles(vehicle), _endpoints(link)
         there = [_name(v) for v in vehicles if v in keys.vehicles] + [n for n in links if n in keys.links]
         if not vehicles and not links and keys.default is not None:
@@ -76,11 +77,11 @@ def new(
         if there:
             problem = f"there is a key for {', '.join(there)}; gcs keys rotate replaces it"
             raise ConfigError(str(file), "", problem)
-        words = _ask_words(console) if passphrase else None
-        keys.vehicles |= {v: _make(words) for v in vehicles}
-        keys.links |= {name: _make(words) for name in links}
+        phrase = _ask_passphrase(console) if passphrase else None
+        keys.vehicles |= {v: _make_key(phrase) for v in vehicles}
+        keys.links |= {name: _make_key(phrase) for name in links}
         if not vehicles and not links:
-            keys.default = _make(words)
+            keys.default = _make_key(phrase)
         keys.save()
     except GcsError as error:
         _fail(console, error)
@@ -94,11 +95,11 @@ def new(
 def show(
     file: FileArgument,
     secret: Annotated[
-        bool, typer.Option("--secret", help="Print the keys themselves, to enter them elsewhere.")
+        bool, typer.Option("--secret", help="Print the keys as well, to enter them in other programs.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List whose keys a file holds, each by its fingerprint."""
+    """List the keys of a file by their fingerprints."""
     from gcs.io.signing.keystore import read_keys
 
     try:
@@ -106,7 +107,7 @@ def show(
     except GcsError as error:
         _fail(console_for(stderr=True), error)
     if as_json:
-        print(json.dumps({"keys": _rows(keys, secret=secret)}))  # noqa: T201  the promised line
+        print(json.dumps({"keys": _rows(keys, secret=secret)}))  # noqa: T201  the output of --json
     else:
         _print(keys, secret=secret)
 
@@ -120,9 +121,9 @@ def install(
     timeout: TimeoutOption = 30.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Give vehicles the keys that the file holds for them, and prove that they use them.
+    """Send vehicles their keys from the file, and check that they sign with them.
 
-    Vehicles must be disarmed, on a link that nobody else hears: the key goes over it in the clear. Without
+    Keys are sent unencrypted: use a link that nobody else can hear. Vehicles must be disarmed. Without
     `--vehicle`: all vehicles with a key of their own.
     """
     from gcs.io.signing.keystore import read_keys
@@ -152,17 +153,17 @@ def rotate(
     endpoint: EndpointArgument,
     vehicle: VehicleOption = None,
     shared: Annotated[
-        bool, typer.Option("--shared", help="One new key for all of them, as slow shared radios want it.")
+        bool, typer.Option("--shared", help="Use one new key for all, for a slow shared radio.")
     ] = False,
     yes: YesOption = False,
     timeout: TimeoutOption = 30.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Give vehicles new keys in place of those that the file holds, and prove that they use them.
+    """Send vehicles new keys in place of those in the file, and check that they sign with them.
 
-    Each new key is in the file before it goes out, and takes the old one's place when the vehicle has shown
-    that it uses it. A rotation that breaks off is finished by the same command. Stop the service before, and
-    start it after: it reads its keys once.
+    A new key is saved before it is sent, and replaces the old one when the vehicle signs with it. The same
+    command finishes an interrupted rotation. Stop the service first and start it afterwards: it reads its
+    keys once.
     """
     from gcs.io.signing.keystore import read_keys
     from gcs.io.signing.provisioning import Wanted
@@ -185,17 +186,14 @@ def rotate(
         _fail(console, error)
     unsure = [_name(result.vehicle) for result in results if not result.ok]
     if unsure:
-        text = (
-            f"[bold yellow]not finished for {', '.join(unsure)}:[/] such a vehicle may hold either key, and "
+        console.print(
+            f"[bold yellow]not finished for {', '.join(unsure)}:[/] such a vehicle may have either key. "
+            "Run the same command again; until then signed links reject its frames."
         )
-        console.print(text + "is not heard on signed links until the same command was run again.")
     _finish(results, as_json=as_json)
 
 
-# ---------------------------------------------------------------- help
-
-
-def _read_or_begin(file: Path) -> KeyFile:
+def _read_or_create(file: Path) -> KeyFile:
     from gcs.io.signing.keystore import KeyFile, read_keys
 
     return read_keys(file) if file.exists() else KeyFile(file)
@@ -225,22 +223,22 @@ def _name(vehicle: int) -> str:
     return f"vehicle {vehicle_name(vehicle)}"
 
 
-def _ask_words(console: Console) -> str:
+def _ask_passphrase(console: Console) -> str:
     console.print(
-        "[yellow]Whoever has recorded signed traffic can try passphrases at leisure: take a long one.[/]"
+        "[yellow]Recorded signed traffic allows an attacker to guess passphrases: use a long one.[/]"
     )
-    words: str = typer.prompt("Passphrase", hide_input=True, confirmation_prompt=True, err=True)
-    return words
+    phrase: str = typer.prompt("Passphrase", hide_input=True, confirmation_prompt=True, err=True)
+    return phrase
 
 
-def _make(words: str | None) -> bytes:
+def _make_key(phrase: str | None) -> bytes:
     from gcs.mavlink.frames.signing import passphrase_key
 
-    return secrets.token_bytes(32) if words is None else passphrase_key(words)
+    return secrets.token_bytes(32) if phrase is None else passphrase_key(phrase)
 
 
 def _key_of(keys: KeyFile, vehicle: int, endpoint: str) -> bytes:
-    """Key that the file holds for a vehicle, whatever link it is given over."""
+    """Return the key of a vehicle in the file."""
     key = keys.vehicles.get(vehicle) or keys.links.get(_endpoints([endpoint])[0]) or keys.default
     if key is None:
         problem = f"no key for {_name(vehicle)}: gcs keys new {keys.path} --vehicle ..."
@@ -250,17 +248,15 @@ def _key_of(keys: KeyFile, vehicle: int, endpoint: str) -> bytes:
 
 def _confirm(console: Console, endpoint: str, *, yes: bool) -> None:
     console.print(
-        f"[bold yellow]The key goes over {escape(endpoint)} in the clear.[/] Whoever listens there can "
-        "command the vehicle from then on. Use a cable, or a network that nobody else hears.",
+        f"[bold yellow]The key goes over {escape(endpoint)} in the clear.[/] Anybody who hears it can "
+        "command the vehicle. Use a cable, or a network that nobody else hears.",
         highlight=False,
     )
     if yes:
         return
     if not sys.stdin.isatty():
-        raise ConfigError(
-            "gcs keys", "", "nobody is there to ask whether the link is secure: say so by --yes"
-        )
-    if not typer.confirm("Is it such a link?", err=True):
+        raise ConfigError("gcs keys", "", "cannot ask whether the link is secure; confirm it with --yes")
+    if not typer.confirm("Is this link secure?", err=True):
         raise ConfigError("gcs keys", "", "no key was sent")
 
 
@@ -273,23 +269,23 @@ def _install(
 
     results: list[Result] = []
 
-    def settle(result: Result) -> None:
+    def on_result(result: Result) -> None:
         results.append(result)
         if result.ok and result.vehicle in keys.pending:
             keys.vehicles[result.vehicle] = keys.pending.pop(result.vehicle)
             keys.save()
-        style, word = ("green", "done") if result.ok else ("bold red", "failed")
-        text = f"{_name(result.vehicle)}: [{style}]{word}[/]: {escape(result.detail)}"
+        style, outcome = ("green", "done") if result.ok else ("bold red", "failed")
+        text = f"{_name(result.vehicle)}: [{style}]{outcome}[/]: {escape(result.detail)}"
         console.print(text, highlight=False)
 
     with console.status(f"waiting for {len(wanted)} vehicles on {escape(endpoint)}"):
         try:
             where, times = parse_endpoint(endpoint), TimeFile(keys.path)
             install_keys(
-                where, wanted, times, timeout_s, settle, lambda text: console.print(text, highlight=False)
+                where, wanted, times, timeout_s, on_result, lambda text: console.print(text, highlight=False)
             )
         except OSError as error:
-            raise ConfigError(str(keys.path), "", f"cannot keep the time beside it: {error}") from None
+            raise ConfigError(str(keys.path), "", f"cannot save its signing time: {error}") from None
         except KeyboardInterrupt:
             console.print("interrupted", highlight=False)
             raise typer.Exit(130) from None
@@ -299,7 +295,7 @@ def _install(
 def _finish(results: list[Result], *, as_json: bool) -> None:
     if as_json:
         rows = [{"vehicle": r.vehicle, "ok": r.ok, "detail": r.detail, "sent": r.sent} for r in results]
-        print(json.dumps({"vehicles": rows}))  # noqa: T201  the promised line
+        print(json.dumps({"vehicles": rows}))  # noqa: T201  the output of --json
     raise typer.Exit(0 if all(result.ok for result in results) else 1)
 
 
@@ -309,7 +305,7 @@ def _rows(keys: KeyFile, *, secret: bool) -> list[dict[str, str]]:
     named = [("all vehicles", keys.default, "")] if keys.default is not None else []
     named += [(name, key, "") for name, key in keys.links.items()]
     named += [(_name(v), key, "") for v, key in sorted(keys.vehicles.items())]
-    named += [(_name(v), key, "on its way") for v, key in sorted(keys.pending.items())]
+    named += [(_name(v), key, "pending") for v, key in sorted(keys.pending.items())]
     return [
         {"of": name, "fingerprint": fingerprint(key), "state": state} | ({"key": key.hex()} if secret else {})
         for name, key, state in named
@@ -326,4 +322,4 @@ def _print(keys: KeyFile, *, secret: bool) -> None:
 
 
 def _fail(console: Console, error: GcsError) -> NoReturn:
-    raise typer.Exit(complain(error, console)) from None
+    raise typer.Exit(print_error(error, console)) from None

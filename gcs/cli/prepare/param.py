@@ -1,6 +1,7 @@
-"""`gcs param`: read and set parameters of a mission's vehicles, such as those that `gcs preflight` names.
+"""`gcs param`: read and set parameters of vehicles.
 
-Exit codes: 0 done for all, 1 not for somebody, 2 a mistake in the arguments or the mission file.
+Exit codes: 0 done for all vehicles; 1 failed for at least one; 2 a mistake in the arguments or the mission
+file.
 """
 
 from __future__ import annotations
@@ -8,41 +9,47 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
-from gcs.cli.errors import complain
-from gcs.cli.prepare.fence import ConfigArgument, JsonOption, LinkOption, VehicleOption, YesOption, chosen
-from gcs.cli.vehicle_names import names as named
-from gcs.errors import GcsError
+from gcs.cli.arguments import (
+    ConfigArgument,
+    JsonOption,
+    LinkOption,
+    VehicleOption,
+    WaitOption,
+    YesOption,
+    command_app,
+    confirm_or_abort,
+    vehicles_text,
+)
+from gcs.cli.errors import exit_on_error
+from gcs.cli.prepare.fence import selected_vehicles
 from gcs.io.console import console_for
 
 if TYPE_CHECKING:
     from gcs.io.vehicles.parameters import ParameterTalk
 
-app = typer.Typer(
-    help="""Parameters of a mission's vehicles, by name.
+app = command_app("""Read and set parameters of vehicles.
 
-    A value that is set counts when it was read back. While `gcs run` serves the mission, this goes through
-    one of its forward endpoints; to set something, one with access = "full".""",
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-)
+    A new value counts when it was read back. While `gcs run` serves the mission, the command uses one of its
+    forward endpoints. To set a parameter, that endpoint needs access = "full".
+
+    Without `--vehicle` a command is for all vehicles of the mission.""")
 
 _NAME = re.compile(r"[A-Za-z0-9_]{1,16}")
 
 
-def _name(text: str) -> str:
+def _parse_name(text: str) -> str:
     if not _NAME.fullmatch(text):
         raise typer.BadParameter(f"expected up to 16 letters, digits and _, got {text!r}")
     return text
 
 
-def _value(text: str) -> float:
+def _parse_value(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
@@ -52,15 +59,17 @@ def _value(text: str) -> float:
     return value
 
 
-NameArgument = Annotated[str, typer.Argument(parser=_name, metavar="NAME", help="Such as FS_LONG_ACTN.")]
-WaitOption = Annotated[float, typer.Option("--wait", min=1.0, help="Seconds to wait until all is done.")]
+NameArgument = Annotated[
+    str, typer.Argument(parser=_parse_name, metavar="NAME", help="Parameter name, such as FS_LONG_ACTN.")
+]
 
 
 @app.command()
 def get(
     config: ConfigArgument,
     names: Annotated[
-        list[str], typer.Argument(parser=_name, metavar="NAME...", help="Such as FS_LONG_ACTN.")
+        list[str],
+        typer.Argument(parser=_parse_name, metavar="NAME...", help="Parameter name, such as FS_LONG_ACTN."),
     ],
     vehicle: VehicleOption = None,
     wait: WaitOption = 30.0,
@@ -71,20 +80,24 @@ def get(
     _run(config, vehicle, names, None, wait, link, as_json)
 
 
-@app.command(context_settings={"ignore_unknown_options": True})  # a value may begin with a minus
+@app.command(context_settings={"ignore_unknown_options": True})  # A value may be negative.
 def set(  # noqa: A001  the command's name
     config: ConfigArgument,
     name: NameArgument,
-    value: Annotated[float, typer.Argument(parser=_value, metavar="VALUE", help="A number.")],
+    value: Annotated[
+        float, typer.Argument(parser=_parse_value, metavar="VALUE", help="New value, a number.")
+    ],
     vehicle: VehicleOption = None,
-    armed: Annotated[bool, typer.Option("--armed", help="Armed vehicles, too. Others are refused.")] = False,
+    armed: Annotated[
+        bool, typer.Option("--armed", help="Allow armed vehicles. Without it they are refused.")
+    ] = False,
     wait: WaitOption = 30.0,
     link: LinkOption = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Set a parameter of the vehicles, and read it back."""
-    _run(config, vehicle, [name], value, wait, link, as_json, armed=armed, ask=not yes)
+    _run(config, vehicle, [name], value, wait, link, as_json, armed=armed, is_confirmed=yes)
 
 
 def _run(
@@ -97,51 +110,45 @@ def _run(
     as_json: bool,
     *,
     armed: bool = False,
-    ask: bool = False,
+    is_confirmed: bool = True,
 ) -> None:
     from gcs.config import load
     from gcs.io.vehicles.access import entrance_of
     from gcs.io.vehicles.parameters import ask_parameters
 
     console = console_for(stderr=as_json)
-    try:
+    with exit_on_error():
         config = load(source)
-        whom = chosen(config, vehicles)
-        if ask:
-            _ask(f"set {names[0]} = {value:g} on {named(whom)}")
-        if words := entrance_of(config, link, writes=value is not None).words:
-            console.print(words, highlight=False, markup=False, soft_wrap=True)
-        talks = ask_parameters(config, source, whom, names, value, wait_s=wait_s, link=link, armed_too=armed)
-    except GcsError as error:
-        raise typer.Exit(complain(error)) from None
-    console.print(_table(talks))
-    ok = all(talk.ok for talk in talks)
+        selected = selected_vehicles(config, vehicles)
+        if not is_confirmed:
+            confirm_or_abort(f"set {names[0]} = {value:g} on {vehicles_text(selected)}")
+        if notice := entrance_of(config, link, writes=value is not None).words:
+            console.print(notice, highlight=False, markup=False, soft_wrap=True)
+        transfers = ask_parameters(
+            config, source, selected, names, value, wait_s=wait_s, link=link, armed_too=armed
+        )
+    console.print(_table(transfers))
+    ok = all(transfer.ok for transfer in transfers)
     if as_json:
         rows = [
-            {"vehicle": talk.vehicle, "name": name, "ok": is_ok, "value": held, "detail": detail}
-            for talk in talks
-            for name, is_ok, held, detail in talk.rows()
+            {"vehicle": transfer.vehicle, "name": name, "ok": is_ok, "value": read_value, "detail": detail}
+            for transfer in transfers
+            for name, is_ok, read_value, detail in transfer.rows()
         ]
         action = "get" if value is None else "set"
         print(json.dumps({"action": action, "ok": ok, "parameters": rows}), flush=True)  # noqa: T201
     raise typer.Exit(0 if ok else 1)
 
 
-def _ask(what: str) -> None:
-    if not sys.stdin.isatty():
-        raise typer.BadParameter(f"to {what} without somebody to ask, say --yes")
-    typer.confirm(f"{what}?", abort=True, err=True)
-
-
-def _table(talks: Sequence[ParameterTalk]) -> Table:
+def _table(transfers: Sequence[ParameterTalk]) -> Table:
     from gcs.model import vehicle_name
 
     table = Table(pad_edge=False)
-    for column in ("vehicle", "parameter", "value", "", "how it went"):
+    for column in ("vehicle", "parameter", "value", "", "result"):
         table.add_column(column, overflow="fold")
-    for talk in talks:
-        for index, (name, ok, value, detail) in enumerate(talk.rows()):
-            word = "[green]ok[/]" if ok else "[bold red]failed[/]"
-            shown = "" if value is None else f"{value:.7g}"
-            table.add_row(vehicle_name(talk.vehicle) if index == 0 else "", name, shown, word, detail)
+    for transfer in transfers:
+        for index, (name, ok, value, detail) in enumerate(transfer.rows()):
+            mark = "[green]ok[/]" if ok else "[bold red]failed[/]"
+            text = "" if value is None else f"{value:.7g}"
+            table.add_row(vehicle_name(transfer.vehicle) if index == 0 else "", name, text, mark, detail)
     return table

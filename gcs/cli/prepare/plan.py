@@ -1,8 +1,7 @@
-"""`gcs plan`: the planner alone, on a mission's map or a Moving AI one: who flies where, how far, how fast.
+"""`gcs plan`: plan routes on the map of a mission or on a Moving AI map, without a flight.
 
-Nothing flies. The agents stand where the mission starts and the targets where they may appear, unless places
-are given. Agents keep their system ids, or are numbered from 1 when they are given; targets are numbered from
-1 in their order.
+Agents are at the starts of the mission and targets at its target births, unless positions are given. Given
+agents are numbered from 1, as are targets.
 """
 
 from __future__ import annotations
@@ -14,12 +13,16 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
+import typer.core
 from rich.console import Console
 from rich.table import Table
 
+from gcs.cli.arguments import JsonOption, SeedOption, command_app, complete_scenario
+from gcs.cli.errors import exit_on_error
 from gcs.cli.warm_up_progress import PLANNING, load_kernels
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
@@ -28,6 +31,7 @@ from gcs.core.replanning.options import plan_options
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
 from gcs.files import read_text
+from gcs.io.console import console_for
 from gcs.model import Route
 from gcs.planning.deconfliction import PlannedFlight, assign_layers
 from gcs.planning.map.grid import Grid, Point
@@ -38,80 +42,145 @@ from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_
 from gcs.planning.vehicle_model import LoiterCircle
 from gcs.report.plots.plan import Drawing, draw_plan
 
-_PICTURES = (".png", ".pdf", ".svg")
+app = command_app()
+
+_PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 
 
-@dataclass(frozen=True, slots=True)
-class PlanArguments:
-    """What the command line says."""
+class _PositionsCommand(typer.core.TyperCommand):
+    """Accepts several positions after an option (`--agents 1,2 3,4`) as well as a repeated option."""
 
-    scenario: str | None
-    agents: Sequence[str] | None
-    """x,y each, in metres, or in cells of a Moving AI map; None: the scenario's."""
-    targets: Sequence[str] | None
-    map_file: Path | None
-    seed: int
-    plot: Path | None
-    as_json: bool
+    _POSITION = re.compile(r"-?[\d.]+,-?[\d.]+")
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Repeat the option before each of its positions, then parse."""
+        option = ""
+        expanded: list[str] = []
+        for arg in args:
+            if option and (
+                self._POSITION.fullmatch(arg) or (expanded[-1] == option and not arg.startswith("--"))
+            ):
+                if expanded[-1] == option:
+                    expanded.pop()
+                expanded.append(f"{option}={arg}")
+                continue
+            name = arg.partition("=")[0]
+            option = name if name in ("--agents", "--targets") else ""
+            expanded.append(arg)
+        return super().parse_args(ctx, expanded)
+
+
+@app.command(cls=_PositionsCommand)
+def plan(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(
+            help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.",
+            autocompletion=complete_scenario,
+        ),
+    ] = None,
+    agents: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y ...",
+            help="Positions of agents, in metres east and north.  [default: their starts in the mission]",
+        ),
+    ] = None,
+    targets: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y ...",
+            help="Positions of targets, in metres east and north.  [default: the target births]",
+        ),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE.map", help="Plan on a Moving AI map. Positions are in cells."),
+    ] = None,
+    seed: SeedOption = 1,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the plan, such as plan.png.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Plan routes once, without a flight.
+
+    Prints targets, routes, lengths and times, and why an agent has no route. Exit code 1: an agent has no
+    route although a target is left for it.
+    """
+    console = console_for(stderr=as_json)
+    with exit_on_error():
+        if plot is not None and plot.suffix.lower() not in _PICTURE_SUFFIXES:
+            raise ConfigError(str(plot), "", f"expected a name that ends in {', '.join(_PICTURE_SUFFIXES)}")
+        task = _planning_task(scenario, agents, targets, map_file, seed)
+        code = run_plan(task, plot, console, as_json=as_json)
+    raise typer.Exit(code)
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What there is to plan."""
+    """Map, agents, targets and options of a plan."""
 
     name: str
     grid: Grid
     agents: dict[int, AgentState]
     targets: dict[tuple[int, int], Point]
-    """By (0, number)."""
+    """Position by (0, number)."""
     options: PlanOptions
     y_down: bool
-    """As maps of the Moving AI format are drawn."""
+    """True for a Moving AI map, which is drawn with y downwards."""
     lanes: int = 1
     separation_m: float = 0.0
     landing: LandingSpec | None = None
-    """How agents fly home to their starts; None when they wait at the ends of their routes."""
+    """Landing at the starts; None when agents loiter at the ends of their routes."""
 
 
-def run_plan(arguments: PlanArguments, console: Console) -> int:
-    """Plan, print and draw; return the exit code: 1 when somebody stays without a route who might have one.
+def run_plan(task: Task, plot: Path | None, console: Console, *, as_json: bool) -> int:
+    """Plan, print and draw; return the exit code: 1 when an agent that could have a route has none.
 
     Raises
     ------
     GcsError
-        When an argument or a file is not what it should be, or the picture cannot be written.
+        When the picture cannot be written.
     """
-    if arguments.plot is not None and arguments.plot.suffix.lower() not in _PICTURES:
-        raise ConfigError(str(arguments.plot), "", f"expected a name that ends in {', '.join(_PICTURES)}")
-    task = _task(arguments)
     load_kernels(console, PLANNING)
     result, timings_ms = _plan(task)
-    homes = _ways_home(task, result)
-    result = replace(result, notes=(*result.notes, *_home_notes(homes)))
-    if arguments.plot is not None:
-        _draw(arguments.plot, task, result, homes)
-    _show(task, result, timings_ms, arguments.plot, console)
-    if arguments.as_json:
-        plain = _plain(task, result, timings_ms, homes)
-        print(json.dumps(plain), flush=True)  # noqa: T201  the promised last line
-    wanted = min(len(task.agents), len(task.targets))
-    return 0 if wanted and len(result.routes) == wanted else 1
+    return_routes = _return_routes(task, result)
+    result = replace(result, notes=(*result.notes, *_return_notes(return_routes)))
+    if plot is not None:
+        _draw(plot, task, result, return_routes)
+    _print_plan(task, result, timings_ms, plot, console)
+    if as_json:
+        plain = _as_dict(task, result, timings_ms, return_routes)
+        print(json.dumps(plain), flush=True)  # noqa: T201  the output of --json
+    routes_expected = min(len(task.agents), len(task.targets))
+    return 0 if routes_expected and len(result.routes) == routes_expected else 1
 
 
-def _task(arguments: PlanArguments) -> Task:
-    """Gather what there is to plan."""
-    if arguments.scenario is None and arguments.map_file is None:
+def _planning_task(
+    scenario: str | None,
+    agent_texts: Sequence[str] | None,
+    target_texts: Sequence[str] | None,
+    map_file: Path | None,
+    seed: int,
+) -> Task:
+    """Return the planning task of the arguments.
+
+    Raises
+    ------
+    ConfigError
+        When an argument or a file is invalid.
+    """
+    if scenario is None and map_file is None:
         raise ConfigError("gcs plan", "", "expected a SCENARIO, or a map with --map FILE.map")
     agents: dict[int, AgentState] = {}
     targets: list[Point] = []
     options, name, y_down = PlanOptions(shape="pulled"), "", False
-    apart: dict[str, Any] = {}
+    separation: dict[str, Any] = {}
     speed_m_s = 15.0
-    if arguments.scenario is not None:
-        config = load(arguments.scenario)
-        options, name, grid = plan_options(config), config.name, mission_grid(config, arguments.seed)
+    if scenario is not None:
+        config = load(scenario)
+        options, name, grid = plan_options(config), config.name, mission_grid(config, seed)
         speed_m_s = config.airframe.speed_m_s
-        apart = {
+        separation = {
             "lanes": lane_count(config),
             "separation_m": config.planning.separation_m,
             "landing": landing_of(config),
@@ -123,18 +192,18 @@ def _task(arguments: PlanArguments) -> Task:
             for a in config.agents
         }
         targets = [(birth.east_m, birth.north_m) for birth in config.births]
-    if arguments.map_file is not None:
-        name, grid, agents, targets, y_down = arguments.map_file.name, _read(arguments.map_file), {}, [], True
-    if arguments.agents is not None:
-        starts = _places(arguments.agents, "--agents", grid)
+    if map_file is not None:
+        name, grid, agents, targets, y_down = map_file.name, _read_map(map_file), {}, [], True
+    if agent_texts is not None:
+        starts = _positions(agent_texts, "--agents", grid)
         agents = {n: AgentState(*place, None, speed_m_s) for n, place in enumerate(starts, start=1)}
-    if arguments.targets is not None:
-        targets = _places(arguments.targets, "--targets", grid)
+    if target_texts is not None:
+        targets = _positions(target_texts, "--targets", grid)
     numbered = {(0, number): place for number, place in enumerate(targets, start=1)}
-    return Task(name, grid, agents, numbered, options, y_down, **apart)
+    return Task(name, grid, agents, numbered, options, y_down, **separation)
 
 
-def _read(path: Path) -> Grid:
+def _read_map(path: Path) -> Grid:
     try:
         return read_map(read_text(path, MAX_BYTES), str(path))
     except OSError as error:
@@ -143,8 +212,8 @@ def _read(path: Path) -> Grid:
         raise ConfigError(str(path), "", f"cannot be read as a map: {error}") from None
 
 
-def _places(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
-    """Read places, x,y each, that must lie on the map."""
+def _positions(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
+    """Return positions on the map from texts such as "1.5,2"."""
     places = []
     for text in " ".join(given).replace(";", " ").split():
         try:
@@ -162,7 +231,7 @@ def _places(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
 
 
 def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
-    """Plan, and measure the stages."""
+    """Plan, and measure the time of each stage."""
     timings_ms: dict[str, float] = dict.fromkeys(("search", "assignment", "shaping"), 0.0)
     began = time.perf_counter()
 
@@ -178,7 +247,7 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
     flights = [
         PlannedFlight(
             route.vehicle,
-            np.vstack((_start(task, route.vehicle), route.flown_m)),
+            np.vstack((_start_position(task, route.vehicle), route.flown_m)),
             task.agents[route.vehicle].speed_m_s,
             own[route.vehicle],
         )
@@ -194,8 +263,8 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
     return replace(result, routes=routes, notes=tuple(notes)), timings_ms
 
 
-def _ways_home(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
-    """Plan the ways of agents back to where they start, when they land at the end."""
+def _return_routes(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
+    """Plan the return routes of agents to their starts, when the mission ends with a landing."""
     landing = task.landing
     if landing is None:
         return {}
@@ -208,14 +277,14 @@ def _ways_home(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
     }
 
 
-def _home_notes(homes: Mapping[int, ReturnRoute]) -> list[str]:
-    return [f"agent {vehicle}: {home.problem}" for vehicle, home in homes.items() if home.problem]
+def _return_notes(return_routes: Mapping[int, ReturnRoute]) -> list[str]:
+    return [f"agent {vehicle}: {one.problem}" for vehicle, one in return_routes.items() if one.problem]
 
 
-def _plain(
-    task: Task, result: PlanResult, timings_ms: dict[str, float], homes: Mapping[int, ReturnRoute]
+def _as_dict(
+    task: Task, result: PlanResult, timings_ms: dict[str, float], return_routes: Mapping[int, ReturnRoute]
 ) -> dict[str, Any]:
-    """Return the plan as JSON has it; a route's points begin with the agent's own place."""
+    """Return the plan for JSON; the points of a route begin with the agent's position."""
     return {
         "routes": [
             {
@@ -224,9 +293,11 @@ def _plain(
                 "length_m": route.length_m,
                 "grid_length_m": result.grid_lengths_m[route.vehicle],
                 "lane": route.lane,
-                "points_m": [_start(task, route.vehicle), *route.points_m.tolist()],
+                "points_m": [_start_position(task, route.vehicle), *route.points_m.tolist()],
                 "wait_m": route.wait_m,
-                "home_m": homes[route.vehicle].points_m.tolist() if route.vehicle in homes else None,
+                "home_m": return_routes[route.vehicle].points_m.tolist()
+                if route.vehicle in return_routes
+                else None,
             }
             for route in result.routes
         ],
@@ -238,7 +309,7 @@ def _plain(
     }
 
 
-def _start(task: Task, vehicle: int) -> list[float]:
+def _start_position(task: Task, vehicle: int) -> list[float]:
     agent = task.agents[vehicle]
     return [agent.east_m, agent.north_m]
 
@@ -248,7 +319,7 @@ def _circle(route: Route, radius_m: float) -> LoiterCircle:
     return LoiterCircle((east_m, north_m), radius_m)
 
 
-def _draw(path: Path, task: Task, result: PlanResult, homes: Mapping[int, ReturnRoute]) -> None:
+def _draw(path: Path, task: Task, result: PlanResult, return_routes: Mapping[int, ReturnRoute]) -> None:
     loiter = task.options.loiter if task.options.shape == "flyable" else None
     title = f"{task.name}: {len(result.routes)} routes, {result.total_length_m:,.0f} m"
     drawing = Drawing(
@@ -257,12 +328,12 @@ def _draw(path: Path, task: Task, result: PlanResult, homes: Mapping[int, Return
         task.grid.inflate(task.options.clearance_m),
         starts={vehicle: (agent.east_m, agent.north_m) for vehicle, agent in task.agents.items()},
         targets={number: place for (_, number), place in task.targets.items()},
-        routes={r.vehicle: (_start(task, r.vehicle), *r.points_m.tolist()) for r in result.routes},
+        routes={r.vehicle: (_start_position(task, r.vehicle), *r.points_m.tolist()) for r in result.routes},
         circles={} if loiter is None else {r.vehicle: _circle(r, loiter.radius_m) for r in result.routes},
         homes={
-            r.vehicle: (r.points_m[-1].tolist(), *homes[r.vehicle].points_m.tolist())
+            r.vehicle: (r.points_m[-1].tolist(), *return_routes[r.vehicle].points_m.tolist())
             for r in result.routes
-            if r.vehicle in homes
+            if r.vehicle in return_routes
         },
         y_down=task.y_down,
     )
@@ -273,7 +344,7 @@ def _draw(path: Path, task: Task, result: PlanResult, homes: Mapping[int, Return
         raise RecordingError(str(path), f"cannot be written: {error.strerror}") from None
 
 
-def _show(
+def _print_plan(
     task: Task, result: PlanResult, timings_ms: dict[str, float], plot: Path | None, console: Console
 ) -> None:
     rows, cols = task.grid.shape
@@ -300,12 +371,12 @@ def _show(
         table.add_row("all", "", f"{result.total_length_m:,.1f} m", f"{on_grid_m:,.1f} m", "", "")
     if result.routes:
         console.print(table)
-    for names, who in (
+    for names, title in (
         ([str(v) for v in result.unassigned_vehicles], "agents without a route"),
         ([str(number) for _, number in result.unassigned_targets], "targets without an agent"),
     ):
         if names:
-            console.print(f"{who}: {', '.join(names)}", highlight=False)
+            console.print(f"{title}: {', '.join(names)}", highlight=False)
     for note in result.notes:
         console.print(f"[yellow]note:[/] {note}", highlight=False)
     stages = ", ".join(f"{stage} {ms:.2f} ms" for stage, ms in timings_ms.items())

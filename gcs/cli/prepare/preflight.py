@@ -1,4 +1,4 @@
-"""`gcs preflight`: ask every vehicle what matters before a flight, and print what stands against it."""
+"""`gcs preflight`: check every vehicle, link and sensor before a flight."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict
+from typing import Annotated, Final
 
+import typer
 from rich.console import Console
 from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
+from gcs.cli.arguments import ConfigArgument, JsonOption, LinkOption, SeedOption, command_app
+from gcs.cli.errors import exit_on_error
 from gcs.config import Config, load
 from gcs.core.preflight.mission import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.result import Check, Level
@@ -21,6 +25,7 @@ from gcs.core.preflight.vehicle import envelope_of, vehicle_checks
 from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
 from gcs.io.clock import ClockWatch, RunClock
+from gcs.io.console import console_for
 from gcs.io.mavsdk.uploader import REMEDY, mavsdk_problem
 from gcs.io.vehicles.access import entrance_of
 from gcs.io.vehicles.session import VehicleSession
@@ -30,67 +35,103 @@ from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.services.preflight_query import PREFLIGHT_MESSAGE_IDS, PreflightQuery
 from gcs.model import NS_PER_S, Scan, vehicle_name
 
-_STYLE = {"ok": "green", "warning": "yellow", "refused": "bold red"}
-_TABLE_COLUMNS = 120
-"""Narrower, words of the table's six columns would be cut into pieces."""
-_SETTLE_S = 1.5
-"""How long scans and telemetry are listened to at least."""
+app = command_app()
+
+_STYLE: Final = {"ok": "green", "warning": "yellow", "refused": "bold red"}
+_MIN_TABLE_COLUMNS: Final = 120
+"""A narrower terminal would cut the words of the table's six columns."""
+_MIN_LISTEN_S: Final = 1.5
+"""Time to collect scans and telemetry, at least."""
 
 
-@dataclass(frozen=True, slots=True)
-class PreflightOptions:
-    """What the command line says."""
+@app.command()
+def preflight(
+    config: ConfigArgument,
+    wait: Annotated[float, typer.Option(min=1.0, help="Timeout for answers, in seconds.")] = 30.0,
+    link: LinkOption = None,
+    sensors: Annotated[bool, typer.Option(help="Wait for scans on zenoh as well.")] = True,
+    brief: Annotated[bool, typer.Option("--brief", help="Show only checks that are not ok.")] = False,
+    seed: SeedOption = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Check every vehicle, link and sensor before a flight.
 
-    config: str
-    seed: int
-    wait_s: float
-    link: str | None
-    sensors: bool
-    brief: bool
-    as_json: bool
+    Changes nothing on a vehicle. Exit code 0: no check is refused; 1: do not fly; 2: a mistake in the mission
+    file.
+    """
+    with exit_on_error():
+        ok = run_preflight(
+            config,
+            console_for(stderr=as_json),
+            wait_s=wait,
+            link=link,
+            sensors=sensors,
+            brief=brief,
+            seed=seed,
+            as_json=as_json,
+        )
+    raise typer.Exit(0 if ok else 1)
 
 
-def preflight(options: PreflightOptions, console: Console) -> bool:
-    """Check, print, and return whether nothing was refused.
+def run_preflight(
+    source: str,
+    console: Console,
+    *,
+    wait_s: float,
+    link: str | None,
+    sensors: bool,
+    brief: bool,
+    seed: int,
+    as_json: bool,
+) -> bool:
+    """Run and print the checks; return True if none is refused.
 
     Raises
     ------
     ConfigError, LinkError
-        When the mission file is wrong or a port cannot be had.
+        When the mission file is wrong or a port cannot be opened.
     """
-    config = load(options.config)
-    fence_of(config, options.config)  # its mistakes first
-    entrance = entrance_of(config, options.link, writes=False)
-    ears = Ears(config)
+    config = load(source)
+    fence_of(config, source)  # Reports mistakes in the fence before anything is sent.
+    entrance = entrance_of(config, link, writes=False)
+    scan_listener = ScanListener(config)
     with ExitStack() as stack:
         if entrance.service is not None:
-            options = replace(options, sensors=False)
-            words = f"{entrance.words}; scans are left to it: it tells when none come"
-            console.print(words, highlight=False, markup=False, soft_wrap=True)
-        elif options.sensors:
-            ears.open(stack)
-        checks = asyncio.run(_checked(config, options, ears, console))
+            sensors = False
+            notice = f"{entrance.words}; the service itself warns when no scans come"
+            console.print(notice, highlight=False, markup=False, soft_wrap=True)
+        elif sensors:
+            scan_listener.open(stack)
+        checks = asyncio.run(
+            _run_checks(
+                config,
+                VehicleSession(config, source, PREFLIGHT_MESSAGE_IDS, link),
+                scan_listener if sensors else None,
+                wait_s,
+                seed,
+                console,
+            )
+        )
     refused = sum(check.level == "refused" for check in checks)
-    told = sum(check.level == "warning" for check in checks)
-    show([c for c in checks if not (options.brief and c.level == "ok")], config.name, console)
+    warnings = sum(check.level == "warning" for check in checks)
+    print_checks([c for c in checks if not (brief and c.level == "ok")], config.name, console)
     verdict = f"{refused} refused: do not fly" if refused else "nothing refused"
     style = "bold red" if refused else "bold"
-    console.print(f"{verdict}, {told} warnings", style=style, highlight=False, soft_wrap=True)
-    if options.as_json:
-        rows = [asdict(check) for check in checks]
+    console.print(f"{verdict}, {warnings} warnings", style=style, highlight=False, soft_wrap=True)
+    if as_json:
         result = {
             "mission": config.name,
             "ok": not refused,
             "refused": refused,
-            "warnings": told,
-            "checks": rows,
+            "warnings": warnings,
+            "checks": [asdict(check) for check in checks],
         }
-        print(json.dumps(result), flush=True)  # noqa: T201  the promised last line
+        print(json.dumps(result), flush=True)  # noqa: T201  the output of --json
     return not refused
 
 
-class Ears:
-    """Scans that arrive on zenoh meanwhile."""
+class ScanListener:
+    """Collects the scans that arrive on zenoh during the checks."""
 
     def __init__(self, config: Config) -> None:
         self.scans: list[Scan] = []
@@ -106,111 +147,117 @@ class Ears:
         except LinkError as error:
             self.problems[str(error)] = None
             return
-        bus.subscribe(sensor_scan_keys(self._config.name), self._heard)
+        bus.subscribe(sensor_scan_keys(self._config.name), self._on_scan)
 
-    def _heard(self, key: str, payload: bytes) -> None:
+    def _on_scan(self, key: str, payload: bytes) -> None:
         try:
             self.scans.append(decode_scan(key, payload, self._clock.now_ns(), self._config.local_frame))
         except WireError as error:
             self.problems[str(error)] = None
 
 
-async def _checked(config: Config, options: PreflightOptions, ears: Ears, console: Console) -> list[Check]:
-    visit = VehicleSession(config, options.config, PREFLIGHT_MESSAGE_IDS, options.link)
-    envelope, own = envelope_of(config), visit.entrance.own
-    talks = [
-        PreflightQuery(agent.vehicle, envelope, visit.fleet.encoder(agent.vehicle), own)
+async def _run_checks(
+    config: Config,
+    session: VehicleSession,
+    scan_listener: ScanListener | None,
+    wait_s: float,
+    seed: int,
+    console: Console,
+) -> list[Check]:
+    envelope, own = envelope_of(config), session.entrance.own
+    queries = [
+        PreflightQuery(agent.vehicle, envelope, session.fleet.encoder(agent.vehicle), own)
         for agent in config.agents
     ]
     began_s, watch = time.monotonic(), ClockWatch()
 
-    def enough() -> bool:
-        heard = bool(ears.scans or ears.problems or not options.sensors)
-        return heard and time.monotonic() - began_s >= _SETTLE_S
+    def has_heard_enough() -> bool:
+        has_scans = scan_listener is None or bool(scan_listener.scans or scan_listener.problems)
+        return has_scans and time.monotonic() - began_s >= _MIN_LISTEN_S
 
     with console.status("") as status:
-        await visit.run(talks, options.wait_s, _progress(status, talks), enough)
+        await session.run(queries, wait_s, _progress(status, queries), has_heard_enough)
         waited_s = time.monotonic() - began_s
         status.update("planning")
-        states = visit.fleet.states()
+        states = session.fleet.states()
         area = config.map
         places = {
             s.system_id: (min(max(s.east_m, 0.0), area.width_m), min(max(s.north_m, 0.0), area.height_m))
             for s in states
         }
-        rehearsal = rehearse(config, options.seed, places, visit.fleet)
+        rehearsal = rehearse(config, seed, places, session.fleet)
     checks = vehicle_checks(
-        talks,
-        visit.fleet,
+        queries,
+        session.fleet,
         config,
         lambda vehicle: rehearsal.ways_m.get(vehicle, ()),
-        visit.now_ns(),
-        visit.has_key,
+        session.now_ns(),
+        session.has_key,
     )
     checks += mission_checks(config, rehearsal)
     checks += [
         Check(None, "link", "ok" if level == "info" else "warning", f"{name}: {text}")
-        for name, level, text in dict.fromkeys(visit.news)
+        for name, level, text in dict.fromkeys(session.news)
     ]
     if config.mission.uploader == "mavsdk":
         problem = mavsdk_problem()
         level: Level = "refused" if problem else "ok"
         text = problem or "starts"
         checks.append(Check(None, "MAVSDK", level, text, "starts", REMEDY))
-    if options.sensors:
-        checks += sensor_checks(ears.scans, ears.problems, waited_s)
+    if scan_listener is not None:
+        checks += sensor_checks(scan_listener.scans, scan_listener.problems, waited_s)
     if step_ns := watch.step_ns():
-        text = f"set by {step_ns / NS_PER_S:+.1f} s meanwhile"
+        text = f"set by {step_ns / NS_PER_S:+.1f} s during the checks"
         checks.append(
             Check(None, "clock", "warning", text, "not set", "check again: ages of scans may be wrong")
         )
     return checks
 
 
-def _progress(status: Status, talks: list[PreflightQuery]) -> Callable[[], None]:
+def _progress(status: Status, queries: list[PreflightQuery]) -> Callable[[], None]:
     def show() -> None:
-        waiting = [f"{vehicle_name(talk.vehicle)}: {talk.stage}" for talk in talks if not talk.is_done]
+        waiting = [f"{vehicle_name(query.vehicle)}: {query.stage}" for query in queries if not query.is_done]
         text = f"asking {', '.join(waiting[:6])}" if waiting else "waiting for scans"
         status.update(text + (" ..." if len(waiting) > 6 else ""))
 
     return show
 
 
-def show(checks: list[Check], name: str, console: Console) -> None:
-    """Print a table where there is room for one; elsewhere, and into files, a line for each check."""
-    if console.is_terminal and console.width >= _TABLE_COLUMNS:
+def print_checks(checks: list[Check], name: str, console: Console) -> None:
+    """Print the checks: as a table in a wide terminal, else one line for each."""
+    if console.is_terminal and console.width >= _MIN_TABLE_COLUMNS:
         console.print(_table(checks, name))
         return
     console.print(f"pre-flight of {name}", highlight=False, markup=False, soft_wrap=True)
-    whom = ""
+    subject = ""
     width = max((len(check.name) for check in checks), default=0)
     for check in checks:
-        if check.whom != whom:
-            whom = check.whom
-            title = whom if check.vehicle is None else f"agent {whom}"
+        if check.whom != subject:
+            subject = check.whom
+            title = subject if check.vehicle is None else f"agent {subject}"
             console.print(title, style="bold", highlight=False, markup=False, soft_wrap=True)
-        wanted = f", wanted: {check.wanted}" if check.wanted and check.level != "ok" else ""
+        expected = f", expected: {check.wanted}" if check.wanted and check.level != "ok" else ""
         remedy = f" – {check.remedy}" if check.remedy and check.level != "ok" else ""
         line = Text.assemble(
             "  ",
             (f"{check.level:8}", _STYLE[check.level]),
-            f"{check.name:{width}}  {check.value}{wanted}{remedy}".rstrip(),
+            f"{check.name:{width}}  {check.value}{expected}{remedy}".rstrip(),
         )
         console.print(line, highlight=False, soft_wrap=True)
 
 
 def _table(checks: list[Check], name: str) -> Table:
     table = Table(title=f"pre-flight of {name}", title_justify="left", pad_edge=False)
-    for column in ("whom", "check", "", "value", "wanted", "what to do"):
+    for column in ("subject", "check", "", "value", "expected", "what to do"):
         table.add_column(column, overflow="fold")
-    whom = ""
+    subject = ""
     for check in checks:
-        if whom and check.whom != whom:
+        if subject and check.whom != subject:
             table.add_section()
-        first, whom = check.whom != whom, check.whom
+        is_first, subject = check.whom != subject, check.whom
         style = _STYLE[check.level]
         table.add_row(
-            whom if first else "",
+            subject if is_first else "",
             check.name,
             f"[{style}]{check.level}[/]",
             check.value,

@@ -1,4 +1,4 @@
-"""What `gcs init` knows of a mission before there is a mission file."""
+"""A sketch of a mission: what `gcs init` reads from a source."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ Place: TypeAlias = tuple[float, float]
 """Latitude and longitude in degrees."""
 
 MAX_PLACES: Final = 1000
-"""Of each kind, from one file."""
+"""Positions of each kind, from one file."""
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """A vehicle, and where it starts."""
+    """Start of a vehicle."""
 
     place: Place
     system_id: int = 1
     course_deg: float | None = None
-    """Clockwise from north; None when it is not known."""
+    """Degrees clockwise from north; None when unknown."""
     note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class FenceArea:
-    """An area to stay in or out of: corners, or a circle."""
+    """An inclusion or exclusion area: corners, or a circle."""
 
     stay_in: bool
     corners: tuple[Place, ...] = ()
@@ -34,26 +34,26 @@ class FenceArea:
 
     @property
     def outline(self) -> tuple[Place, ...]:
-        """Places that a map of the area must hold."""
+        """Positions that the map must contain."""
         return self.corners if self.circle is None else (self.circle[:2],)
 
 
 @dataclass(slots=True)
 class Sketch:
-    """What a source tells; the rest gets defaults."""
+    """Values from a source; the rest of the mission file gets defaults."""
 
     starts: list[Start] = field(default_factory=list)
     targets: list[tuple[Place, str]] = field(default_factory=list)
-    """With a name, where there is one."""
+    """Position and name; the name may be empty."""
     areas: list[FenceArea] = field(default_factory=list)
     rally: list[tuple[float, float, float]] = field(default_factory=list)
     """Latitude and longitude in degrees, height above home in metres."""
     ground_msl_m: float | None = None
     speed_m_s: float | None = None
     notes: list[str] = field(default_factory=list)
-    """What was left out of the mission file, and why."""
+    """What the mission file leaves out, and why."""
 
 
 def is_place(lat_deg: float, lon_deg: float) -> bool:
-    """Return True for a place on Earth that is not latitude and longitude 0, which means "not known"."""
+    """True if the position is on Earth and known: latitude and longitude 0 mean "unknown"."""
     return -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0 and abs(lat_deg) + abs(lon_deg) > 0.01

@@ -1,8 +1,8 @@
-"""Missions drawn in other programs: `.plan` of QGroundControl, and KML.
+"""Reader of missions from other programs: `.plan` of QGroundControl, and KML.
 
 Plan: https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html. KML:
-https://developers.google.com/kml/documentation/kmlreference. The files may come from anybody: they are read
-up to a size, and XML without a document type, so that nothing in it can expand.
+https://developers.google.com/kml/documentation/kmlreference. The files are untrusted: their size and depth
+are limited, and XML with a document type is refused, since its entities can expand.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def read_plan(path: Path) -> Sketch:
     Raises
     ------
     ConfigError
-        When it is none, or a place in it makes no sense.
+        When the file has another format, or a position in it is invalid.
     """
     source = str(path)
     try:
@@ -150,18 +150,18 @@ def _place(lat_deg: float, lon_deg: float, source: str, key: str) -> Place:
 def read_kml(path: Path) -> Sketch:
     """Read KML: points become targets, or starts when their name begins with "agent" or "vehicle".
 
-    A polygon is an area to stay out of, or in when its name holds "fence" or "boundary".
+    A polygon becomes an exclusion area, or an inclusion area when its name has "fence" or "boundary".
 
     Raises
     ------
     ConfigError
-        When it is none, or a place in it makes no sense.
+        When the file has another format, or a position in it is invalid.
     """
     source, text = str(path), _text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ConfigError(source, "", "has a document type, which KML does not need: not read")
     try:
-        # Bounded, and nothing in it can expand without a DOCTYPE.
+        # The size is limited, and without a DOCTYPE nothing expands.
         root = ET.fromstring(text, ET.XMLParser(target=_Tree(source)))  # noqa: S314
     except (ET.ParseError, ValueError) as error:
         raise ConfigError(source, "", f"is not XML: {error}") from None
@@ -173,9 +173,9 @@ def read_kml(path: Path) -> Sketch:
         for shape in placemark.iter():
             match _tag(shape):
                 case "Point":
-                    _take_point(name, _coordinates(shape, name, source), sketch, source)
+                    _add_point(name, _coordinates(shape, name, source), sketch, source)
                 case "Polygon":
-                    _take_polygon(name, shape, sketch, source)
+                    _add_polygon(name, shape, sketch, source)
                 case "LineString" | "Track":
                     paths += 1
     if paths:
@@ -184,7 +184,7 @@ def read_kml(path: Path) -> Sketch:
 
 
 class _Tree(ET.TreeBuilder):
-    """Builds a tree that is not deep: in a deep one, looking through each element would not end."""
+    """Builds a tree of limited depth: iteration over a deep one would take too long."""
 
     def __init__(self, source: str) -> None:
         super().__init__()
@@ -206,7 +206,7 @@ def _tag(element: ET.Element) -> str:
     return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
 
 
-def _take_point(name: str, places: list[Place], sketch: Sketch, source: str) -> None:
+def _add_point(name: str, places: list[Place], sketch: Sketch, source: str) -> None:
     if len(places) != 1:
         raise ConfigError(source, f"Placemark {name!r}", "expected one place in a Point")
     if not name.lower().startswith(("agent", "vehicle")):
@@ -223,7 +223,7 @@ def _take_point(name: str, places: list[Place], sketch: Sketch, source: str) -> 
     sketch.starts.append(Start(places[0], wanted, note=name))
 
 
-def _take_polygon(name: str, shape: ET.Element, sketch: Sketch, source: str) -> None:
+def _add_polygon(name: str, shape: ET.Element, sketch: Sketch, source: str) -> None:
     rings = [one for one in shape.iter() if _tag(one) == "outerBoundaryIs"]
     corners = _coordinates(rings[0], name, source) if rings else []
     if len(corners) > 1 and corners[0] == corners[-1]:

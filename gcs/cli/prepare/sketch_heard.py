@@ -1,4 +1,4 @@
-"""Vehicles that are heard: in a telemetry log, or on a link now."""
+"""Reader of vehicles from a telemetry log, or from a link."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Mes
 from gcs.model import Level
 
 _MAX_LOG_BYTES: Final = 256_000_000
-"""What lies behind is not read: vehicles are heard long before."""
-_ASK_EVERY_S: Final = 1.0
+"""Bytes of a log that are read: every vehicle appears long before."""
+_REQUEST_PERIOD_S: Final = 1.0
 _POSITIONS: Final = (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 _FIRMWARES: Final = {3: "ArduPilot", 12: "PX4"}
 _UNKNOWN_HEADING: Final = 65535
@@ -30,35 +30,37 @@ _NO_AUTOPILOT: Final = 8
 
 @dataclass(slots=True)
 class _Vehicle:
+    """Reported position and home of a vehicle."""
+
     kind: str = ""
     place: tuple[float, float] | None = None
     course_deg: float | None = None
     ground_msl_m: float | None = None
     has_home: bool = False
 
-    def take(self, message: Message) -> None:
-        """Take a position or a home."""
+    def add_position(self, message: Message) -> None:
+        """Process a GLOBAL_POSITION_INT or HOME_POSITION message."""
         if message.get_type() == "HOME_POSITION":
             self.ground_msl_m, self.has_home = message.altitude * 1e-3, True
             return
         place = message.lat * 1e-7, message.lon * 1e-7
         if not is_place(*place):
             return
-        if not self.has_home:  # the last one counts: before it has a home, heights mean little
+        if not self.has_home:  # The last one counts: heights are unreliable before.
             self.ground_msl_m = (message.alt - message.relative_alt) * 1e-3
         if self.place is None:
             self.place = place
             self.course_deg = message.hdg * 0.01 if message.hdg != _UNKNOWN_HEADING else None
 
 
-class Heard:
-    """Vehicles by system id, from their frames: the first place that each reports."""
+class HeardVehicles:
+    """Vehicles by system id, with the first position that each reports."""
 
     def __init__(self) -> None:
         self.vehicles: dict[int, _Vehicle] = {}
 
-    def take(self, frame: Frame) -> None:
-        """Take one frame whose checksum holds."""
+    def add_frame(self, frame: Frame) -> None:
+        """Process a frame with a good checksum."""
         if frame.component_id != AUTOPILOT_COMPONENT_ID or not 1 <= frame.system_id <= 250:
             return
         if frame.message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
@@ -70,15 +72,15 @@ class Heard:
         elif frame.message_id in _POSITIONS and frame.system_id in self.vehicles:
             message = frame.message()
             if message is not None:
-                self.vehicles[frame.system_id].take(message)
+                self.vehicles[frame.system_id].add_position(message)
 
     @property
     def unplaced(self) -> list[int]:
-        """Vehicles that have not said where they are."""
+        """System ids of vehicles that have not reported a position."""
         return [system_id for system_id, vehicle in self.vehicles.items() if vehicle.place is None]
 
     def sketch(self) -> Sketch:
-        """Return what was heard as a sketch."""
+        """Return the vehicles as a sketch."""
         sketch = Sketch()
         for system_id, vehicle in sorted(self.vehicles.items()):
             if vehicle.place is None:
@@ -91,15 +93,15 @@ class Heard:
         return sketch
 
 
-def read_heard(path: Path) -> Sketch:
+def read_vehicles(path: Path) -> Sketch:
     """Read the vehicles of a telemetry log, or of a raw MAVLink stream.
 
     Raises
     ------
     RecordingError
-        When it cannot be read, or no vehicle in it says where it is.
+        When the log cannot be read, or has no position of a vehicle.
     """
-    heard = Heard()
+    heard = HeardVehicles()
     try:
         with open_regular(path) as file:
             _read_into(heard, file, str(path))
@@ -107,77 +109,77 @@ def read_heard(path: Path) -> Sketch:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
     sketch = heard.sketch()
     if not sketch.starts:
-        raise RecordingError(str(path), "no vehicle in it says where it is (GLOBAL_POSITION_INT)")
+        raise RecordingError(str(path), "has no position of a vehicle (GLOBAL_POSITION_INT)")
     return sketch
 
 
-def _read_into(heard: Heard, file: BinaryIO, name: str) -> None:
+def _read_into(heard: HeardVehicles, file: BinaryIO, name: str) -> None:
     for part in read_log(file, stamped=is_stamped(file, name)):
         if isinstance(part, LogFrame) and part.validity == "good":
-            heard.take(part.frame)
+            heard.add_frame(part.frame)
         if part.offset > _MAX_LOG_BYTES:
             return
 
 
-def listen(endpoint: str, seconds: float) -> Sketch:
-    """Listen on a link for some seconds, and ask vehicles where they are. No heartbeat is sent.
+def listen_for_vehicles(endpoint: str, seconds: float) -> Sketch:
+    """Listen on a link for some seconds, and request positions.
 
-    A vehicle whose failsafe watches a ground station would act when the heartbeats end again.
+    No heartbeat is sent: a vehicle's ground-station failsafe would act when the heartbeats end.
 
     Raises
     ------
     LinkError
-        When the endpoint cannot be opened, or nobody is heard.
+        When the endpoint cannot be opened, or no vehicle is heard.
     """
-    visitor = _Visitor(endpoint)
-    asyncio.run(visitor.run(seconds))
-    sketch = visitor.found.sketch()
+    listener = _LinkListener(endpoint)
+    asyncio.run(listener.run(seconds))
+    sketch = listener.found.sketch()
     if not sketch.starts:
-        silent = visitor.found.unplaced
-        said = f"systems {silent} gave no position: wait for a fix" if silent else "no vehicle was heard"
-        raise LinkError(endpoint, f"{said} within {seconds:g} s{visitor.trouble}")
+        silent = listener.found.unplaced
+        reason = f"systems {silent} gave no position: wait for a fix" if silent else "no vehicle was heard"
+        raise LinkError(endpoint, f"{reason} within {seconds:g} s{listener.problem}")
     return sketch
 
 
-class _Visitor:
-    """Listens on one endpoint (`gcs.io.links.transport.Listener`) and asks for positions."""
+class _LinkListener:
+    """Listens on one endpoint (`gcs.io.links.transport.Listener`) and requests positions."""
 
     def __init__(self, endpoint: str) -> None:
         parsed = parse_endpoint(endpoint)
-        self.found, self.trouble = Heard(), ""
+        self.found, self.problem = HeardVehicles(), ""
         self._transport = TRANSPORTS[parsed.kind](parsed)
         self._peers: dict[int, str] = {}
         self._encode = Encoder()
 
     async def run(self, seconds: float) -> None:
-        """Listen, and ask once a second who has not said where it is."""
+        """Listen; once a second request the positions that are missing."""
         loop = asyncio.get_running_loop()
         self._transport.start(loop, self)
         try:
             end_s = loop.time() + seconds
             while (left_s := end_s - loop.time()) > 0.0:
-                await asyncio.sleep(min(_ASK_EVERY_S, left_s))
+                await asyncio.sleep(min(_REQUEST_PERIOD_S, left_s))
                 for system_id in self.found.unplaced:
                     self._transport.send(self._peers[system_id], self._encode(_position_request(system_id)))
         finally:
             self._transport.close()
 
     def heard(self, peer: str, data: bytes) -> None:
-        """Take what came."""
+        """Process received bytes."""
         for frame in scan(data).frames:
-            self.found.take(frame)
+            self.found.add_frame(frame)
             self._peers[frame.system_id] = peer
 
     def joined(self, peer: str) -> None:
-        """Connections do not matter here."""
+        """Ignore connections."""
 
     def gone(self, peer: str) -> None:
-        """Connections do not matter here."""
+        """Ignore connections."""
 
     def news(self, level: Level, text: str) -> None:
-        """Keep the last trouble of the link, for the error."""
+        """Keep the last problem of the link, for the error message."""
         if level != "info":
-            self.trouble = f"; {text}"
+            self.problem = f"; {text}"
 
 
 def _position_request(system_id: int) -> dialect.MAVLink_message:

@@ -150,7 +150,7 @@ def test_a_real_flight_without_truth_that_breaks_off_is_shown_as_far_as_it_goes(
     mcap.write_bytes(mcap.read_bytes()[: mcap.stat().st_size * 2 // 3])
     code, text, found = run("report", tmp_path / "run", "--no-timing", "--json")
     assert (code, found["has_truth"]) == (0, False)
-    assert "breaks off" in text
+    assert "ends early" in text
     words = checked_page(tmp_path / "run" / "report")
     assert "No truth is in this recording" in words
     assert "cut off" in words
@@ -166,7 +166,7 @@ def test_work_is_judged_by_the_processor_time_that_it_took_not_by_a_busy_machine
             return []
 
     reading = _Reading(ReportOptions(Path("x"), None, None, None, False, True), None, Console(quiet=True))
-    reading._timed(UploadQueue(), Scan(1, 1, "radar", np.empty((0, 2))))  # type: ignore[arg-type]
+    reading._timed_step(UploadQueue(), Scan(1, 1, "radar", np.empty((0, 2))))  # type: ignore[arg-type]
     (took_ms,) = reading.work_ms["scan"]
     assert took_ms < 100.0
 
@@ -211,7 +211,7 @@ def test_a_telemetry_log_of_others_is_shown_without_a_mission(tmp_path: Path) ->
         ("empty.tlog", b"", "is empty"),
         ("letter.txt", b"dear reader\n" * 200, "no MAVLink frame"),
         ("zeros.bin", bytes(300_000), "no MAVLink frame"),
-        ("foreign.mcap", b"\x89MCAP0\r\n\x01" + bytes([8, *[0] * 15]), "none of our records"),
+        ("foreign.mcap", b"\x89MCAP0\r\n\x01" + bytes([8, *[0] * 15]), "has no records"),
         ("[red]odd.tlog", b"", "is empty"),
         ("radar.csv", b"t_s,x,y\n1,2,3\n", "--detections"),
     ],

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.cli.analyse.track import track
+from gcs.cli.analyse.track import track_detections
 from gcs.config import read_text
 from gcs.errors import GcsError
 from gcs.io.detections.readers import load
@@ -267,7 +267,7 @@ def test_no_numbers_however_wild_make_it_fail(tmp_path_factory, rows):
     (folder / "model.toml").write_text(MODEL)
     (folder / "wild.csv").write_text("".join(f"{k},{x},{y}\n" for k, x, y in rows))
     detections = load(folder / "wild.csv", folder / "model.toml", None)
-    tracked = track(detections, "smoothed")
+    tracked = track_detections(detections, "smoothed")
     bad = sum(not np.isfinite(row[1:]).all() for row in rows)
     assert tracked.bad_detections == bad
     for states in tracked.states.values():

@@ -114,8 +114,8 @@ def test_what_a_map_does_not_have_is_said_in_the_file(tmp_path, keep):
     config, _ = made(tmp_path, "some.kml", text)
     assert len(config.agents) == 1
     file = (tmp_path / "some.toml").read_text()
-    assert ("NOT in the source: put where it starts" in file) == (keep != "agents")
-    assert ("No target is in the source" in file) == (keep != "targets")
+    assert ("NOT in the source: set the position of the start" in file) == (keep != "agents")
+    assert ("The source has no targets" in file) == (keep != "targets")
 
 
 def frames(system_id, place=HOME, *, component=1, autopilot=3):
@@ -219,7 +219,7 @@ def plan(**mission):
         ("a.kml", LAUGHS.encode("utf-16"), "UTF-8"),
         ("a.kml", "<kml><Placemark>", "is not XML"),
         ("a.kml", "<gpx/>", "expected KML, got <gpx>"),
-        ("a.kml", "<kml/>", "no place in it"),
+        ("a.kml", "<kml/>", "has no position"),
         ("a.kml", b"PK\x03\x04\xff\xff", "KMZ must be unzipped"),
         ("a.kml", "<kml>" + "x" * 5_000_000 + "</kml>", "larger than 4 MB"),
         ("a.kml", "<a>" * 200_000, "nested deeper than 40"),
@@ -228,7 +228,7 @@ def plan(**mission):
         ("a.kml", KML.replace("8.548,47.401,0", "nan,47"), "expected longitude,latitude"),
         ("a.kml", KML.replace("8.548,47.401,0", "47.401,8.548"), "more than 50 km apart"),
         ("a.kml", KML.replace("Agent 7", "Agent 999"), "a system id of its own"),
-        ("a.kml", KML.replace(">mast", ">boundary 2"), "several areas to stay in"),
+        ("a.kml", KML.replace(">mast", ">boundary 2"), "several inclusion areas"),
         ("a.plan", "{", "is not JSON"),
         ("a.plan", "[" * 100_000, "is not JSON"),
         ("a.plan", "{}", "expected \"Plan\""),
@@ -241,7 +241,7 @@ def plan(**mission):
         ("a.plan", json.dumps(PLAN | {"rallyPoints": {"points": [[47.45, 8.5, 50]]}}), "outside the fence"),
         ("a.tlog", b"nothing of that kind", "no MAVLink frame"),
         ("a.tlog", b"", "is empty"),
-        ("a.tlog", log(frames(1)[0]), "no vehicle in it says where it is"),
+        ("a.tlog", log(frames(1)[0]), "has no position of a vehicle"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_named(tmp_path, name, content, words):

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from staging import S
 
-from gcs.cli.live_view import effect_line
+from gcs.cli.operator_lines import effect_line
 from gcs.core.engine import Engine
 from gcs.io.zenoh.messages import decode, encode
 from gcs.mavlink.frames.codec import decode as decode_frames

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from recorded import CONFIG, VERSIONS
 
-from gcs.cli.outputs import open_recorder
+from gcs.cli.run_setup import open_recorder
 from gcs.config.tables import RecordingTable
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import Run, remove_empty

@@ -138,9 +138,9 @@ def test_nobody_there_is_said_clearly(runtime: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["hold"], "say for whom"),
-        (["hold", "-v", "1", "--all"], "say for whom"),
-        (["hold", "1", "--all"], "say for whom"),
+        (["hold"], "name the vehicles"),
+        (["hold", "-v", "1", "--all"], "name the vehicles"),
+        (["hold", "1", "--all"], "name the vehicles"),
         (["arm", "-v", "1"], "--yes"),
         (["keep-out", "fire"], "expected one of"),
         (["keep-out", "fire", "--circle", "1,2"], "3 numbers"),
@@ -177,8 +177,8 @@ def test_a_folder_that_others_may_write_to_is_not_believed(runtime: Path) -> Non
 def test_an_order_loads_no_compiler_no_planner_and_no_dialect() -> None:
     code = """
 import sys
-import gcs.cli, gcs.cli.lines, gcs.io.zenoh.orders, gcs.io.zenoh.order_client, gcs.io.zenoh.discovery
-heavy = ("numba", "llvmlite", "scipy", "pymavlink", "matplotlib", "gcs.command", "gcs.tracking")
+import gcs.cli, gcs.cli.operator_lines, gcs.io.zenoh.orders, gcs.io.zenoh.order_client, gcs.io.zenoh.discovery
+heavy = ("numba", "llvmlite", "scipy", "pymavlink", "matplotlib", "gcs.core", "gcs.tracking")
 print([name for name in heavy if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)

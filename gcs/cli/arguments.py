@@ -1,0 +1,128 @@
+"""Arguments and options of several commands."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command_app(help: str | None = None) -> typer.Typer:  # noqa: A002  as Typer names it
+    """Return an empty Typer app: for one command, or with `help` for a group of commands."""
+    return typer.Typer(
+        help=help, no_args_is_help=help is not None, rich_markup_mode="markdown", add_completion=False
+    )
+
+
+def complete_scenario(incomplete: str) -> list[str]:
+    """Return the shipped scenarios that begin with `incomplete`, for tab completion."""
+    from gcs.config import scenario_names
+
+    return [name for name in scenario_names() if name.startswith(incomplete)]
+
+
+def parse_vehicle(text: str) -> int:
+    """Return the vehicle with a name such as 3, or 2:17 on network 2.
+
+    Raises
+    ------
+    typer.BadParameter
+        When the text is no vehicle's name.
+    """
+    from gcs.model import vehicle_of  # Loads numpy.
+
+    try:
+        return vehicle_of(text)
+    except ValueError:
+        raise typer.BadParameter(
+            f"expected a system id such as 3, or 2:17 on network 2, got {text!r}"
+        ) from None
+
+
+def vehicles_text(vehicles: Sequence[int]) -> str:
+    """Return vehicles as an operator names them: "vehicle 3", "vehicles 3, 2:17"."""
+    from gcs.model import vehicle_name
+
+    return f"vehicle{'s' if len(vehicles) > 1 else ''} {', '.join(map(vehicle_name, vehicles))}"
+
+
+def confirm_or_abort(question: str) -> None:
+    """Ask the user to confirm.
+
+    Raises
+    ------
+    typer.Abort
+        When the user refuses.
+    typer.BadParameter
+        When standard input is not a terminal.
+    """
+    if not sys.stdin.isatty():
+        raise typer.BadParameter(f"{question} needs a confirmation: add --yes")
+    typer.confirm(f"{question}?", abort=True, err=True)
+
+
+ScenarioArgument = Annotated[
+    str,
+    typer.Argument(
+        help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.",
+        autocompletion=complete_scenario,
+    ),
+]
+ConfigArgument = Annotated[
+    str,
+    typer.Argument(
+        help="A mission file, or the name of a shipped scenario.",
+        metavar="CONFIG",
+        autocompletion=complete_scenario,
+    ),
+]
+SeedOption = Annotated[
+    int,
+    typer.Option(min=0, help="Seed of everything random: obstacles, vehicle losses, targets, noise."),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object as the last line.")]
+HeadlessOption = Annotated[
+    bool, typer.Option("--headless", help="Print plain lines instead of the live view.")
+]
+LossOption = Annotated[
+    float, typer.Option(min=0.0, max=1.0, help="Fraction of datagrams lost in each direction, 0 to 1.")
+]
+YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
+WaitOption = Annotated[float, typer.Option("--wait", min=1.0, help="Timeout in seconds.")]
+VehicleOption = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--vehicle",
+        "-v",
+        parser=parse_vehicle,
+        metavar="ID",
+        help="System id of a vehicle, or 2:17 on network 2. Can be repeated.",
+    ),
+]
+LinkOption = Annotated[
+    str | None,
+    typer.Option(
+        "--link",
+        metavar="ENDPOINT",
+        help="MAVLink endpoint of the vehicles, such as udpin:0.0.0.0:14560.  "
+        "[default: the links of the mission file]",
+    ),
+]
+RecordedSeedOption = Annotated[
+    int | None, typer.Option(min=0, help="Seed of the random obstacles.  [default: the recorded seed]")
+]
+DetectionsOption = Annotated[
+    Path | None,
+    typer.Option(help="Detections to add to a log: NPZ, CSV (k,x,y or t_s,x,y or t_ns,x,y), or a recording."),
+]
+ModelOption = Annotated[
+    Path | None,
+    typer.Option(help="Sensor model of the detections, TOML or NPZ.  [default: the model in their file]"),
+]
+OffsetOption = Annotated[
+    float,
+    typer.Option(metavar="S", help="Seconds to add to the times of the detections, from the log's start."),
+]
