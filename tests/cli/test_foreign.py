@@ -261,7 +261,7 @@ def test_detections_that_break_off_are_tracked_up_to_there(flight: Path, scans: 
     assert code == 0
     assert 5 < found["scans"] < 26
     assert "cut off" in said
-    assert "ends early" in found["remarks"][0]
+    assert "breaks off" in found["remarks"][0]
 
 
 def test_files_that_would_not_fit_into_memory_are_refused_before_they_are_read(

@@ -152,7 +152,7 @@ def test_a_real_flight_without_truth_that_breaks_off_is_shown_as_far_as_it_goes(
     assert (code, found["has_truth"]) == (0, False)
     assert "ends early" in text
     words = checked_page(tmp_path / "run" / "report")
-    assert "No truth is in this recording" in words
+    assert "This recording has no ground truth" in words
     assert "cut off" in words
     assert "Tracker output" in words
     assert "OSPA of agents, mean" not in words
