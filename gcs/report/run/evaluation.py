@@ -287,6 +287,8 @@ class Evaluator:
         lost = [vehicle for vehicle, fate in fates.items() if fate.fate == "dead" and vehicle in alive]
         if lost:
             problems.append(f"{_names(lost)} called dead but alive")
+        if fates and not problems and all(fate.fate == "dead" for fate in fates.values()):
+            problems.append("failed: all agents were lost")
         return problems
 
     def _reached_targets(self, fates: dict[int, AgentStatus]) -> dict[int, int]:

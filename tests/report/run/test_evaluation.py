@@ -112,6 +112,17 @@ def test_a_mission_that_ends_with_an_agent_flying_is_incomplete() -> None:
     assert summary(ended(judge)).reason == "the mission ended with agent 2 still flying"
 
 
+def test_a_mission_whose_agents_are_all_lost_has_failed() -> None:
+    evaluator = Evaluator(RADIUS_M, [1, 2])
+    evaluator.truth(truth(0.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}))
+    evaluator.truth(truth(1.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}, dead=[1, 2]))
+    for vehicle in (1, 2):
+        evaluator.effect(AgentStatus(at(2.0), vehicle, "dead"))
+    evaluator.effect(MissionEnded(at(3.0), (), (1, 2)))
+    verdict = summary(evaluator)
+    assert (verdict.outcome, verdict.reason) == ("incomplete", "failed: all agents were lost")
+
+
 def test_without_truth_nothing_is_complete() -> None:
     judge = Evaluator(RADIUS_M, [1])
     judge.effect(AgentStatus(at(1), 1, "arrived", (0, 0)))
