@@ -100,7 +100,7 @@ def test_a_budget_ends_the_recording_in_order_and_deletes_nothing(tmp_path: Path
     problem, count = filled(tmp_path / "run", DiskBudget(300_000, 2e6), told)
     assert "recording.max_gb" in problem
     (text,) = told
-    assert text.startswith("alarm room runs low")
+    assert text.startswith("alarm disk space runs low")
     size = sum(path.stat().st_size for path in (tmp_path / "run").iterdir())
     assert 1.9e6 < size < 2.2e6
     assert (tmp_path / "run" / "run-003.mcap").exists()

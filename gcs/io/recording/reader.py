@@ -1,13 +1,11 @@
-"""Reads a recording back into the records that went into it, in the order in which they were consumed.
+"""Reads the records of a run in the order of consumption.
 
 An MCAP (https://mcap.dev/spec) is a magic number and then records of (1-byte opcode, 8-byte length,
-content). Messages lie in compressed chunks with a checksum each, so a chunk is read whole or not at all. A
-recording that was cut off (SIGKILL, full disk) or damaged is read up to the break; then comes a last record
-whose value is a `Damage`, which says what is wrong and where. Nothing here trusts a length: memory stays
-below a few times `MAX_CHUNK_BYTES`, whatever the file says.
+content). Messages are in compressed chunks with a checksum. A chunk is read completely or not at all. If a
+recording was cut off (SIGKILL, full disk) or damaged, the last record's value is a `Damage` with the place
+and the reason. Lengths in the file are not trusted: memory stays below a few times `MAX_CHUNK_BYTES`.
 
-The parts of a long run are read one after the other as what they are: one run. A part that is missing is a
-gap in the numbers of the records, and found by that.
+The parts of a long run are read as one run. A missing part shows as a gap in the record numbers.
 """
 
 from __future__ import annotations
@@ -41,12 +39,12 @@ from gcs.io.recording.folder import (
 from gcs.io.zenoh.messages import TOPICS, Recordable, decode
 from gcs.model import Picture
 
-_MAX_OTHERS = 200_000
-"""Records of a chunk that are no messages: schemas and channels, of which there may be 65,536 each."""
+_MAX_DEFINITIONS = 200_000
+"""Maximum schemas and channels in a chunk. The format allows 65,536 of each."""
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-"""Channel, sequence, log time and publish time of a message, before its content."""
-_BROKEN = (
+"""Channel, sequence, log time and publish time of a message; its content follows."""
+_LIBRARY_ERRORS = (
     McapError,
     ValueError,
     struct.error,
@@ -56,60 +54,60 @@ _BROKEN = (
     OverflowError,
     MemoryError,
 )
-"""What the libraries of MCAP and its compressions raise on damaged bytes."""
+"""Exceptions that the MCAP and compression libraries raise on damaged bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Where a recording breaks off, and why."""
+    """Place where a recording becomes unreadable, and the reason."""
 
     problem: str
     records: int
-    """How many records were read before."""
+    """Number of records before the damage."""
     offset: int
-    """Byte of the file behind the last good part."""
+    """Byte of the file after the last valid part."""
     file: str = ""
-    """Name of that file."""
+    """Name of the damaged file."""
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One record of a run."""
+    """A record of a run."""
 
     sequence: int
-    """Its place in the order of consumption; wraps at 2**32."""
+    """Number in the order of consumption, modulo 2**32."""
     t_ns: int
     """Time of the run."""
     value: Recordable | Damage
     payload: bytes = b""
-    """The value as it was written."""
+    """The value as JSON, as it was written."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingInfo:
-    """What a recording says of itself."""
+    """Metadata of a recording."""
 
     config_text: str
     versions: dict[str, str]
     run: Run | None = None
-    """None when it does not say."""
+    """None if the recording does not have it."""
 
 
-_Part: TypeAlias = tuple[int, int, bytes]
-"""(opcode, offset behind it, content)"""
+_McapRecord: TypeAlias = tuple[int, int, bytes]
+"""Opcode, offset of the next record, content."""
 
 
-class _BreaksOffError(Exception):
-    """The file ends or makes no sense from here on."""
+class _DamageError(Exception):
+    """The file ends or is invalid from here on."""
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path is a folder, or a file that begins as an MCAP does.
+    """Return True if the path is a folder, or a file with the magic number of an MCAP.
 
     Raises
     ------
     RecordingError
-        When it cannot be read.
+        If it cannot be read.
     """
     if path.is_dir():
         return True
@@ -127,29 +125,35 @@ def read(
 ) -> Iterator[Record]:
     """Read a recording: its folder with all its parts, or one MCAP file.
 
-    `progress` is told now and then how many bytes have been read. Records that are not of the types `only`
-    are counted and passed over.
+    Parameters
+    ----------
+    path : Path
+        Folder or file.
+    progress : callable, optional
+        Called after each chunk with the number of bytes read so far.
+    only : collection of types
+        Types of records to return. Other records are counted, but not decoded.
 
     Yields
     ------
     Record
-        In the order of consumption. When the recording is damaged, the last one's value is a `Damage`.
+        In the order of consumption. If the recording is damaged, the last value is a `Damage`.
 
     Raises
     ------
     RecordingError
-        When there is no such file or it is no MCAP at all.
+        If there is no such file, or it is not an MCAP.
     """
-    state, before = _Reading(only), 0
+    state, before = _RunReader(only), 0
     paths = mcap_paths(path)
     for number, file_path in enumerate(paths):
-        with _opened(file_path) as file:
+        with _open_mcap(file_path) as file:
             problem = ""
             try:
                 yield from _part_records(file, state, before, progress)
-            except _BreaksOffError as error:
+            except _DamageError as error:
                 problem = str(error)
-            except _BROKEN as error:
+            except _LIBRARY_ERRORS as error:
                 problem = f"damaged behind byte {state.offset} ({error or type(error).__name__})"
             if problem:
                 if len(paths) > 1:
@@ -161,12 +165,12 @@ def read(
 
 
 def _part_records(
-    file: BinaryIO, state: _Reading, before: int, progress: Callable[[int], None] | None
+    file: BinaryIO, state: _RunReader, before: int, progress: Callable[[int], None] | None
 ) -> Iterator[Record]:
     state.begin()
-    for opcode, offset, content in _parts(file):
+    for opcode, offset, content in _mcap_records(file):
         if opcode == Opcode.CHUNK:
-            yield from state.chunk(content)
+            yield from state.read_chunk(content)
         elif opcode == Opcode.STATISTICS:
             state.check_count(Statistics.read(_stream(content)).message_count)
         elif opcode == Opcode.FOOTER:
@@ -178,20 +182,20 @@ def _part_records(
 
 
 def read_info(path: Path) -> RecordingInfo:
-    """Return what a recording was made with: mission file, versions, seed; empty where damage hides them.
+    """Return the mission file, versions and run parameters of a recording; empty where it is damaged.
 
     Raises
     ------
     RecordingError
-        When there is no such file or it is no MCAP at all.
+        If there is no such file, or it is not an MCAP.
     """
     config_text, versions, run = "", {}, None
-    with _opened(mcap_paths(path)[0]) as file:
+    with _open_mcap(mcap_paths(path)[0]) as file:
         try:
-            for opcode, _, content in _parts(file):
+            for opcode, _, content in _mcap_records(file):
                 if opcode == Opcode.ATTACHMENT:
                     attachment = Attachment.read(_stream(content))
-                    if attachment.name == CONFIG_NAME and _attachment_is_whole(content):
+                    if attachment.name == CONFIG_NAME and _is_attachment_valid(content):
                         config_text = attachment.data.decode("utf-8")
                 elif opcode == Opcode.METADATA:
                     metadata = Metadata.read(_stream(content))
@@ -201,51 +205,51 @@ def read_info(path: Path) -> RecordingInfo:
                         run = Run(metadata.metadata["scenario"], int(metadata.metadata["seed"]))
                 elif opcode == Opcode.CHUNK:
                     break
-        except (_BreaksOffError, *_BROKEN):
+        except (_DamageError, *_LIBRARY_ERRORS):
             pass
     return RecordingInfo(config_text, versions, run)
 
 
-class _Reading:
-    """What is known after the parts read so far."""
+class _RunReader:
+    """State after the parts read so far."""
 
     def __init__(self, only: Collection[type]) -> None:
         self.count = self.sequence = self.t_ns = self.offset = 0
         self._only = only
         self._before = 0
-        """Records of earlier parts."""
+        """Number of records in earlier parts."""
         self._types: dict[int, type | None] = {}
-        """What a channel holds that is asked for."""
+        """Record type of each channel; None if it is not requested."""
         self._unpacker = Unpacker()
 
     def begin(self) -> None:
-        """Begin a part: numbers go on, all else is its own."""
+        """Start a part; record numbers continue."""
         self._before, self.offset = self.count, 0
         self._unpacker = Unpacker()
         self._types.clear()
 
-    def chunk(self, content: bytes) -> Iterator[Record]:
+    def read_chunk(self, content: bytes) -> Iterator[Record]:
         """Yield the records of one chunk."""
         try:
             data = self._unpacker.unpack(Chunk.read(_stream(content)))
         except UnpackingError as error:
-            raise _BreaksOffError(f"damaged behind byte {self.offset}: {error}") from None
-        at = others = 0
+            raise _DamageError(f"damaged behind byte {self.offset}: {error}") from None
+        at = definitions = 0
         while at < len(data):
             opcode, length = _HEAD.unpack_from(data, at)
             at += _HEAD.size
             if length > len(data) - at:
-                raise _BreaksOffError(f"damaged behind byte {self.offset}: a chunk ends within a record")
+                raise _DamageError(f"damaged behind byte {self.offset}: a chunk ends within a record")
             if opcode == Opcode.MESSAGE:
                 record = self._message(data, at, at + length)
                 if record is not None:
                     yield record
                 at += length
                 continue
-            others += 1
-            if others > _MAX_OTHERS:
-                what = f"a chunk has more than {_MAX_OTHERS} records that are no messages"
-                raise _BreaksOffError(f"damaged behind byte {self.offset}: {what}")
+            definitions += 1
+            if definitions > _MAX_DEFINITIONS:
+                what = f"a chunk has more than {_MAX_DEFINITIONS} records that are no messages"
+                raise _DamageError(f"damaged behind byte {self.offset}: {what}")
             if opcode == Opcode.CHANNEL:
                 channel = Channel.read(_stream(data[at : at + length]))
                 held = _type_of(channel.topic)
@@ -253,15 +257,15 @@ class _Reading:
             at += length
 
     def check_count(self, count: int) -> None:
-        """Hold what was read against what the index says was written."""
+        """Compare the number of messages with the number in the file's statistics."""
         found = self.count - self._before
         if count != found:
-            raise _BreaksOffError(f"records are missing: {count} were written, {found} could be read")
+            raise _DamageError(f"records are missing: {count} were written, {found} could be read")
 
     def _message(self, data: bytes, at: int, end: int) -> Record | None:
         channel_id, sequence, t_ns, _ = _MESSAGE.unpack_from(data, at)
         if self.count and sequence != self.sequence:
-            raise _BreaksOffError(
+            raise _DamageError(
                 f"records are missing behind byte {self.offset}: after number {self.sequence - 1} comes "
                 f"number {sequence}"
             )
@@ -270,49 +274,49 @@ class _Reading:
         self.t_ns = t_ns
         record_type = self._types[channel_id]
         if record_type is None:
-            return None  # of a later version, or not asked for
+            return None  # from a later version, or not requested
         payload = data[at + _MESSAGE.size : end]
         try:
             value: Recordable = decode(f"record {sequence}", payload, record_type)
         except WireError as error:
-            raise _BreaksOffError(str(error)) from None
+            raise _DamageError(str(error)) from None
         return Record(sequence, t_ns, value, payload)
 
 
-def _parts(file: BinaryIO) -> Iterator[_Part]:
+def _mcap_records(file: BinaryIO) -> Iterator[_McapRecord]:
     magic = file.read(len(MCAP_MAGIC))
     if magic != MCAP_MAGIC:
-        raise _BreaksOffError("cut off in its first bytes")
+        raise _DamageError("cut off in its first bytes")
     while True:
         offset = file.tell()
         head = file.read(_HEAD.size)
         if not head:
-            raise _BreaksOffError(
+            raise _DamageError(
                 f"cut off: the run did not end in order (last whole part ends at byte {offset})"
             )
         if len(head) < _HEAD.size:
-            raise _BreaksOffError(f"cut off at byte {offset}")
+            raise _DamageError(f"cut off at byte {offset}")
         opcode, length = _HEAD.unpack(head)
         if length > MAX_CHUNK_BYTES:
-            raise _BreaksOffError(f"damaged at byte {offset}: a part claims {length} bytes")
+            raise _DamageError(f"damaged at byte {offset}: a part claims {length} bytes")
         content = file.read(length)
         if len(content) < length:
-            raise _BreaksOffError(f"cut off at byte {offset + _HEAD.size + len(content)}")
+            raise _DamageError(f"cut off at byte {offset + _HEAD.size + len(content)}")
         yield opcode, file.tell(), content
 
 
 def _check_end(file: BinaryIO) -> None:
     if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
-        raise _BreaksOffError("cut off in its last bytes; every record was read")
+        raise _DamageError("cut off in its last bytes; every record was read")
 
 
 def mcap_paths(path: Path) -> list[Path]:
-    """Return the MCAP files, in order, of a recording that is named by one of them or by its folder.
+    """Return the MCAP files of a recording in order; a single file is returned as it is.
 
     Raises
     ------
     RecordingError
-        When there is none.
+        If there is none.
     """
     try:
         paths = part_paths(path) if path.is_dir() else [path]
@@ -324,12 +328,12 @@ def mcap_paths(path: Path) -> list[Path]:
 
 
 def recording_bytes(path: Path) -> int:
-    """Size of all MCAP files of a recording.
+    """Return the size of all MCAP files of a recording in bytes.
 
     Raises
     ------
     RecordingError
-        When one cannot be read.
+        If one cannot be read.
     """
     try:
         return sum(part.stat().st_size for part in mcap_paths(path))
@@ -337,7 +341,7 @@ def recording_bytes(path: Path) -> int:
         raise RecordingError(error.filename or str(path), f"cannot be read: {error.strerror}") from None
 
 
-def _opened(path: Path) -> BinaryIO:
+def _open_mcap(path: Path) -> BinaryIO:
     try:
         file = open_regular(path)
     except OSError as error:
@@ -354,8 +358,8 @@ def _stream(content: bytes) -> Any:
     return ReadDataStream(io.BytesIO(content))
 
 
-def _attachment_is_whole(content: bytes) -> bool:
-    """Check the checksum, which the library passes over: over everything before itself."""
+def _is_attachment_valid(content: bytes) -> bool:
+    """Return True if the checksum, which the library ignores, is that of all bytes before it."""
     return zlib.crc32(content[:-4]) == int.from_bytes(content[-4:], "little")
 
 

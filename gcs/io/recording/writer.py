@@ -215,9 +215,9 @@ class Recorder:
         if is_low and not self._is_space_low:
             self.notify(
                 "alarm",
-                f"room runs low: {self.folder} has {used / 1e9:.2f} GB, its disk {free / 1e6:.0f} MB free; "
-                f"it ends at {budget.max_bytes / 1e9:.6g} GB, or {budget.min_free_bytes / 1e6:.0f} MB free: "
-                "make room",
+                f"disk space runs low: {self.folder} has {used / 1e9:.2f} GB, its disk {free / 1e6:.0f} MB "
+                f"free; it ends at {budget.max_bytes / 1e9:.6g} GB, or {budget.min_free_bytes / 1e6:.0f} MB "
+                "free: free disk space",
             )
         self._is_space_low = is_low
 
