@@ -63,6 +63,8 @@ class Replanner:
         self._expected_targets = len(config.births)
         self._started_t_ns: int | None = None
         self._next_check_t_ns: int | None = None
+        self._tried: set[Label] = set()
+        """Targets that moved, for which a plan was made since the last regular look."""
         self._planned_agents: frozenset[int] = frozenset()
         self._planned_targets: frozenset[Label] = frozenset()
         self._noted: frozenset[str] = frozenset()
@@ -189,8 +191,12 @@ class Replanner:
         regular = self._is_regular(situation.t_ns)
         while self._next_check_t_ns <= situation.t_ns:  # looks missed without scans are not made up for
             self._next_check_t_ns += self._period_ns
-        changes, wants = self._changes(situation), self._moves(situation, 1.0 if regular else _FAR_OFF)
-        if regular:  # what one plan could not mend is not tried again at every scan
+        changes, moved_m = self._changes(situation), self._moves(situation, 1.0 if regular else _FAR_OFF)
+        # What one plan could not mend is not tried again at every scan: a target over an obstacle, say.
+        self._tried = self._tried if not regular else set()
+        wants = [triggers.moved(*move) for move in moved_m.items() if move[0] not in self._tried]
+        self._tried |= moved_m.keys()
+        if regular:
             wants = self._idle(situation) + wants + self._astray(situation) + self._missed(situation)
         if not changes and not wants:
             return None
@@ -296,16 +302,16 @@ class Replanner:
         there = situation.at_targets
         return any(flown[t] + there.get(t, 0) < self.aims.needed(t) for t in situation.targets)
 
-    def _moves(self, situation: PlanningInputs, times: float) -> list[Reason]:
-        """Which targets are so many times too far from where their routes end."""
-        return [
-            triggers.moved(route.target, moved_m)
+    def _moves(self, situation: PlanningInputs, times: float) -> dict[Label, float]:
+        """Which targets are so many times too far from where their routes end, and how far, in metres."""
+        return {
+            route.target: moved_m
             for vehicle, route, agent in self._flown(situation)
             if self._is_settled(vehicle, situation)
             and not self._is_arriving(route, situation)
             and (moved_m := self._off_m(vehicle, route, situation))
             > times * self.aims.tolerance_m(agent, route)
-        ]
+        }
 
     def _off_m(self, vehicle: int, route: Route, situation: PlanningInputs) -> float:
         """How far a route ends from where its target will be then."""

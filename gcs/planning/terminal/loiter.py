@@ -139,7 +139,8 @@ class _Circles:
     ) -> None:
         self._grid, self._start, self._spec = grid, start, spec
         self._speed_m_s = max(start.speed_m_s, 1.0)
-        self._near = np.array([*target_m, _NEAR * spec.reach_radius_m])
+        between_m = 0.5 * STEP_S * self._speed_m_s  # from a straight pass to the nearest simulated state
+        self._near = np.array([*target_m, max(_NEAR * spec.reach_radius_m, between_m)])
         self._near_s = min(_NEAR_S, _NEAR_SHARE * 2.0 * spec.reach_radius_m / self._speed_m_s)
         self._radius_m = options.turn_radius_m
         self._frame = np.array([*grid.origin_m, grid.spacing_m])

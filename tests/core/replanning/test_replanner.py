@@ -265,6 +265,16 @@ def test_a_target_over_an_obstacle_does_not_make_a_plan_at_each_look():
     assert desk.replanner.routes[1].points_m[-1] == pytest.approx(end)
 
 
+def test_a_target_over_an_obstacle_is_planned_for_once_a_period_and_not_at_every_scan(monkeypatch):
+    walls = "[map]\nboxes_m = [[1000.0, 0.0, 2000.0, 700.0]]\n"
+    desk = pair(tables=f'{walls}[planning]\nwhen = "events"\n')
+    planned, plan = [], desk.replanner._routed
+    monkeypatch.setattr(desk.replanner, "_routed", lambda *args, **kw: planned.append(1) or plan(*args, **kw))
+    for second in range(1, 31):
+        desk.look(float(second))
+    assert 1 <= len(planned) <= 12
+
+
 def test_spare_agents_wait_without_a_plan_at_each_look_and_take_what_appears():
     desk = Desk(
         {1: (100.0, 200.0), 2: (100.0, 800.0), 3: (100.0, 1400.0)}, {A: (1500.0, 200.0)}, expected_targets=1
