@@ -1,40 +1,33 @@
-"""How kernels are compiled, how to write them so that it takes seconds, and how to have them ready in time.
+"""Compilation of kernels with numba: decorators, cache and warm-up.
 
-numba compiles a kernel at its first call and keeps the result in a cache on disk; the first start after an
-installation waits for it. What costs time is not the loops. It is
+numba compiles a kernel at its first call and caches it on disk. Five decorators say how a function is used:
 
-- functions: each is typed and lowered by itself, once for every combination of argument types (a literal `0`
-  or `False` is a type of its own). numba would also optimise each and turn it into machine code, by itself
-  and once more within all that call it, and these within their callers. Here a part is optimised in kernels
-  alone, and a kernel that another kernel calls is linked as it is: a quarter less to compile. What is called
-  in one place is best inlined; and each array that a call hands on is seven arguments: a record of a dozen
-  takes a tenth of a microsecond, so what is called for each object is `spliced` into its callers;
-- numpy: `sort`, `argsort`, `diff`, `searchsorted`, `max`, array expressions and fancy indexing are compiled
-  from numba's Python sources for each element type, in a tenth of a second to a second. An array assigned to
-  a slice takes 1.7 s: it may fail, and its message is put together by compiled string functions. A loop takes
-  milliseconds; `empty`, `zeros` and a scalar assigned to a slice are cheap;
-- arrays handed about: slices, tuples of arrays, records with many fields.
+- `kernel`: called from Python, cached with all that it calls.
+- `called`: called from kernels only, in more than one place.
+- `leaf`: called from kernels only, makes no arrays. It counts no references.
+- `spliced`: a leaf that is called for each object; LLVM inlines it.
+- `inlined`: becomes part of its caller before compilation.
 
-What costs time when a kernel runs is, besides its work, counting who refers to which array. numba counts at
-every assignment of an array or of a record of arrays, also where a function is inlined, and each time is an
-atomic operation: in a loop over small things these took three quarters of the time. So a kernel makes its
-arrays, room to work in among them, and leaves its loops to a `leaf`, which counts nothing. Nor does a leaf
-ask at every access whether an index is negative and counts from the end of the array: that was a sixth of
-its time. An index below zero is out of bounds in a leaf, and as little noticed as one beyond the end; tests
-run with NUMBA_BOUNDSCHECK=1 and an empty NUMBA_CACHE_DIR notice both.
+Rules that keep compilation short:
 
-A later start reads kernels from the cache. numba would first prepare to compile all the same, a tenth of a
-second; `_Cache` leaves that to the kernel that is not there.
+- Each function is typed and lowered once for every combination of argument types. A literal `0` or `False`
+  is a type of its own: pass `ZERO`. Inline what is called in one place.
+- An array argument is seven machine arguments: do not pass records of many arrays to small functions.
+- numpy's `sort`, `argsort`, `searchsorted`, array expressions and fancy indexing are compiled from Python
+  for each type, in 0.1 s to 1 s. Assigning an array to a slice takes 1.7 s. Loops take milliseconds;
+  `empty`, `zeros` and scalar assignment to a slice are cheap.
 
-numba's cache does not see other files change. Whoever edits a kernel that kernels of another file call must
+Rules that keep kernels fast: numba counts references at every assignment of an array or record, also in
+inlined functions. So a kernel allocates its arrays and leaves loops to a leaf. Run the tests with
+NUMBA_BOUNDSCHECK=1 and an empty NUMBA_CACHE_DIR to find an index out of bounds.
+
+numba does not notice changes of other files. After an edit of a function that kernels of another file call,
 remove the `__pycache__` of that file.
 
-A room that has kernels lists one call of each in `warm_up_calls`, with types as in flight; and those that
-only other kernels call, the parts of these, in `warm_up_parts`. Where the cache is cold, parts are compiled
-first, and a second process goes through all the rooms that are wanted from the last call to the first: each
-of the two finds in the cache on disk what the other has put there, and they meet somewhere in the middle.
-numba replaces the cache's files atomically, so what both compile at once is written twice, no more; and if
-the helper fails, it is only missed.
+A module with kernels lists one call of each in `warm_up_calls`, with the types in use, and the kernels that
+these call in `warm_up_parts`. On a cold cache parts are compiled first, and a helper process compiles all
+modules from the other end. Both share the cache on disk, whose files numba replaces atomically. Why
+internals of numba are used: decision 28.
 """
 
 from __future__ import annotations
@@ -64,24 +57,23 @@ Call: TypeAlias = tuple[Any, ...]
 """A kernel and its arguments."""
 
 ZERO = cast(int, np.int64(0))
-"""Where a count begins that is handed on: a literal 0 has a type of its own, for which all that takes it, and
-all that this calls, would be compiled once more."""
+"""Start of a counter that is passed on: a literal 0 would compile its callees once more."""
 
 _COLLECT_AFTER = 100_000
-"""Objects allocated between garbage collections while compiling: with the usual 700 these cost an eighth."""
+"""Objects allocated between garbage collections while compiling; the usual 700 cost an eighth."""
 
-_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_KERNEL_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
-_FROM_KERNELS = {"no_cpython_wrapper": True, **_OPTIONS}
-"""What Python never calls need not take Python's arguments apart: an eighth of compiling."""
+_PART_OPTIONS = {"no_cpython_wrapper": True, **_KERNEL_OPTIONS}
+"""Without the wrapper that unpacks arguments from Python: an eighth of compilation."""
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
-    """numba's cache, without preparing to compile before it is known that there is something to compile."""
+class _KernelCache(FunctionCache):  # type: ignore[misc]
+    """numba's cache, which loads a kernel before it initialises the compiler (0.1 s a start)."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what is kept for a signature, or None: then it is compiled."""
-        rtsys.initialize(target_context)  # what compiled code calls; all the rest is for the compiler
+        """Return the cached code for a signature, or None."""
+        rtsys.initialize(target_context)  # the runtime of compiled code, without the compiler
         try:
             with self._guard_against_spurious_io_errors():
                 found = self._load_overload(sig, target_context)
@@ -89,21 +81,21 @@ class _Cache(FunctionCache):  # type: ignore[misc]
                     found.library.is_kernel = True
                 return found
         except (AttributeError, ImportError):
-            # Another version of this package left it, in which something that it names was elsewhere.
+            # An older version of this package wrote it, with names that have moved since.
             self.flush()
             return None
 
 
 class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """Code that kernels take over: it is optimised, and turned into machine code, in them alone."""
+    """Code of a part: optimised and turned into machine code in kernels alone."""
 
     def get_pointer_to_function(self, name: str) -> int:  # noqa: ARG002  numba's signature
-        """Return 0: nothing in it can be called by its address."""
+        """Return 0: a part has no address."""
         self._ensure_finalized()
         return 0
 
     def _optimize_final_module(self) -> None:
-        """Leave it to the kernels."""
+        """Do nothing: kernels optimise it."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
@@ -111,14 +103,14 @@ class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
 
 
 class _KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """A kernel's code: parts are optimised with it; other kernels that it calls are optimised already."""
+    """Code of a kernel: parts are optimised with it; other kernels are optimised already."""
 
     is_kernel = True
     _linking_libraries: list[Any]
     _kernels: Sequence[Any] = ()
 
     def finalize(self) -> None:
-        """Link parts, optimise, link other kernels, and turn all into machine code."""
+        """Link parts, optimise, link other kernels, and generate machine code."""
         libraries = dict.fromkeys(self._linking_libraries)
         self._kernels = [one for one in libraries if getattr(one, "is_kernel", False)]
         self._linking_libraries = [one for one in libraries if one not in self._kernels]
@@ -131,7 +123,7 @@ class _KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
 
 
 class _Codegen:
-    """numba's code generator, making libraries of another kind."""
+    """numba's code generator with another class of libraries."""
 
     def __init__(self, codegen: Any, kind: Any) -> None:
         self._codegen, self._kind = codegen, kind
@@ -144,8 +136,8 @@ class _Codegen:
         return getattr(self._codegen, name)
 
 
-class _Kernel(Compiler):  # type: ignore[misc]
-    """Compiles what is called from Python."""
+class _KernelCompiler(Compiler):  # type: ignore[misc]
+    """Compiler of functions that Python calls."""
 
     library_kind = _KernelLibrary
 
@@ -157,71 +149,45 @@ class _Kernel(Compiler):  # type: ignore[misc]
         self.state.targetctx = target
 
 
-class _Part(_Kernel):
-    """Compiles what only kernels call."""
+class _PartCompiler(_KernelCompiler):
+    """Compiler of functions that only kernels call."""
 
     library_kind = _PartLibrary
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.state.targetctx.get_executable = _nothing_to_execute
+        self.state.targetctx.get_executable = _unexecutable
 
 
-class _PlainIndices(_Part):
-    """Compiles parts in which no index counts from the end."""
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        _distinguish_plain_indices()
-        self.state.targetctx.plain_indices = True
-
-
-def _nothing_to_execute(library: Any, fndesc: Any, env: Any) -> Any:
-    """Return what numba keeps for a compiled function, without an address."""
+def _unexecutable(library: Any, fndesc: Any, env: Any) -> Any:
+    """Return numba's function object without an address."""
     library.get_pointer_to_function(fndesc.llvm_cpython_wrapper_name)
     return _dynfunc.make_function(fndesc.lookup_module(), fndesc.qualname, "", 0, env, (library,))
 
 
-@functools.cache
-def _distinguish_plain_indices() -> None:
-    """Have numba take indices as they are, in what `_PlainIndices` compiles and nowhere else."""
-    from numba.np import arrayobj
-
-    from_either_end = getattr(arrayobj, "fix_integer_index", None)
-    if from_either_end is None:
-        return  # another numba: leaves are only slower
-
-    def fix(context: Any, builder: Any, kind: Any, index: Any, size: Any) -> Any:
-        if kind.signed and getattr(context, "plain_indices", False):
-            return context.cast(builder, index, kind, types.intp)
-        return from_either_end(context, builder, kind, index, size)
-
-    arrayobj.fix_integer_index = fix
-
-
 def kernel(function: Any) -> Any:
-    """Compile what is called from Python; it is kept in the cache with all that it calls."""
-    compiled = numba.njit(pipeline_class=_Kernel, **_OPTIONS)(function)
-    compiled._cache = _Cache(function)
+    """Compile a function that Python calls, and cache it with all that it calls."""
+    compiled = numba.njit(pipeline_class=_KernelCompiler, **_KERNEL_OPTIONS)(function)
+    compiled._cache = _KernelCache(function)
     return compiled
 
 
-called = numba.njit(pipeline_class=_Part, **_FROM_KERNELS)
-"""Called from kernels alone, in more than one place."""
+called = numba.njit(pipeline_class=_PartCompiler, **_PART_OPTIONS)
+"""Called from kernels only, in more than one place."""
 
-leaf = numba.njit(_nrt=False, pipeline_class=_PlainIndices, **_FROM_KERNELS)
-"""Called from kernels alone, makes no arrays: nothing in it counts references, or indices from the end."""
+leaf = numba.njit(_nrt=False, pipeline_class=_PartCompiler, **_PART_OPTIONS)
+"""Called from kernels only, makes no arrays: counts no references."""
 
-spliced = numba.njit(_nrt=False, pipeline_class=_PlainIndices, forceinline=True, **_FROM_KERNELS)
-"""A leaf that is called for each object: compiled once, and then put into what calls it."""
+spliced = numba.njit(_nrt=False, pipeline_class=_PartCompiler, forceinline=True, **_PART_OPTIONS)
+"""A leaf that is called for each object: compiled once and inlined by LLVM."""
 
-inlined = numba.njit(inline="always", **_OPTIONS)
+inlined = numba.njit(inline="always", **_KERNEL_OPTIONS)
 """Becomes part of the function that calls it, at every call."""
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def prefetch_row(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  numba's signature
-    """Have the processor load a row of a matrix that is needed some hundred instructions from now."""
+    """Prefetch a row of a matrix that is needed some hundred instructions later."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         from llvmlite import ir
@@ -240,36 +206,36 @@ def prefetch_row(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  num
     return types.void(array, row), code
 
 
-def warm_up(*rooms: str, on_compiled: Callable[[str, int, int], None] | None = None) -> None:
-    """Load the kernels of rooms (names of modules) from the cache or, with a helper process, compile them.
+def warm_up(*modules: str, on_compiled: Callable[[str, int, int], None] | None = None) -> None:
+    """Load the kernels of modules (names) from the cache, or compile them with a helper process.
 
-    `on_compiled` is called with a room and "n of m" when its kernels are not in the cache: first after the
-    first one, which is a short one, was compiled.
+    `on_compiled` is called with a module and "n of m" if its kernels are not in the cache, first after its
+    first kernel, which is a short one.
     """
     with contextlib.ExitStack() as stack:
         has_helper = False
-        for number, room in enumerate(rooms):
-            calls = _calls(room)
+        for number, module in enumerate(modules):
+            calls = _warm_up_calls(module)
             probe = calls[0][0]
             before = _misses(probe)
-            _make(calls[:1])
+            _call_all(calls[:1])
             if _misses(probe) == before:
-                _make(calls[1:])
+                _call_all(calls[1:])
                 continue
             if not has_helper:
-                stack.enter_context(_helper(rooms[number:]))
+                stack.enter_context(_helper_process(modules[number:]))
                 has_helper = True
-            told = None if on_compiled is None else functools.partial(on_compiled, room)
-            _make([*_parts(room), *calls[1:]], told)
+            report = None if on_compiled is None else functools.partial(on_compiled, module)
+            _call_all([*_warm_up_parts(module), *calls[1:]], report)
 
 
 @contextlib.contextmanager
-def _helper(rooms: Sequence[str]) -> Iterator[None]:
-    """Compile from the other end in a process of its own, with the same packages, until the block ends."""
+def _helper_process(modules: Sequence[str]) -> Iterator[None]:
+    """Compile from the other end in another process, until the block ends."""
     helper = None
     with contextlib.suppress(OSError):
         helper = subprocess.Popen(  # noqa: S603  ourselves
-            [sys.executable, "-P", "-m", "gcs.jit", *rooms],
+            [sys.executable, "-P", "-m", "gcs.jit", *modules],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -283,31 +249,31 @@ def _helper(rooms: Sequence[str]) -> Iterator[None]:
             helper.wait()
 
 
-def _calls(room: str) -> Sequence[Call]:
-    return cast(Sequence[Call], importlib.import_module(room).warm_up_calls())
+def _warm_up_calls(module: str) -> Sequence[Call]:
+    return cast(Sequence[Call], importlib.import_module(module).warm_up_calls())
 
 
-def _parts(room: str) -> Sequence[Call]:
-    return cast(Sequence[Call], getattr(importlib.import_module(room), "warm_up_parts", list)())
+def _warm_up_parts(module: str) -> Sequence[Call]:
+    return cast(Sequence[Call], getattr(importlib.import_module(module), "warm_up_parts", list)())
 
 
 def _misses(probe: Any) -> int:
     return sum(probe.stats.cache_misses.values())
 
 
-def _make(calls: Sequence[Call], on_made: Callable[[int, int], None] | None = None) -> None:
+def _call_all(calls: Sequence[Call], on_call: Callable[[int, int], None] | None = None) -> None:
     thresholds = gc.get_threshold()
     gc.set_threshold(max(_COLLECT_AFTER, thresholds[0]), *thresholds[1:])
     try:
         for number, (compiled, *arguments) in enumerate(calls, 1):
-            if on_made is not None:
-                on_made(number, len(calls) + 1)
+            if on_call is not None:
+                on_call(number, len(calls) + 1)
             compiled(*arguments)
     finally:
         gc.set_threshold(*thresholds)
 
 
 if __name__ == "__main__":
-    for last in sys.argv[:0:-1]:
-        _make(_parts(last)[::-1])
-        _make(_calls(last)[::-1])
+    for name in sys.argv[:0:-1]:
+        _call_all(_warm_up_parts(name)[::-1])
+        _call_all(_warm_up_calls(name)[::-1])
