@@ -1,4 +1,4 @@
-"""The ``sim-vehicles`` command: vehicles and a world alone, for any ground station to connect to."""
+"""The ``sim-vehicles`` command: simulated vehicles and their world, for any ground station."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from gcs.cli.errors import print_error
+from gcs.cli.arguments import JsonOption, LossOption, ScenarioArgument, SeedOption
+from gcs.cli.errors import exit_on_error, print_error
 from gcs.errors import GcsError
 from gcs.io.console import console_for
 from sim_vehicles.autopilots.firmware import parse_sitl
-from sim_vehicles.supervisor import Plan, Supervisor
+from sim_vehicles.supervisor import SimulationPlan, Supervisor
 from sim_vehicles.world.scenario import load
 
 app = typer.Typer(
@@ -26,22 +27,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-ScenarioArgument = Annotated[
-    str,
-    typer.Argument(
-        help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.", show_default=True
-    ),
-]
-SeedOption = Annotated[
-    int, typer.Option(min=0, help="Makes everything random: obstacles, deaths, targets, noise.")
-]
-ZenohOption = Annotated[str, typer.Option(help="zenoh endpoint for scans and truth.")]
+ZenohOption = Annotated[str, typer.Option(help="zenoh endpoint for scans and ground truth.")]
 ZenohRoleOption = Annotated[
     Literal["connect", "listen"],
-    typer.Option(
-        help="connect: to a central command that listens (`gcs run`); listen: for anybody to connect."
-    ),
+    typer.Option(help="connect: to a listening central command (`gcs run`); listen: wait for connections."),
 ]
+JsonLinesOption = Annotated[bool, typer.Option("--json", help="Print events as JSON, one object a line.")]
 
 
 @app.callback()
@@ -55,54 +46,48 @@ def run(
     seed: SeedOption = 1,
     speed: Annotated[
         float,
-        typer.Option(
-            min=0.1, max=50.0, help="Run time for each second of wall time; ground stations expect 1."
-        ),
+        typer.Option(min=0.1, max=50.0, help="Speed as a multiple of real time; ground stations expect 1."),
     ] = 1.0,
     gcs: Annotated[
-        str, typer.Option(help="HOST:PORT of the ground station that every vehicle talks to.")
+        str, typer.Option(help="HOST:PORT of the ground station of all vehicles.")
     ] = "127.0.0.1:14550",
     zenoh: ZenohOption = "tcp/127.0.0.1:7447",
     zenoh_role: ZenohRoleOption = "connect",
     pack: Annotated[int, typer.Option(min=1, max=250, help="Vehicles in each process.")] = 1,
-    loss: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
-    ] = 0.0,
+    loss: LossOption = 0.0,
     start_at_once: Annotated[
         bool,
         typer.Option(
             "--start-at-once",
-            help="Let targets move and deaths count from the start, not from when a ground station has been "
-            "heard for 10 s.",
+            help="Start targets and vehicle losses at once, not when a ground station has been heard for "
+            "10 s.",
         ),
     ] = False,
     sitl: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=PATH",
-            help="Fly real firmware in place of simulated autopilots: arduplane=PATH (ArduPilot's SITL) or "
-            "px4=PATH (PX4 with SIH). Can be given twice: agents in `simulation.px4` take PX4.",
+            help="Fly real firmware instead of simulated autopilots: arduplane=PATH (ArduPilot's SITL) or "
+            "px4=PATH (PX4 with SIH). With both, agents in `simulation.px4` fly PX4.",
         ),
     ] = None,
     sitl_folder: Annotated[
         Path | None,
-        typer.Option(help="Where the firmware keeps its files and logs.  [default: a temporary folder]"),
+        typer.Option(help="Folder for files and logs of the firmware.  [default: a temporary folder]"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line instead of words.")] = False,
+    as_json: JsonLinesOption = False,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
-    """Fly a scenario's vehicles until Ctrl-C: one process and one UDP socket each, and one for the world.
+    """Fly the vehicles of a scenario until Ctrl-C.
 
-    Each vehicle behaves as an ArduPlane does, in LOITER at its start, and waits for a mission. Targets stand
-    at their starts, and nobody dies, until a ground station has been heard for 10 s. Connect QGroundControl,
-    MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
+    Each vehicle is a process with its own UDP socket. It behaves like ArduPlane, loiters at its start and
+    waits for a mission. Targets start to move, and losses start, when a ground station has been heard for
+    10 s. Connect QGroundControl, MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
     """
-    try:
+    with exit_on_error():
         firmware = dict(parse_sitl(text) for text in sitl or [])
         loaded = load(scenario)
-    except GcsError as error:
-        raise typer.Exit(print_error(error)) from None
-    plan = Plan(
+    plan = SimulationPlan(
         loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss, not start_at_once, firmware, sitl_folder
     )
     _supervise(plan, as_json, sys.stdin.fileno() if until_stdin_closes else None)
@@ -115,37 +100,35 @@ def world(
         list[str],
         typer.Option(
             metavar="ENDPOINT",
-            help="MAVLink endpoint of vehicles that fly already, such as tcp:127.0.0.1:5762 (second port of "
-            "ArduPilot's SITL) or udpin:127.0.0.1:14551. Give it once for each link.",
+            help="MAVLink endpoint of running vehicles, such as tcp:127.0.0.1:5762 (second port of "
+            "ArduPilot's SITL) or udpin:127.0.0.1:14551. Can be repeated.",
         ),
     ],
     seed: SeedOption = 1,
     zenoh: ZenohOption = "tcp/127.0.0.1:7447",
     zenoh_role: ZenohRoleOption = "connect",
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line instead of words.")] = False,
+    as_json: JsonLinesOption = False,
 ) -> None:
-    """Simulate a scenario's targets and sensors around vehicles that fly already, until Ctrl-C.
+    """Simulate the targets and sensors of a scenario around running vehicles, until Ctrl-C.
 
-    The sensors see the vehicles where their simulation says that they truly are (SIMSTATE of ArduPilot's
-    SITL, HIL_STATE_QUATERNION of PX4). A vehicle without such messages is seen where it reports to be.
+    The sensors detect the vehicles at their true positions (SIMSTATE of ArduPilot's SITL,
+    HIL_STATE_QUATERNION of PX4), or without such messages at their reported positions.
     """
-    try:
+    with exit_on_error():
         loaded = load(scenario)
-    except GcsError as error:
-        raise typer.Exit(print_error(error)) from None
-    plan = Plan(loaded, seed, 1.0, "", zenoh, zenoh_role, truth_links=link)
+    plan = SimulationPlan(loaded, seed, 1.0, "", zenoh, zenoh_role, truth_links=link)
     _supervise(plan, as_json)
 
 
-def _supervise(plan: Plan, as_json: bool, stdin: int | None = None) -> None:
-    """Run a simulated world until Ctrl-C, SIGTERM, or the end of standard input where that is given."""
+def _supervise(plan: SimulationPlan, as_json: bool, stdin: int | None = None) -> None:
+    """Run a simulated world until Ctrl-C, SIGTERM, or the end of `stdin` (a file descriptor)."""
     console = console_for(stderr=True)
 
     def report(event: dict[str, Any]) -> None:
         if as_json:
             print(json.dumps(event), flush=True)  # noqa: T201
         else:
-            console.print(_in_words(event), highlight=False)
+            console.print(_event_text(event), highlight=False)
 
     supervisor = Supervisor(plan, report)
     signal.signal(signal.SIGTERM, _interrupt)
@@ -165,21 +148,19 @@ def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-def _in_words(event: dict[str, Any]) -> str:
+def _event_text(event: dict[str, Any]) -> str:
     match event["event"]:
         case "vehicle":
             return f"vehicle {event['system_id']} is process {event['pid']}"
         case "started":
             return f"flying at speed {event['speed']:g}; Ctrl-C ends it"
         case _:
-            who = ", ".join(str(i) for i in event["system_ids"]) or "the world"
-            return (
-                f"{'vehicle ' if event['system_ids'] else ''}{who}: process ended with code {event['code']}"
-            )
+            names = ", ".join(str(i) for i in event["system_ids"])
+            return f"{f'vehicle {names}' if names else 'the world'}: process ended with code {event['code']}"
 
 
 def _watch(supervisor: Supervisor, stdin: int | None) -> None:
-    """Watch until interrupted, standard input closes, or the world ends; report vehicles that end."""
+    """Watch until standard input closes or the world ends; report vehicles that end."""
     with selectors.DefaultSelector() as selector:
         if stdin is not None:
             selector.register(stdin, selectors.EVENT_READ)
@@ -195,44 +176,34 @@ def _watch(supervisor: Supervisor, stdin: int | None) -> None:
 def simulate(
     scenario: ScenarioArgument = "prescribed",
     seed: SeedOption = 1,
-    runs: Annotated[int, typer.Option(min=1, help="How many seeds, from --seed upwards.")] = 1,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="End with one JSON object on its own line.")
-    ] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for recordings; none is written without it.")
-    ] = None,
-    loss: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Part of all datagrams that gets lost, each way.")
-    ] = 0.0,
+    runs: Annotated[int, typer.Option(min=1, help="Number of runs, with seeds from --seed upwards.")] = 1,
+    as_json: JsonOption = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for recordings.  [default: no recording]")] = None,
+    loss: LossOption = 0.0,
     duration: Annotated[
-        float | None, typer.Option(min=1.0, help="Seconds of run time after which a run has failed.")
+        float | None, typer.Option(min=1.0, help="Time limit of a run, in seconds of run time.")
     ] = None,
 ) -> None:
-    """Fly whole missions on virtual time, as fast as the machine can; the same seed, the same outcome."""
+    """Fly simulated missions on virtual time. The same seed gives the same outcome."""
     from sim_vehicles.campaign.simulate import simulate as simulate_runs
 
-    try:
-        complete = simulate_runs(load(scenario), seed, runs, as_json, out, loss, duration)
-    except GcsError as error:
-        raise typer.Exit(print_error(error)) from None
-    raise typer.Exit(0 if complete else 1)
+    with exit_on_error():
+        are_complete = simulate_runs(load(scenario), seed, runs, as_json, out, loss, duration)
+    raise typer.Exit(0 if are_complete else 1)
 
 
 @app.command(hidden=True)
 def montecarlo(options: str) -> None:
-    """Fly a campaign; `options` is the JSON of `MontecarloOptions`. People say `gcs montecarlo`."""
+    """Fly a campaign for `gcs montecarlo`; `options` is the JSON of `MontecarloOptions`."""
     import msgspec
 
     from sim_vehicles.campaign.montecarlo import MontecarloOptions, run_montecarlo
 
-    try:
-        complete = run_montecarlo(msgspec.json.decode(options, type=MontecarloOptions))
-    except GcsError as error:
-        raise typer.Exit(print_error(error)) from None
-    raise typer.Exit(0 if complete else 1)
+    with exit_on_error():
+        are_complete = run_montecarlo(msgspec.json.decode(options, type=MontecarloOptions))
+    raise typer.Exit(0 if are_complete else 1)
 
 
 def main() -> None:
-    """Entry point."""
+    """Run the ``sim-vehicles`` command."""
     app()

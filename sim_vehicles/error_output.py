@@ -1,4 +1,4 @@
-"""What a vehicle's process tells on standard error; a terminal that nobody reads stops no vehicle."""
+"""Messages on standard error that never block a vehicle."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ _STDERR = 2
 _writer: threading.Thread | None = None
 
 
-def tell(text: str) -> None:
-    """Write a line to standard error on a thread; it is lost if the line before is still to be written."""
+def print_message(text: str) -> None:
+    """Write a line to standard error on a thread; drop it if the last line is not written yet."""
     global _writer
     if _writer is None or not _writer.is_alive():
         _writer = threading.Thread(target=_write, args=(f"{text}\n".encode(),), daemon=True)
@@ -19,5 +19,5 @@ def tell(text: str) -> None:
 
 
 def _write(line: bytes) -> None:
-    with contextlib.suppress(OSError):  # nobody is there any more
+    with contextlib.suppress(OSError):  # Standard error is closed.
         os.write(_STDERR, line)

@@ -1,17 +1,14 @@
-"""The thin process around one or more simulated vehicles: sockets and a clock, nothing else.
+"""Process of one or more simulated vehicles: their sockets and clock.
 
 ``python -m sim_vehicles.process --frame-json ... --spec-json ... [--spec-json ...] --gcs 127.0.0.1:14550``
 prints ``ready``, reads one JSON line ``{"epoch_ns": ..., "start_t_ns": ..., "speed": ...}`` and flies: at the
 wall time `epoch_ns` (Unix) the run's clock says `start_t_ns`, and from there it goes at `speed`. It ends
 cleanly when standard input closes, and on SIGTERM or SIGINT.
 
-Each vehicle has a UDP socket of its own, sends to the ground station's address and hears only that address.
+Each vehicle has its own UDP socket; it exchanges datagrams with the ground station's address only.
 With ``--truth`` it also sends its true state to the simulated world while it lives, ten times a second of
 run time: SYSTEM_TIME and SIM_STATE in one datagram, and a HEARTBEAT once a ground station is there.
 ``--loss`` drops ground-station datagrams at random, each way.
-
-Measured (CPython 3.11, two shared cores): ready 0.25 s after its start; 46 MB resident, 26 MB of it its own;
-0.5 % of a core for one vehicle at speed 1, with default streams and truth, and 0.1 % for each of a pack.
 """
 
 from __future__ import annotations
@@ -36,7 +33,7 @@ from gcs.io.clock import RunClock
 from gcs.io.signing.keystore import read_keys
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.missions import NEVER_NS
-from sim_vehicles.error_output import tell
+from sim_vehicles.error_output import print_message
 from sim_vehicles.vehicle.frames import Outbox
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
@@ -45,11 +42,11 @@ Address = tuple[str, int]
 GROUND_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
     mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
 )
-"""Tells the simulated world that a ground station is there."""
+"""Sent to the simulated world once a ground station is connected."""
 _TRUTH_PERIOD_NS = NS_PER_S // 10
-_SHORTEST_NAP_S = 0.001
-_LONGEST_NAP_S = 0.05
-_LAG_NS = NS_PER_S // 2
+_MIN_SLEEP_S = 0.001
+_MAX_SLEEP_S = 0.05
+_MAX_LAG_NS = NS_PER_S // 2
 
 
 class Host:
@@ -70,17 +67,17 @@ class Host:
 
     @property
     def due_ns(self) -> int:
-        """When it next wants to be advanced, at the latest."""
+        """Time of the next action."""
         return min(self.vehicle.due_ns, self._truth_ns)
 
     def receive(self, t_ns: int) -> None:
-        """Take every datagram that waits; strangers' are dropped."""
+        """Process all waiting datagrams from the ground station; drop others."""
         while True:
             try:
                 data, sender = self.socket.recvfrom(2048)
             except BlockingIOError:
                 return
-            except ConnectionError:  # an earlier datagram found nobody listening: not this one's concern
+            except ConnectionError:  # An ICMP error for an earlier datagram.
                 continue
             if sender == self._gcs and not self._is_lost():
                 self.vehicle.receive_datagram(data, t_ns)
@@ -95,7 +92,7 @@ class Host:
                 self._send_truth(time_message, state_message, *heartbeats)
                 self._truth_ns += _TRUTH_PERIOD_NS
             else:
-                # A time without a state: the world need not wait for a vehicle that has died.
+                # A time without a state: the world does not wait for a dead vehicle.
                 self._send_truth(time_message)
                 self._truth_ns = NEVER_NS
         for data in self.vehicle.datagrams_to_send(t_ns):
@@ -105,12 +102,12 @@ class Host:
     def _send_truth(self, *messages: Any) -> None:
         for message in messages:
             self._truth_outbox.send(message)
-        for data in self._truth_outbox.take():
+        for data in self._truth_outbox.pop_datagrams():
             self._send(data, self._truth)
 
     def _send(self, data: bytes, to: Address | None) -> None:
         if to is not None:
-            # Nobody there, or the buffer full: a datagram may always be lost.
+            # No receiver, or a full buffer: a datagram may be lost.
             with contextlib.suppress(OSError):
                 self.socket.sendto(data, to)
 
@@ -124,11 +121,11 @@ def fly(hosts: list[Host], clock: RunClock) -> None:
         selector.register(sys.stdin, selectors.EVENT_READ)
         for host in hosts:
             selector.register(host.socket, selectors.EVENT_READ, host)
-        told_s = 0.0
+        last_message_s = 0.0
         while True:
             due_ns = min(host.due_ns for host in hosts)
-            # What is due happens at the end of a step: a nap of no length would only spin.
-            ready = selector.select(min(max(clock.wall_s_until(due_ns), _SHORTEST_NAP_S), _LONGEST_NAP_S))
+            # Actions happen at the end of a step: a sleep of no length would spin.
+            ready = selector.select(min(max(clock.wall_s_until(due_ns), _MIN_SLEEP_S), _MAX_SLEEP_S))
             t_ns = clock.now_ns()
             for key, _ in ready:
                 if isinstance(key.data, Host):
@@ -138,11 +135,11 @@ def fly(hosts: list[Host], clock: RunClock) -> None:
             for host in hosts:
                 host.advance(t_ns)
             late_ns = clock.now_ns() - due_ns
-            if late_ns > _LAG_NS and time.monotonic() > told_s + 1.0:
-                told_s = time.monotonic()
+            if late_ns > _MAX_LAG_NS and time.monotonic() > last_message_s + 1.0:
+                last_message_s = time.monotonic()
                 names = ", ".join(str(host.vehicle.system_id) for host in hosts)
                 late_s = late_ns / NS_PER_S
-                tell(f"vehicle {names}: {late_s:.1f} s of run time behind the clock")
+                print_message(f"vehicle {names}: {late_s:.1f} s of run time behind the clock")
 
 
 def address_of(text: str) -> Address:
@@ -161,7 +158,7 @@ def _probability(text: str) -> float:
 
 
 def add_vehicle_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what each process that hosts vehicles is told."""
+    """Add the arguments of each process with vehicles."""
     parser.add_argument(
         "--frame-json", required=True, help="lat_deg, lon_deg, alt_msl_m of the local frame's origin"
     )
@@ -201,7 +198,7 @@ def main(argv: list[str] | None = None) -> int:
     frame = LocalFrame(**json.loads(arguments.frame_json))
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: sys.exit(0))
-    # Build one vehicle beforehand: what is imported and computed lazily is ready when the clock starts.
+    # Build one vehicle first: lazy imports and tables are ready when the clock starts.
     SimVehicle(arguments.spec_json[0], frame, 0).advance(0)
     keys = {spec.system_id: _key(spec) for spec in arguments.spec_json}
     sys.stdout.write("ready\n")

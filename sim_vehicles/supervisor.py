@@ -1,7 +1,7 @@
-"""Starts, watches and stops the processes of a simulated world: one a vehicle (or a pack), one for the world.
+"""Supervisor of the processes of a simulated world: one for each vehicle or pack, one for the world.
 
-Every child prints ``ready`` when it can fly, waits for one JSON line with the common clock, and ends when
-its standard input closes: when the supervisor dies, however that happens, no process stays behind.
+Each child prints ``ready``, waits for one JSON line with the common clock, and ends when its standard input
+closes. So no process stays behind when the supervisor is killed.
 """
 
 from __future__ import annotations
@@ -25,45 +25,45 @@ from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import Scenario
 from sim_vehicles.world.specs import vehicle_specs
 
-_READY_WITHIN_S = 60.0
-_AIRBORNE_WITHIN_S = 180.0
-"""Of wall time, with real firmware."""
-_STOP_WITHIN_S = 3.0
+_READY_TIMEOUT_S = 60.0
+_AIRBORNE_TIMEOUT_S = 180.0
+"""For real firmware, in wall time."""
+_STOP_TIMEOUT_S = 3.0
 _HEAD_START_S = 0.3
-"""Between the start line and time zero, so that every child has read it."""
+"""Time for the children to read the clock before time zero."""
 
 
 @dataclass(slots=True)
 class Child:
-    """One process and the vehicles that it hosts (none: the world)."""
+    """One process and its vehicles (none: the world)."""
 
     process: subprocess.Popen[str]
     system_ids: tuple[int, ...] = ()
-    ended: bool = False
+    has_ended: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What to start and how they reach each other."""
+class SimulationPlan:
+    """Processes to start, and their connections."""
 
     scenario: Scenario
     seed: int
     speed: float
     gcs: str
-    """host:port that vehicles talk to."""
+    """host:port of the ground station."""
     zenoh: str
-    """Endpoint that the world connects or listens to."""
+    """Endpoint of the world."""
     zenoh_role: str
     pack: int = 1
     loss: float = 0.0
     waits_for_ground: bool = False
-    """True if targets move and deaths count only from when a ground station is there."""
+    """True if targets and losses start when a ground station is heard."""
     sitl: Mapping[str, Path] = field(default_factory=dict)
-    """Programs of real firmware by name, in place of simulated autopilots (`autopilots.firmware`)."""
+    """Programs of real firmware by name (`autopilots.firmware`); empty: simulated autopilots."""
     folder: Path | None = None
-    """Where firmware keeps its files; None for a temporary one."""
+    """Folder for the firmware's files; None: a temporary one."""
     truth_links: Sequence[str] = ()
-    """MAVLink endpoints of vehicles that fly already. When given, no vehicle is started."""
+    """MAVLink endpoints of running vehicles. If not empty, no vehicle is started."""
 
 
 @dataclass(slots=True)
@@ -73,21 +73,21 @@ class Supervisor:
     Parameters
     ----------
     report : callable
-        Takes one dict an event: ``started``, ``vehicle``, ``exited``; for a person or a program to read.
+        Called with one dict for each event: ``started``, ``vehicle``, ``exited``.
     """
 
-    plan: Plan
+    plan: SimulationPlan
     report: Callable[[dict[str, Any]], None]
     children: list[Child] = field(default_factory=list)
     _stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     def start(self) -> None:
-        """Start every process, wait until all are ready, and give them a common clock.
+        """Start all processes, wait until they are ready, and send them the common clock.
 
         Raises
         ------
         SimulationError
-            When a process does not come up; its own words are on standard error.
+            When a process does not start; its messages are on standard error.
         """
         world = self._spawn(["-m", "sim_vehicles.world.process", *self._world_arguments()])
         truth_port = self._await_ready(world).split()[1]
@@ -115,10 +115,10 @@ class Supervisor:
                 arguments = ["-m", "sim_vehicles.process", *self._vehicle_arguments(truth_port, pack)]
                 self._spawn(arguments, tuple(spec.system_id for spec in pack))
         for child in self.children[1:]:
-            self._await_ready(child, _AIRBORNE_WITHIN_S if self.plan.sitl else _READY_WITHIN_S)
+            self._await_ready(child, _AIRBORNE_TIMEOUT_S if self.plan.sitl else _READY_TIMEOUT_S)
             for system_id in child.system_ids:
                 self.report({"event": "vehicle", "system_id": system_id, "pid": child.process.pid})
-        self._give_clock()
+        self._send_clock()
 
     def _vehicle_arguments(self, truth_port: str, specs: Sequence[VehicleSpec]) -> list[str]:
         arguments = ["--gcs", self.plan.gcs, "--truth", f"127.0.0.1:{truth_port}"]
@@ -175,20 +175,20 @@ class Supervisor:
         self.children.append(child)
         return child
 
-    def _await_ready(self, child: Child, within_s: float = _READY_WITHIN_S) -> str:
+    def _await_ready(self, child: Child, timeout_s: float = _READY_TIMEOUT_S) -> str:
         assert child.process.stdout is not None
         with selectors.DefaultSelector() as selector:
             selector.register(child.process.stdout, selectors.EVENT_READ)
-            line = child.process.stdout.readline().strip() if selector.select(within_s) else ""
+            line = child.process.stdout.readline().strip() if selector.select(timeout_s) else ""
         if not line.startswith("ready"):
-            who = "the world" if child is self.children[0] else "the link to vehicles that fly already"
+            name = "the world" if child is self.children[0] else "the link to the running vehicles"
             if child.system_ids:
-                who = f"vehicle {', '.join(map(str, child.system_ids))}"
+                name = f"vehicle {', '.join(map(str, child.system_ids))}"
             self.stop()
-            raise SimulationError(f"{who} did not come up: see the messages above")
+            raise SimulationError(f"{name} did not start: see the messages above")
         return line
 
-    def _give_clock(self) -> None:
+    def _send_clock(self) -> None:
         # Whole milliseconds: true states are stamped in microseconds, and scans fall on the same grid.
         epoch_ns = (time.time_ns() + int(_HEAD_START_S * NS_PER_S)) // 1_000_000 * 1_000_000
         clock = {"epoch_ns": epoch_ns, "start_t_ns": epoch_ns, "speed": self.plan.speed}
@@ -200,22 +200,22 @@ class Supervisor:
         self.report({"event": "started", **clock})
 
     def newly_ended(self) -> Iterator[Child]:
-        """Children that ended since the last call."""
+        """Yield the children that ended since the last call."""
         for child in self.children:
-            if not child.ended and child.process.poll() is not None:
-                child.ended = True
+            if not child.has_ended and child.process.poll() is not None:
+                child.has_ended = True
                 self.report(
                     {"event": "exited", "system_ids": child.system_ids, "code": child.process.returncode}
                 )
                 yield child
 
     def stop(self) -> None:
-        """End every child: ask, wait, insist."""
+        """End all children: close their input, wait, kill."""
         for child in self.children:
             if child.process.stdin is not None:
-                with contextlib.suppress(BrokenPipeError):  # it is gone already
+                with contextlib.suppress(BrokenPipeError):  # It has ended already.
                     child.process.stdin.close()
-        deadline = time.monotonic() + _STOP_WITHIN_S
+        deadline = time.monotonic() + _STOP_TIMEOUT_S
         for child in self.children:
             try:
                 child.process.wait(max(0.0, deadline - time.monotonic()))

@@ -112,7 +112,7 @@ class Autopilot:
         if airborne:
             self.set_mode(Mode.LOITER)
 
-    # ------------------------------------------------------------ what the ground may ask
+    # ------------------------------------------------------------ requests of the ground station
 
     def set_mode(self, mode: Mode) -> None:
         """Change mode; nothing happens when it is the present one."""
@@ -140,7 +140,7 @@ class Autopilot:
             self._circle_here()
 
     def prearm_failure(self, t_ns: int) -> str | None:
-        """Why it cannot arm now, in ArduPilot's words."""
+        """Return the reason against arming, in ArduPilot's words."""
         if self.mode in _NOT_ARMABLE:
             return f"{self.mode.name} mode not armable"
         if int(self.parameters["ARMING_CHECK"]) == 0 or t_ns >= self._checks_done_ns:
@@ -159,7 +159,7 @@ class Autopilot:
         return t_ns >= (self.boot_t_ns + self._checks_done_ns) // 2
 
     def arm(self, t_ns: int, force: bool = False) -> bool:
-        """Arm, if the checks let it; the reason of a refusal is told as a status text."""
+        """Arm if the checks pass; send the reason of a refusal as a status text."""
         if self.armed:
             return True
         if not force and self.report_prearm_failure(t_ns):
@@ -221,10 +221,10 @@ class Autopilot:
         self._fly(self._circle(east_m, north_m, radius_m), self.alt_command_m if alt_m is None else alt_m)
         return True
 
-    def heard_gcs(self, system_id: int, t_ns: int) -> None:
+    def note_gcs_heartbeat(self, system_id: int, t_ns: int) -> None:
         """Take a ground station's heartbeat."""
         if system_id == int(self.parameters["SYSID_MYGCS"]):
-            self.failsafe.heard(t_ns)
+            self.failsafe.note_heartbeat(t_ns)
 
     @property
     def is_landing(self) -> bool:
@@ -234,7 +234,7 @@ class Autopilot:
 
     @property
     def mission_state(self) -> MissionState:
-        """What MISSION_CURRENT says of the mission."""
+        """Return the mission state for MISSION_CURRENT."""
         if len(self.mission) <= self._first:
             return MissionState.NO_MISSION
         if self._mission_running:
@@ -262,7 +262,7 @@ class Autopilot:
         airframe.step(self._command, self.alt_command_m, speed)
 
     def _check(self, t_ns: int) -> None:
-        """What is done at 10 Hz: failsafes, fence, mission, guidance."""
+        """Run the 10 Hz tasks: failsafes, fence, mission, guidance."""
         self.failsafe.check(t_ns)
         if not self.flying:
             if not (self.armed and self._is_launching()):

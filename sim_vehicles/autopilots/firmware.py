@@ -154,7 +154,7 @@ class Launch:
 
     def __init__(self, spec: VehicleSpec, frame: LocalFrame) -> None:
         self.stage = Stage.WAITING
-        self.said = ""
+        self.last_status = ""
         """The vehicle's last STATUSTEXT: the reason, when it does not come further."""
         self._spec, self._frame = spec, frame
         self._personality = PERSONALITIES[spec.autopilot]
@@ -174,7 +174,7 @@ class Launch:
                 healthy = message.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
                 self._is_ready = bool(healthy)
             case "STATUSTEXT":
-                self.said = str(message.text)
+                self.last_status = str(message.text)
             case "GLOBAL_POSITION_INT":
                 self._on_position(message)
 

@@ -46,7 +46,7 @@ from sim_vehicles.autopilots.firmware import (
     true_place,
     truth_messages,
 )
-from sim_vehicles.error_output import tell
+from sim_vehicles.error_output import print_message
 from sim_vehicles.process import GROUND_HEARTBEAT, Address, add_vehicle_arguments, clock_of
 from sim_vehicles.vehicle.frames import FrameReader, Outbox
 from sim_vehicles.vehicle.vehicle import VehicleSpec
@@ -78,7 +78,7 @@ class _Port:
         self.port: int = self.socket.getsockname()[1]
         self.peer = peer
 
-    def take(self) -> list[bytes]:
+    def receive_all(self) -> list[bytes]:
         """Every datagram that waits."""
         datagrams: list[bytes] = []
         while True:
@@ -89,7 +89,7 @@ class _Port:
             datagrams.append(data)
 
     def send(self, data: bytes) -> None:
-        """Send to the firmware; lost when nobody is there."""
+        """Send to the firmware; lost if it does not listen."""
         if self.peer is not None:
             with contextlib.suppress(OSError):
                 self.socket.sendto(data, self.peer)
@@ -151,19 +151,19 @@ class FirmwareHost:
             if time.monotonic() > deadline:
                 raise SimulationError(
                     f"not in the air after {_LAUNCH_WITHIN_S:.0f} s ({self.launch.stage.name}): "
-                    f"{self.launch.said or 'the firmware said nothing'}; see {self.log_path}"
+                    f"{self.launch.last_status or 'the firmware sent no status text'}; see {self.log_path}"
                 )
             if select.select([sys.stdin], [], [], 0.02)[0]:
                 return False
-            datagrams = self._truth_port.take()
+            datagrams = self._truth_port.receive_all()
             if self._truth_port is not self._ground:
-                self._ground.take()  # nobody listens yet
+                self._ground.receive_all()  # Dropped: not ready yet.
             for data in datagrams:
                 for message in self._reader.messages(data):
                     self.launch.receive(message)
             for command in self.launch.poll(time.monotonic_ns()):
                 self._commands.send(command)
-            for data in self._commands.take():
+            for data in self._commands.pop_datagrams():
                 self._truth_port.send(data)
         return True
 
@@ -202,14 +202,14 @@ class FirmwareHost:
             self.stop()
             self._tell_world(t_ns, None)  # a time without a state: it has died
             return
-        for data in self._ground.take():
+        for data in self._ground.receive_all():
             if not self._is_lost():
-                with contextlib.suppress(OSError):  # nobody there, or the buffer full
+                with contextlib.suppress(OSError):  # No receiver, or a full buffer.
                     self._towards_gcs.sendto(data, self._gcs)
             if self._truth_port is self._ground:
                 self._take_truth(data, t_ns)
         if self._truth_port is not self._ground:
-            for data in self._truth_port.take():
+            for data in self._truth_port.receive_all():
                 self._take_truth(data, t_ns)
         while True:
             try:
@@ -248,7 +248,7 @@ class FirmwareHost:
             self._truths.send(message)
         if place is not None and self._ground_contact.began_t_ns is not None:
             self._truths.send(GROUND_HEARTBEAT)
-        for data in self._truths.take():
+        for data in self._truths.pop_datagrams():
             with contextlib.suppress(OSError):
                 self._towards_gcs.sendto(data, self._world)
 
@@ -262,7 +262,7 @@ class FirmwareHost:
         flown_ns = (boot_ms - self._lag_from[0]) * 1_000_000
         self._lag_from = boot_ms, t_ns
         if flown_ns < (1.0 - _LAG_PART) * passed_ns:
-            tell(
+            print_message(
                 f"vehicle {self.spec.system_id}: the firmware runs at {flown_ns / passed_ns:.2f} of the "
                 "run's speed; lower --speed"
             )

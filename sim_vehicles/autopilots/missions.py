@@ -62,7 +62,7 @@ class Item:
     z: float = 0.0
 
 
-class Refused(Exception):  # noqa: N818  never leaves this room: it is the reason in a MISSION_ACK
+class Refused(Exception):  # noqa: N818  the reason in a MISSION_ACK, caught in this module
     """An item cannot be stored; ``result`` is a MAV_MISSION_RESULT."""
 
     def __init__(self, result: int) -> None:
@@ -71,7 +71,7 @@ class Refused(Exception):  # noqa: N818  never leaves this room: it is the reaso
 
 
 def normalised(message: Any, mission_type: int) -> Item:
-    """What the vehicle keeps of a MISSION_ITEM_INT or MISSION_ITEM.
+    """The stored part of a MISSION_ITEM_INT or MISSION_ITEM.
 
     Raises
     ------
@@ -88,19 +88,19 @@ def normalised(message: Any, mission_type: int) -> Item:
         if not math.isfinite(value):
             raise Refused(mavlink.MAV_MISSION_INVALID_PARAM1 + index)
     p4 = p4 if math.isfinite(p4) else 0.0
-    x, y = taken_place(message)
+    x, y = stored_position(message)
     if not math.isfinite(message.z):
         raise Refused(mavlink.MAV_MISSION_INVALID_PARAM7)
     item = Item(message.command, frame, p1, p2, p3, p4, x, y, round(message.z, 2))
     return _as_ardupilot_packs(item)
 
 
-def taken_commands(mission_type: int) -> frozenset[int]:
+def accepted_commands(mission_type: int) -> frozenset[int]:
     """MAV_CMDs that a store of this type takes."""
     return _COMMANDS[mission_type]
 
 
-def taken_place(message: Any) -> tuple[int, int]:
+def stored_position(message: Any) -> tuple[int, int]:
     """Latitude and longitude of an item in 1e-7 degrees, whichever message brought it.
 
     Raises
@@ -295,7 +295,7 @@ class MissionServer:
         self._ask(self._upload, t_ns)
 
     def _prepare(self, store: MissionStore, count: int) -> bool:
-        """Make ready for so many items; False when there is no room."""
+        """Start an upload of `count` items; return False if the storage is too small."""
         if count > MAX_ITEMS:
             return False
         store.truncate(count)

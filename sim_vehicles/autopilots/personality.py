@@ -1,4 +1,4 @@
-"""Which autopilot a vehicle plays: where ArduPlane and PX4 differ in what a ground station sees.
+"""Differences between ArduPlane and PX4 as a ground station sees them.
 
 Sources: ArduPlane's `Mode::Number`; PX4's `px4_custom_mode.h` (main mode in bits 16-23 of `custom_mode`, sub
 mode in bits 24-31), `mavlink_mission.cpp` and `navigator`; what both were seen to do. Modes are kept by

@@ -54,11 +54,11 @@ class Px4Autopilot(Autopilot):
 
     @property
     def mission_state(self) -> MissionState:
-        """What MISSION_CURRENT says of the mission."""
+        """Return the mission state for MISSION_CURRENT."""
         return MissionState.NO_MISSION if self.mission_problem else super().mission_state
 
     def mission_replaced(self, first: int | None) -> None:
-        """Judge a mission that is stored as a whole; in AUTO, fly it at once, or hold."""
+        """Check a stored mission as a whole; in AUTO, fly it at once, or hold."""
         problem = self.mission_problem
         if problem:
             self.tell(mavlink.MAV_SEVERITY_CRITICAL, f"Mission rejected: {problem}")

@@ -29,8 +29,8 @@ from sim_vehicles.autopilots.missions import (
     MissionServer,
     MissionStore,
     Refused,
-    taken_commands,
-    taken_place,
+    accepted_commands,
+    stored_position,
 )
 
 _FRAMES = {0: 5, 5: 5, 3: 6, 6: 6}
@@ -89,7 +89,7 @@ class Px4MissionServer(MissionServer):
         return min(super().due_ns, ends_ns)
 
     def handle_timer(self, t_ns: int) -> None:
-        """Ask again for an item that does not come, or give up what nobody goes on with."""
+        """Request a missing item again, or give up an abandoned transfer."""
         super().handle_timer(t_ns)
         if self._download is not None and t_ns >= self._download.heard_ns + self.GIVE_UP_NS:
             self._download = None
@@ -108,7 +108,7 @@ class Px4MissionServer(MissionServer):
         if upload is not None:
             upload.heard_ns = t_ns
         if upload is not None and upload.peer == peer and upload.wanted == 0:
-            self._ask(upload, t_ns)  # taken for the same COUNT again, whatever it counts
+            self._ask(upload, t_ns)  # Treated as a repeated COUNT, whatever its count.
         elif self.is_busy:
             self._ack(peer, mavlink.MAV_MISSION_ERROR, message.mission_type)
         else:
@@ -194,11 +194,11 @@ def _stored(message: Any) -> Item:
     frame = _FRAMES.get(message.frame)
     if frame is None:
         raise Refused(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
-    if message.command not in taken_commands(message.mission_type):
+    if message.command not in accepted_commands(message.mission_type):
         raise Refused(mavlink.MAV_MISSION_UNSUPPORTED)
     if not math.isfinite(message.z):
         raise Refused(mavlink.MAV_MISSION_INVALID_PARAM7)
-    x, y = taken_place(message)
+    x, y = stored_position(message)
     sent = (message.param1, message.param2, message.param3, message.param4)
     kept = _KEPT.get(message.command, (1,))
     p1, p2, p3, p4 = (value if number in kept else 0.0 for number, value in enumerate(sent, 1))

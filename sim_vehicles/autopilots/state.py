@@ -1,4 +1,4 @@
-"""What an autopilot tells of itself: states, notices, and its words for mission items."""
+"""States and notices of an autopilot, and its names for mission items."""
 
 from __future__ import annotations
 

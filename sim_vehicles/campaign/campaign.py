@@ -62,7 +62,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """What to fly: every scenario, value, seed and planner with every other."""
+    """Missions of a campaign: all combinations of scenario, value, seed and planner."""
 
     scenarios: tuple[str, ...]
     runs: int
@@ -103,27 +103,27 @@ def warm_up() -> None:
 
 
 def fly(job: Job) -> Row:
-    """Fly one mission and judge it. Runs in any process that has this project installed."""
+    """Fly and evaluate one mission, in any process with this project installed."""
     scenario = parse_scenario(job.text, job.scenario)
     config = scenario.config
-    judge = judge_of(config)
+    evaluator = judge_of(config)
     deaths, truths = DeathWatch(), GroundTruthTrackers(config)
     run = VirtualRun(scenario, job.seed, loss=job.loss)
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
-        judge.effect(effect)
+        evaluator.effect(effect)
         deaths.effect(effect)
 
     def on_truth(truth: Truth) -> None:
         truths.truth = truth
-        judge.truth(truth)
+        evaluator.truth(truth)
         deaths.truth(truth)
 
     run.on_effect, run.on_truth = on_effect, on_truth
     if job.planner == "truth":
         run.command.trackers = cast("MultiSensorTracker", truths)
     duration_s = run.run()
-    summary = judge.summary(
+    summary = evaluator.summary(
         scenario=config.name,
         seed=job.seed,
         duration_s=duration_s,
@@ -218,7 +218,7 @@ def fly_on_dask(jobs: Sequence[Job], address: str, timeout_s: float = 10.0) -> I
     Raises
     ------
     RecordingError
-        When dask.distributed is not installed, or nobody answers at the address.
+        When dask.distributed is not installed, or the address does not answer.
     """
     try:
         from distributed import Client

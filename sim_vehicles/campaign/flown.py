@@ -1,4 +1,4 @@
-"""What was flown: how near vehicles of a virtual mission came to obstacles, and when that was.
+"""Clearance of flown tracks from obstacles, on virtual time.
 
 The last metres to a target are the target's: it may pass beside an obstacle, or over one. So a track is
 looked at until its vehicle is within twice the capture radius of the end of its route, or has arrived; how
@@ -19,18 +19,18 @@ from gcs.planning.map.grid import Grid
 from sim_vehicles.campaign.virtual_run import START_T_NS, STEP_NS, VirtualRun
 from sim_vehicles.world.scenario import DeathTable, Scenario, WindTable
 
-_EVERY = 4
-"""Ticks between two looks: 0.2 s, 3 m."""
+_SAMPLE_PERIOD_TICKS = 4
+"""Ticks between two samples: 0.2 s, 3 m."""
 _MORE_S, _LATEST_S = 10.0, 1200.0
-"""A mission ends when targets are reached; vehicles that go home then fly on so long."""
+"""Time after the end of the mission, for return flights."""
 
 
 @dataclass(frozen=True, slots=True)
 class Nearest:
-    """Where a vehicle came nearest to an obstacle."""
+    """Least clearance of a vehicle from obstacles."""
 
-    room_m: float
-    """From the nearest blocked cell; 0 inside one."""
+    clearance_m: float
+    """Distance from the nearest blocked cell; 0 inside one."""
     vehicle: int
     t_s: float
     """From the mission's start."""
@@ -46,9 +46,9 @@ class Nearest:
 
 @dataclass(frozen=True, slots=True)
 class ReturnFlight:
-    """How a vehicle came home from its target."""
+    """Return flight of a vehicle from its target."""
 
-    room_m: float
+    clearance_m: float
     """Least distance from blocked cells, from its arrival at the target to its landing; 0 inside one."""
     home_m: float
     """Distance from home where it landed, or was last."""
@@ -85,20 +85,20 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
         if not isinstance(event, Tick):
             return
         ticks += 1
-        if ticks % _EVERY:
+        if ticks % _SAMPLE_PERIOD_TICKS:
             return
         for vehicle in run.vehicles.values():
             number, place = vehicle.system_id, (vehicle.east_m, vehicle.north_m)
             if number not in ends or not vehicle.alive:
                 continue
-            room_m = distance_to_obstacle_m(run.command.grid, cells, place)
+            clearance_m = distance_to_obstacle_m(run.command.grid, cells, place)
             if number in done or math.dist(place, ends[number]) <= near_m:
-                at_end_m = min(at_end_m, room_m)
+                at_end_m = min(at_end_m, clearance_m)
                 continue
-            if room_m < best.room_m:
+            if clearance_m < best.clearance_m:
                 t_ns, count = tasked[number]
                 best = Nearest(
-                    room_m,
+                    clearance_m,
                     number,
                     (event.t_ns - START_T_NS) / NS_PER_S,
                     (event.t_ns - t_ns) / NS_PER_S,
@@ -134,14 +134,14 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
             arrived.setdefault(effect.vehicle, ReturnFlight(math.inf, math.inf))
 
     def on_event(event: Event) -> None:
-        if not isinstance(event, Tick) or (event.t_ns - START_T_NS) // STEP_NS % _EVERY:
+        if not isinstance(event, Tick) or (event.t_ns - START_T_NS) // STEP_NS % _SAMPLE_PERIOD_TICKS:
             return
         for vehicle in run.vehicles.values():
             if vehicle.system_id in arrived and vehicle.autopilot.flying:
                 home, place = vehicle.autopilot.home, (vehicle.east_m, vehicle.north_m)
                 arrived[vehicle.system_id] = ReturnFlight(
                     min(
-                        arrived[vehicle.system_id].room_m,
+                        arrived[vehicle.system_id].clearance_m,
                         distance_to_obstacle_m(run.command.grid, cells, place),
                     ),
                     math.dist(place, (home.east_m, home.north_m)),

@@ -1,7 +1,7 @@
-"""Trackers that are told the truth: what the best picture would have been worth.
+"""Ground-truth trackers: an upper bound for the real trackers.
 
-A mission flown with them differs from a real one in the picture alone: the same fold ties, plans, tasks and
-judges fates. The time that it takes is the measure for the real trackers (``gcs montecarlo`` flies both).
+A mission flown with them differs in the tracks only; association, planning, tasking and agent status are the
+same. ``gcs montecarlo`` flies both and compares the mission times.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ _COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
 
 
 class GroundTruthConfirmation:
-    """What is alive, without delay."""
+    """Confirmation of tracks by the truth, without delay."""
 
     def __init__(self) -> None:
         self.tracks: Mapping[Label, Track] = {}
 
     @property
     def alive(self) -> Collection[Track]:
-        """Tracks of what is alive: all."""
+        """Tracks of living objects: all."""
         return self.tracks.values()
 
     def is_dead(self, label: Label) -> bool:
-        """Whether an object is not alive."""
+        """Return True if an object is not alive."""
         return label not in self.tracks
 
 
 class GroundTruthClass:
-    """The truth of one kind as a tracker would show it. A label is (0, id)."""
+    """Tracks of one kind from the truth. A label is (0, id)."""
 
     def __init__(self, kind: Kind) -> None:
         self._kind: Kind = kind
@@ -42,7 +42,7 @@ class GroundTruthClass:
         self.beliefs = GroundTruthConfirmation()
 
     def update(self, truth: Truth, t_ns: int) -> Picture:
-        """Take the truth at a scan; velocities are those since the scan before."""
+        """Return the tracks at a scan; velocities are differences to the scan before."""
         places = {
             (0, thing.id): (truth.t_ns, thing.east_m, thing.north_m)
             for thing in truth.objects
@@ -70,15 +70,15 @@ class GroundTruthTrackers:
         self.truth: Truth | None = None
         self.agents, self.targets = GroundTruthClass("agents"), GroundTruthClass("targets")
         self.findings: tuple[tuple[bool, str], ...] = ()
-        """Nothing that sensors say contradicts them."""
+        """No findings: the truth contradicts no sensor."""
         self.untracked = Untracked(config)
-        """Nothing that sensors see is without a track."""
+        """No untracked detections."""
 
     def refusal(self, _scan: Scan) -> str:
-        """No scan is refused: none is looked at."""
+        """Refuse no scan."""
         return ""
 
     def scan(self, scan: Scan, _states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
-        """Return the pictures of agents and targets as they are."""
+        """Return the true pictures of agents and targets."""
         assert self.truth is not None
         return self.agents.update(self.truth, scan.t_ns), self.targets.update(self.truth, scan.t_ns)

@@ -24,7 +24,7 @@ from sim_vehicles.campaign.campaign import Campaign, Job, Store, fly_all, fly_on
 
 @dataclass(frozen=True, slots=True)
 class MontecarloOptions:
-    """What the command line says."""
+    """The options of `gcs montecarlo`."""
 
     campaign: Campaign
     folder: str
@@ -35,14 +35,14 @@ class MontecarloOptions:
 
 
 def run_montecarlo(options: MontecarloOptions) -> bool:
-    """Fly what is not flown yet; return whether every mission was complete.
+    """Fly the missing missions; return True if all were complete.
 
     Raises
     ------
     GcsError
         When a scenario or setting is wrong, or the folder cannot be used.
     InterruptedRunError
-        On Ctrl-C: what was flown is kept, and the same command goes on.
+        On Ctrl-C. Flown missions are kept; the same command continues.
     """
     console, folder = console_for(stderr=options.as_json), Path(options.folder)
     jobs = options.campaign.jobs()
@@ -72,13 +72,13 @@ def run_montecarlo(options: MontecarloOptions) -> bool:
         console.print(_shown(failures(rows, key)))
     console.print(f"report: {page}", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
-        # What could not be measured is null: JSON has no NaN.
+        # NaN becomes null: JSON has no NaN.
         print(msgspec.json.encode(found).decode(), flush=True)  # noqa: T201  the promised last line
     return all(row.outcome == "complete" for row in rows)
 
 
 def _fly(jobs: Sequence[Job], options: MontecarloOptions, store: Store, console: Console) -> None:
-    """Fly jobs and store their rows, with a bar and what failed so far."""
+    """Fly jobs and store their rows; show progress and failures."""
     if not jobs:
         return
     columns = (

@@ -1,4 +1,4 @@
-"""`gcs simulate`: whole missions on virtual time, judged; one line a seed, one summary."""
+"""`gcs simulate`: evaluated missions on virtual time."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def simulate(
     loss: float,
     duration_s: float | None,
 ) -> bool:
-    """Fly `runs` missions with seeds from `seed` upwards; return whether every one was complete."""
+    """Fly `runs` missions with seeds from `seed` upwards; return True if all were complete."""
     console = console_for(stderr=as_json)
     load_kernels(console, TRACKING, PLANNING, LINKS)
     started = time.perf_counter()
@@ -61,7 +61,7 @@ def simulate(
             "runs": [json.loads(summary_json(s)) for s in summaries],
             "complete": complete,
         }
-        print(one if runs == 1 else json.dumps(many), flush=True)  # noqa: T201  the promised last line
+        print(one if runs == 1 else json.dumps(many), flush=True)  # noqa: T201  the output of --json
     return complete == runs
 
 
@@ -72,14 +72,14 @@ def fly(
     loss: float = 0.0,
     duration_s: float | None = None,
 ) -> Summary:
-    """Fly one mission, recorded in `folder` if there is one, and judge it."""
+    """Fly and evaluate one mission; record it in `folder` if given."""
     config = scenario.config
-    judge = judge_of(config)
-    room = DiskBudget(int(config.recording.rotate_mb * 1e6))
+    evaluator = judge_of(config)
+    budget = DiskBudget(int(config.recording.rotate_mb * 1e6))
     with (
         nullcontext()
         if folder is None
-        else Recorder(folder, scenario.text, versions(), Run(config.name, seed), room) as recorder
+        else Recorder(folder, scenario.text, versions(), Run(config.name, seed), budget) as recorder
     ):
 
         def on_event(event: Event) -> None:
@@ -87,19 +87,19 @@ def fly(
                 recorder.record_event(event)
 
         def on_effect(t_ns: int, effect: Effect) -> None:
-            judge.effect(effect)
+            evaluator.effect(effect)
             if recorder is not None:
                 recorder.record_effect(t_ns, effect)
 
         def on_truth(truth: Truth) -> None:
-            judge.truth(truth)
+            evaluator.truth(truth)
             if recorder is not None:
                 recorder.record_truth(truth)
 
         run = VirtualRun(scenario, seed, on_event, on_effect, on_truth, loss)
         flown_s = run.run(duration_s)
     timings = run.timings
-    return judge.summary(
+    return evaluator.summary(
         scenario=config.name,
         seed=seed,
         duration_s=flown_s,
@@ -110,7 +110,7 @@ def fly(
 
 
 def seeds_table(summaries: list[Summary]) -> Table:
-    """A row for each seed, on 80 columns; below them why missions did not end as they should."""
+    """Return a table with a row for each seed, and the reasons of incomplete missions below."""
     reasons = [f"seed {s.seed}: {s.reason}" for s in summaries if s.outcome != "complete"]
     table = Table(
         title=f"{summaries[0].scenario}: {len(summaries)} seeds",
@@ -128,10 +128,10 @@ def seeds_table(summaries: list[Summary]) -> Table:
     for kind in ("agents", "targets"):
         table.add_column(f"OSPA m\n{kind}", justify="right")
     for s in summaries:
-        fates = [agent.fate for agent in s.agents]
+        statuses = [agent.fate for agent in s.agents]
         table.add_row(
-            str(s.seed), s.outcome, f"{s.duration_s:.1f}", str(fates.count("arrived")),
-            str(fates.count("dead")), f"{s.targets_reached}/{s.targets_total}", str(s.retasks),
+            str(s.seed), s.outcome, f"{s.duration_s:.1f}", str(statuses.count("arrived")),
+            str(statuses.count("dead")), f"{s.targets_reached}/{s.targets_total}", str(s.retasks),
             str(s.uploads), f"{s.ospa_agents_mean_m:.2f}", f"{s.ospa_targets_mean_m:.2f}",
         )  # fmt: skip
     return table

@@ -1,8 +1,8 @@
 """A whole mission in one process on virtual time: no sockets, no sleep, the same outcome for the same seed.
 
-The same rooms as in a real-time run (airframe, autopilot, vehicle link, sensor, central command) are joined
+The same modules as in a real-time run (airframe, autopilot, vehicle link, sensor, central command) are joined
 in memory: MAVLink bytes pass between vehicles and central command as they would over UDP, one step of 50 ms
-late. What differs from a real-time run is only who carries the bytes and who moves the clock.
+late. Only the transport of bytes and the clock differ from a real-time run.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class VirtualRun:
         return (self.t_ns - START_T_NS) / NS_PER_S
 
     def restart(self, outage_s: float, memory: PersistedState | None = None) -> None:
-        """Kill central command, fly on without it, and start it anew from what it remembered."""
+        """Kill central command, fly on without it, and restart it from its persisted state."""
         memory = memory or self.command.memory(self.t_ns)
         self._to_vehicles.clear()
         self._delayed.clear()

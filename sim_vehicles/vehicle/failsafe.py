@@ -1,4 +1,4 @@
-"""What the autopilot does when the ground station is no longer heard: ArduPlane's failsafe and PX4's.
+"""Failsafe after the loss of the ground station, as ArduPlane and PX4 have it.
 
 ArduPlane (FS_GCS_ENABL 1): after FS_LONG_TIMEOUT without a heartbeat of SYSID_MYGCS it is the mode that
 decides. AUTO, GUIDED and AVOID go on with FS_LONG_ACTN 0 and return with 1. RTL stays. Every other mode goes
@@ -29,7 +29,7 @@ _PX4_RETURNS = 2
 
 
 class Failsafe(ABC):
-    """What a loss of the ground station does."""
+    """Action after the loss of the ground station."""
 
     over_text = ""
 
@@ -39,7 +39,7 @@ class Failsafe(ABC):
         self.is_on = False
         """True from the loss of the ground station until it is heard again."""
 
-    def heard(self, t_ns: int) -> None:
+    def note_heartbeat(self, t_ns: int) -> None:
         """Take a heartbeat of the ground station."""
         self._heard_ns = t_ns
         if self.is_on:

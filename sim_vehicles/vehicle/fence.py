@@ -28,7 +28,7 @@ _HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
 
 
 class FenceGuard:
-    """What the autopilot knows of its fence and its rally points."""
+    """Fence and rally points of the autopilot, and their breaches."""
 
     def __init__(self, parameters: Parameters, geodesy: Geodesy, px4: bool = False) -> None:
         self._px4 = px4
@@ -49,7 +49,7 @@ class FenceGuard:
         return bool(self._breached)
 
     def check(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
-        """Return what to tell of the fence, if anything; `is_breached` says more."""
+        """Return the notice about the fence, if any."""
         kind, was = self.breach(place_m, home_m, alt_m), self._breached
         self._breached = kind
         if kind and not was:

@@ -17,9 +17,9 @@ _SIGNED = 0x01
 
 
 class FrameReader:
-    """Decodes datagrams; keeps nothing from one to the next but a count of bytes that made no sense.
+    """Decodes datagrams one by one, and counts the invalid bytes.
 
-    With a `signing` state that holds a key, what is not validly signed makes no sense either.
+    If the `signing` state has a key, frames without a valid signature are invalid.
     """
 
     def __init__(self, signing: Any = None) -> None:
@@ -81,9 +81,9 @@ class Outbox:
         self._codec.seq = (self._codec.seq + 1) & 0xFF
         return frame
 
-    def take(self) -> list[bytes]:
+    def pop_datagrams(self) -> list[bytes]:
         """Everything queued, as datagrams of at most 1400 bytes."""
         if not self._datagrams:
             return []
-        taken, self._datagrams = [bytes(d) for d in self._datagrams], []
-        return taken
+        datagrams, self._datagrams = [bytes(d) for d in self._datagrams], []
+        return datagrams

@@ -102,9 +102,9 @@ class VehicleLink:
         return min(self._streams.due_ns, self._missions.due_ns, self._list_due_ns)
 
     def handle_timer(self, t_ns: int) -> None:
-        """Send what is due."""
+        """Send the messages that are due."""
         self.signing.tell_time(t_ns)
-        for message_id in self._streams.take_due(t_ns):
+        for message_id in self._streams.pop_due(t_ns):
             message = self._telemetry.build(message_id, t_ns)
             if message is not None:
                 self.outbox.send(message)
@@ -113,7 +113,7 @@ class VehicleLink:
             self._list_more(t_ns)
 
     def receive_datagram(self, data: bytes, t_ns: int) -> None:
-        """Take one datagram. Whatever it holds, nothing is raised: what makes no sense is stepped over."""
+        """Process one datagram; skip invalid bytes without an error."""
         self.signing.tell_time(t_ns)
         for message in self._reader.messages(data):
             if message.get_srcSystem() == self.system_id:
@@ -127,7 +127,7 @@ class VehicleLink:
                 handler(message, t_ns)
 
     def tell_notices(self, t_ns: int) -> None:
-        """Pass on what the autopilot has to say."""
+        """Send the notices of the autopilot."""
         self.signing.tell_time(t_ns)
         notices = self._autopilot.notices
         while notices:
@@ -156,7 +156,7 @@ class VehicleLink:
 
     def _heartbeat(self, message: Any, t_ns: int) -> None:
         if message.type == mavlink.MAV_TYPE_GCS:
-            self._autopilot.heard_gcs(message.get_srcSystem(), t_ns)
+            self._autopilot.note_gcs_heartbeat(message.get_srcSystem(), t_ns)
 
     def _mission(self, message: Any, t_ns: int) -> None:
         is_item = message.get_type() in ("MISSION_ITEM_INT", "MISSION_ITEM")
@@ -169,8 +169,8 @@ class VehicleLink:
 
     def _guided_item(self, message: Any) -> None:
         scale = 1e-7 if message.get_type() == "MISSION_ITEM_INT" else 1.0
-        taken = self._guide(message.x * scale, message.y * scale, message.z, message.frame)
-        result = mavlink.MAV_MISSION_ACCEPTED if taken else mavlink.MAV_MISSION_ERROR
+        is_accepted = self._guide(message.x * scale, message.y * scale, message.z, message.frame)
+        result = mavlink.MAV_MISSION_ACCEPTED if is_accepted else mavlink.MAV_MISSION_ERROR
         self.outbox.send(
             mavlink.MAVLink_mission_ack_message(
                 message.get_srcSystem(), message.get_srcComponent(), result, MISSION

@@ -1,4 +1,4 @@
-"""What the vehicle tells of itself: one builder for each message, and when each is due.
+"""Telemetry of the vehicle: one builder for each message, and its schedule.
 
 Message definitions: https://mavlink.io/en/messages/common.html and ardupilotmega.html. Default rates are
 ArduPlane's, about 1 Hz; the groups of REQUEST_DATA_STREAM follow ArduPlane's ``SR*`` streams.
@@ -348,7 +348,7 @@ class Streams:
         self._due_ns = dict.fromkeys(self._period_ns, start_t_ns)
         self.due_ns = start_t_ns
 
-    def take_due(self, t_ns: int) -> list[int]:
+    def pop_due(self, t_ns: int) -> list[int]:
         """Message ids due at `t_ns`; each is put off by its period, and missed turns are not made up."""
         if t_ns < self.due_ns:
             return []

@@ -37,7 +37,7 @@ AIRFRAMES: dict[str, type[Airframe]] = {"paper": Airframe, "banked": BankedAirfr
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
-    """What a vehicle is and where it starts."""
+    """Type and start of a vehicle."""
 
     system_id: int
     east_m: float
@@ -196,7 +196,7 @@ class SimVehicle:
 
     @property
     def due_ns(self) -> int:
-        """When the vehicle next has something to do beside flying on; far in the future once it is dead."""
+        """Time of the next action apart from flight; far in the future for a dead vehicle."""
         return min(self._link.due_ns, self._death_check_ns, self._dies_ns) if self.alive else NEVER_NS
 
     def advance(self, t_ns: int) -> None:
@@ -246,7 +246,7 @@ class SimVehicle:
     def datagrams_to_send(self, t_ns: int) -> list[bytes]:
         """Whatever was queued up to `t_ns`: whole frames, at most 1400 bytes a datagram."""
         self.advance(t_ns)
-        return self._link.outbox.take()
+        return self._link.outbox.pop_datagrams()
 
     def truth_messages(self, t_ns: int) -> tuple[Any, Any]:
         """SYSTEM_TIME and SIM_STATE: the true state, for the simulated world alone."""

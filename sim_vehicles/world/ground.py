@@ -11,7 +11,7 @@ _GAP_NS = 10 * NS_PER_S
 
 
 class GroundContact:
-    """Whether a ground station is there, as a vehicle hears it.
+    """Presence of a ground station at a vehicle.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The world's process: hears the vehicles' true states, publishes scans and truth on zenoh.
+"""Process of the world: receives the vehicles' true states, publishes scans and truth on zenoh.
 
 Vehicles send their true state ten times a second of run time (SYSTEM_TIME and SIM_STATE in one datagram).
 At each scan time the world waits until it knows where every living agent was, interpolates, and publishes.
@@ -51,7 +51,7 @@ class AgentTruth:
     """Nothing newer came for a whole wait: it is not waited for again until it speaks."""
 
     def add(self, t_ns: int, east_m: float, north_m: float) -> None:
-        """Take one more state; what is older than the newest is ignored."""
+        """Add a state; ignore it if it is older than the newest."""
         if t_ns > self.states[-1][0]:
             self.states.append((t_ns, east_m, north_m))
             del self.states[:-40]
@@ -82,11 +82,11 @@ class TruthReceiver:
         self._socket.bind(("127.0.0.1", 0))
         self.port: int = self._socket.getsockname()[1]
         self.ground_t_ns: int | None = None
-        """When a vehicle first said that a ground station is there."""
+        """Time when a vehicle first reported a ground station."""
         self.agents = {a.system_id: AgentTruth([(0, a.east_m, a.north_m)]) for a in scenario.config.agents}
 
     def wait(self, timeout_s: float) -> bool:
-        """Take what arrives within `timeout_s`; return whether standard input has closed."""
+        """Receive for at most `timeout_s`; return True if standard input has closed."""
         readable, _, _ = select.select([self._socket, sys.stdin], [], [], max(0.0, timeout_s))
         if self._socket in readable:
             for data in self._datagrams():

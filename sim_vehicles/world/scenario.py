@@ -1,7 +1,7 @@
-"""The simulated side of a mission file: the `[simulation]` table, validated, and what a seed makes of it.
+"""Simulation part of a mission file: the validated `[simulation]` table, and its random draws by seed.
 
-Central command never reads this table: it holds the truth (where targets really are and how they move, who
-dies and when, what the sensor really does). Everything random here is drawn from generators seeded by
+Central command never reads this table: it has the truth (positions and motion of targets, deaths of
+agents, true sensor parameters). Everything random here is drawn from generators seeded by
 (seed, purpose), so that a seed means the same world in every process and at every speed.
 """
 
@@ -22,7 +22,7 @@ from sim_vehicles.vehicle.parameters import Parameters
 
 
 class SensorTable(Table, frozen=True, kw_only=True):
-    """What one of the world's sensors does: where it looks, misses, noise, clutter."""
+    """One sensor of the world: field of view, detection probability, noise, clutter."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "radar"
     kind: Literal["position", "range_bearing"] = "position"

@@ -29,7 +29,7 @@ from sim_vehicles.world.scenario import Scenario, SensorTable, generator
 
 
 def make_sensors(scenario: Scenario) -> list[Sensor]:
-    """What the scenario's sensors announce of themselves: the truth, as calibrated sensors would."""
+    """Return the sensor models that the scenario's sensors publish: the true ones."""
     return [_make_sensor(table, scenario.config.map) for table in scenario.sensors]
 
 

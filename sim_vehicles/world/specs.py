@@ -1,4 +1,4 @@
-"""What each simulated vehicle of a scenario is, for a seed."""
+"""Types and starts of the simulated vehicles of a scenario, for a seed."""
 
 from __future__ import annotations
 

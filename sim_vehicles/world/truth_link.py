@@ -27,7 +27,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.io.clock import RunClock
 from sim_vehicles.autopilots.firmware import true_place, truth_messages
-from sim_vehicles.error_output import tell
+from sim_vehicles.error_output import print_message
 from sim_vehicles.process import Address, address_of, clock_of
 from sim_vehicles.vehicle.frames import Outbox
 
@@ -76,9 +76,9 @@ class TruthSource:
             return None
         if not self._is_reported:
             self._is_reported = True
-            tell(
+            print_message(
                 f"vehicle {self.system_id} tells no true position (SIMSTATE, HIL_STATE_QUATERNION): "
-                "the position that it reports is taken instead"
+                "its reported position is used instead"
             )
         return message.lat * 1e-7, message.lon * 1e-7
 
@@ -105,7 +105,7 @@ def carry(link: Any, clock: RunClock, world: Address) -> None:
             outbox = outboxes.setdefault(system_id, Outbox(system_id))
             for truth in truth_messages(clock.now_ns(), place):
                 outbox.send(truth)
-            for data in outbox.take():
+            for data in outbox.pop_datagrams():
                 with contextlib.suppress(OSError):  # the buffer is full: the next one comes soon
                     towards_world.sendto(data, world)
 

@@ -1,4 +1,4 @@
-"""The truth of a simulated world and the scans made of it: pure, shared by processes and virtual time."""
+"""Ground truth of a simulated world and its scans: no clock, no I/O."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from sim_vehicles.world.scenario import Scenario
 from sim_vehicles.world.sensor import make_sensors, observe
 from sim_vehicles.world.targets import Target, make_targets
 
-_LOOKS_KEPT = 10_000
+_MAX_SCANS_KEPT = 10_000
 """More than are ever on their way: an index farther back is an error."""
 
 
-class _Look(NamedTuple):
-    """One scan to be made; earlier ones are less."""
+class _DueScan(NamedTuple):
+    """A scan to be made, ordered by time."""
 
     t_ns: int
     sensor: int
@@ -40,29 +40,29 @@ class World:
     """When targets begin to move and to appear; until then they stand at their starts. -1: `start_t_ns`."""
     targets: list[Target] = field(init=False)
     sensors: list[Sensor] = field(init=False)
-    _looks: deque[_Look] = field(init=False, default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
-    _looks_made: int = field(init=False, default=0)
-    _next_looks: list[_Look] = field(init=False)
+    _scans: deque[_DueScan] = field(init=False, default_factory=lambda: deque(maxlen=_MAX_SCANS_KEPT))
+    _scans_made: int = field(init=False, default=0)
+    _next_scans: list[_DueScan] = field(init=False)
 
     def __post_init__(self) -> None:
         if self.moves_from_t_ns < 0:
             self.moves_from_t_ns = self.start_t_ns
         self.targets = make_targets(self.scenario, self.seed)
         self.sensors = make_sensors(self.scenario)
-        self._next_looks = [self._look(sensor, 0) for sensor in range(len(self.sensors))]
+        self._next_scans = [self._look(sensor, 0) for sensor in range(len(self.sensors))]
 
-    def _look(self, sensor: int, count: int) -> _Look:
+    def _look(self, sensor: int, count: int) -> _DueScan:
         table = self.scenario.sensors[sensor]
         t_ns = self.start_t_ns + round(table.offset_s * NS_PER_S) + count * round(table.period_s * NS_PER_S)
-        return _Look(t_ns, sensor, count)
+        return _DueScan(t_ns, sensor, count)
 
-    def _numbered(self, index: int) -> _Look:
-        while self._looks_made <= index:
-            look = min(self._next_looks)
-            self._next_looks[look.sensor] = self._look(look.sensor, look.number + 1)
-            self._looks.append(look)
-            self._looks_made += 1
-        return self._looks[index - self._looks_made]  # counted from the newest
+    def _numbered(self, index: int) -> _DueScan:
+        while self._scans_made <= index:
+            look = min(self._next_scans)
+            self._next_scans[look.sensor] = self._look(look.sensor, look.number + 1)
+            self._scans.append(look)
+            self._scans_made += 1
+        return self._scans[index - self._scans_made]  # counted from the newest
 
     def scan_t_ns(self, index: int) -> int:
         """When scan `index` is measured."""
@@ -85,7 +85,7 @@ class World:
         return Truth(t_ns, tuple(objects))
 
     def scan(self, index: int, truth: Truth) -> Scan:
-        """What a sensor sees of the truth at scan `index`."""
+        """Return the detections of a sensor at scan `index`."""
         look = self._numbered(index)
         sensor = self.sensors[look.sensor]
         purpose = f"scan {sensor.name}" if look.sensor else "scan"

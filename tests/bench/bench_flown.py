@@ -55,13 +55,16 @@ def show_ways_home(options: argparse.Namespace) -> None:
             each = list(pool.map(fly_home, *order))
             if options.each:
                 for seed, some in enumerate(each, 1):
-                    print(f"  {seed}: " + ", ".join(f"{one.room_m:.1f} m, {one.home_m:.0f}" for one in some))
+                    print(
+                        f"  {seed}: "
+                        + ", ".join(f"{one.clearance_m:.1f} m, {one.home_m:.0f}" for one in some)
+                    )
             found = [one for some in each for one in some]
-            rooms = np.array([one.room_m for one in found])
+            least_m = np.array([one.clearance_m for one in found])
             print(
                 f"| {name} | {wind:g} | {'straight' if straight else 'planned'} | {len(found)} "
-                f"| {sum(one.home_m <= LANDED_M for one in found)} | {int((rooms <= 0.0).sum())} "
-                f"| {rooms.min():.1f}, {np.quantile(rooms, 0.1):.1f}, {np.median(rooms):.1f} |",
+                f"| {sum(one.home_m <= LANDED_M for one in found)} | {int((least_m <= 0.0).sum())} "
+                f"| {least_m.min():.1f}, {np.quantile(least_m, 0.1):.1f}, {np.median(least_m):.1f} |",
                 flush=True,
             )
 
@@ -90,14 +93,14 @@ def main() -> None:
                 if options.each:
                     for seed, one in enumerate(found, 1):
                         print(
-                            f"  {seed}: {one.room_m:.1f} m, agent {one.vehicle} at {one.t_s:.0f} s, "
+                            f"  {seed}: {one.clearance_m:.1f} m, agent {one.vehicle} at {one.t_s:.0f} s, "
                             f"{one.tasked_s:.1f} s on route {one.routes}, "
                             f"({one.east_m:.0f}, {one.north_m:.0f})"
                         )
-                rooms = np.array([one.room_m for one in found])
+                least_m = np.array([one.clearance_m for one in found])
                 print(
-                    f"| {name} | {wind:g} | {rooms.min():.1f} | {np.quantile(rooms, 0.1):.1f} "
-                    f"| {np.median(rooms):.1f} | {int((rooms <= 0.0).sum())} of {n} "
+                    f"| {name} | {wind:g} | {least_m.min():.1f} | {np.quantile(least_m, 0.1):.1f} "
+                    f"| {np.median(least_m):.1f} | {int((least_m <= 0.0).sum())} of {n} "
                     f"| {sum(one.at_end_m <= 0.0 for one in found)} of {n} |",
                     flush=True,
                 )

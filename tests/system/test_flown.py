@@ -14,26 +14,29 @@ from sim_vehicles.world.scenario import WindTable, load
 WIND = WindTable(east_m_s=2.0, north_m_s=-2.5, gust_std_m_s=0.8)
 
 
-def least_room_m(name: str, seed: int, wind: WindTable | None = None) -> float:
+def least_clearance_m(name: str, seed: int, wind: WindTable | None = None) -> float:
     scenario = load(name)
-    return nearest(scenario if wind is None else in_wind(scenario, wind, 4.0), seed).room_m
+    return nearest(scenario if wind is None else in_wind(scenario, wind, 4.0), seed).clearance_m
 
 
 @pytest.mark.parametrize(
-    ("name", "wind", "room_m"),
+    ("name", "wind", "clearance_m"),
     [("random-obstacles", None, 10.0), ("random-targets", WIND, 5.0), ("prescribed", WIND, 15.0)],
 )
-def test_nobody_flies_into_an_obstacle(name, wind, room_m):
-    assert least_room_m(name, 1, wind) > room_m
+def test_nobody_flies_into_an_obstacle(name, wind, clearance_m):
+    assert least_clearance_m(name, 1, wind) > clearance_m
 
 
 def test_vehicles_land_at_home_with_obstacles_between():
     home = flown_home(landing(load("random-obstacles")), 3)
     assert len(home) == 4
     assert max(one.home_m for one in home.values()) < 100.0
-    assert min(one.room_m for one in home.values()) > 20.0
+    assert min(one.clearance_m for one in home.values()) > 20.0
     assert (
-        min(one.room_m for one in flown_home(landing(load("random-obstacles")), 3, straight=True).values())
+        min(
+            one.clearance_m
+            for one in flown_home(landing(load("random-obstacles")), 3, straight=True).values()
+        )
         == 0.0
     )
 
@@ -49,5 +52,5 @@ def test_vehicles_land_at_home_with_obstacles_between():
 )
 def test_nobody_flies_into_an_obstacle_over_seeds(name, wind):
     """The wind is a fifth of the airspeed, with gusts."""
-    rooms_m = [least_room_m(name, seed, wind) for seed in range(1, 9)]
-    assert min(rooms_m) > 0.0, rooms_m
+    clearances_m = [least_clearance_m(name, seed, wind) for seed in range(1, 9)]
+    assert min(clearances_m) > 0.0, clearances_m

@@ -249,7 +249,7 @@ def test_losing_the_ground_station_goes_by_the_mode(mode, action, expected):
     pilot.fly(10)
     assert pilot.autopilot.mode is mode  # one that was never heard cannot be lost
     for _ in range(8):
-        pilot.autopilot.heard_gcs(255, pilot.t_ns)
+        pilot.autopilot.note_gcs_heartbeat(255, pilot.t_ns)
         pilot.fly(1)
     pilot.fly(3.5)
     assert pilot.autopilot.mode is mode
@@ -259,7 +259,7 @@ def test_losing_the_ground_station_goes_by_the_mode(mode, action, expected):
 
 def test_without_the_failsafe_a_loss_of_the_ground_station_changes_nothing():
     pilot = Pilot(FS_GCS_ENABL=0, FS_LONG_ACTN=1)
-    pilot.autopilot.heard_gcs(255, pilot.t_ns)
+    pilot.autopilot.note_gcs_heartbeat(255, pilot.t_ns)
     pilot.fly(20)
     assert pilot.autopilot.mode is Mode.LOITER
 
@@ -267,7 +267,7 @@ def test_without_the_failsafe_a_loss_of_the_ground_station_changes_nothing():
 def test_silence_on_the_ground_leaves_a_vehicle_in_rtl_and_so_unarmable():
     """The field guide's commands, a minute apart, end here: arming fails until the mode is changed."""
     pilot = Pilot(airborne=False, FS_GCS_ENABL=1, ARMING_DELAY_S=0)
-    pilot.autopilot.heard_gcs(255, pilot.t_ns)
+    pilot.autopilot.note_gcs_heartbeat(255, pilot.t_ns)
     pilot.fly(6)
     assert pilot.autopilot.mode is Mode.RTL
     assert not pilot.autopilot.arm(pilot.t_ns)
@@ -334,8 +334,8 @@ def test_a_landed_vehicle_that_is_armed_in_auto_stays_on_the_ground():
 def test_another_ground_station_s_heartbeat_does_not_feed_the_failsafe():
     pilot = Pilot(waypoint(5000, 0), FS_GCS_ENABL=1, FS_LONG_ACTN=1)
     pilot.autopilot.set_mode(Mode.AUTO)
-    pilot.autopilot.heard_gcs(255, pilot.t_ns)
+    pilot.autopilot.note_gcs_heartbeat(255, pilot.t_ns)
     for _ in range(7):
         pilot.fly(1)
-        pilot.autopilot.heard_gcs(254, pilot.t_ns)
+        pilot.autopilot.note_gcs_heartbeat(254, pilot.t_ns)
     assert pilot.autopilot.mode is Mode.RTL

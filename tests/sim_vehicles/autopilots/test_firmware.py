@@ -72,7 +72,7 @@ def test_a_launch_ends_in_loiter_above_the_start() -> None:
                 launch.receive(message)
         for command in launch.poll(t_ns):
             commands.send(command)
-        for data in commands.take():
+        for data in commands.pop_datagrams():
             vehicle.receive_datagram(data, t_ns)
     assert vehicle.alt_rel_m == pytest.approx(100.0, abs=11.0)
     assert (vehicle.east_m - 120.0) ** 2 + (vehicle.north_m - 720.0) ** 2 < 300.0**2
