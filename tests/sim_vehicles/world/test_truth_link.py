@@ -31,7 +31,7 @@ def reported(lat_deg: float) -> mavlink.MAVLink_global_position_int_message:
 
 def test_a_reported_position_is_taken_only_while_no_true_one_comes(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    monkeypatch.setattr(truth_link, "tell", said.append)
+    monkeypatch.setattr(truth_link, "print_message", said.append)
     source = TruthSource(1, 0.0)
     assert len(source.requests(0.0)) == 3
     assert source.place(reported(33.0), 1.0) is None  # the true one may still come
@@ -80,7 +80,7 @@ def test_sensors_see_a_vehicle_that_flies_already() -> None:
         finally:
             world.terminate()
             _, said = world.communicate(timeout=20)
-    assert "the position that it reports is taken instead" in said
+    assert "its reported position is used instead" in said
 
 
 def test_a_link_on_which_nobody_answers_is_named() -> None:
@@ -91,4 +91,4 @@ def test_a_link_on_which_nobody_answers_is_named() -> None:
     )  # fmt: skip
     assert done.returncode != 0
     assert "tcp:127.0.0.1:1: Connection refused; is the simulation running?" in done.stderr
-    assert "the link to vehicles that fly already did not come up" in " ".join(done.stderr.split())
+    assert "the link to the running vehicles did not start" in " ".join(done.stderr.split())
