@@ -82,3 +82,11 @@ def test_the_reference_is_a_mission_file() -> None:
     config = load(str(FILE))
     assert config.name == "reference"
     assert scenario.load(str(FILE)).simulation.forward_speed_m_s == 15.0
+
+
+def test_the_reference_explains_every_key() -> None:
+    notes: dict[str, str] = {}
+    for keys in shown().values():
+        for key, (_, note) in keys.items():
+            notes.setdefault(key, note)
+    assert [key for key, note in notes.items() if not note] == []

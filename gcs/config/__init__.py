@@ -5,7 +5,7 @@ track, plan and link. The same file may carry a `[simulation]` table, which only
 central command keeps it unread, since it holds the truth.
 
 Every mistake raises `ConfigError` with the file, the dotted key and what was expected. The shipped
-scenarios in `gcs/scenarios/` show every key with its unit, range and default.
+scenarios are in `gcs/scenarios`; `config/reference.toml` shows every key with its unit, range and default.
 """
 
 from __future__ import annotations

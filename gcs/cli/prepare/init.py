@@ -164,7 +164,7 @@ def mission_text(sketch: Sketch, name: str, of: str, link: str = _LINK) -> str:
     speed = f"{sketch.speed_m_s:g}" if sketch.speed_m_s else "15.0"
     parts = [
         f"# Made by `gcs init` from {_line(of)}. Read it through: the source does not have every value.",
-        "# Other keys have their defaults; config/scenarios/prescribed.toml explains every key.",
+        "# Other keys have their defaults; config/reference.toml explains every key.",
         *(f"# {_line(text)}" for text in sketch.notes),
         "",
         f"name = {_quoted(name)}  # letters, digits, - and _; sensors publish under it",
