@@ -16,7 +16,7 @@ from gcs.mavlink.frames.signing import GateCounters
 from gcs.mavlink.router.router import PortCounters
 
 _COLUMNS = (
-    "link", "role", "frames", "lost", "CRC", "strangers", "conflicts", "unsent", "signing", "guests",
+    "link", "role", "frames", "lost", "CRC", "unknown_systems", "conflicts", "unsent", "signing", "guests",
 )  # fmt: skip
 _ALWAYS = ("link", "role", "frames", "lost")
 
@@ -95,5 +95,5 @@ def _gate(row: Mapping[str, Any]) -> str:
 
 
 def _loss(row: Mapping[str, Any]) -> str:
-    there = row["frames"] - row["strangers"] - row["conflicts"] + row["lost"]
+    there = row["frames"] - row["unknown_systems"] - row["conflicts"] + row["lost"]
     return f"{100.0 * row['lost'] / there:.1f} %" if there > 0 else "0.0 %"

@@ -105,7 +105,7 @@ class Engine:
                 checks_signatures=bool(config.links.keys),
             ),
             links=[link for link in links if link.role == "vehicles"],
-            also=[MAVLINK_MSG_ID_PARAM_VALUE],
+            extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE],
         )
         self.guests = ExternalUploads(links, vehicles, self.fleet.is_atomic)
         self.trackers = MultiSensorTracker(config)

@@ -250,7 +250,7 @@ class Service:
         self._put(LinkNews(self.clock.now_ns(), link, level, text))
 
     def _send_for_uploader(self, vehicle: int, frame: bytes) -> None:
-        for send in self.command.fleet.sends(vehicle, [frame]):
+        for send in self.command.fleet.address_frames(vehicle, [frame]):
             self.links.send(send.link, send.peer, send.data)
 
     def _tell_of_uploader(self, text: str) -> None:

@@ -136,7 +136,7 @@ def run(inputs: int, seed: int, seconds: float = math.inf, pool: int = 20_000) -
                 assert effect.peer in ADDRESSES
             else:
                 seen["ended"] += 1
-    assert len(fleet.strangers()) <= 64
+    assert len(fleet.unknown_systems()) <= 64
     return done, seen
 
 

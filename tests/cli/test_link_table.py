@@ -8,7 +8,7 @@ from gcs.cli.link_table import link_table
 
 VEHICLES = {
     "link": "udpin:0.0.0.0:14550", "role": "vehicles", "frames": 753, "lost": 216, "crc_errors": 0,
-    "strangers": 0, "conflicts": 0, "unsent": 0,
+    "unknown_systems": 0, "conflicts": 0, "unsent": 0,
 }  # fmt: skip
 GUESTS = {
     "link": "udpin:127.0.0.1:14551", "role": "full", "guests": ["1.2.3.4:5"], "frames": 34, "passed": 30,

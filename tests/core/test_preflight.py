@@ -47,7 +47,7 @@ def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mod
     plane = SimVehicle(VehicleSpec(**(defaults | spec)), config.local_frame, START_NS)
     if mode is not None:
         plane.autopilot.mode = Mode(mode)
-    fleet = Fleet([1], config.local_frame, also=PREFLIGHT_MESSAGE_IDS)
+    fleet = Fleet([1], config.local_frame, extra_ids=PREFLIGHT_MESSAGE_IDS)
     talk = PreflightQuery(1, envelope_of(config), fleet.encoder(1))
     t_ns, to_plane = START_NS, deque()
     while (not talk.is_done or t_ns < START_NS + until_s * S) and t_ns < START_NS + end_s * S:
@@ -257,7 +257,7 @@ def test_an_inspection_changes_nothing_on_the_vehicle():
     class Ear(PreflightQuery):
         pass
 
-    fleet = Fleet([1], config.local_frame, also=PREFLIGHT_MESSAGE_IDS)
+    fleet = Fleet([1], config.local_frame, extra_ids=PREFLIGHT_MESSAGE_IDS)
     plane = SimVehicle(
         VehicleSpec(1, 120.0, 200.0, 0.0, 100.0, 15.0, parameters=GOOD), config.local_frame, START_NS
     )

@@ -49,7 +49,7 @@ def test_what_is_shown_as_itself_stays_and_nothing_else() -> None:
 def test_what_a_vehicle_says_is_safe() -> None:
     message = dialect.MAVLink_statustext_message(4, b"")
     message.text = HOSTILE[:40]  # as the codec decodes it
-    (text,) = TextChunks().joined(message)
+    (text,) = TextChunks().add_chunk(message)
     assert is_safe(text)
     assert is_safe(Notice(0, "alarm", HOSTILE, 1).text)
 

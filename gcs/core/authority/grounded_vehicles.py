@@ -88,8 +88,8 @@ class GroundedVehicles:
         if state is not None and state.armed:  # it flies, or is about to: not ours to stop from here
             del self._errands[vehicle]
             return []
-        effects: list[Effect] = [*self._fleet.sends(vehicle, errand.poll(t_ns))]
-        self._fleet.attend(vehicle)
+        effects: list[Effect] = [*self._fleet.address_frames(vehicle, errand.poll(t_ns))]
+        self._fleet.forward_next_heartbeat(vehicle)
         if errand.outcome is None:
             return effects
         del self._errands[vehicle]

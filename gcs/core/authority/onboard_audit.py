@@ -129,7 +129,7 @@ class OnboardAudit:
         if not check.reading.is_complete:
             return self._ask(vehicle, check, t_ns)
         frames = [self._fleet.encoder(vehicle)(check.reading.ack_message())]
-        return [*self._fleet.sends(vehicle, frames), *self._judge(vehicle, check, t_ns)]
+        return [*self._fleet.address_frames(vehicle, frames), *self._judge(vehicle, check, t_ns)]
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Let timers run."""
@@ -147,7 +147,7 @@ class OnboardAudit:
 
     def _ask(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
         encode = self._fleet.encoder(vehicle)
-        return [*self._fleet.sends(vehicle, map(encode, check.reading.poll(t_ns)))]
+        return [*self._fleet.address_frames(vehicle, map(encode, check.reading.poll(t_ns)))]
 
     def _judge(self, vehicle: int, check: _Check, t_ns: int) -> list[Effect]:
         profile = self._fleet.profile(vehicle)

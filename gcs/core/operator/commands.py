@@ -334,8 +334,8 @@ class Orders:
 
     def _worked(self, vehicle: int, t_ns: int) -> list[Effect]:
         errand, ongoing = self._errands[vehicle]
-        effects: list[Effect] = [*self._fleet.sends(vehicle, errand.poll(t_ns))]
-        self._fleet.attend(vehicle)
+        effects: list[Effect] = [*self._fleet.address_frames(vehicle, errand.poll(t_ns))]
+        self._fleet.forward_next_heartbeat(vehicle)
         if errand.outcome is not None:
             del self._errands[vehicle]
             done, detail = errand.outcome

@@ -135,7 +135,7 @@ class FirstLegs:
         return effects
 
     def _sends(self, vehicle: int, messages: list[Message]) -> list[Effect]:
-        return [*self._fleet.sends(vehicle, map(self._fleet.encoder(vehicle), messages))]
+        return [*self._fleet.address_frames(vehicle, map(self._fleet.encoder(vehicle), messages))]
 
 
 def _problem(output: Message, leg: _Leg, state: VehicleState, t_ns: int) -> str:

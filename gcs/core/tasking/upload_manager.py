@@ -222,7 +222,7 @@ class UploadManager:
     def hold_back(self, vehicle: int) -> None:
         """Begin no transfer to a vehicle until it is let go."""
         self._held_back.add(vehicle)
-        self._fleet.attend(vehicle)
+        self._fleet.forward_next_heartbeat(vehicle)
 
     def let_go(self, vehicle: int) -> None:
         """Let transfers to a vehicle begin again."""
@@ -231,7 +231,7 @@ class UploadManager:
     def suspect(self, vehicle: int) -> None:
         """Take a vehicle for one that may hold a mix: it is held and cleared when it is heard."""
         self._mixed.add(vehicle)
-        self._fleet.attend(vehicle)
+        self._fleet.forward_next_heartbeat(vehicle)
 
     def custody(self, vehicle: int) -> PersistedAuthority | None:
         """Return what is to be remembered of whose a vehicle is; None before it was heard."""
@@ -579,7 +579,7 @@ class UploadManager:
             return []
         frames = delivery.task.supersede(t_ns)
         self._leave(vehicle)
-        return [*self._fleet.sends(vehicle, frames)]
+        return [*self._fleet.address_frames(vehicle, frames)]
 
     def _leave(self, vehicle: int) -> _Delivery:
         """Take an ended transfer off, and keep what it says of the vehicle."""
@@ -604,12 +604,12 @@ class UploadManager:
     def _worked(self, vehicle: int, frames: list[bytes]) -> list[Effect]:
         delivery = self._deliveries[vehicle]
         task, result = delivery.task, delivery.task.result
-        effects: list[Effect] = [*self._fleet.sends(vehicle, frames)]
+        effects: list[Effect] = [*self._fleet.address_frames(vehicle, frames)]
         handover = task.take_external_frames()
         if handover:
             effects.append(Upload(vehicle, task.mission.mission_id, handover))
         if result is None:
-            self._fleet.attend(vehicle)
+            self._fleet.forward_next_heartbeat(vehicle)
             return effects
         self._leave(vehicle)
         repeated = result.retries / len(task.items)

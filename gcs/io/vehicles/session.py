@@ -75,7 +75,7 @@ class VehicleSession:
             FleetSettings(position_rate_hz=config.telemetry.rate_hz),
             links=links,
             own=self.entrance.own,
-            also=also,
+            extra_ids=also,
             kernel=False,  # a visit is short: it would take longer to load
         )
         signing = Signing(links, config.links.key_file(source) if is_direct else None)
@@ -115,7 +115,7 @@ class VehicleSession:
                 self._send(vehicle, talk.poll(t_ns))
 
     def _send(self, vehicle: int, frames: Iterable[bytes]) -> None:
-        for send in self.fleet.sends(vehicle, frames):
+        for send in self.fleet.address_frames(vehicle, frames):
             self.links.send(send.link, send.peer, send.data)
 
     def has_key(self, vehicle: int) -> bool:

@@ -1,15 +1,12 @@
-"""Frames that change numbers only, folded in by a compiled kernel.
+"""Fast telemetry path: a compiled kernel applies routine frames to the telemetry table.
 
-Most of what a vehicle sends is quiet: the next position in a row, its battery and fix, a heartbeat that says
-what the last one said (unless somebody attends to it), and everything that nobody here reads and that only
-counts for loss and liveness. Such frames change a few integers of the vehicle's row in `VehicleTable.table`
-and cause nothing. All other frames, and these whenever anything about them is out of the ordinary (from
-another address, after a silence, late, a place that may not be), are left to `Fleet` and `Vehicle`, which
-work on the same rows: theirs is the simple form that says what is right, and leaving any frame to them is
-always correct.
+Most frames are routine: the next position, battery, GPS fix, an unchanged heartbeat, and messages that are
+only counted. They change integers of the vehicle's record and cause nothing else. Every other frame goes to
+`Fleet` and `Vehicle`, and so does any frame that is unusual: from another address, after a timeout, late, at
+an implausible position. Those two work on the same records and are the reference.
 
-Fields lie in the payload by size (https://mavlink.io/en/messages/common.html), and zeros at the end of a
-MAVLink 2 payload are left out (https://mavlink.io/en/guide/serialization.html#payload_truncation).
+Field offsets: https://mavlink.io/en/messages/common.html (fields are ordered by size). Zeros at the end of a
+MAVLink 2 payload are truncated (https://mavlink.io/en/guide/serialization.html#payload_truncation).
 """
 
 from __future__ import annotations
@@ -24,35 +21,35 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs import jit
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.position_checks import EARTH_RADIUS_M, MAX_ALT_M, MIN_ALT_M, NULL_DEG
-from gcs.mavlink.fleet.position_plausibility import BOOTS_APART_S, SLACK_M, STANDING_M_S
+from gcs.mavlink.fleet.position_plausibility import MAX_STANDING_M_S, MIN_BOOT_DIFFERENCE_S, POSITION_SLACK_M
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,
     ALT_MM,
     BATTERY_PERCENT,
-    BEAT,
     BEST_FIX,
     BOOT_MS,
     BOOT_OFFSET_NS,
-    BOOT_RUN,
+    CHECK_NEXT,
     FIX_TYPE,
     FRAMES,
     HEADING_CDEG,
     HEARD_NS,
+    HEARTBEAT_KEY,
+    IN_LATE_RUN,
+    IS_SIGNED,
     LAST_SEQUENCE,
     LAT_1E7DEG,
-    LEG,
+    LEG_WATCHED,
     LON_1E7DEG,
     LOST,
-    NOBODY,
+    NO_ADDRESS,
     NONE,
-    PLACE_NS,
-    PLACES,
-    SIGNS,
+    POSITION_NS,
+    POSITIONS,
     V_EAST_CM_S,
     V_NORTH_CM_S,
-    WATCHED,
     WIDTH,
-    Row,
+    VehicleRecord,
 )
 from gcs.mavlink.frames import batches, fast_scan
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID
@@ -77,20 +74,19 @@ _FIX_3D: Final[int] = dialect.GPS_FIX_TYPE_3D_FIX
 _AUTOPILOT: Final = AUTOPILOT_COMPONENT_ID
 _BOOT_WRAP_MS: Final = 1 << 32
 _NS_PER_MS: Final = 1_000_000
-_SYSTEMS: Final = 256
-_IDS: Final = 512
-_LOUD: Final = 2
+_SYSTEM_IDS: Final = 256
+_MESSAGE_IDS: Final = 512
+_SLOW_PATH: Final = 2
 _V1: Final = 0xFE
-_EARTH_M: Final = EARTH_RADIUS_M
+_EARTH_RADIUS_M: Final = EARTH_RADIUS_M
 _M_PER_1E7: Final = math.radians(1e-7) * EARTH_RADIUS_M
-_STANDING2: Final = round((100.0 * STANDING_M_S) ** 2)
+_MAX_STANDING_CM2_S2: Final = round((100.0 * MAX_STANDING_M_S) ** 2)
 _NULL_1E7: Final = round(NULL_DEG * 1e7)
-_LOW_MM: Final = round(MIN_ALT_M * 1e3)
-_HIGH_MM: Final = round(MAX_ALT_M * 1e3)
-_BOOTS_APART_NS: Final = round(BOOTS_APART_S * 1e9)
-_MARGIN: Final = 0.98
-"""Of the greatest distance, and of what is in reach: nearer than that the kernel is sure, whatever the last
-bit of its sine and the shape of the Earth say."""
+_MIN_ALT_MM: Final = round(MIN_ALT_M * 1e3)
+_MAX_ALT_MM: Final = round(MAX_ALT_M * 1e3)
+_MIN_BOOT_DIFFERENCE_NS: Final = round(MIN_BOOT_DIFFERENCE_S * 1e9)
+_SURE_FRACTION: Final = 0.98
+"""Fraction of a limit within which the kernel is sure despite rounding and the shape of the Earth."""
 
 
 @jit.leaf
@@ -100,7 +96,7 @@ def _byte(data, begin, offset, size):  # type: ignore[no-untyped-def]
 
 @jit.leaf
 def _number(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
-    """Little-endian and unsigned."""
+    """Return a little-endian unsigned number."""
     value = np.int64(0)
     for k in range(width):
         value |= _byte(data, begin, offset + k, size) << 8 * k
@@ -116,37 +112,39 @@ def _signed(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
 
 @jit.leaf
 def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
-    """Return True if a place (1e-7 degrees) is well within reach (`position_checks.distance_m`).
+    """Return True if a position (1e-7 degrees) is well within reach (`position_checks.distance_m`).
 
-    The way along the meridian and then along the equator's circle is never shorter: it mostly suffices.
+    The sum of the way along the meridian and along the equator is an upper bound that mostly suffices.
     """
     around = math.radians(abs(lat * 1e-7 - origin[0]) + abs(lon * 1e-7 - origin[1]))
-    if _EARTH_M * around < _MARGIN * origin[2]:
+    if _EARTH_RADIUS_M * around < _SURE_FRACTION * origin[2]:
         return True
     lat1, lat0 = math.radians(lat * 1e-7), math.radians(origin[0])
     half_lat, half_lon = (lat0 - lat1) / 2.0, math.radians(origin[1] - lon * 1e-7) / 2.0
     chord = math.sin(half_lat) ** 2 + math.cos(lat1) * math.cos(lat0) * math.sin(half_lon) ** 2
-    return 2.0 * _EARTH_M * math.asin(min(1.0, math.sqrt(chord))) < _MARGIN * origin[2]
+    return 2.0 * _EARTH_RADIUS_M * math.asin(min(1.0, math.sqrt(chord))) < _SURE_FRACTION * origin[2]
 
 
 @jit.leaf
-def _goes_on(row, boot_ms, t_ns, lat, lon, speed2, max_speed_m_s):  # type: ignore[no-untyped-def]
-    """Return True if a position surely goes on from the one before (`position_plausibility`).
+def _is_plausible(record, boot_ms, t_ns, lat, lon, speed2, max_speed_m_s):  # type: ignore[no-untyped-def]
+    """Return True if a position surely continues the one before (`position_plausibility`).
 
-    `speed2` is the square of the speed, in cm/s. A way to the east is never longer than on the equator: that
-    mostly suffices, and spares the cosine.
+    `speed2` is the square of the speed in cm/s. The distance east on the equator is an upper bound that
+    mostly suffices and saves the cosine.
     """
-    if row[WATCHED] or speed2 > max_speed_m_s * max_speed_m_s * 1e4:
+    if record[CHECK_NEXT] or speed2 > max_speed_m_s * max_speed_m_s * 1e4:
         return False
-    if row[PLACES] == 0:
+    if record[POSITIONS] == 0:
         return True
-    if lat == row[LAT_1E7DEG] and lon == row[LON_1E7DEG] and speed2 >= _STANDING2:
+    if lat == record[LAT_1E7DEG] and lon == record[LON_1E7DEG] and speed2 >= _MAX_STANDING_CM2_S2:
         return False
-    if abs(t_ns - boot_ms * _NS_PER_MS - row[BOOT_OFFSET_NS]) >= _BOOTS_APART_NS:
+    if abs(t_ns - boot_ms * _NS_PER_MS - record[BOOT_OFFSET_NS]) >= _MIN_BOOT_DIFFERENCE_NS:
         return False
-    north_m = (lat - row[LAT_1E7DEG]) * _M_PER_1E7
-    east_m = (lon - row[LON_1E7DEG]) * _M_PER_1E7
-    reach_m = _MARGIN * (max_speed_m_s * (boot_ms - row[BOOT_MS] & _BOOT_WRAP_MS - 1) * 1e-3 + SLACK_M)
+    north_m = (lat - record[LAT_1E7DEG]) * _M_PER_1E7
+    east_m = (lon - record[LON_1E7DEG]) * _M_PER_1E7
+    reach_m = _SURE_FRACTION * (
+        max_speed_m_s * (boot_ms - record[BOOT_MS] & _BOOT_WRAP_MS - 1) * 1e-3 + POSITION_SLACK_M
+    )
     if north_m * north_m + east_m * east_m < reach_m * reach_m:
         return True
     east_m *= math.cos(math.radians(lat * 1e-7))
@@ -154,164 +152,167 @@ def _goes_on(row, boot_ms, t_ns, lat, lon, speed2, max_speed_m_s):  # type: igno
 
 
 @jit.leaf
-def _take_position(data, begin, size, t_ns, row, origin):  # type: ignore[no-untyped-def]
-    """Take a position that is newer and can be believed; return whether it was taken."""
+def _apply_position(data, begin, size, t_ns, record, origin):  # type: ignore[no-untyped-def]
+    """Store a position that is newer and plausible; return True if it was stored."""
     boot_ms = _number(data, begin, 0, size, 4)
-    if row[BOOT_MS] != NONE:
-        ahead_ms = boot_ms - row[BOOT_MS] & _BOOT_WRAP_MS - 1
+    if record[BOOT_MS] != NONE:
+        ahead_ms = boot_ms - record[BOOT_MS] & _BOOT_WRAP_MS - 1
         if ahead_ms == 0 or ahead_ms >= _BOOT_WRAP_MS // 2:
             return False
-    if row[BEST_FIX] != NONE and row[BEST_FIX] < _FIX_3D:
+    if record[BEST_FIX] != NONE and record[BEST_FIX] < _FIX_3D:
         return False
     lat, lon = _signed(data, begin, 4, size, 4), _signed(data, begin, 8, size, 4)
     alt = _signed(data, begin, 12, size, 4)
-    if abs(lat) >= 900_000_000 or abs(lon) >= 1_800_000_000 or not _LOW_MM < alt < _HIGH_MM:
+    if abs(lat) >= 900_000_000 or abs(lon) >= 1_800_000_000 or not _MIN_ALT_MM < alt < _MAX_ALT_MM:
         return False
     if (abs(lat) <= _NULL_1E7 and abs(lon) <= _NULL_1E7) or not _is_near(lat, lon, origin):
         return False
     v_north, v_east = _signed(data, begin, 20, size, 2), _signed(data, begin, 22, size, 2)
-    if not _goes_on(row, boot_ms, t_ns, lat, lon, v_east * v_east + v_north * v_north, origin[3]):
+    if not _is_plausible(record, boot_ms, t_ns, lat, lon, v_east * v_east + v_north * v_north, origin[3]):
         return False
-    row[BOOT_MS], row[BOOT_OFFSET_NS], row[BOOT_RUN] = boot_ms, t_ns - boot_ms * _NS_PER_MS, 0
-    row[PLACE_NS], row[LAT_1E7DEG], row[LON_1E7DEG], row[ALT_MM] = t_ns, lat, lon, alt
-    row[V_NORTH_CM_S], row[V_EAST_CM_S] = v_north, v_east
-    row[HEADING_CDEG] = _number(data, begin, 26, size, 2)
-    row[PLACES] += 1
+    record[BOOT_MS], record[BOOT_OFFSET_NS], record[IN_LATE_RUN] = boot_ms, t_ns - boot_ms * _NS_PER_MS, 0
+    record[POSITION_NS], record[LAT_1E7DEG], record[LON_1E7DEG], record[ALT_MM] = t_ns, lat, lon, alt
+    record[V_NORTH_CM_S], record[V_EAST_CM_S] = v_north, v_east
+    record[HEADING_CDEG] = _number(data, begin, 26, size, 2)
+    record[POSITIONS] += 1
     return True
 
 
 @jit.leaf
-def _count(row, sequence, t_ns):  # type: ignore[no-untyped-def]
-    """Count a frame and the gap before it; return by how much `LOST` changed."""
-    row[FRAMES] += 1
-    row[HEARD_NS] = t_ns
-    before = row[LOST]
-    if row[LAST_SEQUENCE] == NONE:
-        row[LAST_SEQUENCE] = sequence
+def _count(record, sequence, t_ns):  # type: ignore[no-untyped-def]
+    """Count a frame and the gap before it; return the change of `LOST`."""
+    record[FRAMES] += 1
+    record[HEARD_NS] = t_ns
+    before = record[LOST]
+    if record[LAST_SEQUENCE] == NONE:
+        record[LAST_SEQUENCE] = sequence
         return 0
-    ahead = sequence - row[LAST_SEQUENCE] & 255
+    ahead = sequence - record[LAST_SEQUENCE] & 255
     if 0 < ahead < 128:
-        row[LOST] += ahead - 1
-        row[LAST_SEQUENCE] = sequence
+        record[LOST] += ahead - 1
+        record[LAST_SEQUENCE] = sequence
     elif ahead >= 128:
-        row[LOST] = max(0, before - 1)
-    return row[LOST] - before
+        record[LOST] = max(0, before - 1)
+    return record[LOST] - before
 
 
 @jit.leaf
-def _fold_on(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ignore[no-untyped-def]
-    """Fold frames in from row `at` on; stop before the first that is not quiet.
+def _apply_frames(data, frames, at, address, t_ns, lookup, table, origin):  # type: ignore[no-untyped-def]
+    """Apply frames from row `at` on; stop at the first that is not routine.
 
-    `rows_of` holds the row of each system id (`NONE` for strangers), then for each message id 0 when nobody
-    reads it, 1 when only the vehicle's record does, `_LOUD` when others want every one.
+    `lookup` holds the record number of each system id (`NONE` for unknown systems). For each message id it
+    then holds 0 if it is only counted, 1 if only the vehicle's record needs it, `_SLOW_PATH` if it is never
+    routine.
 
-    Returns the row of `frames` where it stopped, and the change of all `LOST`.
+    Returns the row of `frames` at which it stopped, and the change of all `LOST`.
     """
     lost = 0
     while at <= frames[0, 0]:
         if frames[at, CHECKED] == 0:
             at += 1
             continue
-        index, message_id = rows_of[frames[at, SYSTEM]], frames[at, MESSAGE_ID]
+        index, message_id = lookup[frames[at, SYSTEM]], frames[at, MESSAGE_ID]
         if index == NONE or frames[at, COMPONENT] != _AUTOPILOT:
             break
-        row = table[index]
-        if row[ADDRESS] != address or row[SIGNS] != frames[at, SIGNED]:
+        record = table[index]
+        if record[ADDRESS] != address or record[IS_SIGNED] != frames[at, SIGNED]:
             break
-        if message_id < _IDS and rows_of[_SYSTEMS + message_id]:
+        if message_id < _MESSAGE_IDS and lookup[_SYSTEM_IDS + message_id]:
             offset = frames[at, OFFSET]
             begin = offset + (6 if data[offset] == _V1 else 10)
             size = np.int64(data[offset + 1])
-            if rows_of[_SYSTEMS + message_id] == _LOUD:
+            if lookup[_SYSTEM_IDS + message_id] == _SLOW_PATH:
                 break
             if message_id == _POSITION:
-                if not _take_position(data, begin, size, t_ns, row, origin):
+                if not _apply_position(data, begin, size, t_ns, record, origin):
                     break
             elif message_id == _GPS:
-                row[FIX_TYPE] = _byte(data, begin, 28, size)
-                row[BEST_FIX] = max(row[BEST_FIX], row[FIX_TYPE])
+                record[FIX_TYPE] = _byte(data, begin, 28, size)
+                record[BEST_FIX] = max(record[BEST_FIX], record[FIX_TYPE])
             elif message_id == _SYS_STATUS:
                 percent = _signed(data, begin, 30, size, 1)
-                row[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
+                record[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
             elif message_id == _HEARTBEAT:
-                beat = _number(data, begin, 0, size, 8)
-                if beat == NONE or beat != row[BEAT]:
+                key = _number(data, begin, 0, size, 8)
+                if key == NONE or key != record[HEARTBEAT_KEY]:
                     break
             elif message_id == _NAVIGATION:
-                if row[LEG]:
+                if record[LEG_WATCHED]:
                     break
             else:
                 break
-        lost += _count(row, frames[at, SEQUENCE], t_ns)
+        lost += _count(record, frames[at, SEQUENCE], t_ns)
         at += 1
     return at, lost
 
 
 @jit.kernel
-def _fold(data, frames, at, address, t_ns, rows_of, table, origin):  # type: ignore[no-untyped-def]
-    return _fold_on(data, frames, at, address, t_ns, rows_of, table, origin)
+def _apply_kernel(data, frames, at, address, t_ns, lookup, table, origin):  # type: ignore[no-untyped-def]
+    return _apply_frames(data, frames, at, address, t_ns, lookup, table, origin)
 
 
 class VehicleTable:
-    """The rows of all vehicles, and the quiet frames that change them.
+    """Telemetry table of all vehicles, and the kernel that applies routine frames to it.
 
     Parameters
     ----------
     table : (n, WIDTH) array
-        The rows.
+        Records.
     vehicles : sequence of int
-        Whose they are, in order.
+        Vehicle of each record.
     frames : Frames
-        Of the datagram that is worked.
-    read, loud : collection of int
-        Message ids that somebody reads; those among or beside them of which no frame is quiet.
+        Frames of the present datagram.
+    read_ids, slow_ids : collection of int
+        Message ids that are needed, and those of which no frame is routine.
     frame : LocalFrame
     bounds : (float, float)
-        Metres from the frame's origin beyond which places are none of ours, and the greatest ground speed.
+        Greatest distance from the frame's origin in metres, and greatest ground speed in m/s.
     """
 
     def __init__(
         self,
-        table: Row,
+        table: VehicleRecord,
         vehicles: Sequence[int],
         frames: Frames,
-        read: Collection[int],
-        loud: Collection[int],
+        read_ids: Collection[int],
+        slow_ids: Collection[int],
         frame: LocalFrame,
         bounds: tuple[float, float],
     ) -> None:
-        if max((*read, *loud), default=0) >= _IDS:
-            raise ValueError(f"message ids that are read must be below {_IDS}")
-        empty = np.full(_SYSTEMS + _IDS, NONE, np.int64)
-        empty[_SYSTEMS:] = np.isin(np.arange(_IDS), list(read))
-        empty[_SYSTEMS:][list(loud)] = _LOUD
-        self._rows_of: dict[int, Row] = {}
+        if max((*read_ids, *slow_ids), default=0) >= _MESSAGE_IDS:
+            raise ValueError(f"message ids that are needed must be below {_MESSAGE_IDS}")
+        empty = np.full(_SYSTEM_IDS + _MESSAGE_IDS, NONE, np.int64)
+        empty[_SYSTEM_IDS:] = np.isin(np.arange(_MESSAGE_IDS), list(read_ids))
+        empty[_SYSTEM_IDS:][list(slow_ids)] = _SLOW_PATH
+        self._lookup_of_network: dict[int, VehicleRecord] = {}
         for index, vehicle in enumerate(vehicles):
-            rows_of = self._rows_of.setdefault(network_of(vehicle), empty.copy())
-            rows_of[system_of(vehicle)] = index
+            lookup = self._lookup_of_network.setdefault(network_of(vehicle), empty.copy())
+            lookup[system_of(vehicle)] = index
         self._table, self._frames = table, frames
         self._origin = np.array([frame.lat_deg, frame.lon_deg, *bounds])
 
-    def fold(self, data: bytes, at: int, address: int, t_ns: int, network: int) -> tuple[int, int]:
-        """Fold a datagram's frames in from row `at` of their table on, up to the first that is not quiet.
+    def apply_frames(self, data: bytes, at: int, address: int, t_ns: int, network: int) -> tuple[int, int]:
+        """Apply a datagram's frames from row `at` on, up to the first that is not routine.
 
-        Returns the row of that frame, one past the last when there is none; and the change of losses.
+        Returns the row of that frame (one past the last if all are routine), and the change of losses.
         """
-        rows_of = self._rows_of.get(network)
-        if rows_of is None or address == NOBODY:
+        lookup = self._lookup_of_network.get(network)
+        if lookup is None or address == NO_ADDRESS:
             return at, 0
-        next_at, lost = _fold(data, self._frames.table, at, address, t_ns, rows_of, self._table, self._origin)
+        next_at, lost = _apply_kernel(
+            data, self._frames.table, at, address, t_ns, lookup, self._table, self._origin
+        )
         return next_at, lost
 
 
 def warm_up_calls() -> list[jit.Call]:
-    """List one call of each kernel, those of framing and gathering among them."""
+    """Return one call of each kernel, including those for framing and batches."""
     frames = np.zeros((2, CHECKED + 1), np.int32)
-    rows_of, table = np.full(_SYSTEMS + _IDS, NONE, np.int64), np.zeros((1, WIDTH), np.int64)
+    lookup, table = np.full(_SYSTEM_IDS + _MESSAGE_IDS, NONE, np.int64), np.zeros((1, WIDTH), np.int64)
     return [
         *fast_scan.warm_up_calls(),
         *batches.warm_up_calls(),
-        (_fold, b"\xfd", frames, 1, 0, 0, rows_of, table, np.zeros(4)),
+        (_apply_kernel, b"\xfd", frames, 1, 0, 0, lookup, table, np.zeros(4)),
     ]
 
 

@@ -1,18 +1,15 @@
-"""The vehicles on our links, by network and system id: whose frames to believe, who is alive, what to ask.
+"""The vehicles on our links, by network and system id. Sans-I/O: datagrams in, `Send` and `Notice` out.
 
-Sans-I/O: datagrams in, `Send` and `Notice` out, time an argument. Where a vehicle is an argument it is called
-by its number (`gcs.model.vehicle_id`), which on network 0 is its system id.
+Vehicles are numbered by `gcs.model.vehicle_id`; on network 0 that is the system id.
 
-* A vehicle is one of the expected system ids on the network of its link. Frames of all others (other ground
-  stations too) are strangers: counted up to a bound on memory, shown, and never acted on.
-* Where nobody calls us (an endpoint that does not listen) we call: heartbeats, four a second.
-* Its address is learned from a HEARTBEAT of its own autopilot (component 1, a real autopilot type) and kept:
-  while the vehicle is heard there, another address that claims its id is a conflict, counted and ignored.
-  After a silence it may move, and at once to where it signs later than at its address. Nothing is ever
-  sent to an address that has not been learned so.
-* Liveness is the age of the last frame of its autopilot, per system id: never that of a link. A single lost
-  heartbeat says little on a bad radio, a silence of seconds on all its messages does.
-* Only ids that somebody here needs are unpacked; the others count for loss and liveness.
+* A vehicle has an expected system id on the network of its link. Frames of unknown systems are counted up to
+  a bound, shown, and never acted on.
+* An outgoing endpoint gets heartbeats from the start, four a second.
+* A vehicle's address is learned from a HEARTBEAT of its own autopilot (component 1) and kept while it is
+  heard there. Another address that uses its id is a conflict: counted and ignored. After a timeout the
+  vehicle may move, and at once to where it signs later. Frames go to learned addresses only.
+* Liveness is the age of the last frame of the vehicle's autopilot, whatever its message id.
+* Only message ids that are needed are unpacked. The others count for loss and liveness.
 """
 
 from __future__ import annotations
@@ -28,7 +25,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile
-from gcs.mavlink.fleet.heartbeat import heartbeat, is_heartbeat, is_vehicles
+from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, UnknownSystems, total
 from gcs.mavlink.fleet.notice_queue import NoticeQueue
 from gcs.mavlink.fleet.peers import Peers
@@ -38,13 +35,13 @@ from gcs.mavlink.fleet.telemetry_table import (
     BOOT_OFFSET_NS,
     DUE_NS,
     HEARD_NS,
-    LEG,
-    NOBODY,
-    PLACES,
-    SIGNS,
-    new_row,
+    IS_SIGNED,
+    LEG_WATCHED,
+    NO_ADDRESS,
+    POSITIONS,
+    new_record,
 )
-from gcs.mavlink.fleet.vehicle import Address, Health, Tell, Vehicle
+from gcs.mavlink.fleet.vehicle import Address, Health, Notify, Vehicle
 from gcs.mavlink.frames.codec import (
     AUTOPILOT_COMPONENT_ID,
     GCS_COMPONENT_ID,
@@ -88,21 +85,21 @@ _REPEAT_NOTICE_NS: Final = ns(10.0)
 
 @dataclass(frozen=True, slots=True)
 class FleetSettings:
-    """How to watch and what to ask."""
+    """Telemetry rate, timeouts and bounds."""
 
     position_rate_hz: float = 4.0
     stale_after_s: float = 2.5
-    """Silence after which a vehicle is stale: a first word to the operator."""
+    """Timeout after which a vehicle is stale: first notice to the operator."""
     lost_after_s: float = 5.0
-    """Silence after which a vehicle is lost, and may be heard from another address."""
+    """Timeout after which the link is down and the vehicle may appear at another address."""
     max_speed_m_s: float = 150.0
-    """Over ground; reports of more are refused, and so are places further away than that."""
+    """Ground speed above which a position report is refused."""
     max_distance_m: float = 100_000.0
-    """Positions further from the frame's origin are refused."""
+    """Distance from the frame's origin beyond which a position report is refused."""
     checks_signatures: bool = False
     """True if signatures are checked before frames come here."""
-    max_strangers: int = 64
-    """Strangers that are told apart; more are counted together."""
+    max_unknown_systems: int = 64
+    """Unknown systems that are listed; more are only counted."""
 
 
 class Fleet:
@@ -113,17 +110,16 @@ class Fleet:
     expected : iterable of int
         Our vehicles.
     frame : LocalFrame
-        Where positions are put.
+        Frame of the positions.
     links : iterable of Link
-        Where vehicles are heard: what network each is, and whom to call where nobody calls us. A link that
-        is not among them is of network 0.
+        Networks of the links, and addresses of outgoing endpoints. A link that is not listed is of network 0.
     own : (int, int)
         Our system and component id.
-    also : iterable of int
-        Message ids that `receive` gives beside those that the service itself needs.
+    extra_ids : iterable of int
+        Message ids that `receive` returns besides those that the service needs.
     kernel : bool
-        Whether quiet frames are folded in by a compiled kernel, to be warmed up before
-        (`gcs.mavlink.fleet.fast_telemetry.warm_up`); without it the same comes out, slowly.
+        True to apply routine telemetry by a compiled kernel (`gcs.mavlink.fleet.fast_telemetry`, warmed up
+        before). The result is the same without it.
     """
 
     def __init__(
@@ -134,35 +130,35 @@ class Fleet:
         *,
         links: Iterable[Link] = (),
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
-        also: Iterable[int] = (),
+        extra_ids: Iterable[int] = (),
         kernel: bool = True,
     ) -> None:
-        loud = frozenset(also)
-        self._needed = _NEEDED | loud
+        extra = frozenset(extra_ids)
+        self._needed = _NEEDED | extra
         self.links: dict[str, LinkCounters] = {}
-        """By link, in the order in which they were first heard."""
+        """By link, in order of the first datagram."""
         self._networks = {link.name: link.network for link in links}
-        self._callers = {
+        self._outgoing = {
             (link.name, link.endpoint.remote): Encoder(*own) for link in links if link.endpoint.remote
         }
         self._settings = settings or FleetSettings()
         self._stale_after_ns = ns(self._settings.stale_after_s)
         self._lost_after_ns = ns(self._settings.lost_after_s)
         called = sorted(set(expected))
-        self._table = np.tile(new_row(), (len(called), 1))
+        self._table = np.tile(new_record(), (len(called), 1))
         self._frames: Frames | SimpleFrames = SimpleFrames()
-        self._ledger: VehicleTable | None = None
+        self._fast_path: VehicleTable | None = None
         if kernel:
             from gcs.mavlink.fleet.fast_telemetry import VehicleTable
             from gcs.mavlink.frames.fast_scan import Frames
 
             self._frames = Frames()
-            self._ledger = VehicleTable(
+            self._fast_path = VehicleTable(
                 self._table,
                 called,
                 self._frames,
                 _NEEDED,
-                loud,
+                extra,
                 frame,
                 (self._settings.max_distance_m, self._settings.max_speed_m_s),
             )
@@ -171,27 +167,27 @@ class Fleet:
                 vehicle,
                 frame,
                 Encoder(*own),
-                StreamRequests(vehicle, own, self._settings.position_rate_hz, row),
+                StreamRequests(vehicle, own, self._settings.position_rate_hz, record),
                 self._settings.max_distance_m,
                 self._settings.max_speed_m_s,
-                row,
+                record,
             )
-            for vehicle, row in zip(called, self._table, strict=True)
+            for vehicle, record in zip(called, self._table, strict=True)
         }
         self._in_order = tuple(self._vehicles.values())
-        self._strangers = UnknownSystems(self._settings.max_strangers)
-        self._addresses = Peers(self._used, most=2 * len(self._vehicles))
-        self._telling = NoticeQueue()
+        self._unknown_systems = UnknownSystems(self._settings.max_unknown_systems)
+        self._addresses = Peers(self._used_addresses, min_kept=2 * len(self._vehicles))
+        self._notices = NoticeQueue()
         self._claimed_t_ns: dict[int, int] = {}
-        """When somebody at another address last claimed a vehicle's id."""
+        """Time of the last frame from another address that used a vehicle's id."""
 
     # ------------------------------------------------------------ in
 
     def receive(self, datagram: Datagram) -> list[tuple[int, Message]]:
-        """Take one datagram; returns what vehicles of ours said in it, for their mission tasks.
+        """Process a datagram; return (vehicle, message) of our vehicles.
 
-        Positions and other quiet frames (`gcs.mavlink.fleet.fast_telemetry`) are not among it: they are in
-        the states. Who waits for a heartbeat that says nothing new must `attend`.
+        Routine telemetry (`gcs.mavlink.fleet.fast_telemetry`) is not returned: it is in the states. To
+        receive an unchanged heartbeat, call `forward_next_heartbeat`.
         """
         frames = self._frames
         frames.take(datagram.data)
@@ -206,20 +202,20 @@ class Fleet:
             link.bad_bytes += frames.bad_bytes
             link.crc_errors += frames.crc_errors
             text = f"unreadable bytes from {datagram.peer} on {datagram.link}, {link.bad_bytes} there in all"
-            self._telling.now_and_then("bad bytes", 0, datagram.t_ns, "warning", text)
-        return self._take(datagram, link)
+            self._notices.add_rate_limited("bad bytes", 0, datagram.t_ns, "warning", text)
+        return self._apply_frames(datagram, link)
 
-    def _take(self, datagram: Datagram, link: LinkCounters) -> list[tuple[int, Message]]:
-        """Fold the frames in, one after the other: quiet ones by the kernel, others here."""
+    def _apply_frames(self, datagram: Datagram, link: LinkCounters) -> list[tuple[int, Message]]:
+        """Apply the frames in order: routine telemetry by the kernel, others here."""
         frames, t_ns = self._frames, datagram.t_ns
         address = (datagram.link, datagram.peer)
         network = self._networks.get(datagram.link, 0)
         accepted = []
         at = 1
         while at <= frames.found:
-            if self._ledger is not None:
-                number = self._addresses.known(address)
-                at, lost = self._ledger.fold(datagram.data, at, number, t_ns, network)
+            if self._fast_path is not None:
+                number = self._addresses.number_of(address)
+                at, lost = self._fast_path.apply_frames(datagram.data, at, number, t_ns, network)
                 link.lost += lost
                 if at > frames.found:
                     break
@@ -227,20 +223,20 @@ class Fleet:
                 frame = frames.frame(at)
                 vehicle = self._vehicles.get(vehicle_id(network, frame.system_id))
                 if vehicle is None:
-                    link.strangers += 1
-                    self._count_stranger(frame, address, t_ns)
-                elif (message := self._accept(vehicle, frame, address, t_ns)) is not None:
+                    link.unknown_systems += 1
+                    self._count_unknown(frame, address, t_ns)
+                elif (message := self._accept_frame(vehicle, frame, address, t_ns)) is not None:
                     accepted.append((vehicle.system_id, message))
             at += 1
         return accepted
 
-    def _accept(self, vehicle: Vehicle, frame: Frame, address: Address, t_ns: int) -> Message | None:
-        """Check whose frame it is, and fold it in; None when it is of no use."""
+    def _accept_frame(self, vehicle: Vehicle, frame: Frame, address: Address, t_ns: int) -> Message | None:
+        """Check a frame's sender and apply it; return None if nobody needs its message."""
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
             self.links[address[0]].ignored += 1
             return None
         message = frame.message() if is_heartbeat(frame) else None
-        if not self._is_its_own(vehicle, frame, message, address, t_ns):
+        if not self._is_from_vehicle(vehicle, frame, message, address, t_ns):
             return None
         if message is None and frame.message_id in self._needed:
             message = frame.message()
@@ -248,10 +244,10 @@ class Fleet:
         if vehicle.liveness in ("stale", "down"):
             if vehicle.liveness == "down":
                 vehicle.returns += 1
-                vehicle.attend()
-                self._contact(vehicle, address)
-            vehicle.row[ADDRESS] = self._addresses.known(address)
-            self._telling.tell(
+                vehicle.forward_next_heartbeat()
+                self._set_address(vehicle, address)
+            vehicle.record[ADDRESS] = self._addresses.number_of(address)
+            self._notices.add(
                 "info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id
             )
         vehicle.liveness = "alive"
@@ -263,78 +259,78 @@ class Fleet:
         if message is None:
             return None
         if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT:
-            texts = vehicle.texts.joined(message)
+            texts = vehicle.texts.add_chunk(message)
             for text in texts:
-                self._telling.text(text, message.severity, vehicle.system_id, t_ns)
+                self._notices.add_statustext(text, message.severity, vehicle.system_id, t_ns)
             if not texts:
                 return None
             message.text, message.id = texts[-1], 0
-        vehicle.take(message, t_ns, self._teller(t_ns, vehicle.system_id))
+        vehicle.apply_message(message, t_ns, self._notifier(t_ns, vehicle.system_id))
         return message
 
     def _note_signing(self, vehicle: Vehicle, t_ns: int, *, signed: bool) -> None:
-        vehicle.row[SIGNS] = signed
+        vehicle.record[IS_SIGNED] = signed
         level: Level = "info" if signed else "warning"
         text = "signs its frames" if signed else "no longer signs its frames"
-        self._telling.now_and_then(text, vehicle.system_id, t_ns, level, text)
+        self._notices.add_rate_limited(text, vehicle.system_id, t_ns, level, text)
 
-    def _is_its_own(
+    def _is_from_vehicle(
         self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
     ) -> bool:
-        """Whether the frame comes from the vehicle; an autopilot's heartbeat may show where it now is."""
+        """Return True if the frame is the vehicle's; an autopilot's heartbeat may set its address."""
         if vehicle.address == address:
-            return not is_heartbeat(frame) or is_vehicles(message)
+            return not is_heartbeat(frame) or is_from_autopilot(message)
         is_heard = vehicle.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns
-        later = is_heard and is_vehicles(message) and self._signs_later(vehicle, frame, t_ns)
+        later = is_heard and is_from_autopilot(message) and self._is_signed_later(vehicle, frame, t_ns)
         if vehicle.address is not None and is_heard and not later:
             vehicle.conflicts += 1
             self._claimed_t_ns[vehicle.system_id] = t_ns
             self.links[address[0]].conflicts += 1
-            text = f"{address[1]} on {address[0]} claims its id, which is heard from {vehicle.address[1]}"
-            self._telling.now_and_then("conflict", vehicle.system_id, t_ns, "alarm", text)
+            text = f"{address[1]} on {address[0]} uses its system id, heard from {vehicle.address[1]}"
+            self._notices.add_rate_limited("conflict", vehicle.system_id, t_ns, "alarm", text)
             return False
-        if not is_heartbeat(frame) or not is_vehicles(message):
+        if not is_heartbeat(frame) or not is_from_autopilot(message):
             self.links[address[0]].ignored += 1
             return False
         moved = "in contact" if vehicle.address is None else "moved"
         if later and vehicle.address is not None:
             text = f"{vehicle.address[1]} on {vehicle.address[0]} sent recorded frames with its id"
-            self._telling.tell("alarm", text, t_ns, vehicle.system_id)
-        self._contact(vehicle, address)
+            self._notices.add("alarm", text, t_ns, vehicle.system_id)
+        self._set_address(vehicle, address)
         signed_ns = signed_t_ns(frame)
         vehicle.signed_lead_ns = None if signed_ns is None else signed_ns - t_ns
-        self._telling.tell("info", f"{moved}: {address[1]} on {address[0]}", t_ns, vehicle.system_id)
+        self._notices.add("info", f"{moved}: {address[1]} on {address[0]}", t_ns, vehicle.system_id)
         return True
 
-    def _signs_later(self, vehicle: Vehicle, frame: Frame, t_ns: int) -> bool:
+    def _is_signed_later(self, vehicle: Vehicle, frame: Frame, t_ns: int) -> bool:
         """Return True if a checked frame is signed later than frames from the vehicle's address are."""
         signed_ns, lead_ns = signed_t_ns(frame), vehicle.signed_lead_ns
         if not self._settings.checks_signatures or signed_ns is None or lead_ns is None:
             return False
         return signed_ns - t_ns - lead_ns > MIN_SIGNED_LATER_NS
 
-    def _contact(self, vehicle: Vehicle, address: Address) -> None:
-        """Hear a vehicle at an address from now on."""
-        vehicle.contact(address, self._addresses.meet(address))
+    def _set_address(self, vehicle: Vehicle, address: Address) -> None:
+        """Set a vehicle's address."""
+        vehicle.set_address(address, self._addresses.add(address))
 
-    def _used(self) -> set[Address]:
-        """Addresses where somebody is heard or called."""
+    def _used_addresses(self) -> set[Address]:
+        """Addresses of vehicles and of outgoing endpoints."""
         heard = {vehicle.address for vehicle in self._in_order if vehicle.address is not None}
-        return heard | self._callers.keys()
+        return heard | self._outgoing.keys()
 
-    def _count_stranger(self, frame: Frame, address: Address, t_ns: int) -> None:
-        if self._strangers.count(frame.system_id, frame.component_id, address, t_ns):
-            text = f"stranger: system {frame.system_id}, component {frame.component_id}, from {address[1]}"
-            self._telling.tell("info", text, t_ns)
+    def _count_unknown(self, frame: Frame, address: Address, t_ns: int) -> None:
+        if self._unknown_systems.add_frame(frame.system_id, frame.component_id, address, t_ns):
+            text = f"unknown system {frame.system_id}, component {frame.component_id}, from {address[1]}"
+            self._notices.add("info", text, t_ns)
 
     # ------------------------------------------------------------ out
 
     def poll(self, t_ns: int) -> list[Send]:
-        """Let time pass: who has fallen silent, and what to send."""
+        """Advance the timers; return what to send."""
         out = [
             Send(*address, encode(heartbeat()))
-            for address, encode in self._callers.items()
-            if self._addresses.beat_due(address, t_ns)
+            for address, encode in self._outgoing.items()
+            if self._addresses.start_heartbeat(address, t_ns)
         ]
         for index in np.flatnonzero(self._is_due(t_ns)).tolist():
             vehicle = self._in_order[index]
@@ -344,63 +340,65 @@ class Fleet:
         return out
 
     def _is_due(self, t_ns: int) -> npt.NDArray[np.bool_]:
-        """Which vehicles to look at: something may be due to be sent, or it has fallen silent."""
+        """Return a mask of the vehicles with something to send, or with a timeout."""
         table = self._table
-        is_silent = (table[:, ADDRESS] != NOBODY) & (t_ns - table[:, HEARD_NS] > self._stale_after_ns)
+        is_silent = (table[:, ADDRESS] != NO_ADDRESS) & (t_ns - table[:, HEARD_NS] > self._stale_after_ns)
         return np.asarray(is_silent | (table[:, DUE_NS] <= t_ns))
 
     def _poll_vehicle(self, vehicle: Vehicle, address: Address, t_ns: int) -> list[Message]:
-        self._watch(vehicle, t_ns)
+        self._check_liveness(vehicle, t_ns)
         messages = vehicle.poll(t_ns) if vehicle.liveness == "alive" else []
-        if self._addresses.beat_due(address, t_ns):
+        if self._addresses.start_heartbeat(address, t_ns):
             messages.append(heartbeat())
-        next_beat_ns = self._addresses.next_beat_ns(address)
+        next_heartbeat_ns = self._addresses.next_heartbeat_ns(address)
         lost_t_ns = vehicle.heard_t_ns + self._lost_after_ns + 1
-        due = {"alive": vehicle.wants.idle_until_ns, "stale": lost_t_ns}.get(vehicle.liveness, next_beat_ns)
-        vehicle.row[DUE_NS] = min(next_beat_ns, due)
+        due = {"alive": vehicle.stream_requests.idle_until_ns, "stale": lost_t_ns}.get(
+            vehicle.liveness, next_heartbeat_ns
+        )
+        vehicle.record[DUE_NS] = min(next_heartbeat_ns, due)
         return messages
 
-    def _watch(self, vehicle: Vehicle, t_ns: int) -> None:
-        """Say who falls silent, who is lost, and whose id nobody else claims any more."""
-        tell, silent_ns = self._teller(t_ns, vehicle.system_id), t_ns - vehicle.heard_t_ns
+    def _check_liveness(self, vehicle: Vehicle, t_ns: int) -> None:
+        """Notify of timeouts, and of the end of an id conflict."""
+        notify, silent_ns = self._notifier(t_ns, vehicle.system_id), t_ns - vehicle.heard_t_ns
         if vehicle.liveness in ("alive", "stale") and silent_ns > self._lost_after_ns:
-            vehicle.liveness, vehicle.row[ADDRESS] = "down", NOBODY
-            tell("alarm", f"link down: not heard for {silent_ns / NS_PER_S:.1f} s")
+            vehicle.liveness, vehicle.record[ADDRESS] = "down", NO_ADDRESS
+            notify("alarm", f"link down: not heard for {silent_ns / NS_PER_S:.1f} s")
         elif vehicle.liveness == "alive" and silent_ns > self._stale_after_ns:
-            vehicle.liveness, vehicle.row[ADDRESS] = "stale", NOBODY
-            tell("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
+            vehicle.liveness, vehicle.record[ADDRESS] = "stale", NO_ADDRESS
+            notify("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
         elif vehicle.liveness == "alive":
-            vehicle.watch(t_ns, tell)
+            vehicle.check_position_age(t_ns, notify)
         claimed_t_ns = self._claimed_t_ns.get(vehicle.system_id)
         if claimed_t_ns is not None and t_ns - claimed_t_ns > _REPEAT_NOTICE_NS:
             del self._claimed_t_ns[vehicle.system_id]
-            tell("info", "nobody else claims its id any more")
+            notify("info", "no other address uses its system id any more")
 
-    def _teller(self, t_ns: int, system_id: int) -> Tell:
-        return lambda level, text: self._telling.tell(level, text, t_ns, system_id)
+    def _notifier(self, t_ns: int, system_id: int) -> Notify:
+        return lambda level, text: self._notices.add(level, text, t_ns, system_id)
 
     def notices(self) -> list[Notice]:
-        """Return what the operator should know since the last call."""
-        return self._telling.taken()
+        """Return the notices since the last call."""
+        return self._notices.drain()
 
-    def attend(self, system_id: int) -> None:
-        """Have `receive` give the vehicle's next heartbeat, even if it says what the last one said."""
-        self._vehicles[system_id].attend()
+    def forward_next_heartbeat(self, system_id: int) -> None:
+        """Have `receive` return the vehicle's next heartbeat, even if it is unchanged."""
+        self._vehicles[system_id].forward_next_heartbeat()
 
     def watch_leg(self, system_id: int, *, watched: bool) -> None:
-        """Have `receive` give the vehicle's NAV_CONTROLLER_OUTPUT, or no longer."""
-        self._vehicles[system_id].row[LEG] = watched
+        """Have `receive` return the vehicle's NAV_CONTROLLER_OUTPUT, or no longer."""
+        self._vehicles[system_id].record[LEG_WATCHED] = watched
 
     def encoder(self, system_id: int) -> Callable[[Message], bytes]:
-        """Message to frame for one vehicle, in its own sequence; for its mission task."""
+        """Return the encoder of one vehicle, with its own sequence."""
         return self._vehicles[system_id].encoder
 
-    def sends(self, system_id: int, frames: Iterable[bytes]) -> list[Send]:
-        """Address frames to a vehicle; none when it has never been heard."""
+    def address_frames(self, system_id: int, frames: Iterable[bytes]) -> list[Send]:
+        """Address frames to a vehicle; return none if it has never been heard."""
         address = self._vehicles[system_id].address
         return [] if address is None else [Send(*address, frame) for frame in frames]
 
-    # ------------------------------------------------------------ what is known
+    # ------------------------------------------------------------ state
 
     @property
     def counters(self) -> LinkCounters:
@@ -408,7 +406,7 @@ class Fleet:
         return total(self.links.values())
 
     def state(self, system_id: int) -> VehicleState | None:
-        """Return what a vehicle last said of itself; None before its first position that can be believed."""
+        """Return a vehicle's state; None before its first accepted position."""
         return self._vehicles[system_id].state()
 
     def states(self) -> tuple[VehicleState, ...]:
@@ -416,48 +414,48 @@ class Fleet:
         return tuple(s for v in self._vehicles.values() if (s := v.state()) is not None)
 
     def profile(self, system_id: int) -> AutopilotProfile | None:
-        """Profile of the vehicle's firmware; None when it has not been heard or is not known here."""
+        """Return the profile of the vehicle's firmware; None if unknown."""
         return self._vehicles[system_id].profile
 
     def is_atomic(self, system_id: int) -> bool:
-        """Return True if the vehicle's firmware is known to replace a mission as a whole, or not at all."""
+        """Return True if the vehicle's firmware is known and replaces a mission as a whole."""
         profile = self._vehicles[system_id].profile
         return profile is not None and profile.atomic
 
     def booted_t_ns(self, system_id: int) -> int | None:
-        """Return when the vehicle booted, by its newest position; None before the first."""
-        row = self._vehicles[system_id].row
-        return row.item(BOOT_OFFSET_NS) if row[PLACES] else None
+        """Return the vehicle's boot time by its newest position; None before the first."""
+        record = self._vehicles[system_id].record
+        return record.item(BOOT_OFFSET_NS) if record[POSITIONS] else None
 
     def returns(self, system_id: int) -> int:
-        """Times that the vehicle was heard again after it had been lost."""
+        """Return how often the vehicle was heard again after its link was down."""
         return self._vehicles[system_id].returns
 
     def round_trip_s(self, system_id: int) -> float:
-        """Return how long the vehicle takes to answer a command; 0 before that was measured."""
-        return self._vehicles[system_id].wants.round_trip_s
+        """Return the round trip of a command in seconds; 0 before it was measured."""
+        return self._vehicles[system_id].stream_requests.round_trip_s
 
     def boots(self, system_id: int) -> int:
-        """Reboots of the vehicle seen so far."""
+        """Return the number of reboots seen."""
         return self._vehicles[system_id].boots
 
     def link(self, system_id: int) -> str:
-        """Link on which the vehicle is heard; empty before it is."""
+        """Return the vehicle's link; empty before it is heard."""
         address = self._vehicles[system_id].address
         return "" if address is None else address[0]
 
     def is_signed(self, system_id: int) -> bool:
-        """Whether the vehicle's last frame carried a signature."""
+        """Return True if the vehicle's last frame was signed."""
         return self._vehicles[system_id].signed
 
     def home(self, system_id: int) -> Home | None:
-        """Where the vehicle says that its home is."""
+        """Return the vehicle's home position, if known."""
         return self._vehicles[system_id].home
 
     def health(self) -> tuple[Health, ...]:
-        """Link and equipment of every expected vehicle, by system id."""
+        """Return link and equipment of every expected vehicle, by system id."""
         return tuple(vehicle.health() for vehicle in self._vehicles.values())
 
-    def strangers(self) -> tuple[UnknownSystem, ...]:
-        """Return who else is on the links, in the order of appearance."""
-        return self._strangers.known()
+    def unknown_systems(self) -> tuple[UnknownSystem, ...]:
+        """Return the unknown systems on the links, in order of appearance."""
+        return self._unknown_systems.systems()

@@ -1,4 +1,4 @@
-"""HEARTBEAT (https://mavlink.io/en/services/heartbeat.html): whose one is, what it says, and ours."""
+"""HEARTBEAT (https://mavlink.io/en/services/heartbeat.html): ours, and checks of received ones."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from gcs.mavlink.frames.codec import Frame, Message
 from gcs.mavlink.services.retry import ns
 
 HEARTBEAT_PERIOD_NS: Final = ns(0.25)
-"""Time between two heartbeats of ours to one address.
+"""Time between two of our heartbeats to one address.
 
-A vehicle's ground-station failsafe acts when every heartbeat of its timeout is lost. At 25 % loss and a
-timeout of 5 s, one heartbeat a second lets that happen 10 times an hour per vehicle; four a second, once in
-thousands of years. At 50 % it is 110 times an hour, and once in 70 hours. The MAVLink guide's 1 Hz is a lower
-bound (https://mavlink.io/en/services/heartbeat.html); four take 84 bytes a second of a radio.
+A vehicle's GCS failsafe acts when every heartbeat of its timeout is lost. At 25 % loss and a timeout of 5 s
+that happens 10 times an hour at 1 Hz, and practically never at 4 Hz. MAVLink's 1 Hz is a lower bound. Four
+heartbeats take 84 bytes a second.
 """
 _HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _NO_AUTOPILOT: Final[int] = dialect.MAV_AUTOPILOT_INVALID
@@ -27,27 +26,27 @@ _NOT_A_VEHICLE: Final[tuple[int, ...]] = (
 
 
 def is_heartbeat(frame: Frame) -> bool:
-    """Whether a frame is one."""
+    """Return True if a frame is a HEARTBEAT."""
     return frame.message_id == _HEARTBEAT
 
 
-def is_vehicles(heartbeat: Message | None) -> bool:
-    """Whether a HEARTBEAT is an autopilot's own, not a ground station's or a payload's."""
+def is_from_autopilot(heartbeat: Message | None) -> bool:
+    """Return True if a HEARTBEAT is an autopilot's, not a ground station's or a payload's."""
     if heartbeat is None:
         return False
     autopilot: int = heartbeat.autopilot
     return autopilot != _NO_AUTOPILOT and heartbeat.type not in _NOT_A_VEHICLE
 
 
-def as_number(heartbeat: Message) -> int:
-    """Return what one says as one number: its first eight bytes, little endian and signed."""
-    told = (heartbeat.type, heartbeat.autopilot, heartbeat.base_mode, heartbeat.system_status)
-    raw = heartbeat.custom_mode.to_bytes(4, "little") + bytes(told)
+def heartbeat_key(heartbeat: Message) -> int:
+    """Return the first eight payload bytes of a HEARTBEAT as one number (little endian, signed)."""
+    fields = (heartbeat.type, heartbeat.autopilot, heartbeat.base_mode, heartbeat.system_status)
+    raw = heartbeat.custom_mode.to_bytes(4, "little") + bytes(fields)
     return int.from_bytes(raw, "little", signed=True)
 
 
 def heartbeat() -> Message:
-    """Return ours, of a ground station."""
+    """Return our heartbeat, as a ground station."""
     return dialect.MAVLink_heartbeat_message(
         dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
     )

@@ -1,4 +1,4 @@
-"""What is counted of the links, and who else is there."""
+"""Counters of the links, and the unknown systems there."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gcs.mavlink.fleet.vehicle import Address
 
 @dataclass(slots=True)
 class LinkCounters:
-    """What was heard on one link of vehicles."""
+    """Counters of one link of vehicles."""
 
     datagrams: int = 0
     bytes: int = 0
@@ -21,23 +21,23 @@ class LinkCounters:
     crc_errors: int = 0
     unknown_ids: int = 0
     lost: int = 0
-    """Frames of our vehicles that are missing in their sequences."""
-    strangers: int = 0
+    """Frames of our vehicles missing by their sequence numbers."""
+    unknown_systems: int = 0
     """Frames of system ids that are not expected there."""
     conflicts: int = 0
-    """Frames that claimed a vehicle's id from another address."""
+    """Frames that used a vehicle's id from another address."""
     ignored: int = 0
-    """Frames of a vehicle before its contact, or of its other components."""
+    """Frames of a vehicle before its first heartbeat, or of its other components."""
 
 
 def total(counters: Iterable[LinkCounters]) -> LinkCounters:
-    """Sum over links."""
+    """Return the sum over links."""
     return LinkCounters(*map(sum, zip(*map(astuple, counters), strict=True)))
 
 
 @dataclass(slots=True)
 class UnknownSystem:
-    """Somebody on the link who is not a vehicle of ours."""
+    """A system on a link that is not one of our vehicles."""
 
     system_id: int
     component_id: int
@@ -47,24 +47,24 @@ class UnknownSystem:
 
 
 class UnknownSystems:
-    """Those who are told apart, `most` at the most."""
+    """List of unknown systems, with a bound."""
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, max_systems: int) -> None:
+        self._max_systems = max_systems
         self._known: dict[tuple[int, int, Address], UnknownSystem] = {}
 
-    def count(self, system_id: int, component_id: int, address: Address, t_ns: int) -> bool:
-        """Count a frame; whether it is the first of somebody who is told apart from now on."""
+    def add_frame(self, system_id: int, component_id: int, address: Address, t_ns: int) -> bool:
+        """Count a frame; return True if its sender is new in the list."""
         key = (system_id, component_id, address)
         known = self._known.get(key)
         if known is not None:
             known.frames += 1
             known.heard_t_ns = t_ns
-        elif len(self._known) < self._most:
+        elif len(self._known) < self._max_systems:
             self._known[key] = UnknownSystem(*key, 1, t_ns)
             return True
         return False
 
-    def known(self) -> tuple[UnknownSystem, ...]:
-        """Return them in the order of appearance."""
+    def systems(self) -> tuple[UnknownSystem, ...]:
+        """Return them in order of appearance."""
         return tuple(self._known.values())

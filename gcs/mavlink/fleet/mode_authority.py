@@ -1,20 +1,18 @@
-"""Whose a vehicle is: ours to task, or in the hands of somebody who chose its mode.
+"""Control authority over one vehicle: ours, or overridden by an operator's mode change.
 
-A mode says what a vehicle does, not who wanted it: a LOITER may be a vehicle that waits for its first
-mission, one that we told to hold, one at its mission's end, or one that an operator stopped. The last is not
-ours to send on. The rule, applied to each change of mode that is heard:
+A mode alone does not tell who chose it. Each change of mode is classified:
 
-=====================================================  ==========================================
+=====================================================  ==============================================
 AUTO                                                   ours, whoever chose it
-LOITER that we ordered, and nothing else since         ours
-LOITER before it was ever in AUTO or tasked by us      ours: it waits for its first mission
-LOITER at its mission's end, where that is the mode    ours
-LOITER because its navigator rejected its mission      ours (MISSION_CURRENT tells, a moment later)
-RTL out of AUTO because its mission is complete        ours (MISSION_CURRENT tells, a moment later)
-any other change                                       taken, until AUTO is heard or an order frees it
-=====================================================  ==========================================
+LOITER that we commanded, and no other mode since      ours
+LOITER before the first AUTO or task                   ours: the vehicle waits for its first mission
+LOITER at the mission's end, where that is the mode    ours
+LOITER because the navigator rejected its mission      ours (MISSION_CURRENT tells, shortly after)
+RTL out of AUTO because the mission is complete        ours (MISSION_CURRENT tells, shortly after)
+any other change                                       override, until AUTO or a resume order
+=====================================================  ==============================================
 
-A LOITER that an operator chooses while we hold the vehicle in LOITER cannot be told from ours.
+A LOITER that an operator chooses while we hold the vehicle in LOITER looks like ours.
 """
 
 from __future__ import annotations
@@ -24,13 +22,13 @@ from gcs.model import PersistedAuthority
 
 
 class ModeAuthority:
-    """The record of one vehicle."""
+    """Control authority over one vehicle."""
 
     def __init__(self, mode: str = "") -> None:
         self.mode = ""
-        """The mode last heard, empty before the first."""
+        """Mode of the last heartbeat; empty before the first."""
         self.override = ""
-        """The mode that somebody else chose; empty while the vehicle is ours."""
+        """Mode that an operator chose; empty while the vehicle is ours."""
         self.has_ended = False
         """True if the vehicle is in RTL because its mission is complete."""
         self._previous = ""
@@ -40,12 +38,12 @@ class ModeAuthority:
             self.observe_mode(mode)
 
     def note_command(self, mode: str) -> None:
-        """Note that we send an order for this mode."""
+        """Note that we command this mode."""
         self._commanded = mode
         self._tasked = self._tasked or mode == AUTO
 
     def observe_mode(self, mode: str, *, at_end: bool = False) -> None:
-        """Take the mode of a heartbeat; `at_end` when a mission's end would show as it."""
+        """Process the mode of a heartbeat; `at_end` is True if the mission's end would show as this mode."""
         if mode == self.mode:
             return
         first, self._previous, self.mode, self.has_ended = not self.mode, self.mode, mode, False
@@ -57,7 +55,7 @@ class ModeAuthority:
             self.override, self._commanded = mode, ""
 
     def note_rejection(self) -> None:
-        """Note that the vehicle is in LOITER because it has no valid mission: nobody chose that."""
+        """Note that the vehicle is in LOITER because it has no valid mission."""
         if self.override == LOITER:
             self.override = ""
 
@@ -72,20 +70,20 @@ class ModeAuthority:
             self.override, self.has_ended = "", True
 
     def persisted(self) -> PersistedAuthority:
-        """Return what is to be remembered over a restart of the service."""
+        """Return the state to keep over a restart of the service."""
         taken = self.mode if self.has_ended else self.override
         return PersistedAuthority(self.mode, taken, self._commanded, self._tasked)
 
     def restore(self, memory: PersistedAuthority) -> None:
-        """Take up from what was remembered: the next mode that is heard is held against that one."""
+        """Restore a kept state: the next observed mode is compared with it."""
         self.mode, self.override = memory.mode, memory.taken
         self._commanded, self._tasked = memory.ordered, memory.tasked
 
     def note_reboot(self) -> None:
-        """Forget the mode: what it is in now, nobody may have chosen."""
+        """Forget the mode: the mode after a boot is nobody's choice."""
         self.mode = self._previous = self._commanded = ""
         self.has_ended = False
 
     def release(self) -> None:
-        """Take the vehicle back, on an operator's order."""
+        """Take control back, on an operator's order."""
         self.override, self._tasked = "", False

@@ -1,4 +1,4 @@
-"""What the operator should know of the links and vehicles: bounded, and no news twice in a breath."""
+"""Operator notices of links and vehicles: bounded in number, and rate limited."""
 
 from __future__ import annotations
 
@@ -7,48 +7,48 @@ from typing import Final
 from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Level, Notice
 
-_AGAIN_NS: Final = ns(10.0)
-_MOST: Final = 500
-_TEXTS_PER_S: Final = 5
+_MIN_REPEAT_NS: Final = ns(10.0)
+_MAX_NOTICES: Final = 500
+_MAX_STATUSTEXTS_PER_S: Final = 5
 
 
 class NoticeQueue:
-    """Notices until somebody takes them."""
+    """Notices until they are drained."""
 
     def __init__(self) -> None:
         self.dropped = 0
-        """Notices that were too many."""
+        """Notices beyond the bounds."""
         self._notices: list[Notice] = []
-        self._told_t_ns: dict[tuple[str, int], int] = {}
+        self._last_t_ns: dict[tuple[str, int], int] = {}
         self._texts: dict[int, tuple[int, int]] = {}
 
-    def taken(self) -> list[Notice]:
+    def drain(self) -> list[Notice]:
         """Return the notices since the last call."""
         notices, self._notices = self._notices, []
         return notices
 
-    def tell(self, level: Level, text: str, t_ns: int, vehicle: int | None = None) -> None:
-        """Say it."""
-        if len(self._notices) < _MOST:
+    def add(self, level: Level, text: str, t_ns: int, vehicle: int | None = None) -> None:
+        """Add a notice."""
+        if len(self._notices) < _MAX_NOTICES:
             self._notices.append(Notice(t_ns, level, text, vehicle))
         else:
             self.dropped += 1
 
-    def now_and_then(self, kind: str, vehicle: int, t_ns: int, level: Level, text: str) -> None:
-        """Say it, unless something of its kind was said of the vehicle (0: of none) a moment ago."""
-        told_t_ns = self._told_t_ns.get((kind, vehicle))
-        if told_t_ns is None or t_ns - told_t_ns >= _AGAIN_NS:
-            self._told_t_ns[kind, vehicle] = t_ns
-            self.tell(level, text, t_ns, vehicle or None)
+    def add_rate_limited(self, kind: str, vehicle: int, t_ns: int, level: Level, text: str) -> None:
+        """Add a notice, unless one of its kind for the vehicle (0: none) came within 10 s."""
+        last_t_ns = self._last_t_ns.get((kind, vehicle))
+        if last_t_ns is None or t_ns - last_t_ns >= _MIN_REPEAT_NS:
+            self._last_t_ns[kind, vehicle] = t_ns
+            self.add(level, text, t_ns, vehicle or None)
 
-    def text(self, text: str, severity: int, vehicle: int, t_ns: int) -> None:
-        """Pass on a vehicle's STATUSTEXT with its MAV_SEVERITY, a few a second per vehicle."""
+    def add_statustext(self, text: str, severity: int, vehicle: int, t_ns: int) -> None:
+        """Add a vehicle's STATUSTEXT with its MAV_SEVERITY, up to a few a second per vehicle."""
         second = t_ns // NS_PER_S
-        last, told = self._texts.get(vehicle, (second, 0))
-        told = told + 1 if last == second else 1
-        self._texts[vehicle] = (second, told)
-        if told > _TEXTS_PER_S:
+        last, count = self._texts.get(vehicle, (second, 0))
+        count = count + 1 if last == second else 1
+        self._texts[vehicle] = (second, count)
+        if count > _MAX_STATUSTEXTS_PER_S:
             self.dropped += 1
             return
         level: Level = "alarm" if severity <= 2 else "warning" if severity <= 4 else "info"
-        self.tell(level, text, t_ns, vehicle)
+        self.add(level, text, t_ns, vehicle)

@@ -1,7 +1,6 @@
-"""Where vehicles are heard: the numbers that the ledger calls these places by, and our heartbeats to them.
+"""Addresses of vehicles: their numbers in the telemetry table, and when our heartbeats to them are due.
 
-An address is a link and a peer on it; several vehicles may share one. Senders come and go, so what is kept of
-an address where no vehicle is heard any more is forgotten when there is much of it.
+An address is a link and a peer; vehicles may share one. Entries of unused addresses are dropped at a bound.
 """
 
 from __future__ import annotations
@@ -9,52 +8,52 @@ from __future__ import annotations
 from collections.abc import Callable, Set
 
 from gcs.mavlink.fleet.heartbeat import HEARTBEAT_PERIOD_NS
-from gcs.mavlink.fleet.telemetry_table import NOBODY
+from gcs.mavlink.fleet.telemetry_table import NO_ADDRESS
 from gcs.mavlink.fleet.vehicle import Address
 
 
 class Peers:
-    """Of all vehicles.
+    """Addresses of all vehicles.
 
     Parameters
     ----------
-    used : callable
-        Those where somebody is heard or called now.
-    most : int
-        Numbers that are kept at the least.
+    used_addresses : callable
+        Returns the addresses in use.
+    min_kept : int
+        Numbers that are kept at least.
     """
 
-    def __init__(self, used: Callable[[], Set[Address]], most: int) -> None:
-        self._used, self._most = used, most
+    def __init__(self, used_addresses: Callable[[], Set[Address]], min_kept: int) -> None:
+        self._used_addresses, self._min_kept = used_addresses, min_kept
         self._numbers: dict[Address, int] = {}
         self._next_number = 0
-        self._beats_t_ns: dict[Address, int] = {}
+        self._heartbeat_t_ns: dict[Address, int] = {}
 
-    def known(self, address: Address) -> int:
-        """Return the number of an address; `NOBODY` for one where no vehicle was met."""
-        return self._numbers.get(address, NOBODY)
+    def number_of(self, address: Address) -> int:
+        """Return the number of an address; `NO_ADDRESS` if no vehicle was heard there."""
+        return self._numbers.get(address, NO_ADDRESS)
 
-    def meet(self, address: Address) -> int:
-        """Return the number of an address where a vehicle is heard from now on."""
+    def add(self, address: Address) -> int:
+        """Return the number of an address at which a vehicle is heard from now on."""
         if address not in self._numbers:
-            if len(self._numbers) > self._most:
-                used = self._used()
-                self._numbers = {a: number for a, number in self._numbers.items() if a in used}
+            if len(self._numbers) > self._min_kept:
+                used_addresses = self._used_addresses()
+                self._numbers = {a: number for a, number in self._numbers.items() if a in used_addresses}
             self._numbers[address] = self._next_number
             self._next_number += 1
         return self._numbers[address]
 
-    def beat_due(self, address: Address, t_ns: int) -> bool:
-        """Return True, once a period, if an address is due its heartbeat; vehicles may share it."""
-        beat_t_ns = self._beats_t_ns.get(address)
-        if beat_t_ns is not None and t_ns - beat_t_ns < HEARTBEAT_PERIOD_NS:
+    def start_heartbeat(self, address: Address, t_ns: int) -> bool:
+        """Return True, once a period, if a heartbeat to an address is due."""
+        last_t_ns = self._heartbeat_t_ns.get(address)
+        if last_t_ns is not None and t_ns - last_t_ns < HEARTBEAT_PERIOD_NS:
             return False
-        if beat_t_ns is None:
-            used = self._used()
-            self._beats_t_ns = {a: t for a, t in self._beats_t_ns.items() if a in used}
-        self._beats_t_ns[address] = t_ns
+        if last_t_ns is None:
+            used_addresses = self._used_addresses()
+            self._heartbeat_t_ns = {a: t for a, t in self._heartbeat_t_ns.items() if a in used_addresses}
+        self._heartbeat_t_ns[address] = t_ns
         return True
 
-    def next_beat_ns(self, address: Address) -> int:
-        """Return when the next one is due at an address that had one."""
-        return self._beats_t_ns[address] + HEARTBEAT_PERIOD_NS
+    def next_heartbeat_ns(self, address: Address) -> int:
+        """Return when the next heartbeat to an address is due."""
+        return self._heartbeat_t_ns[address] + HEARTBEAT_PERIOD_NS

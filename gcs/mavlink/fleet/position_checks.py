@@ -1,17 +1,17 @@
-"""Which position reports to believe.
+"""Checks of a single position report (GLOBAL_POSITION_INT), and the order of reports.
 
-A GLOBAL_POSITION_INT is refused, and counted by its reason, when it cannot be where the vehicle is now:
+Reasons for a refusal, which are counted:
 
-* ``range``: latitude, longitude or height that no place on Earth has;
-* ``no fix``: before the first GPS fix of at least 3D since boot, if the vehicle reports fixes at all;
-* ``null``: within 110 m of latitude and longitude zero, which is what ArduPlane says before its EKF has an
-  origin (about 1e-4, -3e-5 degrees), not exactly zero;
-* ``far``: too far from the mission's origin. The great circle is measured, since on the tangent plane the far
-  side of the Earth is near again;
-* ``late``: measured before one that has been taken. Datagrams overtake each other.
+* ``range``: no latitude, longitude or height on Earth;
+* ``no fix``: before the first 3D fix since boot, if the vehicle reports fixes at all;
+* ``null``: within 110 m of latitude and longitude zero. ArduPlane reports about (1e-4, -3e-5) degrees before
+  its EKF has an origin;
+* ``far``: too far from the mission's origin along the great circle (on the tangent plane the far side of the
+  Earth is near again);
+* ``late``: measured before an accepted report. Datagrams overtake each other.
 
-Time since boot also tells a reboot from late reports: late ones trickle in while newer ones arrive; after a
-reboot a clock runs on from an earlier value, steadily, and nothing newer comes.
+Time since boot tells a reboot from late reports. Late reports come between newer ones. After a reboot the
+vehicle's clock runs on steadily from an earlier value, and no newer report comes.
 """
 
 from __future__ import annotations
@@ -20,10 +20,17 @@ import math
 from typing import Final, Literal, TypeAlias
 
 from gcs.geo import LocalFrame
-from gcs.mavlink.fleet.telemetry_table import BOOT_MS, BOOT_OFFSET_NS, BOOT_RUN, NONE, Row, new_row
+from gcs.mavlink.fleet.telemetry_table import (
+    BOOT_MS,
+    BOOT_OFFSET_NS,
+    IN_LATE_RUN,
+    NONE,
+    VehicleRecord,
+    new_record,
+)
 from gcs.mavlink.services.retry import ns
 
-Verdict: TypeAlias = Literal["new", "late", "rebooted"]
+ReportOrder: TypeAlias = Literal["new", "late", "rebooted"]
 
 EARTH_RADIUS_M: Final = 6_371_000.0
 NULL_DEG: Final = 1e-3
@@ -34,48 +41,57 @@ _NS_PER_MS: Final = 1_000_000
 
 
 class BootClock:
-    """A vehicle's time since boot: what is late, and when it has started anew.
+    """A vehicle's time since boot: detects late reports and reboots.
 
-    Reports behind the latest one make up a *run* while their clock and ours go at one rate, give or take
-    `jitter_s`. A run of `confirm_s` whose clock is at least `jump_s` behind is a reboot. A path that became
-    slower by less than that is not.
+    Reports behind the latest one form a *run* while their clock and ours advance alike, within `jitter_s`. A
+    run of `confirm_s` whose clock is at least `jump_s` behind is a reboot. A link that became slower by less
+    is not.
     """
 
     def __init__(
-        self, row: Row | None = None, *, confirm_s: float = 2.0, jump_s: float = 5.0, jitter_s: float = 1.0
+        self,
+        record: VehicleRecord | None = None,
+        *,
+        confirm_s: float = 2.0,
+        jump_s: float = 5.0,
+        jitter_s: float = 1.0,
     ) -> None:
         self._confirm_ns, self._jump_ns, self._jitter_ns = ns(confirm_s), ns(jump_s), ns(jitter_s)
-        self._row = new_row() if row is None else row
+        self._record = new_record() if record is None else record
         self._run = (0, 0, 0)
         """First arrival, its offset between our clock and the vehicle's, and the number of reports."""
 
-    def judge(self, boot_ms: int, t_ns: int) -> Verdict:
-        """Take one report's time since boot; only "new" and "rebooted" ones count."""
-        latest_ms, latest_offset_ns = self._row.item(BOOT_MS), self._row.item(BOOT_OFFSET_NS)
+    def add_report(self, boot_ms: int, t_ns: int) -> ReportOrder:
+        """Add a report's time since boot; only "new" and "rebooted" reports count."""
+        latest_ms, latest_offset_ns = self._record.item(BOOT_MS), self._record.item(BOOT_OFFSET_NS)
         offset_ns = t_ns - boot_ms * _NS_PER_MS
         ahead_ms = 1 if latest_ms == NONE else (boot_ms - latest_ms) % _BOOT_WRAP_MS
         if 0 < ahead_ms < _BOOT_WRAP_MS // 2:
-            return self._take(boot_ms, offset_ns, "new")
+            return self._set_latest(boot_ms, offset_ns, "new")
         if offset_ns - latest_offset_ns < self._jump_ns:
             return "late"
-        if not self._row[BOOT_RUN] or abs(offset_ns - self._run[1]) > self._jitter_ns:
+        if not self._record[IN_LATE_RUN] or abs(offset_ns - self._run[1]) > self._jitter_ns:
             self._run = (t_ns, offset_ns, 0)
-            self._row[BOOT_RUN] = True
+            self._record[IN_LATE_RUN] = True
         began_t_ns, run_offset_ns, reports = self._run
         self._run = (began_t_ns, run_offset_ns, reports + 1)
         if reports >= 2 and t_ns - began_t_ns >= self._confirm_ns:
-            return self._take(boot_ms, offset_ns, "rebooted")
+            return self._set_latest(boot_ms, offset_ns, "rebooted")
         return "late"
 
-    def _take(self, boot_ms: int, offset_ns: int, verdict: Verdict) -> Verdict:
-        self._row[BOOT_MS], self._row[BOOT_OFFSET_NS], self._row[BOOT_RUN] = boot_ms, offset_ns, False
-        return verdict
+    def _set_latest(self, boot_ms: int, offset_ns: int, order: ReportOrder) -> ReportOrder:
+        self._record[BOOT_MS], self._record[BOOT_OFFSET_NS], self._record[IN_LATE_RUN] = (
+            boot_ms,
+            offset_ns,
+            False,
+        )
+        return order
 
 
 def position_problem(
     lat_deg: float, lon_deg: float, alt_msl_m: float, frame: LocalFrame, max_distance_m: float
 ) -> str:
-    """Say why a place cannot be where one of our vehicles is; empty when it can."""
+    """Return why a position cannot be a vehicle's; empty if it can."""
     if abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0 or not MIN_ALT_M < alt_msl_m < MAX_ALT_M:
         return "range"
     if abs(lat_deg) < NULL_DEG and abs(lon_deg) < NULL_DEG:
@@ -86,7 +102,7 @@ def position_problem(
 
 
 def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
-    """Great-circle distance on a sphere (haversine), good to 0.5 %."""
+    """Return the great-circle distance on a sphere (haversine), within 0.5 %."""
     lat1, lat2 = math.radians(lat1_deg), math.radians(lat2_deg)
     half_lat, half_lon = (lat2 - lat1) / 2.0, math.radians(lon2_deg - lon1_deg) / 2.0
     chord = math.sin(half_lat) ** 2 + math.cos(lat1) * math.cos(lat2) * math.sin(half_lon) ** 2

@@ -1,7 +1,7 @@
-"""Long STATUSTEXTs, which come in pieces (https://mavlink.io/en/messages/common.html#STATUSTEXT). Sans-I/O.
+"""STATUSTEXT in chunks (https://mavlink.io/en/messages/common.html#STATUSTEXT). Sans-I/O.
 
-A text of more than 50 characters is sent as several messages with one `id` and a rising `chunk_seq`; the last
-piece is shorter than 50 characters. PX4 sends most of its reasons so.
+A text of more than 50 characters comes as several messages with one `id` and a rising `chunk_seq`. The last
+chunk has fewer than 50 characters.
 """
 
 from __future__ import annotations
@@ -11,37 +11,37 @@ from typing import Final
 from gcs.mavlink.frames.codec import Message
 from gcs.safe_text import printable
 
-_CHUNK: Final = 50
+_CHUNK_LENGTH: Final = 50
 _MISSING: Final = "[...]"
 
 
 class TextChunks:
-    """The text that one vehicle is in the midst of saying."""
+    """Chunks of the text that one vehicle is sending."""
 
     def __init__(self) -> None:
         self._id = 0
-        self._said: list[str] = []
+        self._chunks: list[str] = []
 
-    def joined(self, message: Message) -> list[str]:
-        """Return the texts that a STATUSTEXT completes: none while pieces of it are to come.
+    def add_chunk(self, message: Message) -> list[str]:
+        """Add a STATUSTEXT; return the texts that it completes.
 
-        A text whose end was lost is returned when the next text begins, a lost piece is shown as [...].
-        PX4 ends some of its texts with a tab, which is taken off.
+        A text without its end is returned when the next text begins. A lost chunk becomes [...]. The tab at
+        the end of some PX4 texts is removed.
         """
         texts: list[str] = []
         if message.id != self._id:
-            if self._said:
-                texts.append("".join(self._said) + _MISSING)
-            self._id, self._said = message.id, []
+            if self._chunks:
+                texts.append("".join(self._chunks) + _MISSING)
+            self._id, self._chunks = message.id, []
         text = printable(str(message.text), keep="\t")
         if not message.id:
             return [*texts, text.rstrip()]
-        if message.chunk_seq > len(self._said):
-            self._said += [_MISSING] * (message.chunk_seq - len(self._said))
-        elif message.chunk_seq < len(self._said):
-            return texts  # a piece that came twice
-        self._said.append(text)
-        if len(text) < _CHUNK:
-            texts.append("".join(self._said).rstrip())
-            self._id, self._said = 0, []
+        if message.chunk_seq > len(self._chunks):
+            self._chunks += [_MISSING] * (message.chunk_seq - len(self._chunks))
+        elif message.chunk_seq < len(self._chunks):
+            return texts  # a repeated chunk
+        self._chunks.append(text)
+        if len(text) < _CHUNK_LENGTH:
+            texts.append("".join(self._chunks).rstrip())
+            self._id, self._chunks = 0, []
         return texts

@@ -1,10 +1,10 @@
-"""What we ask of each vehicle, until it gives it: rates of messages, its version, its home.
+"""Requests to each vehicle for message intervals, its version and its home position, repeated until granted.
 
-Sources: https://mavlink.io/en/messages/common.html, MAV_CMD_SET_MESSAGE_INTERVAL (511) and
-MAV_CMD_REQUEST_MESSAGE (512). A COMMAND_ACK names the command, not the message that it was about, so of each
-command one request is on its way at a time. A message asked for is its own answer; a rate is watched after
-its ACK, since a late ACK of the request before may have been taken for it, and an autopilot may change its
-rates by itself: when the stream dries up it is asked for again.
+MAV_CMD_SET_MESSAGE_INTERVAL (511) and MAV_CMD_REQUEST_MESSAGE (512) of
+https://mavlink.io/en/messages/common.html. A COMMAND_ACK names the command, not the message id. So one
+request of each command is in flight. A requested message is its own answer. A stream is watched after its
+ACK: the ACK may belong to the request before, and an autopilot may change its rates. A stalled stream is
+requested again.
 """
 
 from __future__ import annotations
@@ -14,89 +14,95 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.fleet.telemetry_table import DUE_NS, Row, new_row
+from gcs.mavlink.fleet.telemetry_table import DUE_NS, VehicleRecord, new_record
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.commands import MESSAGE_INTERVAL, REQUEST_MESSAGE, command_long
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
 
-_FOR_EVER: Final = RetryPolicy(wait_s=1.0, max_wait_s=5.0, max_tries=0)
-_HOME: Final = RetryPolicy(wait_s=2.0, max_wait_s=2.0, max_tries=0)
+_RETRY_POLICY: Final = RetryPolicy(wait_s=1.0, max_wait_s=5.0, max_tries=0)
+_HOME_RETRY_POLICY: Final = RetryPolicy(wait_s=2.0, max_wait_s=2.0, max_tries=0)
 _MAX_REFUSALS: Final = 3
-_DRY_S: Final = 3.0
-_DRY_PERIODS: Final = 5
+_MIN_STALL_S: Final = 3.0
+_STALL_PERIODS: Final = 5
 _NEVER_NS: Final = 2**63 - 1
 
 
 @dataclass(slots=True)
-class _Want:
-    shows: str
-    """Message type that it is about."""
+class _Request:
+    message_type: str
+    """Message that is requested."""
     command: int
     param1: float
     param2: float = 0.0
-    policy: RetryPolicy = _FOR_EVER
-    dry_ns: int = 0
-    """For a rate: without the message for so long it is asked for again."""
+    policy: RetryPolicy = _RETRY_POLICY
+    stall_ns: int = 0
+    """For a stream: without the message for so long, it is requested again."""
     give_up: bool = True
-    """Whether refusals end it; home is refused until the vehicle has one."""
-    met: bool = False
+    """True if refusals end it. Home is refused until the vehicle has one."""
+    is_done: bool = False
     refusals: int = 0
     seen_t_ns: int = 0
 
 
 class StreamRequests:
-    """The questions to one vehicle. At most two are on their way at a time, one of each command.
+    """Requests to one vehicle; at most two are in flight, one of each command.
 
-    When there may be something new to ask, `DUE_NS` in the vehicle's row says so.
+    `DUE_NS` in the vehicle's record is set to 0 when a new request may be due.
     """
 
     def __init__(
-        self, system_id: int, own: tuple[int, int], position_rate_hz: float, row: Row | None = None
+        self,
+        system_id: int,
+        own: tuple[int, int],
+        position_rate_hz: float,
+        record: VehicleRecord | None = None,
     ) -> None:
-        self._row = new_row() if row is None else row
+        self._record = new_record() if record is None else record
         self._system_id, self._own = system_id, own
-        self._wants = (
+        self._requests = (
             _rate("GLOBAL_POSITION_INT", dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, position_rate_hz),
             _rate("MISSION_CURRENT", dialect.MAVLINK_MSG_ID_MISSION_CURRENT, 1.0),
-            _Want("AUTOPILOT_VERSION", REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
-            _Want(
+            _Request("AUTOPILOT_VERSION", REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+            _Request(
                 "HOME_POSITION",
                 REQUEST_MESSAGE,
                 dialect.MAVLINK_MSG_ID_HOME_POSITION,
-                policy=_HOME,
+                policy=_HOME_RETRY_POLICY,
                 give_up=False,
             ),
         )
-        self._in_flight: dict[int, tuple[_Want, RetryTimer]] = {}
+        self._in_flight: dict[int, tuple[_Request, RetryTimer]] = {}
         self.idle_until_ns = 0
-        """Before then nothing is due, unless something is heard."""
+        """No request is due before, unless a message comes."""
         self.round_trip_s = 0.0
-        """From a rate's request to its ACK; 0 before that was measured."""
-        self._is_plain = True
-        """True if no rate was asked for twice, so that an ACK answers the request on its way."""
+        """From a stream's request to its ACK; 0 before it was measured."""
+        self._is_unambiguous = True
+        """True if no stream was requested twice: an ACK then answers the request in flight."""
 
     def begin(self) -> None:
-        """Ask for everything: on contact, after a reboot, after a silence."""
+        """Request everything: at first contact, after a reboot, after a link loss."""
         self._in_flight.clear()
-        self._look_again()
-        for want in self._wants:
-            want.met, want.refusals = False, 0
+        self._poll_again()
+        for request in self._requests:
+            request.is_done, request.refusals = False, 0
 
-    def _look_again(self) -> None:
-        self.idle_until_ns = self._row[DUE_NS] = 0
+    def _poll_again(self) -> None:
+        self.idle_until_ns = self._record[DUE_NS] = 0
 
     def poll(self, t_ns: int) -> list[Message]:
-        """Questions that are due."""
+        """Return the requests that are due."""
         if t_ns < self.idle_until_ns:
             return []
         out = []
         for number in (MESSAGE_INTERVAL, REQUEST_MESSAGE):
             if number not in self._in_flight:
-                want = next((w for w in self._wants if w.command == number and not _given(w, t_ns)), None)
-                if want is None:
+                request = next(
+                    (w for w in self._requests if w.command == number and not _is_satisfied(w, t_ns)), None
+                )
+                if request is None:
                     continue
-                want.met = False
-                self._in_flight[number] = (want, RetryTimer(self._request(want), want.policy, t_ns))
+                request.is_done = False
+                self._in_flight[number] = (request, RetryTimer(self._request(request), request.policy, t_ns))
             timer = self._in_flight[number][1]
             if timer.start_try(t_ns):
                 out.append(timer.request)
@@ -104,64 +110,67 @@ class StreamRequests:
         return out
 
     def _next_t_ns(self, number: int) -> int:
-        """When something about one command can be due, if nothing is heard until then."""
+        """Return when a request of one command may be due, if no message comes until then."""
         if number in self._in_flight:
             return self._in_flight[number][1].next_t_ns
-        rates = (w for w in self._wants if w.command == number and w.dry_ns and w.refusals < _MAX_REFUSALS)
-        return min((w.seen_t_ns + w.dry_ns for w in rates), default=_NEVER_NS)
+        rates = (
+            w for w in self._requests if w.command == number and w.stall_ns and w.refusals < _MAX_REFUSALS
+        )
+        return min((w.seen_t_ns + w.stall_ns for w in rates), default=_NEVER_NS)
 
     def heard(self, name: str, t_ns: int) -> None:
-        """Note that a message of type `name` came."""
-        for want in self._wants:
-            if want.shows == name:
-                want.seen_t_ns = max(want.seen_t_ns, t_ns)
-                if want.command == REQUEST_MESSAGE:
-                    self._met(want)
+        """Note a message of type `name`."""
+        for request in self._requests:
+            if request.message_type == name:
+                request.seen_t_ns = max(request.seen_t_ns, t_ns)
+                if request.command == REQUEST_MESSAGE:
+                    self._set_done(request)
 
     def acknowledged(self, ack: Message, t_ns: int) -> str:
-        """Take a COMMAND_ACK; returns the message type that the vehicle finally refuses to give.
+        """Process a COMMAND_ACK; return the message type that the vehicle finally refuses, if any.
 
-        Not one that comes all the same: PX4 refuses a rate for MISSION_CURRENT, and sends it once a second.
+        A message that comes anyway is not refused: PX4 denies an interval for MISSION_CURRENT and sends it
+        once a second.
         """
         number, result = ack.command, ack.result
-        want, timer = self._in_flight.get(number, (None, None))
+        request, timer = self._in_flight.get(number, (None, None))
         ours = ack.target_system in (0, self._own[0]) and ack.target_component in (0, self._own[1])
-        if want is None or not ours or result == dialect.MAV_RESULT_IN_PROGRESS:
+        if request is None or not ours or result == dialect.MAV_RESULT_IN_PROGRESS:
             return ""
         if timer is not None and number == MESSAGE_INTERVAL:
             took_s = timer.round_trip_s(t_ns)
-            self._is_plain &= took_s is not None
-            self.round_trip_s = took_s if took_s and self._is_plain else self.round_trip_s
+            self._is_unambiguous &= took_s is not None
+            self.round_trip_s = took_s if took_s and self._is_unambiguous else self.round_trip_s
         if result == dialect.MAV_RESULT_ACCEPTED:
             if number == MESSAGE_INTERVAL:
-                want.seen_t_ns = t_ns
-                self._met(want)
+                request.seen_t_ns = t_ns
+                self._set_done(request)
             return ""
-        if not want.give_up or result == dialect.MAV_RESULT_TEMPORARILY_REJECTED:
+        if not request.give_up or result == dialect.MAV_RESULT_TEMPORARILY_REJECTED:
             return ""
-        want.refusals += 1
-        if want.refusals < _MAX_REFUSALS:
+        request.refusals += 1
+        if request.refusals < _MAX_REFUSALS:
             return ""
-        self._met(want)
-        comes_by_itself = want.seen_t_ns > 0 and t_ns - want.seen_t_ns <= want.dry_ns
-        return "" if comes_by_itself else want.shows
+        self._set_done(request)
+        comes_by_itself = request.seen_t_ns > 0 and t_ns - request.seen_t_ns <= request.stall_ns
+        return "" if comes_by_itself else request.message_type
 
-    def _met(self, want: _Want) -> None:
-        want.met = True
-        self._look_again()
-        if want.command in self._in_flight and self._in_flight[want.command][0] is want:
-            del self._in_flight[want.command]
+    def _set_done(self, request: _Request) -> None:
+        request.is_done = True
+        self._poll_again()
+        if request.command in self._in_flight and self._in_flight[request.command][0] is request:
+            del self._in_flight[request.command]
 
-    def _request(self, want: _Want) -> Message:
-        return command_long(self._system_id, want.command, want.param1, want.param2)
-
-
-def _rate(name: str, message_id: int, rate_hz: float) -> _Want:
-    dry_ns = ns(max(_DRY_S, _DRY_PERIODS / rate_hz))
-    return _Want(name, MESSAGE_INTERVAL, message_id, 1e6 / rate_hz, dry_ns=dry_ns)
+    def _request(self, request: _Request) -> Message:
+        return command_long(self._system_id, request.command, request.param1, request.param2)
 
 
-def _given(want: _Want, t_ns: int) -> bool:
-    """Whether there is nothing to ask: met, and if it is a rate that was granted, still flowing."""
-    dried_up = 0 < want.dry_ns < t_ns - want.seen_t_ns and want.refusals < _MAX_REFUSALS
-    return want.met and not dried_up
+def _rate(name: str, message_id: int, rate_hz: float) -> _Request:
+    stall_ns = ns(max(_MIN_STALL_S, _STALL_PERIODS / rate_hz))
+    return _Request(name, MESSAGE_INTERVAL, message_id, 1e6 / rate_hz, stall_ns=stall_ns)
+
+
+def _is_satisfied(request: _Request, t_ns: int) -> bool:
+    """Return True if there is nothing to request: done and, for a granted stream, not stalled."""
+    is_stalled = 0 < request.stall_ns < t_ns - request.seen_t_ns and request.refusals < _MAX_REFUSALS
+    return request.is_done and not is_stalled

@@ -1,7 +1,7 @@
-"""What a vehicle's quiet frames change: one row of integers for each, as they came over the link.
+"""Telemetry table: one record of integers per vehicle, in the units of the link.
 
-Integers, so that a compiled kernel (`gcs.mavlink.fleet.fast_telemetry`) and Python
-(`gcs.mavlink.fleet.vehicle`) can work on the same row and agree to the last bit.
+Integers, so that the compiled kernel (`gcs.mavlink.fleet.fast_telemetry`) and Python
+(`gcs.mavlink.fleet.vehicle`) agree to the last bit.
 """
 
 from __future__ import annotations
@@ -11,43 +11,43 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-Row = npt.NDArray[np.int64]
-"""One vehicle's integers."""
+VehicleRecord = npt.NDArray[np.int64]
+"""Integers of one vehicle, by the columns below."""
 
 (
-    ADDRESS,  # number of the address at which it is alive, NOBODY while it is not
+    ADDRESS,  # number of its address while it is alive, else NO_ADDRESS
     HEARD_NS,
-    LAST_SEQUENCE,  # NONE before its first frame, and after a reboot or a silence
+    LAST_SEQUENCE,  # NONE before its first frame, after a reboot or a link loss
     FRAMES,
     LOST,
-    SIGNS,  # whether its last frame was signed
+    IS_SIGNED,  # 1 if its last frame was signed
     BOOT_MS,  # time since boot of the newest position; NONE before the first
     BOOT_OFFSET_NS,  # our clock less the vehicle's, at the newest position
-    BOOT_RUN,  # whether a run of reports behind the newest is being watched
+    IN_LATE_RUN,  # 1 during a run of reports behind the newest (BootClock)
     FIX_TYPE,
     BEST_FIX,
     BATTERY_PERCENT,
-    PLACE_NS,  # when the last position came that was believed, and its fields as they came
+    POSITION_NS,  # arrival of the last accepted position; its fields follow
     LAT_1E7DEG,
     LON_1E7DEG,
     ALT_MM,
     V_NORTH_CM_S,
     V_EAST_CM_S,
     HEADING_CDEG,
-    PLACES,  # number of positions believed
-    WATCHED,  # whether the next position must be held against more than the one before
-    DUE_NS,  # before then there is nothing to send to it by the clock
-    LEG,  # whether somebody looks how it flies its leg: NAV_CONTROLLER_OUTPUT is not quiet then
-    BEAT,  # the first eight bytes of its last heartbeat; NONE when the next one matters whatever it says
+    POSITIONS,  # number of accepted positions
+    CHECK_NEXT,  # 1 if the next position needs the checks in Python
+    DUE_NS,  # no timer is due before
+    LEG_WATCHED,  # 1 if NAV_CONTROLLER_OUTPUT is not routine
+    HEARTBEAT_KEY,  # first eight bytes of its last heartbeat; NONE to forward the next one
     WIDTH,
 ) = range(25)
 
 NONE: Final = -1
-NOBODY: Final = -1
+NO_ADDRESS: Final = -1
 
 
-def new_row() -> Row:
-    """Make the row of a vehicle that was never heard."""
-    row = np.zeros(WIDTH, np.int64)
-    row[[ADDRESS, LAST_SEQUENCE, BOOT_MS, FIX_TYPE, BEST_FIX, BATTERY_PERCENT, BEAT]] = NONE
-    return row
+def new_record() -> VehicleRecord:
+    """Return the record of a vehicle that was never heard."""
+    record = np.zeros(WIDTH, np.int64)
+    record[[ADDRESS, LAST_SEQUENCE, BOOT_MS, FIX_TYPE, BEST_FIX, BATTERY_PERCENT, HEARTBEAT_KEY]] = NONE
+    return record

@@ -1,9 +1,8 @@
-"""One vehicle as its messages tell it: position, mode, mission item, health, and how its link does.
+"""State of one vehicle: position, mode, mission item, health and link quality.
 
-Which fields mean what: https://mavlink.io/en/messages/common.html. Position and ground speed come from
-GLOBAL_POSITION_INT (1e-7 degrees, millimetres, cm/s), mode and arming from HEARTBEAT, the item that it
-flies to from MISSION_CURRENT. Loss is counted from gaps in the frame sequence of its autopilot; a frame
-that comes late is taken off again.
+Fields: https://mavlink.io/en/messages/common.html. Position and ground speed come from GLOBAL_POSITION_INT
+(1e-7 degrees, mm, cm/s), mode and arming from HEARTBEAT, the current item from MISSION_CURRENT. Loss is
+counted by gaps in the sequence of the autopilot's frames; a late frame is deducted.
 """
 
 from __future__ import annotations
@@ -17,30 +16,30 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
-from gcs.mavlink.fleet.heartbeat import as_number
+from gcs.mavlink.fleet.heartbeat import heartbeat_key
 from gcs.mavlink.fleet.position_checks import BootClock, position_problem
-from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, Motion, Report
+from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, MotionCheck, Report
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.fleet.stream_requests import StreamRequests
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,
     BATTERY_PERCENT,
-    BEAT,
     BEST_FIX,
     BOOT_MS,
+    CHECK_NEXT,
     DUE_NS,
     FIX_TYPE,
     FRAMES,
     HEARD_NS,
+    HEARTBEAT_KEY,
+    IS_SIGNED,
     LAST_SEQUENCE,
     LOST,
     NONE,
-    PLACE_NS,
-    PLACES,
-    SIGNS,
-    WATCHED,
-    Row,
-    new_row,
+    POSITION_NS,
+    POSITIONS,
+    VehicleRecord,
+    new_record,
 )
 from gcs.mavlink.frames.codec import Encoder, Message
 from gcs.mavlink.mission.items import Home
@@ -50,19 +49,19 @@ from gcs.model import NS_PER_S, Level, VehicleState
 Address: TypeAlias = tuple[str, str]
 """(link, peer)."""
 Liveness: TypeAlias = Literal["waiting", "alive", "stale", "down"]
-"""Not heard yet, heard, silent for a moment, silent for so long that it may be heard from elsewhere."""
-Tell: TypeAlias = Callable[[Level, str], None]
-"""Takes a notice about this vehicle."""
+"""Not heard yet, heard, silent for a moment, or silent for so long that another address may take over."""
+Notify: TypeAlias = Callable[[Level, str], None]
+"""Takes level and text of a notice about this vehicle."""
 
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _UNKNOWN_HEADING: Final = 65535
 _SLOW_M_S: Final = 0.5
-_UNPLACED_NS: Final = ns(5.0)
+_NO_POSITION_NS: Final = ns(5.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """A vehicle's link and equipment, to be shown."""
+    """Link and equipment of a vehicle, for display."""
 
     system_id: int
     liveness: Liveness
@@ -72,60 +71,61 @@ class Health:
     """MAV_AUTOPILOT."""
     home: Home | None
     fix_type: int | None
-    """GPS_FIX_TYPE now, None when it reports none."""
+    """GPS_FIX_TYPE; None if none is reported."""
     battery_percent: int | None
     boots: int
     """Reboots seen."""
     frames: int
     lost: int
     conflicts: int
-    """Frames that claimed its id from another address."""
+    """Frames that used its id from another address."""
     refused: dict[str, int]
-    """Position reports not believed, by reason."""
+    """Refused position reports, by reason."""
     signed: bool
-    """Whether its last frame carried a signature; checked, where there is a key, before it came here."""
+    """True if its last frame was signed. Where there is a key, signatures are checked before frames come
+    here."""
 
 
 class Vehicle:
-    """The record of one expected vehicle. Only frames of its own autopilot reach it."""
+    """State of one expected vehicle. Only frames of its own autopilot reach it."""
 
     def __init__(
         self,
         system_id: int,
         frame: LocalFrame,
         encoder: Encoder,
-        wants: StreamRequests,
+        stream_requests: StreamRequests,
         max_distance_m: float,
         max_speed_m_s: float,
-        row: Row | None = None,
+        record: VehicleRecord | None = None,
     ) -> None:
         self.system_id = system_id
-        self.row = new_row() if row is None else row
-        """What quiet frames change, here or in the kernel."""
+        self.record = new_record() if record is None else record
+        """Fields that routine telemetry changes, here or in the kernel."""
         self.address: Address | None = None
         self.signed_lead_ns: int | None = None
-        """Signing time less ours of the heartbeat that showed its address; None when that was not signed."""
+        """Signing time of the heartbeat that set the address, less our time; None if unsigned."""
         self.liveness: Liveness = "waiting"
         self.conflicts = self.boots = self.returns = 0
         self.autopilot = dialect.MAV_AUTOPILOT_INVALID
         self.profile: AutopilotProfile | None = None
-        """Of its firmware; None before its first heartbeat, or when it is not known here."""
+        """Profile of its firmware; None before its first heartbeat, or if unknown."""
         self.home: Home | None = None
-        self.wants = wants
+        self.stream_requests = stream_requests
         self.encoder = encoder
         self.texts = TextChunks()
         self.refused: dict[str, int] = {}
         self._frame, self._max_distance_m = frame, max_distance_m
-        self._clock = BootClock(self.row)
-        self._motion, self._voices = Motion(max_speed_m_s), DuplicateIdDetector(max_speed_m_s)
-        self._judged_places = 0
-        """`PLACES` when these two had seen all of them."""
-        self._unplaced = False
+        self._clock = BootClock(self.record)
+        self._motion_check, self._duplicates = MotionCheck(max_speed_m_s), DuplicateIdDetector(max_speed_m_s)
+        self._checked_positions = 0
+        """`POSITIONS` when the two checks had processed all of them."""
+        self._has_no_position = False
         self._mode, self._armed, self._mission_seq = "", False, -1
         self._state: VehicleState | None = None
-        self._state_places = 0
-        """`PLACES` when the state was made."""
-        self._handlers: dict[str, Callable[[Message, int, Tell], None]] = {
+        self._state_positions = 0
+        """`POSITIONS` of the present state."""
+        self._handlers: dict[str, Callable[[Message, int, Notify], None]] = {
             "HEARTBEAT": self._on_heartbeat,
             "GLOBAL_POSITION_INT": self._on_position,
             "MISSION_CURRENT": self._on_mission_current,
@@ -137,73 +137,77 @@ class Vehicle:
 
     @property
     def heard_t_ns(self) -> int:
-        """When its autopilot was last heard."""
-        return self.row.item(HEARD_NS)
+        """Time of its autopilot's last frame."""
+        return self.record.item(HEARD_NS)
 
     @property
     def signed(self) -> bool:
-        """Whether its last frame was signed."""
-        return bool(self.row[SIGNS])
+        """True if its last frame was signed."""
+        return bool(self.record[IS_SIGNED])
 
     @property
     def lost(self) -> int:
         """Frames missing in the sequence."""
-        return self.row.item(LOST)
+        return self.record.item(LOST)
 
-    def contact(self, address: Address, number: int) -> None:
-        """Begin, or begin again, to hear the vehicle at this address, which the ledger calls `number`."""
+    def set_address(self, address: Address, number: int) -> None:
+        """Set the address, and its number in the telemetry table; request the streams again."""
         self.address = address
-        self.row[ADDRESS], self.row[LAST_SEQUENCE], self.row[DUE_NS] = number, NONE, 0
-        self.row[BEAT] = NONE
-        self.wants.begin()
+        self.record[ADDRESS], self.record[LAST_SEQUENCE], self.record[DUE_NS] = number, NONE, 0
+        self.record[HEARTBEAT_KEY] = NONE
+        self.stream_requests.begin()
 
     def count(self, sequence: int, t_ns: int) -> None:
         """Count one frame of its autopilot and the gap before it."""
-        row = self.row
-        row[FRAMES] += 1
-        row[HEARD_NS] = t_ns
-        if row[LAST_SEQUENCE] == NONE:
-            row[LAST_SEQUENCE] = sequence
+        record = self.record
+        record[FRAMES] += 1
+        record[HEARD_NS] = t_ns
+        if record[LAST_SEQUENCE] == NONE:
+            record[LAST_SEQUENCE] = sequence
             return
-        ahead = (sequence - row.item(LAST_SEQUENCE)) % 256
+        ahead = (sequence - record.item(LAST_SEQUENCE)) % 256
         if 0 < ahead < 128:
-            row[LOST] += ahead - 1
-            row[LAST_SEQUENCE] = sequence
+            record[LOST] += ahead - 1
+            record[LAST_SEQUENCE] = sequence
         elif ahead >= 128:
-            row[LOST] = max(0, self.lost - 1)
+            record[LOST] = max(0, self.lost - 1)
 
-    def attend(self) -> None:
-        """Have its next heartbeat seen, even if it says what the last one said."""
-        self.row[BEAT] = NONE
+    def forward_next_heartbeat(self) -> None:
+        """Have its next heartbeat processed here, even if it is unchanged."""
+        self.record[HEARTBEAT_KEY] = NONE
 
     def poll(self, t_ns: int) -> list[Message]:
-        """Return the questions to it that are due."""
-        if t_ns >= self.wants.idle_until_ns and self.row[PLACES]:
-            self.wants.heard("GLOBAL_POSITION_INT", self.row.item(PLACE_NS))  # the kernel tells nobody
-        return self.wants.poll(t_ns)
+        """Return the requests to it that are due."""
+        if t_ns >= self.stream_requests.idle_until_ns and self.record[POSITIONS]:
+            self.stream_requests.heard(
+                "GLOBAL_POSITION_INT", self.record.item(POSITION_NS)
+            )  # the kernel stores it only
+        return self.stream_requests.poll(t_ns)
 
-    def take(self, message: Message, t_ns: int, tell: Tell) -> None:
-        """Fold one message into the record."""
+    def apply_message(self, message: Message, t_ns: int, notify: Notify) -> None:
+        """Apply one message to the state."""
         name = message.get_type()
         if name != "HOME_POSITION":  # met by one that can be believed
-            self.wants.heard(name, t_ns)
+            self.stream_requests.heard(name, t_ns)
         handler = self._handlers.get(name)
         if handler is not None:
-            handler(message, t_ns, tell)
+            handler(message, t_ns, notify)
 
     def state(self) -> VehicleState | None:
-        """Return what it last said of itself; None before its first position that can be believed."""
-        places = self.row.item(PLACES)
-        if places and (self._state is None or places != self._state_places):
-            self._state_places = places
+        """Return its state; None before its first accepted position."""
+        positions = self.record.item(POSITIONS)
+        if positions and (self._state is None or positions != self._state_positions):
+            self._state_positions = positions
             self._state = VehicleState(
-                self.system_id, *self._place(), self._mode, self._armed, self._mission_seq
+                self.system_id, *self._last_position(), self._mode, self._armed, self._mission_seq
             )
         return self._state
 
-    def _place(self) -> tuple[int, float, float, float, float, float]:
-        """Time, east, north, height above sea level, ground speed and course of the last position."""
-        t_ns, lat, lon, alt_mm, v_north_cm_s, v_east_cm_s, heading_cdeg = self.row[PLACE_NS:PLACES].tolist()
+    def _last_position(self) -> tuple[int, float, float, float, float, float]:
+        """Return time, east, north, height above sea level, ground speed and course of the last position."""
+        t_ns, lat, lon, alt_mm, v_north_cm_s, v_east_cm_s, heading_cdeg = self.record[
+            POSITION_NS:POSITIONS
+        ].tolist()
         east_m, north_m = self._frame.to_local(lat * 1e-7, lon * 1e-7)
         v_north_m_s, v_east_m_s = v_north_cm_s * 0.01, v_east_cm_s * 0.01
         speed_m_s = math.hypot(v_east_m_s, v_north_m_s)
@@ -223,65 +227,65 @@ class Vehicle:
             address=self.address,
             autopilot=self.autopilot,
             home=self.home,
-            fix_type=self._known(FIX_TYPE),
-            battery_percent=self._known(BATTERY_PERCENT),
+            fix_type=self._value_or_none(FIX_TYPE),
+            battery_percent=self._value_or_none(BATTERY_PERCENT),
             boots=self.boots,
-            frames=self.row.item(FRAMES),
+            frames=self.record.item(FRAMES),
             lost=self.lost,
             conflicts=self.conflicts,
             refused=dict(self.refused),
             signed=self.signed,
         )
 
-    def _known(self, column: int) -> int | None:
-        value = self.row.item(column)
+    def _value_or_none(self, column: int) -> int | None:
+        value = self.record.item(column)
         return None if value == NONE else value
 
     # ------------------------------------------------------------ messages
 
-    def _on_heartbeat(self, message: Message, _t_ns: int, tell: Tell) -> None:
+    def _on_heartbeat(self, message: Message, _t_ns: int, notify: Notify) -> None:
         if message.autopilot != self.autopilot:
-            self._meet(message, tell)
+            self._set_autopilot(message, notify)
         mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
         if self._mode and mode != self._mode:
-            tell("info", f"mode {self._mode} -> {mode}")
+            notify("info", f"mode {self._mode} -> {mode}")
         if self._mode and armed != self._armed:
-            tell("info", "armed" if armed else "disarmed")
+            notify("info", "armed" if armed else "disarmed")
         if (mode, armed) != (self._mode, self._armed):
             self._mode, self._armed, self._state = mode, armed, None
-        self.row[BEAT] = as_number(message)
+        self.record[HEARTBEAT_KEY] = heartbeat_key(message)
 
-    def _meet(self, heartbeat: Message, tell: Tell) -> None:
-        """Note whose firmware it is."""
+    def _set_autopilot(self, heartbeat: Message, notify: Notify) -> None:
+        """Note its firmware."""
         self.autopilot = heartbeat.autopilot
         self.profile = profile_of(heartbeat.autopilot, heartbeat.type)
         if self.profile is None:
             text = (
                 f"MAV_AUTOPILOT {heartbeat.autopilot} on MAV_TYPE {heartbeat.type}: a firmware not known here"
             )
-            tell("alarm", f"{text}; it is tracked and never tasked")
+            notify("alarm", f"{text}; it is tracked and never tasked")
 
-    def _on_position(self, message: Message, t_ns: int, tell: Tell) -> None:
-        self._catch_up()
-        verdict = self._clock.judge(message.time_boot_ms, t_ns)
-        if verdict == "rebooted":
-            self._reboot(tell)
-        problem = self._refusal(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
-        if verdict == "late" and problem:
+    def _on_position(self, message: Message, t_ns: int, notify: Notify) -> None:
+        self._resume_from_record()
+        order = self._clock.add_report(message.time_boot_ms, t_ns)
+        if order == "rebooted":
+            self._reboot(notify)
+        problem = self._check_position(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
+        if order == "late" and problem:
             problem = "late"
         elif not problem:
             report = self._report(
                 t_ns, message.time_boot_ms, message.lat, message.lon, message.vx, message.vy
             )
-            problem = self._contradiction(report, tell, late=verdict == "late")
+            problem = self._check_motion(report, notify, late=order == "late")
         if problem:
             self.refused[problem] = self.refused.get(problem, 0) + 1
             return
-        self.row[PLACE_NS:PLACES] = (
+        self.record[POSITION_NS:POSITIONS] = (
             t_ns, message.lat, message.lon, message.alt, message.vx, message.vy, message.hdg
         )  # fmt: skip
-        self.row[PLACES] += 1
-        self._judged_places = self.row.item(PLACES)
+        self.record[POSITIONS] += 1
+        self._checked_positions = self.record.item(POSITIONS)
 
     def _report(
         self, t_ns: int, boot_ms: int, lat: int, lon: int, v_north_cm_s: int, v_east_cm_s: int
@@ -289,72 +293,72 @@ class Vehicle:
         east_m, north_m = self._frame.to_local(lat * 1e-7, lon * 1e-7)
         return Report(t_ns, boot_ms, east_m, north_m, math.hypot(v_east_cm_s, v_north_cm_s) * 0.01)
 
-    def _catch_up(self) -> None:
-        """Go on from the last position that the kernel took: each of those was in order."""
-        if self.row.item(PLACES) == self._judged_places:
+    def _resume_from_record(self) -> None:
+        """Continue the checks from the last position that the kernel stored."""
+        if self.record.item(POSITIONS) == self._checked_positions:
             return
-        self._judged_places = self.row.item(PLACES)
-        t_ns, lat, lon, _, v_north_cm_s, v_east_cm_s, _ = self.row[PLACE_NS:PLACES].tolist()
-        last = self._report(t_ns, self.row.item(BOOT_MS), lat, lon, v_north_cm_s, v_east_cm_s)
-        self._motion.resume(last)
-        self._voices.resume(last)
+        self._checked_positions = self.record.item(POSITIONS)
+        t_ns, lat, lon, _, v_north_cm_s, v_east_cm_s, _ = self.record[POSITION_NS:POSITIONS].tolist()
+        last = self._report(t_ns, self.record.item(BOOT_MS), lat, lon, v_north_cm_s, v_east_cm_s)
+        self._motion_check.resume(last)
+        self._duplicates.resume(last)
 
-    def _contradiction(self, report: Report, tell: Tell, *, late: bool) -> str:
-        """Hold a report against those before it, and say what comes of it; return why it is not believed."""
-        self._voices.take(report)
-        problem = "late" if late else self._motion.judge(report)
-        for level, text in (*self._voices.news, *([] if late else self._motion.news)):
-            tell(level, text)
-        self.row[WATCHED] = bool(problem) or self._voices.is_watching
+    def _check_motion(self, report: Report, notify: Notify, *, late: bool) -> str:
+        """Compare a report with those before; return why it is refused."""
+        self._duplicates.add_report(report)
+        problem = "late" if late else self._motion_check.check_report(report)
+        for level, text in (*self._duplicates.notices, *([] if late else self._motion_check.notices)):
+            notify(level, text)
+        self.record[CHECK_NEXT] = bool(problem) or self._duplicates.is_watching
         return problem
 
-    def watch(self, t_ns: int, tell: Tell) -> None:
-        """Say when it is heard and gives no position that can be believed, and when it does again."""
-        if not self.row[PLACES]:
+    def check_position_age(self, t_ns: int, notify: Notify) -> None:
+        """Notify when no position is accepted for a while, and when one is again."""
+        if not self.record[POSITIONS]:
             return
-        silent_ns = t_ns - self.row.item(PLACE_NS)
-        if not self._unplaced and silent_ns > _UNPLACED_NS:
-            self._unplaced = True
+        silent_ns = t_ns - self.record.item(POSITION_NS)
+        if not self._has_no_position and silent_ns > _NO_POSITION_NS:
+            self._has_no_position = True
             why = ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
             text = f"no position that can be believed for {silent_ns / NS_PER_S:.0f} s"
-            tell("alarm", f"{text}; refused so far: {why}" if why else text)
-        elif self._unplaced and silent_ns <= _UNPLACED_NS:
-            self._unplaced = False
-            tell("info", "its positions are believed again")
+            notify("alarm", f"{text}; refused so far: {why}" if why else text)
+        elif self._has_no_position and silent_ns <= _NO_POSITION_NS:
+            self._has_no_position = False
+            notify("info", "its positions are believed again")
 
-    def _refusal(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> str:
-        if NONE < self.row[BEST_FIX] < dialect.GPS_FIX_TYPE_3D_FIX:
+    def _check_position(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> str:
+        if NONE < self.record[BEST_FIX] < dialect.GPS_FIX_TYPE_3D_FIX:
             return "no fix"
         return position_problem(lat_deg, lon_deg, alt_msl_m, self._frame, self._max_distance_m)
 
-    def _reboot(self, tell: Tell) -> None:
-        """Forget what a boot changes; mode and arming come with the next heartbeat."""
+    def _reboot(self, notify: Notify) -> None:
+        """Reset what a boot changes; mode and arming come with the next heartbeat."""
         self.boots += 1
         self._mission_seq, self.home = -1, None
-        self.row[BEST_FIX] = self.row[LAST_SEQUENCE] = self.row[BEAT] = NONE
-        self._motion.begin()
-        self.wants.begin()
-        tell("alarm", "rebooted")
+        self.record[BEST_FIX] = self.record[LAST_SEQUENCE] = self.record[HEARTBEAT_KEY] = NONE
+        self._motion_check.begin()
+        self.stream_requests.begin()
+        notify("alarm", "rebooted")
 
-    def _on_mission_current(self, message: Message, _t_ns: int, _tell: Tell) -> None:
+    def _on_mission_current(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         if message.seq != self._mission_seq:
             self._mission_seq, self._state = message.seq, None
 
-    def _on_home(self, message: Message, t_ns: int, _tell: Tell) -> None:
+    def _on_home(self, message: Message, t_ns: int, _notify: Notify) -> None:
         home = Home(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
         if not position_problem(*home, self._frame, self._max_distance_m):
             self.home = home
-            self.wants.heard("HOME_POSITION", t_ns)
+            self.stream_requests.heard("HOME_POSITION", t_ns)
 
-    def _on_sys_status(self, message: Message, _t_ns: int, _tell: Tell) -> None:
+    def _on_sys_status(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         percent = message.battery_remaining
-        self.row[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
+        self.record[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
 
-    def _on_gps(self, message: Message, _t_ns: int, _tell: Tell) -> None:
-        self.row[FIX_TYPE] = message.fix_type
-        self.row[BEST_FIX] = max(message.fix_type, self.row.item(BEST_FIX))
+    def _on_gps(self, message: Message, _t_ns: int, _notify: Notify) -> None:
+        self.record[FIX_TYPE] = message.fix_type
+        self.record[BEST_FIX] = max(message.fix_type, self.record.item(BEST_FIX))
 
-    def _on_command_ack(self, message: Message, t_ns: int, tell: Tell) -> None:
-        refused = self.wants.acknowledged(message, t_ns)
+    def _on_command_ack(self, message: Message, t_ns: int, notify: Notify) -> None:
+        refused = self.stream_requests.acknowledged(message, t_ns)
         if refused:
-            tell("warning", f"does not give {refused}")
+            notify("warning", f"does not give {refused}")

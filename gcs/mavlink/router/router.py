@@ -174,7 +174,7 @@ class Router:
 
     def _from_vehicle(self, t_ns: int, address: Address, frame: Frame) -> Routed:
         if frame.system_id not in self._vehicles:
-            return Routed((), "stranger")
+            return Routed((), "unknown system")
         id_ = (frame.system_id, frame.component_id)
         place = self._places.get(id_)
         signed_ns = signed_t_ns(frame)

@@ -157,4 +157,4 @@ def test_counters_of_each_link_say_what_was_heard_and_lost(stage):
     stage.step(Datagram(stage.t_ns, AIR, "10.6.6.6:1", beats[5]))
     counted = stage.command.fleet.links[AIR]
     assert (counted.datagrams, counted.frames, counted.crc_errors) == (6, 5, 1)
-    assert (counted.lost, counted.strangers, counted.conflicts) == (1, 1, 1)
+    assert (counted.lost, counted.unknown_systems, counted.conflicts) == (1, 1, 1)

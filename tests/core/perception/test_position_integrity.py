@@ -150,7 +150,7 @@ def notices_of(changes, seconds=50.0):
 def test_hostile_links_are_an_alarm_each_on_the_right_vehicle_and_have_their_all_clear():
     _, notices = notices_of(HOSTILE)
     for vehicle, words, clear, within_s in (
-        (1, "claims its id", "nobody else claims its id", 1.0),
+        (1, "uses its system id, heard", "no other address uses its system id", 1.0),
         (2, "its position is frozen", "its position moves again", 6.0),
         (3, "where it reports to be", "is seen where it reports to be again", 15.0),
         (4, "two vehicles report with its system id", "one vehicle reports with", 4.0),

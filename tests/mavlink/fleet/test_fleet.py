@@ -1,4 +1,4 @@
-"""A user would lose the true picture of the fleet: to strangers, spoofers, late frames or silence."""
+"""A user would lose the true picture of the fleet: to unknown_systems, spoofers, late frames or silence."""
 
 import math
 
@@ -112,13 +112,13 @@ def test_status_texts_reach_the_operator_but_cannot_flood_him():
 # ---------------------------------------------------------------- whom to believe
 
 
-def test_strangers_are_counted_and_shown_but_never_acted_on():
-    air = Air(settings=FleetSettings(max_strangers=8))
-    for stranger in range(10, 60):
-        assert air.hear(0, beat(), position(1), system_id=stranger, peer=f"10.0.0.{stranger}:1") == []
+def test_unknown_systems_are_counted_and_shown_but_never_acted_on():
+    air = Air(settings=FleetSettings(max_unknown_systems=8))
+    for system in range(10, 60):
+        assert air.hear(0, beat(), position(1), system_id=system, peer=f"10.0.0.{system}:1") == []
     assert air.fleet.states() == ()
-    assert air.fleet.counters.strangers == 100
-    assert len(air.fleet.strangers()) == 8
+    assert air.fleet.counters.unknown_systems == 100
+    assert len(air.fleet.unknown_systems()) == 8
     assert air.poll(1) == []
 
 
@@ -143,7 +143,7 @@ def test_another_address_that_claims_a_living_vehicle_is_a_conflict():
     assert air.hear(3, beat(LOITER), position(4, 900, 0), peer=THERE) == []
     assert air.fleet.state(1).east_m == pytest.approx(10, abs=0.02)
     assert air.health().conflicts == 2
-    assert [v for v, text in air.texts("alarm") if "claims its id" in text] == [1]
+    assert [v for v, text in air.texts("alarm") if "uses its system id" in text] == [1]
     assert {peer for peer, _ in air.poll(3.1)} == {HERE}
 
 
@@ -365,7 +365,7 @@ def test_a_fleet_carries_a_mission_task(loss):
 
     def each_step(t_ns):
         nonlocal task
-        air.fleet.attend(1)  # a task waits for modes
+        air.fleet.forward_next_heartbeat(1)  # a task waits for modes
         if task is not None:
             return task.poll(t_ns)
         if air.fleet.home(1) is None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, Motion, Report
+from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, MotionCheck, Report
 
 S = 1_000_000_000
 
@@ -17,19 +17,19 @@ def report(t_s, east_m, north_m=0.0, speed_m_s=15.0, boot_s=0.0, delay_s=0.0):
 
 
 def judged(reports, max_speed_m_s=75.0):
-    motion, refusals, news = Motion(max_speed_m_s), [], []
+    motion, refusals, news = MotionCheck(max_speed_m_s), [], []
     for one in reports:
-        refusals.append(motion.judge(one))
-        news += motion.news
+        refusals.append(motion.check_report(one))
+        news += motion.notices
     return refusals, news
 
 
 def voiced(reports):
-    voices, news = DuplicateIdDetector(75.0), []
+    detector, news = DuplicateIdDetector(75.0), []
     for one in reports:
-        voices.take(one)
-        news += voices.news
-    return voices.two, news
+        detector.add_report(one)
+        news += detector.notices
+    return detector.has_duplicate, news
 
 
 def flight(t_s, *, seconds=20.0, east_m=0.0, rate_hz=4.0, **settings):
@@ -96,10 +96,10 @@ def test_what_stands_on_the_ground_is_not_frozen():
 
 
 def test_after_a_reboot_it_may_be_anywhere():
-    motion = Motion(75.0)
-    motion.judge(report(0, 0))
+    motion = MotionCheck(75.0)
+    motion.check_report(report(0, 0))
     motion.begin()
-    assert motion.judge(report(1, 9000)) == ""
+    assert motion.check_report(report(1, 9000)) == ""
 
 
 @pytest.mark.parametrize(

@@ -176,7 +176,7 @@ def told(fleet):
         asdict(fleet.counters),
         {name: asdict(counters) for name, counters in fleet.links.items()},
         fleet.notices(),
-        fleet.strangers(),
+        fleet.unknown_systems(),
     )
 
 
@@ -222,7 +222,7 @@ def test_a_heartbeat_that_says_nothing_new_is_given_to_who_attends():
 
     assert beat() == [10]
     assert beat() == []
-    fleet.attend(1)
+    fleet.forward_next_heartbeat(1)
     assert beat() == [10]
     assert beat() == []
     assert beat(mode=12) == [12]
