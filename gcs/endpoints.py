@@ -1,16 +1,16 @@
-"""Where a MAVLink link is: connection strings as pymavlink, MAVProxy and MAVSDK users write them.
+"""MAVLink endpoints: connection strings as in pymavlink, MAVProxy and MAVSDK.
 
 ======================================  =====================================================================
-``udpin:HOST:PORT``                     listen on UDP; whoever sends here is answered there
-``udpout:HOST:PORT``                    send to HOST:PORT, and hear its answers
-``tcp:HOST:PORT``                       connect over TCP, again and again until it works
+``udpin:HOST:PORT``                     listen on UDP; answers go to each sender
+``udpout:HOST:PORT``                    send to HOST:PORT, and receive its answers
+``tcp:HOST:PORT``                       connect over TCP, with reconnects
 ``tcpin:HOST:PORT``                     accept TCP connections
 ``serial:/dev/ttyUSB0:57600``           a serial port and its baud rate
 ======================================  =====================================================================
 
-Also understood: ``udp:`` (as pymavlink means it: ``udpin:``), ``tcpout:``, ``//`` behind the colon, a comma
-before the baud rate, a bare device path, and no host where one listens (all addresses). What an endpoint is
-called everywhere (recordings, views) is its canonical form: the one in the table.
+Also accepted: ``udp:`` (``udpin:``, as in pymavlink), ``tcpout:``, ``//`` after the colon, a comma before the
+baud rate, a bare device path, and no host for a listening endpoint (all addresses). Recordings and views use
+the canonical form of the table.
 """
 
 from __future__ import annotations
@@ -49,18 +49,18 @@ class Endpoint:
     kind: Transport
     host: str = ""
     port: int = 0
-    """0, where one listens, takes a free port."""
+    """0 on a listening endpoint: any free port."""
     device: str = ""
     baud: int = 0
 
     @property
     def listens(self) -> bool:
-        """Whether others come to it, rather than it going to somebody."""
+        """True if peers connect to it."""
         return self.kind in ("udpin", "tcpin")
 
     @property
     def remote(self) -> str:
-        """The only peer of an endpoint that does not listen, as it is written in events; else empty."""
+        """The one peer of an outgoing endpoint; else empty."""
         if self.listens:
             return ""
         return self.device or f"{self.host}:{self.port}"
@@ -72,32 +72,32 @@ class Endpoint:
 
 
 Role: TypeAlias = Literal["vehicles", "read-only", "full"]
-"""Whether vehicles are there, or another ground station, and what that may do."""
+"""Vehicles, or other ground stations and their access."""
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """An endpoint with what it is for."""
+    """An endpoint and its purpose."""
 
     endpoint: Endpoint
     network: int = 0
     role: Role = "vehicles"
     adsb: bool = False
-    """Whether the targets' tracks are offered there."""
+    """True if target tracks are sent there as ADSB_VEHICLE."""
 
     @property
     def name(self) -> str:
-        """What the link is called in events, recordings and views."""
+        """Name of the link in events, recordings and views."""
         return str(self.endpoint)
 
 
 def parse_endpoint(text: str) -> Endpoint:
-    """Read a connection string.
+    """Parse a connection string.
 
     Raises
     ------
     LinkError
-        When it is none; the text says what would be.
+        It is not an endpoint; the text shows the accepted forms.
     """
     if text.startswith("/"):
         return _serial(text, text)

@@ -1,6 +1,6 @@
-"""One visible tree of errors. Each carries its facts as attributes, so that callers need not parse text.
+"""Errors of this project, one tree. Facts are attributes, so that callers need not parse texts.
 
-``GcsError`` is what a command-line entry catches: its text is for the user and says what to do.
+Command-line entries catch ``GcsError``: its text is for the user and says what to do.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 from gcs.safe_text import printable
 
-_MAX_TOLD = 50
-"""Mistakes of one file that are told."""
+_MAX_LISTED = 50
+"""Mistakes of one file that are listed."""
 
 
 class GcsError(Exception):
-    """Root of every error that this project raises on purpose. What it says is safe to show."""
+    """Root of every error that this project raises. Its text is safe to show."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(printable(text, keep="\n"))
@@ -51,9 +51,9 @@ class ConfigError(GcsError):
         first, *others = mistakes = [one for error in mistakes for one in error.all]
         first.all = mistakes
         if others:
-            told = [error.mistake for error in mistakes[:_MAX_TOLD]]
-            told += [f"and {len(mistakes) - _MAX_TOLD} more"] if len(mistakes) > _MAX_TOLD else []
-            lines = "\n  ".join(told)
+            listed = [error.mistake for error in mistakes[:_MAX_LISTED]]
+            listed += [f"and {len(mistakes) - _MAX_LISTED} more"] if len(mistakes) > _MAX_LISTED else []
+            lines = "\n  ".join(listed)
             GcsError.__init__(first, f"{first.file}: {len(mistakes)} mistakes:\n  {lines}")
         return first
 
@@ -67,7 +67,7 @@ class LinkError(GcsError):
 
 
 class WireError(GcsError):
-    """A payload from outside does not have the documented form; ``key`` names where it came from."""
+    """A payload from outside is malformed; ``key`` is its source."""
 
     def __init__(self, key: str, problem: str) -> None:
         self.key, self.problem = key, problem
@@ -91,7 +91,7 @@ class JournalError(GcsError):
 
 
 class InterruptedRunError(GcsError):
-    """The user ended it before it was done; the text says what that leaves."""
+    """The user interrupted a run; the text says what remains."""
 
 
 class SimulationError(GcsError):

@@ -1,10 +1,10 @@
-"""The fence and the rally points of a mission, as its file gives them.
+"""Geofence and rally points of a mission file.
 
-A fence is at most one area to stay in, any number of areas to stay out of, and a ceiling. Autopilots differ
-in what several areas to stay in mean (ArduPilot: be in all of them, PX4: in any), so one must do. The zones
-of the map's GeoJSON are part of it unless `fence.from_map` says otherwise.
+A fence is at most one inclusion area, any number of exclusion areas, and a ceiling. Autopilots differ on
+several inclusion areas (ArduPilot: inside all, PX4: inside any), so only one is allowed. The zones of the
+map's GeoJSON belong to the fence unless `fence.from_map` is false.
 
-Places are in degrees here, as vehicles store them; `Fence.beyond` answers in metres of the local frame.
+Positions are in degrees, as vehicles store them; `Fence.beyond` takes metres of the local frame.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from gcs.model import FloatArray
 Place: TypeAlias = tuple[float, float]
 """Latitude and longitude in degrees."""
 
-_CORNERS = 48
-_LOOK_M = 2.0
-"""Legs are looked at this often: an area that a leg only grazes by less than this is passed over."""
+_CIRCLE_VERTICES = 48
+_SAMPLE_STEP_M = 2.0
+"""Distance between samples of a leg: shorter incursions are missed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """To stay in, or to stay out of: a polygon, or a circle."""
+    """Inclusion or exclusion area: a polygon, or a circle."""
 
     stay_in: bool
     corners_deg: tuple[Place, ...] = ()
@@ -40,16 +40,16 @@ class Area:
     radius_m: float = 0.0
 
     def outline_m(self, frame: LocalFrame) -> list[tuple[float, float]]:
-        """Corners in east/north; a circle as a polygon round it, or within it when it is to be stayed in."""
+        """Return the vertices in east/north; a circle as a polygon around it (inclusion: inside it)."""
         if self.corners_deg:
             return [frame.to_local(*corner) for corner in self.corners_deg]
-        (east_m, north_m), step = frame.to_local(*self.centre_deg), math.tau / _CORNERS
+        (east_m, north_m), step = frame.to_local(*self.centre_deg), math.tau / _CIRCLE_VERTICES
         radius_m = self.radius_m if self.stay_in else self.radius_m / math.cos(0.5 * step)
-        turns = [n * step for n in range(_CORNERS)]
+        turns = [n * step for n in range(_CIRCLE_VERTICES)]
         return [(east_m + radius_m * math.sin(a), north_m + radius_m * math.cos(a)) for a in turns]
 
-    def holds(self, points_m: FloatArray, frame: LocalFrame) -> np.ndarray:
-        """Which of (n, 2) east/north lie in it."""
+    def contains(self, points_m: FloatArray, frame: LocalFrame) -> np.ndarray:
+        """Return a mask of the points (n, 2), east/north, inside the area."""
         if not self.corners_deg:
             centre_m = np.array(frame.to_local(*self.centre_deg))
             inside: np.ndarray = np.hypot(*(points_m - centre_m).T) <= self.radius_m
@@ -64,21 +64,21 @@ class Fence:
 
     areas: tuple[Area, ...] = ()
     max_alt_rel_m: float = 0.0
-    """Above home; 0: no ceiling."""
+    """Ceiling above home; 0 for none."""
 
     def beyond(self, points_m: Sequence[Sequence[float]] | FloatArray, frame: LocalFrame) -> float:
-        """Metres of a way through (n, 2) east/north points that lie beyond it; 1 for a single such point."""
+        """Return the length in metres that a path (n, 2) has outside; 1 for a single point."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
-        looks, step_m = _looks(points)
-        bad = np.zeros(len(looks), dtype=bool)
+        samples, step_m = _samples(points)
+        bad = np.zeros(len(samples), dtype=bool)
         for area in self.areas:
-            bad |= area.holds(looks, frame) != area.stay_in
+            bad |= area.contains(samples, frame) != area.stay_in
         return float(bad.sum()) * step_m
 
 
 @dataclass(frozen=True, slots=True)
 class Rally:
-    """A place to return to instead of home."""
+    """A rally point: a return position instead of home."""
 
     lat_deg: float
     lon_deg: float
@@ -91,7 +91,7 @@ def fence_of(config: Config, source: str = "") -> Fence:
     Raises
     ------
     ConfigError
-        When an area is not one, when there are several to stay in, or when a rally point lies outside.
+        An area is invalid, there are several inclusion areas, or a rally point is outside.
     """
     areas = areas_of(config, source)
     if sum(area.stay_in for area in areas) > 1:
@@ -107,7 +107,7 @@ def fence_of(config: Config, source: str = "") -> Fence:
 
 
 def areas_of(config: Config, source: str = "") -> list[Area]:
-    """Return the areas of a mission's fence, those of its map among them.
+    """Return the areas of a mission's fence, including those of its map.
 
     Raises
     ------
@@ -118,12 +118,12 @@ def areas_of(config: Config, source: str = "") -> list[Area]:
 
 
 def drawn_areas(config: Config, source: str = "") -> list[Area]:
-    """Return the areas that the fence's own table gives.
+    """Return the areas of the fence table.
 
     Raises
     ------
     ConfigError
-        When one is given in two ways, or in none.
+        An area has both a polygon and a circle, or neither.
     """
     areas = []
     for index, row in enumerate(config.fence.areas):
@@ -160,7 +160,7 @@ def _check(fence: Fence, config: Config, source: str) -> None:
 
 
 def _from_map(config: Config) -> list[Area]:
-    """Areas of the map's GeoJSON."""
+    """Return the areas of the map's GeoJSON."""
     frame = config.local_frame
     near = config.zones
     areas = []
@@ -178,23 +178,23 @@ def _degrees(ring: Sequence[tuple[float, float]], frame: LocalFrame) -> tuple[Pl
 
 
 def _open(corners: Sequence[Place]) -> tuple[Place, ...]:
-    """Without the first corner repeated at the end."""
+    """Return the vertices without a repeated first one at the end."""
     closed = len(corners) > 1 and math.dist(corners[0], corners[-1]) < 1e-9
     return tuple(corners[:-1] if closed else corners)
 
 
-def _looks(points: FloatArray) -> tuple[FloatArray, float]:
+def _samples(points: FloatArray) -> tuple[FloatArray, float]:
     if len(points) == 1:
         return points, 1.0
     legs = []
     for start, end in pairwise(points):
-        count = max(1, math.ceil(float(np.hypot(*(end - start))) / _LOOK_M))
+        count = max(1, math.ceil(float(np.hypot(*(end - start))) / _SAMPLE_STEP_M))
         legs.append(start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start))
-    return np.concatenate(legs), _LOOK_M
+    return np.concatenate(legs), _SAMPLE_STEP_M
 
 
 def _is_inside(points: FloatArray, corners: FloatArray) -> np.ndarray:
-    """Even-odd rule: a line eastwards crosses the outline an odd number of times."""
+    """Return a mask by the even-odd rule: a ray to the east crosses the outline an odd number of times."""
     x, y = points[:, 0, None], points[:, 1, None]
     (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T
     with np.errstate(divide="ignore", invalid="ignore"):

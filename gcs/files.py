@@ -1,8 +1,7 @@
-"""Files from outside: opened only when they are regular files, and read within a bound.
+"""Reading of files that a user names: regular files only, within a size limit.
 
-A named pipe waits for a writer, a device may do anything when it is opened, and a file may be larger than
-memory. Every file that a user names is opened here. What is refused is an `OSError` whose `strerror` says
-why, so that callers treat it as any file that cannot be read.
+A named pipe may block, opening a device may have effects, and a file may be larger than memory. A refusal is
+an `OSError` whose `strerror` gives the reason.
 """
 
 from __future__ import annotations
@@ -23,12 +22,12 @@ _KINDS = (
 
 
 def open_regular(path: Path, max_bytes: int | None = None) -> BinaryIO:
-    """Open a regular file for reading, without ever waiting for it.
+    """Open a regular file for reading, without blocking.
 
     Raises
     ------
     OSError
-        When it cannot be opened, is no regular file, or has more than `max_bytes`.
+        It cannot be opened, is not a regular file, or has more than `max_bytes`.
     """
     _check(path, path.stat(), max_bytes)  # before it is opened: opening a device can have effects
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)

@@ -1,13 +1,12 @@
-"""GeoJSON (RFC 7946): keep-out zones and the mission boundary, from WGS84 to the local frame.
+"""GeoJSON (RFC 7946): no-fly zones and the mission boundary, from WGS84 to the local frame.
 
-What is read: features, collections of them, or bare geometries of type
+Read are features, collections of them, or bare geometries of type
 
-- `Polygon` and `MultiPolygon`, holes included;
-- `Point` with a property `radius`: a circle of that many metres.
+- `Polygon` and `MultiPolygon`, with holes;
+- `Point` with a property `radius`: a circle with that radius in metres.
 
-The property `kind` says what a feature is: `"keep-out"` (so is one without it) or `"boundary"`, the area that
-a mission stays in; there may be one of these, and it is no circle. Other properties mean nothing here. Edges
-are straight in the local frame, which over a mission's area is where a straight line on a map lies.
+The property `kind` is `"keep-out"` (default) or `"boundary"`, the inclusion area of the mission; there may be
+one of these, and it is not a circle. Other properties are ignored. Edges are straight in the local frame.
 """
 
 from __future__ import annotations
@@ -26,22 +25,22 @@ from gcs.geo import LocalFrame
 Position: TypeAlias = tuple[float, float]
 """Longitude and latitude in degrees, or east and north in metres."""
 Polygon: TypeAlias = tuple[tuple[Position, ...], ...]
-"""The outline, then the holes."""
+"""Outline, then holes."""
 
 _NEAR_DEG = 5.0
-"""A feature without a corner this near to the origin, in latitude and longitude, is of another place."""
+"""A feature without a vertex this close to the origin in latitude and longitude belongs to another place."""
 
 
 @dataclass(frozen=True, slots=True)
 class Zones:
-    """What a file says, in degrees as read, or in metres of a local frame.
+    """Zones of a file, in degrees as read, or in metres of a local frame.
 
     Attributes
     ----------
     polygons : tuple
-        Keep-out polygons.
+        No-fly polygons.
     circles : tuple
-        Keep-out circles: centre, radius in metres.
+        No-fly circles: centre, radius in metres.
     boundary : tuple
         Polygons of the mission's boundary; empty if there is none.
     """
@@ -51,7 +50,7 @@ class Zones:
     boundary: tuple[Polygon, ...] = ()
 
     def to_local(self, frame: LocalFrame) -> Zones:
-        """Return the zones in metres of a local frame; those of other places on Earth are left out."""
+        """Return the zones in metres of a local frame, without those of other places."""
 
         def near(ring: tuple[Position, ...]) -> bool:
             return any(
@@ -79,7 +78,7 @@ def read_zones(text: str, source: str) -> Zones:
     Raises
     ------
     ConfigError
-        With `source`, the feature at fault and what was expected there.
+        With `source`, the invalid feature and what was expected there.
     """
     try:
         found = msgspec.json.decode(text)
@@ -126,7 +125,7 @@ def read_zones(text: str, source: str) -> Zones:
 
 
 def _geometries(found: Any, source: str) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
-    """Yield name, geometry and properties of all that is in a GeoJSON object."""
+    """Yield name, geometry and properties of each feature."""
     kind = found.get("type") if isinstance(found, dict) else None
     if kind == "FeatureCollection":
         features = found.get("features")

@@ -1,7 +1,7 @@
-"""Text from outside, made safe to show and to store.
+"""Sanitising of text from outside before it is shown or stored.
 
-What vehicles, sensors, other ground stations and files say may hold escape sequences that clear a screen,
-write to a clipboard or conceal an alarm, and characters that turn or hide what follows them.
+Texts of vehicles, sensors, ground stations and files may hold escape sequences that clear a screen or conceal
+an alarm, and characters that reverse or hide others.
 """
 
 from __future__ import annotations
@@ -10,26 +10,26 @@ import unicodedata
 
 REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 _SPACE = "Zs"
-"""The Unicode category of spaces, which Python does not call printable."""
+"""Unicode category of spaces, which Python does not call printable."""
 
 
 def printable(text: str, keep: str = "") -> str:
     """Replace every character that is not shown as itself.
 
     These are control characters (C0, DEL, C1), format characters (bidirectional, zero-width, tags), line and
-    paragraph separators, lone surrogates and what Unicode has not assigned.
+    paragraph separators, lone surrogates and unassigned code points.
 
     Parameters
     ----------
     text : str
-        From outside.
+        Text from outside.
     keep : str
-        Characters that stay, such as a newline.
+        Characters to keep, such as a newline.
     """
     if text.isprintable():
         return text
-    return "".join(c if _is_shown(c) or c in keep else REPLACEMENT for c in text)
+    return "".join(c if _is_visible(c) or c in keep else REPLACEMENT for c in text)
 
 
-def _is_shown(character: str) -> bool:
+def _is_visible(character: str) -> bool:
     return character.isprintable() or unicodedata.category(character) == _SPACE

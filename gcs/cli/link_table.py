@@ -12,7 +12,7 @@ from rich.table import Table
 from gcs.io.links.manager import Links
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.link_stats import LinkCounters
-from gcs.mavlink.frames.signing import GateCounters
+from gcs.mavlink.frames.signing import SigningCounters
 from gcs.mavlink.router.router import PortCounters
 
 _COLUMNS = (
@@ -44,7 +44,7 @@ def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, An
     ]
     if links is None:
         return rows
-    guests, counters = links.guests(t_ns), links.counters()
+    guests, counters = links.ground_stations(t_ns), links.counters()
     for link in links.links:
         if link.role == "vehicles":
             continue
@@ -60,7 +60,7 @@ def _signing(links: Links | None, name: str) -> dict[str, Any]:
     gate = None if links is None else links.signing.gate
     if gate is None or not (gate.is_keyed(name) or name in gate.counters):
         return {}
-    counters = gate.counters.get(name, GateCounters())
+    counters = gate.counters.get(name, SigningCounters())
     return {"verified": counters.verified, "signed": counters.signed, "rejected": dict(counters.rejected)}
 
 

@@ -1,1 +1,6 @@
-"""All I/O: links, zenoh, recordings, keys, vehicle sessions. Nothing here decides."""
+"""All I/O of the ground station; nothing here decides.
+
+`links` (UDP, TCP, serial), `signing` (keys), `zenoh` (sensors, orders), `recording`, `vehicles` (preflight,
+fence and parameter sessions), `mavsdk`, `detections` (files for `gcs track`). `clock` is the run's clock,
+`output` writes off the event loop, `console` prints.
+"""

@@ -1,8 +1,7 @@
-"""The run's clock: monotonic time from the Unix time at the start. A running service reads time only here.
+"""Run clock: monotonic time that starts at the Unix time. A running service reads time here only.
 
-The wall clock is read once, when the clock is made. From then on run time follows the monotonic clock, which
-no operator, NTP daemon or GPS receiver can set: heartbeats, repeats and time-outs do not notice a step of the
-wall clock. `ClockWatch` sees such a step, or that the machine was suspended; it becomes a `ClockStep` event.
+The wall clock is read once, at the start. Steps by an operator, NTP or GPS do not affect heartbeats and
+timeouts. `ClockWatch` detects such a step, or a suspended machine; it becomes a `ClockStep` event.
 """
 
 from __future__ import annotations
@@ -13,11 +12,12 @@ from dataclasses import dataclass, field
 from gcs.model import NS_PER_S
 
 STEP_NS = NS_PER_S // 5
-"""A wall clock that moved this far against the monotonic one has been set; less is left to NTP's slewing."""
+"""A wall clock that moved this far against the monotonic one has been set; smaller moves are NTP's
+slewing."""
 
 
 def unix_ns() -> int:
-    """Return the Unix time now, for what is kept from one run to the next."""
+    """Return the Unix time, for what is kept between runs."""
     return time.time_ns()
 
 
@@ -28,13 +28,13 @@ def unix_offset_ns() -> int:
 
 @dataclass(frozen=True, slots=True)
 class RunClock:
-    """Run time as a line through (Unix time, run time); at speed 1 and without offset it begins as Unix time.
+    """Run time as a line through (Unix time, run time). At speed 1 and without offset it begins as Unix time.
 
-    Every process of a simulated run is told the same line, so that all stamp the same time.
+    All processes of a simulated run share the line.
     """
 
     epoch_ns: int = 0
-    """A Unix time, nanoseconds."""
+    """A Unix time in nanoseconds."""
     start_t_ns: int = 0
     """The run time at that Unix time."""
     speed: float = 1.0
@@ -54,13 +54,13 @@ class RunClock:
 
 
 class ClockWatch:
-    """Notices when the wall clock is set, or the machine was suspended."""
+    """Detects steps of the wall clock, and suspension of the machine."""
 
     def __init__(self) -> None:
         self._offset_ns = unix_offset_ns()
 
     def step_ns(self) -> int:
-        """Return how far the wall clock has been moved since the last call; 0 when it was not."""
+        """Return the step of the wall clock since the last call; 0 for none."""
         offset_ns = unix_offset_ns()
         step_ns = offset_ns - self._offset_ns
         if abs(step_ns) < STEP_NS:

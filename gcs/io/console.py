@@ -1,4 +1,4 @@
-"""Where commands print: a terminal as wide as it is; a file or a pipe with lines that are not cut."""
+"""Consoles for commands: full terminal width; unbroken lines in files and pipes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _ASCII: Final = {
     "²": "2", "±": "+/-", "≥": ">=", "≤": "<=", "σ": "sigma", "µ": "u",
 }  # fmt: skip
 _FILE_COLUMNS = 200
-"""Of tables in a file; rich would take 80, and break words and sentences for nobody."""
+"""Table width in a file; rich's default of 80 would break words."""
 
 
 class Printable:
-    """A renderable whose text holds no control characters but rich's own, whoever wrote it."""
+    """A renderable without control characters other than rich's own."""
 
     def __init__(self, renderable: RenderableType) -> None:
         self._renderable = renderable
@@ -43,7 +43,7 @@ class _PrintableHook(RenderHook):
 
 
 def console_for(*, stderr: bool = False) -> Console:
-    """Return a console on stdout or stderr; `COLUMNS` in the environment says another width for files."""
+    """Return a console on stdout or stderr; `COLUMNS` in the environment sets the width for files."""
     stream = sys.stderr if stderr else sys.stdout
     if isinstance(stream, io.TextIOWrapper):
         stream.reconfigure(errors=ERRORS)
@@ -55,7 +55,7 @@ def console_for(*, stderr: bool = False) -> Console:
 
 
 def _in_ascii(error: UnicodeError) -> tuple[str, int]:
-    """Say in ASCII what an encoding lacks."""
+    """Replace characters that an encoding lacks by ASCII."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     lacking = error.object[error.start : error.end]

@@ -1,7 +1,7 @@
-"""Writing off the event loop: terminals, pipes, viewers and disks may stop taking anything at any time.
+"""Writing off the event loop: terminals, pipes and disks may block at any time.
 
-A terminal stops with Ctrl-S, a pipe when nobody reads it, a disk when it is busy or away. The event loop
-only hands work to a `Writer` and goes on: heartbeats and missions wait for no output.
+A terminal blocks on Ctrl-S, a pipe without a reader, a disk when it is busy or gone. The event loop hands
+work to a `Writer` and goes on.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from gcs.io.console import ERRORS
 from gcs.model import Level
 
 _STUCK_S: Final = 3.0
-"""A write that takes longer is told."""
+"""A write that takes longer causes a notice."""
 _MAX_PIECES: Final = 1000
-"""Lines or frames that wait for a terminal; more are lost."""
+"""Lines or frames queued for a terminal; more are dropped."""
 _DRAIN_S: Final = 5.0
-"""How long the end waits for a terminal that takes nothing."""
+"""Wait at the end for a blocked terminal."""
 
 
 class Writer:
-    """Does jobs that may block, in order, on a thread of its own.
+    """Runs jobs that may block, in order, on its own thread.
 
-    A job that raises ends it: that job's error is kept, and later jobs are dropped.
+    A job that raises ends the output: its error is kept, and later jobs are dropped.
 
     Parameters
     ----------
     name : str
-        Of the output, for notices.
+        Name of the output in notices.
     max_waiting : int
-        Jobs that wait at most, with the one in progress.
+        Maximum number of queued jobs, including the one in progress.
     level : Level
-        Of the notice that a job takes long.
+        Level of the notice that a job takes long.
     tells_error : bool
-        False if the user of the writer tells of an error itself.
+        False if the user of the writer reports the error.
     """
 
     def __init__(
@@ -51,9 +51,9 @@ class Writer:
     ) -> None:
         self.name = name
         self.error: Exception | None = None
-        """Why nothing is written any more."""
+        """Error that ended the output."""
         self.dropped = 0
-        """Jobs that were refused."""
+        """Jobs that were dropped."""
         self._max_waiting, self._level = max_waiting, level
         self._jobs: deque[Callable[[], None]] = deque()
         """The first one is in progress."""
@@ -81,23 +81,23 @@ class Writer:
         return True
 
     def drain(self, within_s: float) -> bool:
-        """Wait until everything is written; return False if it is not `within_s`."""
+        """Wait until everything is written; return False after `within_s`."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._jobs, within_s)
 
     def fail(self, error: Exception) -> None:
-        """Write nothing any more."""
+        """End the output with an error."""
         with self._changed:
             self.error = self.error or error
             while len(self._jobs) > 1:  # the first one is in progress
                 self._jobs.pop()
 
     def tell(self, level: Level, text: str) -> None:
-        """Have the operator told of something; for jobs."""
+        """Add an operator notice; for jobs."""
         self._told.append((level, text))
 
     def news(self) -> tuple[Level, str] | None:
-        """Return what an operator should know of it, once."""
+        """Return the next operator notice, if any."""
         if self._told:
             return self._told.popleft()
         with self._changed:
@@ -135,12 +135,12 @@ class Writer:
 
 
 class QueuedText(io.TextIOBase):
-    """A text stream whose writes wait for nobody.
+    """A text stream whose writes never block.
 
     Parameters
     ----------
     stream : TextIO
-        Where the text goes. What its encoding lacks is written in ASCII, or as a question mark.
+        Destination. Characters that its encoding lacks are written in ASCII, or as a question mark.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -155,7 +155,7 @@ class QueuedText(io.TextIOBase):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        """That of the stream."""
+        """Encoding of the stream."""
         return getattr(self._stream, "encoding", None) or "utf-8"
 
     def isatty(self) -> bool:
@@ -167,7 +167,7 @@ class QueuedText(io.TextIOBase):
         return self._stream.fileno()
 
     def write(self, text: str) -> int:
-        """Queue text; it is lost if too much waits already."""
+        """Queue text; it is dropped if the queue is full."""
         if self._fileno < 0:
             self.writer.put(lambda: self._write_in_memory(text))
         else:
@@ -182,7 +182,7 @@ class QueuedText(io.TextIOBase):
         """Do nothing: the thread writes at once."""
 
     def hang_up(self) -> None:
-        """Write nothing any more if it is a terminal: it has gone away (SIGHUP)."""
+        """End the output of a terminal that is gone (SIGHUP)."""
         if self._is_terminal:
             self.writer.fail(ConnectionError("the terminal hung up"))
 
@@ -195,7 +195,7 @@ def is_busy(console: Console) -> bool:
 
 @contextmanager
 def off_loop(console: Console) -> Iterator[QueuedText]:
-    """Have a console print on a thread of its own; the end waits for it, for 5 s at most."""
+    """Have a console print on a thread; at the end wait for it, 5 s at most."""
     before = console.file
     text = QueuedText(cast(TextIO, before))
     console.file = cast(TextIO, text)

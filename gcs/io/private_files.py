@@ -1,4 +1,4 @@
-"""Folders and files for their owner alone: a recording says where vehicles are and what they are told."""
+"""Files and folders with access for their owner only."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from gcs.errors import RecordingError
 
 
 def private(path: str, flags: int) -> int:
-    """Open a file that, if it is made, its owner alone may read; an `opener` for `open`."""
+    """Open a file with mode 600; an `opener` for `open`."""
     return os.open(path, flags, 0o600)
 
 
 def make_private(folder: Path, *, exist_ok: bool = False) -> None:
-    """Make a folder, and those above it, for its owner alone; what is there stays as it is.
+    """Make a folder, and missing parents, with mode 700; existing ones are unchanged.
 
     Raises
     ------
     OSError
-        When it cannot be made.
+        It cannot be made.
     """
     if not folder.parent.exists():
         make_private(folder.parent, exist_ok=True)
@@ -27,12 +27,12 @@ def make_private(folder: Path, *, exist_ok: bool = False) -> None:
 
 
 def new_folder(parent: Path, name: str) -> Path:
-    """Make a folder for a run that is not there yet: NAME, NAME-2, ...
+    """Make a new folder for a run: NAME, NAME-2, ...
 
     Raises
     ------
     RecordingError
-        When it cannot be made.
+        It cannot be made.
     """
     for count in range(1, 10_000):
         folder = parent / (name if count == 1 else f"{name}-{count}")

@@ -238,7 +238,7 @@ class Service:
     def on_datagram(self, link: str, peer: str, data: bytes) -> None:
         """Queue what came over a link."""
         t_ns = self.clock.now_ns()
-        data = self._garbage.take(t_ns, link, data)
+        data = self._garbage.filter_datagram(t_ns, link, data)
         if not data:
             return
         self._put(Datagram(t_ns, link, peer, data))
@@ -270,7 +270,7 @@ class Service:
 
     def _take_orders(self) -> None:
         t_ns = self.clock.now_ns()
-        for event in (*self._orders.due(t_ns), *self._orders.news(t_ns, order_key(self.config.name))):
+        for event in (*self._orders.take_due(t_ns), *self._orders.news(t_ns, order_key(self.config.name))):
             self._put(event)
 
     async def _tick(self) -> None:

@@ -98,7 +98,7 @@ class FenceGuard:
             held = fence_from_items([MissionItem(i.command, i.frame, i.x, i.y, i.z, i.param1) for i in items])
             self._areas = () if held is None else held.areas
         point, frame = np.array([place_m]), self._geodesy.frame
-        return any(bool(area.holds(point, frame)[0]) != area.stay_in for area in self._areas)
+        return any(bool(area.contains(point, frame)[0]) != area.stay_in for area in self._areas)
 
     def returns_to(self, place_m: tuple[float, float]) -> tuple[float, float, float] | None:
         """Nearest rally point: east, north, height above home; None when home it is."""

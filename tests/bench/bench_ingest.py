@@ -35,7 +35,7 @@ from gcs.mavlink.fleet import fast_telemetry
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.frames.fast_scan import Frames
-from gcs.mavlink.frames.signing import Gate, Keys
+from gcs.mavlink.frames.signing import Keys, SigningGate
 from gcs.model import NS_PER_S, Datagram, vehicle_id
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
@@ -160,7 +160,7 @@ async def receive_by_ours(args, together, key=None):
     vehicles = [vehicle_id(n, s) for n in range(args.networks) for s in range(1, args.vehicles + 1)]
     intake, signing = Intake(links, vehicles), Signing(links, None)
     if key is not None:
-        signing.gate = Gate(Keys(default=key), links, kernel=True)
+        signing.gate = SigningGate(Keys(default=key), links, kernel=True)
     opened = Links(links, vehicles, FRAME, signing)
     player = await asyncio.to_thread(Player, ports, args.vehicles, args.hz, args.seconds, together, key)
     opened.start(asyncio.get_running_loop(), intake)
@@ -227,8 +227,8 @@ def decoding(console):
             "ours, simple: scan, then fields",
             us_each(lambda: [scan(d).frames[0].message() for d in singles], n),
         ),
-        ("ours, kernel: framed, one a datagram", us_each(lambda: [frames.take(d) for d in singles], n)),
-        ("ours, kernel: framed, 35 a datagram", us_each(lambda: [frames.take(d) for d in whole], n)),
+        ("ours, kernel: framed, one a datagram", us_each(lambda: [frames.scan(d) for d in singles], n)),
+        ("ours, kernel: framed, 35 a datagram", us_each(lambda: [frames.scan(d) for d in whole], n)),
         ("fleet without kernels, one a datagram", fold(singles, False, 3)),
         ("fleet, one a datagram", fold(singles, True, 7)),
         ("fleet, 35 a datagram", fold(whole, True, 7)),

@@ -50,10 +50,10 @@ def main() -> None:
     def routed() -> None:
         router = Router(links, range(1, chosen.vehicles + 1))
         for guest in range(chosen.guests):
-            router.joined(0, (SEAT, f"10.1.0.{guest}:9"))
+            router.add_connection(0, (SEAT, f"10.1.0.{guest}:9"))
         for t_ns, address, data in sent:
             for frame in scan(data).frames:
-                router.take(t_ns, address, frame)
+                router.route_frame(t_ns, address, frame)
         assert router.counters[SEAT].sent >= chosen.guests * len(sent) * 0.9
 
     def split() -> None:

@@ -45,7 +45,7 @@ def test_no_bytes_make_routes_or_the_watch_over_guests_fail(reads: list[tuple[bo
         address = (SEAT if is_guest else AIR, "10.0.0.1:9")
         found = scan(data)
         for frame in (*found.frames, *found.unchecked):
-            assert address not in router.take(number, address, frame).to
+            assert address not in router.route_frame(number, address, frame).to
             message = frame.message() if not is_guest else None
             if message is not None:
                 guests.answered(1, message, number)

@@ -94,9 +94,9 @@ def test_orders_go_on_at_a_bounded_rate_and_all_others_are_counted():
     for number in range(1000):
         inbox.put(KEY, order(number))
     assert inbox.refused == 1000 - MAX_WAITING
-    assert len(inbox.due(NS_PER_S)) == BURST
-    assert inbox.due(NS_PER_S) == []
-    assert len(inbox.due(NS_PER_S + NS_PER_S // ORDERS_PER_S)) == 1
+    assert len(inbox.take_due(NS_PER_S)) == BURST
+    assert inbox.take_due(NS_PER_S) == []
+    assert len(inbox.take_due(NS_PER_S + NS_PER_S // ORDERS_PER_S)) == 1
     (told,) = inbox.news(NS_PER_S, KEY)
     assert isinstance(told, BadInput)
     assert told.problem.startswith(f"{1000 - MAX_WAITING} orders refused")
@@ -108,7 +108,7 @@ def test_an_order_that_is_repeated_costs_no_turn():
     for _ in range(40):
         inbox.put(KEY, order(1))
     inbox.put(KEY, order(2))
-    found = inbox.due(NS_PER_S)
+    found = inbox.take_due(NS_PER_S)
     assert [one.order_id for one in found if isinstance(one, Order)] == ["o-1", "o-2"]
 
 

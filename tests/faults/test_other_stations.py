@@ -41,12 +41,12 @@ def routes(t_ns: int = 0) -> Router:
 def keep(router: Router, t_ns: int) -> None:
     """Have the vehicles heard."""
     for number, plane in enumerate(PLANES, 1):
-        router.take(t_ns, plane, frame(dialect.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3), number, 1))
+        router.route_frame(t_ns, plane, frame(dialect.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3), number, 1))
 
 
 def telemetry(router: Router, t_ns: int) -> tuple[tuple[str, str], ...]:
     keep(router, t_ns)
-    return router.take(t_ns, PLANES[0], frame(dialect.MAVLink_attitude_message(0, *[0] * 6), 1, 1)).to
+    return router.route_frame(t_ns, PLANES[0], frame(dialect.MAVLink_attitude_message(0, *[0] * 6), 1, 1)).to
 
 
 # ---------------------------------------------------------------- what they may send
@@ -63,11 +63,11 @@ def telemetry(router: Router, t_ns: int) -> tuple[tuple[str, str], ...]:
 )
 def test_a_read_only_station_may_ask_one_vehicle_and_not_all_of_them_at_once(make):
     router = routes()
-    assert router.take(1, (LOOK.name, "10.0.1.1:1"), frame(make(1))).to == (PLANES[0],)
-    refused = router.take(1, (LOOK.name, "10.0.1.1:1"), frame(make(0)))
+    assert router.route_frame(1, (LOOK.name, "10.0.1.1:1"), frame(make(1))).to == (PLANES[0],)
+    refused = router.route_frame(1, (LOOK.name, "10.0.1.1:1"), frame(make(0)))
     assert refused.to == ()
     assert "read-only" in refused.refusal
-    assert set(router.take(1, (WORK.name, "10.0.1.1:1"), frame(make(0))).to) == set(PLANES)
+    assert set(router.route_frame(1, (WORK.name, "10.0.1.1:1"), frame(make(0))).to) == set(PLANES)
 
 
 DANGERS = [
@@ -112,9 +112,9 @@ def test_one_datagram_with_an_invented_sender_gets_no_telemetry():
     router = routes()
     victim = (LOOK.name, "198.51.100.7:53")
     for millisecond in range(100):
-        router.take(millisecond * 1_000_000, victim, frame(BEAT))
+        router.route_frame(millisecond * 1_000_000, victim, frame(BEAT))
     assert telemetry(router, NS_PER_S // 4) == ()
-    router.take(NS_PER_S, victim, frame(BEAT))
+    router.route_frame(NS_PER_S, victim, frame(BEAT))
     assert telemetry(router, NS_PER_S) == (victim,)
     assert telemetry(router, 12 * NS_PER_S) == ()
 
@@ -124,9 +124,9 @@ def test_invented_stations_do_not_lock_out_one_that_stays():
     router, station = routes(), (LOOK.name, "10.0.1.1:14550")
     for number in range(2000):
         t_ns = number * NS_PER_S // 500
-        router.take(t_ns, (LOOK.name, f"66.6.{number // 250}.{number % 250}:6"), frame(BEAT))
+        router.route_frame(t_ns, (LOOK.name, f"66.6.{number // 250}.{number % 250}:6"), frame(BEAT))
         if number % 500 == 250:
-            router.take(t_ns, station, frame(BEAT, 255))
+            router.route_frame(t_ns, station, frame(BEAT, 255))
     assert telemetry(router, 4 * NS_PER_S) == (station,)
 
 
@@ -134,8 +134,8 @@ def test_a_host_with_many_stations_does_not_lock_out_another_host():
     router, station = routes(), (LOOK.name, "10.0.1.1:14550")
     for second in range(4):
         for port in range(60):
-            router.take(second * NS_PER_S, (LOOK.name, f"66.6.6.6:{port}"), frame(BEAT))
-        router.take(second * NS_PER_S, station, frame(BEAT, 255))
+            router.route_frame(second * NS_PER_S, (LOOK.name, f"66.6.6.6:{port}"), frame(BEAT))
+        router.route_frame(second * NS_PER_S, station, frame(BEAT, 255))
     heard = telemetry(router, 3 * NS_PER_S)
     assert station in heard
     assert len(heard) == 32
@@ -145,12 +145,12 @@ def test_a_station_that_fell_silent_gives_its_place_to_another():
     router = routes()
     for t_ns in (0, NS_PER_S):
         for number in range(32):
-            router.take(t_ns, (LOOK.name, f"10.0.2.{number}:1"), frame(BEAT))
+            router.route_frame(t_ns, (LOOK.name, f"10.0.2.{number}:1"), frame(BEAT))
     late = (LOOK.name, "10.0.1.1:1")
     for t_ns in (2 * NS_PER_S, 3 * NS_PER_S):
-        router.take(t_ns, late, frame(BEAT))
+        router.route_frame(t_ns, late, frame(BEAT))
     assert late not in telemetry(router, 3 * NS_PER_S)
-    router.take(7 * NS_PER_S, late, frame(BEAT))
+    router.route_frame(7 * NS_PER_S, late, frame(BEAT))
     assert late in telemetry(router, 7 * NS_PER_S)
 
 
@@ -165,10 +165,10 @@ class Heard:
     def heard(self, peer: str, data: bytes) -> None:
         self.peers.add(peer)
 
-    def joined(self, peer: str) -> None:
+    def connected(self, peer: str) -> None:
         self.there.add(peer)
 
-    def gone(self, peer: str) -> None:
+    def disconnected(self, peer: str) -> None:
         self.there.discard(peer)
 
     def news(self, level: str, text: str) -> None:
@@ -212,7 +212,7 @@ def test_idle_connections_do_not_lock_out_a_ground_station():
 
 
 def test_a_connection_that_never_sends_a_valid_frame_is_closed(monkeypatch):
-    monkeypatch.setattr(tcp, "_SPEAKS_WITHIN_S", 0.1, raising=False)
+    monkeypatch.setattr(tcp, "_FIRST_FRAME_WITHIN_S", 0.1, raising=False)
 
     async def scenario() -> None:
         listener, port = Heard(), TcpIn(parse_endpoint("tcpin:127.0.0.1:0"))

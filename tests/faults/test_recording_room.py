@@ -44,7 +44,7 @@ def test_a_flood_of_garbage_leaves_all_frames_and_a_sample() -> None:
         t_ns = number * NS_PER_S // 10
         noise = RNG.bytes(1400)
         for data, good in ((noise, b""), (noise[:700] + heartbeat() + noise[700:], heartbeat())):
-            taken = gate.take(t_ns, "udp", data)
+            taken = gate.filter_datagram(t_ns, "udp", data)
             assert good[-12:-2] in taken or not good
             frames += heartbeat()[:1] in taken and bool(good)
             kept += len(taken)
@@ -62,7 +62,7 @@ def test_frames_alone_pass_as_they_came() -> None:
     unknown = b"\xfd\x00\x00\x00\x00\x01\x01\xff\xff\x0f\x00\x00"
     for data in (heartbeat(), heartbeat() * 3, unknown, heartbeat() + unknown):
         for _ in range(10_000):
-            assert gate.take(0, "udp", data) is data
+            assert gate.filter_datagram(0, "udp", data) is data
     assert gate.news(0) == []
 
 

@@ -59,14 +59,14 @@ def fly(
     for tenth in range(round(from_s * 10), round(to_s * 10)):
         unix.t_ns = t_ns = NOW + tenth * NS_PER_S // 10
         frames += [plane.beat(t_ns) for plane in planes]
-        assert all(signing.gate.admit(t_ns, HOME, frame) for frame in frames[-len(planes) :])
+        assert all(signing.gate.accept_frames(t_ns, HOME, frame) for frame in frames[-len(planes) :])
         signing.tick(t_ns)
         signing.wait_until_saved()
     return frames
 
 
 def accepted(signing: Signing, t_ns: int, frames: list[bytes]) -> int:
-    return sum(bool(signing.gate.admit(t_ns, FOE, frame)) for frame in frames)
+    return sum(bool(signing.gate.accept_frames(t_ns, FOE, frame)) for frame in frames)
 
 
 @pytest.mark.parametrize("killed_s", [0.5, 3.0, 9.9, 10.3, 19.9, 64.0])
@@ -79,7 +79,9 @@ def test_frames_recorded_before_a_crash_are_refused_and_newer_ones_heard_at_once
     unix.t_ns = t_ns = NOW + int((killed_s + 2.0) * NS_PER_S)
     again = Signing([LINK], keys)
     assert accepted(again, t_ns, recorded) == 0
-    assert all(again.gate.admit(t_ns + NS_PER_S // 10, HOME, p.beat(t_ns + NS_PER_S // 10)) for p in planes)
+    assert all(
+        again.gate.accept_frames(t_ns + NS_PER_S // 10, HOME, p.beat(t_ns + NS_PER_S // 10)) for p in planes
+    )
 
 
 def test_a_vehicle_that_jumps_ahead_just_before_the_crash_cannot_be_replayed(unix, keys):
@@ -90,7 +92,7 @@ def test_a_vehicle_that_jumps_ahead_just_before_the_crash_cannot_be_replayed(uni
     unix.t_ns = t_ns = NOW + 15 * NS_PER_S
     again = Signing([LINK], keys)
     assert accepted(again, t_ns, recorded) == 0
-    assert again.gate.admit(t_ns + 1, HOME, ahead.beat(t_ns + NS_PER_S // 10))
+    assert again.gate.accept_frames(t_ns + 1, HOME, ahead.beat(t_ns + NS_PER_S // 10))
 
 
 @pytest.mark.parametrize("off_s", [3600, -3600, 86_400 * 365])
@@ -101,7 +103,9 @@ def test_a_clock_that_is_set_while_the_service_is_down_locks_nobody_out(unix, ke
     assert accepted(again, unix.t_ns, recorded) == 0
     plane = SignedPlane()
     late = plane.beat(NOW + 11 * NS_PER_S)
-    if not again.gate.admit(unix.t_ns, HOME, late):  # then it is told the time, and heard with its next frame
+    if not again.gate.accept_frames(
+        unix.t_ns, HOME, late
+    ):  # then it is told the time, and heard with its next frame
         assert HOME in again.gate.take_stale_senders()
         told = again.gate.sign_frames(
             unix.t_ns, HOME, Encoder()(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
@@ -110,8 +114,8 @@ def test_a_clock_that_is_set_while_the_service_is_down_locks_nobody_out(unix, ke
         frame = signed(
             Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)), KEY, 0, time_told + 1
         )
-        assert again.gate.admit(unix.t_ns, HOME, frame)
-    assert again.gate.admit(unix.t_ns, HOME, plane.beat(NOW + (11 + max(off_s, 0) + 31) * NS_PER_S))
+        assert again.gate.accept_frames(unix.t_ns, HOME, frame)
+    assert again.gate.accept_frames(unix.t_ns, HOME, plane.beat(NOW + (11 + max(off_s, 0) + 31) * NS_PER_S))
 
 
 def test_a_run_that_ends_in_order_keeps_the_exact_times(unix, keys):
@@ -121,7 +125,7 @@ def test_a_run_that_ends_in_order_keeps_the_exact_times(unix, keys):
     unix.t_ns += 3600 * NS_PER_S
     again = Signing([LINK], keys)
     assert accepted(again, unix.t_ns, recorded) == 0
-    assert again.gate.admit(unix.t_ns, HOME, SignedPlane().beat(NOW + 5 * NS_PER_S))
+    assert again.gate.accept_frames(unix.t_ns, HOME, SignedPlane().beat(NOW + 5 * NS_PER_S))
 
 
 def test_streams_that_fly_on_are_saved_every_ten_seconds_and_not_more_often(unix, keys, monkeypatch):
@@ -179,7 +183,7 @@ def test_other_ground_stations_commands_go_where_the_vehicle_signs_latest(is_key
     router = Router([LINK, GROUND], [1], is_keyed=lambda *_: is_keyed)
     plane, old = SignedPlane(), SignedPlane()
     command = scan(Encoder(254, 190)(dialect.MAVLink_command_long_message(1, 1, 20, 0, *[0] * 7))).frames[0]
-    router.take(NOW, FOE, scan(old.beat(NOW - 8 * NS_PER_S)).frames[0])
-    router.take(NOW + 1, HOME, scan(plane.beat(NOW)).frames[0])
-    to = router.take(NOW + 2, (GROUND.name, "10.0.0.9:1"), command).to
+    router.route_frame(NOW, FOE, scan(old.beat(NOW - 8 * NS_PER_S)).frames[0])
+    router.route_frame(NOW + 1, HOME, scan(plane.beat(NOW)).frames[0])
+    to = router.route_frame(NOW + 2, (GROUND.name, "10.0.0.9:1"), command).to
     assert to == ((HOME,) if is_keyed else (FOE,))

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.config import parse, read_text
-from gcs.io.zenoh.discovery import services
+from gcs.io.zenoh.discovery import running_services
 from gcs.io.zenoh.session import free_endpoint
 from gcs.settings import with_settings
 from sim_vehicles.vehicle.vehicle import VehicleSpec
@@ -124,7 +124,7 @@ def test_while_the_service_runs_preparations_go_through_it_and_vehicles_keep_its
     arguments += ["--journal", str(tmp_path / "journal")]
     service = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        while not services():
+        while not running_services():
             assert service.poll() is None
             time.sleep(0.1)
         done = gcs("fence", "upload", str(field), "--yes", "--json")

@@ -323,15 +323,15 @@ def _collect(
     answers: list[OrderAnswer],
 ) -> None:
     from gcs.cli.operator_lines import answer_line, proposal_title, route_lines
-    from gcs.io.zenoh.discovery import the_service
-    from gcs.io.zenoh.order_client import give
+    from gcs.io.zenoh.discovery import find_service
+    from gcs.io.zenoh.order_client import send_order
 
     if zenoh is None:
-        service = the_service(mission)
+        service = find_service(mission)
         mission, zenoh = service.mission, service.zenoh
     elif mission is None:
         raise LinkError(zenoh, "name the mission of its service with --mission")
-    for answer in give(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):
+    for answer in send_order(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):
         answers.append(answer)
         text, level = answer_line(answer)
         if answer.proposal is not None:

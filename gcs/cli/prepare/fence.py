@@ -29,7 +29,7 @@ from gcs.io.console import console_for
 
 if TYPE_CHECKING:
     from gcs.config import Config
-    from gcs.io.vehicles.geofence import Fencing
+    from gcs.io.vehicles.geofence import FenceTask
 
 app = command_app("""Upload, show or clear the fence and the rally points of vehicles.
 
@@ -87,7 +87,7 @@ def _run(
     as_json: bool,
 ) -> None:
     from gcs.config import load
-    from gcs.io.vehicles.access import entrance_of
+    from gcs.io.vehicles.access import vehicle_access
     from gcs.io.vehicles.geofence import fence_vehicles
 
     console = console_for(stderr=as_json)
@@ -96,7 +96,7 @@ def _run(
         selected = selected_vehicles(config, vehicles)
         if not yes:
             confirm_or_abort(f"{action} fence and rally points of {vehicles_text(selected)}")
-        if notice := entrance_of(config, link, writes=action != "show").words:
+        if notice := vehicle_access(config, link, writes=action != "show").description:
             console.print(notice, highlight=False, markup=False, soft_wrap=True)
         transfers = fence_vehicles(config, source, action, selected, wait_s, link)
     console.print(_table(transfers))
@@ -123,7 +123,7 @@ def selected_vehicles(config: Config, vehicles: list[int] | None) -> list[int]:
     return vehicles or known
 
 
-def _table(transfers: Sequence[Fencing]) -> Table:
+def _table(transfers: Sequence[FenceTask]) -> Table:
     from gcs.model import vehicle_name
 
     table = Table(pad_edge=False)

@@ -23,7 +23,7 @@ from gcs.io.console import console_for
 
 if TYPE_CHECKING:
     from gcs.io.signing.keystore import KeyFile
-    from gcs.io.signing.provisioning import Result, Wanted
+    from gcs.io.signing.provisioning import KeyInstallation, Result
 
 app = command_app("""Make and install keys for MAVLink 2 signing.
 
@@ -127,7 +127,7 @@ def install(
     `--vehicle`: all vehicles with a key of their own.
     """
     from gcs.io.signing.keystore import read_keys
-    from gcs.io.signing.provisioning import Wanted
+    from gcs.io.signing.provisioning import KeyInstallation
 
     console = console_for(stderr=True)
     try:
@@ -139,7 +139,7 @@ def install(
         if waiting:
             problem = f"gcs keys rotate was not finished for {', '.join(waiting)}: run it again"
             raise ConfigError(str(file), "pending", problem)
-        wanted = [Wanted(v, _key_of(keys, v, endpoint), None) for v in vehicles]
+        wanted = [KeyInstallation(v, _key_of(keys, v, endpoint), None) for v in vehicles]
         _confirm(console, endpoint, yes=yes)
         results = _install(keys, endpoint, wanted, timeout, console)
     except GcsError as error:
@@ -166,7 +166,7 @@ def rotate(
     keys once.
     """
     from gcs.io.signing.keystore import read_keys
-    from gcs.io.signing.provisioning import Wanted
+    from gcs.io.signing.provisioning import KeyInstallation
 
     console = console_for(stderr=True)
     try:
@@ -180,7 +180,7 @@ def rotate(
         for one in vehicles:
             keys.pending.setdefault(one, common if shared else secrets.token_bytes(32))
         keys.save()
-        wanted = [Wanted(v, keys.pending[v], old[v]) for v in vehicles]
+        wanted = [KeyInstallation(v, keys.pending[v], old[v]) for v in vehicles]
         results = _install(keys, endpoint, wanted, timeout, console)
     except GcsError as error:
         _fail(console, error)
@@ -261,7 +261,7 @@ def _confirm(console: Console, endpoint: str, *, yes: bool) -> None:
 
 
 def _install(
-    keys: KeyFile, endpoint: str, wanted: list[Wanted], timeout_s: float, console: Console
+    keys: KeyFile, endpoint: str, wanted: list[KeyInstallation], timeout_s: float, console: Console
 ) -> list[Result]:
     from gcs.endpoints import parse_endpoint
     from gcs.io.signing.keystore import TimeFile

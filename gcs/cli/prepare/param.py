@@ -31,7 +31,7 @@ from gcs.cli.prepare.fence import selected_vehicles
 from gcs.io.console import console_for
 
 if TYPE_CHECKING:
-    from gcs.io.vehicles.parameters import ParameterTalk
+    from gcs.io.vehicles.parameters import ParameterTask
 
 app = command_app("""Read and set parameters of vehicles.
 
@@ -113,8 +113,8 @@ def _run(
     is_confirmed: bool = True,
 ) -> None:
     from gcs.config import load
-    from gcs.io.vehicles.access import entrance_of
-    from gcs.io.vehicles.parameters import ask_parameters
+    from gcs.io.vehicles.access import vehicle_access
+    from gcs.io.vehicles.parameters import access_parameters
 
     console = console_for(stderr=as_json)
     with exit_on_error():
@@ -122,9 +122,9 @@ def _run(
         selected = selected_vehicles(config, vehicles)
         if not is_confirmed:
             confirm_or_abort(f"set {names[0]} = {value:g} on {vehicles_text(selected)}")
-        if notice := entrance_of(config, link, writes=value is not None).words:
+        if notice := vehicle_access(config, link, writes=value is not None).description:
             console.print(notice, highlight=False, markup=False, soft_wrap=True)
-        transfers = ask_parameters(
+        transfers = access_parameters(
             config, source, selected, names, value, wait_s=wait_s, link=link, armed_too=armed
         )
     console.print(_table(transfers))
@@ -140,7 +140,7 @@ def _run(
     raise typer.Exit(0 if ok else 1)
 
 
-def _table(transfers: Sequence[ParameterTalk]) -> Table:
+def _table(transfers: Sequence[ParameterTask]) -> Table:
     from gcs.model import vehicle_name
 
     table = Table(pad_edge=False)

@@ -27,7 +27,7 @@ from gcs.fence import fence_of
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.console import console_for
 from gcs.io.mavsdk.uploader import REMEDY, mavsdk_problem
-from gcs.io.vehicles.access import entrance_of
+from gcs.io.vehicles.access import vehicle_access
 from gcs.io.vehicles.session import VehicleSession
 from gcs.io.zenoh.messages import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
@@ -93,12 +93,12 @@ def run_preflight(
     """
     config = load(source)
     fence_of(config, source)  # Reports mistakes in the fence before anything is sent.
-    entrance = entrance_of(config, link, writes=False)
+    entrance = vehicle_access(config, link, writes=False)
     scan_listener = ScanListener(config)
     with ExitStack() as stack:
         if entrance.service is not None:
             sensors = False
-            notice = f"{entrance.words}; the service itself warns when no scans come"
+            notice = f"{entrance.description}; the service itself warns when no scans come"
             console.print(notice, highlight=False, markup=False, soft_wrap=True)
         elif sensors:
             scan_listener.open(stack)
@@ -164,7 +164,7 @@ async def _run_checks(
     seed: int,
     console: Console,
 ) -> list[Check]:
-    envelope, own = envelope_of(config), session.entrance.own
+    envelope, own = envelope_of(config), session.access.own
     queries = [
         PreflightQuery(agent.vehicle, envelope, session.fleet.encoder(agent.vehicle), own)
         for agent in config.agents

@@ -170,10 +170,10 @@ class _LinkListener:
             self.found.add_frame(frame)
             self._peers[frame.system_id] = peer
 
-    def joined(self, peer: str) -> None:
+    def connected(self, peer: str) -> None:
         """Ignore connections."""
 
-    def gone(self, peer: str) -> None:
+    def disconnected(self, peer: str) -> None:
         """Ignore connections."""
 
     def news(self, level: Level, text: str) -> None:

@@ -76,4 +76,4 @@ class MissionBoundsCheck:
         return ""
 
     def _holds(self, area: Area, place_m: tuple[float, float]) -> bool:
-        return bool(area.holds(np.array([place_m]), self._frame)[0])
+        return bool(area.contains(np.array([place_m]), self._frame)[0])

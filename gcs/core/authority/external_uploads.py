@@ -22,10 +22,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.endpoints import Link
 from gcs.mavlink.frames.codec import Frame, Message, scan, target_of
 from gcs.mavlink.router.access_policy import (
-    ASKING_COMMANDS,
     MISSION_PROTOCOL,
     MISSION_WRITES,
-    QUESTIONS,
+    READ_ONLY_COMMANDS,
+    READ_ONLY_MESSAGES,
     command_of,
 )
 from gcs.mavlink.services.retry import ns
@@ -181,7 +181,7 @@ class ExternalUploads:
     def _tell(self, effects: list[Effect], datagram: Datagram, frame: Frame, vehicle: int | None) -> None:
         """Say what a guest sent to a vehicle, or to all, unless it only asked."""
         number = command_of(frame)
-        if frame.message_id in QUESTIONS or number in ASKING_COMMANDS:
+        if frame.message_id in READ_ONLY_MESSAGES or number in READ_ONLY_COMMANDS:
             return
         orders = MISSION_PROTOCOL | _ORDERS_TO_ALL
         if vehicle is None and frame.message_id not in orders and number is None:

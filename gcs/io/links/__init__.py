@@ -1,1 +1,1 @@
-"""MAVLink endpoints: UDP, TCP and serial ports."""
+"""MAVLink endpoints: `manager` (all links of a run), `udp`, `tcp`, `serial`, and their common `transport`."""

@@ -1,10 +1,9 @@
-"""All MAVLink endpoints of a run: vehicles' and other ground stations', and the routes between them.
+"""All MAVLink endpoints of a run, and the routes between vehicles and other ground stations (*clients*).
 
-What vehicles send goes to central command as it came, but for frames that a signed link keeps out, and to the
-guests whom it is for. What guests send goes to the vehicles that it is for, as far as the guests may
-(`gcs.mavlink.router.router`), and what went there goes to central command as well: it must know what others
-tell its vehicles. Routing happens here and not behind the queue, so that a ground station's command does not
-stand in line behind scans.
+Vehicles' frames go to central command unchanged, except those that a signed link rejects, and to clients by
+`gcs.mavlink.router.router`. Clients' frames go to vehicles, as far as their access allows. What was sent on
+goes to central command as well. Routing happens before the event queue, so that a ground station's command
+does not wait behind scans.
 """
 
 from __future__ import annotations
@@ -39,37 +38,37 @@ TRANSPORTS: Final[Mapping[str, Callable[[Endpoint], Transport]]] = {
 _REFUSALS_EVERY_NS: Final = 10 * NS_PER_S
 
 
-class Taker(Protocol):
-    """Central command's side."""
+class LinkHandler(Protocol):
+    """Receives what the links deliver: central command."""
 
     def now_ns(self) -> int:
         """Run time."""
 
     def on_datagram(self, link: str, peer: str, data: bytes) -> None:
-        """Take what a vehicle sent, or what was sent on to one."""
+        """Process a datagram from a vehicle, or one that was sent on to a vehicle."""
 
     def on_link_news(self, link: str, level: Level, text: str) -> None:
-        """Take what the operator should know of a link."""
+        """Process an operator notice about a link."""
 
 
 class Links:
-    """Endpoints, open from the start where one listens.
+    """Endpoints; listening ones are open from the start.
 
     Parameters
     ----------
     links : sequence of Link
-        What to open; names are distinct.
+        Endpoints to open, with distinct names.
     vehicles : iterable of int
         Our vehicles.
     frame : LocalFrame
-        Where the targets' tracks lie.
+        Frame of the target tracks.
     signing : Signing, optional
-        Checks what comes in and signs what goes out; without it no link has a key.
+        Checks incoming and signs outgoing frames; without it no link has a key.
 
     Raises
     ------
     LinkError
-        When a port cannot be had.
+        A port cannot be opened.
     """
 
     def __init__(
@@ -89,9 +88,9 @@ class Links:
         self._routers = self._make_routers(tuple(vehicles))
         self._targets: Picture | None = None
         self._adsb_t_ns = self._news_t_ns = 0
-        self._told: dict[tuple[str, str], int] = {}
+        self._reported: dict[tuple[str, str], int] = {}
         self._encoders: dict[tuple[int, int], Encoder] = {}
-        self._time_giver = Encoder()
+        self._heartbeat_encoder = Encoder()
         try:
             for link in links:
                 self._transports[link.name] = TRANSPORTS[link.endpoint.kind](link.endpoint)
@@ -100,7 +99,7 @@ class Links:
             raise
 
     def _make_routers(self, vehicles: Sequence[int]) -> dict[int, Router]:
-        """Make a router for each network where there is somebody to route to."""
+        """Return a router for each network with more than one link."""
         routers = {}
         for network in {link.network for link in self.links}:
             here = [link for link in self.links if link.network == network]
@@ -116,156 +115,164 @@ class Links:
 
     @property
     def port(self) -> int:
-        """Where the first endpoint listens."""
+        """Port of the first endpoint."""
         return next(iter(self._transports.values())).port
 
     def ports(self) -> dict[str, int]:
-        """Where each endpoint listens, by its name; 0 for those that do not."""
+        """Return the port of each endpoint by name; 0 for those that do not listen."""
         return {name: transport.port for name, transport in self._transports.items()}
 
     def start(
-        self, loop: asyncio.AbstractEventLoop, taker: Taker, busy: Callable[[int], bool] = lambda _: False
+        self,
+        loop: asyncio.AbstractEventLoop,
+        handler: LinkHandler,
+        busy: Callable[[int], bool] = lambda _: False,
     ) -> None:
-        """Begin to hear; `busy` tells whether a mission is on its way to a vehicle."""
-        self._busy, self._now_ns = busy, taker.now_ns
+        """Start all endpoints; `busy` returns True during a mission transfer to a vehicle."""
+        self._busy, self._now_ns = busy, handler.now_ns
         for link in self.links:
             router = self._routers.get(link.network)
-            self._ports[link.name] = _Port(link, taker, router, self._send_on, self.signing)
+            self._ports[link.name] = _Port(link, handler, router, self._forward, self.signing)
             self._transports[link.name].start(loop, self._ports[link.name])
 
     def send(self, link: str, peer: str, data: bytes) -> None:
         """Send to a peer of a link."""
         transport = self._transports.get(link)
         if transport is not None and (
-            sealed := self.signing.gate.sign_frames(self._now_ns(), (link, peer), data)
+            signed := self.signing.gate.sign_frames(self._now_ns(), (link, peer), data)
         ):
-            transport.send(peer, sealed)
+            transport.send(peer, signed)
 
-    def _send_on(self, outgoing: Mapping[Address, bytearray]) -> None:
+    def _forward(self, outgoing: Mapping[Address, bytearray]) -> None:
         for (link, peer), data in outgoing.items():
             self.send(link, peer, bytes(data))
 
     def close(self) -> None:
-        """Let go of everything."""
+        """Close all endpoints."""
         for transport in self._transports.values():
             with contextlib.suppress(OSError):
                 transport.close()
         self.signing.close()
 
-    # ------------------------------------------------------------ what goes out by the clock
+    # ------------------------------------------------------------ timers
 
     def picture(self, picture: Picture) -> None:
-        """Take the newest picture of the targets."""
+        """Set the newest picture of the targets."""
         if picture.kind == "targets":
             self._targets = picture
 
     def tick(self, t_ns: int) -> None:
-        """Offer the targets once a second, and say every ten what was kept back."""
+        """Send targets as ADS-B once a second; report refused frames every ten."""
         if self._targets is not None and not 0 <= t_ns - self._adsb_t_ns < NS_PER_S:
             self._adsb_t_ns = t_ns
-            self._offer_targets(self._targets, t_ns)
+            self._send_adsb(self._targets, t_ns)
         if not 0 <= t_ns - self._news_t_ns < _REFUSALS_EVERY_NS:
             self._news_t_ns = t_ns
-            self._tell_refusals()
+            self._report_refusals()
         for link_name, level, text in self.signing.tick(t_ns):
             if link_name in self._ports:
                 self._ports[link_name].news(level, text)
         for address in self.signing.gate.take_stale_senders():
-            self.send(*address, self._time_giver(heartbeat()))
+            self.send(*address, self._heartbeat_encoder(heartbeat()))
 
-    def _offer_targets(self, targets: Picture, t_ns: int) -> None:
-        """As an ADS-B receiver on a vehicle does: ground stations pass over what comes from no vehicle."""
+    def _send_adsb(self, targets: Picture, t_ns: int) -> None:
+        """Send targets under a vehicle's system id, as its ADS-B receiver would.
+
+        Ground stations ignore other senders.
+        """
         for network, router in self._routers.items():
             wanted = {link.name for link in self.links if link.network == network and link.adsb}
-            guests = [address for address in router.guests(t_ns) if address[0] in wanted]
+            clients = [address for address in router.clients(t_ns) if address[0] in wanted]
             carriers = router.vehicles_heard(t_ns)
-            if not guests or not carriers:
+            if not clients or not carriers:
                 continue
             encode = self._encoders.setdefault((network, carriers[0]), Encoder(carriers[0], COMPONENT_ID))
             frames = [encode(message) for message in adsb_messages(targets, self._frame, t_ns)]
-            for address in guests:
+            for address in clients:
                 for frame in frames:
                     self.send(*address, frame)
 
-    def _tell_refusals(self) -> None:
+    def _report_refusals(self) -> None:
         for router in self._routers.values():
             for name, counters in router.counters.items():
                 for reason, count in counters.refused.items():
-                    new = count - self._told.get((name, reason), 0)
+                    new = count - self._reported.get((name, reason), 0)
                     if new and name in self._ports:
-                        self._told[name, reason] = count
-                        self._ports[name].news("warning", f"{new} frames of guests kept back: {reason}")
+                        self._reported[name, reason] = count
+                        self._ports[name].news(
+                            "warning", f"{new} frames of other ground stations refused: {reason}"
+                        )
 
-    # ------------------------------------------------------------ what is known
+    # ------------------------------------------------------------ state
 
-    def guests(self, t_ns: int) -> dict[str, list[str]]:
-        """Return who is connected at each guests' endpoint: "HOST:PORT (system/component, ...)"."""
+    def ground_stations(self, t_ns: int) -> dict[str, list[str]]:
+        """Return the clients of each endpoint as "HOST:PORT (system/component, ...)"."""
         found: dict[str, list[str]] = {link.name: [] for link in self.links if link.role != "vehicles"}
         for router in self._routers.values():
-            for (link, peer), ids in router.guests(t_ns).items():
+            for (link, peer), ids in router.clients(t_ns).items():
                 named = ", ".join(f"{system}/{component}" for system, component in ids)
                 found[link].append(f"{peer} ({named})" if named else peer)
         return found
 
     def counters(self) -> dict[str, PortCounters]:
-        """Return the counters of the guests' endpoints, by name."""
+        """Return the counters of the clients' endpoints, by name."""
         return {name: c for router in self._routers.values() for name, c in router.counters.items()}
 
     def unsent(self) -> dict[str, int]:
-        """Return the sends that the system would not take, by endpoint."""
+        """Return the number of sends that the system refused, by endpoint."""
         return {name: transport.refused for name, transport in self._transports.items()}
 
 
 class _Port:
-    """One endpoint's listener."""
+    """Listener of one endpoint."""
 
     def __init__(
         self,
         link: Link,
-        taker: Taker,
+        handler: LinkHandler,
         router: Router | None,
         send_on: Callable[[Mapping[Address, bytearray]], None],
         signing: Signing,
     ) -> None:
-        self._taker, self._router, self._send_on = taker, router, send_on
-        self._name, self._is_guests = link.name, link.role != "vehicles"
-        self._admit = signing.gate.admit
+        self._handler, self._router, self._forward = handler, router, send_on
+        self._name, self._is_for_clients = link.name, link.role != "vehicles"
+        self._admit = signing.gate.accept_frames
 
     def heard(self, peer: str, data: bytes) -> None:
-        data = self._admit(self._taker.now_ns(), (self._name, peer), data)
+        data = self._admit(self._handler.now_ns(), (self._name, peer), data)
         if not data:
             return
-        if not self._is_guests:
-            self._taker.on_datagram(self._name, peer, data)
+        if not self._is_for_clients:
+            self._handler.on_datagram(self._name, peer, data)
         passed = self._route(peer, data)
-        if self._is_guests and passed:
-            self._taker.on_datagram(self._name, peer, passed)
+        if self._is_for_clients and passed:
+            self._handler.on_datagram(self._name, peer, passed)
 
     def _route(self, peer: str, data: bytes) -> bytes:
-        """Send frames on to whom they are for; return those that went on."""
+        """Send frames to their targets; return those that were sent on."""
         router = self._router
         if router is None:
             return b""
-        t_ns, address = self._taker.now_ns(), (self._name, peer)
+        t_ns, address = self._handler.now_ns(), (self._name, peer)
         outgoing: dict[Address, bytearray] = {}
         passed = bytearray()
         found = scan(data)
         for frame in (*found.frames, *found.unchecked):
-            to = router.take(t_ns, address, frame).to
+            to = router.route_frame(t_ns, address, frame).to
             for destination in to:
                 outgoing.setdefault(destination, bytearray()).extend(frame.data)
             if to:
                 passed += frame.data
-        self._send_on(outgoing)
+        self._forward(outgoing)
         return bytes(passed)
 
-    def joined(self, peer: str) -> None:
+    def connected(self, peer: str) -> None:
         if self._router is not None:
-            self._router.joined(self._taker.now_ns(), (self._name, peer))
+            self._router.add_connection(self._handler.now_ns(), (self._name, peer))
 
-    def gone(self, peer: str) -> None:
+    def disconnected(self, peer: str) -> None:
         if self._router is not None:
-            self._router.gone((self._name, peer))
+            self._router.remove_connection((self._name, peer))
 
     def news(self, level: Level, text: str) -> None:
-        self._taker.on_link_news(self._name, level, text)
+        self._handler.on_link_news(self._name, level, text)

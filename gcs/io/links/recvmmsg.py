@@ -1,8 +1,7 @@
-"""Everything that waits in a UDP socket, at one system call.
+"""Reading of UDP sockets, many datagrams per system call.
 
-`recvmmsg` (Linux, https://man7.org/linux/man-pages/man2/recvmmsg.2.html) fills up to 256 slots at a call; a
-flood is put together by sender (`gcs.mavlink.frames.batches`), a few datagrams are handed on as they are.
-Elsewhere they are read one by one.
+`recvmmsg` (Linux, https://man7.org/linux/man-pages/man2/recvmmsg.2.html) reads up to 256 datagrams per call.
+A flood is batched by sender (`gcs.mavlink.frames.batches`). Other systems read one by one.
 """
 
 from __future__ import annotations
@@ -27,23 +26,23 @@ if TYPE_CHECKING:
     from gcs.mavlink.frames.batches import DatagramBatcher
 
 Numbers: TypeAlias = npt.NDArray[np.int64]
-Heard: TypeAlias = list[tuple[str, bytes]]
+PeerData: TypeAlias = list[tuple[str, bytes]]
 """(peer, data), in order."""
 
 SLOTS: Final = 256
-"""Datagrams that one call takes at most."""
+"""Maximum number of datagrams per call."""
 FLOOD: Final = 16
-"""From so many on they are put together."""
+"""Number of datagrams from which they are batched."""
 
 _MAX_DATAGRAM_BYTES: Final = 65_536
 _SLOT_BYTES: Final = _MAX_DATAGRAM_BYTES + 64
-"""Not a power of two, so that the slots' beginnings do not fall into the same lines of the cache."""
+"""Not a power of two, so that slots start in different cache lines."""
 _MAX_PEERS: Final = 4096
 _PAUSE_MS: Final = 10
-"""Between two looks at a flooded socket: being woken for a datagram costs more than the datagram."""
+"""Pause between reads of a flooded socket: a wake-up costs more than a datagram."""
 _RETRY_MS: Final = 1000
 _MAX_WAIT_S: Final = 2.0
-"""Datagrams that the loop did not take for so long are dropped: they are taken for new when they come."""
+"""Datagrams that the loop has not taken by then are dropped: they would pass for new."""
 
 
 class _IoVector(ctypes.Structure):
@@ -71,21 +70,21 @@ class _Header(ctypes.Structure):
 
 
 class Reader(Protocol):
-    """Empties sockets."""
+    """Reads sockets."""
 
-    def read(self, source: socket.socket) -> tuple[int, Heard]:
-        """Take up to `SLOTS` datagrams from a socket that does not block.
+    def read(self, source: socket.socket) -> tuple[int, PeerData]:
+        """Read up to `SLOTS` datagrams from a non-blocking socket.
 
-        Returns how many there were, and what is to be handed on.
+        Returns their number, and what is to be delivered.
         """
 
 
 class SingleReader:
-    """`recvfrom` until the socket is empty: the simple form."""
+    """`recvfrom` until the socket is empty: the reference."""
 
-    def read(self, source: socket.socket) -> tuple[int, Heard]:
-        """Take up to `SLOTS` datagrams."""
-        heard: Heard = []
+    def read(self, source: socket.socket) -> tuple[int, PeerData]:
+        """Read up to `SLOTS` datagrams."""
+        heard: PeerData = []
         for _ in range(SLOTS):
             try:
                 data, (host, port) = source.recvfrom(_MAX_DATAGRAM_BYTES)
@@ -98,7 +97,7 @@ class SingleReader:
 
 
 class BatchReader:
-    """`recvmmsg` into slots that are used again."""
+    """`recvmmsg` into reused slots."""
 
     def __init__(self) -> None:
         self._recvmmsg = ctypes.CDLL(None, use_errno=True).recvmmsg
@@ -116,11 +115,11 @@ class BatchReader:
             message.vector, message.vectors = ctypes.pointer(vector), 1
         words = np.frombuffer(memoryview(self._headers).cast("B"), np.uint32).reshape(SLOTS, -1)
         self._lengths = words[:, _Header.length.offset // 4]
-        self._gatherer: DatagramBatcher | None = None
+        self._batcher: DatagramBatcher | None = None
         self._peers: dict[int, str] = {}
 
-    def read(self, source: socket.socket) -> tuple[int, Heard]:
-        """Take up to `SLOTS` datagrams."""
+    def read(self, source: socket.socket) -> tuple[int, PeerData]:
+        """Read up to `SLOTS` datagrams."""
         count = self._recvmmsg(source.fileno(), self._headers, SLOTS, socket.MSG_DONTWAIT, None)
         if count <= 0:
             return 0, []  # empty, or an ICMP error of an earlier send, which this call has taken away
@@ -130,16 +129,16 @@ class BatchReader:
                 self._slots[i, :n].tobytes() for i, n in enumerate(lengths.tolist())
             )
         else:
-            parts = self._gathered(lengths, senders)
+            parts = self._batched(lengths, senders)
         return count, [(self._peer(senders.item(i)), data) for i, data in parts]
 
-    def _gathered(self, lengths: Numbers, senders: Numbers) -> Iterable[tuple[int, bytes]]:
-        """Put a flood together; the kernel is loaded at the first one, unless a service has warmed it up."""
-        if self._gatherer is None:
+    def _batched(self, lengths: Numbers, senders: Numbers) -> Iterable[tuple[int, bytes]]:
+        """Batch a flood by sender; the kernel is loaded at the first one unless warmed up."""
+        if self._batcher is None:
             from gcs.mavlink.frames.batches import DatagramBatcher
 
-            self._gatherer = DatagramBatcher(SLOTS)
-        return self._gatherer.gather(self._slots, lengths, senders)
+            self._batcher = DatagramBatcher(SLOTS)
+        return self._batcher.gather(self._slots, lengths, senders)
 
     def _peer(self, name: int) -> str:
         peer = self._peers.get(name)
@@ -151,33 +150,33 @@ class BatchReader:
         return peer
 
 
-_of_thread = threading.local()
+_thread_local = threading.local()
 
 
 def reader() -> Reader:
     """Return this thread's reader: all its sockets share the slots."""
-    if not hasattr(_of_thread, "reader"):
-        _of_thread.reader = BatchReader() if sys.platform == "linux" else SingleReader()
-    found: Reader = _of_thread.reader
+    if not hasattr(_thread_local, "reader"):
+        _thread_local.reader = BatchReader() if sys.platform == "linux" else SingleReader()
+    found: Reader = _thread_local.reader
     return found
 
 
 class SocketReader:
-    """Hands the datagrams of a UDP socket, read on a thread, to the event loop in their order.
+    """Delivers the datagrams of a UDP socket, read on a thread, to the event loop in order.
 
-    The kernel keeps few datagrams: 0.2 MB by Linux's default, which 250 vehicles at 50 Hz fill in 50 ms.
-    A loop that is busy with a plan for longer would lose the rest. The thread keeps them instead.
+    The system buffers few datagrams: 0.2 MB by Linux's default, 50 ms of 250 vehicles at 50 Hz. The thread
+    buffers them while the loop is busy.
 
     Parameters
     ----------
     loop : asyncio.AbstractEventLoop
-        Where `heard` is called.
+        Loop that calls `heard`.
     source : socket.socket
-        A UDP socket that does not block; whoever made it closes it, after `close`.
+        A non-blocking UDP socket; its owner closes it, after `close`.
     heard : callable
-        Takes (peer, data) for each datagram, or for some of one peer put together.
+        Takes (peer, data) of a datagram, or of a batch of one peer.
     failed : callable
-        Takes the reason, on the loop, when the thread could not read. It tries again every second.
+        Takes the reason, on the loop, when a read failed. The thread tries again every second.
     """
 
     def __init__(
@@ -192,7 +191,7 @@ class SocketReader:
         self._thread.add(self)
 
     def close(self) -> None:
-        """Stop reading; nothing is handed on any more."""
+        """Stop reading; nothing more is delivered."""
         self.is_closed = True
         self._thread.remove(self)
 
@@ -204,7 +203,7 @@ class _ReaderThread:
         self._loop = loop
         self._sockets: dict[int, SocketReader] = {}
         self._reading, self._queueing = threading.Lock(), threading.Lock()
-        self._waiting: deque[tuple[float, SocketReader, Heard]] = deque()
+        self._waiting: deque[tuple[float, SocketReader, PeerData]] = deque()
         self._poll = select.poll()
         self._wake, self._woken = socket.socketpair()
         self._poll.register(self._woken, select.POLLIN)
@@ -213,7 +212,7 @@ class _ReaderThread:
         self._thread = threading.Thread(target=self._run, name="udp-reader", daemon=True)
 
     def add(self, reader: SocketReader) -> None:
-        """Read this socket, too."""
+        """Add a socket."""
         with self._reading:
             self._sockets[reader.source.fileno()] = reader
             self._poll.register(reader.source, select.POLLIN)
@@ -222,7 +221,7 @@ class _ReaderThread:
         self._wake.send(b"x")
 
     def remove(self, reader: SocketReader) -> None:
-        """Read this socket no more; end with the last one."""
+        """Remove a socket; end with the last one."""
         with self._reading:
             if self._sockets.pop(reader.source.fileno(), None) is None:
                 return
@@ -240,28 +239,28 @@ class _ReaderThread:
             try:
                 self._poll.poll()
                 with self._reading:
-                    most = self._read(source_reader)
-                if FLOOD <= most < SLOTS:
+                    max_count = self._read(source_reader)
+                if FLOOD <= max_count < SLOTS:
                     self._pause.poll(_PAUSE_MS)
             except Exception as error:
-                self._on_loop(partial(self._tell_failure, str(error) or type(error).__name__))
+                self._on_loop(partial(self._report_failure, str(error) or type(error).__name__))
                 self._pause.poll(_RETRY_MS)
 
     def _read(self, source_reader: Reader) -> int:
-        """Read what waits in each socket; return the greatest number that one of them had."""
-        most = 0
+        """Read each socket; return the greatest number of datagrams of one."""
+        max_count = 0
         for fd, _ in self._poll.poll(0):
             if fd == self._woken.fileno():
                 self._woken.recv(SLOTS)
                 continue
             count, heard = source_reader.read(self._sockets[fd].source)
-            most = max(most, count)
+            max_count = max(max_count, count)
             if heard:
-                self._keep(self._sockets[fd], heard)
-        return most
+                self._enqueue(self._sockets[fd], heard)
+        return max_count
 
-    def _keep(self, source: SocketReader, heard: Heard) -> None:
-        """Keep datagrams for the loop, and wake it."""
+    def _enqueue(self, source: SocketReader, heard: PeerData) -> None:
+        """Queue datagrams for the loop, and wake it."""
         now_s = time.monotonic()
         with self._queueing:
             is_first = not self._waiting
@@ -269,17 +268,17 @@ class _ReaderThread:
             while now_s - self._waiting[0][0] > _MAX_WAIT_S:
                 self._waiting.popleft()
         if is_first:
-            self._on_loop(self._hand_on)
+            self._on_loop(self._deliver)
 
     def _on_loop(self, callback: Callable[[], None]) -> None:
         with contextlib.suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(callback)
 
-    def _tell_failure(self, reason: str) -> None:
+    def _report_failure(self, reason: str) -> None:
         for source in [*self._sockets.values()]:
             source.failed(reason)
 
-    def _hand_on(self) -> None:
+    def _deliver(self) -> None:
         with self._queueing:
             waiting, self._waiting = self._waiting, deque()
         for _, source, heard in waiting:

@@ -1,8 +1,7 @@
-"""MAVLink over a serial port: a radio or a flight controller on a cable. It may be unplugged at any time.
+"""MAVLink over a serial port: a radio, or a flight controller on a cable, which may be unplugged at any time.
 
-The port is opened by pyserial and then read and written by the event loop through its file descriptor. What
-a slow radio cannot take in time is dropped and counted: late is worse than lost, everything that matters is
-asked again.
+pyserial opens the port, the event loop reads and writes its file descriptor. Frames that a slow radio cannot
+take in time are dropped and counted.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import Any
 
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
-from gcs.io.links.transport import Backoff, Listener, Spoken
+from gcs.io.links.transport import Backoff, ChangedNotices, Listener
 from gcs.mavlink.frames.stream import FrameStream
 
 _READ_BYTES = 4096
@@ -21,12 +20,12 @@ _MAX_UNSENT_BYTES = 8 * 1024
 
 
 class SerialPort:
-    """One serial port; opened again, with growing waits, whenever it is lost.
+    """One serial port, reopened with growing waits whenever it is lost.
 
     Raises
     ------
     LinkError
-        When pyserial is not installed.
+        pyserial is not installed.
     """
 
     port = 0
@@ -48,12 +47,12 @@ class SerialPort:
         self._running: asyncio.Task[None] | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        """Open the port, and open it again whenever it is lost."""
+        """Open the port, and reopen it whenever it is lost."""
         self._loop = loop
         self._running = loop.create_task(self._run(loop, listener))
 
     async def _run(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        backoff, spoken, endpoint = Backoff(), Spoken(), self._endpoint
+        backoff, notices, endpoint = Backoff(), ChangedNotices(), self._endpoint
         async for _ in backoff.tries():
             try:
                 self._device = self._open_port(
@@ -61,14 +60,14 @@ class SerialPort:
                 )
             except (OSError, ValueError) as error:  # SerialException is an OSError
                 reason = getattr(error, "strerror", None) or str(error)
-                spoken.once(listener, "warning", f"cannot be opened ({reason}); trying again")
+                notices.notify(listener, "warning", f"cannot be opened ({reason}); trying again")
                 continue
-            spoken.once(listener, "info", "open")
+            notices.notify(listener, "info", "open")
             self._lost = loop.create_future()
             loop.add_reader(self._device.fileno(), self._read, listener, FrameStream(), backoff)
             reason = await self._lost
             self._shut(loop)
-            spoken.once(listener, "warning", f"lost ({reason}); trying again")
+            notices.notify(listener, "warning", f"lost ({reason}); trying again")
 
     def _read(self, listener: Listener, framer: FrameStream, backoff: Backoff) -> None:
         try:
@@ -82,12 +81,12 @@ class SerialPort:
             self._fail("unplugged")
             return
         backoff.worked()
-        whole = framer.take(data)
+        whole = framer.add_bytes(data)
         if whole:
             listener.heard(self._endpoint.remote, whole)
 
     def send(self, peer: str, data: bytes) -> None:  # noqa: ARG002  there is but one
-        """Send what the port takes, keep a little of the rest, and drop whole frames beyond that."""
+        """Send what the port takes, buffer a little, and drop whole frames beyond that."""
         if self._device is None or len(self._unsent) + len(data) > _MAX_UNSENT_BYTES:
             self.refused += 1
             return

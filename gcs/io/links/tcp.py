@@ -1,8 +1,8 @@
-"""MAVLink over TCP: connect to somebody, again and again until it works, or let others connect.
+"""MAVLink over TCP, outgoing (with reconnects) or incoming.
 
-A stream is cut into frames by `gcs.mavlink.frames.stream`. A peer that does not read is not waited for:
-beyond a bound, what is for it is dropped and counted. A connection over which no valid frame came for ten
-seconds is closed. When a port is full, the connection that was idle for longest gives its place to a new one.
+`gcs.mavlink.frames.stream` finds the frames. Frames for a peer that does not read are dropped and counted
+beyond a bound. A connection without a valid frame within ten seconds is closed. On a full port a new
+connection replaces the one that was idle for longest.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from collections import Counter
 
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
-from gcs.io.links.transport import Backoff, Listener, Spoken
+from gcs.io.links.transport import Backoff, ChangedNotices, Listener
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.frames.stream import FrameStream
 
 _MAX_UNSENT_BYTES = 256 * 1024
 _MAX_CONNECTIONS = 32
 _CONNECTS_WITHIN_S = 5.0
-_SPEAKS_WITHIN_S = 10.0
-"""Within this time the first valid frame comes, or the connection is closed."""
-_LOOK_AGAIN_S = 1.0
-_TELL_AGAIN_S = 10.0
+_FIRST_FRAME_WITHIN_S = 10.0
+"""A connection without a valid frame within this time is closed."""
+_RECHECK_S = 1.0
+_MIN_NOTICE_INTERVAL_S = 10.0
 _IDLE_S = 5.0
-"""Without a valid frame for so long, a connection may be closed for a new one."""
+"""A connection without a valid frame for so long may be closed for a new one."""
 
 
 class _Stream(asyncio.Protocol):
@@ -34,10 +34,10 @@ class _Stream(asyncio.Protocol):
     def __init__(self, listener: Listener, peer: str = "") -> None:
         self.peer = peer
         self.closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self.spoke: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self.has_sent_frame: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done when the first valid frame came."""
         self.heard_s = asyncio.get_running_loop().time()
-        """When a valid frame came last, to a second, or when it was connected; of the loop's clock."""
+        """Loop time of the last valid frame, to a second, or of the connection."""
         self._listener = listener
         self._framer = FrameStream()
         self._transport: asyncio.Transport | None = None
@@ -50,14 +50,14 @@ class _Stream(asyncio.Protocol):
             self.peer = f"{host}:{port}"
 
     def data_received(self, data: bytes) -> None:
-        whole = self._framer.take(data)
+        whole = self._framer.add_bytes(data)
         if not whole:
             return
         now_s = asyncio.get_running_loop().time()
-        if (not self.spoke.done() or now_s - self.heard_s > _LOOK_AGAIN_S) and scan(whole).frames:
+        if (not self.has_sent_frame.done() or now_s - self.heard_s > _RECHECK_S) and scan(whole).frames:
             self.heard_s = now_s
-            if not self.spoke.done():
-                self.spoke.set_result(None)
+            if not self.has_sent_frame.done():
+                self.has_sent_frame.set_result(None)
         self._listener.heard(self.peer, whole)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002
@@ -65,7 +65,7 @@ class _Stream(asyncio.Protocol):
             self.closed.set_result(None)
 
     def send(self, data: bytes) -> bool:
-        """Send, unless too much waits already."""
+        """Send, unless too much is buffered."""
         transport = self._transport
         if transport is None or transport.is_closing():
             return False
@@ -92,11 +92,11 @@ class TcpOut:
         self._running: asyncio.Task[None] | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        """Connect, and connect again whenever it is lost."""
+        """Connect, and reconnect whenever the connection is lost."""
         self._running = loop.create_task(self._run(loop, listener))
 
     async def _run(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        backoff, spoken, endpoint = Backoff(), Spoken(), self._endpoint
+        backoff, notices, endpoint = Backoff(), ChangedNotices(), self._endpoint
         async for _ in backoff.tries():
             try:
                 connecting = loop.create_connection(
@@ -105,16 +105,16 @@ class TcpOut:
                 _, stream = await asyncio.wait_for(connecting, _CONNECTS_WITHIN_S)
             except (OSError, TimeoutError) as error:
                 reason = (isinstance(error, OSError) and error.strerror) or "no answer"
-                spoken.once(listener, "warning", f"not connected ({reason}); trying again")
+                notices.notify(listener, "warning", f"not connected ({reason}); trying again")
                 continue
             self._stream = stream
-            spoken.once(listener, "info", "connected")
-            listener.joined(endpoint.remote)
+            notices.notify(listener, "info", "connected")
+            listener.connected(endpoint.remote)
             await stream.closed
             self._stream = None
-            listener.gone(endpoint.remote)
-            spoken.once(listener, "warning", "connection lost; trying again")
-            if stream.spoke.done():
+            listener.disconnected(endpoint.remote)
+            notices.notify(listener, "warning", "connection lost; trying again")
+            if stream.has_sent_frame.done():
                 backoff.worked()
 
     def send(self, peer: str, data: bytes) -> None:  # noqa: ARG002  there is but one
@@ -123,7 +123,7 @@ class TcpOut:
             self.refused += 1
 
     def close(self) -> None:
-        """Close the connection and try no more."""
+        """Close the connection."""
         if self._running is not None:
             self._running.cancel()
         if self._stream is not None:
@@ -131,12 +131,12 @@ class TcpOut:
 
 
 class TcpIn:
-    """A TCP port that others connect to.
+    """A TCP port that accepts connections.
 
     Raises
     ------
     LinkError
-        When it cannot be bound.
+        It cannot be bound.
     """
 
     def __init__(self, endpoint: Endpoint) -> None:
@@ -154,8 +154,8 @@ class TcpIn:
         self.port: int = self._socket.getsockname()[1]
         self.refused = 0
         self._streams: dict[str, _Stream] = {}
-        self._untold, self._told_s = 0, -_TELL_AGAIN_S
-        """Connections closed without a valid frame and not told of yet, and when that was told last."""
+        self._unreported, self._reported_s = 0, -_MIN_NOTICE_INTERVAL_S
+        """Connections closed without a valid frame since the last notice, and when that was."""
         self._accepting: asyncio.Task[None] | None = None
         self._serving: set[asyncio.Task[None]] = set()
 
@@ -170,7 +170,7 @@ class TcpIn:
             except OSError:  # gone before it was accepted, or no more file descriptors
                 await asyncio.sleep(0.1)
                 continue
-            if len(self._streams) >= _MAX_CONNECTIONS and not self._make_room(loop.time(), listener):
+            if len(self._streams) >= _MAX_CONNECTIONS and not self._close_longest_idle(loop.time(), listener):
                 connection.close()
                 self.refused += 1
                 continue
@@ -187,51 +187,52 @@ class TcpIn:
             connection.close()
             return
         self._streams[stream.peer] = stream
-        listener.joined(stream.peer)
-        either = {stream.spoke, stream.closed}
-        await asyncio.wait(either, timeout=_SPEAKS_WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
-        if stream.spoke.done():
+        listener.connected(stream.peer)
+        either = {stream.has_sent_frame, stream.closed}
+        await asyncio.wait(either, timeout=_FIRST_FRAME_WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
+        if stream.has_sent_frame.done():
             listener.news("info", f"{stream.peer} connected")
             await stream.closed
         self._end(stream, listener, "disconnected")
 
-    def _make_room(self, now_s: float, listener: Listener) -> bool:
-        """Close the idlest connection for a new one; return False when all are in use."""
+    def _close_longest_idle(self, now_s: float, listener: Listener) -> bool:
+        """Close the connection that is idle for longest; return False if all are in use."""
         hosts = Counter(_host(stream) for stream in self._streams.values())
-        idle = [s for s in self._streams.values() if not s.spoke.done() or now_s - s.heard_s > _IDLE_S]
+        idle = [
+            s for s in self._streams.values() if not s.has_sent_frame.done() or now_s - s.heard_s > _IDLE_S
+        ]
         if not idle:
             return False
-        idlest = min(idle, key=lambda s: (s.spoke.done(), -hosts[_host(s)], s.heard_s))
-        self._end(idlest, listener, "closed: idle, and there is no room for another")
+        longest_idle = min(idle, key=lambda s: (s.has_sent_frame.done(), -hosts[_host(s)], s.heard_s))
+        self._end(longest_idle, listener, "closed: idle, and there is no room for another")
         return True
 
     def _end(self, stream: _Stream, listener: Listener, why: str) -> None:
-        """Forget a connection and close it, unless that was done before."""
+        """Close a connection, unless that was done before."""
         if self._streams.get(stream.peer) is not stream:
             return
         del self._streams[stream.peer]
         stream.abort()
-        listener.gone(stream.peer)
-        if stream.spoke.done():
+        listener.disconnected(stream.peer)
+        if stream.has_sent_frame.done():
             listener.news("info", f"{stream.peer} {why}")
             return
-        self._untold += 1
+        self._unreported += 1
         now_s = asyncio.get_running_loop().time()
-        if now_s - self._told_s >= _TELL_AGAIN_S:
-            text = (
-                f"{self._untold} connections without a valid frame were closed, the last from {stream.peer}"
-            )
+        if now_s - self._reported_s >= _MIN_NOTICE_INTERVAL_S:
+            count = self._unreported
+            text = f"{count} connections without a valid frame were closed, the last from {stream.peer}"
             listener.news("warning", text)
-            self._untold, self._told_s = 0, now_s
+            self._unreported, self._reported_s = 0, now_s
 
     def send(self, peer: str, data: bytes) -> None:
-        """Send to somebody who is connected."""
+        """Send to a connected peer."""
         stream = self._streams.get(peer)
         if stream is None or not stream.send(data):
             self.refused += 1
 
     def close(self) -> None:
-        """End all connections and accept no more."""
+        """Close all connections and the port."""
         for task in (self._accepting, *self._serving):
             if task is not None:
                 task.cancel()

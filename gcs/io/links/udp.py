@@ -1,7 +1,4 @@
-"""UDP sockets for MAVLink, read in batches by a thread (`gcs.io.links.recvmmsg`).
-
-A datagram is handed on as it came: what it means is decided behind the queue.
-"""
+"""UDP sockets for MAVLink, read in batches by a thread (`gcs.io.links.recvmmsg`)."""
 
 from __future__ import annotations
 
@@ -12,18 +9,18 @@ from collections.abc import Callable
 from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
 from gcs.io.links.recvmmsg import SocketReader
-from gcs.io.links.transport import Backoff, Listener, Spoken
+from gcs.io.links.transport import Backoff, ChangedNotices, Listener
 
 _BUFFER_BYTES = 4 * 1024 * 1024
 
 
 class UdpIn:
-    """A UDP socket that others send to.
+    """A listening UDP socket.
 
     Raises
     ------
     LinkError
-        When it cannot be bound.
+        It cannot be bound.
     """
 
     def __init__(self, endpoint: Endpoint) -> None:
@@ -42,11 +39,11 @@ class UdpIn:
         self._reader: SocketReader | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        """Hand on each datagram from now on."""
+        """Start receiving."""
         self._reader = SocketReader(loop, self._socket, listener.heard, _alarm(listener))
 
     def send(self, peer: str, data: bytes) -> None:
-        """Send one datagram to a peer that was heard before."""
+        """Send one datagram to a known peer."""
         host, _, port = peer.rpartition(":")
         try:
             self._socket.sendto(data, (host, int(port)))
@@ -61,7 +58,7 @@ class UdpIn:
 
 
 class UdpOut:
-    """A UDP socket that talks to one remote address; its name is looked up off the loop, again and again."""
+    """A UDP socket connected to one remote address, whose name is resolved off the loop, with retries."""
 
     port = 0
 
@@ -73,11 +70,11 @@ class UdpOut:
         self._opening: asyncio.Task[None] | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        """Look the name up, then hear what comes back from there, and from there alone."""
+        """Resolve the name, then receive from there only."""
         self._opening = loop.create_task(self._open(loop, listener))
 
     async def _open(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        spoken, remote = Spoken(), self._endpoint
+        notices, remote = ChangedNotices(), self._endpoint
         async for _ in Backoff().tries():
             fresh = _socket()
             try:
@@ -87,7 +84,7 @@ class UdpOut:
                 fresh.connect(found[0][4])
             except OSError as error:
                 fresh.close()
-                spoken.once(listener, "warning", f"cannot be reached: {error.strerror or error}")
+                notices.notify(listener, "warning", f"cannot be reached: {error.strerror or error}")
                 continue
             self._socket = fresh
             self._reader = SocketReader(
@@ -114,8 +111,10 @@ class UdpOut:
 
 
 def _alarm(listener: Listener) -> Callable[[str], None]:
-    spoken = Spoken()
-    return lambda reason: spoken.once(listener, "alarm", f"cannot be read ({reason}); the next try is in 1 s")
+    notices = ChangedNotices()
+    return lambda reason: notices.notify(
+        listener, "alarm", f"cannot be read ({reason}); the next try is in 1 s"
+    )
 
 
 def _socket() -> socket.socket:

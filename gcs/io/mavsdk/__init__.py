@@ -1,1 +1,1 @@
-"""MAVSDK as an uploader, in a process of its own."""
+"""MAVSDK as mission uploader: `uploader` (the service's side) and `process` (MAVSDK's own process)."""

@@ -1,14 +1,11 @@
-"""MAVSDK in a process of its own: uploads missions, and nothing else.
+"""MAVSDK mission uploads in a process of their own, since MAVSDK's library may abort its process.
 
-``python -m gcs.io.mavsdk.process PORT`` connects MAVSDK to a UDP port on loopback, where the service passes
-on what vehicles say and what MAVSDK says to them. One JSON object a line on standard input asks for an
-upload, ``{"vehicle": 1, "mission_id": 7, "frames": "<base64 of MISSION_ITEM_INT frames>"}``; one a line on
-standard output answers, ``{"vehicle": 1, "mission_id": 7, "ok": true, "detail": ""}``. It ends when standard
-input closes.
+``python -m gcs.io.mavsdk.process PORT`` connects MAVSDK to a UDP port on loopback, where the service forwards
+frames in both directions. A JSON line on standard input requests an upload, ``{"vehicle": 1, "mission_id": 7,
+"frames": "<base64 of MISSION_ITEM_INT frames>"}``. A JSON line on standard output answers, ``{"vehicle": 1,
+"mission_id": 7, "ok": true, "detail": ""}``. The process ends when standard input closes.
 
-``python -m gcs.io.mavsdk.process --check`` starts MAVSDK, ends it, and exits with 0 when that went well.
-
-It is a process of its own because MAVSDK's library has been seen to abort its process; ours must not.
+``python -m gcs.io.mavsdk.process --check`` starts and ends MAVSDK; exit code 0 if that works.
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ from typing import Any, Final
 from gcs.mavlink.frames.codec import decode
 
 SYSTEM_ID: Final = 245
-"""MAVSDK's own, so that vehicles answer it and not us."""
+"""MAVSDK's own: vehicles answer it and not us."""
 COMPONENT_ID: Final = 190
 _DISCOVERY_S: Final = 10.0
 

@@ -1,10 +1,9 @@
-"""The service's side of MAVSDK as an uploader: its process, and the loopback link to it.
+"""MAVSDK as mission uploader: the service's side, with its process and the loopback link.
 
-Everything that vehicles send is passed on to MAVSDK; of what MAVSDK sends, only the mission protocol and its
-questions for a message go to a vehicle, each to the one that it names: so it can upload, and neither arm nor
-command anything. What it says of an upload is only a word; the service reads back all the same.
+All vehicles' frames go to MAVSDK. Of its frames, only the mission protocol and message requests go to the
+targeted vehicle: it can upload, and neither arm nor command. The service reads each upload back.
 
-A process that ends is told of and started again, more slowly each time; its uploads are answered as failed.
+A process that ends is restarted with growing waits; its uploads are answered as failed.
 """
 
 from __future__ import annotations
@@ -29,21 +28,21 @@ from gcs.model import Upload, UploadAnswer
 _MISSION_MESSAGES: Final = frozenset(
     {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_ACK", "MISSION_REQUEST_LIST"}
 )
-_QUESTIONS: Final = frozenset(
+_REQUEST_COMMANDS: Final = frozenset(
     {dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES}
 )
 _CHECK_S: Final = 30.0
 _FIRST_WAIT_S: Final = 1.0
-_LONGEST_WAIT_S: Final = 30.0
-_LASTED_S: Final = 60.0
-_LARGEST: Final = 65_535
+_MAX_WAIT_S: Final = 30.0
+_STABLE_S: Final = 60.0
+_MAX_DATAGRAM_BYTES: Final = 65_535
 
 
 REMEDY: Final = "pip install 'swarm-gcs[mavsdk]' (mavsdk 4), or set mission.uploader = \"own\""
 
 
 def mavsdk_problem() -> str:
-    """Start MAVSDK once and end it; return why that fails, empty when it does not."""
+    """Start and end MAVSDK; return why that fails, empty if it works."""
     if importlib.util.find_spec("mavsdk") is None:
         return "is not installed"
     command = [sys.executable, "-P", "-m", "gcs.io.mavsdk.process", "--check"]
@@ -60,18 +59,18 @@ def mavsdk_problem() -> str:
 
 
 class MavsdkUploader:
-    """MAVSDK's process while `run` runs.
+    """Keeps MAVSDK's process running during `run`.
 
     Parameters
     ----------
     send : callable
         Takes a vehicle's system id and a frame for it.
     answer : callable
-        Takes what became of an upload.
+        Takes the result of an upload.
     tell : callable
-        Takes a sentence for the operator.
+        Takes an operator notice.
     now_ns : callable
-        The run's clock.
+        Clock of the run.
 
     Raises
     ------
@@ -96,7 +95,7 @@ class MavsdkUploader:
         self._pipe: asyncio.StreamWriter | None = None
         self._pending: dict[int, Upload] = {}
         self._begun: set[int] = set()
-        """Vehicles to which the MISSION_COUNT of a pending upload has gone out."""
+        """Vehicles whose pending upload has sent its MISSION_COUNT."""
         self.process_id: int | None = None
 
     async def run(self) -> None:
@@ -107,10 +106,8 @@ class MavsdkUploader:
         try:
             while True:
                 began_s = loop.time()
-                code = await self._live()
-                wait_s = (
-                    _FIRST_WAIT_S if loop.time() - began_s > _LASTED_S else min(2 * wait_s, _LONGEST_WAIT_S)
-                )
+                code = await self._run_process()
+                wait_s = _FIRST_WAIT_S if loop.time() - began_s > _STABLE_S else min(2 * wait_s, _MAX_WAIT_S)
                 self._tell(f"MAVSDK's process ended with {code}; it is started again in {wait_s:.0f} s")
                 for vehicle in list(self._pending):
                     self._settle(vehicle, ok=False, detail=f"MAVSDK's process ended with {code}")
@@ -119,8 +116,8 @@ class MavsdkUploader:
             loop.remove_reader(self._socket.fileno())
             self._socket.close()
 
-    async def _live(self) -> int:
-        """One life of the process; returns its exit code."""
+    async def _run_process(self) -> int:
+        """Run the process once; return its exit code."""
         port = self._socket.getsockname()[1]
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-P", "-m", "gcs.io.mavsdk.process", str(port),
@@ -131,7 +128,7 @@ class MavsdkUploader:
         self._pipe, self.process_id = process.stdin, process.pid
         try:
             while line := await process.stdout.readline():
-                self._hear(line)
+                self._on_answer(line)
             return await process.wait()
         finally:
             self._pipe = self._peer = self.process_id = None
@@ -140,7 +137,7 @@ class MavsdkUploader:
                 await process.wait()
 
     def upload(self, request: Upload) -> None:
-        """Have a mission uploaded."""
+        """Start a mission upload."""
         self._pending[request.vehicle] = request
         self._begun.discard(request.vehicle)
         if self._pipe is None or self._pipe.is_closing():
@@ -151,12 +148,12 @@ class MavsdkUploader:
         self._pipe.write(json.dumps(line).encode() + b"\n")
 
     def forward(self, data: bytes) -> None:
-        """Pass on what vehicles said."""
+        """Forward vehicles' frames to MAVSDK."""
         if self._peer is not None:
             with contextlib.suppress(OSError):
                 self._socket.sendto(data, self._peer)
 
-    def _hear(self, line: bytes) -> None:
+    def _on_answer(self, line: bytes) -> None:
         try:
             raw = json.loads(line)
             vehicle, mission_id = int(raw["vehicle"]), int(raw["mission_id"])
@@ -174,7 +171,7 @@ class MavsdkUploader:
     def _drain(self) -> None:
         while True:
             try:
-                data, self._peer = self._socket.recvfrom(_LARGEST)
+                data, self._peer = self._socket.recvfrom(_MAX_DATAGRAM_BYTES)
             except (BlockingIOError, InterruptedError):
                 return
             except OSError:
@@ -184,7 +181,7 @@ class MavsdkUploader:
 
     def _pass_on(self, message: Message) -> None:
         name, vehicle = message.get_type(), getattr(message, "target_system", 0)
-        question = name == "COMMAND_LONG" and message.command in _QUESTIONS
+        question = name == "COMMAND_LONG" and message.command in _REQUEST_COMMANDS
         if vehicle not in self._pending or not (question or name in _MISSION_MESSAGES):
             return
         if name == "MISSION_COUNT":

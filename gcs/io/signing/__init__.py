@@ -1,1 +1,1 @@
-"""Key files, the signing gate of all links, and keys on their way to vehicles."""
+"""Signing keys: `keystore` (files), `gate` (signing of a run's links), `provisioning` (SETUP_SIGNING)."""

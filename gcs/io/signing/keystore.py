@@ -117,12 +117,12 @@ def read_keys(path: Path) -> KeyFile:
         path,
         _key(source, "default", table.default) if table.default else None,
         {_link_name(source, name): _key(source, f"links.{name}", v) for name, v in table.links.items()},
-        _of_vehicles(source, "vehicles", table.vehicles),
-        _of_vehicles(source, "pending", table.pending),
+        _vehicle_keys(source, "vehicles", table.vehicles),
+        _vehicle_keys(source, "pending", table.pending),
     )
 
 
-def _of_vehicles(source: str, table: str, entries: Mapping[str, str]) -> dict[int, bytes]:
+def _vehicle_keys(source: str, table: str, entries: Mapping[str, str]) -> dict[int, bytes]:
     found = {}
     for name, value in entries.items():
         vehicle = vehicle_of(name)

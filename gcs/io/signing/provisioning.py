@@ -1,4 +1,4 @@
-"""Keys to vehicles over a real endpoint: `gcs keys install` and `gcs keys rotate` at work."""
+"""Signing keys to vehicles over an endpoint: `gcs keys install` and `gcs keys rotate`."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from gcs.mavlink.frames.signing import timestamp_of
 from gcs.mavlink.services.signing_setup import SigningSetup
 from gcs.model import NS_PER_S, Level, system_of
 
-_TURN_S: Final = 0.05
+_TICK_S: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """One vehicle's new key, and what it holds by our knowledge."""
+class KeyInstallation:
+    """One vehicle's new key, and the key that it has as far as known."""
 
     vehicle: int
     key: bytes
@@ -31,48 +31,48 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What became of one vehicle's key."""
+    """Result for one vehicle."""
 
     vehicle: int
     ok: bool
     detail: str
     sent: bool
-    """Whether the key went out: a vehicle that was given one may hold it, whatever it answered."""
+    """True if the key was sent: the vehicle may have it, whatever it answered."""
 
 
 def install(
     endpoint: Endpoint,
-    wanted: Sequence[Wanted],
+    wanted: Sequence[KeyInstallation],
     times: TimeFile,
     timeout_s: float,
-    settled: Callable[[Result], None],
+    on_result: Callable[[Result], None],
     news: Callable[[str], None],
 ) -> None:
-    """Give vehicles their keys, all at a time; `settled` takes each result when it is there.
+    """Install keys on all vehicles at once; `on_result` takes each result.
 
     Raises
     ------
     LinkError
-        When the endpoint cannot be had.
+        The endpoint cannot be opened.
     ConfigError, OSError
-        When the signing time cannot be read or kept.
+        The signing time cannot be read or saved.
     """
-    asyncio.run(_Run(endpoint, wanted, times, settled, news).run(timeout_s))
+    asyncio.run(_Run(endpoint, wanted, times, on_result, news).run(timeout_s))
 
 
 class _Run:
-    """One endpoint, open for as long as it takes; the listener of its transport."""
+    """One open endpoint; the listener of its transport."""
 
     def __init__(
         self,
         endpoint: Endpoint,
-        wanted: Sequence[Wanted],
+        wanted: Sequence[KeyInstallation],
         times: TimeFile,
-        settled: Callable[[Result], None],
+        on_result: Callable[[Result], None],
         news: Callable[[str], None],
     ) -> None:
         self._endpoint, self._wanted, self._times = endpoint, wanted, times
-        self._settled, self._news = settled, news
+        self._on_result, self._news = on_result, news
         self._time, self._streams = times.read(unix_ns())
         self._pending: dict[int, SigningSetup] = {}
         self._peers: dict[int, str] = {}
@@ -99,7 +99,7 @@ class _Run:
                     for frame in installation.poll(t_ns):
                         transport.send(self._peers[vehicle], frame)
                     self._settle(vehicle, installation)
-                await asyncio.sleep(_TURN_S)
+                await asyncio.sleep(_TICK_S)
         finally:
             transport.close()
             self._times.write(self._time, self._streams)
@@ -112,7 +112,7 @@ class _Run:
         if installation.outcome:
             del self._pending[vehicle]
             ok, sent = installation.outcome == "done", installation.sent > 0
-            self._settled(Result(vehicle, ok, installation.detail, sent))
+            self._on_result(Result(vehicle, ok, installation.detail, sent))
 
     def heard(self, peer: str, data: bytes) -> None:
         for frame in scan(data).frames:
@@ -121,11 +121,11 @@ class _Run:
                     self._peers[vehicle] = peer
                     installation.receive(frame)
 
-    def joined(self, peer: str) -> None:
-        """Nobody is known before he speaks."""
+    def connected(self, peer: str) -> None:
+        """Do nothing: a peer is known by its first frame."""
 
-    def gone(self, peer: str) -> None:
-        """It is tried again until time is up."""
+    def disconnected(self, peer: str) -> None:
+        """Do nothing: the transport reconnects until the deadline."""
 
     def news(self, level: Level, text: str) -> None:
         if level != "info":

@@ -1,1 +1,1 @@
-"""Short sessions with vehicles for preparations: parameters, fences, rally points."""
+"""Short sessions with vehicles: `access`, `session`, and the tasks of `gcs fence` and `gcs param`."""

@@ -1,8 +1,8 @@
-"""How a command of this machine reaches the vehicles: by the mission file's links, or through the service.
+"""Access of a command to the vehicles: by the mission file's links, or through the running service.
 
-While `gcs run` serves a mission it has the links (a serial port, an autopilot's one TCP client). Then a
-command is one more ground station at a forward endpoint of the service, with a system id of its own: answers
-come to it alone, and the vehicles go on hearing the service's heartbeats.
+While `gcs run` serves a mission it owns the links. A command is then a second ground station at a forward
+endpoint of the service, with its own system id: answers come to it alone, and vehicles keep the service's
+heartbeats.
 """
 
 from __future__ import annotations
@@ -13,66 +13,68 @@ from typing import Final
 from gcs.config import Config
 from gcs.endpoints import Endpoint, Link, parse_endpoint
 from gcs.errors import LinkError
-from gcs.io.zenoh.discovery import Whereabouts, services
+from gcs.io.zenoh.discovery import ServiceInfo, running_services
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID
 
-_GUEST_SYSTEM_ID: Final = 254
+_SECOND_GCS_SYSTEM_ID: Final = 254
 _CALLERS: Final = {"udpin": "udpout", "tcpin": "tcp"}
 _ANY_HOST: Final = ("", "0.0.0.0")  # noqa: S104  read, not listened on
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleAccess:
-    """Where the vehicles are reached, and as whom."""
+    """Links to the vehicles, and our ids there."""
 
     links: tuple[Link, ...]
     own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
-    service: Whereabouts | None = None
-    """The running service that has the mission's links, if any: its heartbeats are what vehicles watch."""
+    service: ServiceInfo | None = None
+    """Running service that owns the mission's links, if any. Vehicles watch its heartbeats."""
 
     @property
-    def words(self) -> str:
-        """Say that a service is in between; empty when there is none."""
+    def description(self) -> str:
+        """Text about a service in between; empty without one."""
         if self.service is None:
             return ""
         return f"through gcs run (process {self.service.pid}) at {', '.join(one.name for one in self.links)}"
 
 
-def entrance_of(config: Config, link: str | None, *, writes: bool) -> VehicleAccess:
-    """Find the way to a mission's vehicles.
+def vehicle_access(config: Config, link: str | None, *, writes: bool) -> VehicleAccess:
+    """Return the access to a mission's vehicles.
 
     Parameters
     ----------
     link : str or None
-        The endpoint that an operator named instead.
+        Endpoint that an operator chose instead.
     writes : bool
         True if something on the vehicles is to be changed.
 
     Raises
     ------
     LinkError
-        When the service that has the links has no endpoint for this, or `link` is no endpoint.
+        The service has no suitable endpoint, or `link` is not an endpoint.
     """
-    service = next((one for one in services() if one.mission == config.name), None)
-    own = (GCS_SYSTEM_ID if service is None else _GUEST_SYSTEM_ID, GCS_COMPONENT_ID)
+    service = next((one for one in running_services() if one.mission == config.name), None)
+    own = (GCS_SYSTEM_ID if service is None else _SECOND_GCS_SYSTEM_ID, GCS_COMPONENT_ID)
     if link is not None:
         return VehicleAccess((Link(parse_endpoint(link)),), own, service)
     if service is None:
         vehicles = tuple(one for one in config.mavlink_links if one.role == "vehicles")
         return VehicleAccess(vehicles, own)
     roles = ("full",) if writes else ("full", "read-only")
-    doors: dict[int, Link] = {}
+    endpoints: dict[int, Link] = {}
     for role in roles:
         for one in config.mavlink_links:
             if one.role == role and one.endpoint.listens and one.endpoint.port:
-                doors.setdefault(one.network, one)
+                endpoints.setdefault(one.network, one)
     for network in sorted({one.network for one in config.mavlink_links if one.role == "vehicles"}):
-        if network not in doors:
+        if network not in endpoints:
             raise LinkError("gcs run", _missing(service, network, writes))
-    return VehicleAccess(tuple(Link(_caller(d.endpoint), d.network) for d in doors.values()), own, service)
+    return VehicleAccess(
+        tuple(Link(_caller(d.endpoint), d.network) for d in endpoints.values()), own, service
+    )
 
 
-def _missing(service: Whereabouts, network: int, writes: bool) -> str:
+def _missing(service: ServiceInfo, network: int, writes: bool) -> str:
     where = f" of network {network}" if network else ""
     access = ' and access = "full"' if writes else ""
     return (

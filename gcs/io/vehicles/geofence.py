@@ -1,4 +1,4 @@
-"""Fence and rally points of vehicles: a visit that uploads, reads or clears them."""
+"""Geofence and rally points of vehicles: a session that uploads, reads or clears them."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from gcs.mavlink.services.parameters import ParameterSetter, is_bytewise
 Action: TypeAlias = Literal["upload", "show", "clear"]
 
 
-class Fencing:
-    """One vehicle: its fence, its rally points, then its ceiling, one after the other.
+class FenceTask:
+    """Fence, rally points and ceiling of one vehicle, one after the other.
 
     Parameters
     ----------
     lists : dict of int to sequence of Item, or None
-        What each list is to hold, by MAV_MISSION_TYPE; None reads.
+        Items to upload by MAV_MISSION_TYPE; None only reads.
     ceiling_m : float
-        To be set, 0 for none.
+        Ceiling to set; 0 for none.
     own : (int, int)
         Our system and component id.
     """
@@ -58,23 +58,23 @@ class Fencing:
 
     @property
     def is_done(self) -> bool:
-        """Whether all of it has ended."""
+        """True if all steps have ended."""
         lists = len(self._tasks) == len(self._todo) and self._tasks[-1].result is not None
         return lists and (
-            not self._wants_ceiling or (self._ceiling is not None and self._ceiling.outcome is not None)
+            not self._has_ceiling or (self._ceiling is not None and self._ceiling.outcome is not None)
         )
 
     @property
     def ok(self) -> bool:
-        """Whether all of it is as it should be."""
+        """True if all steps succeeded."""
         return self.is_done and all(ok for _, ok, _ in self.rows())
 
     @property
-    def _wants_ceiling(self) -> bool:
+    def _has_ceiling(self) -> bool:
         return self._ceiling_m > 0.0
 
     def rows(self) -> list[tuple[str, bool, str]]:
-        """What was done: (what, whether it worked, how it went)."""
+        """Return (step, True if it succeeded, detail) of each step."""
         if not self._tasks:
             return [("link", False, "not heard")]
         rows = []
@@ -90,7 +90,7 @@ class Fencing:
         return rows
 
     def poll(self, t_ns: int) -> list[bytes]:
-        """Let time pass; returns frames to send, none before a heartbeat has told whose firmware it is."""
+        """Advance the timers; return the frames to send, none before the first heartbeat."""
         if self._autopilot is None or self.is_done:
             return []
         if not self._tasks or (self._tasks[-1].result is not None and len(self._tasks) < len(self._todo)):
@@ -100,14 +100,14 @@ class Fencing:
         if self._tasks[-1].result is None:
             return self._tasks[-1].poll(t_ns)
         profile = profile_of(*self._autopilot)
-        if self._wants_ceiling and self._ceiling is None:
+        if self._has_ceiling and self._ceiling is None:
             name = "" if profile is None else profile.ceiling_parameter
             bytewise = is_bytewise(self._autopilot[0], None)
             self._ceiling = ParameterSetter(self.vehicle, name, self._ceiling_m, bytewise, self._encode)
         return [] if self._ceiling is None else self._ceiling.poll(t_ns)
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:
-        """Take a message of the vehicle; returns frames to send."""
+        """Process a message of the vehicle; return the frames to send."""
         if message.get_type() == "HEARTBEAT":
             self._autopilot = (message.autopilot, message.type)
         if self._ceiling is not None:
@@ -117,13 +117,13 @@ class Fencing:
 
 def fence_vehicles(
     config: Config, source: str, action: Action, vehicles: Sequence[int], wait_s: float, link: str | None
-) -> list[Fencing]:
-    """Carry one action out on some vehicles of a mission; returns how it went for each.
+) -> list[FenceTask]:
+    """Carry out one action on vehicles of a mission; return the task of each vehicle.
 
     Raises
     ------
     ConfigError, LinkError
-        When the fence makes no sense, or a port cannot be had.
+        The fence is invalid, or a port cannot be opened.
     """
     fence, rally = fence_of(config, source), rally_of(config)
     lists: dict[int, Sequence[Item] | None] = {FENCE: (), RALLY: ()}
@@ -132,17 +132,17 @@ def fence_vehicles(
     elif action == "show":
         lists = {FENCE: None, RALLY: None}
     ceiling_m = fence.max_alt_rel_m if action == "upload" else 0.0
-    visit = VehicleSession(
+    session = VehicleSession(
         config,
         source,
         [dialect.MAVLINK_MSG_ID_PARAM_VALUE],
         link,
         writes=action != "show",
     )
-    own = visit.entrance.own
-    talks = [Fencing(v, lists, ceiling_m, visit.fleet.encoder(v), own) for v in vehicles]
-    asyncio.run(visit.run(talks, wait_s))
-    return talks
+    own = session.access.own
+    tasks = [FenceTask(v, lists, ceiling_m, session.fleet.encoder(v), own) for v in vehicles]
+    asyncio.run(session.run(tasks, wait_s))
+    return tasks
 
 
 def _described(task: ListTask, held: Sequence[Item] | None) -> str:

@@ -1,4 +1,4 @@
-"""Parameters of vehicles: a visit that reads them by name, or sets one and reads it back."""
+"""Parameters of vehicles: a session that reads them by name, or sets one and reads it back."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from gcs.mavlink.services.parameters import ParameterReader, ParameterSetter, is
 _ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 
 
-class ParameterTalk:
-    """One vehicle: its parameters, read by name; one of them set before, where a value is given.
+class ParameterTask:
+    """Parameters of one vehicle, read by name; the first is set before if a value is given.
 
     Parameters
     ----------
     names : sequence of str
-        What to read.
+        Parameters to read.
     value : float or None
-        To be given to the first of them.
+        New value of the first.
     armed_too : bool
-        True if an armed vehicle is to be changed as well.
+        True to change an armed vehicle as well.
     """
 
     def __init__(
@@ -47,16 +47,16 @@ class ParameterTalk:
 
     @property
     def is_done(self) -> bool:
-        """True if all has been read, or nothing can be done."""
+        """True if all parameters were read, or the task was refused."""
         return bool(self._refusal) or (self._reading is not None and self._reading.is_done)
 
     @property
     def ok(self) -> bool:
-        """True if every value is known, and that which was to be set is as wanted."""
+        """True if every value is known, and a new value is set."""
         return self.is_done and all(row[1] for row in self.rows())
 
     def rows(self) -> list[tuple[str, bool, float | None, str]]:
-        """Return (name, whether it is as asked, its value if known, how it went) of each parameter."""
+        """Return (name, True if as requested, value if known, detail) of each parameter."""
         values = {} if self._reading is None else self._reading.values
         if self._bytewise is None:
             return [(name, False, None, "vehicle not heard") for name in self._names]
@@ -78,7 +78,7 @@ class ParameterTalk:
         return name, True, value, self._setting.outcome[1]
 
     def poll(self, t_ns: int) -> list[bytes]:
-        """Let time pass; returns frames to send, none before a heartbeat has told whose firmware it is."""
+        """Advance the timers; return the frames to send, none before the first heartbeat."""
         if self._bytewise is None or self.is_done:
             return []
         if self._value is not None and self._setting is None:
@@ -96,7 +96,7 @@ class ParameterTalk:
         return self._reading.poll(t_ns)
 
     def receive(self, message: Message, _t_ns: int) -> list[bytes]:
-        """Take a message of the vehicle; returns no frames."""
+        """Process a message of the vehicle; return no frames."""
         if message.get_type() == "HEARTBEAT":
             self._bytewise = is_bytewise(message.autopilot, None)
             self._armed = bool(message.base_mode & _ARMED)
@@ -106,7 +106,7 @@ class ParameterTalk:
         return []
 
 
-def ask_parameters(
+def access_parameters(
     config: Config,
     source: str,
     vehicles: Sequence[int],
@@ -116,17 +116,17 @@ def ask_parameters(
     wait_s: float,
     link: str | None,
     armed_too: bool = False,
-) -> list[ParameterTalk]:
-    """Read parameters of some vehicles of a mission, or set one; returns how it went for each.
+) -> list[ParameterTask]:
+    """Read parameters of vehicles, or set one; return the task of each vehicle.
 
     Raises
     ------
     ConfigError, LinkError
-        When the keys cannot be used, or a port cannot be had.
+        The keys cannot be used, or a port cannot be opened.
     """
-    visit = VehicleSession(
+    session = VehicleSession(
         config, source, [dialect.MAVLINK_MSG_ID_PARAM_VALUE], link, writes=value is not None
     )
-    talks = [ParameterTalk(v, names, value, visit.fleet.encoder(v), armed_too=armed_too) for v in vehicles]
-    asyncio.run(visit.run(talks, wait_s))
-    return talks
+    tasks = [ParameterTask(v, names, value, session.fleet.encoder(v), armed_too=armed_too) for v in vehicles]
+    asyncio.run(session.run(tasks, wait_s))
+    return tasks

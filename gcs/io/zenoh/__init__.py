@@ -1,1 +1,1 @@
-"""The zenoh session, and the messages of sensors, operators and other programs on it."""
+"""Zenoh: `session`, `messages` (keys, JSON), `scans`, `orders` (with inbox and client), `discovery`."""

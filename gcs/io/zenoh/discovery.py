@@ -1,8 +1,7 @@
-"""Where running services can be reached: a small file each, by which `gcs order` finds those of this machine.
+"""Service discovery on this machine: a small file per running service.
 
-They lie in a folder of the user's own, below ``XDG_RUNTIME_DIR`` or the system's folder for temporary files;
-a folder that others may write to is not believed. A service that was killed leaves its file behind: files of
-processes that are gone are passed over, and removed.
+The files are in a folder of the user, below ``XDG_RUNTIME_DIR`` or the temporary folder. A folder that others
+may write to is ignored. Files of ended processes are ignored and removed.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import msgspec
 from gcs.errors import LinkError
 
 
-class Whereabouts(msgspec.Struct, frozen=True, kw_only=True):
+class ServiceInfo(msgspec.Struct, frozen=True, kw_only=True):
     """One running service."""
 
     mission: str
@@ -27,13 +26,13 @@ class Whereabouts(msgspec.Struct, frozen=True, kw_only=True):
     pid: int
 
 
-_decoder = msgspec.json.Decoder(Whereabouts)
+_decoder = msgspec.json.Decoder(ServiceInfo)
 
 
 @contextlib.contextmanager
 def announced(mission: str, zenoh: str) -> Iterator[None]:
-    """Let `gcs order` on this machine find this process; where no file can be written, it does not."""
-    here = Whereabouts(mission=mission, zenoh=zenoh, pid=os.getpid())
+    """Announce this process to `gcs order` on this machine, if a file can be written."""
+    here = ServiceInfo(mission=mission, zenoh=zenoh, pid=os.getpid())
     path: Path | None = None
     with contextlib.suppress(OSError):
         folder = _folder()
@@ -49,10 +48,10 @@ def announced(mission: str, zenoh: str) -> Iterator[None]:
                 path.unlink(missing_ok=True)
 
 
-def services() -> list[Whereabouts]:
-    """Return the services that run on this machine, of this user."""
+def running_services() -> list[ServiceInfo]:
+    """Return this user's running services on this machine."""
     folder = _folder()
-    found: list[Whereabouts] = []
+    found: list[ServiceInfo] = []
     if not folder.is_dir() or not _is_ours(folder):
         return found
     for path in sorted(folder.glob("*.json")):
@@ -65,15 +64,15 @@ def services() -> list[Whereabouts]:
     return found
 
 
-def the_service(mission: str | None) -> Whereabouts:
-    """Return the one service that runs here, or the one of a mission.
+def find_service(mission: str | None) -> ServiceInfo:
+    """Return the one running service, or the one of a mission.
 
     Raises
     ------
     LinkError
-        When there is none, or more than one.
+        There is none, or more than one.
     """
-    found = [one for one in services() if mission is None or one.mission == mission]
+    found = [one for one in running_services() if mission is None or one.mission == mission]
     if len(found) == 1:
         return found[0]
     if found:

@@ -1,7 +1,7 @@
-"""The operator's side of an order: publish it, wait for the answers. ``docs/orders.md`` says what goes over.
+"""Sending an order and waiting for its answers (``docs/orders.md``).
 
-An order is repeated until somebody answers, since the connection may come up after the first try; the service
-carries out an order of one id once.
+An order is repeated until it is answered, since the connection may come up late. The service carries out each
+order id once.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from gcs.model import OrderAnswer
 _REPEAT_S = 0.5
 
 
-def give(
+def send_order(
     endpoint: str, mission: str, order: OrderMessage, answer_s: float, end_s: float
 ) -> Iterator[OrderAnswer]:
-    """Give an order to a running service; yields its answers until nobody's is missing.
+    """Send an order to a running service; yield its answers until the last.
 
     Parameters
     ----------
     answer_s
-        How long to wait for any answer.
+        Timeout of the first answer.
     end_s
-        How long to wait for the last one.
+        Timeout of the last answer.
 
     Raises
     ------
     LinkError
-        When nobody answers, or the last answers do not come in time.
+        There is no answer, or the last answers do not come in time.
     """
     answers: queue.Queue[OrderAnswer] = queue.Queue()
 

@@ -1,9 +1,8 @@
-"""Orders between zenoh and the queue: a bounded number waits, and a bounded number a second goes on.
+"""Rate limit between zenoh and the event queue for orders.
 
-An order costs up to 60 ms of the one consumer (an area that is closed is planned around at once). So many
-of them at a time would hold up vehicles' frames and heartbeats. `BURST` orders go on at once, then
-`ORDERS_PER_S`; `MAX_WAITING` wait, and what comes then is refused and counted. Senders repeat an order until
-they hear an answer, so one that was refused in a flood is heard after it.
+An order costs up to 60 ms of the one consumer (a new no-fly zone is planned around at once). A flood would
+delay vehicles' frames and heartbeats. `BURST` orders pass at once, then `ORDERS_PER_S`; `MAX_WAITING` wait,
+more are refused and counted. Senders repeat an order until it is answered.
 """
 
 from __future__ import annotations
@@ -19,39 +18,39 @@ from gcs.model import NS_PER_S, BadInput, Order
 ORDERS_PER_S: Final = 10
 BURST: Final = 5
 MAX_WAITING: Final = 50
-_MAX_REMEMBERED: Final = 1000
-_TELL_EVERY_NS: Final = NS_PER_S
+_MAX_ACCEPTED_IDS: Final = 1000
+_MIN_NOTICE_INTERVAL_NS: Final = NS_PER_S
 
 
 class OrderInbox:
-    """Orders as they came, until their turn.
+    """Orders until their turn.
 
     Parameters
     ----------
     frame : LocalFrame
-        Where areas in degrees are put.
+        Frame for areas in degrees.
     """
 
     def __init__(self, frame: LocalFrame) -> None:
         self.refused = 0
-        """Orders that found no room."""
+        """Orders beyond the bound."""
         self._frame = frame
         self._waiting: deque[tuple[str, bytes]] = deque()
-        self._taken: dict[str, None] = {}
-        """Ids of the orders taken last."""
+        self._accepted_ids: dict[str, None] = {}
+        """Ids of the last orders."""
         self._allowance_ns, self._t_ns = BURST * NS_PER_S, 0
-        """Orders that may go on now times a second, and when that was so."""
-        self._told, self._told_t_ns = 0, 0
+        """Orders that may pass now times a second, and the time of that."""
+        self._reported, self._reported_t_ns = 0, 0
 
     def put(self, key: str, payload: bytes) -> None:
-        """Keep an order until its turn; refuse it when too many wait."""
+        """Queue an order; refuse it if too many wait."""
         if len(self._waiting) < MAX_WAITING:
             self._waiting.append((key, payload))
         else:
             self.refused += 1
 
-    def due(self, t_ns: int) -> list[Order | BadInput]:
-        """Return the orders whose turn it is, and what was not one; an order that comes twice is one."""
+    def take_due(self, t_ns: int) -> list[Order | BadInput]:
+        """Return the orders whose turn it is, and bad input; a repeated order is dropped."""
         passed_ns = max(0, t_ns - self._t_ns)
         self._allowance_ns = min(BURST * NS_PER_S, self._allowance_ns + ORDERS_PER_S * passed_ns)
         self._t_ns = t_ns
@@ -68,19 +67,19 @@ class OrderInbox:
             order = decode_order(key, payload, t_ns, self._frame)
         except WireError as error:
             return BadInput(t_ns, key, str(error))
-        if order.order_id in self._taken:
+        if order.order_id in self._accepted_ids:
             return None
-        self._taken[order.order_id] = None
-        while len(self._taken) > _MAX_REMEMBERED:
-            del self._taken[next(iter(self._taken))]
+        self._accepted_ids[order.order_id] = None
+        while len(self._accepted_ids) > _MAX_ACCEPTED_IDS:
+            del self._accepted_ids[next(iter(self._accepted_ids))]
         return order
 
     def news(self, t_ns: int, key: str) -> list[BadInput]:
-        """Return, once a second at most, how many orders on a key were refused since the last call."""
-        new = self.refused - self._told
-        if not new or 0 <= t_ns - self._told_t_ns < _TELL_EVERY_NS:
+        """Return, once a second at most, the number of refused orders since the last call."""
+        new = self.refused - self._reported
+        if not new or 0 <= t_ns - self._reported_t_ns < _MIN_NOTICE_INTERVAL_NS:
             return []
-        self._told, self._told_t_ns = self.refused, t_ns
+        self._reported, self._reported_t_ns = self.refused, t_ns
         problem = (
             f"{new} orders refused: more than {ORDERS_PER_S} a second, {self.refused} so far; find the "
             "program that publishes them"

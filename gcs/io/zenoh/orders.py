@@ -1,8 +1,8 @@
-"""Orders on zenoh: what an operator's program publishes, and how it is read (``docs/orders.md``).
+"""Orders on zenoh: what an operator's program publishes (``docs/orders.md``).
 
-An order on the wire differs from the record `Order`: who gave it and when is for the receiver to say, areas
-may be given in degrees, and whom it is for is always said: a list of system ids, or the word ``all``. What is
-not known here is refused, since a misspelt key may change what an order means.
+Unlike the record `Order`, a message may give areas in degrees, and always names its vehicles: a list of
+system ids, or ``all``. The receiver adds sender and time. Unknown fields are refused: a misspelt key may
+change an order's meaning.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Number = Annotated[float, Meta(ge=-1e7, le=1e7)]
 
 
 class AreaMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """An area to stay out of. Places are (east_m, north_m), or (lat_deg, lon_deg) in the frame ``wgs84``."""
+    """A no-fly zone. Positions are (east_m, north_m), or (lat_deg, lon_deg) in the frame ``wgs84``."""
 
     name: Annotated[str, Meta(pattern=_NAME)]
     frame: Literal["local", "wgs84"] = "local"
@@ -41,7 +41,7 @@ class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """An order as an operator's program publishes it."""
 
     order_id: Annotated[str, Meta(pattern=_NAME)]
-    """Made up by the sender, another for each order: an order that comes twice is carried out once."""
+    """Unique per order, chosen by the sender: a repeated order is carried out once."""
     action: Action
     vehicles: (
         Annotated[list[Annotated[int, Meta(ge=1, le=0xFFFF)]], Meta(min_length=1, max_length=1000)]
@@ -57,32 +57,32 @@ _decoder = msgspec.json.Decoder(OrderMessage)
 
 
 def order_key(mission: str) -> str:
-    """Key on which the service hears orders."""
+    """Return the key of orders."""
     return f"swarm/{mission}/order"
 
 
 def answer_key(mission: str) -> str:
-    """Key on which the service answers them."""
+    """Return the key of answers."""
     return f"swarm/{mission}/answer"
 
 
 def proposal_key(mission: str) -> str:
-    """Key on which the service shows the plan that waits for a word."""
+    """Return the key of the plan that waits for confirmation."""
     return f"swarm/{mission}/proposal"
 
 
 def encode_order(message: OrderMessage) -> bytes:
-    """Write an order as it is published."""
+    """Return an order as JSON."""
     return msgspec.json.encode(message)
 
 
 def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Order:
-    """Read what somebody published as an order; believe nothing.
+    """Return the order of a payload, after all checks.
 
     Raises
     ------
     WireError
-        When it does not have the form of ``docs/orders.md``; the text says what is wrong.
+        The payload does not have the form of ``docs/orders.md``.
     """
     if len(payload) > _MAX_BYTES:
         raise WireError(key, f"{len(payload)} bytes are more than the {_MAX_BYTES} that an order may have")

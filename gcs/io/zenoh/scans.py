@@ -154,17 +154,17 @@ def decode_scan(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Scan:
     if parsed(key, payload, _kind_decoder).sensor.kind == "range_bearing":
         polar_message = parsed(key, payload, _polar_scan_decoder)
         _check_origin(key, polar_message.origin, frame)
-        polar = _believed_polar(key, polar_message.sensor)
+        polar = _validated_polar(key, polar_message.sensor)
         sensor = polar_sensor(polar_message.sensor.name, polar_message.sensor.detection_probability, polar)
         z_m = map_coordinates(polar, np.reshape(polar_message.z_range_bearing, (-1, 2)))
         return Scan(t_ns, polar_message.measured_t_ns, sensor, read_only(z_m))
     message = parsed(key, payload, _scan_decoder)
     _check_origin(key, message.origin, frame)
-    sensor = _believed_sensor(key, message.sensor)
+    sensor = _validated_sensor(key, message.sensor)
     return Scan(t_ns, message.measured_t_ns, sensor, read_only(np.reshape(message.z_m, (-1, 2))))
 
 
-def _believed_sensor(key: str, message: SensorMessage) -> Sensor:
+def _validated_sensor(key: str, message: SensorMessage) -> Sensor:
     _check_name(key, message.name)
     (a, b), (c, d) = message.noise_cov_m2
     if a < 0.0 or d < 0.0:
@@ -187,7 +187,7 @@ def _believed_sensor(key: str, message: SensorMessage) -> Sensor:
     )
 
 
-def _believed_polar(key: str, message: PolarSensorMessage) -> Polar:
+def _validated_polar(key: str, message: PolarSensorMessage) -> Polar:
     _check_name(key, message.name)
     if not message.least_range_m < message.most_range_m:
         raise WireError(key, "sensor.most_range_m: expected more than least_range_m")

@@ -1,7 +1,7 @@
-"""Autopilot profiles: one table per firmware of how it takes, flies and gives back a mission.
+"""Autopilot profiles: one table per firmware of how it stores, flies and returns a mission.
 
-`profile_of` chooses by what a vehicle's HEARTBEAT says. A firmware that is not here is tracked, and never
-tasked: what it would make of a mission is not known.
+`base` (the profile's fields, and the items of a mission), `ardupilot`, `px4`, `modes` (mode names).
+`profile_of` chooses by a vehicle's HEARTBEAT. A vehicle with another firmware is tracked and never tasked.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ __all__ = [
 PROFILES: Final = (ARDUPLANE, PX4)
 _VTOL_TYPES: Final = range(19, 26)
 _FIXED_WINGS: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *_VTOL_TYPES})
-"""ArduPilot's copters and rovers give other meanings to the same mode numbers."""
+"""ArduPilot's copters and rovers use the same mode numbers with other meanings."""
 
 
 def profile_of(autopilot: int, vehicle_type: int = dialect.MAV_TYPE_FIXED_WING) -> AutopilotProfile | None:
-    """Return the profile of a heartbeat's MAV_AUTOPILOT and MAV_TYPE; None when there is none."""
+    """Return the profile for a heartbeat's MAV_AUTOPILOT and MAV_TYPE; None if there is none."""
     if vehicle_type not in _FIXED_WINGS:
         return None
     return next((profile for profile in PROFILES if profile.autopilot == autopilot), None)
 
 
 def mode_name(heartbeat: Message) -> str:
-    """Name of the mode that a HEARTBEAT tells; its number, for a firmware that is not known."""
+    """Return the mode of a HEARTBEAT; its number for an unknown firmware."""
     profile = profile_of(heartbeat.autopilot, heartbeat.type)
     return f"MODE({heartbeat.custom_mode})" if profile is None else profile.mode_name(heartbeat.custom_mode)

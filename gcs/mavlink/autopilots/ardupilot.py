@@ -1,18 +1,18 @@
 """ArduPlane.
 
-Sources: ArduPilot's `AP_Mission` (which fields of an item it stores, and in what precision), `Mode::Number`
-(https://ardupilot.org/plane/docs/parameters.html, FLTMODE1), and what ArduPlane 4.7 was seen to do.
+Sources: ArduPilot's `AP_Mission` (stored fields of an item, and their precision), `Mode::Number`
+(https://ardupilot.org/plane/docs/parameters.html, FLTMODE1), and tests with ArduPlane 4.7.
 
-* Item 0 is always home; left out, the first item would be lost without a word.
-* An upload is in place: MISSION_COUNT truncates at once, each item replaces what stood there.
-* Items are asked for with MISSION_REQUEST and answered with MISSION_ITEM_INT. One whose turn it is, is taken
-  unasked; any other gets ACK 13. A read-back may ask for items in any order, and is denied during an upload.
-* Latitude and longitude survive exactly; height is kept in centimetres; frame 6 comes back as 3, NaN as 0.
-  NAV_WAYPOINT keeps its acceptance radius as whole metres up to 255 and loses hold time and yaw;
-  NAV_LOITER_UNLIM keeps its radius alone, NAV_TAKEOFF its pitch in whole degrees, NAV_LAND its abort height.
-* The waypoint being flown is cached: MISSION_SET_CURRENT makes the vehicle take the new one, on a leg that
-  starts where it is. DO_SET_MISSION_CURRENT does so on a leg from the waypoint before, unless sent twice.
-* At a mission's end, and in AUTO without one, it returns to launch.
+* Item 0 is home. Without it the first item is lost.
+* An upload is in place: MISSION_COUNT truncates at once, each item replaces the one before.
+* Items are requested with MISSION_REQUEST and sent as MISSION_ITEM_INT. The next item is stored without a
+  request; any other gets ACK 13. A download may request items in any order, and is denied during an upload.
+* Latitude and longitude are exact. Height is kept in centimetres; frame 6 returns as 3, NaN as 0.
+  NAV_WAYPOINT keeps its acceptance radius in whole metres up to 255 and loses hold time and yaw.
+  NAV_LOITER_UNLIM keeps its radius, NAV_TAKEOFF its pitch in whole degrees, NAV_LAND its abort height.
+* The current waypoint is cached: MISSION_SET_CURRENT makes the vehicle take the new one, on a leg from its
+  position. DO_SET_MISSION_CURRENT does so on a leg from the waypoint before, unless sent twice.
+* At a mission's end, and in AUTO without a mission, it returns to launch.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def _fits(envelope: Envelope) -> tuple[WantedParameter, ...]:
 
 
 def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
-    """FENCE_TYPE: bit 0 greatest height, bit 1 circle round home, bit 2 areas."""
+    """FENCE_TYPE: bit 0 maximum altitude, bit 1 circle around home, bit 2 polygons and circles."""
     kinds = int(values.get("FENCE_TYPE", 0))
     return FenceLimits(
         is_on=values.get("FENCE_ENABLE", 0) > 0,
@@ -165,7 +165,7 @@ def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
 
 
 def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> dict[str, float]:
-    """Return at the nearest rally point's height; at RTL_ALTITUDE with none within RALLY_LIMIT_KM.
+    """Return the nearest rally point's height; RTL_ALTITUDE with none within RALLY_LIMIT_KM.
 
     Source: `Plane::do_RTL`, `AP_Rally::calc_best_rally_or_home_location`. A negative RTL_ALTITUDE keeps the
     height.

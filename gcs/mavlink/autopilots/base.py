@@ -1,14 +1,14 @@
-"""What an autopilot profile says, and what follows from it for every firmware alike.
+"""Fields of an autopilot profile, and what follows from them for every firmware.
 
-A mission's items, in order::
+Items of a mission, in order::
 
     [home]  [take-off]  waypoint ... waypoint  end
 
-* home: ArduPilot keeps item 0 for its own home; whatever is sent there is overwritten, never compared.
-* take-off: when the vehicle stands on the ground. Its place is the end of the climb along the runway:
-  ArduPlane ignores it and holds the runway's heading, PX4 flies towards it.
-* end: an unlimited loiter at the last waypoint ("loiter"), since a fixed wing that runs out of items would
-  return or circle where nobody planned; or the corners of the way home, an approach and a landing ("land").
+* home: ArduPilot keeps item 0 for its home. It overwrites what is sent; the item is not compared.
+* take-off: if the vehicle is on the ground. Its position is the end of the climb along the runway: ArduPlane
+  ignores it and holds the runway's heading, PX4 flies towards it.
+* end: an unlimited loiter at the last waypoint ("loiter"), since a fixed wing without items would return or
+  circle where nobody planned; or the waypoints of the return route, an approach and a landing ("land").
 
 Source: https://mavlink.io/en/services/mission.html and MAV_CMD in
 https://mavlink.io/en/messages/common.html.
@@ -34,7 +34,7 @@ _SAME_FRAME: Final = {
     dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: _RELATIVE,
 }
 _APPROACH_ALT_M: Final = 30.0
-"""3.4 degrees of glide: below PX4's limit of 5 (FW_LND_ANG)."""
+"""Glide slope of 3.4 degrees: below PX4's limit of 5 (FW_LND_ANG)."""
 _EARTH_M_PER_DEG: Final = 111_195.0
 _GROUND_M: Final = 10.0
 _GROUND_SPEED_M_S: Final = 3.0
@@ -43,31 +43,31 @@ _NO_BOUND: Final = 2**24
 
 @dataclass(frozen=True, slots=True)
 class WantedParameter:
-    """A parameter that a pre-flight check looks at."""
+    """A parameter and its required range, for the preflight check."""
 
     names: tuple[str, ...]
-    """What it is called, newest firmware first."""
+    """Names, newest firmware first."""
     low: float
     high: float
-    """Wanted: low <= value <= high."""
+    """Required: low <= value <= high."""
     why: str
-    """What goes wrong otherwise."""
+    """Consequence of a value out of range."""
     must: bool = True
-    """Whether it is refused, or only told."""
+    """True if a wrong value fails the preflight check; else it is a warning."""
     older: WantedParameter | None = None
-    """What older firmware has instead, with another name, unit or meaning."""
+    """Parameter of older firmware with another name, unit or meaning."""
     allowed: tuple[float, ...] = ()
-    """The only values between `low` and `high` that are wanted; empty: all."""
+    """The only allowed values between `low` and `high`; empty for all."""
     meanings: Mapping[float, str] = field(default_factory=dict)
-    """What a value that is wanted brings about, where a pilot must know."""
+    """Effect of a value, where a pilot must know it."""
 
     def accepts(self, value: float) -> bool:
-        """Return True if a value is wanted."""
+        """Return True if a value is allowed."""
         return self.low <= value <= self.high and (not self.allowed or value in self.allowed)
 
     @property
     def wanted(self) -> str:
-        """The values that are wanted, in words."""
+        """Required values as text."""
         if self.allowed:
             return " or ".join(f"{value:.6g}" for value in self.allowed)
         low, high = f"{self.low:.6g}", f"{self.high:.6g}"
@@ -77,11 +77,11 @@ class WantedParameter:
 
     @property
     def all_names(self) -> tuple[str, ...]:
-        """Every name to ask for."""
+        """All names to read."""
         return self.names + (() if self.older is None else self.older.all_names)
 
     def found(self, values: Mapping[str, float]) -> tuple[WantedParameter, str] | None:
-        """Return the wish and the name by which a vehicle has it; None when it has neither."""
+        """Return the parameter and its name on a vehicle; None if the vehicle has neither."""
         name = next((name for name in self.names if name in values), None)
         if name is not None:
             return self, name
@@ -90,7 +90,7 @@ class WantedParameter:
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """What a mission asks of its vehicles."""
+    """Performance that a mission asks of its vehicles."""
 
     speed_m_s: float
     bank_deg: float
@@ -100,11 +100,11 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True)
 class FenceLimits:
-    """What a vehicle's parameters make of its fence."""
+    """Fence settings by a vehicle's parameters."""
 
     is_on: bool
     polygons: bool
-    """Whether uploaded areas count."""
+    """True if uploaded polygons and circles are active."""
     max_alt_rel_m: float | None = None
     max_radius_m: float | None = None
     """Around home."""
@@ -112,7 +112,7 @@ class FenceLimits:
 
 @dataclass(frozen=True, slots=True)
 class AutopilotProfile:
-    """One firmware's table."""
+    """Table of one firmware."""
 
     name: str
     autopilot: int
@@ -120,46 +120,44 @@ class AutopilotProfile:
     home_items: int
     """Items before the first that is flown."""
     atomic: bool
-    """Whether an upload replaces the old mission as a whole, at its end; otherwise item by item, in place."""
+    """True if an upload replaces the old mission as a whole, at its end; False if item by item, in place."""
     window: int
-    """Items of a mission that may be on their way at a time: sent without a request after a silence, or asked
-    for in a read-back."""
+    """Items in flight at a time: sent without a request after a silence, or requested in a download."""
     in_order: bool
-    """True if a read-back must ask for one item after the other, and an upload's last item must have been
-    asked for."""
+    """True if a download must request items in order, and an upload's last item must have been requested."""
     tracks_old_leg: bool
-    """True if a leg may start at the waypoint that was flown to before, not where the vehicle is."""
+    """True if a leg may start at the waypoint before, not at the vehicle."""
     marks_current: bool
-    """Whether `current` on an uploaded item makes the mission begin there."""
+    """True if `current` on an uploaded item makes the mission begin there."""
     ends_in: str
-    """Mode after a mission's last item, when that item ends."""
+    """Mode after a mission's last item, if that item ends."""
     unused: float
-    """For parameters without a meaning: NaN or 0."""
+    """Value of unused parameters: NaN or 0."""
     min_radius_m: float
-    """Acceptance radius below which the autopilot would take its own default."""
+    """Acceptance radius below which the autopilot uses its default."""
     takeoff_pitch_deg: float
     modes: Mapping[tuple[int, int], str]
     """Name by (main, sub) mode, as in parameters 2 and 3 of DO_SET_MODE."""
     split_mode: Callable[[int], tuple[int, int]]
-    """A heartbeat's custom_mode as (main, sub)."""
+    """Returns a heartbeat's custom_mode as (main, sub)."""
     stored: Callable[[Item], Item]
-    """What the firmware keeps of an item, apart from what `normalised` does for all."""
+    """Returns what the firmware keeps of an item, besides what `normalised` does for all."""
     parameters: tuple[WantedParameter, ...]
     fits: Callable[[Envelope], tuple[WantedParameter, ...]]
-    """Parameters that must fit what the mission asks."""
+    """Returns the parameters that must fit the mission."""
     fence_parameters: tuple[str, ...]
-    """What `fence_limits` reads."""
+    """Parameters that `fence_limits` reads."""
     fence_limits: Callable[[Mapping[str, float]], FenceLimits]
     ceiling_parameter: str
-    """Where a fence's greatest height is kept, in metres above home."""
+    """Parameter of a fence's greatest height, in metres above home."""
     return_heights: Callable[[Mapping[str, float], Sequence[float]], Mapping[str, float]]
-    """Heights above home, in metres, at which it may return: by what sets them, from its parameters and the
-    heights of its rally points."""
+    """Returns the possible return heights above home in metres, by what sets them, from parameters and the
+    heights of rally points."""
 
     # ------------------------------------------------------------ modes
 
     def mode_name(self, custom_mode: int) -> str:
-        """Name of a heartbeat's mode."""
+        """Return the name of a heartbeat's mode."""
         main, sub = self.split_mode(custom_mode)
         return self.modes.get((main, sub)) or self.modes.get((main, 0)) or f"MODE({custom_mode})"
 
@@ -184,7 +182,7 @@ class AutopilotProfile:
         Raises
         ------
         ValueError
-            The mission has no waypoint: there is nothing to fly, and nothing to stay at.
+            The mission has no waypoint.
         """
         if not mission.waypoints:
             raise ValueError(f"mission {mission.mission_id} of vehicle {mission.vehicle} has no waypoint")
@@ -218,7 +216,7 @@ class AutopilotProfile:
         )
 
     def _landing(self, last: Item, homeward: list[Item], home: Home) -> list[Item]:
-        """Return the way home, its approach and a landing; without a way straight from the last waypoint."""
+        """Return the return route, approach and landing; a straight line if there is no return route."""
         *corners, approach = homeward or [self._straight_approach(last, home)]
         approach = approach._replace(z_m=min(last.z_m, _APPROACH_ALT_M))
         touch_down = approach._replace(
@@ -228,7 +226,7 @@ class AutopilotProfile:
 
     @staticmethod
     def _straight_approach(last: Item, home: Home) -> Item:
-        """Return the place on the straight line from the last waypoint where an approach begins."""
+        """Return the start of the approach on the straight line from the last waypoint."""
         metres_east = _EARTH_M_PER_DEG * math.cos(math.radians(home.lat_deg))
         north_m = (last.x * 1e-7 - home.lat_deg) * _EARTH_M_PER_DEG
         east_m = (last.y * 1e-7 - home.lon_deg) * metres_east
@@ -239,16 +237,16 @@ class AutopilotProfile:
         )
 
     def first_flown(self, points_passed: int, *, from_ground: bool, still_on_ground: bool) -> int:
-        """Item to begin with, for a vehicle that has passed the first points of its route."""
+        """Return the first item for a vehicle that has passed the first points of its route."""
         if from_ground and still_on_ground:
             return self.home_items
         return self.home_items + int(from_ground) + points_passed
 
     def normalised(self, item: Item) -> Item:
-        """Return the item as the autopilot would store and send it back.
+        """Return the item as the autopilot stores and returns it.
 
-        The frames of MISSION_ITEM_INT and of MISSION_ITEM mean the same; a parameter that is not there is
-        NaN or 0; `autocontinue` is not kept.
+        Frames of MISSION_ITEM_INT and MISSION_ITEM are equivalent. A missing parameter is NaN or 0.
+        `autocontinue` is not kept.
         """
         params = (item.param1, item.param2, item.param3, item.param4)
         param1, param2, param3, param4 = (0.0 if math.isnan(value) else value for value in params)
@@ -258,12 +256,12 @@ class AutopilotProfile:
         )
 
     def difference(self, sent: Sequence[Item], held: Sequence[Item]) -> str:
-        """Say where what is held first differs from what was sent; empty when equal. Home is left out."""
+        """Return the first difference between sent and stored items, without home; empty if equal."""
         return first_item_difference(sent, held, self.normalised, self.home_items)
 
 
 def is_on_ground(state: VehicleState | None, home: Home | None) -> bool:
-    """Whether a vehicle stands on the ground, as far as it has told: disarmed, or slow and low."""
+    """Return True if a vehicle is on the ground as far as known: disarmed, or slow and low."""
     if state is None or not state.mode:
         return False
     if not state.armed:

@@ -1,7 +1,6 @@
-"""Names of what a vehicle does by itself: the same word for the same behaviour on every autopilot.
+"""Mode names: one name for the same behaviour on every autopilot.
 
-Which numbers an autopilot has for them stands in its profile (`gcs.mavlink.autopilots`); modes that only one
-autopilot knows keep the name that its users know.
+Each profile (`gcs.mavlink.autopilots`) has the numbers. Modes of one autopilot only keep its name.
 """
 
 from __future__ import annotations
@@ -9,8 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 AUTO: Final = "AUTO"
-"""It flies its mission."""
+"""Flies its mission."""
 LOITER: Final = "LOITER"
-"""It circles where it is (PX4's Hold)."""
+"""Circles at its position (PX4: Hold)."""
 RTL: Final = "RTL"
-"""It returns home."""
+"""Returns to launch."""

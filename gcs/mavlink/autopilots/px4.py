@@ -1,21 +1,20 @@
-"""PX4's fixed wing.
+"""PX4 fixed wing.
 
-Sources: PX4's `mavlink_mission.cpp` (what it takes, stores and sends back), `px4_custom_mode.h` (the main
-mode lies in bits 16-23 of `custom_mode`, the sub mode in bits 24-31),
-https://docs.px4.io/main/en/advanced_config/parameter_reference, and what PX4 1.17 was seen to do.
+Sources: PX4's `mavlink_mission.cpp`, `px4_custom_mode.h` (`custom_mode`: main mode in bits 16-23, sub mode in
+bits 24-31), https://docs.px4.io/main/en/advanced_config/parameter_reference, and tests with PX4 1.17.
 
 * No home item: item 0 is flown.
-* An upload is atomic: it goes to a second store, which replaces the first when the last item is in.
-  ``current`` on an item makes the new mission begin there. The same items again change nothing.
-* Items are asked for with MISSION_REQUEST_INT, again after 250 ms, given up after 5 s.
-* One conversation at a time: a MISSION_COUNT in the midst of one gets ACK 1. MISSION_ACK 15 ends it. A
-  read-back goes in order.
-* ACK 0 says that it is stored, not that it can be flown. The navigator's verdict is `mission_state` of
-  MISSION_CURRENT: NO_MISSION when it rejects the mission. In the air it goes to Hold then; AUTO is refused.
-* NAV_TAKEOFF keeps its yaw alone (`parse_mavlink_mission_item`): a pitch reads back as 0.
-* There is no DO_SET_MISSION_CURRENT; MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
-* Parameters without a meaning are NaN: yaw 0 would be a course to keep. All are kept as floats.
-* After the last item it circles in Hold, which is the same mode as an operator's.
+* An upload is atomic: a second store replaces the first after the last item. ``current`` on an item makes the
+  new mission begin there. The same items again change nothing.
+* Items are requested with MISSION_REQUEST_INT, again after 250 ms; PX4 gives up after 5 s.
+* One transfer at a time: a MISSION_COUNT during one gets ACK 1. MISSION_ACK 15 ends it. A download goes in
+  order.
+* ACK 0 says that a mission is stored, not that it can be flown. `mission_state` of MISSION_CURRENT is
+  NO_MISSION if the navigator rejects it. In the air it then goes to Hold; AUTO is refused.
+* NAV_TAKEOFF keeps its yaw only (`parse_mavlink_mission_item`): a pitch reads back as 0.
+* There is no DO_SET_MISSION_CURRENT. MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
+* Unused parameters are NaN: yaw 0 would be a course to keep. All are kept as floats.
+* After the last item it circles in Hold, the same mode as an operator's.
 """
 
 from __future__ import annotations
@@ -70,9 +69,9 @@ _PARAMETERS: Final = (
 
 
 def _wanted_of_missions(envelope: Envelope) -> WantedParameter:
-    """Return the wish for MIS_TKO_LAND_REQ, by which the navigator judges missions in the air, too.
+    """Return the requirement on MIS_TKO_LAND_REQ, by which the navigator checks missions, also in the air.
 
-    1 wants a take-off item, which no re-task in flight has; 2 a landing; 3 and 4 both.
+    1 requires a take-off item, which no re-task in flight has; 2 a landing; 3 and 4 both.
     """
     name = ("MIS_TKO_LAND_REQ",)
     if envelope.lands:
@@ -94,7 +93,7 @@ def _fits(envelope: Envelope) -> tuple[WantedParameter, ...]:
 
 
 def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
-    """Return what GF_* say; 0 is no limit."""
+    """Return the limits by GF_* parameters; 0 is no limit."""
     return FenceLimits(
         is_on=values.get("GF_ACTION", 0) > 0,
         polygons=True,
@@ -104,7 +103,7 @@ def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
 
 
 def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> dict[str, float]:
-    """Return RTL_RETURN_ALT above the place that it returns to (`RTL::findRtlDestination`)."""
+    """Return RTL_RETURN_ALT above the return position (`RTL::findRtlDestination`)."""
     above_m = values.get("RTL_RETURN_ALT")
     if above_m is None:
         return {}

@@ -190,7 +190,7 @@ class Fleet:
         receive an unchanged heartbeat, call `forward_next_heartbeat`.
         """
         frames = self._frames
-        frames.take(datagram.data)
+        frames.scan(datagram.data)
         link = self.links.get(datagram.link)
         if link is None:
             link = self.links[datagram.link] = LinkCounters()

@@ -1,9 +1,8 @@
-"""Datagrams of one sender put together, so that a flood costs a service few events instead of many.
+"""Batches of datagrams by sender, so that a flood costs the service few events.
 
-What waited at a wake-up is put together by sender, in order, up to what a radio's router would put into one
-datagram. Only datagrams that good frames of known ids fill from end to end are put together: what is found in
-the whole is then what was found in the parts. Any other datagram stays alone. Senders may overtake each
-other, as they may on UDP; no sender overtakes itself.
+Datagrams of one wake-up are concatenated by sender, in order, up to the size of a radio's datagram. Only
+datagrams that consist of good frames of known ids are concatenated, so that a scan of the batch finds the
+same. Senders may overtake each other, as on UDP; the order of each sender is kept.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from gcs import jit
 from gcs.mavlink.frames.fast_scan import CHECKED, CRC_EXTRAS, WIDTH, frame_at
 
 MAX_BYTES: Final = 1400
-_SEATS: Final = 1024
-_ALONE: Final = -1
+_HASH_SLOTS: Final = 1024
+_NO_GROUP: Final = -1
 
 
 @jit.leaf
@@ -33,17 +32,21 @@ def _is_clean(data, end, extras, scratch):  # type: ignore[no-untyped-def]
 
 
 @jit.leaf
-def _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, seats, out, groups, ends):  # type: ignore[no-untyped-def]
+def _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, last_group, out, groups, ends):  # type: ignore[no-untyped-def]
     number = 0
     for i in range(count):
-        seat = (senders[i] >> 16 ^ senders[i] >> 40) & _SEATS - 1
+        slot = (senders[i] >> 16 ^ senders[i] >> 40) & _HASH_SLOTS - 1
         clean = _is_clean(slots[i], lengths[i], extras, scratch)
-        group = seats[seat] if clean else _ALONE
-        if group == _ALONE or senders[groups[group]] != senders[i] or sizes[group] + lengths[i] > MAX_BYTES:
+        group = last_group[slot] if clean else _NO_GROUP
+        if (
+            group == _NO_GROUP
+            or senders[groups[group]] != senders[i]
+            or sizes[group] + lengths[i] > MAX_BYTES
+        ):
             group = number
             groups[group] = i
             number += 1
-        seats[seat] = group if clean else _ALONE
+        last_group[slot] = group if clean else _NO_GROUP
         group_of[i] = group
         sizes[group] += lengths[i]
     end = 0
@@ -60,17 +63,22 @@ def _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, sea
 
 @jit.kernel
 def _gather(slots, count, lengths, senders, extras, out, groups, ends):  # type: ignore[no-untyped-def]
-    """Copy datagrams, grouped, into `out`; put a datagram of each group, and its end, where they belong."""
+    """Copy datagrams, grouped, into `out`; return the number of groups.
+
+    `groups` receives the index of a datagram of each group, `ends` the group's end in `out`.
+    """
     scratch = np.empty((1, WIDTH), np.int32)
     group_of = np.empty(count, np.int64)
     sizes = np.zeros(count, np.int64)
-    seats = np.empty(_SEATS, np.int64)
-    seats[:] = _ALONE
-    return _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, seats, out, groups, ends)
+    last_group = np.empty(_HASH_SLOTS, np.int64)
+    last_group[:] = _NO_GROUP
+    return _group(
+        slots, count, lengths, senders, extras, scratch, group_of, sizes, last_group, out, groups, ends
+    )
 
 
 class DatagramBatcher:
-    """Puts batches of up to `count` datagrams together."""
+    """Concatenates up to `count` datagrams."""
 
     def __init__(self, count: int) -> None:
         self._groups = np.zeros(count, np.int64)
@@ -79,9 +87,9 @@ class DatagramBatcher:
     def gather(
         self, slots: npt.NDArray[np.uint8], lengths: npt.NDArray[np.int64], senders: npt.NDArray[np.int64]
     ) -> list[tuple[int, bytes]]:
-        """Return (number of a datagram of the same sender, data) of each group, in order of their beginning.
+        """Return (index of a datagram of the sender, data) of each group, in order of their beginning.
 
-        `slots` (n, longest) holds the datagrams, `lengths` and `senders` (n,) are each one's.
+        `slots` (n, max_bytes) holds the datagrams; `lengths` and `senders` are (n,).
         """
         out = np.empty(int(lengths.sum()), np.uint8)
         number = _gather(slots, len(lengths), lengths, senders, CRC_EXTRAS, out, self._groups, self._ends)
@@ -93,7 +101,7 @@ class DatagramBatcher:
 
 
 def warm_up_calls() -> list[jit.Call]:
-    """List one call of each kernel."""
+    """Return one call of each kernel."""
     numbers = np.zeros(1, np.int64)
     slots, out = np.zeros((1, 64), np.uint8), np.zeros(1, np.uint8)
     return [(_gather, slots, 0, numbers, numbers, CRC_EXTRAS, out, numbers, numbers)]

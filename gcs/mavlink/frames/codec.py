@@ -1,21 +1,33 @@
 """MAVLink frames to messages and back, one datagram at a time.
 
-Frame layout (https://mavlink.io/en/guide/serialization.html)::
+Frame layout (https://mavlink.io/en/guide/serialization.html), bytes:
 
-    MAVLink 2: FD len incompat compat seq sys comp id(3) payload(len) crc(2) [signature(13)]
-    MAVLink 1: FE len                 seq sys comp id(1) payload(len) crc(2)
+=============  ==================  ==================  =============================================
+field          MAVLink 2           MAVLink 1           meaning
+=============  ==================  ==================  =============================================
+magic          0     0xFD          0     0xFE          start of frame
+len            1                   1                   payload length
+incompat       2                   -                   incompatibility flags; 0x01: signed
+compat         3                   -                   compatibility flags, ignored
+seq            4                   2                   sequence number, to count lost frames
+sysid          5                   3                   sender's system id
+compid         6                   4                   sender's component id
+msgid          7-9   (little e.)   5                   message id
+payload        10 ...              6 ...               fields by size; v2: trailing zeros truncated
+checksum       2 bytes             2 bytes             CRC-16/MCRF4XX, see below
+signature      13 bytes, if signed  -                  `gcs.mavlink.frames.signing`
+=============  ==================  ==================  =============================================
 
-The checksum is CRC-16/MCRF4XX over everything after the first byte, plus one byte that depends on the
-message's definition: so a frame of an unknown id can be skipped, never checked.
+The checksum covers everything after the magic byte, plus the CRC_EXTRA byte of the message's definition. So a
+frame with an unknown message id can be skipped, not checked.
 
-Every datagram is scanned from empty: what one sender truncated can never swallow the next sender's frame. A
-false start costs one byte, not the length it claims, so good frames behind a damaged one are found. Bytes
-that look like a frame of an unknown id are noise when a good frame starts within them. The number of false
-starts per datagram is bounded, so that hostile bytes cannot buy much time. Nothing here raises on any input.
-Signatures are accepted unread.
+Each datagram is scanned from empty: a truncated frame of one sender never affects the next sender's. A false
+start costs one byte, not the length it claims. A frame with an unknown id counts as noise if a good frame
+starts within it. False starts per datagram are bounded. Nothing raises on any input. Signatures are not
+checked here.
 
-The scan and the checksum are ours (a checksum must not depend on an environment variable, as it does in
-pymavlink); fields are unpacked by the dialect that pymavlink generates.
+Scan and checksum are our own, since pymavlink's checksum depends on an environment variable. pymavlink's
+dialect unpacks the fields.
 """
 
 from __future__ import annotations
@@ -29,25 +41,25 @@ from typing import Any, Final, NamedTuple, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 Message: TypeAlias = Any
-"""A message object of the dialect, such as ``dialect.MAVLink_heartbeat_message``."""
+"""Message object of the dialect, such as ``dialect.MAVLink_heartbeat_message``."""
 
 GCS_SYSTEM_ID = 255
 GCS_COMPONENT_ID: int = dialect.MAV_COMP_ID_PATHPLANNER
-"""Not the 190 of QGroundControl and Mission Planner: on one network an answer to them is none to us."""
+"""Not 190 as QGroundControl and Mission Planner: answers to them are then not for us."""
 AUTOPILOT_COMPONENT_ID = 1
 
 _MAGIC_V1, _MAGIC_V2 = 0xFE, 0xFD
-_HEADER_V1, _HEADER_V2 = 6, 10
-_CRC = 2
-_SIGNATURE = 13
-_SIGNED = 0x01
+_HEADER_BYTES_V1, _HEADER_BYTES_V2 = 6, 10
+_CRC_BYTES = 2
+_SIGNATURE_BYTES = 13
+_SIGNED_FLAG = 0x01
 _MAX_FALSE_STARTS = 64
-_MARKER = re.compile(b"[\xfd\xfe]")
+_START_BYTE = re.compile(b"[\xfd\xfe]")
 _FIELD_CODE = re.compile(r"\d*[a-zA-Z]")
 
 
-def _plain_definitions() -> dict[int, tuple[Any, Callable[[bytes], Any], int, Callable[[Any], Any]]]:
-    """Class, unpacker, payload size and order of the fields of each message that holds numbers alone."""
+def _numeric_messages() -> dict[int, tuple[Any, Callable[[bytes], Any], int, Callable[[Any], Any]]]:
+    """Return class, unpacker, payload size and field order of messages with numeric scalars only."""
     return {
         message_id: (
             definition,
@@ -60,11 +72,11 @@ def _plain_definitions() -> dict[int, tuple[Any, Callable[[bytes], Any], int, Ca
     }
 
 
-_PLAIN = _plain_definitions()
+_NUMERIC_MESSAGES = _numeric_messages()
 
 
 class Frame(NamedTuple):
-    """One frame whose checksum holds."""
+    """One frame with a valid checksum."""
 
     system_id: int
     component_id: int
@@ -74,19 +86,19 @@ class Frame(NamedTuple):
     data: bytes
 
     def message(self) -> Message | None:
-        """Unpack the fields; None when they do not fit the message's definition.
+        """Unpack the fields; return None if they do not fit the message's definition.
 
-        As pymavlink's ``decode`` does it, without a second look at the checksum. Messages with arrays or
-        texts, which are rare, are left to it.
+        Equal to pymavlink's ``decode`` without the checksum. Messages with arrays or texts, which are rare,
+        are left to it.
         """
-        plain = _PLAIN.get(self.message_id)
-        if plain is None:
-            return self._decoded()
-        definition, unpack, size, in_order = plain
-        data, begin = self.data, _HEADER_V2 if self.data[0] == _MAGIC_V2 else _HEADER_V1
+        numeric = _NUMERIC_MESSAGES.get(self.message_id)
+        if numeric is None:
+            return self._decode_any()
+        definition, unpack, size, in_order = numeric
+        data, begin = self.data, _HEADER_BYTES_V2 if self.data[0] == _MAGIC_V2 else _HEADER_BYTES_V1
         payload = data[begin : begin + min(data[1], size)]
         message = definition(*in_order(unpack(payload.ljust(size, b"\0"))))
-        flags = data[2:4] if begin == _HEADER_V2 else b"\0\0"
+        flags = data[2:4] if begin == _HEADER_BYTES_V2 else b"\0\0"
         message._header = dialect.MAVLink_header(
             self.message_id, flags[0], flags[1], data[1], self.sequence, self.system_id, self.component_id
         )
@@ -95,7 +107,7 @@ class Frame(NamedTuple):
         message._msgbuf, message._payload = data, data[begin:crc_at]
         return message
 
-    def _decoded(self) -> Message | None:
+    def _decode_any(self) -> Message | None:
         try:
             return dialect.MAVLink(None).decode(bytearray(self.data))
         except (dialect.MAVError, ValueError, TypeError, IndexError):
@@ -103,15 +115,15 @@ class Frame(NamedTuple):
 
 
 class ScanResult(NamedTuple):
-    """What one datagram held."""
+    """Frames and errors of one datagram."""
 
     frames: list[Frame]
     bad_bytes: int
     """Bytes that belong to no frame."""
     crc_errors: int
-    """Whole frames of a known id whose checksum does not hold."""
+    """Complete frames of a known id with a wrong checksum."""
     unchecked: list[Frame]
-    """Well-placed frames of an id that the dialect does not have: to be sent on, not to be read."""
+    """Frames of an id that the dialect lacks: forwarded, not read."""
 
     @property
     def unknown(self) -> int:
@@ -120,28 +132,28 @@ class ScanResult(NamedTuple):
 
 
 class SimpleFrames:
-    """The frames of one datagram at a time, by `scan`: the plain form of `fast_scan.Frames`."""
+    """Frames of one datagram at a time, by `scan`. Reference for `fast_scan.Frames`."""
 
     def __init__(self) -> None:
-        self.take(b"")
+        self.scan(b"")
 
-    def take(self, data: bytes) -> None:
-        """Frame a datagram, from empty."""
+    def scan(self, data: bytes) -> None:
+        """Scan a datagram."""
         self._frames, self.bad_bytes, self.crc_errors, unchecked = scan(data)
         self.found = self.checked = len(self._frames)
         self.unknown = len(unchecked)
 
     def is_checked(self, row: int) -> bool:  # noqa: ARG002  others have no row here
-        """Whether the frame's checksum is known to hold."""
+        """Return True if the frame's checksum is valid."""
         return True
 
     def frame(self, row: int) -> Frame:
-        """Return the frame of a row; the first is 1."""
+        """Return the frame of a row, counted from 1."""
         return self._frames[row - 1]
 
 
 def scan(data: bytes) -> ScanResult:
-    """Find the frames of a datagram, from empty."""
+    """Return the frames of a datagram."""
     frames: list[Frame] = []
     unchecked: list[Frame] = []
     bad_bytes = crc_errors = false_starts = 0
@@ -168,7 +180,7 @@ def scan(data: bytes) -> ScanResult:
             if false_starts >= _MAX_FALSE_STARTS:
                 bad_bytes += end - at
                 break
-        marker = _MARKER.search(data, at + 1)
+        marker = _START_BYTE.search(data, at + 1)
         next_at = marker.start() if marker else end
         bad_bytes += next_at - at
         at = next_at
@@ -176,12 +188,12 @@ def scan(data: bytes) -> ScanResult:
 
 
 def _covers_good_frame(data: bytes, at: int, length: int, tries: int) -> tuple[bool, int]:
-    """Return True if a good frame starts within the one claimed at `at`, and how many tries are left.
+    """Return True if a good frame starts within the one claimed at `at`, and the number of checksums left.
 
-    A try is a checksum worked out; without any left, the claim is accepted.
+    With none left, the claim is accepted.
     """
     end, stop = len(data), at + length
-    while tries and (marker := _MARKER.search(data, at + 1, stop)):
+    while tries and (marker := _START_BYTE.search(data, at + 1, stop)):
         at = marker.start()
         inner = _frame_length(data, at, end)
         if inner and _message_id(data, at) in dialect.mavlink_map:
@@ -192,16 +204,15 @@ def _covers_good_frame(data: bytes, at: int, length: int, tries: int) -> tuple[b
 
 
 def decode(data: bytes) -> tuple[list[Message], ScanResult]:
-    """Messages of a datagram, and what the scan found; for callers that want every message."""
+    """Return the messages of a datagram, and the scan result."""
     found = scan(data)
     return [message for frame in found.frames if (message := frame.message()) is not None], found
 
 
 class Encoder:
-    """Messages to MAVLink 2 frames from one sender to one peer; the sequence counter is the peer's own.
+    """Packs messages as MAVLink 2 frames for one peer, with a sequence of its own.
 
-    One counter per peer, so that a vehicle which counts gaps sees its own loss and not other vehicles'
-    traffic.
+    One sequence per peer: a vehicle that counts gaps then sees its own loss only.
     """
 
     def __init__(self, system_id: int = GCS_SYSTEM_ID, component_id: int = GCS_COMPONENT_ID) -> None:
@@ -215,15 +226,17 @@ class Encoder:
 
 
 def _frame_length(data: bytes, at: int, end: int) -> int:
-    """Length of the frame that may start at `at`, 0 when none can."""
+    """Return the length of the frame that may start at `at`; 0 if there is none."""
     magic = data[at]
-    if magic == _MAGIC_V2 and at + _HEADER_V2 + _CRC <= end:
+    if magic == _MAGIC_V2 and at + _HEADER_BYTES_V2 + _CRC_BYTES <= end:
         flags = data[at + 2]
-        if flags & ~_SIGNED:
+        if flags & ~_SIGNED_FLAG:
             return 0
-        length = _HEADER_V2 + data[at + 1] + _CRC + (_SIGNATURE if flags & _SIGNED else 0)
-    elif magic == _MAGIC_V1 and at + _HEADER_V1 + _CRC <= end:
-        length = _HEADER_V1 + data[at + 1] + _CRC
+        length = (
+            _HEADER_BYTES_V2 + data[at + 1] + _CRC_BYTES + (_SIGNATURE_BYTES if flags & _SIGNED_FLAG else 0)
+        )
+    elif magic == _MAGIC_V1 and at + _HEADER_BYTES_V1 + _CRC_BYTES <= end:
+        length = _HEADER_BYTES_V1 + data[at + 1] + _CRC_BYTES
     else:
         return 0
     return length if at + length <= end else 0
@@ -236,11 +249,11 @@ def _message_id(data: bytes, at: int) -> int:
 
 
 def checked_frame(data: bytes, at: int, length: int) -> Frame | None:
-    """Return the frame that fills `length` bytes from `at`, when its id is known and its checksum holds."""
+    """Return the frame of `length` bytes at `at` if its id is known and its checksum is valid."""
     definition = dialect.mavlink_map.get(_message_id(data, at))
     if definition is None:
         return None
-    crc_at = at + length - _CRC - (_SIGNATURE if _is_signed(data, at) else 0)
+    crc_at = at + length - _CRC_BYTES - (_SIGNATURE_BYTES if _is_signed(data, at) else 0)
     crc = dialect.x25crc(data[at + 1 : crc_at] + bytes((definition.crc_extra,))).crc
     if crc != data[crc_at] | data[crc_at + 1] << 8:
         return None
@@ -248,7 +261,7 @@ def checked_frame(data: bytes, at: int, length: int) -> Frame | None:
 
 
 def _is_signed(data: bytes, at: int) -> bool:
-    return data[at] == _MAGIC_V2 and bool(data[at + 2] & _SIGNED)
+    return data[at] == _MAGIC_V2 and bool(data[at + 2] & _SIGNED_FLAG)
 
 
 def _frame(data: bytes, at: int, length: int) -> Frame:
@@ -264,7 +277,7 @@ def _frame(data: bytes, at: int, length: int) -> Frame:
 
 
 def _target_offsets() -> dict[int, tuple[int, int | None]]:
-    """Offset of target system and target component in the payload of each message that has them."""
+    """Return the payload offsets of target system and target component, by message id."""
     found: dict[int, tuple[int, int | None]] = {}
     for message_id, definition in dialect.mavlink_map.items():
         at, where = 0, {}
@@ -282,7 +295,10 @@ _TARGET_OFFSETS: Final = _target_offsets()
 
 
 def target_of(frame: Frame) -> tuple[int, int] | None:
-    """Return the (system, component) that a frame is for, 0 meaning all; None for one that names nobody."""
+    """Return the target (system, component) of a frame, 0 meaning all; None if its message has no target.
+
+    Read without unpacking: fields are ordered by size. MANUAL_CONTROL calls its target system ``target``.
+    """
     offsets = _TARGET_OFFSETS.get(frame.message_id)
     if offsets is None:
         return None
@@ -291,7 +307,7 @@ def target_of(frame: Frame) -> tuple[int, int] | None:
 
 
 def payload_byte(frame: Frame, offset: int) -> int:
-    """One byte of a frame's payload, 0 where it was left out."""
+    """Return one byte of a frame's payload; truncated bytes are 0."""
     data = frame.data
-    begin = _HEADER_V2 if data[0] == _MAGIC_V2 else _HEADER_V1
+    begin = _HEADER_BYTES_V2 if data[0] == _MAGIC_V2 else _HEADER_BYTES_V1
     return data[begin + offset] if offset < data[1] else 0

@@ -1,14 +1,12 @@
-"""Frames found by a compiled kernel: what `gcs.mavlink.frames.codec.scan` finds, at a hundredth of its price.
+"""`gcs.mavlink.frames.codec.scan` as a compiled kernel, about a hundred times as fast.
 
-One call frames a whole datagram, however many frames it holds, into a table of integers (one row a frame,
-columns below); nothing is copied and no Python object is made. `scan` is the simple form that this one is
-held against, byte for byte: same frames, same counters, same bound on false starts.
+One call scans a datagram into an integer table, one row per frame (columns below), without Python objects.
+`scan` is the reference: same frames, same counters, same bound on false starts.
 
-The checksum is CRC-16/MCRF4XX (https://mavlink.io/en/guide/serialization.html), four bytes at a step: the
-table of step k holds what a byte does to the checksum when k more zero bytes follow it.
+The checksum is CRC-16/MCRF4XX (https://mavlink.io/en/guide/serialization.html), four bytes per step. Table k
+holds a byte's effect on the checksum when k more zero bytes follow.
 
-What only changes from one dialect to the next (which ids there are, and the byte that each adds to its
-checksum) is an argument: numba's cache does not see pymavlink change.
+Message ids and CRC_EXTRA are arguments of the kernel: numba's cache does not notice a new pymavlink.
 """
 
 from __future__ import annotations
@@ -25,12 +23,12 @@ from gcs.mavlink.frames.codec import Frame
 Ints = npt.NDArray[np.int32]
 
 OFFSET, LENGTH, MESSAGE_ID, SYSTEM, COMPONENT, SEQUENCE, SIGNED, CHECKED, WIDTH = range(9)
-"""Columns of a frame. CHECKED is 0 for a well-placed frame of an id that the dialect does not have."""
+"""Columns of a frame. CHECKED is 0 for a frame of an id that the dialect lacks."""
 
 _BAD_BYTES, _CRC_ERRORS, _UNKNOWN = 1, 2, 3
-"""Columns of the table's first row, which holds counters instead of a frame; the frames' number is in 0."""
+"""Columns of the counters in the table's first row; column 0 is the number of frames."""
 
-_LEAST_FRAME: Final = 8
+_MIN_FRAME_BYTES: Final = 8
 _MAX_FALSE_STARTS: Final = 64
 
 
@@ -49,20 +47,20 @@ def _crc_steps() -> Ints:
 CRC_TABLES: Final = _crc_steps()
 
 
-def _extras() -> npt.NDArray[np.int16]:
-    """CRC_EXTRA by message id, -1 for ids that there are not."""
+def _crc_extras() -> npt.NDArray[np.int16]:
+    """Return CRC_EXTRA by message id; -1 for unknown ids."""
     extras = np.full(max(dialect.mavlink_map) + 1, -1, np.int16)
     for message_id, definition in dialect.mavlink_map.items():
         extras[message_id] = definition.crc_extra
     return extras
 
 
-CRC_EXTRAS: Final = _extras()
+CRC_EXTRAS: Final = _crc_extras()
 
 
 @jit.leaf
-def _two(data, at):  # type: ignore[no-untyped-def]
-    """Two bytes as a number: signed, since numba makes a float of an unsigned number and a signed one."""
+def _uint16(data, at):  # type: ignore[no-untyped-def]
+    """Return two bytes as a signed integer: numba would make a float of signed and unsigned operands."""
     return np.int64(data[at]) | np.int64(data[at + 1]) << 8
 
 
@@ -70,16 +68,16 @@ def _two(data, at):  # type: ignore[no-untyped-def]
 def _message_id(data, at):  # type: ignore[no-untyped-def]
     if data[at] == 0xFE:
         return np.int64(data[at + 5])
-    return _two(data, at + 7) | np.int64(data[at + 9]) << 16
+    return _uint16(data, at + 7) | np.int64(data[at + 9]) << 16
 
 
 @jit.leaf
 def _crc(data, begin, end, extra):  # type: ignore[no-untyped-def]
-    """Checksum of `data[begin:end]` and the extra byte."""
+    """Return the checksum of `data[begin:end]` and the CRC_EXTRA byte."""
     crc = np.int64(0xFFFF)
     at = begin
     while at + 4 <= end:
-        crc ^= _two(data, at)
+        crc ^= _uint16(data, at)
         crc = (
             CRC_TABLES[3, crc & 0xFF]
             ^ CRC_TABLES[2, crc >> 8]
@@ -120,7 +118,7 @@ def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def
     message_id = _message_id(data, at)
     checked = 1 if message_id < len(extras) and extras[message_id] >= 0 else 0
     if checked:
-        if _crc(data, at + 1, crc_at, extras[message_id]) != _two(data, crc_at):
+        if _crc(data, at + 1, crc_at, extras[message_id]) != _uint16(data, crc_at):
             return -length
     elif at + length < end and data[at + length] != 0xFD and data[at + length] != 0xFE:
         return -length
@@ -137,9 +135,9 @@ def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def
 
 @jit.leaf
 def _covers_good_frame(data, at, length, extras, frames, row, tries):  # type: ignore[no-untyped-def]
-    """Tell whether a good frame starts within the one claimed at `at`, and how many tries are left.
+    """Return True if a good frame starts within the one claimed at `at`, and the number of checksums left.
 
-    As `gcs.mavlink.frames.codec` does it; `frames[row]` is overwritten.
+    As in `gcs.mavlink.frames.codec`; `frames[row]` is overwritten.
     """
     end, stop = len(data), at + length
     at += 1
@@ -156,7 +154,7 @@ def _covers_good_frame(data, at, length, extras, frames, row, tries):  # type: i
 
 
 @jit.leaf
-def _all(data, extras, frames):  # type: ignore[no-untyped-def]
+def _scan_datagram(data, extras, frames):  # type: ignore[no-untyped-def]
     """Fill `frames` from its second row on, and the counters into its first."""
     count = bad_bytes = crc_errors = unknown = false_starts = 0
     tries = _MAX_FALSE_STARTS
@@ -192,42 +190,42 @@ def _all(data, extras, frames):  # type: ignore[no-untyped-def]
 
 
 @jit.kernel
-def _find(data, extras, frames):  # type: ignore[no-untyped-def]
-    _all(data, extras, frames)
+def _scan_kernel(data, extras, frames):  # type: ignore[no-untyped-def]
+    _scan_datagram(data, extras, frames)
 
 
 class Frames:
-    """The frames of one datagram at a time.
+    """Frames of one datagram at a time.
 
-    `table` (n + 1, `WIDTH`) holds them from its row 1 on, in order, until the next datagram is taken.
+    `table` (n + 1, `WIDTH`) holds them from row 1 on, until the next scan.
     """
 
     def __init__(self) -> None:
         self.table = np.zeros((256, WIDTH), np.int32)
         self._data = b""
         self.found = self.checked = self.bad_bytes = self.crc_errors = self.unknown = 0
-        """Rows in all, those of good frames, and as `gcs.mavlink.frames.codec.ScanResult` counts."""
+        """All rows, rows with a valid checksum, and the counters of `gcs.mavlink.frames.codec.ScanResult`."""
 
-    def take(self, data: bytes) -> None:
-        """Frame a datagram, from empty."""
-        if len(self.table) < len(data) // _LEAST_FRAME + 2:
-            self.table = np.zeros((len(data) // _LEAST_FRAME + 2, WIDTH), np.int32)
+    def scan(self, data: bytes) -> None:
+        """Scan a datagram."""
+        if len(self.table) < len(data) // _MIN_FRAME_BYTES + 2:
+            self.table = np.zeros((len(data) // _MIN_FRAME_BYTES + 2, WIDTH), np.int32)
         self._data = data
-        _find(data, CRC_EXTRAS, self.table)
+        _scan_kernel(data, CRC_EXTRAS, self.table)
         self.found, self.bad_bytes, self.crc_errors, self.unknown = self.table[0, :4].tolist()
         self.checked = self.found - self.unknown
 
     def is_checked(self, row: int) -> bool:
-        """Whether the frame's checksum is known to hold."""
+        """Return True if the frame's checksum is valid."""
         return bool(self.table.item(row, CHECKED))
 
     def frame(self, row: int) -> Frame:
-        """Make one frame's record."""
+        """Return the frame of a row."""
         offset, length, message_id, system, component, sequence, signed, _ = self.table[row].tolist()
         data = self._data[offset : offset + length]
         return Frame(system, component, sequence, message_id, bool(signed), data)
 
 
 def warm_up_calls() -> list[jit.Call]:
-    """List one call of each kernel."""
-    return [(_find, b"\xfd", CRC_EXTRAS, np.zeros((2, WIDTH), np.int32))]
+    """Return one call of each kernel."""
+    return [(_scan_kernel, b"\xfd", CRC_EXTRAS, np.zeros((2, WIDTH), np.int32))]

@@ -1,10 +1,8 @@
-"""Signatures of many datagrams in one call: the fast form of `gcs.mavlink.frames.signing.Gate`.
+"""Signature checks of whole datagrams, framed by the compiled kernel: fast form of `signing.SigningGate`.
 
-A datagram of which everything is in order is framed by the compiled kernel (`gcs.mavlink.frames.fast_scan`);
-what is left for each frame is its hash. Whenever anything is out of the ordinary (bytes in no frame, an id
-not known here, a frame that is not signed, by another key, late, or the first of its stream) nothing is
-noted, and the gate looks at the datagram in its own, simple way: theirs is the word on what is let in and
-why.
+Of a regular datagram only the hashes remain to be checked here. For anything irregular (bytes outside frames,
+an unknown id, an unsigned frame, another key, a late frame, the first of its stream) nothing is noted and the
+gate decides, frame by frame.
 """
 
 from __future__ import annotations
@@ -17,19 +15,19 @@ from typing import NamedTuple
 from gcs.endpoints import Link
 from gcs.mavlink.frames.fast_scan import COMPONENT, LENGTH, OFFSET, SIGNED, SYSTEM, Frames
 
-_SIGNATURE = 6
-_STAMP = 12
-_LINK_ID = 13
+_HASH_BYTES = 6
+_TIMESTAMP_OFFSET = 12
+_LINK_ID_OFFSET = 13
 
 
 class Verified(NamedTuple):
-    """What a datagram that may come in says."""
+    """Contents of a datagram that is accepted."""
 
     frames: int
     times: dict[str, int]
     """Signing time of each stream in it."""
     keys: dict[bytes, None]
-    """In use, in order."""
+    """Keys in use, in order."""
 
 
 class Verifier:
@@ -38,11 +36,11 @@ class Verifier:
     Parameters
     ----------
     key_of : callable
-        Link and system id to key, None where nothing has to be signed.
+        Link and system id to key; None where no signature is needed.
     stream_of : callable
         Link, system id, component id and link id of a signature to the stream's name.
     streams : mapping
-        Latest signing time of each stream, as it is at each call.
+        Latest signing time of each stream, at the time of the call.
     """
 
     def __init__(
@@ -53,16 +51,16 @@ class Verifier:
     ) -> None:
         self._key_of, self._stream_of, self._streams = key_of, stream_of, streams
         self._frames = Frames()
-        self._known: dict[str, dict[int, tuple[bytes, str]]] = {}
+        self._senders: dict[str, dict[int, tuple[bytes, str]]] = {}
         """Key and stream by link, and by the sender's and the signature's ids in one number."""
 
     def check(self, link: Link, name: str, data: bytes) -> Verified | None:
-        """Check a datagram of a link of this name; None when the gate must look itself."""
+        """Check a datagram of a link of this name; None if the gate must decide."""
         frames = self._frames
-        frames.take(data)
+        frames.scan(data)
         if frames.bad_bytes or frames.unknown or not frames.found:
             return None
-        known, streams = self._known.setdefault(name, {}), self._streams
+        senders, streams = self._senders.setdefault(name, {}), self._streams
         times: dict[str, int] = {}
         keys: dict[bytes, None] = {}
         last = 0
@@ -71,30 +69,30 @@ class Verifier:
             if not signed:
                 return None
             end = offset + length
-            link_id = data[end - _LINK_ID]
+            link_id = data[end - _LINK_ID_OFFSET]
             sender = system << 16 | component << 8 | link_id
-            entry = known.get(sender)
+            entry = senders.get(sender)
             if entry is None:
-                entry = self._meet(link, known, sender, (system, component, link_id))
+                entry = self._add_sender(link, senders, sender, (system, component, link_id))
                 if entry is None:
                     return None
             key, stream = entry
-            stamp = int.from_bytes(data[end - _STAMP : end - _SIGNATURE], "little")
+            timestamp = int.from_bytes(data[end - _TIMESTAMP_OFFSET : end - _HASH_BYTES], "little")
             before = times.get(stream) or streams.get(stream)
-            if before is None or stamp <= before or stamp < last:
+            if before is None or timestamp <= before or timestamp < last:
                 return None  # in a datagram the gate goes by signing time
-            proof = sha256(key + data[offset : end - _SIGNATURE]).digest()[:_SIGNATURE]
-            if not compare_digest(proof, data[end - _SIGNATURE : end]):
+            digest = sha256(key + data[offset : end - _HASH_BYTES]).digest()[:_HASH_BYTES]
+            if not compare_digest(digest, data[end - _HASH_BYTES : end]):
                 return None
-            times[stream] = last = stamp
+            times[stream] = last = timestamp
             keys[key] = None
         return Verified(frames.found, times, keys)
 
-    def _meet(
-        self, link: Link, known: dict[int, tuple[bytes, str]], sender: int, ids: tuple[int, int, int]
+    def _add_sender(
+        self, link: Link, senders: dict[int, tuple[bytes, str]], sender: int, ids: tuple[int, int, int]
     ) -> tuple[bytes, str] | None:
-        """Look up whose key and stream it is; only streams that the gate has let in are kept."""
+        """Look up key and stream of a sender; only accepted streams are kept."""
         key, stream = self._key_of(link, ids[0]), self._stream_of(link, *ids)
         if key is None or stream not in self._streams:
             return None
-        return known.setdefault(sender, (key, stream))
+        return senders.setdefault(sender, (key, stream))

@@ -1,21 +1,20 @@
-"""MAVLink 2 message signing: who may speak on a link (https://mavlink.io/en/guide/message_signing.html).
+"""MAVLink 2 message signing (https://mavlink.io/en/guide/message_signing.html).
 
-A signed frame has bit 0 of its incompatibility flags set and 13 bytes behind its checksum::
+A signed frame has bit 0 of its incompatibility flags set, and 13 bytes after its checksum::
 
     link id (1)   timestamp (6, little endian, 10 us since 2015-01-01 UTC)   signature (6)
 
-the signature being the first 48 bits of SHA-256(secret key (32), the frame up to and with the timestamp). The
-flag is under the checksum. A CRC is linear, so setting one bit changes it by what depends on the frame's
-length alone: frames of messages that we do not know can be signed as well.
+The signature is the first 48 bits of SHA-256(secret key (32), frame up to and including the timestamp). The
+checksum covers the flag. A CRC is linear: setting the flag changes it by a value that depends on the frame's
+length only. So frames of unknown messages can be signed as well.
 
-What is checked of a frame for which there is a key: that it is signed, by that key, and later than any frame
-before it of the same (system, component, link id); the first frame of such a stream may be at most a minute
-behind our time. Our own time never goes back and follows the latest that was validly signed. A stream's time
-is moved by valid frames only, else a forger could silence a vehicle. RADIO_STATUS is let in unsigned, as the
-specification asks: the radios themselves send it. SETUP_SIGNING is let in by nobody and sent on to nobody: it
-carries a key, and what is let in is recorded.
+Where there is a key, a frame must be signed with it, and later than any frame before of the same (system,
+component, link id). The first frame of such a stream may be at most a minute behind our time. Our time never
+goes back and follows the latest valid signature. Only valid frames advance a stream, else a forger could
+silence a vehicle. RADIO_STATUS is accepted unsigned, as the specification asks: the radios send it.
+SETUP_SIGNING is never accepted or forwarded: it carries a key, and accepted frames are recorded.
 
-Pure: frames and times in, frames out. Nothing here raises on any frame, and no key is in any text.
+Pure: frames and times in, frames out. Nothing raises on any frame, and no text contains a key.
 """
 
 from __future__ import annotations
@@ -42,33 +41,33 @@ KEY_BYTES: Final = 32
 EPOCH_S: Final = 1_420_070_400
 """2015-01-01T00:00:00Z."""
 MIN_SIGNED_LATER_NS: Final = 2 * NS_PER_S
-"""A vehicle's frames from a new address that are signed this much later than those from the old one show
-that the old ones are not its own: they were recorded, and are sent again."""
+"""A vehicle whose frames from a new address are signed this much later has moved there. The frames from the
+old address are a replay."""
 TICKS_PER_S: Final = 100_000
 MAX_STALE_TICKS: Final = 60 * TICKS_PER_S
 
 Stream: TypeAlias = str
-"""Who is told apart by time: "network/system/component/link id"; on a guests' endpoint, its name before."""
+""""network/system/component/link id"; on an endpoint for other ground stations preceded by its name."""
 
 NS_PER_TICK: Final = 10_000
-_V2: Final = 0xFD
-_SIGNED: Final = 0x01
-_BLOCK: Final = 13
+_MAGIC_V2: Final = 0xFD
+_SIGNED_FLAG: Final = 0x01
+_SIGNATURE_BYTES: Final = 13
 _SETUP_SIGNING: Final[int] = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 _MAYBE_SETUP: Final = re.compile(b"\xfd.{6}" + re.escape(_SETUP_SIGNING.to_bytes(3, "little")), re.DOTALL)
 _RADIO: Final = (dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RADIO)
 _MAX_STREAMS: Final = 16_384
-_MAX_AHEAD: Final = TICKS_PER_S // 5
-"""How far a stream may run ahead of its saved time: less than a service needs to start again."""
+_MAX_AHEAD_TICKS: Final = TICKS_PER_S // 5
+"""A stream may be ahead of its saved time by this much: less than the service needs for a restart."""
 _MAX_ADDRESSES: Final = 1024
 
 
 def _flag_changes() -> tuple[int, ...]:
-    """What the signed flag changes in the checksum, by the payload's length."""
+    """Return the change of the checksum by the signed flag, by payload length."""
     changes = []
     crc = dialect.x25crc(None)
     crc.crc = 0
-    crc.accumulate(bytes((_SIGNED, *[0] * 8)))  # the flag, seven bytes of header, the definition's byte
+    crc.accumulate(bytes((_SIGNED_FLAG, *[0] * 8)))  # the flag, seven bytes of header, the definition's byte
     for _ in range(256):
         changes.append(crc.crc)
         crc.accumulate(b"\0")
@@ -79,25 +78,25 @@ _FLAG_CHANGES: Final = _flag_changes()
 
 
 def timestamp_of(t_ns: int) -> int:
-    """Signing time of a Unix time in nanoseconds."""
+    """Return the signing time of a Unix time in nanoseconds."""
     return max(0, t_ns // NS_PER_TICK - EPOCH_S * TICKS_PER_S)
 
 
 def passphrase_key(passphrase: str) -> bytes:
-    """Key of a passphrase as Mission Planner and MAVProxy make it: its SHA-256."""
+    """Return the key of a passphrase, as Mission Planner and MAVProxy derive it: its SHA-256."""
     return hashlib.sha256(passphrase.encode()).digest()
 
 
 def fingerprint(key: bytes) -> str:
-    """Name a key without giving it away: 8 hex digits."""
+    """Return 8 hex digits that identify a key without revealing it."""
     return hashlib.sha256(b"fingerprint" + key).hexdigest()[:8]
 
 
 def signed(frame: bytes, key: bytes, link_id: int, timestamp: int) -> bytes:
-    """Return a MAVLink 2 frame signed; a signature that it has is replaced."""
+    """Return a MAVLink 2 frame signed; an existing signature is replaced."""
     body = bytearray(frame[: 12 + frame[1]])
-    if not body[2] & _SIGNED:
-        body[2] |= _SIGNED
+    if not body[2] & _SIGNED_FLAG:
+        body[2] |= _SIGNED_FLAG
         change = _FLAG_CHANGES[body[1]]
         body[-2] ^= change & 0xFF
         body[-1] ^= change >> 8
@@ -107,39 +106,39 @@ def signed(frame: bytes, key: bytes, link_id: int, timestamp: int) -> bytes:
 
 
 def is_signed_by(frame: bytes, key: bytes) -> bool:
-    """Whether the signature of a signed frame is this key's."""
+    """Return True if a signed frame's signature is this key's."""
     return hmac.compare_digest(hashlib.sha256(key + frame[:-6]).digest()[:6], frame[-6:])
 
 
 def signed_t_ns(frame: Frame) -> int | None:
-    """Return the Unix time in a frame's signature in nanoseconds; None when it is not signed."""
+    """Return the Unix time in a frame's signature in nanoseconds; None if unsigned."""
     return signing_time(frame) * NS_PER_TICK + EPOCH_S * NS_PER_S if frame.signed else None
 
 
 def signing_time(frame: Frame) -> int:
-    """Timestamp in a frame's signature; 0 when it is not signed."""
+    """Return the timestamp in a frame's signature; 0 if unsigned."""
     return int.from_bytes(frame.data[-12:-6], "little") if frame.signed else 0
 
 
 @dataclass(frozen=True, slots=True)
 class Keys:
-    """Which key is whose: a vehicle's own, else its link's, else the one for all vehicles."""
+    """Signing keys: a vehicle's own, else its link's, else the default."""
 
     vehicles: Mapping[int, bytes] = field(default_factory=dict, repr=False)
     """By `gcs.model.vehicle_id`."""
     links: Mapping[str, bytes] = field(default_factory=dict, repr=False)
-    """By the endpoint's canonical form; the only keys for other ground stations."""
+    """By the endpoint's canonical form. Other ground stations have these only."""
     default: bytes | None = field(default=None, repr=False)
 
-    def of(self, link: Link, system_id: int) -> bytes | None:
-        """Key of somebody who speaks on a link; None when nothing has to be signed."""
+    def key_for(self, link: Link, system_id: int) -> bytes | None:
+        """Return the key of a sender on a link; None if its frames need no signature."""
         if link.role != "vehicles":
             return self.links.get(link.name)
         own = self.vehicles.get(vehicle_id(link.network, system_id))
         return own or self.links.get(link.name) or self.default
 
-    def any_on(self, link: Link) -> bool:
-        """Whether anybody's frames are signed on a link."""
+    def has_any_on(self, link: Link) -> bool:
+        """Return True if any sender on a link has a key."""
         if link.name in self.links:
             return True
         here = any(network_of(vehicle) == link.network for vehicle in self.vehicles)
@@ -147,33 +146,33 @@ class Keys:
 
 
 @dataclass(slots=True)
-class GateCounters:
-    """What one link's gate did."""
+class SigningCounters:
+    """Counters of one link."""
 
     verified: int = 0
-    """Signed frames let in."""
+    """Signed frames accepted."""
     signed: int = 0
     """Frames that we signed."""
     rejected: Counter[str] = field(default_factory=Counter)
-    """Frames kept out, by reason."""
+    """Frames rejected, by reason."""
     last: dict[str, str] = field(default_factory=dict)
-    """Who sent the last of these, in words."""
+    """Sender of the last of these."""
 
 
-class Gate:
-    """Every link's signing, in and out.
+class SigningGate:
+    """Checks and signs the frames of all links.
 
     Parameters
     ----------
     keys : Keys
     links : iterable of Link
-        In the order of the mission file: a link's number there is the link id of what we sign.
+        In the order of the mission file: the index is the link id of our signatures.
     timestamp : int
         Signing time that an earlier run had reached.
     streams : mapping
         Latest signing time of each stream then.
     kernel : bool
-        Whether datagrams that are in order are checked the fast way (`gcs.mavlink.frames.fast_verify`).
+        True to check regular datagrams by `gcs.mavlink.frames.fast_verify`.
     """
 
     def __init__(
@@ -187,16 +186,16 @@ class Gate:
     ) -> None:
         self.timestamp = timestamp
         self.streams: dict[Stream, int] = dict(streams or {})
-        self.counters: dict[str, GateCounters] = {}
+        self.counters: dict[str, SigningCounters] = {}
         self._keys = keys
         self.links = {link.name: link for link in links}
         self._ids = {name: number % 256 for number, name in enumerate(self.links)}
-        self._keyed = {name: keys.any_on(link) for name, link in self.links.items()}
-        self._heard: dict[Address, dict[bytes, None]] = {}
-        """Keys by which frames from an address were verified."""
-        self._behind: dict[Address, None] = {}
+        self._keyed = {name: keys.has_any_on(link) for name, link in self.links.items()}
+        self._keys_at: dict[Address, dict[bytes, None]] = {}
+        """Keys that verified frames from an address."""
+        self._stale_senders: dict[Address, None] = {}
         self._leads: dict[Stream, int] = {}
-        """Most that a stream was ahead of our clock since times were saved; it may be negative."""
+        """Greatest lead of a stream over our clock since times were saved; may be negative."""
         self._saved: tuple[int, Mapping[Stream, int]] = 0, {}
         """Signing time when times were saved, and the streams' then."""
         self.runs_ahead = False
@@ -205,18 +204,18 @@ class Gate:
         if kernel and any(self._keyed.values()):
             from gcs.mavlink.frames.fast_verify import Verifier
 
-            self._verifier = Verifier(keys.of, _stream_of, self.streams)
+            self._verifier = Verifier(keys.key_for, _stream_of, self.streams)
 
     def is_keyed(self, link: str, system_id: int | None = None) -> bool:
-        """Whether somebody's frames on a link must be signed; without a system id: anybody's."""
+        """Return True if frames of a system on a link must be signed; without a system id: of any system."""
         if system_id is None:
             return self._keyed.get(link, False)
-        return link in self.links and self._keys.of(self.links[link], system_id) is not None
+        return link in self.links and self._keys.key_for(self.links[link], system_id) is not None
 
     # ------------------------------------------------------------ in
 
-    def admit(self, t_ns: int, address: Address, data: bytes) -> bytes:
-        """Return what may come in of a datagram: all of it as it came, unless a frame is kept out."""
+    def accept_frames(self, t_ns: int, address: Address, data: bytes) -> bytes:
+        """Return the accepted part of a datagram: unchanged, unless a frame is rejected."""
         has_setup = _MAYBE_SETUP.search(data) is not None
         if not (has_setup or self._keyed[address[0]]):
             return data
@@ -224,37 +223,37 @@ class Gate:
         if self._verifier is not None and not has_setup:
             verified = self._verifier.check(link, address[0], data)
             if verified is not None:
-                self._note(t_ns, address, verified)
+                self._note_verified(t_ns, address, verified)
                 return data
         found = scan(data)
         frames = sorted((*found.frames, *found.unchecked), key=signing_time)
-        kept = [frame.data for frame in frames if self._is_admitted(t_ns, address, link, frame)]
+        kept = [frame.data for frame in frames if self._is_accepted(t_ns, address, link, frame)]
         hides = found.bad_bytes and has_setup  # a damaged frame may hold most of a key
         return data if len(kept) == len(frames) and not hides else b"".join(kept)
 
-    def _note(self, t_ns: int, address: Address, verified: Verified) -> None:
-        """Take in what a whole datagram of good frames says."""
-        self._count(address[0]).verified += verified.frames
+    def _note_verified(self, t_ns: int, address: Address, verified: Verified) -> None:
+        """Note the keys and times of a fully verified datagram."""
+        self._counters_of(address[0]).verified += verified.frames
         for key in verified.keys:
-            self._hear(address, key)
+            self._note_key(address, key)
         for stream, timestamp in verified.times.items():
             self._advance(stream, timestamp, timestamp_of(t_ns))
 
     def _advance(self, stream: Stream, timestamp: int, now: int) -> None:
-        """Move a stream's time, and ours with it."""
+        """Advance a stream's time, and ours with it."""
         self.streams[stream] = timestamp
         self.timestamp = max(self.timestamp, timestamp)
         lead = timestamp - now
         self._leads[stream] = max(lead, self._leads.get(stream, lead))
         then, saved = self._saved
-        if stream not in saved or timestamp > saved[stream] + now - then + _MAX_AHEAD:
+        if stream not in saved or timestamp > saved[stream] + now - then + _MAX_AHEAD_TICKS:
             self.runs_ahead = True
 
     def times_to_save(self, t_ns: int) -> dict[Stream, int]:
-        """Return the time of each stream, ahead of every frame that it may send until `t_ns`.
+        """Return a time for each stream, later than every frame that it may send until `t_ns`.
 
-        A stream runs on with the clock. So a time that is saved, and moved on by the time since, is not
-        behind any frame accepted meanwhile, and behind those that the stream sends from then on.
+        A stream advances with the clock. So a saved time plus the elapsed time is not behind any accepted
+        frame, and behind the frames that the stream sends from then on.
         """
         now = timestamp_of(t_ns)
         times = {s: max(time, now + self._leads.get(s, time - now)) for s, time in self.streams.items()}
@@ -263,16 +262,16 @@ class Gate:
         self.runs_ahead = False
         return times
 
-    def _hear(self, address: Address, key: bytes) -> None:
-        if len(self._heard) < _MAX_ADDRESSES or address in self._heard:
-            self._heard.setdefault(address, {})[key] = None
+    def _note_key(self, address: Address, key: bytes) -> None:
+        if len(self._keys_at) < _MAX_ADDRESSES or address in self._keys_at:
+            self._keys_at.setdefault(address, {})[key] = None
 
-    def _is_admitted(self, t_ns: int, address: Address, link: Link, frame: Frame) -> bool:
-        key = self._keys.of(link, frame.system_id)
-        reason = self._reason(t_ns, address, link, frame, key)
+    def _is_accepted(self, t_ns: int, address: Address, link: Link, frame: Frame) -> bool:
+        key = self._keys.key_for(link, frame.system_id)
+        reason = self._rejection(t_ns, address, link, frame, key)
         if not reason and key is None:
             return True
-        counters = self._count(link.name)
+        counters = self._counters_of(link.name)
         if reason:
             counters.rejected[reason] += 1
             counters.last[reason] = f"system {frame.system_id}/{frame.component_id} at {address[1]}"
@@ -280,50 +279,50 @@ class Gate:
             counters.verified += 1
         return not reason
 
-    def _reason(self, t_ns: int, address: Address, link: Link, frame: Frame, key: bytes | None) -> str:
-        """Say why a frame is kept out; empty when it is let in, and then it counts."""
+    def _rejection(self, t_ns: int, address: Address, link: Link, frame: Frame, key: bytes | None) -> str:
+        """Return why a frame is rejected; empty if it is accepted, which advances its stream."""
         if frame.message_id == _SETUP_SIGNING:
             return "SETUP_SIGNING, which carries a key"
         if key is None or (not frame.signed and frame.message_id in _RADIO):
             return ""
         if not frame.signed:
-            return "not signed" if frame.data[0] == _V2 else "MAVLink 1, which cannot be signed"
+            return "not signed" if frame.data[0] == _MAGIC_V2 else "MAVLink 1, which cannot be signed"
         if not is_signed_by(frame.data, key):
             return "signed with another key"
-        self._hear(address, key)
+        self._note_key(address, key)
         timestamp, now = signing_time(frame), max(self.timestamp, timestamp_of(t_ns))
         stream = _stream(link, frame)
         before = self.streams.get(stream)
         if before is not None and timestamp <= before:
-            self._note_behind(address)
+            self._note_stale_sender(address)
             return "signed before the last one: sent again, or overtaken"
         if before is None and timestamp < now - MAX_STALE_TICKS:
-            self._note_behind(address)
+            self._note_stale_sender(address)
             return "signed more than a minute ago"
         if before is None and len(self.streams) >= _MAX_STREAMS:
             return "too many senders"
         self._advance(stream, timestamp, timestamp_of(t_ns))
         return ""
 
-    def _note_behind(self, address: Address) -> None:
-        if len(self._behind) < _MAX_ADDRESSES:
-            self._behind[address] = None
+    def _note_stale_sender(self, address: Address) -> None:
+        if len(self._stale_senders) < _MAX_ADDRESSES:
+            self._stale_senders[address] = None
 
     def take_stale_senders(self) -> list[Address]:
-        """Return, once, where frames with good signatures came from that were too old.
+        """Return, once, the addresses of frames with good signatures that were too old.
 
-        An autopilot without the time of day signs with the time of its last flight, and takes the time from
-        the first valid frame that it hears: it needs to hear one.
+        An autopilot without the time of day signs with the time of its last flight. It takes the time from
+        the first valid frame that it receives.
         """
-        behind, self._behind = list(self._behind), {}
-        return behind
+        stale, self._stale_senders = list(self._stale_senders), {}
+        return stale
 
     # ------------------------------------------------------------ out
 
     def sign_frames(self, t_ns: int, address: Address, data: bytes) -> bytes:
-        """Return frames as they are to go out: signed where there is a key, as they came where there is none.
+        """Return frames for an address: signed where there is a key.
 
-        What is for all vehicles at an address where several keys are in use goes out once with each.
+        A frame for all vehicles at an address with several keys is sent once with each.
         """
         if not self._keyed[address[0]]:
             return data
@@ -333,22 +332,22 @@ class Gate:
             keys = self._keys_to(link, address, frame)
             if not keys:
                 out += frame.data
-            elif frame.data[0] != _V2:
-                self._count(link.name).rejected["MAVLink 1 for a signed link"] += 1
-            for key in keys if frame.data[0] == _V2 else ():
+            elif frame.data[0] != _MAGIC_V2:
+                self._counters_of(link.name).rejected["MAVLink 1 for a signed link"] += 1
+            for key in keys if frame.data[0] == _MAGIC_V2 else ():
                 self.timestamp = max(self.timestamp + 1, timestamp_of(t_ns))
-                self._count(link.name).signed += 1
+                self._counters_of(link.name).signed += 1
                 out += signed(frame.data, key, self._ids[link.name], self.timestamp)
         return bytes(out)
 
-    def _count(self, link: str) -> GateCounters:
-        return self.counters.setdefault(link, GateCounters())
+    def _counters_of(self, link: str) -> SigningCounters:
+        return self.counters.setdefault(link, SigningCounters())
 
     def _keys_to(self, link: Link, address: Address, frame: Frame) -> tuple[bytes, ...]:
         target = 0 if link.role != "vehicles" else (target_of(frame) or (0, 0))[0]
-        if target == 0 and address in self._heard:
-            return tuple(self._heard[address])
-        key = self._keys.of(link, target)
+        if target == 0 and address in self._keys_at:
+            return tuple(self._keys_at[address])
+        key = self._keys.key_for(link, target)
         return () if key is None else (key,)
 
 
@@ -357,5 +356,5 @@ def _stream(link: Link, frame: Frame) -> Stream:
 
 
 def _stream_of(link: Link, system_id: int, component_id: int, link_id: int) -> Stream:
-    who = f"{link.network}/{system_id}/{component_id}/{link_id}"
-    return who if link.role == "vehicles" else f"{link.name} {who}"
+    sender = f"{link.network}/{system_id}/{component_id}/{link_id}"
+    return sender if link.role == "vehicles" else f"{link.name} {sender}"

@@ -1,9 +1,7 @@
-"""A byte stream cut where frames end, so that what is handed on can be scanned from empty like a datagram.
+"""Frames out of a byte stream (TCP, serial port): complete frames are passed on like a datagram.
 
-TCP and serial ports deliver bytes, not frames: a read may end anywhere. Whole frames, and the noise between
-them, are handed on as they came (so that noise is counted as it is in datagrams); an unfinished frame waits
-for the next read. It waits in 279 bytes at most. Nothing here raises on any input, and false starts in one
-read are bounded, as they are in `gcs.mavlink.frames.codec.scan`.
+Noise between frames is passed on too, so that it is counted as in datagrams. An incomplete frame, 279 bytes
+at most, waits for the next read. Nothing raises on any input, and false starts per read are bounded.
 """
 
 from __future__ import annotations
@@ -13,9 +11,9 @@ from typing import Final
 
 from gcs.mavlink.frames.codec import checked_frame
 
-_MARKER: Final = re.compile(b"[\xfd\xfe]")
-_V2: Final = 0xFD
-_SIGNED: Final = 0x01
+_START_BYTE: Final = re.compile(b"[\xfd\xfe]")
+_MAGIC_V2: Final = 0xFD
+_SIGNED_FLAG: Final = 0x01
 _MAX_FALSE_STARTS: Final = 64
 
 
@@ -23,20 +21,20 @@ class FrameStream:
     """One stream; a new connection needs a new one."""
 
     def __init__(self) -> None:
-        self._waiting = b""
+        self._pending = b""
 
-    def take(self, data: bytes) -> bytes:
-        """Take what was read; return what is ready: it ends where a frame does, or with noise."""
-        data = self._waiting + data
-        ready = _ready(data)
-        self._waiting = data[ready:]
+    def add_bytes(self, data: bytes) -> bytes:
+        """Add bytes that were read; return those that are complete: they end with a frame or with noise."""
+        data = self._pending + data
+        ready = _complete_length(data)
+        self._pending = data[ready:]
         return data[:ready]
 
 
-def _ready(data: bytes) -> int:
-    """Number of bytes before the unfinished frame at the end."""
+def _complete_length(data: bytes) -> int:
+    """Return the number of bytes before the incomplete frame at the end."""
     at, end, false_starts = 0, len(data), 0
-    while marker := _MARKER.search(data, at):
+    while marker := _START_BYTE.search(data, at):
         at = marker.start()
         length = _claimed_length(data, at, end)
         if at + length > end:
@@ -52,11 +50,11 @@ def _ready(data: bytes) -> int:
 
 
 def _claimed_length(data: bytes, at: int, end: int) -> int:
-    """Length that the frame at `at` says it has: 0 when it is none, past the end while that is not known."""
-    if data[at] == _V2:
+    """Return the length that the header at `at` claims: 0 if invalid, beyond the end if unknown yet."""
+    if data[at] == _MAGIC_V2:
         if at + 3 > end:
             return end - at + 1
-        if data[at + 2] & ~_SIGNED:
+        if data[at + 2] & ~_SIGNED_FLAG:
             return 0
-        return 12 + data[at + 1] + (13 if data[at + 2] & _SIGNED else 0)
+        return 12 + data[at + 1] + (13 if data[at + 2] & _SIGNED_FLAG else 0)
     return 8 + data[at + 1] if at + 2 <= end else end - at + 1

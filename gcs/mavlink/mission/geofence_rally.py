@@ -1,11 +1,11 @@
-"""Fences and rally points as items of the mission protocol, and when two lists of them are the same.
+"""Geofences and rally points as items of the mission protocol.
 
-Sources: https://mavlink.io/en/services/mission.html (geofence and rally plans); what ArduPilot's
-`MissionItemProtocol_Fence` and `_Rally` keep of an item.
+Sources: https://mavlink.io/en/services/mission.html (geofence and rally plans), ArduPilot's
+`MissionItemProtocol_Fence` and `_Rally`.
 
-* A polygon is one item for each corner, side by side, with the number of corners in param1.
-* Neither frame nor height of a fence's item means anything, and ArduPilot gives back zeros.
-* ArduPilot keeps the height of a rally point as whole metres above home.
+* A polygon is one item per vertex, in sequence, with the number of vertices in param1.
+* Frame and height of a fence item are unused; ArduPilot returns zeros.
+* ArduPilot keeps the height of a rally point in whole metres above home.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _RADIUS_TOLERANCE_M: Final = 0.01
 
 
 def fence_items(fence: Fence) -> tuple[Item, ...]:
-    """Return the items of a fence; its ceiling is a parameter of the vehicle, not an item."""
+    """Return the items of a fence. Its ceiling is a parameter of the vehicle, not an item."""
     items = []
     for area in fence.areas:
         if area.corners_deg:
@@ -56,7 +56,7 @@ def rally_items(points: Sequence[Rally]) -> tuple[Item, ...]:
 
 
 def list_difference(mission_type: int, sent: Sequence[Item], held: Sequence[Item]) -> str:
-    """Say where a list that a vehicle holds first differs from what was sent; empty when it is the same."""
+    """Return the first difference between sent and stored items; empty if equal."""
     if len(sent) != len(held):
         return f"{len(held)} items instead of {len(sent)}"
     for seq, (want, got) in enumerate(zip(sent, held, strict=True)):
@@ -71,7 +71,7 @@ def list_difference(mission_type: int, sent: Sequence[Item], held: Sequence[Item
 
 
 def fence_from_items(items: Sequence[Item]) -> Fence | None:
-    """Return the fence that stored items mean; None when they are no fence that can be read."""
+    """Return the fence of stored items; None if they are not a valid fence."""
     areas, at = [], 0
     while at < len(items):
         item = items[at]

@@ -1,7 +1,6 @@
-"""Mission items: the record, the message that carries it, and where two lists of them differ.
+"""Mission items: record, message, and comparison of two lists.
 
-Source: https://mavlink.io/en/services/mission.html. Which items a mission becomes, and what an autopilot
-makes of them, is its profile's to say (`gcs.mavlink.autopilots`).
+Source: https://mavlink.io/en/services/mission.html. `gcs.mavlink.autopilots` makes the items of a mission.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ _PARAM_TOLERANCE = 1e-3
 
 
 class Home(NamedTuple):
-    """Where a vehicle says that home is."""
+    """Home position that a vehicle reports."""
 
     lat_deg: float
     lon_deg: float
@@ -27,7 +26,7 @@ class Home(NamedTuple):
 
 
 class Item(NamedTuple):
-    """One mission item as it is stored; `x` and `y` are latitude and longitude in 1e-7 degrees."""
+    """One mission item as stored; `x` and `y` are latitude and longitude in 1e-7 degrees."""
 
     command: int
     frame: int
@@ -49,7 +48,7 @@ class Item(NamedTuple):
         current: bool = False,
         mission_type: int = dialect.MAV_MISSION_TYPE_MISSION,
     ) -> Message:
-        """Return the MISSION_ITEM_INT that carries this item as number `seq` of a list of that type."""
+        """Return the MISSION_ITEM_INT of this item as number `seq` of a list."""
         return dialect.MAVLink_mission_item_int_message(
             target_system,
             target_component,
@@ -70,7 +69,7 @@ class Item(NamedTuple):
 
 
 def item_of(message: Message) -> Item:
-    """Return the item that a MISSION_ITEM_INT carries."""
+    """Return the item of a MISSION_ITEM_INT."""
     return Item(
         message.command,
         message.frame,
@@ -88,14 +87,14 @@ def item_of(message: Message) -> Item:
 def first_item_difference(
     sent: Sequence[Item], held: Sequence[Item], normalised: Callable[[Item], Item], skip: int = 0
 ) -> str:
-    """Say where what is held first differs from what was sent; empty when equal.
+    """Return the first difference between sent and stored items; empty if equal.
 
     Parameters
     ----------
     normalised : callable
         Item to what the autopilot stores of it.
     skip : int
-        Items at the beginning that are the vehicle's own (its home) and not compared.
+        Items at the beginning that are not compared: the vehicle's home.
     """
     if len(sent) != len(held):
         return f"{len(held)} items instead of {len(sent)}"

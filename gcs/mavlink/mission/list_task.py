@@ -1,8 +1,7 @@
-"""Bring a fence or rally points to one vehicle, or read what it holds. Sans-I/O, as a mission's task.
+"""Upload or download of a fence or rally points of one vehicle. Sans-I/O.
 
-A list counts when it has been read back the same. It differs from a mission in what may go wrong meanwhile:
-nobody flies along a fence, so nothing is parked, selected or started here. ArduPilot and PX4 take a fence as
-a whole, at its end; what becomes of rally points half-way is told, and the whole is tried again.
+An upload succeeds when the list reads back equal. Unlike a mission, it needs no change of mode. ArduPilot and
+PX4 store a fence as a whole, at its end. A failed upload is repeated as a whole.
 """
 
 from __future__ import annotations
@@ -29,11 +28,11 @@ _UNSUPPORTED: Final = (dialect.MAV_MISSION_UNSUPPORTED, dialect.MAV_MISSION_UNSU
 
 @dataclass(frozen=True, slots=True)
 class ListTiming:
-    """Bounds of each step, as `gcs.mavlink.mission.upload_stages.UploadTiming`."""
+    """Timeouts and bounds, as in `gcs.mavlink.mission.upload_stages.UploadTiming`."""
 
     max_tries: int = 6
     min_answer_s: float = 6.0
-    """For at least so long a request is repeated."""
+    """A request is repeated for at least so long."""
     request_timeout_s: float = 8.5
     ack_timeout_s: float = 2.5
     settle_s: float = 1.2
@@ -42,12 +41,12 @@ class ListTiming:
 
 @dataclass(frozen=True, slots=True)
 class ListResult:
-    """How it ended."""
+    """Result of a list task."""
 
     ok: bool
     detail: str
     items: tuple[Item, ...] | None
-    """What the vehicle holds by the last read-back; None when that is not known."""
+    """Items on the vehicle by the last download; None if unknown."""
     retries: int
 
 
@@ -59,7 +58,7 @@ class ListTask:
     mission_type : int
         MAV_MISSION_TYPE_FENCE or _RALLY.
     items : sequence of Item or None
-        What it is to hold: none of them clears the list. None only reads.
+        Items to upload; an empty sequence clears the list, None downloads only.
     encode : callable
         Message to frame for this vehicle, such as `Fleet.encoder`.
     """
@@ -96,7 +95,7 @@ class ListTask:
     # ------------------------------------------------------------ the caller's side
 
     def poll(self, t_ns: int) -> list[bytes]:
-        """Let time pass; returns the frames to send."""
+        """Advance the timers; return the frames to send."""
         if self.stage == "done":
             return []
         if self._pending_failure is not None and t_ns >= self._pending_failure[0]:
@@ -116,7 +115,7 @@ class ListTask:
         return self._take_due_frames(t_ns)
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:
-        """Take a message of the vehicle; others' are ignored."""
+        """Process a message of the vehicle; return the frames to send."""
         handler = _HANDLERS.get(message.get_type())
         from_it = (message.get_srcSystem(), message.get_srcComponent()) == self._to
         if handler is None or self.stage == "done" or not from_it or not self._is_for_us(message):

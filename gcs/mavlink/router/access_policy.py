@@ -1,17 +1,15 @@
-"""What another ground station may send to a vehicle.
+"""What other ground stations may send to a vehicle, by the access of their endpoint.
 
 =============  ===============================================================================================
-full           everything but a mission message that is for nobody in particular (ArduPilot takes a
-               MISSION_COUNT for system 0 as its own: one such frame truncates the missions of all)
-read-only      questions to one vehicle that change nothing: parameters and missions read, and the
-               commands that ask for a message, the version, the capabilities, the home position or the
-               pre-arm checks.
-               Everything else is kept back.
-both           nothing of the mission protocol while a mission of ours is on its way to that vehicle: two
-               uploads at a time leave a mix. What is kept back is asked again by every ground station.
+full           everything but a mission message without a target (ArduPilot takes a MISSION_COUNT for
+               system 0 as its own: one such frame truncates the missions of all vehicles)
+read-only      requests to one vehicle that change nothing: parameters and missions read, and the commands
+               that request a message, version, capabilities, home position or prearm checks
+both           no mission protocol during our own transfer to that vehicle: two uploads at a time leave an
+               inconsistent mission. Ground stations repeat the requests that are refused.
 =============  ===============================================================================================
 
-A read-only guest may not set message rates either: on a slow radio they decide what else gets through.
+Read-only stations may not set message intervals: on a slow radio these decide what else gets through.
 """
 
 from __future__ import annotations
@@ -50,7 +48,7 @@ MISSION_WRITES: Final[frozenset[int]] = frozenset(
 COMMANDS: Final[frozenset[int]] = frozenset(
     {dialect.MAVLINK_MSG_ID_COMMAND_LONG, dialect.MAVLINK_MSG_ID_COMMAND_INT}
 )
-QUESTIONS: Final[frozenset[int]] = frozenset(
+READ_ONLY_MESSAGES: Final[frozenset[int]] = frozenset(
     {
         dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
         dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
@@ -60,7 +58,7 @@ QUESTIONS: Final[frozenset[int]] = frozenset(
         dialect.MAVLINK_MSG_ID_MISSION_ACK,
     }
 )
-ASKING_COMMANDS: Final[frozenset[int]] = frozenset(
+READ_ONLY_COMMANDS: Final[frozenset[int]] = frozenset(
     {
         dialect.MAV_CMD_GET_HOME_POSITION,
         dialect.MAV_CMD_GET_MESSAGE_INTERVAL,
@@ -70,38 +68,38 @@ ASKING_COMMANDS: Final[frozenset[int]] = frozenset(
         dialect.MAV_CMD_RUN_PREARM_CHECKS,
     }
 )
-_COMMAND_AT: Final = 28
-"""Offset of the command's number in COMMAND_LONG and COMMAND_INT: behind seven 4-byte fields."""
+_COMMAND_OFFSET: Final = 28
+"""Payload offset of the command in COMMAND_LONG and COMMAND_INT: after seven 4-byte fields."""
 
 
 def command_of(frame: Frame) -> int | None:
-    """Number of the command that a frame carries, None when it carries none."""
+    """Return the command that a frame carries; None if it carries none."""
     if frame.message_id not in COMMANDS:
         return None
-    return payload_byte(frame, _COMMAND_AT) | payload_byte(frame, _COMMAND_AT + 1) << 8
+    return payload_byte(frame, _COMMAND_OFFSET) | payload_byte(frame, _COMMAND_OFFSET + 1) << 8
 
 
 def refusal(role: Role, frame: Frame, target_system: int, *, is_busy: bool) -> str:
-    """Say why a guest's frame is kept from a vehicle; empty when it may go there.
+    """Return why a ground station's frame is refused; empty if it may pass.
 
     Parameters
     ----------
     role
-        Of the endpoint where the guest is.
+        Access of the station's endpoint.
     target_system
         0 for all.
     is_busy
-        Whether a mission of ours is on its way to that vehicle.
+        True during our mission transfer to that vehicle.
     """
     mission = frame.message_id in MISSION_PROTOCOL
     if mission and target_system == 0:
         return "mission message for all vehicles"
-    if role == "read-only" and not _is_question(frame):
+    if role == "read-only" and not _is_read_only(frame):
         return "read-only"
     if role == "read-only" and target_system == 0:
-        return "read-only: a question to all vehicles"
+        return "read-only: a request to all vehicles"
     return "mission transfer under way" if mission and is_busy else ""
 
 
-def _is_question(frame: Frame) -> bool:
-    return frame.message_id in QUESTIONS or command_of(frame) in ASKING_COMMANDS
+def _is_read_only(frame: Frame) -> bool:
+    return frame.message_id in READ_ONLY_MESSAGES or command_of(frame) in READ_ONLY_COMMANDS

@@ -1,28 +1,26 @@
-"""Who gets a frame: the routes between the vehicles of one MAVLink network and other ground stations.
+"""Routes between the vehicles of one MAVLink network and other ground stations, here called *clients*.
 
-As mavlink-router does it (https://mavlink.io/en/guide/routing.html): by the system and component that a
-frame is for, learned from where these were heard. On top of it a swarm on hostile networks needs rules of
-its own:
+As mavlink-router (https://mavlink.io/en/guide/routing.html): by a frame's target system and component,
+learned from where these were heard. Additional rules for swarms on hostile networks:
 
-* There are two sides. Vehicles' frames for nobody in particular go to all guests (other ground stations),
-  not to other vehicles: on one radio that grows with the square of the swarm. Guests see vehicles, not each
-  other. Frames for somebody go to where that somebody is known, and nowhere else; to nobody when unknown.
-* A vehicle's component has one place, learned from its HEARTBEAT and kept while it is heard there. What
-  claims to come from it at another address is kept out: a duplicate by another way, or an impostor. Where
-  signatures are checked, it moves at once to where its heartbeats are signed later.
-* A guest that speaks with a vehicle's system id, or with our own ids, is a loop or an impostor: kept out.
-* A guest's HEARTBEAT stays here: a vehicle's ground-station failsafe watches central command alone.
-* A frame goes never back to where it came from, and a guest's frame that comes again from another address
-  within two seconds is a duplicate: a command must not be done twice.
-* A guest on UDP gets telemetry after two heartbeats, half a second apart or more: one datagram with an
-  invented sender buys nothing. Before, it gets answers to its own questions, frame for frame. It is
-  forgotten after ten seconds of silence.
-* Guests, and the ids that each may speak with, are bounded. When an endpoint is full, a guest that was
-  silent for five seconds goes, or one of the host with the most guests. Else newcomers wait.
-* What guests may send is decided in `gcs.mavlink.router.access_policy`.
+* Vehicles' frames without a target go to all clients, not to other vehicles: that would grow with the square
+  of the swarm. Clients do not see each other. A frame for a target goes to where that target is known, or
+  nowhere.
+* A vehicle's component has one address, learned from its HEARTBEAT and kept while it is heard there. Frames
+  of it from another address are refused: a second path, or an impostor. Where signatures are checked, it
+  moves at once to where its heartbeats are signed later.
+* A client that uses a vehicle's system id or our ids is a loop or an impostor: refused.
+* A client's HEARTBEAT is not forwarded: a vehicle's GCS failsafe watches central command alone.
+* A frame never returns to its sender. A client's frame that comes again from another address within two
+  seconds is a duplicate: a command must not be done twice.
+* A UDP client gets telemetry after two heartbeats at least half a second apart: a datagram with a forged
+  sender has no effect. Before, it gets the answers to its own requests. It expires after ten seconds of
+  silence.
+* Clients, and the ids of each, are bounded. On a full endpoint a new client replaces one that was silent for
+  five seconds, or one of the host with the most clients. Else it waits.
+* `gcs.mavlink.router.access_policy` decides what clients may send.
 
-Pure: frames in, addresses out, time an argument. What it works on is (sender, target, raw bytes): where
-frames come from, and who checks them, is the caller's. Nothing here raises on any frame.
+Pure: frames in, addresses out. The caller receives and checks frames. Nothing raises on any frame.
 """
 
 from __future__ import annotations
@@ -45,33 +43,33 @@ Id: TypeAlias = tuple[int, int]
 """(system, component)."""
 
 _HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
-_MAX_REMEMBERED: Final = 4096
+_MAX_RECENT_FRAMES: Final = 4096
 _EXPIRE_EVERY_NS: Final = ns(0.5)
-_MAX_NEWCOMERS: Final = 4096
-_BEATS: Final = 2
-"""Heartbeats after which a guest on UDP gets telemetry."""
-_BEATS_APART_NS: Final = ns(0.5)
-_IDLE_NS: Final = ns(5.0)
-"""Silence after which a guest gives its place to another one."""
+_MAX_CANDIDATES: Final = 4096
+_MIN_HEARTBEATS: Final = 2
+"""Heartbeats before a UDP client gets telemetry."""
+_MIN_HEARTBEAT_INTERVAL_NS: Final = ns(0.5)
+_CLIENT_IDLE_NS: Final = ns(5.0)
+"""Silence after which a client may be replaced."""
 
 
 @dataclass(frozen=True, slots=True)
 class RoutingSettings:
-    """Times and bounds."""
+    """Timeouts and bounds."""
 
-    vehicle_silent_s: float = 5.0
-    """Silence after which a vehicle's component may be heard elsewhere."""
-    guest_silent_s: float = 10.0
-    """Silence after which a guest on UDP is forgotten."""
-    duplicate_s: float = 2.0
-    max_guests: int = 32
+    vehicle_timeout_s: float = 5.0
+    """Silence after which a vehicle's component may move to another address."""
+    client_timeout_s: float = 10.0
+    """Silence after which a UDP client expires."""
+    duplicate_window_s: float = 2.0
+    max_clients: int = 32
     """On one endpoint."""
     max_ids: int = 16
-    """That one guest may speak with."""
+    """System and component ids of one client."""
 
 
 class Routed(NamedTuple):
-    """Where a frame goes, and why it does not go further."""
+    """Destinations of a frame, and why it goes no further."""
 
     to: tuple[Address, ...]
     refusal: str = ""
@@ -79,40 +77,40 @@ class Routed(NamedTuple):
 
 @dataclass(slots=True)
 class PortCounters:
-    """What came through one guests' endpoint."""
+    """Counters of one endpoint for other ground stations."""
 
     frames: int = 0
-    """Whole frames heard from guests."""
+    """Complete frames received from clients."""
     passed: int = 0
     """Of these, sent on to vehicles."""
     sent: int = 0
-    """Frames of vehicles sent to guests there, each guest counted."""
+    """Vehicles' frames sent to clients there, each client counted."""
     refused: Counter[str] = field(default_factory=Counter)
-    """Frames kept back, by reason."""
+    """Frames refused, by reason."""
 
 
 @dataclass(slots=True)
-class _Place:
+class _VehicleRoute:
     address: Address
     heard_t_ns: int
     signed_ns: int | None
-    """Time in the signature of its last frame; None when that was not signed."""
+    """Time in the signature of its last frame; None if unsigned."""
 
 
 @dataclass(slots=True)
-class _Guest:
+class _Client:
     heard_t_ns: int
-    stays: bool
-    """Whether silence does not end it: it is connected, or it is the endpoint's one peer."""
+    is_permanent: bool
+    """True if silence does not end it: it is connected, or the endpoint's one peer."""
     ids: dict[Id, int] = field(default_factory=dict)
-    """When it last spoke with each of its ids."""
-    beats: int = 0
-    """Heartbeats so far, those too soon after another not counted."""
-    beat_t_ns: int = 0
+    """Time of the last frame with each of its ids."""
+    heartbeats: int = 0
+    """Heartbeats so far, without those too soon after another."""
+    heartbeat_t_ns: int = 0
 
 
 class Router:
-    """The routes of one network.
+    """Routes of one network.
 
     Parameters
     ----------
@@ -121,11 +119,11 @@ class Router:
     vehicles : iterable of int
         System ids of our vehicles there.
     is_busy : callable
-        Whether a mission of ours is on its way to the vehicle of a system id.
+        Returns True during our mission transfer to the vehicle of a system id.
     own : (int, int)
         Our system and component id.
     is_keyed : callable
-        True for a link's name and a system id if their frames come here with checked signatures.
+        Returns True for a link's name and a system id if their signatures are checked.
     """
 
     def __init__(
@@ -144,21 +142,21 @@ class Router:
         self._is_busy = is_busy
         self._own = own
         self._settings = settings or RoutingSettings()
-        self._places: dict[Id, _Place] = {}
-        self._guests: dict[Address, _Guest] = {}
-        self._newcomers: dict[Address, _Guest] = {}
-        """Senders that have not shown yet that they stay, in the order in which they were last heard."""
-        self._seen: dict[bytes, tuple[Address, int]] = {}
+        self._routes: dict[Id, _VehicleRoute] = {}
+        self._clients: dict[Address, _Client] = {}
+        self._candidates: dict[Address, _Client] = {}
+        """Senders that are not clients yet, the longest silent first."""
+        self._recent_frames: dict[bytes, tuple[Address, int]] = {}
         self._expired_t_ns = 0
         self.counters = {link.name: PortCounters() for link in links if link.role != "vehicles"}
         for link in links:
             if link.role != "vehicles" and link.endpoint.remote:
-                self._guests[link.name, link.endpoint.remote] = _Guest(0, stays=True)
+                self._clients[link.name, link.endpoint.remote] = _Client(0, is_permanent=True)
 
     # ------------------------------------------------------------ frames
 
-    def take(self, t_ns: int, address: Address, frame: Frame) -> Routed:
-        """Return where a frame that came from `address` goes."""
+    def route_frame(self, t_ns: int, address: Address, frame: Frame) -> Routed:
+        """Return where a frame from `address` goes."""
         link = self._links.get(address[0])
         if link is None:
             return Routed((), "unknown link")
@@ -166,7 +164,7 @@ class Router:
             return self._from_vehicle(t_ns, address, frame)
         counters = self.counters[link.name]
         counters.frames += 1
-        routed = self._from_guest(t_ns, address, frame, link)
+        routed = self._from_client(t_ns, address, frame, link)
         counters.passed += bool(routed.to)
         if routed.refusal:
             counters.refused[routed.refusal] += 1
@@ -176,188 +174,190 @@ class Router:
         if frame.system_id not in self._vehicles:
             return Routed((), "unknown system")
         id_ = (frame.system_id, frame.component_id)
-        place = self._places.get(id_)
+        route = self._routes.get(id_)
         signed_ns = signed_t_ns(frame)
-        moves = place is not None and place.address != address and self._may_move(place, t_ns, frame, address)
-        if place is None or moves:
+        moves = route is not None and route.address != address and self._may_move(route, t_ns, frame, address)
+        if route is None or moves:
             if frame.message_id != _HEARTBEAT:
                 return Routed((), "no heartbeat yet")
-            self._places[id_] = _Place(address, t_ns, signed_ns)
-        elif place.address != address:
+            self._routes[id_] = _VehicleRoute(address, t_ns, signed_ns)
+        elif route.address != address:
             return Routed((), "is heard elsewhere")
         else:
-            place.heard_t_ns, place.signed_ns = t_ns, signed_ns
+            route.heard_t_ns, route.signed_ns = t_ns, signed_ns
         system, component = target_of(frame) or (0, 0)
         if system in self._vehicles:
             return self._to_vehicle(t_ns, address, system, component)
-        to = self._guests_to_hear(t_ns, system, component)
+        to = self._recipients(t_ns, system, component)
         for link_name, _ in to:
             self.counters[link_name].sent += 1
         return Routed(to)
 
-    def _from_guest(self, t_ns: int, address: Address, frame: Frame, link: Link) -> Routed:
+    def _from_client(self, t_ns: int, address: Address, frame: Frame, link: Link) -> Routed:
         if frame.system_id in self._vehicles:
-            return Routed((), "speaks with a vehicle's system id")
+            return Routed((), "uses a vehicle's system id")
         if (frame.system_id, frame.component_id) == self._own:
-            return Routed((), "speaks with central command's ids")
-        refusal = self._meet(t_ns, address, frame)
+            return Routed((), "uses central command's ids")
+        refusal = self._update_client(t_ns, address, frame)
         if refusal:
             return Routed((), refusal)
         if frame.message_id == _HEARTBEAT:
             return Routed(())
         system, component = target_of(frame) or (0, 0)
         if system and system not in self._vehicles:
-            return Routed((), "" if system == self._own[0] else "for somebody unknown")
+            return Routed((), "" if system == self._own[0] else "for an unknown target")
         refusal = access_policy.refusal(
             link.role, frame, system, is_busy=bool(system) and self._is_busy(system)
         )
         if refusal:
             return Routed((), refusal)
-        if self._is_again(t_ns, address, frame):
+        if self._note_duplicate(t_ns, address, frame):
             return Routed((), "duplicate")
         if system:
             return self._to_vehicle(t_ns, address, system, component)
-        return Routed(self._addresses(t_ns, lambda _: True, but=address))
+        return Routed(self._addresses(t_ns, lambda _: True, exclude=address))
 
     def _to_vehicle(self, t_ns: int, source: Address, system: int, component: int) -> Routed:
-        """Route to one component, or to all of a vehicle's when that one is not known."""
-        place = self._places.get((system, component))
-        if place is not None and not self._is_silent(place, t_ns):
-            to: tuple[Address, ...] = (place.address,) if place.address != source else ()
+        """Route to one component, or to all of a vehicle's if it is unknown."""
+        route = self._routes.get((system, component))
+        if route is not None and not self._has_timed_out(route, t_ns):
+            to: tuple[Address, ...] = (route.address,) if route.address != source else ()
         else:
-            to = self._addresses(t_ns, lambda id_: id_[0] == system, but=source)
+            to = self._addresses(t_ns, lambda id_: id_[0] == system, exclude=source)
         return Routed(to, "" if to else "for a vehicle that is not heard")
 
-    def _addresses(self, t_ns: int, wanted: Callable[[Id], bool], *, but: Address) -> tuple[Address, ...]:
-        """Addresses of vehicles' components, each once."""
+    def _addresses(
+        self, t_ns: int, is_wanted: Callable[[Id], bool], *, exclude: Address
+    ) -> tuple[Address, ...]:
+        """Return the addresses of vehicles' components, each once."""
         found = {
-            place.address: None
-            for id_, place in self._places.items()
-            if wanted(id_) and place.address != but and not self._is_silent(place, t_ns)
+            route.address: None
+            for id_, route in self._routes.items()
+            if is_wanted(id_) and route.address != exclude and not self._has_timed_out(route, t_ns)
         }
         return tuple(found)
 
-    def _may_move(self, place: _Place, t_ns: int, frame: Frame, address: Address) -> bool:
-        """Return True if a component may be heard elsewhere: silent so far, or signed later there."""
-        if self._is_silent(place, t_ns):
+    def _may_move(self, route: _VehicleRoute, t_ns: int, frame: Frame, address: Address) -> bool:
+        """Return True if a component may change its address: timed out, or signed later there."""
+        if self._has_timed_out(route, t_ns):
             return True
         signed_ns = signed_t_ns(frame)
-        if signed_ns is None or place.signed_ns is None or frame.message_id != _HEARTBEAT:
+        if signed_ns is None or route.signed_ns is None or frame.message_id != _HEARTBEAT:
             return False
-        later = signed_ns - place.signed_ns > MIN_SIGNED_LATER_NS
+        later = signed_ns - route.signed_ns > MIN_SIGNED_LATER_NS
         return later and self._is_keyed(address[0], frame.system_id)
 
-    def _is_silent(self, place: _Place, t_ns: int) -> bool:
-        return t_ns - place.heard_t_ns > ns(self._settings.vehicle_silent_s)
+    def _has_timed_out(self, route: _VehicleRoute, t_ns: int) -> bool:
+        return t_ns - route.heard_t_ns > ns(self._settings.vehicle_timeout_s)
 
-    # ------------------------------------------------------------ guests
+    # ------------------------------------------------------------ clients
 
-    def joined(self, t_ns: int, address: Address) -> None:
-        """Note that somebody connected: it is a guest until it is gone, even when it says nothing."""
+    def add_connection(self, t_ns: int, address: Address) -> None:
+        """Add a connected client: it stays until it disconnects, even if it is silent."""
         link = self._links.get(address[0])
-        if link is not None and link.role != "vehicles" and self._make_room(t_ns, address):
-            self._guests.setdefault(address, _Guest(t_ns, stays=True))
+        if link is not None and link.role != "vehicles" and self._ensure_capacity(t_ns, address):
+            self._clients.setdefault(address, _Client(t_ns, is_permanent=True))
 
-    def gone(self, address: Address) -> None:
-        """Forget somebody whose connection ended, unless it is an endpoint's one peer."""
+    def remove_connection(self, address: Address) -> None:
+        """Remove a client that disconnected, unless it is an endpoint's one peer."""
         link = self._links.get(address[0])
         if link is not None and address[1] == link.endpoint.remote:
             return
-        self._guests.pop(address, None)
-        self._newcomers.pop(address, None)
+        self._clients.pop(address, None)
+        self._candidates.pop(address, None)
 
-    def guests(self, t_ns: int) -> dict[Address, tuple[Id, ...]]:
-        """Return the guests that get telemetry, and with which ids each speaks."""
+    def clients(self, t_ns: int) -> dict[Address, tuple[Id, ...]]:
+        """Return the clients that get telemetry, with their ids."""
         self._expire(t_ns)
-        return {address: tuple(sorted(guest.ids)) for address, guest in self._guests.items()}
+        return {address: tuple(sorted(client.ids)) for address, client in self._clients.items()}
 
     def vehicles_heard(self, t_ns: int) -> tuple[int, ...]:
-        """System ids of the vehicles that have a place now, in order."""
-        heard = {id_[0] for id_, place in self._places.items() if not self._is_silent(place, t_ns)}
+        """Return the system ids of the vehicles that are heard now, in order."""
+        heard = {id_[0] for id_, route in self._routes.items() if not self._has_timed_out(route, t_ns)}
         return tuple(sorted(heard))
 
-    def _make_room(self, t_ns: int, newcomer: Address) -> bool:
-        """Return True if there is room for a guest on its endpoint, if need be by forgetting another."""
-        here = {address: guest for address, guest in self._guests.items() if address[0] == newcomer[0]}
-        if newcomer in here or len(here) < self._settings.max_guests:
+    def _ensure_capacity(self, t_ns: int, new_address: Address) -> bool:
+        """Return True if a client fits on its endpoint, if need be by removing another."""
+        here = {address: client for address, client in self._clients.items() if address[0] == new_address[0]}
+        if new_address in here or len(here) < self._settings.max_clients:
             return True
         hosts = Counter(_host(address) for address in here)
-        may_go = {address: guest for address, guest in here.items() if not guest.stays}
+        may_go = {address: client for address, client in here.items() if not client.is_permanent}
         if not may_go:
             return False
-        idlest = min(may_go, key=lambda address: may_go[address].heard_t_ns)
+        longest_idle = min(may_go, key=lambda address: may_go[address].heard_t_ns)
         crowded = max(reversed(may_go), key=lambda address: hosts[_host(address)])
-        if t_ns - may_go[idlest].heard_t_ns > _IDLE_NS:
-            del self._guests[idlest]
-        elif hosts[_host(crowded)] > hosts[_host(newcomer)] + 1:
-            del self._guests[crowded]
+        if t_ns - may_go[longest_idle].heard_t_ns > _CLIENT_IDLE_NS:
+            del self._clients[longest_idle]
+        elif hosts[_host(crowded)] > hosts[_host(new_address)] + 1:
+            del self._clients[crowded]
         else:
             return False
         return True
 
-    def _meet(self, t_ns: int, address: Address, frame: Frame) -> str:
-        """Learn or refresh a guest; say why it is kept out."""
-        id_, guest = (frame.system_id, frame.component_id), self._guests.get(address)
-        if guest is None:
-            guest = self._newcomers.pop(address, None) or _Guest(t_ns, stays=False)
+    def _update_client(self, t_ns: int, address: Address, frame: Frame) -> str:
+        """Add or refresh a client; return why it is refused."""
+        id_, client = (frame.system_id, frame.component_id), self._clients.get(address)
+        if client is None:
+            client = self._candidates.pop(address, None) or _Client(t_ns, is_permanent=False)
             if frame.message_id == _HEARTBEAT and (
-                not guest.beats or t_ns - guest.beat_t_ns >= _BEATS_APART_NS
+                not client.heartbeats or t_ns - client.heartbeat_t_ns >= _MIN_HEARTBEAT_INTERVAL_NS
             ):
-                guest.beats, guest.beat_t_ns = guest.beats + 1, t_ns
-            if guest.beats >= _BEATS and self._make_room(t_ns, address):
-                self._guests[address] = guest
+                client.heartbeats, client.heartbeat_t_ns = client.heartbeats + 1, t_ns
+            if client.heartbeats >= _MIN_HEARTBEATS and self._ensure_capacity(t_ns, address):
+                self._clients[address] = client
             else:
-                self._newcomers[address] = guest
-                if len(self._newcomers) > _MAX_NEWCOMERS:
-                    del self._newcomers[next(iter(self._newcomers))]
-            if guest.beats >= _BEATS and address not in self._guests:
-                return "too many guests"
-        guest.heard_t_ns = t_ns
-        if id_ not in guest.ids and len(guest.ids) >= self._settings.max_ids:
-            self._forget_ids(guest, t_ns)
-            if len(guest.ids) >= self._settings.max_ids:
+                self._candidates[address] = client
+                if len(self._candidates) > _MAX_CANDIDATES:
+                    del self._candidates[next(iter(self._candidates))]
+            if client.heartbeats >= _MIN_HEARTBEATS and address not in self._clients:
+                return "too many ground stations"
+        client.heard_t_ns = t_ns
+        if id_ not in client.ids and len(client.ids) >= self._settings.max_ids:
+            self._forget_ids(client, t_ns)
+            if len(client.ids) >= self._settings.max_ids:
                 return "too many ids"
-        guest.ids[id_] = t_ns
+        client.ids[id_] = t_ns
         return ""
 
     def _expire(self, t_ns: int) -> None:
         self._expired_t_ns = t_ns
-        silent_ns = ns(self._settings.guest_silent_s)
-        for known in (self._guests, self._newcomers):
-            for address, guest in list(known.items()):
-                if not guest.stays and t_ns - guest.heard_t_ns > silent_ns:
+        silent_ns = ns(self._settings.client_timeout_s)
+        for known in (self._clients, self._candidates):
+            for address, client in list(known.items()):
+                if not client.is_permanent and t_ns - client.heard_t_ns > silent_ns:
                     del known[address]
                 else:
-                    self._forget_ids(guest, t_ns)
+                    self._forget_ids(client, t_ns)
 
-    def _forget_ids(self, guest: _Guest, t_ns: int) -> None:
-        silent_ns = ns(self._settings.guest_silent_s)
-        guest.ids = {id_: heard for id_, heard in guest.ids.items() if t_ns - heard <= silent_ns}
+    def _forget_ids(self, client: _Client, t_ns: int) -> None:
+        silent_ns = ns(self._settings.client_timeout_s)
+        client.ids = {id_: heard for id_, heard in client.ids.items() if t_ns - heard <= silent_ns}
 
-    def _guests_to_hear(self, t_ns: int, system: int, component: int) -> tuple[Address, ...]:
-        """Return the guests that a vehicle's frame is for: all, or those that speak with that id."""
+    def _recipients(self, t_ns: int, system: int, component: int) -> tuple[Address, ...]:
+        """Return the clients that a vehicle's frame is for: all, or those with the target id."""
         if abs(t_ns - self._expired_t_ns) >= _EXPIRE_EVERY_NS:
             self._expire(t_ns)
         if system == 0:
-            return tuple(self._guests)
+            return tuple(self._clients)
         if (system, component) == self._own:
             return ()
-        known = [*self._guests.items(), *self._newcomers.items()]
-        exact = tuple(a for a, guest in known if (system, component) in guest.ids)
+        known = [*self._clients.items(), *self._candidates.items()]
+        exact = tuple(a for a, client in known if (system, component) in client.ids)
         if exact or component:
             return exact
-        return tuple(a for a, guest in known if any(id_[0] == system for id_ in guest.ids))
+        return tuple(a for a, client in known if any(id_[0] == system for id_ in client.ids))
 
-    def _is_again(self, t_ns: int, address: Address, frame: Frame) -> bool:
-        """Whether the same frame came from another address just before."""
-        first, first_t_ns = self._seen.get(frame.data, (address, t_ns))
-        young = t_ns - first_t_ns <= ns(self._settings.duplicate_s)
+    def _note_duplicate(self, t_ns: int, address: Address, frame: Frame) -> bool:
+        """Note a frame; return True if it came from another address just before."""
+        first, first_t_ns = self._recent_frames.get(frame.data, (address, t_ns))
+        young = t_ns - first_t_ns <= ns(self._settings.duplicate_window_s)
         if first != address and young:
             return True
-        self._seen.pop(frame.data, None)
-        self._seen[frame.data] = (address, t_ns)
-        while len(self._seen) > _MAX_REMEMBERED:
-            del self._seen[next(iter(self._seen))]
+        self._recent_frames.pop(frame.data, None)
+        self._recent_frames[frame.data] = (address, t_ns)
+        while len(self._recent_frames) > _MAX_RECENT_FRAMES:
+            del self._recent_frames[next(iter(self._recent_frames))]
         return False
 
 

@@ -1,9 +1,8 @@
-"""Targets' tracks as ADSB_VEHICLE, so that any ground station shows them on its map.
+"""Target tracks as ADSB_VEHICLE, so that any ground station shows them on its map.
 
-https://mavlink.io/en/messages/common.html#ADSB_VEHICLE. A track has no transponder: its ICAO address is made
-from its label, in the block F00000 ... FFFFFF that is given to nobody, so that the same track is the same
-vehicle on the map for as long as it lives, and no real aircraft is hidden by it. The picture is flat: the
-height is that of the mission's origin, and is not marked as valid.
+https://mavlink.io/en/messages/common.html#ADSB_VEHICLE. A track's ICAO address is made from its label in the
+unassigned block F00000 ... FFFFFF: stable over the track's life, and of no real aircraft. The height is that
+of the mission's origin and not marked as valid.
 """
 
 from __future__ import annotations
@@ -32,19 +31,19 @@ _MAX_CM_S: Final = 65_535
 
 
 def icao_address(label: Label) -> int:
-    """24-bit address of a track: distinct for labels of 64 births a scan over 16384 scans."""
+    """Return the 24-bit address of a track: unique for 64 births a scan over 16384 scans."""
     scan, index = label
     return _UNASSIGNED_ICAO_BLOCK | (scan << _INDEX_BITS | index & (1 << _INDEX_BITS) - 1) & 0x0FFFFF
 
 
 def callsign(label: Label) -> str:
-    """Name on the map: the label as it is written everywhere, or its address when that is too long."""
+    """Return the name on the map: the label, or the address if the label is too long."""
     text = target_name(label)
     return text if len(text) <= _MAX_CALLSIGN_LENGTH else f"T{icao_address(label):06X}"
 
 
 def adsb_messages(picture: Picture, frame: LocalFrame, t_ns: int) -> Iterator[Message]:
-    """Messages for the tracks of a picture that are in its estimate, ordered by label."""
+    """Yield a message for each track in the estimate, ordered by label."""
     age_s = min(max((t_ns - picture.scan_t_ns) // NS_PER_S, 0), 255)
     for track in picture.tracks:
         if track.estimated and all(math.isfinite(value) for value in track.mean):

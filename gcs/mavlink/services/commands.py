@@ -1,9 +1,10 @@
-"""One command to one vehicle, repeated until the vehicle's own heartbeat shows that it was done. Sans-I/O.
+"""COMMAND_LONG: the messages, and `CommandSender`, which repeats one until it is done. Sans-I/O.
 
-Source: https://mavlink.io/en/services/command.html. An ACK says that a command was understood, not that the
-vehicle now does it; so an errand ends well when two heartbeats in a row show what was asked for (one may
-cross with an earlier command that is still under way on a slow link), and badly when the vehicle refuses it
-several times or nothing comes of it. What the vehicle says meanwhile in STATUSTEXT is its reason.
+Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/messages/common.html#mav_commands.
+
+A COMMAND_ACK says that a command was understood, not that it is done. A command has succeeded when two
+heartbeats in a row show it (one may cross with an earlier command on a slow link). It has failed after
+several refusals, or when its tries are used up. The vehicle's STATUSTEXT gives the reason.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _WARNING: Final[int] = dialect.MAV_SEVERITY_WARNING
 
 
 def command_long(vehicle: int, number: int, *params: float) -> Message:
-    """Return a COMMAND_LONG; parameters left out are 0."""
+    """Return a COMMAND_LONG; omitted parameters are 0."""
     filled = (*params, *([0.0] * (7 - len(params))))
     return dialect.MAVLink_command_long_message(
         system_of(vehicle), AUTOPILOT_COMPONENT_ID, number, 0, *filled
@@ -38,19 +39,19 @@ def command_long(vehicle: int, number: int, *params: float) -> Message:
 
 
 def set_current_item(vehicle: int, profile: AutopilotProfile, item: int) -> Message:
-    """Return the message that makes a vehicle fly to an item of its mission, from where it is.
+    """Return the message that makes a vehicle fly to a mission item from where it is.
 
-    MISSION_SET_CURRENT, not the command DO_SET_MISSION_CURRENT: ArduPlane starts the leg of that one at the
-    waypoint that it flew to before (`GCS_MAVLink_Plane.cpp`: `next_wp_crosstrack` is cleared too late), and
-    tracks that line. The message may be repeated. Its answer is MISSION_CURRENT with the number as it was
-    sent. ArduPlane takes 0 for its first item: then 0 is an answer that it gives to nothing else.
+    MISSION_SET_CURRENT, not the command DO_SET_MISSION_CURRENT: with that one ArduPlane starts the leg at the
+    waypoint before (`GCS_MAVLink_Plane.cpp`: `next_wp_crosstrack` is cleared too late). The message may be
+    repeated. Its answer is MISSION_CURRENT with the number as sent. ArduPlane takes 0 for its first item:
+    then 0 answers nothing else.
     """
     named = item if item > profile.home_items else 0
     return dialect.MAVLink_mission_set_current_message(system_of(vehicle), AUTOPILOT_COMPONENT_ID, named)
 
 
 def set_mode(vehicle: int, autopilot: int, name: str) -> Message:
-    """Return the command that switches the mode; the heartbeat shows whether it did.
+    """Return the command that sets the mode; the heartbeat shows the result.
 
     Raises
     ------
@@ -65,21 +66,21 @@ def set_mode(vehicle: int, autopilot: int, name: str) -> Message:
 
 
 class HeartbeatState(NamedTuple):
-    """What a heartbeat shows."""
+    """Mode and arming state of a heartbeat."""
 
     mode: str
     armed: bool
 
 
 class CommandSender:
-    """A COMMAND_LONG on its way.
+    """Sends one COMMAND_LONG until it is done.
 
     Parameters
     ----------
     request : Message
         The command.
     is_done : callable
-        Whether what a heartbeat shows is what was asked for.
+        Returns True if a `HeartbeatState` shows the command as done.
     encode : callable
         Message to frame for this vehicle, such as `Fleet.encoder`.
     """
@@ -93,7 +94,7 @@ class CommandSender:
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
         self.outcome: tuple[bool, str] | None = None
-        """(whether it was done, how or why not), once it has ended."""
+        """(True if done, detail or reason), once it has ended."""
         self._vehicle: int = request.target_system
         self._command: int = request.command
         self._is_done, self._encode, self._own = is_done, encode, own
@@ -102,7 +103,7 @@ class CommandSender:
         self._statustext = self._rejection = ""
 
     def poll(self, t_ns: int) -> list[bytes]:
-        """Let time pass; returns the frames to send."""
+        """Advance the timers; return the frames to send."""
         if self.outcome is not None:
             return []
         if self._timer.is_exhausted(t_ns):
@@ -117,7 +118,7 @@ class CommandSender:
         )
 
     def receive(self, message: Message) -> None:
-        """Take a message of the vehicle."""
+        """Process a message of the vehicle."""
         if self.outcome is not None or message.get_srcSystem() != self._vehicle:
             return
         match message.get_type():

@@ -1,9 +1,9 @@
-"""Parameters of one vehicle: read by name, and set. Sans-I/O.
+"""Parameter protocol with one vehicle: `ParameterReader`, `ParameterSetter`. Sans-I/O.
 
-Source: https://mavlink.io/en/services/parameter.html. A value travels as a float32: ArduPilot converts it (a
-C cast), PX4 copies its bytes, to be read by `param_type`; which of the two AUTOPILOT_VERSION's capabilities
-say, and else the firmware. Nobody answers for a name that a vehicle does not have: after the last try it
-counts as absent, which a lossy link may make of one that is there.
+https://mavlink.io/en/services/parameter.html. A value travels as a float32. ArduPilot converts it (C cast),
+PX4 copies its bytes, to be read by `param_type`. AUTOPILOT_VERSION's capabilities tell which, else the
+firmware. A vehicle does not answer for an unknown name: after the last try it counts as absent, even if only
+the link lost it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gcs.safe_text import printable
 
 _RETRY_POLICY: Final = RetryPolicy(wait_s=0.5, max_wait_s=2.0, max_tries=5)
 _MAX_IN_FLIGHT: Final = 6
-"""A telemetry radio carries so many questions and answers in half a second."""
+"""A telemetry radio carries as many requests and answers in half a second."""
 _FORMATS: Final = {
     dialect.MAV_PARAM_TYPE_UINT8: "<Bxxx",
     dialect.MAV_PARAM_TYPE_INT8: "<bxxx",
@@ -37,14 +37,14 @@ _C_CAST: Final[int] = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
 
 
 def is_bytewise(autopilot: int, capabilities: int | None) -> bool:
-    """Whether a vehicle sends the bytes of an integer rather than its value."""
+    """Return True if a vehicle sends the bytes of an integer rather than its value."""
     if capabilities is not None and capabilities & (_BYTEWISE | _C_CAST):
         return bool(capabilities & _BYTEWISE)
     return bool(autopilot == dialect.MAV_AUTOPILOT_PX4)
 
 
 def decode_value(message: Message, bytewise: bool) -> float:
-    """Return the value that a PARAM_VALUE carries."""
+    """Return the value of a PARAM_VALUE."""
     form = _FORMATS.get(message.param_type)
     if form is None or not bytewise:
         return float(message.param_value)
@@ -63,7 +63,7 @@ def encode_value(value: float, param_type: int, bytewise: bool) -> float:
 
 
 def value_problem(value: float, param_type: int) -> str:
-    """Say why a value does not fit a MAV_PARAM_TYPE; empty when it does."""
+    """Return why a value does not fit a MAV_PARAM_TYPE; empty if it does."""
     if not math.isfinite(value):
         return "is no finite number"
     form = _FORMATS.get(param_type)
@@ -82,13 +82,12 @@ class ParameterReader:
     Parameters
     ----------
     names : iterable of tuple of str
-        Names; of those in one tuple (what a parameter is called by newer and older firmware) one answer is
-        enough.
+        Names. A tuple lists the names of one parameter in newer and older firmware: one answer suffices.
 
     Attributes
     ----------
     values : dict of str to float
-        What came.
+        Values received.
     types : dict of str to int
         Their MAV_PARAM_TYPE.
     """
@@ -110,11 +109,11 @@ class ParameterReader:
 
     @property
     def is_done(self) -> bool:
-        """Whether every name was answered or given up."""
+        """True if every name was answered or its tries are used up."""
         return not self._waiting and not self._timers
 
     def poll(self, t_ns: int) -> list[bytes]:
-        """Let time pass; returns the frames to send."""
+        """Advance the timers; return the frames to send."""
         for name in [name for name, timer in self._timers.items() if timer.is_exhausted(t_ns)]:
             del self._timers[name]
         while self._waiting and len(self._timers) < _MAX_IN_FLIGHT:
@@ -124,7 +123,7 @@ class ParameterReader:
         return [self._encode(timer.request) for timer in self._timers.values() if timer.start_try(t_ns)]
 
     def receive(self, message: Message) -> None:
-        """Take a message of the vehicle."""
+        """Process a message of the vehicle."""
         if (
             message.get_type() != "PARAM_VALUE"
             or (message.get_srcSystem(), message.get_srcComponent()) != self._to
@@ -142,9 +141,9 @@ class ParameterReader:
 
 
 class ParameterSetter:
-    """Sets one parameter of a vehicle: reads it for its type, sets it, and believes what comes back.
+    """Sets one parameter of a vehicle: reads its type, sets it, and reads it back.
 
-    `outcome` is (whether it has the value now, how or why not) once it has ended.
+    `outcome` is (True if the value is set, detail or reason), once it has ended.
     """
 
     def __init__(
@@ -157,7 +156,7 @@ class ParameterSetter:
         self._asking: RetryTimer | None = None
 
     def poll(self, t_ns: int) -> list[bytes]:
-        """Let time pass; returns the frames to send."""
+        """Advance the timers; return the frames to send."""
         if self.outcome is not None:
             return []
         if self._asking is None:
@@ -172,7 +171,7 @@ class ParameterSetter:
         return [self._encode(self._asking.request)] if self._asking.start_try(t_ns) else []
 
     def receive(self, message: Message) -> None:
-        """Take a message of the vehicle."""
+        """Process a message of the vehicle."""
         self._reading.receive(message)
         if self._asking is not None and self._asking.sent and self._is_set():
             self.outcome = (True, f"{self._name} = {self._value:g}")

@@ -1,9 +1,8 @@
-"""What one vehicle says when it is asked everything that a pre-flight check must know. Sans-I/O.
+"""Collects from one vehicle what the preflight check needs. Sans-I/O. Nothing on the vehicle is changed.
 
-Messages are asked for one by one (MAV_CMD_REQUEST_MESSAGE; most are their own answer before that, since an
-autopilot streams them anyway), then the parameters, then fence and rally points: never two conversations of
-the mission protocol at a time. A vehicle whose pre-arm check fails is told to check again, by which it says
-why. Nothing on the vehicle is changed.
+Messages are requested one by one (MAV_CMD_REQUEST_MESSAGE; most are streamed anyway), then parameters, then
+fence and rally points: never two transfers of the mission protocol at a time. A vehicle whose prearm check
+fails is told to run it again, and reports the reasons.
 """
 
 from __future__ import annotations
@@ -41,11 +40,11 @@ PREFLIGHT_MESSAGE_IDS: Final = frozenset(
         dialect.MAVLINK_MSG_ID_PARAM_VALUE,
     }
 )
-"""Messages that `Fleet` must give beside its own."""
+"""Message ids that `Fleet` must return besides its own."""
 
 _RETRY_POLICY: Final = RetryPolicy(wait_s=0.7, max_wait_s=2.0, max_tries=6)
 _REASONS: Final = "reasons"
-"""The request why the pre-arm check fails. ArduPilot says it every 30 s, and when told to check."""
+"""Key of the request for prearm reasons. ArduPilot reports them every 30 s, and on request."""
 _REASONS_RETRY_POLICY: Final = RetryPolicy(wait_s=1.0, max_wait_s=1.0, max_tries=3)
 _PREARM: Final = dialect.MAV_SYS_STATUS_PREARM_CHECK
 _WARNING: Final = dialect.MAV_SEVERITY_WARNING
@@ -53,20 +52,20 @@ _MAX_TEXTS: Final = 8
 
 
 class PreflightQuery:
-    """One vehicle's.
+    """Query of one vehicle.
 
     Attributes
     ----------
     messages : dict of str to (int, Message)
-        When the newest message of each type came, and what it says.
-    profile : Profile or None
+        Arrival time and newest message of each type.
+    profile : AutopilotProfile or None
         Of its firmware, known from its first heartbeat.
     texts : dict of str to None
-        What it said in STATUSTEXTs of severity WARNING and above, newest last.
+        STATUSTEXTs of severity WARNING and above, newest last.
     values : dict of str to float
-        Parameters that were answered.
-    fence, rally : tuple of Item or None
-        What it holds; None when it did not say.
+        Parameters received.
+    onboard_lists : dict of int to tuple of Item, or None
+        Fence and rally points by MAV_MISSION_TYPE; None if the vehicle did not answer.
     """
 
     def __init__(
@@ -90,14 +89,14 @@ class PreflightQuery:
 
     @property
     def is_done(self) -> bool:
-        """Whether all has been asked, and answered or given up."""
+        """True if everything was answered or its tries are used up."""
         if self._timers is None:
             return False
         return self.profile is None or (self._reading is not None and RALLY in self.onboard_lists)
 
     @property
     def stage(self) -> str:
-        """What it is about, for people who wait."""
+        """Present stage, for display."""
         if self._timers is None:
             return "not heard yet"
         if self._reading is None:
@@ -105,7 +104,7 @@ class PreflightQuery:
         return "done" if self.is_done else "fence and rally" if self._reading.is_done else "parameters"
 
     def poll(self, t_ns: int) -> list[bytes]:
-        """Let time pass; returns the frames to send, none before the vehicle has been heard."""
+        """Advance the timers; return the frames to send, none before the vehicle was heard."""
         if self._timers is None or self.is_done:
             return []
         waiting = {name: a for name, a in self._timers.items() if not a.is_exhausted(t_ns)}
@@ -125,7 +124,7 @@ class PreflightQuery:
         return self._note_result(self._list.poll(t_ns))
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:
-        """Take a message of the vehicle; returns the frames to send."""
+        """Process a message of the vehicle; return the frames to send."""
         name = message.get_type()
         self.messages[name] = (t_ns, message)
         if name == "HEARTBEAT" and self._timers is None:

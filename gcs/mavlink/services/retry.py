@@ -1,7 +1,7 @@
-"""A request that is repeated, ever more slowly, until somebody answers it.
+"""Repetition of a request until it is answered: `RetryPolicy` and `RetryTimer`.
 
-MAVLink has no transport: every request is sent again when its answer does not come. The waits grow
-geometrically up to a bound, so that a slow radio is not flooded by the very repeats that its delay caused.
+MAVLink has no transport layer: every request is sent again if its answer does not come. Waits grow
+geometrically up to a bound, so that repeats do not flood a slow radio.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from gcs.model import NS_PER_S
 
 
 def ns(seconds: float) -> int:
-    """Seconds as integer nanoseconds."""
+    """Return seconds as integer nanoseconds."""
     return round(seconds * NS_PER_S)
 
 
 @dataclass(frozen=True, slots=True)
 class RetryPolicy:
-    """How long to wait for an answer, and how often to ask."""
+    """Waits and number of tries of a request."""
 
     wait_s: float
     max_wait_s: float
     growth: float = 1.5
     max_tries: int = 12
-    """Times that the request is sent before it counts as unanswered; 0 means for ever."""
+    """Tries before the request counts as unanswered; 0 for no bound."""
 
 
 class RetryTimer:
-    """One request on its way. Time is an argument; nothing is sent from here."""
+    """Timer of one request. It sends nothing itself."""
 
     def __init__(self, request: Message, policy: RetryPolicy, first_t_ns: int) -> None:
         self.request = request
@@ -41,11 +41,11 @@ class RetryTimer:
 
     @property
     def next_t_ns(self) -> int:
-        """Before then nothing is due."""
+        """Earliest time of the next try."""
         return self._next_t_ns
 
     def start_try(self, t_ns: int) -> bool:
-        """Whether to send the request now; if so, the next wait begins."""
+        """Start the next try if it is due; return True if the request is to be sent now."""
         if t_ns < self._next_t_ns or self.is_exhausted(t_ns):
             return False
         self.sent += 1
@@ -55,9 +55,9 @@ class RetryTimer:
         return True
 
     def is_exhausted(self, t_ns: int) -> bool:
-        """Whether the last try has been waited out."""
+        """Return True if the wait after the last try is over."""
         return 0 < self._policy.max_tries <= self.sent and t_ns >= self._next_t_ns
 
     def round_trip_s(self, t_ns: int) -> float | None:
-        """How long an answer took that comes now; None when it cannot be told which try it answers."""
+        """Return the round trip of an answer that comes now; None if it is ambiguous which try it answers."""
         return (t_ns - self._sent_t_ns) / NS_PER_S if self.sent == 1 else None

@@ -1,14 +1,12 @@
-"""How long an answer takes on a link, and how long to wait for one before the request is repeated.
+"""Round-trip time of a link, and the wait before a request is repeated.
 
-The wait follows the round trip. Only what was asked once is measured, and a wait that grew stays so until the
-next measurement (Karn & Partridge, *Improving Round-Trip Time Estimates in Reliable Transport Protocols*,
-1987): repeats that a loss calls for come soon, and on a link that has become slow they soon become rare. Of
-the last few measurements the median counts, not a mean (RFC 6298): a vehicle repeats its own questions, too,
-and what then looks like an answer after a second is one to nothing.
+Only requests that were sent once are measured. A wait that has grown stays so until the next measurement
+(Karn & Partridge, *Improving Round-Trip Time Estimates in Reliable Transport Protocols*, 1987). The estimate
+is the median of the last samples, not a mean (RFC 6298): a vehicle repeats its own requests, and a false
+sample may result.
 
-Where round trips are short, a missing answer was lost and not held up. There repeats hardly become rarer, and
-on the shortest each goes out twice at once. Autopilots are no help with that: ArduPlane asks for a lost item
-again after 1 s, PX4 after 250 ms.
+On a short round trip a missing answer was lost, not delayed: waits hardly grow there, and on the shortest
+each repeat is sent twice. ArduPlane itself repeats a lost request after 1 s only, PX4 after 250 ms.
 """
 
 from __future__ import annotations
@@ -22,13 +20,13 @@ from gcs.mavlink.services.retry import RetryPolicy
 _MAX_SAMPLES: Final = 9
 _WAIT_ROUND_TRIPS: Final = 2.0
 _INITIAL_WAIT_S: Final = 0.2
-"""Before the first measurement."""
+"""Before the first sample."""
 _MIN_WAIT_S: Final = 0.05
-"""The service's tick: repeats cannot come sooner."""
+"""Tick of the service: repeats cannot come sooner."""
 _DUPLICATE_BELOW_S: Final = 0.1
 _SHORT_WAIT_S: Final = 0.25
 _MAX_WAIT_S: Final = 1.2
-"""Between two tries on a link that is not slow: a PX4 gives up after 5 s in which it hears none of them."""
+"""Between two tries, unless the link is slow: PX4 gives up after 5 s without one."""
 _GROWTH: Final = 1.5
 _MAX_GROWTH: Final = 3.0
 _SHORT_GROWTH: Final = 1.1
@@ -36,19 +34,19 @@ _MAX_SHORT_GROWTH: Final = 1.3
 
 
 class RttEstimator:
-    """Of one conversation after the other with one vehicle.
+    """Round-trip time of one vehicle's link.
 
     Parameters
     ----------
     round_trip_s : float
-        What was measured on its link before; 0 when nothing was.
+        Earlier measurement; 0 for none.
     """
 
     def __init__(self, round_trip_s: float = 0.0) -> None:
         self.round_trip_s: float | None = None
-        """None before it has been measured here."""
+        """None before the first sample here."""
         self.retransmissions = 0
-        """Messages that were sent again."""
+        """Messages sent again."""
         self._samples_s = deque([round_trip_s] if round_trip_s else [], _MAX_SAMPLES)
         self._base_wait_s = (
             max(_MIN_WAIT_S, _WAIT_ROUND_TRIPS * round_trip_s) if round_trip_s else _INITIAL_WAIT_S
@@ -57,12 +55,12 @@ class RttEstimator:
 
     @property
     def wait_s(self) -> float:
-        """How long to wait for an answer now."""
+        """Present wait for an answer."""
         return max(self._base_wait_s, min(self._base_wait_s * self._growth, _MAX_WAIT_S))
 
     @property
     def copies(self) -> int:
-        """Times to send a repeat at once."""
+        """Copies of a repeat to send at once."""
         return 2 if self._samples_s and self._base_wait_s < _DUPLICATE_BELOW_S else 1
 
     @property
@@ -70,7 +68,7 @@ class RttEstimator:
         return bool(self._samples_s) and self._base_wait_s < _SHORT_WAIT_S
 
     def retry_policy(self, max_tries: int, min_total_s: float = 0.0) -> RetryPolicy:
-        """Return that as the policy of one request: so many tries, and more for at least so long."""
+        """Return the policy of one request: at least `max_tries`, and more for at least `min_total_s`."""
         wait_s, growth = self.wait_s, _SHORT_GROWTH if self._is_short else _GROWTH
         max_wait_s = max(_MAX_WAIT_S, wait_s)
         total_s, next_s, needed = 0.0, wait_s, 0
@@ -81,7 +79,7 @@ class RttEstimator:
         )
 
     def add_sample(self, round_trip_s: float | None) -> None:
-        """Take what an answer took to come; None for one to a request that was asked more than once."""
+        """Add the round trip of an answer; None if it was ambiguous."""
         if round_trip_s is None:
             return
         self._samples_s.append(round_trip_s)
@@ -90,6 +88,6 @@ class RttEstimator:
         self._growth = 1.0
 
     def back_off(self) -> None:
-        """Note that no answer came in time."""
+        """Note a missing answer: the wait grows."""
         growth, max_growth = (_SHORT_GROWTH, _MAX_SHORT_GROWTH) if self._is_short else (_GROWTH, _MAX_GROWTH)
         self._growth = max(self._growth, min(self._growth * growth, max_growth))

@@ -1,11 +1,9 @@
-"""Giving a vehicle its signing key: SETUP_SIGNING, and the proof that it took it.
+"""SETUP_SIGNING: gives a vehicle its signing key, and checks that it uses it. Sans-I/O.
 
-SETUP_SIGNING (https://mavlink.io/en/messages/common.html#SETUP_SIGNING) has no answer, and carries the key in
-the clear. So it is sent until the vehicle signs with the key, and then something is asked of it in a frame
-signed with the key: its answer shows that both directions work. ArduPilot takes no key while armed; nothing
-is sent to a vehicle that is. What goes to a vehicle that signs with its old key is signed with that one.
-
-Sans-I/O: frames in, frames out, time an argument.
+SETUP_SIGNING (https://mavlink.io/en/messages/common.html#SETUP_SIGNING) has no answer and carries the key in
+the clear. It is sent until the vehicle signs with the key. Then a request signed with the key is sent; its
+answer proves both directions. ArduPilot takes no key while armed: nothing is sent then. Frames to a vehicle
+that signs with its old key are signed with that key.
 """
 
 from __future__ import annotations
@@ -28,19 +26,19 @@ _LINK_ID: Final = 0
 
 
 class SigningSetup:
-    """One vehicle and the key that it is to hold.
+    """Installation of a key on one vehicle.
 
     Parameters
     ----------
     system_id : int
     key : bytes
-        The new one.
+        New key.
     old : bytes, optional
-        What it holds by our knowledge.
+        Key that the vehicle has, as far as known.
     next_time : callable
-        Takes a time and returns a signing time later than any before; all installations share it.
+        Takes a time; returns a signing time later than any before. Shared by all installations.
     deadline_ns : int
-        When to give up.
+        Time to give up.
     """
 
     def __init__(
@@ -63,7 +61,7 @@ class SigningSetup:
         self._due_ns = 0
 
     def receive(self, frame: Frame) -> None:
-        """Take a frame that is whole, of any sender."""
+        """Process a frame of any sender."""
         if self.outcome or (frame.system_id, frame.component_id) != (self.system_id, AUTOPILOT_COMPONENT_ID):
             return
         self._holds_new = frame.signed and is_signed_by(frame.data, self._key)
@@ -87,7 +85,7 @@ class SigningSetup:
             self._heard, self.detail = True, "did not begin to sign with the key"
 
     def poll(self, t_ns: int) -> list[bytes]:
-        """Let time pass; return frames for the vehicle."""
+        """Advance the timers; return the frames to send."""
         if self.outcome or t_ns < self._due_ns:
             return []
         if t_ns >= self._deadline_ns:

@@ -42,7 +42,7 @@ class Fleet:
     def encoder(self, _vehicle):
         return lambda message: message
 
-    def sends(self, _vehicle, frames):
+    def address_frames(self, _vehicle, frames):
         self.sent += (frames := list(frames))
         return [Send("link", "peer", b"") for _ in frames]
 

@@ -9,8 +9,8 @@ import tty
 from pathlib import Path
 
 import pytest
+from link_handler import RecordingHandler, beat, run
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from taking import Taker, beat, run
 
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError
@@ -44,13 +44,13 @@ def free_port(kind: int) -> int:
 
 def test_udp_out_speaks_first_and_hears_what_answers():
     async def scenario() -> None:
-        taker = Taker(S)
+        handler = RecordingHandler(S)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
             vehicle.bind(("127.0.0.1", 0))
             vehicle.setblocking(False)
             name = f"udpout:127.0.0.1:{vehicle.getsockname()[1]}"
             links = opened(link(name))
-            links.start(asyncio.get_running_loop(), taker)
+            links.start(asyncio.get_running_loop(), handler)
             loop = asyncio.get_running_loop()
             hearing = asyncio.create_task(loop.sock_recvfrom(vehicle, 1000))
             while not hearing.done():
@@ -59,8 +59,8 @@ def test_udp_out_speaks_first_and_hears_what_answers():
             data, back = hearing.result()
             assert data == b"hello"
             vehicle.sendto(beat(1), back)
-            await taker.until(lambda: taker.heard, "nothing came back")
-            assert taker.heard[0] == (name, name.removeprefix("udpout:"), beat(1))
+            await handler.until(lambda: handler.heard, "nothing came back")
+            assert handler.heard[0] == (name, name.removeprefix("udpout:"), beat(1))
             links.close()
 
     run(scenario())
@@ -68,11 +68,11 @@ def test_udp_out_speaks_first_and_hears_what_answers():
 
 def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
     async def scenario() -> None:
-        taker, port = Taker(S), free_port(socket.SOCK_STREAM)
+        handler, port = RecordingHandler(S), free_port(socket.SOCK_STREAM)
         name = f"tcp:127.0.0.1:{port}"
         links = opened(link(name))
-        links.start(asyncio.get_running_loop(), taker)
-        await taker.until(lambda: "not connected" in str(taker.news), "the refusal was not told")
+        links.start(asyncio.get_running_loop(), handler)
+        await handler.until(lambda: "not connected" in str(handler.news), "the refusal was not told")
         for turn in (1, 2):
             writers = []
             accepted = asyncio.Event()
@@ -85,13 +85,13 @@ def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
             await accepted.wait()
             half = len(beat(1)) // 2
             writers[0].write(beat(1) + beat(2)[:half])
-            await taker.until(lambda n=turn: taker.frames() == 2 * n - 1, "the first frame")
+            await handler.until(lambda n=turn: handler.frames() == 2 * n - 1, "the first frame")
             writers[0].write(beat(2)[half:])
-            await taker.until(lambda n=turn: taker.frames() == 2 * n, "the frame in two reads")
+            await handler.until(lambda n=turn: handler.frames() == 2 * n, "the frame in two reads")
             writers[0].close()
             server.close()
-            await taker.until(lambda n=turn: str(taker.news).count("connection lost") == n, "the loss")
-        assert {peer for _, peer, _ in taker.heard} == {f"127.0.0.1:{port}"}
+            await handler.until(lambda n=turn: str(handler.news).count("connection lost") == n, "the loss")
+        assert {peer for _, peer, _ in handler.heard} == {f"127.0.0.1:{port}"}
         links.close()
 
     run(scenario())
@@ -99,19 +99,19 @@ def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
 
 def test_who_connects_by_tcp_is_heard_and_answered_and_a_peer_that_never_reads_stops_nobody():
     async def scenario() -> None:
-        taker, links = Taker(S), opened(link("tcpin:127.0.0.1:0"))
-        links.start(asyncio.get_running_loop(), taker)
+        handler, links = RecordingHandler(S), opened(link("tcpin:127.0.0.1:0"))
+        links.start(asyncio.get_running_loop(), handler)
         reader, writer = await asyncio.open_connection("127.0.0.1", links.port)
         writer.write(beat(1))
-        await taker.until(lambda: taker.heard, "nothing heard")
-        peer = taker.heard[0][1]
+        await handler.until(lambda: handler.heard, "nothing heard")
+        peer = handler.heard[0][1]
         links.send("tcpin:127.0.0.1:0", peer, b"answer")
         assert await reader.readexactly(6) == b"answer"
         for _ in range(2000):
             links.send("tcpin:127.0.0.1:0", peer, bytes(10_000))
         assert links.unsent()["tcpin:127.0.0.1:0"] > 0
         writer.transport.abort()
-        await taker.until(lambda: "disconnected" in str(taker.news), "the end was not told")
+        await handler.until(lambda: "disconnected" in str(handler.news), "the end was not told")
         links.close()
 
     run(scenario())
@@ -119,25 +119,27 @@ def test_who_connects_by_tcp_is_heard_and_answered_and_a_peer_that_never_reads_s
 
 def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
     async def scenario() -> None:
-        taker, device = Taker(S), tmp_path / "radio"
+        handler, device = RecordingHandler(S), tmp_path / "radio"
         name = f"serial:{device}:57600"
         links = opened(link(name))
-        links.start(asyncio.get_running_loop(), taker)
-        await taker.until(lambda: "cannot be opened" in str(taker.news), "the missing port was not told")
+        links.start(asyncio.get_running_loop(), handler)
+        await handler.until(lambda: "cannot be opened" in str(handler.news), "the missing port was not told")
         for turn in (1, 2):
             ours, theirs = os.openpty()
             tty.setraw(theirs)
             device.unlink(missing_ok=True)
             device.symlink_to(os.ttyname(theirs))
-            await taker.until(lambda n=turn: str(taker.news).count("'open'") == n, "it was not opened")
+            await handler.until(lambda n=turn: str(handler.news).count("'open'") == n, "it was not opened")
             os.write(ours, b"\xfdnoise" + beat(1)[:7])
             os.write(ours, beat(1)[7:] + b"\x00" * 300)
-            await taker.until(lambda n=turn: taker.frames() == n, "the frame did not come")
+            await handler.until(lambda n=turn: handler.frames() == n, "the frame did not come")
             links.send(name, str(device), beat(255, 190))
             assert os.read(ours, 100) == beat(255, 190)
             os.close(ours)
             os.close(theirs)
-            await taker.until(lambda n=turn: str(taker.news).count("lost (") == n, "the loss was not told")
+            await handler.until(
+                lambda n=turn: str(handler.news).count("lost (") == n, "the loss was not told"
+            )
         links.close()
 
     run(scenario())
@@ -145,7 +147,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
 
 def test_a_guest_sees_vehicles_and_targets_and_its_word_reaches_one_vehicle():
     async def scenario() -> None:
-        taker = Taker(S)
+        handler = RecordingHandler(S)
         links = opened(
             link("udpin:127.0.0.1:0"),
             link("tcpin:127.0.0.1:0", role="full", adsb=True),
@@ -153,19 +155,19 @@ def test_a_guest_sees_vehicles_and_targets_and_its_word_reaches_one_vehicle():
         )
         ports = list(links.ports().values())
         loop = asyncio.get_running_loop()
-        links.start(loop, taker)
+        links.start(loop, handler)
         vehicles = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
         for number, vehicle in enumerate(vehicles, 1):
             vehicle.setblocking(False)
             vehicle.sendto(beat(number), ("127.0.0.1", ports[0]))
-        await taker.until(lambda: taker.frames() == 2, "the vehicles were not heard")
+        await handler.until(lambda: handler.frames() == 2, "the vehicles were not heard")
         reader, writer = await asyncio.open_connection("127.0.0.1", ports[1])
         writer.write(beat(254, 190, ground=True) + arm(2))
         assert await loop.sock_recv(vehicles[1], 1000) == arm(2)
         with pytest.raises(BlockingIOError):
             vehicles[0].recv(1000)
-        await taker.until(lambda: taker.frames() == 3, "central command was not told")
-        assert taker.heard[-1][2] == arm(2)
+        await handler.until(lambda: handler.frames() == 3, "central command was not told")
+        assert handler.heard[-1][2] == arm(2)
 
         vehicles[0].sendto(beat(1), ("127.0.0.1", ports[0]))
         assert await reader.readexactly(len(beat(1))) == beat(1)
@@ -173,8 +175,8 @@ def test_a_guest_sees_vehicles_and_targets_and_its_word_reaches_one_vehicle():
         track = Track((12, 3), mean, read_only([[1.0] * 4] * 4), 0.99, estimated=True)
         unsure = Track((13, 0), mean, track.cov, 0.3)
         links.picture(Picture(S, S, "targets", (track, unsure), read_only([0.1, 0.9])))
-        links.tick(taker.t_ns)
-        links.tick(taker.t_ns + S // 2)
+        links.tick(handler.t_ns)
+        links.tick(handler.t_ns + S // 2)
         (found,) = scan(await reader.read(1000)).frames
         message = found.message()
         assert (found.system_id, found.component_id) == (1, dialect.MAV_COMP_ID_ADSB)

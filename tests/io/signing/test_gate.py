@@ -7,8 +7,8 @@ import socket
 from pathlib import Path
 
 import pytest
+from link_handler import RecordingHandler, beat, run
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from taking import Taker, beat, run
 
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import ConfigError
@@ -132,11 +132,11 @@ def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_p
     guests = Link(parse_endpoint("udpin:localhost:0"), role="full")
 
     async def scenario() -> None:
-        loop, taker, plane = asyncio.get_running_loop(), Taker(NOW), vehicle(KEY)
+        loop, handler, plane = asyncio.get_running_loop(), RecordingHandler(NOW), vehicle(KEY)
         links = Links(
             [link, guests], [1], FRAME, Signing([link, guests], key_file(tmp_path, vehicles={1: KEY}))
         )
-        links.start(loop, taker)
+        links.start(loop, handler)
         to = ("127.0.0.1", links.ports()[link.name])
         with (
             socket.socket(type=socket.SOCK_DGRAM) as radio,
@@ -148,16 +148,16 @@ def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_p
                 one.bind(("127.0.0.1", 0))
             (first, *_) = plane.datagrams_to_send(NOW)
             radio.sendto(first, to)
-            await taker.until(lambda: taker.heard, "nothing was heard")
-            peer = taker.heard[0][1]
-            assert taker.heard[0][2] == first, "as it came: a recording can show it"
+            await handler.until(lambda: handler.heard, "nothing was heard")
+            peer = handler.heard[0][1]
+            assert handler.heard[0][2] == first, "as it came: a recording can show it"
             foe.sendto(beat(1), to)
             counters = links.signing.gate.counters[link.name]
-            await taker.until(lambda: counters.rejected, "it was let in")
+            await handler.until(lambda: counters.rejected, "it was let in")
             links.tick(NOW)
-            assert len(taker.heard) == 1
-            assert "not signed" in taker.news[-1][2]
-            assert f"system 1/1 at 127.0.0.1:{foe.getsockname()[1]}" in taker.news[-1][2]
+            assert len(handler.heard) == 1
+            assert "not signed" in handler.news[-1][2]
+            assert f"system 1/1 at 127.0.0.1:{foe.getsockname()[1]}" in handler.news[-1][2]
             # A ground station without a key commands it through central command, which signs.
             request = dialect.MAVLink_command_long_message(1, 1, 20, 0, 0, 0, 0, 0, 0, 0, 0)
             station.sendto(Encoder(254, 190)(request), ("127.0.0.1", links.ports()[guests.name]))

@@ -4,7 +4,7 @@ import pytest
 
 from gcs.config import parse, read_text
 from gcs.errors import LinkError
-from gcs.io.vehicles.access import entrance_of
+from gcs.io.vehicles.access import vehicle_access
 from gcs.io.zenoh.discovery import announced
 from gcs.settings import with_settings
 
@@ -20,27 +20,27 @@ def mission(tmp_path, monkeypatch):
 
 def test_without_a_service_the_mission_file_s_links_are_used_as_central_command(mission):
     config = mission('links.mavlink="udpin:127.0.0.1:14580"', FORWARDS)
-    entrance = entrance_of(config, None, writes=True)
+    entrance = vehicle_access(config, None, writes=True)
     assert [link.name for link in entrance.links] == ["udpin:127.0.0.1:14580"]
     assert entrance.own[0] == 255
-    assert not entrance.words
+    assert not entrance.description
 
 
 def test_while_the_service_runs_its_forward_endpoint_is_used_under_another_id(mission):
     config = mission(FORWARDS)
     with announced(config.name, "tcp/127.0.0.1:7447"):
         for writes in (True, False):
-            entrance = entrance_of(config, None, writes=writes)
+            entrance = vehicle_access(config, None, writes=writes)
             assert [link.name for link in entrance.links] == ["tcp:127.0.0.1:5771"]
             assert entrance.own[0] != 255  # the service's own: what speaks with it is kept out
-        assert "through gcs run" in entrance.words
-        assert entrance_of(mission('name="other"'), None, writes=True).service is None
+        assert "through gcs run" in entrance.description
+        assert vehicle_access(mission('name="other"'), None, writes=True).service is None
 
 
 def test_a_service_that_lets_nobody_write_is_named_with_what_to_do(mission):
     config = mission('links.forward=[{endpoint="udpin:0.0.0.0:14551", access="read-only"}]')
     with announced(config.name, "tcp/127.0.0.1:7447"):
-        (link,) = entrance_of(config, None, writes=False).links
+        (link,) = vehicle_access(config, None, writes=False).links
         assert link.name == "udpout:127.0.0.1:14551"
         with pytest.raises(LinkError, match='access = "full"'):
-            entrance_of(config, None, writes=True)
+            vehicle_access(config, None, writes=True)

@@ -22,7 +22,7 @@ from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
-from gcs.io.zenoh.discovery import Whereabouts, announced, services, the_service
+from gcs.io.zenoh.discovery import ServiceInfo, announced, find_service, running_services
 from gcs.io.zenoh.session import ZenohSession, free_endpoint, service_bus
 from gcs.model import Order, Proposal, Route, RouteFigures, read_only
 from gcs.service.service import Service
@@ -155,23 +155,23 @@ def test_mistakes_in_the_arguments_are_named(runtime: Path, arguments: list[str]
 
 def test_a_service_that_was_killed_is_not_found(runtime: Path) -> None:
     with announced("prescribed", "tcp/127.0.0.1:1"):
-        assert the_service(None) == Whereabouts(
+        assert find_service(None) == ServiceInfo(
             mission="prescribed", zenoh="tcp/127.0.0.1:1", pid=os.getpid()
         )
         (folder,) = runtime.iterdir()
         (folder / "dead-1.json").write_text('{"mission": "dead", "zenoh": "tcp/127.0.0.1:2", "pid": 4194305}')
         (folder / "broken.json").write_text("{")
-        assert [one.mission for one in services()] == ["prescribed"]
+        assert [one.mission for one in running_services()] == ["prescribed"]
         with announced("other", "tcp/127.0.0.1:3"), pytest.raises(LinkError, match="several services"):
-            the_service(None)
-    assert services() == []
+            find_service(None)
+    assert running_services() == []
 
 
 def test_a_folder_that_others_may_write_to_is_not_believed(runtime: Path) -> None:
     with announced("prescribed", "tcp/127.0.0.1:1"):
         (folder,) = runtime.iterdir()
         folder.chmod(0o777)
-        assert services() == []
+        assert running_services() == []
 
 
 def test_an_order_loads_no_compiler_no_planner_and_no_dialect() -> None:

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link, parse_endpoint
 from gcs.mavlink.frames.codec import Encoder
-from gcs.mavlink.frames.signing import Gate, Keys, signed, timestamp_of
+from gcs.mavlink.frames.signing import Keys, SigningGate, signed, timestamp_of
 from gcs.model import vehicle_id
 
 S = 1_000_000_000
@@ -54,22 +54,22 @@ class Air:
 
 
 def known(gate):
-    heard = [(address, list(keys)) for address, keys in gate._heard.items()]
+    heard = [(address, list(keys)) for address, keys in gate._keys_at.items()]
     return gate.timestamp, gate.streams, gate.counters, heard, gate.take_stale_senders()
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_both_ways_of_checking_let_in_the_same_and_remember_the_same(seed):
-    fast, simple = (Gate(KEYS, LINKS, kernel=kernel) for kernel in (True, False))
+    fast, simple = (SigningGate(KEYS, LINKS, kernel=kernel) for kernel in (True, False))
     air, whole = Air(seed), 0
     looks = []
-    fast._is_admitted = lambda *args: looks.append(1) or Gate._is_admitted(fast, *args)
+    fast._is_accepted = lambda *args: looks.append(1) or SigningGate._is_accepted(fast, *args)
     for step in range(1500):
         network = int(air.rng.integers(2))
         data = air.datagram(network)
         t_ns, address = NOW + step * S // 100, (LINKS[network].name, f"10.0.0.{air.rng.integers(3)}:1")
-        let_in = fast.admit(t_ns, address, data)
-        assert let_in == simple.admit(t_ns, address, data)
+        let_in = fast.accept_frames(t_ns, address, data)
+        assert let_in == simple.accept_frames(t_ns, address, data)
         whole += let_in == data
         assert known(fast) == known(simple)
     reasons = {reason for link in fast.counters.values() for reason in link.rejected}

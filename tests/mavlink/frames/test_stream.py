@@ -26,7 +26,7 @@ def pieces(data: bytes, cuts: list[int]) -> list[bytes]:
 @given(st.lists(st.sampled_from(FRAMES), max_size=12), st.lists(st.integers(0, 10_000), max_size=20))
 def test_a_clean_stream_loses_nothing_however_it_is_read(frames: list[bytes], cuts: list[int]) -> None:
     framer, stream = FrameStream(), b"".join(frames)
-    chunks = [framer.take(piece) for piece in pieces(stream, cuts)]
+    chunks = [framer.add_bytes(piece) for piece in pieces(stream, cuts)]
     assert b"".join(chunks) == stream
     found = [scan(chunk) for chunk in chunks]
     assert sum(len(f.frames) for f in found) == 2 * len(frames)
@@ -60,7 +60,7 @@ def test_noise_delays_frames_and_never_swallows_them(parts: list[bytes], cuts: l
     assume(noise.count(0xFD) + noise.count(0xFE) < 60)  # the number of false starts is bounded
     framer, stream = FrameStream(), b"".join(parts)
     flush = b"\x00" * 300 + FRAMES[0]  # longer than any frame that noise may have claimed
-    chunks = [framer.take(piece) for piece in [*pieces(stream, cuts), flush]]
+    chunks = [framer.add_bytes(piece) for piece in [*pieces(stream, cuts), flush]]
     assert b"".join(chunks) == stream + flush
     got = sum(len(scan(chunk).frames) for chunk in chunks)
     assert got >= 2 * sum(part in FRAMES for part in parts) + 2
@@ -70,5 +70,5 @@ def test_noise_delays_frames_and_never_swallows_them(parts: list[bytes], cuts: l
 def test_hostile_streams_are_held_back_by_less_than_a_frame(reads: list[bytes]) -> None:
     framer, held = FrameStream(), 0
     for data in reads:
-        held += len(data) - len(framer.take(data))
+        held += len(data) - len(framer.add_bytes(data))
         assert 0 <= held < 280

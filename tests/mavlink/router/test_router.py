@@ -67,44 +67,44 @@ class Desk:
         self.beats(0)
 
     def beats(self, t_ns: int) -> None:
-        self.router.take(t_ns, self.vehicle, beat(1))
-        self.router.take(t_ns, self.other, beat(2))
-        self.router.take(t_ns, self.onlooker, beat(254, 190, ground=True))
-        self.router.take(t_ns, self.worker, beat(255, 190, ground=True))
+        self.router.route_frame(t_ns, self.vehicle, beat(1))
+        self.router.route_frame(t_ns, self.other, beat(2))
+        self.router.route_frame(t_ns, self.onlooker, beat(254, 190, ground=True))
+        self.router.route_frame(t_ns, self.worker, beat(255, 190, ground=True))
 
 
 def test_telemetry_goes_to_every_guest_and_to_no_vehicle():
     desk = Desk()
-    to = desk.router.take(S, desk.vehicle, attitude(1)).to
+    to = desk.router.route_frame(S, desk.vehicle, attitude(1)).to
     assert set(to) == {desk.onlooker, desk.worker, WIRED}
 
 
 def test_a_command_goes_to_its_vehicle_alone_and_the_answer_to_who_asked():
     desk = Desk()
-    assert desk.router.take(S, desk.worker, arm(2)).to == (desk.other,)
+    assert desk.router.route_frame(S, desk.worker, arm(2)).to == (desk.other,)
     ack = frame(dialect.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190), 2)
-    assert desk.router.take(S, desk.other, ack).to == (desk.worker,)
+    assert desk.router.route_frame(S, desk.other, ack).to == (desk.worker,)
 
 
 def test_what_answers_central_command_is_for_no_guest():
     desk = Desk()
     ack = frame(dialect.MAVLink_mission_ack_message(*OWN, 0, 0), 1)
-    assert desk.router.take(S, desk.vehicle, ack).to == ()
+    assert desk.router.route_frame(S, desk.vehicle, ack).to == ()
 
 
 def test_a_component_that_is_not_known_is_reached_through_its_vehicle():
     desk = Desk()
-    assert desk.router.take(S, desk.worker, arm(1, component=154)).to == (desk.vehicle,)
+    assert desk.router.route_frame(S, desk.worker, arm(1, component=154)).to == (desk.vehicle,)
     gimbal = (WIFI, "10.0.0.7:50")
-    desk.router.take(S, gimbal, beat(1, 154))
-    assert desk.router.take(S, desk.worker, arm(1, component=154, sequence=1)).to == (gimbal,)
+    desk.router.route_frame(S, gimbal, beat(1, 154))
+    assert desk.router.route_frame(S, desk.worker, arm(1, component=154, sequence=1)).to == (gimbal,)
 
 
 def test_a_guest_who_looks_on_may_ask_and_not_tell():
     desk = Desk()
 
     def ask(message):
-        return desk.router.take(S, desk.onlooker, frame(message, 254, 190))
+        return desk.router.route_frame(S, desk.onlooker, frame(message, 254, 190))
 
     assert ask(dialect.MAVLink_param_request_list_message(1, 1)).to == (desk.vehicle,)
     assert ask(dialect.MAVLink_mission_request_list_message(1, 1, 0)).to == (desk.vehicle,)
@@ -134,66 +134,66 @@ def test_a_guest_who_looks_on_may_ask_and_not_tell():
 def test_nobody_writes_a_mission_while_ours_is_on_its_way_to_that_vehicle():
     desk = Desk()
     desk.busy.add(1)
-    assert desk.router.take(S, desk.worker, count(1)).refusal == "mission transfer under way"
-    assert desk.router.take(S, desk.worker, arm(1)).to == (desk.vehicle,)
-    assert desk.router.take(S, desk.worker, count(2)).to == (desk.other,)
+    assert desk.router.route_frame(S, desk.worker, count(1)).refusal == "mission transfer under way"
+    assert desk.router.route_frame(S, desk.worker, arm(1)).to == (desk.vehicle,)
+    assert desk.router.route_frame(S, desk.worker, count(2)).to == (desk.other,)
     desk.busy.clear()
-    assert desk.router.take(S, desk.worker, count(1)).to == (desk.vehicle,)
+    assert desk.router.route_frame(S, desk.worker, count(1)).to == (desk.vehicle,)
 
 
 def test_a_mission_for_all_vehicles_reaches_none():
     desk = Desk()
-    routed = desk.router.take(S, desk.worker, count(0))
+    routed = desk.router.route_frame(S, desk.worker, count(0))
     assert (routed.to, routed.refusal) == ((), "mission message for all vehicles")
 
 
 def test_a_guest_heartbeat_stays_here():
     desk = Desk()
-    assert desk.router.take(S, desk.worker, beat(255, 190, ground=True)).to == ()
+    assert desk.router.route_frame(S, desk.worker, beat(255, 190, ground=True)).to == ()
 
 
 def test_loops_and_impostors_among_guests_are_kept_out():
     desk = Desk()
-    assert desk.router.take(S, desk.worker, attitude(1)).to == ()
-    assert desk.router.take(S, desk.worker, arm(2, sender=1, sender_component=1)).to == ()
-    assert desk.router.take(S, desk.worker, arm(2, sender=OWN[0], sender_component=OWN[1])).to == ()
+    assert desk.router.route_frame(S, desk.worker, attitude(1)).to == ()
+    assert desk.router.route_frame(S, desk.worker, arm(2, sender=1, sender_component=1)).to == ()
+    assert desk.router.route_frame(S, desk.worker, arm(2, sender=OWN[0], sender_component=OWN[1])).to == ()
 
 
 def test_the_same_command_by_two_ways_is_done_once_and_a_repeat_again():
     desk = Desk()
     again = (WORK, "10.0.0.5:50")
-    assert desk.router.take(S, desk.worker, arm(1)).to == (desk.vehicle,)
-    assert desk.router.take(S, again, arm(1)).refusal == "duplicate"
-    assert desk.router.take(S, desk.worker, arm(1)).to == (desk.vehicle,)
-    assert desk.router.take(9 * S, again, arm(1, sequence=1)).refusal != "duplicate"
+    assert desk.router.route_frame(S, desk.worker, arm(1)).to == (desk.vehicle,)
+    assert desk.router.route_frame(S, again, arm(1)).refusal == "duplicate"
+    assert desk.router.route_frame(S, desk.worker, arm(1)).to == (desk.vehicle,)
+    assert desk.router.route_frame(9 * S, again, arm(1, sequence=1)).refusal != "duplicate"
 
 
 def test_a_vehicle_keeps_its_place_while_it_is_heard_and_moves_after_a_silence():
     desk = Desk()
     impostor = (RADIO, "10.6.6.6:50")
-    assert desk.router.take(S, impostor, beat(1)).refusal == "is heard elsewhere"
-    assert desk.router.take(S, impostor, attitude(1)).to == ()
-    assert desk.router.take(8 * S, impostor, attitude(1)).refusal == "no heartbeat yet"
-    assert desk.router.take(8 * S, impostor, beat(1)).to
-    assert desk.router.take(8 * S, desk.worker, arm(1)).to == (impostor,)
+    assert desk.router.route_frame(S, impostor, beat(1)).refusal == "is heard elsewhere"
+    assert desk.router.route_frame(S, impostor, attitude(1)).to == ()
+    assert desk.router.route_frame(8 * S, impostor, attitude(1)).refusal == "no heartbeat yet"
+    assert desk.router.route_frame(8 * S, impostor, beat(1)).to
+    assert desk.router.route_frame(8 * S, desk.worker, arm(1)).to == (impostor,)
 
 
 def test_what_is_for_a_silent_vehicle_goes_nowhere():
     desk = Desk()
-    routed = desk.router.take(6 * S, desk.worker, arm(1))
+    routed = desk.router.route_frame(6 * S, desk.worker, arm(1))
     assert (routed.to, routed.refusal) == ((), "for a vehicle that is not heard")
 
 
 def test_silent_guests_are_forgotten_and_wired_ones_are_not():
     desk = Desk()
-    assert set(desk.router.guests(9 * S)) == {desk.onlooker, desk.worker, WIRED}
-    assert set(desk.router.guests(11 * S)) == {WIRED}
+    assert set(desk.router.clients(9 * S)) == {desk.onlooker, desk.worker, WIRED}
+    assert set(desk.router.clients(11 * S)) == {WIRED}
     connected = (WORK, "10.0.0.8:50")
-    desk.router.joined(12 * S, connected)
-    assert set(desk.router.guests(100 * S)) == {WIRED, connected}
-    desk.router.gone(connected)
-    desk.router.gone(WIRED)
-    assert set(desk.router.guests(100 * S)) == {WIRED}
+    desk.router.add_connection(12 * S, connected)
+    assert set(desk.router.clients(100 * S)) == {WIRED, connected}
+    desk.router.remove_connection(connected)
+    desk.router.remove_connection(WIRED)
+    assert set(desk.router.clients(100 * S)) == {WIRED}
 
 
 def test_targets_are_found_as_the_dialect_unpacks_them():
@@ -238,14 +238,14 @@ STEPS = st.lists(
 @given(STEPS)
 def test_routes_hold_whatever_comes(steps):
     """Never an echo, never twice, a target's frame at its known place alone, guests never to guests."""
-    bounds = RoutingSettings(max_guests=3, max_ids=2)
+    bounds = RoutingSettings(max_clients=3, max_ids=2)
     router, t_ns = Router(LINKS, [1, 2], settings=bounds), 0
     roles = {link.name: link.role for link in LINKS}
     heard: dict[tuple[int, int], tuple[tuple[str, str], int]] = {}
     for later_ns, address, system, component, make in steps:
         t_ns += later_ns
         sent = make(system, component)
-        to = router.take(t_ns, address, sent).to
+        to = router.route_frame(t_ns, address, sent).to
         from_vehicles = roles.get(address[0]) == "vehicles"
         if from_vehicles and system in (1, 2):
             place = heard.get((system, component))
@@ -267,7 +267,7 @@ def test_routes_hold_whatever_comes(steps):
         if to and not from_vehicles:
             assert sides == {True}
             assert roles[address[0]] == "full"
-        guests = router.guests(t_ns)
+        guests = router.clients(t_ns)
         for link in (LOOK, WORK):
             assert sum(guest[0] == link for guest in guests) <= 3
         assert all(len(ids) <= 2 for ids in guests.values())

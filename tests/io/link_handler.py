@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.frames.codec import Encoder, scan
 
 
-class Taker:
+class RecordingHandler:
     def __init__(self, t_ns: int) -> None:
         self.t_ns = t_ns
         self.heard: list[tuple[str, str, bytes]] = []

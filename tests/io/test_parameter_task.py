@@ -5,7 +5,7 @@ from collections import deque
 import pytest
 
 from gcs.geo import LocalFrame
-from gcs.io.vehicles.parameters import ParameterTalk
+from gcs.io.vehicles.parameters import ParameterTask
 from gcs.mavlink.frames.codec import Encoder, decode
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
@@ -16,7 +16,7 @@ def talked(names, value=None, *, autopilot="ardupilot", airborne=False, armed_to
     """Talk to vehicle 7 in memory; returns the talk and the vehicle's parameters."""
     spec = VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0, autopilot=autopilot, airborne=airborne)
     plane = SimVehicle(spec, LocalFrame(33.2, -87.6, 70.0), 0)
-    task = ParameterTalk(7, names, value, Encoder(), armed_too=armed_too)
+    task = ParameterTask(7, names, value, Encoder(), armed_too=armed_too)
     t_ns, to_plane = S, deque()
     while not task.is_done and t_ns < 60 * S:
         for data in [to_plane.popleft() for _ in range(len(to_plane))]:
@@ -56,4 +56,4 @@ def test_nothing_is_set_on_an_armed_vehicle_unless_that_is_asked_for():
 
 
 def test_a_vehicle_that_is_not_heard_is_named():
-    assert ParameterTalk(7, ["A"], None, Encoder()).rows() == [("A", False, None, "vehicle not heard")]
+    assert ParameterTask(7, ["A"], None, Encoder()).rows() == [("A", False, None, "vehicle not heard")]
