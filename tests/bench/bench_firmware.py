@@ -56,7 +56,7 @@ def scenario_file(name: str, wind_m_s: float, folder: Path) -> Path:
     text, _ = read_text(name)
     if wind_m_s:
         east, north = 0.625 * wind_m_s, -0.78 * wind_m_s
-        text = text.replace("wind_m_s = 0.0", f"wind_m_s = {wind_m_s}", 1)
+        text = text.replace("[airframe]\n", f"[airframe]\nwind_m_s = {wind_m_s}\n", 1)
         lines = []
         table = ""
         for line in text.splitlines():

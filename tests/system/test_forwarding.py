@@ -88,9 +88,9 @@ def free_port() -> int:
 
 def restless(text: str, port: int) -> str:
     """The mission with targets so near to their limits that somebody is re-tasked all the time."""
-    text = re.sub(r"(?m)^target_moved_m = \S+", "target_moved_m = 4.0", text)
-    text = re.sub(r"(?m)^period_s = 5.0", "period_s = 1.0", text)
-    text = re.sub(r"(?m)^aim = \S+", 'aim = "position"', text)
+    restless_keys = 'target_moved_m = 4.0\nperiod_s = 1.0\naim = "position"\n'
+    assert "[planning]\n" in text
+    text = text.replace("[planning]\n", f"[planning]\n{restless_keys}", 1)
     return text + f'\n[[links.forward]]\nendpoint = "udpin:127.0.0.1:{port}"\naccess = "full"\n'
 
 

@@ -212,9 +212,9 @@ def test_the_same_mission_file_changes_nothing(flight: Path) -> None:
 
 def test_another_mission_file_shows_what_differs(flight: Path, tmp_path: Path) -> None:
     text = (flight / "mission.toml").read_text(encoding="utf-8")
-    assert "\nperiod_s = 5.0" in text
+    assert "\n[planning]\n" in text
     other = tmp_path / "other.toml"
-    other.write_text(text.replace("\nperiod_s = 5.0", "\nperiod_s = 2.0"), encoding="utf-8")
+    other.write_text(text.replace("\n[planning]\n", "\n[planning]\nperiod_s = 2.0\n"), encoding="utf-8")
     code, _, found = replay(flight, "--config", other, "--headless")
     assert code == 0
     assert found["settings"] == [{"what": "planning.period_s", "recorded": "5.0", "replayed": "2.0"}]
