@@ -1,22 +1,16 @@
-"""Who flies to which target: the Hungarian assignment, with unreachable pairs and with patience.
+"""Assignment of agents to targets: the Hungarian algorithm, with ranks and hysteresis.
 
-The assignment minimises the team's total path length (Kuhn 1955, Munkres 1957; scipy's modified
-Jonker-Volgenant). With more targets than agents every agent gets one and the targets whose service would cost
-most are left out; with fewer, the agents whose service would cost most stay spare. As many pairs as possible
-are made first: total length decides only between assignments of as many pairs. scipy refuses a matrix without
-a finite solution, so a pair without a way gets a finite cost above any possible total, and is dropped from
-the result.
+The assignment minimises the total path length (Kuhn 1955, Munkres 1957; scipy's modified Jonker-Volgenant).
+It makes as many pairs as possible first; length decides between assignments with as many pairs. Pairs without
+a path get a finite cost above any total, and are dropped from the result.
 
-Columns may have ranks: those of lower rank are served before all others. A target that needs several agents
-has as many columns. Instead of the team's total, the longest way can be made as short as possible (the
-bottleneck assignment, by bisection over the lengths), and only then the total.
+Columns of lower rank are served first. A target that needs several agents has several columns. The objective
+"longest" is the bottleneck assignment: minimise the longest path by bisection, then the total.
 
-Patience: positions are estimates, so the optimum flickers between assignments that differ by less than the
-noise, and each flicker is a new mission for two vehicles. The current assignment, completed for whoever is
-free, and the optimum differ by independent exchanges: chains and rings of agents that pass targets on to one
-another (the connected parts of the symmetric difference of the two). An exchange is made only if it serves
-more targets, or if it shortens the team's way by more than the threshold. So a gain at one end of a big swarm
-never licenses a pointless swap at the other.
+Hysteresis: position noise makes the optimum flicker, and each change costs two mission uploads. The current
+assignment and the optimum differ by independent exchanges: the connected components (alternating paths and
+cycles) of their symmetric difference. An exchange is made only if it serves more targets, or shortens the
+total by more than a threshold. A gain in one component never justifies a swap in another.
 """
 
 from __future__ import annotations
@@ -31,7 +25,7 @@ from gcs.model import FloatArray
 
 Objective: TypeAlias = Literal["total", "longest"]
 _ROUNDING_M = 1e-6
-"""Gains below this are rounding errors, not gains: equals stay as they are."""
+"""Gains below this are rounding errors."""
 
 
 def assign(
@@ -41,31 +35,29 @@ def assign(
     ranks: Sequence[int] | None = None,
     objective: Objective = "total",
 ) -> dict[int, int]:
-    """Assign rows (agents) to columns (targets, or places at targets that need several).
+    """Assign rows (agents) to columns (targets, or agents needed at targets).
 
     Parameters
     ----------
     costs : ndarray, shape (n, m)
-        Length of the way of each agent to each target, not negative; inf where there is none.
+        Path length of each pair, not negative; inf without a path.
     current : mapping of int to int
-        The row-to-column assignment that is being flown; pairs outside the matrix or without a way count as
-        gone.
+        Assignment that is being flown, column by row. Pairs outside the matrix or without a path are ignored.
     switch_gain_m : float
-        By how much an exchange must shorten the total (or the longest way) before it is made; inf: never
-        exchange.
+        Gain that an exchange needs; inf: never exchange.
     ranks : sequence of int, length m
-        Columns of lower rank are served first, whatever it costs; all the same by default.
+        Columns of lower rank are served first. Default: all equal.
     objective : "total" or "longest"
-        What is made as short as can be: all ways together, or the longest of them and then all together.
+        Minimise the total length, or the longest path and then the total.
 
     Returns
     -------
     dict of int to int
-        Column by row, in order of the rows; never a pair without a way.
+        Column by row, in order of rows; never a pair without a path.
     """
     n, m = costs.shape
-    worth = np.ones(m) if ranks is None else 1.0 + max(ranks, default=0) - np.array(ranks, dtype=np.float64)
-    best = _optimum(costs, worth, objective)
+    weights = np.ones(m) if ranks is None else 1.0 + max(ranks, default=0) - np.array(ranks, dtype=np.float64)
+    best = _optimum(costs, weights, objective)
     kept: dict[int, int] = {}
     for row, col in sorted(current.items()):
         if 0 <= row < n and 0 <= col < m and np.isfinite(costs[row, col]) and col not in kept.values():
@@ -73,16 +65,16 @@ def assign(
     if not kept or all(best.get(row) == col for row, col in kept.items()):
         return best
     rows = [row for row in range(n) if row not in kept]
-    taken = set(kept.values())
-    cols = [col for col in range(m) if col not in taken]
-    added = _optimum(costs[np.ix_(rows, cols)], worth[cols], objective)
+    assigned = set(kept.values())
+    cols = [col for col in range(m) if col not in assigned]
+    added = _optimum(costs[np.ix_(rows, cols)], weights[cols], objective)
     kept |= {rows[i]: cols[j] for i, j in added.items()}
-    measure = sum if objective == "total" else _longest
+    total = sum if objective == "total" else _longest
     for exchange in _exchanges(kept, best):
         old = {row: kept[row] for row in exchange if row in kept}
         new = {row: best[row] for row in exchange if row in best}
-        served = sum(worth[col] for col in new.values()) - sum(worth[col] for col in old.values())
-        gain = measure(costs[pair] for pair in old.items()) - measure(costs[pair] for pair in new.items())
+        served = sum(weights[col] for col in new.values()) - sum(weights[col] for col in old.values())
+        gain = total(costs[pair] for pair in old.items()) - total(costs[pair] for pair in new.items())
         if served > 0.5 or (served > -0.5 and gain > switch_gain_m + _ROUNDING_M):
             for row in old:
                 del kept[row]
@@ -94,41 +86,40 @@ def _longest(lengths: Iterable[float]) -> float:
     return max(lengths, default=0.0)
 
 
-def _optimum(costs: FloatArray, worth: FloatArray, objective: Objective) -> dict[int, int]:
-    """Return the assignment that serves most worth and, among these, is best by the objective."""
+def _optimum(costs: FloatArray, weights: FloatArray, objective: Objective) -> dict[int, int]:
+    """Return the assignment of the greatest served weight that is best by the objective."""
     if objective == "longest":
-        costs = _without_longer(costs, worth)
-    return _shortest(costs, worth)
+        costs = _without_longer(costs, weights)
+    return _shortest(costs, weights)
 
 
-def _shortest(costs: FloatArray, worth: FloatArray) -> dict[int, int]:
-    """Return the assignment that serves most worth and, among these, has the least total.
+def _shortest(costs: FloatArray, weights: FloatArray) -> dict[int, int]:
+    """Return the assignment of the greatest served weight and, among these, the least total length.
 
-    A worth counts more than any detour. That serves columns of more worth first, too: sets of columns that
-    can be served together form a matroid (Edmonds & Fulkerson 1965), in which the best by any weights is
-    found by taking the heaviest first.
+    Column sets that can be served together form a matroid (Edmonds & Fulkerson 1965). A weight above any
+    detour therefore serves columns of greater weight first.
     """
     finite = np.isfinite(costs)
     if not finite.any():
         return {}
     # Above the total of any assignment, so that one more pair always outweighs any detour.
     beyond = (float(costs[finite].max()) + 1.0) * (min(costs.shape) + 1)
-    dropped = beyond * (float(worth.max()) + 1.0)
-    rows, cols = linear_sum_assignment(np.where(finite, costs - beyond * worth, dropped))
+    dropped = beyond * (float(weights.max()) + 1.0)
+    rows, cols = linear_sum_assignment(np.where(finite, costs - beyond * weights, dropped))
     return {int(i): int(j) for i, j in zip(rows, cols, strict=True) if finite[i, j]}
 
 
-def _without_longer(costs: FloatArray, worth: FloatArray) -> FloatArray:
-    """Forbid ways longer than the longest that is needed to serve as much worth as can be."""
+def _without_longer(costs: FloatArray, weights: FloatArray) -> FloatArray:
+    """Forbid paths longer than the bottleneck that the greatest served weight needs."""
     lengths = np.unique(costs[np.isfinite(costs)])
     if not lengths.size:
         return costs
-    most = worth[list(_shortest(costs, worth).values())].sum()
+    most = weights[list(_shortest(costs, weights).values())].sum()
     low, high = 0, lengths.size - 1
     while low < high:
         middle = (low + high) // 2
         some = np.where(costs <= lengths[middle], 0.0, np.inf)
-        if worth[list(_shortest(some, worth).values())].sum() > most - 0.5:
+        if weights[list(_shortest(some, weights).values())].sum() > most - 0.5:
             high = middle
         else:
             low = middle + 1
@@ -136,7 +127,7 @@ def _without_longer(costs: FloatArray, worth: FloatArray) -> FloatArray:
 
 
 def _exchanges(one: dict[int, int], other: dict[int, int]) -> list[list[int]]:
-    """Return the rows of each connected part of the difference of two assignments, lowest row first."""
+    """Return the rows of each connected component of the difference of two assignments, lowest row first."""
     row_of = ({col: row for row, col in one.items()}, {col: row for row, col in other.items()})
     left = {row for row in one.keys() | other.keys() if one.get(row) != other.get(row)}
     parts = []

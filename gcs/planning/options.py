@@ -1,4 +1,4 @@
-"""What a planner is asked: where agents begin, what targets need, and how to plan."""
+"""Inputs of the planner: agent states, target demands and options."""
 
 from __future__ import annotations
 
@@ -15,70 +15,70 @@ from gcs.planning.vehicle_model import Motion
 
 @dataclass(frozen=True, slots=True)
 class AgentState:
-    """Where an agent's route begins, its course over ground if that is known, how fast it flies, and when."""
+    """State of an agent where its route begins."""
 
     east_m: float
     north_m: float
     course_rad: float | None = None
     speed_m_s: float = 15.0
     start_delay_s: float = 0.0
-    """It begins so long after targets are where they are said to be."""
+    """Time from the epoch of the target positions to the start of the route."""
     motion: Motion | None = None
-    """How it moves when it takes the route up, if that is known better; its turn begins a little later."""
+    """Predicted motion at route capture, if known. The explicit first turn begins a little later."""
 
 
 @dataclass(frozen=True, slots=True)
 class TargetDemand:
-    """What is asked of the agents at a target, and how it moves."""
+    """Number of agents that a target needs, its rank and its velocity."""
 
     velocity_m_s: Point = (0.0, 0.0)
     """East and north."""
     rank: int = 0
-    """Targets of lower rank are served before all others."""
+    """Targets of lower rank are served first."""
     agents: int = 1
-    """How many it needs."""
+    """Number of agents needed."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoiterSpec:
-    """What agents do at the end of a route, and how near to a target they have reached it."""
+    """Loiter at the end of a route, and the distance at which a target counts as reached."""
 
     radius_m: float
-    """Of the circle that they fly."""
+    """Loiter radius."""
     reach_radius_m: float
-    """From a target; two moments within it count."""
+    """Capture radius around a target. Two epochs within it count as an arrival."""
     turn_lag_s: float
-    """Until a turn is taken up."""
+    """Delay until a commanded turn rate is reached."""
     turns: TurnAnticipation
-    """How early they turn at the corners on the way."""
+    """Turn anticipation at the waypoints."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlanOptions:
-    """How to plan.
+    """Options of a plan.
 
     Attributes
     ----------
     search_cost : "metric" or "paper"
-        Shortest paths, or the paper's cost of nodes traversed plus Euclidean heuristic.
+        Shortest paths, or the paper's cost: nodes traversed plus Euclidean heuristic.
     shape : "grid", "pulled" or "flyable"
-        Legs along the grid, or pulled taut by line of sight, or with turns that can be flown besides.
-    turn_radius_m : float
-        Least radius of the turns of a flyable route.
-    horizon_s : float
-        How far ahead targets that move are met; 0: routes end where targets are.
-    cost : "length" or "arrival"
-        What the assignment adds up: metres flown, or times until agents arrive.
-    objective : "total" or "longest"
-        Whether the sum of these is made small, or the greatest of them.
-    spare : "hold" or "double"
-        What agents do that no target needs: nothing, or fly to targets besides those who do already.
+        Legs along the grid, string-pulled legs, or string-pulled legs with turns of `turn_radius_m`.
     clearance_m : float
-        Distance to keep from blocked cells, unless there is no way that does or only a long detour.
+        Distance to keep from blocked cells. Given up where no path keeps it, or only a long detour does.
     switch_gain_m : float
-        By how much agents that exchange targets must shorten the team's way.
-    wait : Wait or None
-        How agents wait at the ends of flyable routes; None: nobody looks whether there is room for it.
+        Least gain in total length that justifies an exchange of targets.
+    turn_radius_m : float
+        Minimum turn radius of a flyable route.
+    horizon_s : float
+        Prediction horizon for moving targets. 0: routes end at the current target positions.
+    cost : "length" or "arrival"
+        Assignment cost: metres flown, or times of arrival.
+    objective : "total" or "longest"
+        Minimise the sum of the costs, or the greatest of them.
+    surplus : "hold" or "double"
+        Surplus agents get no route, or a target that another agent serves already.
+    loiter : LoiterSpec or None
+        Terminal loiter of flyable routes. None: the end of a route is not checked.
     """
 
     search_cost: SearchCost = "metric"

@@ -1,11 +1,12 @@
-"""The planner: agents, targets and a map in, routes out.
+"""Plan routes for a team: search, assignment, shaping.
 
-The paper's simultaneous target assignment and trajectory optimisation: shortest ways on the grid for every
-pair of agent and target, the Hungarian algorithm on their lengths, and the grid paths mapped to the map in
-metres. Each step has its own module: `matrix`, `assignment`, `shaping`.
+Source: Hill, Thomas & Larson, simultaneous target assignment and trajectory optimisation. Shortest grid
+paths of all agent-target pairs form the cost matrix (`search.cost_matrix`). The Hungarian algorithm
+assigns agents to targets (`assignment`). Each assigned path becomes a route (`route_search`, `path`), with a
+terminal loiter (`terminal.loiter`).
 
-Nothing here raises for what the world may bring: an agent inside an obstacle, no way, nobody there. The
-result says what is wrong in `PlanResult.notes`.
+Bad input raises nothing: an agent inside an obstacle, an unreachable target and an empty team are reported in
+`PlanResult.notes`.
 """
 
 from __future__ import annotations
@@ -26,37 +27,42 @@ from gcs.planning.map import clearance_nodes
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import clear_leg
 from gcs.planning.options import AgentState, PlanOptions, TargetDemand
-from gcs.planning.path.initial_turn import start_is_safe, start_room
-from gcs.planning.path.shortcut import close_and_seen, is_roomy, joins, legs_are_clear, pull
-from gcs.planning.path.string_pulling import tauten
-from gcs.planning.path.turns import flyable
-from gcs.planning.route_search import Search
+from gcs.planning.path.initial_turn import is_turn_safe, start_clearance
+from gcs.planning.path.shortcut import (
+    connect_to_grid,
+    is_adjacent_and_visible,
+    keeps_clearance,
+    legs_are_clear,
+    shorten,
+)
+from gcs.planning.path.string_pulling import pull_string
+from gcs.planning.path.turns import make_flyable
+from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
-from gcs.planning.search.cost_matrix import Places
+from gcs.planning.search.cost_matrix import Endpoints
 from gcs.planning.search.neighbours import SearchMap, cells, search_map
 from gcs.planning.terminal import loiter
-from gcs.planning.terminal.loiter import ending
+from gcs.planning.terminal.loiter import plan_terminal_loiter
 
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
 
 
 @dataclass(frozen=True, slots=True)
 class PlanResult:
-    """Who flies where.
+    """Routes of a plan, and what is left out.
 
     Attributes
     ----------
     routes : tuple of Route
-        Ordered by vehicle. A route ends at the target's exact position, unless the target is over an
-        obstacle.
+        Ordered by vehicle. A route ends at the exact target position, unless that is over an obstacle.
     unassigned_vehicles, unassigned_targets : tuple
-        In order; both hold all that is in no route.
+        In order; all that have no route.
     notes : tuple of str
-        What an operator should know: who is inside an obstacle, cannot get anywhere, or has to fly too near.
+        Messages for the operator.
     grid_lengths_m : mapping of int to float
-        Length of each vehicle's way along the grid, before it was shaped.
-    short : frozenset of int
-        Vehicles that no clear way leads past their targets; their routes end before these.
+        Length of each vehicle's grid path, before shaping.
+    stops_short : frozenset of int
+        Vehicles whose routes end before the target, because no clear path passes it.
     """
 
     routes: tuple[Route, ...]
@@ -68,12 +74,12 @@ class PlanResult:
 
     @property
     def total_length_m(self) -> float:
-        """Length of all routes together."""
+        """Total length of all routes."""
         return math.fsum(route.length_m for route in self.routes)
 
 
-def _unwatched(_stage: Stage) -> None:
-    """Nobody wants to know."""
+def _ignore_stage(_stage: Stage) -> None:
+    """Ignore the end of a stage."""
 
 
 def plan_routes(
@@ -82,13 +88,19 @@ def plan_routes(
     targets: Mapping[Label, Point],
     current: Mapping[int, Label],
     options: PlanOptions,
-    done: Callable[[Stage], None] = _unwatched,
+    on_stage: Callable[[Stage], None] = _ignore_stage,
     demands: Mapping[Label, TargetDemand] = MappingProxyType({}),
 ) -> PlanResult:
-    """Assign targets to agents and route each agent to its own; see `PlanOptions` and `PlanResult`.
+    """Assign targets to agents and plan a route for each assigned agent.
 
-    `current` is who flies to which target now; whoever and whatever is gone from it is ignored. `done` is
-    told when a stage of the work ends, for whoever measures times. `demands` says what is special of targets.
+    Parameters
+    ----------
+    current : mapping of int to label
+        Assignment that is being flown. Vehicles and targets that are gone are ignored.
+    on_stage : callable
+        Called with the name of each stage when it ends, for time measurements.
+    demands : mapping of label to TargetDemand
+        Targets that need more than one agent, have a rank, or move.
     """
     notes: list[str] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
@@ -102,26 +114,26 @@ def plan_routes(
     grid_lengths_m: dict[int, float] = {}
     stops_short: set[int] = set()
     if vehicles and labels:
-        asked = [demands.get(label, TargetDemand()) for label in labels]
-        search = Search(
-            grid, [agents[v] for v in vehicles], [targets[label] for label in labels], asked, options
+        needs = [demands.get(label, TargetDemand()) for label in labels]
+        search = RouteSearch(
+            grid, [agents[v] for v in vehicles], [targets[label] for label in labels], needs, options
         )
-        notes += _places_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
-        done("search")
-        pairs = _assigned(search.costs, vehicles, labels, asked, current, options)
-        done("assignment")
+        notes += _reachability_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
+        on_stage("search")
+        pairs = _assign(search.costs, vehicles, labels, needs, current, options)
+        on_stage("assignment")
         for i, j in pairs.items():
             vehicle, label = vehicles[i], labels[j]
             aimed = search.route(i, j)
             grid_lengths_m[vehicle] = aimed.grid_length_m
             notes += [f"{_agent(vehicle)}: {note.format(target_name(label))}" for note in aimed.notes]
             route = Route(vehicle, label, aimed.points_m, aimed.length_m)
-            route, problem = _ended(grid, route, agents[vehicle], aimed.target_m, options)
+            route, problem = _with_terminal_loiter(grid, route, agents[vehicle], aimed.target_m, options)
             routes.append(route)
             if problem:
                 notes.append(f"{_agent(vehicle)}: {problem.format(target_name(label))}")
                 stops_short.add(vehicle)
-        done("shaping")
+        on_stage("shaping")
     served = {route.target for route in routes}
     busy = {route.vehicle for route in routes}
     return PlanResult(
@@ -134,16 +146,16 @@ def plan_routes(
     )
 
 
-def _assigned(
+def _assign(
     costs: FloatArray,
     vehicles: Sequence[int],
     labels: Sequence[Label],
-    asked: Sequence[TargetDemand],
+    needs: Sequence[TargetDemand],
     current: Mapping[int, Label],
     options: PlanOptions,
 ) -> dict[int, int]:
-    """Target of each agent that gets one, by number. A target has a column for each agent that it needs."""
-    columns, ranks = _columns(len(vehicles), asked, options)
+    """Return the target index of each assigned agent. A target has one column per agent that it needs."""
+    columns, ranks = _columns(len(vehicles), needs, options)
     free: dict[Label, list[int]] = {}
     for column, j in reversed(list(enumerate(columns))):
         free.setdefault(labels[j], []).append(column)
@@ -156,34 +168,34 @@ def _assigned(
     return {i: columns[column] for i, column in pairs.items()}
 
 
-def _columns(agents: int, asked: Sequence[TargetDemand], options: PlanOptions) -> tuple[list[int], list[int]]:
-    """Return the target of each column and its rank; columns for spare agents come after all others."""
-    columns = [j for j, demand in enumerate(asked) for _ in range(demand.agents)]
-    ranks = [asked[j].rank for j in columns]
+def _columns(agents: int, needs: Sequence[TargetDemand], options: PlanOptions) -> tuple[list[int], list[int]]:
+    """Return the target and the rank of each column. Columns for surplus agents come last."""
+    columns = [j for j, demand in enumerate(needs) for _ in range(demand.agents)]
+    ranks = [needs[j].rank for j in columns]
     if options.surplus == "double":
-        beyond, rounds = max(ranks, default=0), math.ceil(max(0, agents - len(columns)) / len(asked))
+        beyond, rounds = max(ranks, default=0), math.ceil(max(0, agents - len(columns)) / len(needs))
         for more in range(1, rounds + 1):
-            columns += range(len(asked))
-            ranks += [beyond + more] * len(asked)
+            columns += range(len(needs))
+            ranks += [beyond + more] * len(needs)
     return columns, ranks
 
 
-def _ended(
+def _with_terminal_loiter(
     grid: Grid, route: Route, start: AgentState, target_m: Point, options: PlanOptions
 ) -> tuple[Route, str]:
-    """Return a route with an end that its vehicle can fly; and what an operator should know of it."""
+    """Return a route whose end can be flown, and a note for the operator."""
     if options.loiter is None or options.shape != "flyable":
         return route, ""
-    end = ending(grid, start, route.points_m, target_m, options, options.loiter)
+    end = plan_terminal_loiter(grid, start, route.points_m, target_m, options, options.loiter)
     problem = ""
-    if end.room_m < 0.0:
+    if end.clearance_m < 0.0:
         problem = "no clear way to pass target {} or to wait near it: it would fly into an obstacle there"
-    elif not end.passes:
+    elif not end.passes_target:
         problem = "no clear way to pass target {}; it waits near it"
     if end.points_m is route.points_m:
         return replace(route, wait_m=end.wait_m), problem
-    way_m = np.vstack(((start.east_m, start.north_m), end.points_m))
-    length_m = float(np.hypot(*np.diff(way_m, axis=0).T).sum())
+    path_m = np.vstack(((start.east_m, start.north_m), end.points_m))
+    length_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
     route = replace(route, points_m=read_only(end.points_m), length_m=length_m, wait_m=end.wait_m)
     return route, problem
 
@@ -197,19 +209,19 @@ def _target(label: Label) -> str:
 
 
 def _on_earth(east_m: float, north_m: float) -> bool:
-    """Whether an estimate is a place at all: neither NaN nor farther off than the Earth is round."""
+    """Return True if a position is finite and within one circumference of the Earth."""
     return abs(east_m) + abs(north_m) < 5e7
 
 
-def _places_notes(
+def _reachability_notes(
     grid: Grid,
     smap: SearchMap,
     vehicles: Sequence[int],
     labels: Sequence[Label],
-    starts: Places,
+    starts: Endpoints,
     lengths_m: FloatArray,
 ) -> list[str]:
-    """Say who is inside an obstacle and who cannot get anywhere."""
+    """Return notes on agents inside obstacles and on unreachable agents and targets."""
     if grid.blocked.all():
         return ["the map has no free cell"]
     notes = []
@@ -227,18 +239,18 @@ def _places_notes(
 
 
 def warm_up_calls() -> list[jit.Call]:
-    """One call of every kernel, types as in a plan; the longest to compile stand at the ends."""
+    """Return one call of every kernel, as typed in a plan. The slowest to compile stand at the ends."""
     grid = free_grid((2, 2), 10.0)
     blocked, smap, xy = grid.blocked, search_map(grid), np.zeros((1, 2))
-    way = np.array([[0.0, 0.0], [1.0, 1.0]])
+    vertices = np.array([[0.0, 0.0], [1.0, 1.0]])
     return [
         (clear_leg, blocked, 0.0, 0.0, 1.0, 1.0, 0.0, -1),
-        (tauten, blocked, 0.0, way, np.zeros(2), 0.0, 0.0, -1),
-        (pull, blocked, 0.0, way, np.zeros(2), -1, False, False),
-        (joins, blocked, smap.mainland, smap.tight, smap.stride, xy),
-        (close_and_seen, blocked, 0.0, xy[0], xy[0]),
-        (is_roomy, blocked, 0.0, way, -1, False),
-        (legs_are_clear, blocked, way, -1),
+        (pull_string, blocked, 0.0, vertices, np.zeros(2), 0.0, 0.0, -1),
+        (shorten, blocked, 0.0, vertices, np.zeros(2), -1, False, False),
+        (connect_to_grid, blocked, smap.largest_component, smap.tight_nodes, smap.stride, xy),
+        (is_adjacent_and_visible, blocked, 0.0, xy[0], xy[0]),
+        (keeps_clearance, blocked, 0.0, vertices, -1, False),
+        (legs_are_clear, blocked, vertices, -1),
         *canonical_ordering.warm_up_calls(),
         *clearance_nodes.warm_up_calls(),
         *cost_matrix.warm_up_calls(),
@@ -246,12 +258,12 @@ def warm_up_calls() -> list[jit.Call]:
         *vehicle_model.warm_up_calls(),
         *loiter.warm_up_calls(),
         *deconfliction.warm_up_calls(),
-        (flyable, blocked, 0.0, way, np.zeros(2), 1.0, -1),
-        (start_is_safe, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),
-        (start_room, blocked, 0.0, 0.0, 0.0),
+        (make_flyable, blocked, 0.0, vertices, np.zeros(2), 1.0, -1),
+        (is_turn_safe, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),
+        (start_clearance, blocked, 0.0, 0.0, 0.0),
     ]
 
 
 def warm_up() -> None:
-    """Compile every kernel, or load it from the cache: seconds, once; without it the first plan pays."""
+    """Compile every kernel, or load it from the cache. Otherwise the first plan takes seconds longer."""
     jit.warm_up(__name__)

@@ -1,7 +1,7 @@
-"""How far along a route a vehicle is.
+"""Progress of a vehicle along a route.
 
-A vehicle that gets a new route flies on while the mission is on its way to it, for many seconds on a bad
-link. It should enter the route where it is by then, not turn back to the route's beginning.
+A vehicle flies on while a new mission is uploaded. It joins the route at its current position, not at the
+first waypoint.
 """
 
 from __future__ import annotations
@@ -15,37 +15,36 @@ import numpy as np
 from gcs.model import FloatArray
 
 CORRIDOR_M = 40.0
-"""A vehicle this near to a leg of its route flies it."""
+"""A vehicle within this distance of a leg follows it."""
 _SLOW_M_S = 1.0
 
 
 def next_point(
-    points_m: FloatArray, place_m: tuple[float, float], corridor_m: float, most_m: float = math.inf
+    points_m: FloatArray, position_m: tuple[float, float], corridor_m: float, max_along_m: float = math.inf
 ) -> int:
-    """Index of the first point of a route that a vehicle has not passed.
+    """Return the index of the first waypoint that a vehicle has not passed.
 
-    It has passed a point when it is beside the leg that begins there: beyond the leg's beginning, not
-    beyond its end, and within `corridor_m` of it.
+    A waypoint is passed if the vehicle is alongside the leg that begins there, within `corridor_m` of it.
 
     Parameters
     ----------
     points_m : (k, 2) array
-        East and north of the route's points, in the order of flight; k >= 1.
-    place_m : (float, float)
-        Where the vehicle is.
+        East and north of the waypoints in order of flight; k >= 1.
+    position_m : (float, float)
+        East and north of the vehicle.
     corridor_m : float
-        Greatest distance from a leg that is being flown.
-    most_m : float
-        How far behind the first point it may have got by now: a route that begins with a loop comes past its
-        own beginning.
+        Greatest distance from the leg.
+    max_along_m : float
+        Greatest progress along the route that is possible by now. A route that begins with a loop crosses
+        itself.
     """
-    return _next_point(points_m.tolist(), *place_m, corridor_m, most_m)
+    return _next_point(points_m.tolist(), *position_m, corridor_m, max_along_m)
 
 
-def remaining_length_m(points_m: FloatArray, place_m: tuple[float, float], corridor_m: float) -> float:
-    """Length of what is left of a route for a vehicle at `place_m`; parameters as of `next_point`."""
+def remaining_length_m(points_m: FloatArray, position_m: tuple[float, float], corridor_m: float) -> float:
+    """Return the length of the rest of a route for a vehicle at `position_m`."""
     points = points_m.tolist()
-    left = [place_m, *points[_next_point(points, *place_m, corridor_m) :]]
+    left = [position_m, *points[_next_point(points, *position_m, corridor_m) :]]
     return sum(math.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(left))
 
 
@@ -54,9 +53,9 @@ def _next_point(
     east_m: float,
     north_m: float,
     corridor_m: float,
-    most_m: float = math.inf,
+    max_along_m: float = math.inf,
 ) -> int:
-    """`next_point` on Python's floats: routes have few points, and each vehicle is asked for at each scan."""
+    """Return `next_point` with Python floats: faster for the few waypoints of a route."""
     first, before_m = 0, 0.0
     for index, ((x, y), (end_x, end_y)) in enumerate(pairwise(points)):
         leg_x, leg_y, dx, dy = end_x - x, end_y - y, east_m - x, north_m - y
@@ -64,28 +63,32 @@ def _next_point(
         if length_m == 0.0:
             continue
         along_m, across_m = (dx * leg_x + dy * leg_y) / length_m, abs(leg_x * dy - leg_y * dx) / length_m
-        if 0.0 < along_m <= length_m and across_m <= corridor_m and before_m + along_m <= most_m:
+        if 0.0 < along_m <= length_m and across_m <= corridor_m and before_m + along_m <= max_along_m:
             first = index + 1
         before_m += length_m
     return first
 
 
 def time_to_point_s(
-    points_m: FloatArray, index: int, place_m: tuple[float, float], speed_m_s: float, accept_radius_m: float
+    points_m: FloatArray,
+    index: int,
+    position_m: tuple[float, float],
+    speed_m_s: float,
+    accept_radius_m: float,
 ) -> float:
-    """Seconds until a vehicle that flies to point `index` may count it as reached.
+    """Return the seconds until a vehicle may count waypoint `index` as reached; inf behind the last one.
 
-    It does when it is within `accept_radius_m`, or beside the end of the leg: autopilots turn then, however
-    far off the leg they are. Behind the last point there is nothing to reach: infinite.
+    A waypoint is reached within `accept_radius_m`, or where the vehicle passes the end of the leg: autopilots
+    turn there at any distance from the leg.
 
     Parameters
     ----------
     points_m : (k, 2) array
-        East and north of the route's points, in the order of flight; k >= 1.
+        East and north of the waypoints in order of flight; k >= 1.
     """
     if index >= len(points_m):
         return math.inf
-    end, place = points_m[index], np.asarray(place_m)
+    end, place = points_m[index], np.asarray(position_m)
     to_go_m = float(np.hypot(*(end - place))) - accept_radius_m
     if index > 0:
         leg = end - points_m[index - 1]

@@ -1,7 +1,7 @@
-"""A page that stands alone: HTML with its style, its figures and its tables in one file.
+"""Self-contained HTML page: style, figures and tables in one file.
 
-It loads nothing: no script, no font, no image from elsewhere. Figures are SVG that take their colours from
-the page, so that it reads on light and on dark screens and on paper.
+It loads nothing from elsewhere. Figures are SVG in the colours of the page, readable on light and dark
+screens and on paper.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure on the page, and the files that hold it as well."""
+    """Figure on the page, and its other files."""
 
     svg: str
     caption: str
@@ -31,19 +31,19 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One theme: words, figures, tables."""
+    """One topic: text, figures, tables."""
 
     title: str
     text: str = ""
     pictures: tuple[Picture, ...] = ()
     tables: tuple[Table, ...] = ()
     folded: bool = False
-    """Tables are opened by the reader."""
+    """True if the tables are folded."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One number that comes first."""
+    """One key figure."""
 
     name: str
     value: str
@@ -53,16 +53,16 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """Everything on it, in order."""
+    """Content of a page, in order."""
 
     title: str
     subtitle: str
     badge: str = ""
     good: bool | None = None
-    """What the badge says of it; None for neither."""
+    """Colour of the badge: True for success, False for failure, None for neither."""
     lead: str = ""
     remarks: tuple[str, ...] = ()
-    """What the reader must know before: damage, what is missing."""
+    """Warnings about the data: damage, missing parts."""
     facts: tuple[Fact, ...] = ()
     sections: tuple[Section, ...] = ()
     footer: str = ""
@@ -70,12 +70,12 @@ class Page:
 
 
 def save_figure(figure: Figure, folder: Path, name: str, caption: str) -> Picture:
-    """Save a figure as PNG and PDF below `folder`; return it as it stands on a page.
+    """Save a figure as PNG and PDF below `folder`; return it for a page.
 
     Raises
     ------
     RecordingError
-        When a file cannot be written.
+        If a file cannot be written.
     """
     files = tuple(f"figures/{name}.{suffix}" for suffix in ("png", "pdf"))
     try:
@@ -93,7 +93,7 @@ def save_page(page: Page, path: Path) -> None:
     Raises
     ------
     RecordingError
-        When the file cannot be written.
+        If the file cannot be written.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 

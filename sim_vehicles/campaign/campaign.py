@@ -28,7 +28,7 @@ from gcs.io.recording.folder import versions
 from gcs.model import Effect, Truth
 from gcs.report.campaign.results import Row
 from gcs.report.paper.losses import DeathWatch
-from gcs.report.run.evaluation import judge_of
+from gcs.report.run.evaluation import evaluator_of
 from gcs.settings import with_settings
 from sim_vehicles.campaign.ground_truth_trackers import GroundTruthTrackers
 from sim_vehicles.campaign.virtual_run import VirtualRun
@@ -106,18 +106,18 @@ def fly(job: Job) -> Row:
     """Fly and evaluate one mission, in any process with this project installed."""
     scenario = parse_scenario(job.text, job.scenario)
     config = scenario.config
-    evaluator = judge_of(config)
+    evaluator = evaluator_of(config)
     deaths, truths = DeathWatch(), GroundTruthTrackers(config)
     run = VirtualRun(scenario, job.seed, loss=job.loss)
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
-        evaluator.effect(effect)
-        deaths.effect(effect)
+        evaluator.add_effect(effect)
+        deaths.add_effect(effect)
 
     def on_truth(truth: Truth) -> None:
         truths.truth = truth
-        evaluator.truth(truth)
-        deaths.truth(truth)
+        evaluator.add_truth(truth)
+        deaths.add_truth(truth)
 
     run.on_effect, run.on_truth = on_effect, on_truth
     if job.planner == "truth":

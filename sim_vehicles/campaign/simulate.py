@@ -17,7 +17,7 @@ from gcs.io.console import console_for
 from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.model import Effect, Event, Truth
-from gcs.report.run.evaluation import Summary, judge_of, summary_json
+from gcs.report.run.evaluation import Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import Scenario
@@ -74,7 +74,7 @@ def fly(
 ) -> Summary:
     """Fly and evaluate one mission; record it in `folder` if given."""
     config = scenario.config
-    evaluator = judge_of(config)
+    evaluator = evaluator_of(config)
     budget = DiskBudget(int(config.recording.rotate_mb * 1e6))
     with (
         nullcontext()
@@ -87,12 +87,12 @@ def fly(
                 recorder.record_event(event)
 
         def on_effect(t_ns: int, effect: Effect) -> None:
-            evaluator.effect(effect)
+            evaluator.add_effect(effect)
             if recorder is not None:
                 recorder.record_effect(t_ns, effect)
 
         def on_truth(truth: Truth) -> None:
-            evaluator.truth(truth)
+            evaluator.add_truth(truth)
             if recorder is not None:
                 recorder.record_truth(truth)
 

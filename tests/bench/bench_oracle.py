@@ -29,9 +29,9 @@ import numba
 import numpy as np
 
 from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
-from gcs.planning.map.line_of_sight import clear_leg, leg_room, to_cells
+from gcs.planning.map.line_of_sight import clear_leg, leg_clearance, to_cells
 from gcs.planning.options import AgentState, PlanOptions
-from gcs.planning.path.corner_smoothing import is_flown
+from gcs.planning.path.corner_smoothing import turn_fits
 from gcs.planning.planner import PlanResult, plan_routes, warm_up
 
 _WRAPS = 8
@@ -146,10 +146,10 @@ def unflown(blocked, points, reach, radius):  # type: ignore[no-untyped-def]
     for i in range(size - 1):
         ax, ay, bx, by = points[i, 0], points[i, 1], points[i + 1, 0], points[i + 1, 1]
         rooms[i] = reach
-        near += leg_room(blocked, ax, ay, bx, by, reach, -1) < reach - 1e-6
+        near += leg_clearance(blocked, ax, ay, bx, by, reach, -1) < reach - 1e-6
         short += 0 < i < size - 2 and math.hypot(bx - ax, by - ay) < radius - 1e-6
     for i in range(1, size - 1):
-        corners += not is_flown(blocked, points, rooms, i, radius, -1)
+        corners += not turn_fits(blocked, points, rooms, i, radius, -1)
     return np.array([corners, short, near])
 
 

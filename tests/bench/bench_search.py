@@ -26,7 +26,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.assignment import assign
 from gcs.planning.map.grid import Grid, Node, free_grid, random_obstacles
-from gcs.planning.path.shortcut import joins
+from gcs.planning.path.shortcut import connect_to_grid
 from gcs.planning.planner import warm_up
 from gcs.planning.search import cost_matrix
 from gcs.planning.search.neighbours import SearchMap, flat_index, search_map
@@ -60,7 +60,7 @@ def random_map(nodes: int, blocked: float, seed: int = 1) -> tuple[Grid, Node, N
     """A map, and two nodes near opposite corners that are connected."""
     rng = np.random.default_rng(seed)
     grid = random_obstacles(free_grid((nodes, nodes), 1.0), blocked, rng)
-    free = np.argwhere(search_map(grid).mainland.reshape(nodes + 2, nodes + 2)[1:-1, 1:-1])
+    free = np.argwhere(search_map(grid).largest_component.reshape(nodes + 2, nodes + 2)[1:-1, 1:-1])
     ends = [free[np.argmin(np.abs(free - corner).sum(axis=1))] for corner in (2, nodes - 3)]
     return grid, tuple(ends[0].tolist()), tuple(ends[1].tolist())
 
@@ -188,15 +188,17 @@ def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
     grid, _, _ = random_map(nodes, blocked)
     smap = search_map(grid)
     rng = np.random.default_rng(2)
-    mainland = np.argwhere(smap.mainland.reshape(nodes + 2, nodes + 2)[1:-1, 1:-1])
-    ends = [mainland[rng.choice(len(mainland), count, replace=False)] for count in (n, m)]
+    largest_component = np.argwhere(smap.largest_component.reshape(nodes + 2, nodes + 2)[1:-1, 1:-1])
+    ends = [largest_component[rng.choice(len(largest_component), count, replace=False)] for count in (n, m)]
 
-    def places(nodes_at: np.ndarray) -> cost_matrix.Places:
+    def places(nodes_at: np.ndarray) -> cost_matrix.Endpoints:
         xy = nodes_at[:, ::-1].astype(np.float64)
-        return cost_matrix.Places(xy, *joins(grid.blocked, smap.mainland, smap.tight, smap.stride, xy))
+        return cost_matrix.Endpoints(
+            xy, *connect_to_grid(grid.blocked, smap.largest_component, smap.tight_nodes, smap.stride, xy)
+        )
 
     def ours() -> np.ndarray:
-        lengths, way = cost_matrix.metric_ways(grid, smap, places(ends[0]), places(ends[1]), 0.0)
+        lengths, way = cost_matrix.metric_paths(grid, smap, places(ends[0]), places(ends[1]), 0.0)
         for i, j in assign(lengths, {}).items():
             way(i, j)
         return lengths
@@ -211,7 +213,7 @@ def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
         search = pf.AStar(w9_grid(grid))
         tuples = [[(int(c), int(r)) for r, c in side] for side in ends]
         works["w9"] = lambda: [search.find_path(a, b) for a in tuples[0] for b in tuples[1]]
-    one_by_one = cost_matrix.pairwise_pays(smap, *(side[:, ::-1].astype(np.float64) for side in ends))
+    one_by_one = cost_matrix.is_pairwise_faster(smap, *(side[:, ::-1].astype(np.float64) for side in ends))
     how = f"{n} x {m}, {'pair by pair' if one_by_one else 'one to all'}"
     _line(nodes, blocked, timed_ms(works, least=2), error, how)
 

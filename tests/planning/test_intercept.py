@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.model import Track, read_only
-from gcs.planning.intercept import TargetPrediction, meetings, shrunk_velocity
+from gcs.planning.intercept import TargetPrediction, intercept_times, shrunk_velocity
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.options import AgentState, PlanOptions, TargetDemand
 from gcs.planning.planner import plan_routes
@@ -162,7 +162,7 @@ def test_the_meeting_is_the_first_place_in_time_or_the_last_that_is_reached(seed
     view = TargetPrediction(np.zeros((after_s.size, 2)), read_only(after_s), first)
     lengths_m = rng.choice([np.inf, 40.0, 120.0, 260.0], (agents, after_s.size))
     speeds_m_s = rng.uniform(8.0, 15.0, agents)
-    arrivals_s, meetings_s = meetings(lengths_m, view, speeds_m_s)
+    arrivals_s, meetings_s = intercept_times(lengths_m, view, speeds_m_s)
     for i in range(agents):
         for j in range(targets):
             t_s = after_s[first[j] : first[j + 1]]

@@ -102,5 +102,5 @@ def test_the_simulated_airframe_flies_the_end_of_a_mission_as_it_was_expected(fi
             if len(goals) > 1 and goals[0].is_reached(airframe):
                 goals.pop(0)
             airframe.step(goals[0].heading_error_rad(airframe), 100.0, 15.0)
-        beside_m = np.hypot(*(flight.way[:, :2] - (airframe.east_m, airframe.north_m)).T).min()
+        beside_m = np.hypot(*(flight.states[:, :2] - (airframe.east_m, airframe.north_m)).T).min()
         assert beside_m < 20.0

@@ -268,24 +268,24 @@ class _Ospa:
 
     def __init__(self, config: Config, records: list[Record]) -> None:
         agents = [agent.vehicle for agent in config.agents]
-        self._judges = [Evaluator(config.planning.capture_radius_m, agents) for _ in range(2)]
+        self._evaluators = [Evaluator(config.planning.capture_radius_m, agents) for _ in range(2)]
         for record in records:
             if isinstance(record.value, Truth):
-                for judge in self._judges:
-                    judge.truth(record.value)
+                for evaluator in self._evaluators:
+                    evaluator.add_truth(record.value)
 
     def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:
         for effect in effects:
-            self._judges[1].effect(effect)
+            self._evaluators[1].add_effect(effect)
 
     def recorded(self, record: Record, effect: Effect) -> None:
-        self._judges[0].effect(effect)
+        self._evaluators[0].add_effect(effect)
 
     def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:
         pass
 
     def rows(self) -> list[tuple[str, str, str]]:
-        then, now = self._judges
+        then, now = self._evaluators
         kinds: tuple[Kind, ...] = ("agents", "targets")
         return [
             (f"OSPA of {kind}", f"{then.ospa(kind).mean_m:.4f} m", f"{now.ospa(kind).mean_m:.4f} m")

@@ -118,7 +118,7 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
             topics.setdefault(topic_of(value), _Span()).add(record.t_ns)
             if isinstance(value, Datagram | Send):
                 for frame in scan(value.data).frames:
-                    traffic.take(record.t_ns, frame)
+                    traffic.add_frame(record.t_ns, frame)
             elif isinstance(value, Scan):
                 name = value.sensor.name
                 if name in sensors or len(sensors) < _MAX_NAMES:
@@ -186,11 +186,11 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
 
 def _count(traffic: Traffic, part: LogFrame, t_ns: int) -> None:
     if part.validity == "good":
-        traffic.take(t_ns, part.frame)
+        traffic.add_frame(t_ns, part.frame)
     elif part.validity == "unknown id":
-        traffic.take_unknown(part.frame)
+        traffic.add_unknown_frame(part.frame)
     else:
-        traffic.take_bad_checksum(part.frame)
+        traffic.add_bad_frame(part.frame)
 
 
 def _size(path: Path) -> int:

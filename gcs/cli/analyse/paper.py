@@ -123,7 +123,7 @@ def _fly(scenario: str, seed: int, folder: Path) -> Flown:
     )
     assert material.summary is not None
     summary = replace(material.summary, scan_ms_p99=simulated.scan_ms_p99, plan_ms_p99=simulated.plan_ms_p99)
-    return Flown(material.course, summary, mission_grid(load(scenario), seed))
+    return Flown(material.timeline, summary, mission_grid(load(scenario), seed))
 
 
 _QUIET: Final = Console(quiet=True)
@@ -153,19 +153,19 @@ def _simulated(scenario: str, seed: int, folder: Path | None) -> Summary:
 
 
 def _figures(name: str, flown: Flown, out: Path) -> tuple[Picture, ...]:
-    course, grid = flown.course, flown.grid
+    timeline, grid = flown.timeline, flown.grid
     ground = Ground.of(grid)
     if name == FIGURE_3:
-        figure = ground_truth_figure(course, ground, course.duration_s)
+        figure = ground_truth_figure(timeline, ground, timeline.duration_s)
         return (save_figure(figure, out, "fig3", "Four agents and four targets in dense obstacles."),)
     truth, output = _NUMBERS[name]
     return (
         save_figure(
-            truth_figure(course, ground, {}, estimates=False), out, f"fig{truth}",
+            truth_figure(timeline, ground, {}, estimates=False), out, f"fig{truth}",
             f"Figure {truth}: ground truth in the middle and at the end of the mission.",
         ),
         save_figure(
-            tracker_figure(course, ground), out, f"fig{output}",
+            tracker_figure(timeline, ground), out, f"fig{output}",
             f"Figure {output}: output of both GLMB filters, and the clutter in grey.",
         ),
     )  # fmt: skip

@@ -43,7 +43,7 @@ from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
 from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.plots.maps import Ground
-from gcs.report.run.evaluation import Evaluator, Summary, judge_of
+from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of
 from gcs.report.run.page import Material, run_page
 from gcs.report.run.timeline import Timeline, TimelineBuilder
 from gcs.report.run.tracks_csv import TracksCsv
@@ -216,19 +216,19 @@ class _Reading:
                     self._timed_step(command, value)
                 if isinstance(value, Datagram | Send):
                     self._add_frames(record.t_ns, value.data, flights)
-                builder.take(value)
+                builder.add(value)
                 if isinstance(value, Picture):
-                    csv.take(value, builder.start_t_ns)
+                    csv.add_picture(value, builder.start_t_ns)
         if records == 0:
             raise RecordingError(str(path), "has no records" + _because(self.remarks))
         name = header.run.scenario if header.run else self.config.name if self.config else path.name
-        course = builder.course()
-        if not course.has_truth:
+        timeline = builder.build()
+        if not timeline.has_truth:
             self.remarks.append(
                 "This recording has no ground truth, like any real flight: OSPA, losses and arrivals cannot "
                 "be evaluated, and the maps show reports and tracks."
             )
-        return self._material(name, "recording", course, flights, evaluator, ground, header.versions)
+        return self._material(name, "recording", timeline, flights, evaluator, ground, header.versions)
 
     def log(self) -> Material:
         """Read a telemetry log or a raw stream; run the trackers if a mission is given."""
@@ -241,15 +241,15 @@ class _Reading:
             builder = TimelineBuilder(evaluator)
         flights = self._flights()
         timed_by, span = self._read_log(flights)
-        course = builder.course()
+        timeline = builder.build()
         with TracksCsv(self.csv) as csv:
             if self.config is not None:
                 for value in self._replay_log(self.config, added):
-                    builder.take(value)
+                    builder.add(value)
                     if isinstance(value, Picture):
-                        csv.take(value, builder.start_t_ns)
+                        csv.add_picture(value, builder.start_t_ns)
         if self.config is not None:
-            course = builder.course()
+            timeline = builder.build()
         else:
             self.remarks.append(
                 "A telemetry log has no scans and no mission: the page shows the reports of the vehicles. "
@@ -260,7 +260,7 @@ class _Reading:
         elif timed_by is None:
             self.remarks.append("A raw MAVLink stream without times: nothing is shown over time.")
         kind = "telemetry log" if timed_by == "stamps" else "raw MAVLink"
-        return self._material(path.name, kind, course, flights, evaluator, ground, {}, span)
+        return self._material(path.name, kind, timeline, flights, evaluator, ground, {}, span)
 
     def _read_log(self, flights: Flights) -> tuple[TimeSource | None, tuple[int, int]]:
         """Read every frame; return the source of the times, and the first and last time."""
@@ -278,8 +278,8 @@ class _Reading:
                 elif part.validity == "good":
                     t_ns = line(part)
                     times = [times[0] or t_ns, max(times[1], t_ns)]
-                    self.traffic.take(t_ns, part.frame)
-                    flights.take(t_ns, part.frame)
+                    self.traffic.add_frame(t_ns, part.frame)
+                    flights.add_frame(t_ns, part.frame)
         if bad_bytes:
             places = _times(stretches, "stretch", "stretches")
             self.remarks.append(f"{bad_bytes} damaged bytes, in {places}, were skipped.")
@@ -314,7 +314,7 @@ class _Reading:
         config = self.config
         if config is None:
             return Evaluator(0.0, ())
-        return judge_of(config)
+        return evaluator_of(config)
 
     def _flights(self) -> Flights:
         frame: LocalFrame | None = None if self.config is None else self.config.local_frame
@@ -362,34 +362,34 @@ class _Reading:
 
     def _add_frames(self, t_ns: int, data: bytes, flights: Flights) -> None:
         for frame in scan(data).frames:
-            self.traffic.take(t_ns, frame)
-            flights.take(t_ns, frame)
+            self.traffic.add_frame(t_ns, frame)
+            flights.add_frame(t_ns, frame)
 
     def _material(
         self,
         name: str,
         kind: str,
-        course: Timeline,
+        timeline: Timeline,
         flights: Flights,
         evaluator: Evaluator | None,
         ground: Ground | None,
         versions: dict[str, str],
         span_t_ns: tuple[int, int] | None = None,
     ) -> Material:
-        start_t_ns, duration_s = course.start_t_ns, course.duration_s
+        start_t_ns, duration_s = timeline.start_t_ns, timeline.duration_s
         if span_t_ns is not None:
             start_t_ns, duration_s = span_t_ns[0], (span_t_ns[1] - span_t_ns[0]) / 1e9
-            course = replace(course, start_t_ns=start_t_ns, duration_s=duration_s)
+            timeline = replace(timeline, start_t_ns=start_t_ns, duration_s=duration_s)
         flown: dict[int, Flight] = flights.flights(start_t_ns)
         return Material(
             name=name,
             kind=kind,
             file=self.options.path,
             seed=self.seed if self.config is not None else None,
-            course=course,
+            timeline=timeline,
             start_t_ns=start_t_ns,
             duration_s=duration_s,
-            summary=self._summary(evaluator, course),
+            summary=self._summary(evaluator, timeline),
             flights=flown,
             traffic=self.traffic.summary(),
             ground=ground,
@@ -398,13 +398,13 @@ class _Reading:
             remarks=tuple(self.remarks),
         )
 
-    def _summary(self, evaluator: Evaluator | None, course: Timeline) -> Summary | None:
+    def _summary(self, evaluator: Evaluator | None, timeline: Timeline) -> Summary | None:
         if evaluator is None or self.config is None:
             return None
         return evaluator.summary(
             scenario=self.config.name,
             seed=self.seed,
-            duration_s=course.duration_s,
+            duration_s=timeline.duration_s,
             scan_ms_p99=_p99(self.work_ms["scan"]),
             plan_ms_p99=_p99(self.work_ms["plan"]),
             recording=str(self.options.path),
@@ -432,7 +432,7 @@ def _as_dict(material: Material, page: Path, folder: Path) -> dict[str, Any]:
         "page": str(page),
         "figures": sorted(str(path) for path in (folder / "figures").iterdir()),
         "tracks": str(folder / CSV_NAME),
-        "has_truth": material.course.has_truth,
+        "has_truth": material.timeline.has_truth,
         "seconds": material.duration_s,
         "remarks": list(material.remarks),
         "summary": None if material.summary is None else json.loads(summary_json(material.summary)),

@@ -30,7 +30,7 @@ from gcs.io.console import console_for
 from gcs.io.detections.readers import Detections, load
 from gcs.io.recording.reader import recording_bytes
 from gcs.model import FloatArray, Label
-from gcs.report.plots.tracking import Drawing, draw_tracking
+from gcs.report.plots.tracking import TrackingDrawing, draw_tracking
 from gcs.tracking.glmb.filter import Birth, Glmb
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
@@ -327,7 +327,7 @@ def _draw(
     title = f"{options.path.name}, {options.estimator}"
     if scores.ospa_mean_m is not None:
         title += f": OSPA {scores.ospa_mean_m:.1f} m, OSPA(2) {scores.ospa2_mean_m:.1f} m"
-    drawing = Drawing(
+    drawing = TrackingDrawing(
         title,
         detections_k=np.repeat(
             [float(detections.number[look.t_ns]) for look in detections.looks],

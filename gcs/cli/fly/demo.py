@@ -50,7 +50,7 @@ from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, Effect, Event
 from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
-from gcs.report.run.evaluation import Evaluator, Summary, judge_of, summary_json
+from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
 from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
@@ -165,7 +165,7 @@ def _fly_and_summarise(
 ) -> tuple[int, Summary]:
     """Fly; return the exit code and the summary."""
     warm_up(console)
-    evaluator = judge_of(config)
+    evaluator = evaluator_of(config)
     run = Run(config.name, options.seed)
     name, table = f"{config.name}-{options.seed}", config.recording
     with open_recorder(options.out, name, text, run, table) as recorder:
@@ -225,7 +225,7 @@ class EvaluatorSink:
 
     def effect(self, _t_ns: int, effect: Effect) -> None:
         """Pass an effect on."""
-        self._evaluator.effect(effect)
+        self._evaluator.add_effect(effect)
 
 
 def _draw_recording(folder: Path, config: Config, seed: int) -> Path:
@@ -262,7 +262,7 @@ async def _fly(
 
     def add_truth(key: str, payload: bytes) -> None:
         truth = decode_truth(key, payload)
-        evaluator.truth(truth)
+        evaluator.add_truth(truth)
         service.truth(truth)
 
     with ZenohSession(listen=endpoint) as bus, announced(config.name, endpoint):

@@ -40,7 +40,7 @@ from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.planner import PlanResult, Stage, plan_routes
 from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.vehicle_model import LoiterCircle
-from gcs.report.plots.plan import Drawing, draw_plan
+from gcs.report.plots.plan import PlanDrawing, draw_plan
 
 app = command_app()
 
@@ -322,7 +322,7 @@ def _circle(route: Route, radius_m: float) -> LoiterCircle:
 def _draw(path: Path, task: Task, result: PlanResult, return_routes: Mapping[int, ReturnRoute]) -> None:
     loiter = task.options.loiter if task.options.shape == "flyable" else None
     title = f"{task.name}: {len(result.routes)} routes, {result.total_length_m:,.0f} m"
-    drawing = Drawing(
+    drawing = PlanDrawing(
         title,
         task.grid,
         task.grid.inflate(task.options.clearance_m),

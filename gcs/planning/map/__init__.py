@@ -1,1 +1,1 @@
-"""Obstacle maps and line of sight."""
+"""Obstacle map: grid, polygon rasterisation, line of sight, clearance-shifted nodes, Moving AI maps."""

@@ -1,11 +1,11 @@
-"""Nodes that lean away from obstacles, so that a way finds gaps which are wide enough but hold no node.
+"""Clearance-shifted nodes: nodes moved by half a cell, so that the search finds narrow gaps.
 
-A gap of two cells is wide enough for a clearance of a whole cell: in its middle, half-way between two rows of
-nodes. So where a node itself is nearer to an obstacle than the clearance, the best of the eight places half a
-cell around it stands for its cell. A cell is tight when it has no such place; a move is near when it leads
-from or to a tight cell, or its leg between two places comes nearer than the clearance.
+A gap of two cells has a clearance of one cell in its middle, half-way between two rows of nodes. A node with
+too little clearance is therefore represented by the best of eight positions half a cell around it. A cell is
+tight if none of these has the clearance. A move is tight if it starts or ends at a tight cell, or if its leg
+between the shifted positions has too little clearance.
 
-This is for routes of any angle, which bend where they like. Along the grid a node is where it is.
+For routes of any angle ("pulled", "flyable") only. Routes along the grid use unshifted nodes.
 """
 
 from __future__ import annotations
@@ -14,73 +14,73 @@ import numpy as np
 
 from gcs.jit import Call, kernel
 from gcs.planning.map.grid import free_grid
-from gcs.planning.map.line_of_sight import clear_leg, is_clear_at, room_at
+from gcs.planning.map.line_of_sight import clear_leg, clearance_at, is_clear_at
 
 _NO_CELL = np.int64(-1)
-_ENDS_TELL = 1.4
-"""In cells: up to this clearance a diagonal between two nodes keeps it if its ends do."""
+_MAX_CLEARANCE_BY_ENDS = 1.4
+"""In cells: up to this clearance a diagonal move keeps it if both ends do."""
 
 
 @kernel
-def lean(blocked, reach, lean_rows, lean_cols):  # type: ignore[no-untyped-def]
-    """Which place stands for each cell, (rows, cols), and which cells are tight, by a clearance in cells.
+def shifted_nodes(blocked, clearance, shift_rows, shift_cols):  # type: ignore[no-untyped-def]
+    """Return the shift index of each cell, (rows, cols), and the tight cells, for a clearance in cells.
 
-    `lean_rows`, `lean_cols` (9,): the places, from the node; the first is the node's own.
+    `shift_rows`, `shift_cols` (9,): shifts from the node; the first is zero.
     """
     rows, cols = blocked.shape
     place, tight = np.zeros((rows, cols), np.uint8), np.zeros((rows, cols), np.bool_)
     for row in range(rows):
         for col in range(cols):
-            if blocked[row, col] or is_clear_at(blocked, float(col), float(row), reach):
+            if blocked[row, col] or is_clear_at(blocked, float(col), float(row), clearance):
                 continue
             best = 0.0
             for k in range(1, 9):
-                x, y = col + lean_cols[k], row + lean_rows[k]
+                x, y = col + shift_cols[k], row + shift_rows[k]
                 on_map = 0.0 <= x <= cols - 1.0 and 0.0 <= y <= rows - 1.0
-                if not on_map or not is_clear_at(blocked, x, y, reach):
+                if not on_map or not is_clear_at(blocked, x, y, clearance):
                     continue
-                room = room_at(blocked, x, y, reach + 0.5)
-                if room > best:
-                    best, place[row, col] = room, k
+                margin = clearance_at(blocked, x, y, clearance + 0.5)
+                if margin > best:
+                    best, place[row, col] = margin, k
             tight[row, col] = best == 0.0
     return place, tight
 
 
 @kernel
-def near_moves(blocked, reach, moves, tight, place, lean_rows, lean_cols):  # type: ignore[no-untyped-def]
-    """Which legal moves come nearer than the clearance: bits, (rows, cols), as `moves` are."""
+def find_tight_moves(blocked, clearance, moves, tight, place, shift_rows, shift_cols):  # type: ignore[no-untyped-def]
+    """Return the legal moves with too little clearance, as bits (rows, cols) like `moves`."""
     rows, cols = blocked.shape
-    near = np.zeros((rows, cols), np.uint8)
+    tight_moves = np.zeros((rows, cols), np.uint8)
     for row in range(rows):
         for col in range(cols):
             for move in range(8):
                 if not (moves[row, col] >> move) & 1:
                     continue
-                r, c = row + int(2.0 * lean_rows[move + 1]), col + int(2.0 * lean_cols[move + 1])
+                r, c = row + int(2.0 * shift_rows[move + 1]), col + int(2.0 * shift_cols[move + 1])
                 a, b = place[row, col], place[r, c]
                 if tight[row, col] or tight[r, c]:
                     is_near = True
-                elif a == 0 and b == 0 and (move < 4 or reach < _ENDS_TELL):
+                elif a == 0 and b == 0 and (move < 4 or clearance < _MAX_CLEARANCE_BY_ENDS):
                     is_near = False
                 elif r < row or (r == row and c < col):
-                    # The way back, which has been looked at: moves 0-3 and 4-7 turn by quarters.
+                    # The reverse move is known: moves 0-3 and 4-7 turn by quarters.
                     back = (move & 4) | ((move + 2) & 3)
-                    is_near = ((near[r, c] >> back) & 1) != 0
+                    is_near = ((tight_moves[r, c] >> back) & 1) != 0
                 else:
-                    x, y = col + lean_cols[a], row + lean_rows[a]
+                    x, y = col + shift_cols[a], row + shift_rows[a]
                     is_near = not clear_leg(
-                        blocked, x, y, c + lean_cols[b], r + lean_rows[b], reach, _NO_CELL
+                        blocked, x, y, c + shift_cols[b], r + shift_rows[b], clearance, _NO_CELL
                     )
                 if is_near:
-                    near[row, col] |= np.uint8(1 << move)
-    return near
+                    tight_moves[row, col] |= np.uint8(1 << move)
+    return tight_moves
 
 
 def warm_up_calls() -> list[Call]:
-    """One call of every kernel, types as in a plan."""
+    """Return one call of every kernel with the types of a plan."""
     blocked, tight = free_grid((2, 2), 10.0).blocked, np.zeros((2, 2), np.bool_)
     bits, places = np.zeros((2, 2), np.uint8), np.zeros(9)
     return [
-        (lean, blocked, 1.0, places, places),
-        (near_moves, blocked, 1.0, bits, tight, bits, places, places),
+        (shifted_nodes, blocked, 1.0, places, places),
+        (find_tight_moves, blocked, 1.0, bits, tight, bits, places, places),
     ]

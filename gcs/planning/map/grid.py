@@ -1,13 +1,11 @@
 """The obstacle map: square cells around the nodes of a search grid.
 
-As in the paper (Hill, Thomas & Larson, "Swarm Mission Planning" and "Simulation Description") the mission
-area is a mesh of nodes, 51 x 51 over 2000 m x 2000 m, and a node with an obstacle is off limits. We give each
-node an area: the square cell of side ``spacing_m`` centred on it. A blocked node blocks its whole cell, so
-that "does this straight leg hit an obstacle?" has an exact answer for any two points of the map, not for
-nodes alone.
+Source: Hill, Thomas & Larson, "Swarm Mission Planning" and "Simulation Description": a mesh of 51 x 51 nodes
+over 2000 m x 2000 m, with blocked nodes. Here each node has a cell of side ``spacing_m`` centred on it. A
+blocked node blocks its whole cell, so collision tests are exact for any leg, not for nodes alone.
 
-Node (row, col) counts rows north and columns east; node (0, 0) lies at ``origin_m``. Outside the map nothing
-is blocked, but the search never leaves it.
+Node (row, col) counts rows north and columns east. Node (0, 0) lies at ``origin_m``. Outside the map nothing
+is blocked, but the search does not leave it.
 """
 
 from __future__ import annotations
@@ -36,7 +34,7 @@ Polygon: TypeAlias = Sequence[Sequence[Sequence[float]]]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 TOUCH = 1e-9
-"""In cells: a leg nearer to a blocked cell than this touches it; clearances are kept up to this."""
+"""In cells: a leg within this distance of a blocked cell touches it. Clearances are kept up to this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,19 +78,19 @@ class Grid:
         return rows, cols
 
     def node_of(self, point_m: Point) -> Node:
-        """Return the node whose cell holds a point; of a point outside the map, the nearest node."""
+        """Return the node whose cell contains a point; for a point outside the map, the nearest node."""
         rows, cols = self.shape
         col = math.floor((point_m[0] - self.origin_m[0]) / self.spacing_m + 0.5)
         row = math.floor((point_m[1] - self.origin_m[1]) / self.spacing_m + 0.5)
         return min(max(row, 0), rows - 1), min(max(col, 0), cols - 1)
 
     def point_of(self, node: Node) -> Point:
-        """Return where a node lies, in metres."""
+        """Return the position of a node, in metres."""
         row, col = node
         return self.origin_m[0] + col * self.spacing_m, self.origin_m[1] + row * self.spacing_m
 
     def contains(self, point_m: Point) -> bool:
-        """Tell whether a point lies in one of the map's cells."""
+        """Return True if a point lies in a cell of the map."""
         rows, cols = self.shape
         x = (point_m[0] - self.origin_m[0]) / self.spacing_m
         y = (point_m[1] - self.origin_m[1]) / self.spacing_m
@@ -108,8 +106,7 @@ class Grid:
         """Return this map with more obstacles.
 
         Discs (east, north, radius), boxes (east_min, north_min, east_max, north_max) and polygons block every
-        cell that they overlap, so that a route around the cells is a route around the obstacle. One inside a
-        cell blocks that cell, however small.
+        cell that they overlap, even one that they lie within.
         """
         blocked = self.blocked.copy()
         rows, cols = self.shape
@@ -133,7 +130,7 @@ class Grid:
         return Grid(self.origin_m, self.spacing_m, blocked)
 
     def within(self, polygons_m: Iterable[Polygon]) -> Grid:
-        """Return this map with every cell blocked that does not lie wholly inside one of the polygons."""
+        """Return this map with every cell blocked that is not entirely inside one of the polygons."""
         outside = np.ones(self.shape, dtype=np.bool_)
         for polygon in polygons_m:
             passed, inside = cover(self.shape, self._rings(polygon))
@@ -141,15 +138,14 @@ class Grid:
         return Grid(self.origin_m, self.spacing_m, self.blocked | outside)
 
     def _rings(self, polygon_m: Polygon) -> list[FloatArray]:
-        """Rings in cells."""
+        """Return rings in cells."""
         return [(np.asarray(ring, dtype=np.float64) - self.origin_m) / self.spacing_m for ring in polygon_m]
 
     def inflate(self, clearance_m: float) -> Grid:
         """Return this map with every node blocked that is nearer than `clearance_m` to a blocked cell.
 
-        A node beside a blocked cell is half a spacing away from it: up to that clearance the map stays as it
-        is. Straight moves between nodes of the inflated map keep the clearance exactly; diagonal ones may
-        come nearer by up to a ninth, and only where it exceeds 1.4 spacings.
+        A node next to a blocked cell is half a spacing away from it. Straight moves on the inflated map keep
+        the clearance exactly. Diagonal moves may come nearer by up to a ninth, if it exceeds 1.4 spacings.
         """
         if clearance_m <= 0.0 or not self.blocked.any():
             return self
@@ -173,11 +169,12 @@ def random_obstacles(
     keep_clear: Iterable[Point] = (),
     keep_clear_m: float = 0.0,
 ) -> Grid:
-    """Return a map with the paper's random obstacles: a node whose uniform number is below a threshold.
+    """Return a map with the random obstacles of the paper.
 
-    One number is drawn for each node, row by row, whatever the other arguments: a seed means the same map.
-    Nodes within `keep_clear_m` of a point in `keep_clear` (where agents and targets start) get no random
-    obstacle.
+    A node is blocked if its uniform random number is below the threshold.
+
+    One number is drawn for each node, row by row, so a seed always gives the same map. Nodes within
+    `keep_clear_m` of a point in `keep_clear` get no random obstacle.
     """
     rows, cols = grid.shape
     drawn = rng.random((rows, cols)) < threshold

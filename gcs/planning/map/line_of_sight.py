@@ -1,11 +1,10 @@
-"""Line of sight: whether a straight leg keeps a distance from every blocked cell. Exact, not sampled.
+"""Exact line of sight: the distance of a straight leg from blocked cells. Nothing is sampled.
 
-A blocked cell is a closed square: a leg that touches its edge or corner hits it. For a leg and a square that
-do not meet, the shortest distance is reached at an end of the leg or at a corner of the square (both are
-convex), which gives the distance in closed form. Only the cells of the corridor that the leg sweeps are
-looked at: row by row, the columns that the leg, widened by the clearance, can reach there.
+A blocked cell is a closed square, so a leg that touches an edge or corner is blocked. Leg and square are
+convex: if they do not meet, the least distance is at an end of the leg or at a corner of the square. Only
+cells in the corridor of the leg, widened by the clearance, are tested.
 
-Kernels work in cells (x = column, y = row, as floats); the public functions in metres.
+Kernels work in cells (x = column, y = row); public functions in metres.
 """
 
 from __future__ import annotations
@@ -19,20 +18,20 @@ from gcs.planning.map.grid import TOUCH, Grid, Point
 
 _NO_LEG = 1e-100
 _HALF_SQUARE = 0.7072
-"""No part of a square is farther along a leg than its centre by more than this."""
+"""Half the diagonal of a cell, rounded up: the extent of a square along any leg."""
 
 
 @inlined
 def _point_square(x, y, col, row):  # type: ignore[no-untyped-def]
-    """Distance of a point from a cell's square."""
+    """Return the distance of a point from the square of a cell."""
     return math.hypot(max(abs(x - col) - 0.5, 0.0), max(abs(y - row) - 0.5, 0.0))
 
 
 @inlined
 def _leg_square(x0, y0, x1, y1, col, row):  # type: ignore[no-untyped-def]
-    """Distance of a leg from a cell's square."""
+    """Return the distance of a leg from the square of a cell."""
     dx, dy = x1 - x0, y1 - y0
-    # Do they meet? Clip the leg by the square's two slabs.
+    # Clip the leg by the two slabs of the square.
     low, high = 0.0, 1.0
     for axis in range(2):
         start, step, centre = (x0, dx, col) if axis == 0 else (y0, dy, row)
@@ -53,15 +52,15 @@ def _leg_square(x0, y0, x1, y1, col, row):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def leg_room(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
-    """Distance in cells of a leg from the nearest blocked cell but `own`, at most `reach`.
+def leg_clearance(blocked, x0, y0, x1, y1, clearance, ignored_cell):  # type: ignore[no-untyped-def]
+    """Return the distance in cells of a leg from the nearest blocked cell, at most `clearance`.
 
-    `own` is a flat index, -1 for none.
+    `ignored_cell` is a flat index, -1 for none.
     """
     rows, cols = blocked.shape
-    wide = reach + 0.5 + 2.0 * TOUCH
+    wide = clearance + 0.5 + 2.0 * TOUCH
     dx, dy = x1 - x0, y1 - y0
-    best = reach
+    best = clearance
     first = max(0, math.ceil(min(y0, y1) - wide))
     last = min(rows - 1, math.floor(max(y0, y1) + wide))
     for row in range(first, last + 1):
@@ -72,32 +71,32 @@ def leg_room(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-de
             tb = min(max((row + wide - y0) / dy, 0.0), 1.0)
             low, high = x0 + min(ta * dx, tb * dx), x0 + max(ta * dx, tb * dx)
         for col in range(max(0, math.ceil(low - wide)), min(cols - 1, math.floor(high + wide)) + 1):
-            if blocked[row, col] and row * cols + col != own:
+            if blocked[row, col] and row * cols + col != ignored_cell:
                 best = min(best, _leg_square(x0, y0, x1, y1, col, row))
     return best
 
 
 @leaf
-def blocker(blocked, x0, y0, x1, y1, reach, own, guess):  # type: ignore[no-untyped-def]
-    """A blocked cell other than `own` that a leg comes nearer to than `reach`: flat index; -1: none.
+def blocking_cell(blocked, x0, y0, x1, y1, clearance, ignored_cell, guess):  # type: ignore[no-untyped-def]
+    """Return the flat index of a blocked cell nearer to a leg than `clearance`; -1 for none.
 
-    `guess` is looked at first: what was in the way of a leg is in the way of most legs like it. -1: none.
+    `guess` is tested first: neighbouring legs often share their obstacle. `ignored_cell` does not count.
     """
     rows, cols = blocked.shape
-    limit = max(reach - TOUCH, TOUCH)
-    wide = reach + 0.5 + 2.0 * TOUCH
+    limit = max(clearance - TOUCH, TOUCH)
+    wide = clearance + 0.5 + 2.0 * TOUCH
     dx, dy = x1 - x0, y1 - y0
     norm2 = dx * dx + dy * dy
-    # The squares of a leg that is next to no leg may underflow.
+    # The squared length of a very short leg may underflow.
     length = math.sqrt(norm2) if norm2 > _NO_LEG else math.hypot(dx, dy)
-    # A square is no nearer than the line through the leg: most cells are done with by that. And it is no
-    # farther, if it is beside the leg as a whole.
-    beside = limit * length + 0.5 * (abs(dx) + abs(dy))
-    maybe, end = beside + TOUCH * length, _HALF_SQUARE * length
+    # The distance from the line through the leg is a lower bound, which excludes most cells. It is exact for
+    # a square that lies alongside the leg.
+    near_line = limit * length + 0.5 * (abs(dx) + abs(dy))
+    maybe, end = near_line + TOUCH * length, _HALF_SQUARE * length
     per_row = 0.0 if abs(dy) < 1e-12 else 1.0 / dy
     first = max(0, math.ceil(min(y0, y1) - wide))
     last = min(rows - 1, math.floor(max(y0, y1) + wide))
-    row = first if guess < 0 or guess == own else np.int64(-1)
+    row = first if guess < 0 or guess == ignored_cell else np.int64(-1)
     while row <= last:
         if row < 0:
             at = guess // cols
@@ -113,14 +112,14 @@ def blocker(blocked, x0, y0, x1, y1, reach, own, guess):  # type: ignore[no-unty
             left = max(0, math.ceil(low - wide))
             right = min(cols - 1, math.floor(high + wide))
         for col in range(left, right + 1):
-            if not blocked[at, col] or at * cols + col == own:
+            if not blocked[at, col] or at * cols + col == ignored_cell:
                 continue
             across = abs((col - x0) * dy - (at - y0) * dx)
             if across > maybe:
                 continue
             along = (col - x0) * dx + (at - y0) * dy
             if end < along < norm2 - end:
-                if across < beside:
+                if across < near_line:
                     return at * cols + col
             elif _leg_square(x0, y0, x1, y1, col, at) < limit:
                 return at * cols + col
@@ -129,16 +128,16 @@ def blocker(blocked, x0, y0, x1, y1, reach, own, guess):  # type: ignore[no-unty
 
 
 @kernel
-def clear_leg(blocked, x0, y0, x1, y1, reach, own):  # type: ignore[no-untyped-def]
-    """Whether a leg keeps `reach` cells from every blocked cell but `own` (flat index; -1: none)."""
-    return blocker(blocked, x0, y0, x1, y1, reach, own, np.int64(-1)) < 0
+def clear_leg(blocked, x0, y0, x1, y1, clearance, ignored_cell):  # type: ignore[no-untyped-def]
+    """Return True if a leg keeps `clearance` cells from every blocked cell but `ignored_cell` (-1: none)."""
+    return blocking_cell(blocked, x0, y0, x1, y1, clearance, ignored_cell, np.int64(-1)) < 0
 
 
 @leaf
-def is_clear_at(blocked, x, y, reach):  # type: ignore[no-untyped-def]
-    """Whether a point keeps `reach` cells from every blocked cell; as `clear_leg` from it to itself."""
+def is_clear_at(blocked, x, y, clearance):  # type: ignore[no-untyped-def]
+    """Return True if a point keeps `clearance` cells from every blocked cell."""
     rows, cols = blocked.shape
-    limit, wide = max(reach - TOUCH, TOUCH), reach + 0.5 + 2.0 * TOUCH
+    limit, wide = max(clearance - TOUCH, TOUCH), clearance + 0.5 + 2.0 * TOUCH
     for row in range(max(0, math.ceil(y - wide)), min(rows - 1, math.floor(y + wide)) + 1):
         for col in range(max(0, math.ceil(x - wide)), min(cols - 1, math.floor(x + wide)) + 1):
             if blocked[row, col] and _point_square(x, y, col, row) < limit:
@@ -147,22 +146,26 @@ def is_clear_at(blocked, x, y, reach):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def room_at(blocked, x, y, reach):  # type: ignore[no-untyped-def]
-    """Distance in cells from a point to the nearest blocked cell, at most `reach`."""
+def clearance_at(blocked, x, y, clearance):  # type: ignore[no-untyped-def]
+    """Return the distance in cells from a point to the nearest blocked cell, at most `clearance`."""
     rows, cols = blocked.shape
-    best = reach
-    for row in range(max(0, math.ceil(y - reach - 0.5)), min(rows - 1, math.floor(y + reach + 0.5)) + 1):
-        for col in range(max(0, math.ceil(x - reach - 0.5)), min(cols - 1, math.floor(x + reach + 0.5)) + 1):
+    best = clearance
+    for row in range(
+        max(0, math.ceil(y - clearance - 0.5)), min(rows - 1, math.floor(y + clearance + 0.5)) + 1
+    ):
+        for col in range(
+            max(0, math.ceil(x - clearance - 0.5)), min(cols - 1, math.floor(x + clearance + 0.5)) + 1
+        ):
             if blocked[row, col]:
                 best = min(best, _point_square(x, y, col, row))
     return best
 
 
 def line_of_sight(grid: Grid, from_m: Point, to_m: Point, clearance_m: float = 0.0) -> bool:
-    """Tell whether the straight leg between two points keeps `clearance_m` from every blocked cell.
+    """Return True if the leg between two points keeps `clearance_m` from every blocked cell.
 
-    With no clearance the leg must not touch a blocked cell, not even a corner. A clearance is kept up to a
-    billionth of a cell. Beyond the map's edge nothing is blocked.
+    Without clearance the leg must not touch a blocked cell, not even a corner. A clearance is kept up to
+    `TOUCH` cells. Nothing is blocked outside the map.
     """
     x0, y0 = to_cells(grid, from_m)
     x1, y1 = to_cells(grid, to_m)

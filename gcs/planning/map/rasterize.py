@@ -1,9 +1,8 @@
-"""Polygons on a grid: which cells their edges pass through, and which have their centre inside.
+"""Polygon rasterisation: the cells that edges pass through, and the cells whose centre is inside.
 
-A polygon is one or more rings of corners: a point is inside when a line from it crosses the rings an odd
-number of times, so a ring within a ring is a hole. Edges are followed row by row; what lies between two
-columns of a row is written as a step up and a step down, and summed up along the row in the end. So the work
-grows with the rows that the edges cross, not with the area they span.
+A polygon has one or more rings, filled by the even-odd rule: a ring within a ring is a hole. Each edge adds
+differences along its rows, and a cumulative sum fills them. The work grows with the rows that edges cross,
+not with the area.
 """
 
 from __future__ import annotations
@@ -16,16 +15,16 @@ import numpy.typing as npt
 from gcs.model import FloatArray
 
 _TOUCH = 1e-9
-"""In cells: an edge that enters a cell by less than this only touches it."""
+"""In cells: an edge that enters a cell by less only touches it."""
 
 
 def cover(
     shape: tuple[int, int], rings: Iterable[Sequence[Sequence[float]]] | Iterable[FloatArray]
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Return which cells an edge passes through, and which have their centre inside: both (rows, cols).
+    """Return the cells that an edge passes through, and those with their centre inside: both (rows, cols).
 
-    `rings` are corners (x, y) in cells, cell (row, col) being the square of side 1 around (col, row). A ring
-    is closed by itself: whether its first corner is repeated does not matter.
+    `rings` are vertices (x, y) in cells; cell (row, col) is the unit square around (col, row). Rings are
+    closed automatically.
     """
     steps, crossings = (np.zeros((shape[0], shape[1] + 1), dtype=np.int32) for _ in range(2))
     for ring in rings:
@@ -38,7 +37,7 @@ def cover(
 
 
 def _follow(steps: npt.NDArray[np.int32], x0: float, y0: float, x1: float, y1: float) -> None:
-    """Count an edge in all cells that it enters."""
+    """Mark the cells that an edge enters."""
     last_col = steps.shape[1] - 1
     rows = _rows(min(y0, y1) - 0.5 + _TOUCH, max(y0, y1) + 0.5 - _TOUCH, steps.shape[0])
     if y0 == y1:
@@ -56,7 +55,7 @@ def _follow(steps: npt.NDArray[np.int32], x0: float, y0: float, x1: float, y1: f
 
 
 def _cross(crossings: npt.NDArray[np.int32], x0: float, y0: float, x1: float, y1: float) -> None:
-    """Count an edge in all cells whose centre lies east of where it crosses their row."""
+    """Mark the cells whose centre lies east of the edge in its row."""
     if y0 != y1:
         rows = _rows(min(y0, y1), max(y0, y1), crossings.shape[0])
         rows = rows[rows < max(y0, y1)]
@@ -65,5 +64,5 @@ def _cross(crossings: npt.NDArray[np.int32], x0: float, y0: float, x1: float, y1
 
 
 def _rows(low: float, high: float, size: int) -> npt.NDArray[np.int64]:
-    """Rows from `low` to `high`, both included, as far as there are such."""
+    """Return the rows from `low` to `high`, both included, within the map."""
     return np.arange(np.ceil(max(low, 0.0)), np.floor(min(high, size - 1.0)) + 1.0).astype(np.int64)

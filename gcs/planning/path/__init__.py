@@ -1,1 +1,1 @@
-"""From a grid path to a route that a fixed wing can fly: string pulling, turns, first turns."""
+"""From grid path to flyable route: shortcuts, string pulling, corner smoothing, turns, Dubins paths."""

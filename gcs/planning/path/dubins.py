@@ -1,12 +1,12 @@
-"""Dubins' shortest paths: from one place and course to another, turning no tighter than a radius.
+"""Dubins paths: shortest paths between two poses with a minimum turn radius.
 
-L. E. Dubins (American Journal of Mathematics 79, 1957): the shortest path of bounded curvature between two
-poses is three pieces, arcs of the least radius (L left, R right) and straight lines (S), in one of six words:
-LSL, RSR, LSR, RSL, RLR, LRL. Each word's pieces follow from the two circles that touch the poses: for LSL and
-RSR the line is parallel to that of their centres; for LSR and RSL it crosses between them; for RLR and LRL a
-third circle touches both.
+Source: L. E. Dubins, American Journal of Mathematics 79, 1957. The shortest path of bounded curvature has
+three pieces, arcs of the minimum radius (L left, R right) and straight lines (S), in one of six words: LSL,
+RSR, LSR, RSL, RLR, LRL. The pieces follow from the circles that touch the two poses. For LSL and RSR the line
+is parallel to the line of centres; for LSR and RSL it crosses between the circles; for RLR and LRL a third
+circle touches both.
 
-Kernels use angles counter-clockwise from east; a public `Pose` has a course, clockwise from north.
+Kernels use angles counter-clockwise from east. A public `Pose` has a course clockwise from north.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from gcs.jit import inlined, kernel
 from gcs.model import FloatArray
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
-TURNS = np.array([[1, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1], [-1, 1, -1], [1, -1, 1]])
-"""(6, 3): +1 a left arc, -1 a right one, 0 a straight line; of each word."""
+WORD_TURNS = np.array([[1, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1], [-1, 1, -1], [1, -1, 1]])
+"""(6, 3): +1 for a left arc, -1 for a right one, 0 for a straight line, of each word."""
 
 _FULL = 2.0 * math.pi
 
 
 class Pose(NamedTuple):
-    """A place and a course over ground, clockwise from north."""
+    """Position and course over ground, clockwise from north."""
 
     east_m: float
     north_m: float
@@ -37,21 +37,21 @@ class Pose(NamedTuple):
 
 @inlined
 def _swept(angle):  # type: ignore[no-untyped-def]
-    """An angle as an arc that is flown: in [0, 2 pi), and none where rounding would make it a full circle."""
+    """Return an arc in [0, 2 pi); 0 where rounding would make it a full circle."""
     turned = angle % _FULL
     return 0.0 if turned > _FULL - 1e-9 else turned
 
 
 @kernel
-def words(x0, y0, angle0, x1, y1, angle1, radius):  # type: ignore[no-untyped-def]
-    """Pieces of all six words, (6, 3): arcs in radians, lines in radii; inf for a word that does not reach.
+def dubins_words(x0, y0, angle0, x1, y1, angle1, radius):  # type: ignore[no-untyped-def]
+    """Return the pieces of all six words, (6, 3): arcs in radians, lines in radii; inf if impossible.
 
     Angles are counter-clockwise from east. Rows as in `WORDS`.
     """
     pieces = np.full((6, 3), np.inf)
     for word in range(6):
         # A right turn first is a left turn first in the mirror.
-        first, last = TURNS[word, 0], TURNS[word, 2]
+        first, last = WORD_TURNS[word, 0], WORD_TURNS[word, 2]
         ax, ay = x0 - first * radius * math.sin(angle0), y0 + first * radius * math.cos(angle0)
         bx, by = x1 - last * radius * math.sin(angle1), y1 + last * radius * math.cos(angle1)
         dx, dy = (bx - ax) / radius, (by - ay) / radius
@@ -85,7 +85,7 @@ def words(x0, y0, angle0, x1, y1, angle1, radius):  # type: ignore[no-untyped-de
 
 @dataclass(frozen=True, slots=True)
 class DubinsPath:
-    """A shortest path of bounded curvature.
+    """Shortest path of bounded curvature.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class DubinsPath:
         return math.fsum(self.pieces_m)
 
     def at(self, along_m: float) -> Pose:
-        """Return the pose after a distance along the path; the end's beyond its length."""
+        """Return the pose at a distance along the path, at most its end."""
         east, north, course = self.start
         for kind, piece_m in zip(self.word, self.pieces_m, strict=True):
             go_m = min(along_m, piece_m)
@@ -122,7 +122,7 @@ class DubinsPath:
         return Pose(east, north, course)
 
     def sampled_m(self, step_m: float) -> FloatArray:
-        """Return (k, 2) places at most `step_m` apart, both ends included."""
+        """Return (k, 2) points at most `step_m` apart, both ends included."""
         count = max(2, math.ceil(self.length_m / step_m) + 1)
         return np.array([self.at(along)[:2] for along in np.linspace(0.0, self.length_m, count)])
 
@@ -137,7 +137,7 @@ def dubins_path(start: Pose, end: Pose, radius_m: float) -> DubinsPath:
     """
     if not (math.isfinite(radius_m) and radius_m > 0.0):
         raise ValueError(f"radius_m must be a positive number, not {radius_m}")
-    pieces = words(
+    pieces = dubins_words(
         start.east_m,
         start.north_m,
         0.5 * math.pi - start.course_rad,

@@ -1,7 +1,13 @@
-"""How a vehicle turns on to its first leg: an arc of the turn radius and its tangent, to the nearer side.
+"""Initial turn: the direct turn on to the first leg, and explicit turn waypoints where that is blocked.
 
-That is what autopilots do by themselves when they are given a place to fly to. Places in cells; angles
-counter-clockwise from east.
+*Direct turn*: an arc of the turn radius to the nearer side, and its tangent to the first waypoint. Autopilots
+fly it without further waypoints.
+
+*Explicit turn*: candidates are tried in order of length, the turn to either side with its tangent, and every
+Dubins word (`gcs.planning.path.dubins`) that ends on the first leg, at its end or earlier. Arcs become the
+corners of their tangents.
+
+Positions in cells; angles counter-clockwise from east.
 """
 
 from __future__ import annotations
@@ -10,25 +16,30 @@ import math
 
 import numpy as np
 
-from gcs.jit import kernel, leaf
+from gcs.jit import called, kernel, leaf
 from gcs.planning.map.grid import TOUCH
-from gcs.planning.map.line_of_sight import clear_leg, room_at
+from gcs.planning.map.line_of_sight import clear_leg, clearance_at
+from gcs.planning.path.dubins import WORD_TURNS, dubins_words
 
-MOST_ARC = 1.8 * math.pi
-"""No turn is longer: what is nearly a full circle is a detour or a rounding error."""
-START_SHARE = 0.5
-"""How much of the clearance is asked of a start: the vehicle is where it is, and has to turn from there."""
-TIGHT = 0.5
-"""Radius of the tightest turns to be expected, of the planned one."""
+MAX_ARC_RAD = 1.8 * math.pi
+"""Longest turn. Nearly a full circle is a detour or a rounding error."""
+START_CLEARANCE_SHARE = 0.5
+"""Share of the clearance that an initial turn must keep."""
+MIN_RADIUS_SHARE = 0.5
+"""Radius of the tightest expected turn, as a share of the planned radius."""
 _EITHER_SIDE = math.radians(120.0)
 _CHORD = math.radians(7.5)
 ARC_HEIGHT = 1.0 - math.cos(0.5 * _CHORD)
-"""Of an arc above its chords, in radii: arcs are looked at to this much (9 cm at 40 m)."""
+"""Height of an arc above its chords, in radii: the accuracy of arc tests (9 cm at 40 m)."""
+MAX_TURN_RAD = math.radians(107.0)
+"""Sharper corners are split in two: autopilots cut them or overshoot."""
+_JOINS = 5
+"""Number of places on the first leg where a word may end: 2, 4, 8, 16 radii ahead, or its end."""
 
 
 @leaf
-def arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):  # type: ignore[no-untyped-def]
-    """Whether an arc from a place on a course keeps `reach`, looked at by its chords."""
+def arc_is_clear(blocked, clearance, x, y, angle, side, sweep, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Return True if an arc from a pose keeps `clearance`, tested by its chords."""
     count = max(1, math.ceil(sweep / _CHORD))
     step = sweep / count
     chord = 2.0 * radius * math.sin(0.5 * step)
@@ -37,7 +48,7 @@ def arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):  # type
             x + chord * math.cos(angle + side * 0.5 * step),
             y + chord * math.sin(angle + side * 0.5 * step),
         )
-        if not clear_leg(blocked, x, y, to_x, to_y, reach, own):
+        if not clear_leg(blocked, x, y, to_x, to_y, clearance, own_cell):
             return False
         x, y, angle = to_x, to_y, angle + side * step
     return True
@@ -45,9 +56,9 @@ def arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):  # type
 
 @leaf
 def arc_to(x, y, angle, to_x, to_y, side, radius):  # type: ignore[no-untyped-def]
-    """Sweep of the turn to a side until a place lies straight ahead, and the length of the tangent to it.
+    """Return the sweep of the turn until a place lies straight ahead, and the length of the tangent to it.
 
-    A place inside the turn is not reached: both are inf.
+    Both are inf for a place inside the turn.
     """
     dx, dy = to_x - x, to_y - y
     ahead = dx * math.cos(angle) + dy * math.sin(angle)
@@ -62,10 +73,10 @@ def arc_to(x, y, angle, to_x, to_y, side, radius):  # type: ignore[no-untyped-de
 
 
 @leaf
-def start_arc(x, y, angle, to_x, to_y, radius):  # type: ignore[no-untyped-def]
-    """Side (+1 left, -1 right), sweep and length of the turn to a place and the tangent that follows.
+def turn_to(x, y, angle, to_x, to_y, radius):  # type: ignore[no-untyped-def]
+    """Return side (+1 left, -1 right), sweep and length of the turn to a place with its tangent.
 
-    To the nearer side; a place inside the turn is not reached: sweep and length are inf.
+    The nearer side. Sweep and length are inf for a place inside the turn.
     """
     is_left = (to_y - y) * math.cos(angle) >= (to_x - x) * math.sin(angle)
     side = 1.0 if is_left else -1.0
@@ -74,48 +85,163 @@ def start_arc(x, y, angle, to_x, to_y, radius):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def _turn_is_clear(blocked, reach, x, y, angle, side, sweep, to_x, to_y, radius, own):  # type: ignore[no-untyped-def]
-    """Whether an arc and the straight leg from its end to a place keep `reach`."""
-    if not arc_is_clear(blocked, reach, x, y, angle, side, sweep, radius, own):
+def _turn_is_clear(blocked, clearance, x, y, angle, side, sweep, to_x, to_y, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Return True if an arc and the straight leg from its end to a place keep `clearance`."""
+    if not arc_is_clear(blocked, clearance, x, y, angle, side, sweep, radius, own_cell):
         return False
     turned = angle + side * sweep
     x += side * radius * (math.sin(turned) - math.sin(angle))
     y -= side * radius * (math.cos(turned) - math.cos(angle))
-    return clear_leg(blocked, x, y, to_x, to_y, reach, own)
+    return clear_leg(blocked, x, y, to_x, to_y, clearance, own_cell)
 
 
 @kernel
-def start_is_clear(blocked, reach, x, y, angle, to_x, to_y, radius, own):  # type: ignore[no-untyped-def]
-    """Whether the turn to a place, and the tangent that follows, keep `reach`."""
-    side, sweep, _ = start_arc(x, y, angle, to_x, to_y, radius)
-    if sweep > MOST_ARC:
+def is_turn_clear(blocked, clearance, x, y, angle, to_x, to_y, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Return True if the turn to a place and its tangent keep `clearance`."""
+    side, sweep, _ = turn_to(x, y, angle, to_x, to_y, radius)
+    if sweep > MAX_ARC_RAD:
         return False
-    return _turn_is_clear(blocked, reach, x, y, angle, side, sweep, to_x, to_y, radius, own)
+    return _turn_is_clear(blocked, clearance, x, y, angle, side, sweep, to_x, to_y, radius, own_cell)
 
 
 @kernel
-def start_is_safe(blocked, reach, x, y, angle, to_x, to_y, radius, own):  # type: ignore[no-untyped-def]
-    """Whether the turn to a place keeps `reach` as it may be flown: tighter, or to the other side.
+def is_turn_safe(blocked, clearance, x, y, angle, to_x, to_y, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Return True if the turn to a place keeps `clearance` as it may be flown: tighter, or to the other side.
 
-    No vehicle turns just as planned. Against the wind, or with more bank, it turns on half the radius; and
-    towards a place that is nearly behind it, it turns to the side to which it happens to turn already.
+    Against the wind, or with more bank, a vehicle turns on half the radius. Towards a place nearly astern it
+    may turn to either side.
     """
     dx, dy = to_x - x, to_y - y
     ahead, aside = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
     nearer = 1.0 if aside >= 0.0 else -1.0
     sides = 2 if math.atan2(abs(aside), ahead) > _EITHER_SIDE else 1
-    for one in (radius, TIGHT * radius):
+    for one in (radius, MIN_RADIUS_SHARE * radius):
         for k in range(sides):
             side = nearer if k == 0 else -nearer
             sweep = arc_to(x, y, angle, to_x, to_y, side, one)[0]
-            if sweep > MOST_ARC:
+            if sweep > MAX_ARC_RAD:
                 return False
-            if not _turn_is_clear(blocked, reach, x, y, angle, side, sweep, to_x, to_y, one, own):
+            if not _turn_is_clear(blocked, clearance, x, y, angle, side, sweep, to_x, to_y, one, own_cell):
                 return False
     return True
 
 
 @kernel
-def start_room(blocked, reach, x, y):  # type: ignore[no-untyped-def]
-    """Clearance to ask of a start: a share of the wanted one, and no more than the vehicle has now."""
-    return min(START_SHARE * reach, max(room_at(blocked, x, y, reach) - TOUCH, 0.0))
+def start_clearance(blocked, clearance, x, y):  # type: ignore[no-untyped-def]
+    """Return the clearance required of an initial turn: a share of the clearance, at most the current one."""
+    return min(START_CLEARANCE_SHARE * clearance, max(clearance_at(blocked, x, y, clearance) - TOUCH, 0.0))
+
+
+@called
+def _trace_word(blocked, margin, x, y, angle, turns, pieces, radius, own_cell, corners):  # type: ignore[no-untyped-def]
+    """Write the corners of a Dubins word to `corners`; return their number, -1 if it is not clear."""
+    count, last_x, last_y = 0, x, y
+    for piece in range(3):
+        side, length = turns[piece], pieces[piece]
+        if side == 0:
+            to_x, to_y = x + length * radius * math.cos(angle), y + length * radius * math.sin(angle)
+            if not clear_leg(blocked, x, y, to_x, to_y, margin, own_cell):
+                return -1
+            x, y = to_x, to_y
+            continue
+        if length > MAX_ARC_RAD or not arc_is_clear(
+            blocked, margin, x, y, angle, side, length, radius, own_cell
+        ):
+            return -1
+        parts = max(1, math.ceil(length / MAX_TURN_RAD))
+        tangent_length = radius * math.tan(0.5 * length / parts)
+        for _ in range(parts):
+            if length > 1e-6:
+                corner_x, corner_y = (
+                    x + tangent_length * math.cos(angle),
+                    y + tangent_length * math.sin(angle),
+                )
+                if not clear_leg(blocked, last_x, last_y, corner_x, corner_y, margin, own_cell):
+                    return -1
+                corners[count, 0], corners[count, 1] = corner_x, corner_y
+                last_x, last_y = corner_x, corner_y
+                count += 1
+            turned = angle + side * length / parts
+            x += side * radius * (math.sin(turned) - math.sin(angle))
+            y -= side * radius * (math.cos(turned) - math.cos(angle))
+            angle = turned
+    return count if clear_leg(blocked, last_x, last_y, x, y, margin, own_cell) else -1
+
+
+@called
+def _candidate_turns(points, angle, radius):  # type: ignore[no-untyped-def]
+    """Return n turns on to the first leg: (n, 3) sides, (n, 3) pieces, (n,) rest of the leg, in radii."""
+    count = 2 + 6 * _JOINS
+    turns, pieces, left = np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros(count)
+    ax, ay, bx, by = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
+    leg, toward = math.hypot(bx - ax, by - ay), math.atan2(by - ay, bx - ax)
+    for k in range(2):
+        sweep, tangent = arc_to(ax, ay, angle, bx, by, 1.0 - 2.0 * k, radius)
+        turns[k, 0], pieces[k, 0], pieces[k, 1] = 1 - 2 * k, sweep, tangent / radius
+    at = 2
+    for join in range(_JOINS):
+        end = leg if join == _JOINS - 1 else min(radius * 2.0 ** (join + 1), leg)
+        share = end / max(leg, 1e-12)
+        found = dubins_words(ax, ay, angle, ax + share * (bx - ax), ay + share * (by - ay), toward, radius)
+        for word in range(6):
+            for piece in range(3):
+                turns[at, piece], pieces[at, piece] = WORD_TURNS[word, piece], found[word, piece]
+            left[at] = (leg - end) / radius
+            at += 1
+    return turns, pieces, left
+
+
+@called
+def plan_initial_turn(blocked, points, margin, angle, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Return the points with the shortest clear turn on to the first leg; unchanged without one.
+
+    Also returns the length of that turn up to the first corner.
+    """
+    turns, pieces, left = _candidate_turns(points, angle, radius)
+    x, y = points[1, 0], points[1, 1]
+    corners, lengths = np.empty((16, 2)), np.empty(left.size)
+    for k in range(left.size):
+        lengths[k] = pieces[k, 0] + pieces[k, 1] + pieces[k, 2] + left[k]
+    for _ in range(left.size):
+        best = 0
+        for k in range(left.size):
+            if lengths[k] < lengths[best]:
+                best = k
+        if lengths[best] == np.inf:
+            break
+        count = _trace_word(
+            blocked,
+            margin,
+            points[0, 0],
+            points[0, 1],
+            angle,
+            turns[best],
+            pieces[best],
+            radius,
+            own_cell,
+            corners,
+        )
+        # The rest of the leg must be clear too where the turn joins it early.
+        if count >= 0 and (
+            count == 0
+            or left[best] == 0.0
+            or clear_leg(blocked, corners[count - 1, 0], corners[count - 1, 1], x, y, margin, own_cell)
+        ):
+            # A corner next to the first waypoint is dropped.
+            while count > 0:
+                last, before = corners[count - 1], corners[count - 2] if count > 1 else points[0]
+                if math.hypot(last[0] - x, last[1] - y) >= 0.5 * radius:
+                    break
+                if not clear_leg(blocked, before[0], before[1], x, y, margin, own_cell):
+                    break
+                count -= 1
+            size = points.shape[0]
+            result = np.empty((size + count, 2))
+            result[0, 0], result[0, 1] = points[0, 0], points[0, 1]
+            for k in range(count):
+                result[1 + k, 0], result[1 + k, 1] = corners[k, 0], corners[k, 1]
+            for k in range(1, size):
+                result[count + k, 0], result[count + k, 1] = points[k, 0], points[k, 1]
+            return result, radius * lengths[best]
+        lengths[best] = np.inf
+    return points, np.inf

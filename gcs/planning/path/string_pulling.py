@@ -1,23 +1,20 @@
-"""The shortest string near a way: corners slide from the grid's nodes to the corners of the obstacles.
+"""String pulling: the shortest taut string near a known path.
 
-A shortest way among polygons bends at their convex corners alone, and there it is tangent: the obstacle lies
-on one side of the leg (Lozano-Perez & Wesley 1979). So a string near a known way is found by looking at the
-convex corners of blocked cells within `_WIDTH` cells of it. With a clearance c the obstacles are rounded by
-it; each corner is then wrapped by three points: two of the circumscribed octagon and the tip of the square.
+A shortest path among polygons bends only at convex corners, where it is tangent: the obstacle lies on one
+side of the leg (Lozano-Perez & Wesley 1979). The string is searched among the tangent points in a corridor
+around the known path (`gcs.planning.path.tangent_points`).
 
-- *Candidates* are ordered by how far along the way they lie.
-- Each gets the cheapest predecessor before it (`_WINDOW` at most), among those that its leg is tangent to and
-  that it sees. The straight line is the length that a sight test could confirm at best, so far predecessors
-  are tried first and few tests are made.
-- A leg shorter than the turn radius, or than its turns need, costs `_UNFIT` times what is missing, and
-  a start against the heading costs the turn. So corners that cannot be flown are passed by where there is
-  another way. The known way's own legs are always allowed: the result is never worse.
-- Then every corner *slides* towards its neighbours, and towards the leg between them, as far as it sees them.
+- *Candidates* are ordered by their distance along the path.
+- Each gets the cheapest predecessor (of `_WINDOW` at most) that its leg is tangent to and visible from. The
+  straight-line distance is a lower bound, so most visibility tests are skipped.
+- A leg shorter than the turn radius, or than its turns need, costs `_SHORT_LEG_WEIGHT` times the missing
+  length. A start against the heading costs its turn. The legs of the known path are always allowed, so the
+  result is never worse.
+- Then every corner *slides* towards its neighbours, and towards the leg between them, while it sees them.
 
-The cost of the search is that of a corridor, not of the map. It looks at other sides of single obstacles, not
-for other ways round the map: those are the grid search's business.
+The cost is that of a corridor. Other ways around the map are found by the grid search, not here.
 
-Places in cells: x = column, y = row. Sight is exact (`gcs.planning.map.line_of_sight`).
+Positions in cells: x = column, y = row. Line of sight is exact.
 """
 
 from __future__ import annotations
@@ -28,22 +25,22 @@ import numpy as np
 
 from gcs.jit import called, inlined, kernel, leaf
 from gcs.planning.map.grid import TOUCH
-from gcs.planning.map.line_of_sight import blocker, clear_leg, leg_room
-from gcs.planning.path.initial_turn import start_arc, start_is_clear, start_room
-from gcs.planning.path.tangent_points import E1X, E1Y, E2X, E2Y, X, Y, candidates
+from gcs.planning.map.line_of_sight import blocking_cell, clear_leg, leg_clearance
+from gcs.planning.path.initial_turn import is_turn_clear, start_clearance, turn_to
+from gcs.planning.path.tangent_points import E1X, E1Y, E2X, E2Y, X, Y, tangent_points
 
 _WINDOW = 48
-_UNFIT = 0.8
-_FORCED = 3.0
-"""What a cell of a known leg without the clearance counts."""
-_CORNER = 0.25
-"""What a corner counts, in cells: corners that save less are not worth flying."""
-_APART = 3.0
+_SHORT_LEG_WEIGHT = 0.8
+_TIGHT_LEG_WEIGHT = 3.0
+"""Cost of a cell of a known leg without the clearance."""
+_CORNER_COST = 0.25
+"""Cost of a corner, in cells."""
+_MIN_TIGHT_GAP = 3.0
 _SWEEPS = 4
 _HALVINGS = 7
 _NO_CELL = np.int64(-1)
-_SURELY = 1.0 - 1e-12
-"""A root times this is no longer than a leg, however either was rounded."""
+_ROUNDING_FACTOR = 1.0 - 1e-12
+"""A square root times this is no longer than the leg in spite of rounding."""
 
 
 @inlined
@@ -53,53 +50,69 @@ def _gap(points, i, j):  # type: ignore[no-untyped-def]
 
 @inlined
 def _turn(ux, uy, u, vx, vy, v):  # type: ignore[no-untyped-def]
-    """Tangent of half the angle between two legs of lengths u and v; a large number for about-turns."""
+    """Return the tangent of half the angle between two legs of lengths u and v; large for a reversal."""
     cos = (ux * vx + uy * vy) / max(u * v, 1e-12)
     return math.sqrt(max(1.0 - cos, 0.0) / max(1.0 + cos, 1e-4))
 
 
 @leaf
-def _start_cost(blocked, reach, x, y, to_x, to_y, heading, radius, own):  # type: ignore[no-untyped-def]
-    """By how much a start on the vehicle's course makes the way to a place dearer than the straight line.
+def _start_cost(blocked, clearance, x, y, to_x, to_y, heading, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Return the additional cost of a start on the vehicle's course over the straight line.
 
-    It counts what the turn adds, and a full circle for one that hits something or cannot reach it.
+    That is the added length of the turn, or a full circle if the turn is blocked or cannot reach the place.
     """
     if heading[0] == 0.0 and heading[1] == 0.0:
         return 0.0
     angle = math.atan2(heading[1], heading[0])
-    if not start_is_clear(blocked, reach, x, y, angle, to_x, to_y, radius, own):
+    if not is_turn_clear(blocked, clearance, x, y, angle, to_x, to_y, radius, own_cell):
         return 2.0 * math.pi * radius
-    return start_arc(x, y, angle, to_x, to_y, radius)[2] - math.hypot(to_x - x, to_y - y)
+    return turn_to(x, y, angle, to_x, to_y, radius)[2] - math.hypot(to_x - x, to_y - y)
 
 
 @leaf
-def _at_least(x, y, e1x, e1y, e2x, e2y, cost, first, beyond, j, least):  # type: ignore[no-untyped-def]
-    """What the way to candidate j costs at least by those from `first` on; inf if a leg is not tangent.
+def _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, first, beyond, j, least):  # type: ignore[no-untyped-def]
+    """Bound the cost of candidate j over its predecessors from `first` on; inf if a leg is not tangent.
 
-    Plain arithmetic without a branch, so that several are done at a time. A known point has no edges.
+    Branch-free arithmetic, so that it is vectorised. A known vertex has no edges.
     """
     for i in range(first, beyond):
         dx, dy = x[j] - x[i], y[j] - y[i]
         leaves = (dx * e1y[i] - dy * e1x[i]) * (dx * e2y[i] - dy * e2x[i]) >= -1e-9
-        joins = (dx * e1y[j] - dy * e1x[j]) * (dx * e2y[j] - dy * e2x[j]) >= -1e-9
-        beeline = cost[i] + _SURELY * math.sqrt(dx * dx + dy * dy) + _CORNER
-        least[i] = beeline if leaves & joins else np.inf
+        connect_to_grid = (dx * e1y[j] - dy * e1x[j]) * (dx * e2y[j] - dy * e2x[j]) >= -1e-9
+        beeline = cost[i] + _ROUNDING_FACTOR * math.sqrt(dx * dx + dy * dy) + _CORNER_COST
+        least[i] = beeline if leaves & connect_to_grid else np.inf
 
 
 @leaf
-def _fill(  # type: ignore[no-untyped-def]
-    blocked, reach, x, y, e1x, e1y, e2x, e2y, known, heading, radius, own, cost, came_from, led, spent, least
+def _relax_candidates(  # type: ignore[no-untyped-def]
+    blocked,
+    clearance,
+    x,
+    y,
+    e1x,
+    e1y,
+    e2x,
+    e2y,
+    known,
+    heading,
+    radius,
+    own_cell,
+    cost,
+    came_from,
+    leg_in,
+    used_in,
+    least,
 ):
-    """Find the cheapest string to each candidate and which one comes before it; arguments as `_string`'s."""
+    """Find the cheapest string to each candidate and its predecessor; arguments as of `_cheapest_string`."""
     last_known = 0
-    room = start_room(blocked, reach, x[0], y[0])
+    margin = start_clearance(blocked, clearance, x[0], y[0])
     cost[0], came_from[0] = 0.0, -1
     for j in range(1, x.size):
         cost[j], came_from[j] = np.inf, -1
         first, hit = max(0, j - _WINDOW), _NO_CELL
-        _at_least(x, y, e1x, e1y, e2x, e2y, cost, first, j, j, least)
+        _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, first, j, j, least)
         if last_known < first:
-            _at_least(x, y, e1x, e1y, e2x, e2y, cost, last_known, last_known + 1, j, least)
+            _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, last_known, last_known + 1, j, least)
         for k in range(first - 1 if last_known < first else first, j):
             i = k if k >= first else last_known
             forced = known[j] and i == last_known
@@ -107,40 +120,42 @@ def _fill(  # type: ignore[no-untyped-def]
                 continue
             dx, dy = x[j] - x[i], y[j] - y[i]
             leg = math.hypot(dx, dy)
-            here, need = cost[i] + leg + _CORNER, 0.0
+            here, need = cost[i] + leg + _CORNER_COST, 0.0
             if not forced and (leg < 1e-9 or here >= cost[j]):
                 continue
             if radius > 0.0:
-                here += _UNFIT * max(radius - leg, 0.0)
+                here += _SHORT_LEG_WEIGHT * max(radius - leg, 0.0)
                 if i == 0:
-                    here += _start_cost(blocked, room, x[0], y[0], x[j], y[j], heading, radius, own)
+                    here += _start_cost(blocked, margin, x[0], y[0], x[j], y[j], heading, radius, own_cell)
                 elif leg > 0.0:
                     p = came_from[i]
-                    need = radius * _turn(x[i] - x[p], y[i] - y[p], led[i], dx, dy, leg)
-                    here += _UNFIT * (max(need + spent[i] - led[i], 0.0) + max(need - leg, 0.0))
+                    need = radius * _turn(x[i] - x[p], y[i] - y[p], leg_in[i], dx, dy, leg)
+                    here += _SHORT_LEG_WEIGHT * (
+                        max(need + used_in[i] - leg_in[i], 0.0) + max(need - leg, 0.0)
+                    )
             if here >= cost[j]:
                 continue
-            hindrance = own if i == 0 else _NO_CELL
-            seen = blocker(blocked, x[i], y[i], x[j], y[j], reach, hindrance, hit)
+            ignored_cell = own_cell if i == 0 else _NO_CELL
+            seen = blocking_cell(blocked, x[i], y[i], x[j], y[j], clearance, ignored_cell, hit)
             if seen >= 0:
                 hit = seen
-                if not forced or here + (_FORCED - 1.0) * leg >= cost[j]:
+                if not forced or here + (_TIGHT_LEG_WEIGHT - 1.0) * leg >= cost[j]:
                     continue
-                here += (_FORCED - 1.0) * leg
-            cost[j], came_from[j], led[j], spent[j] = here, i, leg, need
+                here += (_TIGHT_LEG_WEIGHT - 1.0) * leg
+            cost[j], came_from[j], leg_in[j], used_in[j] = here, i, leg, need
         if known[j]:
             last_known = j
 
 
 @called
-def _string(blocked, reach, found, known, heading, radius, own):  # type: ignore[no-untyped-def]
-    """Cheapest string through ordered candidates, from the first to the last: their indices, backwards."""
+def _cheapest_string(blocked, clearance, found, known, heading, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Return the cheapest string through ordered candidates, from first to last: their indices, backwards."""
     size = known.size
     cost, came_from, least = np.empty(size), np.empty(size, np.int64), np.empty(size)
-    led, spent = np.zeros(size), np.zeros(size)
-    _fill(
-        *(blocked, reach, found[X], found[Y], found[E1X], found[E1Y], found[E2X], found[E2Y], known),
-        *(heading, radius, own, cost, came_from, led, spent, least),
+    leg_in, used_in = np.zeros(size), np.zeros(size)
+    _relax_candidates(
+        *(blocked, clearance, found[X], found[Y], found[E1X], found[E1Y], found[E2X], found[E2Y], known),
+        *(heading, radius, own_cell, cost, came_from, leg_in, used_in, least),
     )
     path, count, node = np.empty(size, np.int64), 0, size - 1
     while node >= 0:
@@ -151,20 +166,20 @@ def _string(blocked, reach, found, known, heading, radius, own):  # type: ignore
 
 
 @inlined
-def _slid(blocked, reach, way, i, aim_x, aim_y, least, own):  # type: ignore[no-untyped-def]
-    """Move corner i towards a place as far as it sees its neighbours; returns how far it came, in cells."""
-    ax, ay, bx, by = way[i - 1, 0], way[i - 1, 1], way[i + 1, 0], way[i + 1, 1]
-    x, y = way[i, 0], way[i, 1]
-    hindrance = own if i == 1 else _NO_CELL
+def _slide_corner(blocked, clearance, vertices, i, aim_x, aim_y, least, own_cell):  # type: ignore[no-untyped-def]
+    """Move corner i towards a place while it sees its neighbours; return the distance moved, in cells."""
+    ax, ay, bx, by = vertices[i - 1, 0], vertices[i - 1, 1], vertices[i + 1, 0], vertices[i + 1, 1]
+    x, y = vertices[i, 0], vertices[i, 1]
+    ignored_cell = own_cell if i == 1 else _NO_CELL
     good, bad, step, hit, beyond = 0.0, 1.0, 1.0, _NO_CELL, _NO_CELL
     for _ in range(_HALVINGS):
         px, py = x + step * (aim_x - x), y + step * (aim_y - y)
         clear = math.hypot(px - ax, py - ay) >= least and math.hypot(px - bx, py - by) >= least
         if clear:
-            seen = blocker(blocked, ax, ay, px, py, reach, hindrance, hit)
+            seen = blocking_cell(blocked, ax, ay, px, py, clearance, ignored_cell, hit)
             clear, hit = seen < 0, seen if seen >= 0 else hit
         if clear:
-            seen = blocker(blocked, px, py, bx, by, reach, _NO_CELL, beyond)
+            seen = blocking_cell(blocked, px, py, bx, by, clearance, _NO_CELL, beyond)
             clear, beyond = seen < 0, seen if seen >= 0 else beyond
         if clear:
             good = step
@@ -173,15 +188,15 @@ def _slid(blocked, reach, way, i, aim_x, aim_y, least, own):  # type: ignore[no-
         else:
             bad = step
         step = 0.5 * (good + bad)
-    way[i, 0], way[i, 1] = x + good * (aim_x - x), y + good * (aim_y - y)
+    vertices[i, 0], vertices[i, 1] = x + good * (aim_x - x), y + good * (aim_y - y)
     return good * math.hypot(aim_x - x, aim_y - y)
 
 
 @leaf
-def _slide(blocked, reach, way, count, least, own, settled):  # type: ignore[no-untyped-def]
-    """Slide the corners of a string, and drop those whose neighbours see each other; returns the count.
+def _slide_corners(blocked, clearance, vertices, count, least, own_cell, settled):  # type: ignore[no-untyped-def]
+    """Slide the corners of a string, and drop those whose neighbours see each other; return the count.
 
-    `settled` (count,), all false: corners that did not move, nor did their neighbours since.
+    `settled` (count,), all false: corners that did not move, and whose neighbours did not.
     """
     for _ in range(_SWEEPS):
         moved, i = 0.0, 1
@@ -189,23 +204,39 @@ def _slide(blocked, reach, way, count, least, own, settled):  # type: ignore[no-
             if settled[i]:
                 i += 1
                 continue
-            ax, ay, bx, by = way[i - 1, 0], way[i - 1, 1], way[i + 1, 0], way[i + 1, 1]
-            if clear_leg(blocked, ax, ay, bx, by, reach, own if i == 1 else _NO_CELL):
+            ax, ay, bx, by = vertices[i - 1, 0], vertices[i - 1, 1], vertices[i + 1, 0], vertices[i + 1, 1]
+            if clear_leg(blocked, ax, ay, bx, by, clearance, own_cell if i == 1 else _NO_CELL):
                 count -= 1
                 for k in range(i, count):
-                    way[k, 0], way[k, 1], settled[k] = way[k + 1, 0], way[k + 1, 1], settled[k + 1]
+                    vertices[k, 0], vertices[k, 1], settled[k] = (
+                        vertices[k + 1, 0],
+                        vertices[k + 1, 1],
+                        settled[k + 1],
+                    )
                 moved, settled[i - 1], settled[i] = 1.0, False, False
                 continue
-            a, b = math.hypot(way[i, 0] - ax, way[i, 1] - ay), math.hypot(way[i, 0] - bx, way[i, 1] - by)
+            a, b = (
+                math.hypot(vertices[i, 0] - ax, vertices[i, 1] - ay),
+                math.hypot(vertices[i, 0] - bx, vertices[i, 1] - by),
+            )
             floor = min(least, a, b)
             share = a / max(a + b, 1e-12)
-            by_all = _slid(blocked, reach, way, i, ax + share * (bx - ax), ay + share * (by - ay), floor, own)
-            by_all += _slid(blocked, reach, way, i, ax, ay, floor, own)
-            by_all += _slid(blocked, reach, way, i, bx, by, floor, own)
-            settled[i] = by_all == 0.0
-            if by_all > 0.0:
+            total_moved = _slide_corner(
+                blocked,
+                clearance,
+                vertices,
+                i,
+                ax + share * (bx - ax),
+                ay + share * (by - ay),
+                floor,
+                own_cell,
+            )
+            total_moved += _slide_corner(blocked, clearance, vertices, i, ax, ay, floor, own_cell)
+            total_moved += _slide_corner(blocked, clearance, vertices, i, bx, by, floor, own_cell)
+            settled[i] = total_moved == 0.0
+            if total_moved > 0.0:
                 settled[i - 1] = settled[i + 1] = False
-            moved += by_all
+            moved += total_moved
             i += 1
         if moved < 1e-3:
             break
@@ -213,66 +244,76 @@ def _slide(blocked, reach, way, count, least, own, settled):  # type: ignore[no-
 
 
 @called
-def _tautened(blocked, reach, way, heading, radius, least, own):  # type: ignore[no-untyped-def]
-    """Shorten a way whose legs keep `reach`, or have no other choice; see `tauten`."""
-    found, known = candidates(blocked, reach, way)
-    path = _string(blocked, reach, found, known, heading, radius, own)
+def _pull_stretch(blocked, clearance, vertices, heading, radius, least, own_cell):  # type: ignore[no-untyped-def]
+    """Shorten a path of legs with one clearance; see `pull_string`."""
+    found, known = tangent_points(blocked, clearance, vertices)
+    path = _cheapest_string(blocked, clearance, found, known, heading, radius, own_cell)
     count = path.size
     string = np.empty((count, 2))
     for i in range(count):
         string[i, 0], string[i, 1] = found[X, path[count - 1 - i]], found[Y, path[count - 1 - i]]
-    return string[: _slide(blocked, reach, string, count, least, own, np.zeros(count, np.bool_))].copy()
+    return string[
+        : _slide_corners(blocked, clearance, string, count, least, own_cell, np.zeros(count, np.bool_))
+    ].copy()
 
 
 @called
-def _rooms(blocked, reach, way, own):  # type: ignore[no-untyped-def]
-    """Clearance of each leg of a way, at most `reach`; what lies between two tight legs close by is tight."""
-    legs = way.shape[0] - 1
-    rooms = np.empty(legs)
+def _leg_clearances(blocked, clearance, vertices, own_cell):  # type: ignore[no-untyped-def]
+    """Return the clearance of each leg, at most `clearance`. Legs between close tight legs count as tight."""
+    legs = vertices.shape[0] - 1
+    clearances = np.empty(legs)
     for i in range(legs):
-        hindrance = own if i == 0 else _NO_CELL
-        rooms[i] = leg_room(blocked, way[i, 0], way[i, 1], way[i + 1, 0], way[i + 1, 1], reach, hindrance)
+        ignored_cell = own_cell if i == 0 else _NO_CELL
+        clearances[i] = leg_clearance(
+            blocked,
+            vertices[i, 0],
+            vertices[i, 1],
+            vertices[i + 1, 0],
+            vertices[i + 1, 1],
+            clearance,
+            ignored_cell,
+        )
     last, since = -1, 0.0
     for i in range(legs):
-        if rooms[i] < reach - TOUCH:
-            if last >= 0 and since < _APART:
+        if clearances[i] < clearance - TOUCH:
+            if last >= 0 and since < _MIN_TIGHT_GAP:
                 for k in range(last + 1, i):
-                    rooms[k] = min(rooms[last], rooms[i])
+                    clearances[k] = min(clearances[last], clearances[i])
             last, since = i, 0.0
         else:
-            since += _gap(way, i, i + 1)
-    return rooms
+            since += _gap(vertices, i, i + 1)
+    return clearances
 
 
 @kernel
-def tauten(blocked, reach, way, heading, radius, least, own):  # type: ignore[no-untyped-def]
-    """Shorten a way.
+def pull_string(blocked, clearance, vertices, heading, radius, least, own_cell):  # type: ignore[no-untyped-def]
+    """Shorten a path to a taut string.
 
-    Parameters: `reach` clearance in cells; `way` (k, 2) the corners, both ends included, each leg with the
-    clearance or, where the map leaves no other way, with less; `heading` (2,) unit vector, zeros if unknown;
-    `radius` of the turns in cells, 0 if any turn can be flown; `least` length of a leg; `own` the flat cell
-    that does not hinder the first leg, -1 for none. Returns the new corners (j, 2).
+    `clearance` in cells. `vertices` (k, 2): vertices with both ends, each leg with the clearance or, where
+    the map allows no other path, with less. `heading` (2,): unit vector, zeros if unknown. `radius`: turn
+    radius in cells, 0 if any turn can be flown. `least`: minimum leg length. `own_cell`: flat cell that does
+    not block the first leg, -1 for none. Returns the new vertices (j, 2).
 
-    Stretches with less clearance are shortened by themselves, and keep what clearance they have.
+    Stretches with less clearance are shortened separately and keep the clearance that they have.
     """
-    rooms = _rooms(blocked, reach, way, own)
-    legs, first, size = rooms.size, 0, 1
+    clearances = _leg_clearances(blocked, clearance, vertices, own_cell)
+    legs, first, size = clearances.size, 0, 1
     result = np.empty((0, 2))
     unknown = np.zeros(2)
     while first < legs:
-        room, is_tight = rooms[first], rooms[first] < reach - TOUCH
+        margin, is_tight = clearances[first], clearances[first] < clearance - TOUCH
         last = first + 1
-        while last < legs and (rooms[last] < reach - TOUCH) == is_tight:
-            room = min(room, rooms[last])
+        while last < legs and (clearances[last] < clearance - TOUCH) == is_tight:
+            margin = min(margin, clearances[last])
             last += 1
-        part = _tautened(
+        part = _pull_stretch(
             blocked,
-            room if is_tight else reach,
-            way[first : last + 1].copy(),
+            margin if is_tight else clearance,
+            vertices[first : last + 1].copy(),
             heading if first == 0 else unknown,
             radius,
             least,
-            own if first == 0 else _NO_CELL,
+            own_cell if first == 0 else _NO_CELL,
         )
         before, result = result, np.empty((size + part.shape[0] - 1, 2))
         for i in range(size - 1):

@@ -1,11 +1,11 @@
-"""The points that a string near a known way may bend at.
+"""Tangent points: the candidate vertices of a pulled string.
 
-They are the convex corners of blocked cells in a corridor around the way or, with a clearance, what wraps
-them: two points of the octagon around the corner's arc and the tip of the square. Each has two edges; a
-string that bends there is tangent to the obstacle, so its legs lie on one side of both. The known way's own
-points are among them.
+They are the convex corners of blocked cells in a corridor around the known path. With a clearance, each
+corner is wrapped by two points of the circumscribed octagon and the tip of the square. Each candidate has two
+edges: a string that bends there is tangent to the obstacle, so its legs lie on one side of both edges. The
+vertices of the known path are candidates too.
 
-Places in cells: x = column, y = row.
+Positions in cells: x = column, y = row.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ import numpy as np
 from gcs.jit import called, inlined, leaf
 from gcs.planning.map.line_of_sight import is_clear_at
 
-_WIDTH = 2.5
-_AWAY = 1e-6
-"""In cells: how far off an obstacle's corner a string bends that needs no clearance."""
+_CORRIDOR_CELLS = 2.5
+_CORNER_OFFSET = 1e-6
+"""In cells: offset of a string from an obstacle corner without clearance."""
 _OCTAGON = 1.0 / math.cos(math.pi / 8.0)
 _COS, _SIN = _OCTAGON * math.cos(math.pi / 8.0), _OCTAGON * math.sin(math.pi / 8.0)
 
-# Rows of the candidates' array: a place, how far along the way it is, and the directions of its two edges.
+# Rows of the candidate array: position, distance along the path, and the directions of the two edges.
 X, Y, ALONG, E1X, E1Y, E2X, E2Y, ROWS = 0, 1, 2, 3, 4, 5, 6, 7
 
 
 @inlined
 def _is_free(blocked, row, col):  # type: ignore[no-untyped-def]
-    """Whether a cell is free; beyond the map everything is."""
+    """Return True if a cell is free or outside the map."""
     rows, cols = blocked.shape
     return not (0 <= row < rows and 0 <= col < cols and blocked[row, col])
 
 
 @inlined
-def _add(blocked, reach, found, known, count, x, y, along, e1x, e1y, e2x, e2y):  # type: ignore[no-untyped-def]
-    """Write one candidate if it is on the map and has the clearance itself; returns the new count."""
+def _add(blocked, clearance, found, known, count, x, y, along, e1x, e1y, e2x, e2y):  # type: ignore[no-untyped-def]
+    """Write a candidate if it is on the map and has the clearance; return the new count."""
     rows, cols = blocked.shape
     on_map = abs(x - 0.5 * (cols - 1)) <= 0.5 * cols and abs(y - 0.5 * (rows - 1)) <= 0.5 * rows
-    if on_map and count < found.shape[0] and is_clear_at(blocked, x, y, reach):
+    if on_map and count < found.shape[0] and is_clear_at(blocked, x, y, clearance):
         found[count, X], found[count, Y], found[count, ALONG] = x, y, along
         found[count, E1X], found[count, E1Y], found[count, E2X], found[count, E2Y] = e1x, e1y, e2x, e2y
         known[count] = False
@@ -48,8 +48,8 @@ def _add(blocked, reach, found, known, count, x, y, along, e1x, e1y, e2x, e2y): 
 
 
 @leaf
-def _wrap(blocked, reach, found, known, count, row, col, ax, ay, ux, uy, start_along):  # type: ignore[no-untyped-def]
-    """Add the points that wrap the convex corners of one cell; returns the new count."""
+def _wrap(blocked, clearance, found, known, count, row, col, ax, ay, ux, uy, start_along):  # type: ignore[no-untyped-def]
+    """Add the candidates of the convex corners of one cell; return the new count."""
     for corner in range(4):
         sx, sy = 2 * (corner >> 1) - 1, 2 * (corner & 1) - 1
         if not (
@@ -60,36 +60,36 @@ def _wrap(blocked, reach, found, known, count, row, col, ax, ay, ux, uy, start_a
             continue
         x, y = col + 0.5 * sx, row + 0.5 * sy
         along = start_along + (x - ax) * ux + (y - ay) * uy
-        far = _AWAY if reach <= 0.0 else reach
+        far = _CORNER_OFFSET if clearance <= 0.0 else clearance
         count = _add(
-            blocked, reach, found, known, count, x + far * sx, y + far * sy, along, -sx, 0.0, 0.0, -sy
+            blocked, clearance, found, known, count, x + far * sx, y + far * sy, along, -sx, 0.0, 0.0, -sy
         )
-        if reach > 0.0:
+        if clearance > 0.0:
             c, s = far * _COS, far * _SIN
             count = _add(
-                blocked, reach, found, known, count, x + c * sx, y + s * sy, along, 0.0, -sy, -sx, sy
+                blocked, clearance, found, known, count, x + c * sx, y + s * sy, along, 0.0, -sy, -sx, sy
             )
             count = _add(
-                blocked, reach, found, known, count, x + s * sx, y + c * sy, along, -sx, 0.0, sx, -sy
+                blocked, clearance, found, known, count, x + s * sx, y + c * sy, along, -sx, 0.0, sx, -sy
             )
     return count
 
 
 @called
-def candidates(blocked, reach, way):  # type: ignore[no-untyped-def]
-    """The points that a string near a way may bend at, in order, (`ROWS`, n); and which are the way's own."""
+def tangent_points(blocked, clearance, vertices):  # type: ignore[no-untyped-def]
+    """Return the candidates along a path in order, (`ROWS`, n), and True for vertices of the path."""
     rows, cols = blocked.shape
-    size, wide = way.shape[0], reach + _WIDTH
+    size, wide = vertices.shape[0], clearance + _CORRIDOR_CELLS
     length = 0.0
     for i in range(size - 1):
-        length += math.hypot(way[i + 1, 0] - way[i, 0], way[i + 1, 1] - way[i, 1])
+        length += math.hypot(vertices[i + 1, 0] - vertices[i, 0], vertices[i + 1, 1] - vertices[i, 1])
     found = np.empty((size + int(8.0 * (wide + 1.0) * (length + 4.0 * wide)), ROWS))
     known = np.empty(found.shape[0], np.bool_)
-    low_x, low_y, high_x, high_y = way[0, 0], way[0, 1], way[0, 0], way[0, 1]
+    low_x, low_y, high_x, high_y = vertices[0, 0], vertices[0, 1], vertices[0, 0], vertices[0, 1]
     for i in range(size):
-        low_x, high_x = min(low_x, way[i, 0]), max(high_x, way[i, 0])
-        low_y, high_y = min(low_y, way[i, 1]), max(high_y, way[i, 1])
-    # Cells that have been looked at, within the box that holds the corridor.
+        low_x, high_x = min(low_x, vertices[i, 0]), max(high_x, vertices[i, 0])
+        low_y, high_y = min(low_y, vertices[i, 1]), max(high_y, vertices[i, 1])
+    # Visited cells, within the bounding box of the corridor.
     west, south = max(0, math.floor(low_x - wide)), max(0, math.floor(low_y - wide))
     east, north = min(cols - 1, math.ceil(high_x + wide)), min(rows - 1, math.ceil(high_y + wide))
     seen = np.zeros((max(north - south, 0) + 1, max(east - west, 0) + 1), np.bool_)
@@ -98,16 +98,16 @@ def candidates(blocked, reach, way):  # type: ignore[no-untyped-def]
         for k in range(ROWS):
             found[count, k] = 0.0
         found[count, X], found[count, Y], found[count, ALONG], known[count] = (
-            way[i, 0],
-            way[i, 1],
+            vertices[i, 0],
+            vertices[i, 1],
             along,
             True,
         )
         count += 1
         if i == size - 1:
             break
-        ax, ay = way[i, 0], way[i, 1]
-        dx, dy = way[i + 1, 0] - ax, way[i + 1, 1] - ay
+        ax, ay = vertices[i, 0], vertices[i, 1]
+        dx, dy = vertices[i + 1, 0] - ax, vertices[i + 1, 1] - ay
         leg = math.hypot(dx, dy)
         ux, uy = (dx / leg, dy / leg) if leg > 0.0 else (0.0, 0.0)
         for row in range(
@@ -127,11 +127,11 @@ def candidates(blocked, reach, way):  # type: ignore[no-untyped-def]
                     and abs((col - ax) * uy - (row - ay) * ux) < wide
                 ):
                     seen[row - south, col - west] = True
-                    count = _wrap(blocked, reach, found, known, count, row, col, ax, ay, ux, uy, along)
+                    count = _wrap(blocked, clearance, found, known, count, row, col, ax, ay, ux, uy, along)
         along += leg
     order, along_way = np.empty(count, np.int64), np.empty(count)
     size = _sort(found, known, count, length, order, along_way)
-    # Corners as far along as an end may have come to stand beyond it.
+    # Corners beyond the ends are left out.
     result, is_known = np.empty((ROWS, size)), np.empty(size, np.bool_)
     for i in range(size):
         is_known[i] = known[order[i]]
@@ -142,7 +142,10 @@ def candidates(blocked, reach, way):  # type: ignore[no-untyped-def]
 
 @leaf
 def _sort(found, known, count, length, order, along):  # type: ignore[no-untyped-def]
-    """Put what lies between the ends in order along the way; by insertion, since it nearly is. How many."""
+    """Sort the candidates between the ends along the path, by insertion since they are nearly sorted.
+
+    Returns their number.
+    """
     size = 0
     for i in range(count):
         key = found[i, ALONG]

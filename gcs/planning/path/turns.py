@@ -1,20 +1,18 @@
-"""From a taut string to a route that a fixed wing can fly: turns of a least radius, begun on its course.
+"""Turns of a minimum radius for a taut string, begun on the vehicle's course.
 
-A vehicle at speed V and bank phi turns on a circle of R = V^2 / (g tan phi), no tighter. So
+A vehicle at speed V and bank phi turns with a radius of R = V^2 / (g tan phi) or more.
 
-- *Corners* are flown as arcs that touch both legs. The arc passes inside the corner by R (sec(a/2) - 1), a
-  the angle of the turn, and where the string is taut an obstacle stands just there. So corners are moved, all
-  together, until the arcs are clear and the legs long enough for them (`gcs.planning.path.corner_smoothing`).
-  Then two corners become one where their outer legs meet, or one goes, if that is clear and hardly dearer.
-- *The start* follows the vehicle's course: an arc and its tangent to the first corner, to the nearer side, as
-  an autopilot flies it by itself. If that hits something, the shortest way that is clear leads on to the
-  first leg (`gcs.planning.path.initial_turn_search`). Its arcs become waypoints.
-- A corner sharper than `SPLIT` becomes two: an autopilot cuts sharp corners, or swings out of them.
+- *Corners* are flown as arcs tangent to both legs. An arc passes inside its corner by R (sec(a/2) - 1), where
+  a taut string has its obstacle. So corners are moved until arcs are clear and legs long enough
+  (`gcs.planning.path.corner_smoothing`). Then corners are joined or dropped where that costs little.
+- *The start* follows the vehicle's course with the initial turn of the autopilot
+  (`gcs.planning.path.initial_turn`). If that is blocked, explicit turn waypoints are added.
+- A corner sharper than `MAX_TURN_RAD` is split in two: autopilots cut sharp corners or overshoot.
 
-Every leg and every arc is checked for what clearance the string had there. What cannot be had stays as it was
+Every leg and arc keeps the clearance that the string had there. A turn that cannot be flown stays as it was
 and is reported: a straight plan is better than none.
 
-Places in cells; angles counter-clockwise from east.
+Positions in cells; angles counter-clockwise from east.
 """
 
 from __future__ import annotations
@@ -26,63 +24,63 @@ import numpy as np
 
 from gcs.jit import called, inlined, kernel
 from gcs.model import FloatArray
-from gcs.planning.map.line_of_sight import clear_leg, leg_room
-from gcs.planning.path.corner_smoothing import cost, ease, half_turn, is_flown, leg_fits
+from gcs.planning.map.line_of_sight import clear_leg, leg_clearance
+from gcs.planning.path.corner_smoothing import cost, half_angle_tan, leg_fits, smooth_corners, turn_fits
 from gcs.planning.path.initial_turn import (
-    start_arc,
-    start_is_safe,
-    start_room,
+    MAX_TURN_RAD,
+    is_turn_safe,
+    plan_initial_turn,
+    start_clearance,
+    turn_to,
 )
-from gcs.planning.path.initial_turn_search import SPLIT, entry
 
 FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
-"""What keeps a route from being flown: nothing, a corner, the turn on to it; or both (their sum)."""
+"""Turns that cannot be flown: none, a corner, the initial turn; or the sum of both."""
 
-_CORNER = 0.06
-"""What one corner less may cost, in cells."""
-_START_TRIES = 3
+_CORNER_COST = 0.06
+"""Cost that removing a corner may add, in cells."""
+_CLEARANCE_HALVINGS = 3
 _NO_CELL = np.int64(-1)
 
 
 @dataclass(frozen=True, slots=True)
 class TurnAnticipation:
-    """How early vehicles are told to turn at corners."""
+    """Turn anticipation: how far before a waypoint a vehicle begins its turn."""
 
     radius_m: float
-    """Of their turns."""
+    """Turn radius."""
     lag_m: float
-    """How far they fly before a turn is taken up."""
-    least_m: float
-    """How near every waypoint counts as reached."""
+    """Distance flown before a turn is taken up."""
+    min_accept_radius_m: float
+    """Least acceptance radius."""
 
     def accept_radii_m(self, points_m: FloatArray) -> FloatArray:
-        """How far before each waypoint an autopilot should turn to the next one.
+        """Return the acceptance radius of each waypoint.
 
-        An arc of the turn radius R begins R tan(a/2) before a corner of angle a; a vehicle that takes up a
-        turn late, by `lag_m`, must begin that much before. The two together, by the root of the sum of their
-        squares: for an airframe whose heading closes in on the new bearing exponentially, this is within 5 %
-        of the distance that swings neither out nor across (see docs/planning.md).
+        An arc of radius R begins R tan(a/2) before a corner of angle a. The turn lag adds `lag_m`, as the
+        root of the sum of squares: for a heading that follows the bearing exponentially, this is within 5 %
+        of the distance that neither cuts nor overshoots.
 
         Parameters
         ----------
         points_m : ndarray, shape (k, 2)
-            Where the vehicle starts, and the waypoints.
+            Start position and waypoints.
 
         Returns
         -------
         ndarray, shape (k - 1,)
-            Of each waypoint; the last has `least_m`. Never more than half of the leg that leads to the
-            waypoint, so that no corner is skipped, but for `least_m`.
+            The last one is `min_accept_radius_m`. At most half of the leg to the waypoint, so that no corner
+            is skipped, but at least `min_accept_radius_m`.
         """
         legs = np.diff(points_m, axis=0)
         lengths = np.hypot(legs[:, 0], legs[:, 1])
-        result = np.full(len(legs), self.least_m)
+        result = np.full(len(legs), self.min_accept_radius_m)
         for i in range(len(legs) - 1):
             turn = math.atan2(
                 legs[i, 0] * legs[i + 1, 1] - legs[i, 1] * legs[i + 1, 0], float(legs[i] @ legs[i + 1])
             )
-            wanted = math.hypot(self.radius_m * math.tan(min(abs(turn), SPLIT) / 2.0), self.lag_m)
-            result[i] = max(self.least_m, min(wanted, 0.5 * lengths[i]))
+            wanted = math.hypot(self.radius_m * math.tan(min(abs(turn), MAX_TURN_RAD) / 2.0), self.lag_m)
+            result[i] = max(self.min_accept_radius_m, min(wanted, 0.5 * lengths[i]))
         return result
 
 
@@ -93,44 +91,44 @@ def _leg(points, i):  # type: ignore[no-untyped-def]
 
 @called
 def _angle(points, i):  # type: ignore[no-untyped-def]
-    """Angle of the turn at corner i, positive to the left, in (-pi, pi]."""
+    """Return the turn angle at corner i, positive to the left, in (-pi, pi]."""
     ux, uy = _leg(points, i - 1)
     vx, vy = _leg(points, i)
     return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
 
 
 @inlined
-def _without(points, rooms, i):  # type: ignore[no-untyped-def]
-    """The points but i; the new leg has the lesser clearance of the two it replaces."""
+def _drop_corner(points, clearances, i):  # type: ignore[no-untyped-def]
+    """Return the points without i. The new leg has the lesser clearance of the two that it replaces."""
     size = points.shape[0]
     fewer, fewer_rooms = np.empty((size - 1, 2)), np.empty(size - 2)
     for k in range(size - 1):
         at = k if k < i else k + 1
         fewer[k, 0], fewer[k, 1] = points[at, 0], points[at, 1]
     for k in range(size - 2):
-        fewer_rooms[k] = rooms[k] if k < i else rooms[k + 1]
-    fewer_rooms[i - 1] = min(rooms[i - 1], rooms[i])
+        fewer_rooms[k] = clearances[k] if k < i else clearances[k + 1]
+    fewer_rooms[i - 1] = min(clearances[i - 1], clearances[i])
     return fewer, fewer_rooms
 
 
 @called
-def _joined(blocked, points, rooms, i, own):  # type: ignore[no-untyped-def]
-    """Corners i and i + 1 as one, where their outer legs meet; as they were if that is not clear."""
+def _join_corners(blocked, points, clearances, i, own_cell):  # type: ignore[no-untyped-def]
+    """Join corners i and i + 1 where their outer legs meet; unchanged if that is not clear."""
     if i >= points.shape[0] - 2:
-        return points, rooms
+        return points, clearances
     ux, uy = _leg(points, i - 1)
     vx, vy = _leg(points, i + 1)
     across = ux * vy - uy * vx
     if abs(across) < 1e-9:
-        return points, rooms
+        return points, clearances
     gx, gy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
     ahead, behind = (gx * vy - gy * vx) / across, (gx * uy - gy * ux) / across
     if ahead <= 0.0 or behind >= 0.0:
-        return points, rooms
-    fewer, fewer_rooms = _without(points, rooms, i + 1)
+        return points, clearances
+    fewer, fewer_rooms = _drop_corner(points, clearances, i + 1)
     fewer[i, 0], fewer[i, 1] = points[i, 0] + ahead * ux, points[i, 1] + ahead * uy
     for k in range(i - 1, i + 1):
-        hindrance = own if k == 0 else _NO_CELL
+        ignored_cell = own_cell if k == 0 else _NO_CELL
         if not clear_leg(
             blocked,
             fewer[k, 0],
@@ -138,68 +136,70 @@ def _joined(blocked, points, rooms, i, own):  # type: ignore[no-untyped-def]
             fewer[k + 1, 0],
             fewer[k + 1, 1],
             fewer_rooms[k],
-            hindrance,
+            ignored_cell,
         ):
-            return points, rooms
+            return points, clearances
     return fewer, fewer_rooms
 
 
 @called
-def _fewer(blocked, points, rooms, radius, own):  # type: ignore[no-untyped-def]
-    """Join or drop corners where that is clear, and no dearer than what a corner is worth.
+def _reduce_corners(blocked, points, clearances, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Join or drop corners where that is clear and costs no more than `_CORNER_COST`.
 
-    Also returns which corners something changed at.
+    Also returns the corners that changed.
     """
-    i, fresh = 1, np.zeros(points.shape[0], np.bool_)
+    i, changed = 1, np.zeros(points.shape[0], np.bool_)
     while i < points.shape[0] - 1:
-        most = cost(blocked, points, rooms, i - 2, i + 3, radius, own, np.inf) + _CORNER
-        fewer, fewer_rooms = _joined(blocked, points, rooms, i, own)
+        most = cost(blocked, points, clearances, i - 2, i + 3, radius, own_cell, np.inf) + _CORNER_COST
+        fewer, fewer_rooms = _join_corners(blocked, points, clearances, i, own_cell)
         is_better = fewer.shape[0] < points.shape[0]
-        is_better = is_better and cost(blocked, fewer, fewer_rooms, i - 2, i + 2, radius, own, most) < most
+        is_better = (
+            is_better and cost(blocked, fewer, fewer_rooms, i - 2, i + 2, radius, own_cell, most) < most
+        )
         if not is_better:
-            room, hindrance = min(rooms[i - 1], rooms[i]), own if i == 1 else _NO_CELL
+            margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else _NO_CELL
             ax, ay, bx, by = points[i - 1, 0], points[i - 1, 1], points[i + 1, 0], points[i + 1, 1]
-            if clear_leg(blocked, ax, ay, bx, by, room, hindrance):
-                fewer, fewer_rooms = _without(points, rooms, i)
-                is_better = cost(blocked, fewer, fewer_rooms, i - 2, i + 2, radius, own, most) < most
+            if clear_leg(blocked, ax, ay, bx, by, margin, ignored_cell):
+                fewer, fewer_rooms = _drop_corner(points, clearances, i)
+                is_better = cost(blocked, fewer, fewer_rooms, i - 2, i + 2, radius, own_cell, most) < most
         if is_better:
-            points, rooms = fewer, fewer_rooms
+            points, clearances = fewer, fewer_rooms
             for k in range(i, points.shape[0]):
-                fresh[k] = fresh[k + 1]
-            fresh[i - 1] = fresh[i] = fresh[i + 1] = True
+                changed[k] = changed[k + 1]
+            changed[i - 1] = changed[i] = changed[i + 1] = True
             i = max(i - 1, 1)
         else:
             i += 1
-    return points, rooms, fresh[: points.shape[0]].copy()
+    return points, clearances, changed[: points.shape[0]].copy()
 
 
 @called
-def _corners_are_clear(blocked, points, rooms, radius, own):  # type: ignore[no-untyped-def]
-    """Whether every leg is long enough for its turns and every arc keeps its clearance."""
-    for i in range(1, points.shape[0] - 1):  # noqa: SIM110  numba compiles no generators
-        if not is_flown(blocked, points, rooms, i, radius, own):
+def _corners_are_clear(blocked, points, clearances, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Return True if every leg is long enough for its turns and every arc keeps its clearance."""
+    for i in range(1, points.shape[0] - 1):
+        if not turn_fits(blocked, points, clearances, i, radius, own_cell):
             return False
     return True
 
 
 @called
-def _split(blocked, points, rooms, radius):  # type: ignore[no-untyped-def]
-    """Sharp corners as two, around the same arc, where that is clear."""
+def _split(blocked, points, clearances, radius):  # type: ignore[no-untyped-def]
+    """Split sharp corners in two around the same arc, where that is clear."""
     size = points.shape[0]
     result, count = np.empty((2 * size, 2)), 0
     for i in range(size):
         result[count, 0], result[count, 1] = points[i, 0], points[i, 1]
         count += 1
         turn = abs(_angle(points, i)) if 0 < i < size - 1 else 0.0
-        if turn <= SPLIT or not (leg_fits(points, i - 1, radius) and leg_fits(points, i, radius)):
+        if turn <= MAX_TURN_RAD or not (leg_fits(points, i - 1, radius) and leg_fits(points, i, radius)):
             continue
         ux, uy = _leg(points, i - 1)
         vx, vy = _leg(points, i)
-        back = radius * abs(half_turn(points, i)) - radius * math.tan(0.25 * turn)
+        back = radius * abs(half_angle_tan(points, i)) - radius * math.tan(0.25 * turn)
         u, v = back / math.hypot(ux, uy), back / math.hypot(vx, vy)
         ax, ay = points[i, 0] - u * ux, points[i, 1] - u * uy
         bx, by = points[i, 0] + v * vx, points[i, 1] + v * vy
-        if clear_leg(blocked, ax, ay, bx, by, min(rooms[i - 1], rooms[i]), _NO_CELL):
+        if clear_leg(blocked, ax, ay, bx, by, min(clearances[i - 1], clearances[i]), _NO_CELL):
             result[count - 1, 0], result[count - 1, 1] = ax, ay
             result[count, 0], result[count, 1] = bx, by
             count += 1
@@ -208,55 +208,55 @@ def _split(blocked, points, rooms, radius):  # type: ignore[no-untyped-def]
 
 @called
 def _flown_length(points, radius):  # type: ignore[no-untyped-def]
-    """Length along legs and arcs; along the legs alone where an arc does not fit."""
+    """Return the length along legs and arcs; along the legs alone where an arc does not fit."""
     length = 0.0
     for i in range(points.shape[0] - 1):
         dx, dy = _leg(points, i)
         length += math.hypot(dx, dy)
         if i > 0 and leg_fits(points, i - 1, radius) and leg_fits(points, i, radius):
-            length -= 2.0 * radius * abs(half_turn(points, i)) - radius * abs(_angle(points, i))
+            length -= 2.0 * radius * abs(half_angle_tan(points, i)) - radius * abs(_angle(points, i))
     return length
 
 
 @kernel
-def flyable(blocked, reach, string, heading, radius, own):  # type: ignore[no-untyped-def]
-    """Give a taut string turns that can be flown.
+def make_flyable(blocked, clearance, string, heading, radius, own_cell):  # type: ignore[no-untyped-def]
+    """Add flyable turns to a taut string.
 
-    Parameters: `reach` clearance in cells; `string` (k, 2), the vehicle first; `heading` (2,) unit vector,
-    zeros if unknown; `radius` > 0 of the turns, in cells; `own` as for `tauten`. Returns the corners (j, 2),
-    the length flown along the arcs, in cells, and what cannot be flown (`FLYABLE` ...).
+    `clearance` in cells. `string` (k, 2): the vehicle first. `heading` (2,): unit vector, zeros if unknown.
+    `radius` > 0: turn radius in cells. `own_cell` as of `pull_string`. Returns the corners (j, 2), the length
+    along the arcs in cells, and the turns that cannot be flown (`FLYABLE` ...).
     """
     legs = string.shape[0] - 1
-    rooms, problem = np.empty(legs), FLYABLE
+    clearances, problem = np.empty(legs), FLYABLE
     for i in range(legs):
-        hindrance = own if i == 0 else _NO_CELL
-        rooms[i] = leg_room(
-            blocked, string[i, 0], string[i, 1], string[i + 1, 0], string[i + 1, 1], reach, hindrance
+        ignored_cell = own_cell if i == 0 else _NO_CELL
+        clearances[i] = leg_clearance(
+            blocked, string[i, 0], string[i, 1], string[i + 1, 0], string[i + 1, 1], clearance, ignored_cell
         )
     points = string.copy()
-    ease(blocked, points, rooms, radius, own, np.ones(legs + 1, np.bool_))
-    points, rooms, fresh = _fewer(blocked, points, rooms, radius, own)
-    ease(blocked, points, rooms, radius, own, fresh)
-    if not _corners_are_clear(blocked, points, rooms, radius, own):
+    smooth_corners(blocked, points, clearances, radius, own_cell, np.ones(legs + 1, np.bool_))
+    points, clearances, changed = _reduce_corners(blocked, points, clearances, radius, own_cell)
+    smooth_corners(blocked, points, clearances, radius, own_cell, changed)
+    if not _corners_are_clear(blocked, points, clearances, radius, own_cell):
         problem = SHARP_CORNER
     length = _flown_length(points, radius)
-    points = _split(blocked, points, rooms, radius)
+    points = _split(blocked, points, clearances, radius)
     if legs > 0 and (heading[0] != 0.0 or heading[1] != 0.0):
         angle = math.atan2(heading[1], heading[0])
         x, y, to_x, to_y = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
-        room = start_room(blocked, min(reach, rooms[0]), x, y)
+        margin = start_clearance(blocked, min(clearance, clearances[0]), x, y)
         straight = math.hypot(to_x - x, to_y - y)
         problem += SHARP_START
-        # Rather a turn with less room than a loop with more: an autopilot flies the one by itself.
-        for attempt in range(2 * _START_TRIES):
-            tried = room * 0.5 ** (attempt % _START_TRIES)
-            if attempt < _START_TRIES:
-                if start_is_safe(blocked, tried, x, y, angle, to_x, to_y, radius, own):
-                    length += start_arc(x, y, angle, to_x, to_y, radius)[2] - straight
+        # A direct turn with less clearance is preferred to an explicit turn with more.
+        for attempt in range(2 * _CLEARANCE_HALVINGS):
+            tried = margin * 0.5 ** (attempt % _CLEARANCE_HALVINGS)
+            if attempt < _CLEARANCE_HALVINGS:
+                if is_turn_safe(blocked, tried, x, y, angle, to_x, to_y, radius, own_cell):
+                    length += turn_to(x, y, angle, to_x, to_y, radius)[2] - straight
                     problem -= SHARP_START
                     break
                 continue
-            other, word_length = entry(blocked, points, tried, angle, radius, own)
+            other, word_length = plan_initial_turn(blocked, points, tried, angle, radius, own_cell)
             if other.shape[0] > points.shape[0]:
                 points = other
                 length += word_length - straight

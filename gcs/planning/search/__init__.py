@@ -1,1 +1,1 @@
-"""Shortest paths on the grid: A*, Dijkstra, the cost matrix of all pairs."""
+"""Grid search: moves and canonical ordering, A*, one-to-all Dijkstra, the cost matrix of all pairs."""

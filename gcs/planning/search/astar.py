@@ -1,14 +1,14 @@
-"""One path: A* (Hart, Nilsson & Raphael 1968), by the length flown or by the paper's cost.
+"""A* from one place to another (Hart, Nilsson & Raphael 1968), by path length or by the paper's cost.
 
-*Metric* (`seek`): the octile distance as heuristic, which makes the path the shortest. The open set is a
-ring of buckets by estimated cost (after R. B. Dial, CACM 12, 1969), each a stack, so that the search runs
-ahead towards the goal among equals. A bucket holds more than one estimate; so a node may be found by a longer
-way first, and is then looked at again. Only the moves that the canonical order leaves are looked at
+*Metric* (`astar`): the octile distance is the heuristic, so the path is the shortest. The open set is a ring
+of buckets by estimated cost (after R. B. Dial, CACM 12, 1969). Each bucket is a stack, so equal estimates are
+expanded depth first. A bucket holds more than one estimate, so a node may be reached by a longer path first
+and is then reopened. Only moves of the canonical ordering are expanded
 (`gcs.planning.search.canonical_ordering`).
 
-*The paper's* (`seek_paper`): Hill, Thomas & Larson's nodes traversed plus Euclidean distance to the goal.
-Diagonals count 1, the heuristic may overestimate, and the path may be longer than need be. The open set is a
-heap, whose order among equals is part of what the result depends on.
+*The paper's* (`astar_paper`): nodes traversed plus Euclidean distance to the goal (Hill, Thomas & Larson).
+Diagonals count 1. The heuristic may overestimate, so paths may be longer than the shortest. The open set is a
+heap, because the result depends on its order among equals.
 """
 
 from __future__ import annotations
@@ -24,70 +24,70 @@ from gcs.jit import inlined, kernel, prefetch_row
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid
 from gcs.planning.search.canonical_ordering import (
+    ARRIVAL_MASK,
     COL_STEP,
-    LED,
-    LISTED,
-    NEAR_BIT,
+    LIST_MASK,
     NO_MOVE,
     ROW_STEP,
-    TIGHT,
+    TIGHT_BIT,
+    TIGHT_MOVE_COST,
     ByteArray,
     IntArray,
     move_cost,
     octile,
 )
-from gcs.planning.search.dijkstra import room_to_work, spread
+from gcs.planning.search.dijkstra import dijkstra_buffers, one_to_all
 from gcs.planning.search.neighbours import SearchMap, kernel_arrays, search_map
 
-_PER_CELL = 2
-"""Buckets to a cell of estimated cost. On random maps half as many or twice as many change little."""
+_BUCKETS_PER_CELL = 2
+"""Buckets per cell of estimated cost."""
 
-_TIE = 1e-10
+_COST_EPSILON = 1e-10
 """Improvements below this are rounding errors."""
 
-_ALL_AT_ONCE = 16
-"""Clearing as many costs in a row takes as long as one here and there."""
+_FULL_CLEAR_RATIO = 16
+"""Clearing the whole array takes as long as this many times fewer single entries."""
 
-_DONE = 1 << 28
-"""Set in what is known of a node once its own moves have been looked at."""
+_CLOSED_BIT = 1 << 28
+"""Set in the packed word of a node that has been expanded."""
 
-_OF_MAP = ~(_DONE | LED)
+_MAP_BITS = ~(_CLOSED_BIT | ARRIVAL_MASK)
 
 _ROW_STEPS, _COL_STEPS = np.array(ROW_STEP), np.array(COL_STEP)
 
 
 @kernel
-def seek(  # type: ignore[no-untyped-def]
-    lists, any_near, offsets, stride, nodes, costs, goals, beyond, reached, known, entries, path,
+def astar(  # type: ignore[no-untyped-def]
+    move_lists, has_tight_moves, offsets, stride, nodes, costs, goals, goal_costs, reached, packed,
+    entries, path,
 ):  # fmt: skip
-    """Search the shortest path from a place to another and write it to `path`, last node first.
+    """Search the shortest path between two places and write it to `path`, last node first.
 
-    `nodes`, `costs` (j,) and `goals`, `beyond` (k,): the nodes by which the two places join the map (-1:
-    none) and how far off they lie. `reached` (flat nodes,) must be all zeros and is so again afterwards;
-    `known` (flat nodes,) is what is packed of nodes, and the moves that led there are written to it, as is to
-    `entries` (n, 2). Returns how many nodes were written, 0 if there is no way, -1 if `entries` is too short;
-    the cost in cells from place to place, inf if there is none; the length from first to last node, every
-    move counted plainly; and how many nodes were expanded.
+    `nodes`, `costs` (j,) and `goals`, `goal_costs` (k,): nodes that connect the places to the grid (-1: none)
+    and their distances. `reached` (flat nodes,) must be zeros, and is zeros again afterwards. `packed` (flat
+    nodes,) holds the packed words; arrival moves are written to it. `entries` (n, 2) is work space. Returns
+    the number of nodes written (0: no path, -1: `entries` too short), the cost in cells between the places
+    (inf: no path), the length from first to last node without clearance costs, and the number of expanded
+    nodes.
     """
     aim, slack = np.int64(-1), -np.inf
     for k in range(goals.size):
         aim = goals[k] if aim < 0 else aim
     if aim < 0:
         return 0, np.inf, np.inf, 0
-    # Rows and columns are told by a product: a division takes longer than all else that a node needs.
+    # Rows and columns by multiplication: a division takes longer than the rest of the work of a node.
     per_row = 1.0 / stride
     aim_row = int((aim + 0.5) * per_row)
     aim_col = aim - aim_row * stride
-    # The estimate aims at one node; another one where the place joins may be the last as long as it is less
-    # than `slack` worse.
+    # The estimate aims at one goal node. Another one may be the last node if it is less than `slack` worse.
     for k in range(goals.size):
         if goals[k] >= 0:
             row = int((goals[k] + 0.5) * per_row)
             ahead = octile(abs(row - aim_row), abs(goals[k] - row * stride - aim_col))
-            slack = max(slack, ahead - beyond[k])
-    ring = 63 if any_near else 15
+            slack = max(slack, ahead - goal_costs[k])
+    ring = 63 if has_tight_moves else 15
     head = np.full(ring + 1, -1)
-    # Entries are node and next entry of the bucket. They are not used again: they tell what to clean up.
+    # Entries are node and next entry of the bucket. They stay: they list the nodes to reset.
     used, live, base = 0, 0, np.inf
     for i in range(nodes.size):
         if nodes[i] >= 0:
@@ -100,25 +100,25 @@ def seek(  # type: ignore[no-untyped-def]
             continue
         row = int((node + 0.5) * per_row)
         ahead = octile(abs(row - aim_row), abs(node - row * stride - aim_col))
-        reached[node] = costs[i] + 1.0  # 0 means not reached: costs are kept one higher
-        known[node] = (known[node] & _OF_MAP) | NO_MOVE
-        slot = int((costs[i] + ahead - base) * _PER_CELL) & ring
+        reached[node] = costs[i] + 1.0  # 0 means not reached, so costs are stored plus one
+        packed[node] = (packed[node] & _MAP_BITS) | NO_MOVE
+        slot = int((costs[i] + ahead - base) * _BUCKETS_PER_CELL) & ring
         entries[used, 0], entries[used, 1] = node, head[slot]
         head[slot] = used
         used, live = used + 1, live + 1
     best, last, bucket, expanded = np.inf, np.int64(-1), 0, 0
     full = entries.shape[0] - 8
-    while live > 0 and used <= full and base + bucket / _PER_CELL < best + slack:
+    while live > 0 and used <= full and base + bucket / _BUCKETS_PER_CELL < best + slack:
         slot = bucket & ring
         while head[slot] >= 0 and used <= full:
             entry = head[slot]
             node = np.int64(entries[entry, 0])
             head[slot] = entries[entry, 1]
             live -= 1
-            told = np.int64(known[node])
-            if told & _DONE:
+            word = np.int64(packed[node])
+            if word & _CLOSED_BIT:
                 continue
-            known[node] = told | _DONE
+            packed[node] = word | _CLOSED_BIT
             expanded += 1
             here = reached[node]
             row = int((node + 0.5) * per_row)
@@ -126,30 +126,30 @@ def seek(  # type: ignore[no-untyped-def]
             row -= aim_row
             if abs(row) <= 1 and abs(col) <= 1:
                 for k in range(goals.size):
-                    if goals[k] == node and here - 1.0 + beyond[k] < best:
-                        best, last = here - 1.0 + beyond[k], node
-            left = np.int64(lists[told & LISTED])
+                    if goals[k] == node and here - 1.0 + goal_costs[k] < best:
+                        best, last = here - 1.0 + goal_costs[k], node
+            left = np.int64(move_lists[word & LIST_MASK])
             for k in range(left & 15):
                 move = (left >> (4 + 3 * k)) & 7
                 there = node + offsets[move]
-                cost = here + move_cost(move, any_near and (told >> (NEAR_BIT + move)) & 1)
+                cost = here + move_cost(move, has_tight_moves and (word >> (TIGHT_BIT + move)) & 1)
                 before = reached[there]
-                if before != 0.0 and cost >= before - _TIE:
+                if before != 0.0 and cost >= before - _COST_EPSILON:
                     continue
                 estimate = cost - 1.0 + octile(abs(row + _ROW_STEPS[move]), abs(col + _COL_STEPS[move]))
                 if estimate >= best + slack:
                     continue
                 reached[there] = cost
-                known[there] = (known[there] & _OF_MAP) | move
-                to = max(int((estimate - base) * _PER_CELL), bucket) & ring
+                packed[there] = (packed[there] & _MAP_BITS) | move
+                to = max(int((estimate - base) * _BUCKETS_PER_CELL), bucket) & ring
                 entries[used, 0], entries[used, 1] = there, head[to]
                 head[to] = used
                 used, live = used + 1, live + 1
-                # Most ways go on as they came.
+                # Most paths go straight on.
                 prefetch_row(reached, there + offsets[move])
-                prefetch_row(known, there + offsets[move])
+                prefetch_row(packed, there + offsets[move])
         bucket += 1
-    if used * _ALL_AT_ONCE > reached.size:
+    if used * _FULL_CLEAR_RATIO > reached.size:
         reached[:] = 0.0
     else:
         for i in range(used):
@@ -160,7 +160,7 @@ def seek(  # type: ignore[no-untyped-def]
     while node >= 0:
         path[count] = node
         count += 1
-        move = np.int64(known[node]) & LED
+        move = np.int64(packed[node]) & ARRIVAL_MASK
         if move == NO_MOVE:
             break
         flown += move_cost(move, False)
@@ -169,27 +169,27 @@ def seek(  # type: ignore[no-untyped-def]
 
 
 @lru_cache(maxsize=4)
-def _spare(_grid: Grid, _clearance_m: float, _may_lean: bool) -> list[Seeker]:
-    """Seekers of a map that nobody is using."""
+def _idle_searches(_grid: Grid, _clearance_m: float, _may_lean: bool) -> list[GridSearch]:
+    """Return the searches of a map that are not in use."""
     return []
 
 
 @contextmanager
-def seeker(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False) -> Iterator[Seeker]:
-    """Lend a seeker for a map: one that was given back, if there is any; safe among threads."""
-    spare = _spare(grid, clearance_m, shifts_nodes)
+def borrow_search(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False) -> Iterator[GridSearch]:
+    """Lend a search for a map and take it back. Thread-safe."""
+    idle = _idle_searches(grid, clearance_m, shifts_nodes)
     try:
-        lent = spare.pop()
+        lent = idle.pop()
     except IndexError:
-        lent = Seeker(search_map(grid, clearance_m, shifts_nodes))
+        lent = GridSearch(search_map(grid, clearance_m, shifts_nodes))
     yield lent
-    spare.append(lent)
+    idle.append(lent)
 
 
-class Seeker:
-    """Searches on one map; keeps the arrays that a search works on.
+class GridSearch:
+    """Search kernels of one map with their work arrays.
 
-    Making them takes longer than most searches. One seeker does one search at a time.
+    Allocation takes longer than most searches. One object runs one search at a time.
     """
 
     def __init__(self, smap: SearchMap) -> None:
@@ -198,23 +198,23 @@ class Seeker:
         self._reached, self._known = np.zeros(size), smap.packed.copy()
         self._entries = np.empty((2 * size, 2), dtype=np.int32)
         self._path = np.empty(size, dtype=np.int64)
-        self._room = room_to_work(smap)
+        self._room = dijkstra_buffers(smap)
 
-    def spread(
-        self, nodes: IntArray, costs: FloatArray, goals: IntArray, field: FloatArray, came: ByteArray
+    def one_to_all(
+        self, nodes: IntArray, costs: FloatArray, goals: IntArray, field: FloatArray, came_by: ByteArray
     ) -> None:
         """Search from one place to all nodes; see `gcs.planning.search.dijkstra`."""
         searched = kernel_arrays(self._smap)
-        spread(*searched, nodes, costs, goals, field, came, self._known, *self._room)
+        one_to_all(*searched, nodes, costs, goals, field, came_by, self._known, *self._room)
 
     def path(
-        self, nodes: IntArray, costs: FloatArray, goals: IntArray, beyond: FloatArray
+        self, nodes: IntArray, costs: FloatArray, goals: IntArray, goal_costs: FloatArray
     ) -> tuple[IntArray, float, float, int]:
-        """Return the nodes of a shortest path, and what else `seek` returns."""
+        """Return the nodes of a shortest path, and the other results of `astar`."""
         count = -1
         while count < 0:
-            count, cost, flown, expanded = seek(
-                *(*kernel_arrays(self._smap), self._smap.stride, nodes, costs, goals, beyond),
+            count, cost, flown, expanded = astar(
+                *(*kernel_arrays(self._smap), self._smap.stride, nodes, costs, goals, goal_costs),
                 *(self._reached, self._known, self._entries, self._path),
             )
             if count < 0:
@@ -223,8 +223,8 @@ class Seeker:
 
 
 @inlined
-def _before(f, g, node, heap, i):  # type: ignore[no-untyped-def]
-    """Order of the open set: nearest to done first; among equals the deeper one, then the lower index."""
+def _precedes(f, g, node, heap, i):  # type: ignore[no-untyped-def]
+    """Return True if an entry comes before another: least estimate, then greatest cost, then lowest index."""
     if f != heap[i, 0]:
         return f < heap[i, 0]
     if g != heap[i, 1]:
@@ -233,47 +233,47 @@ def _before(f, g, node, heap, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _put(heap, i, f, g, node):  # type: ignore[no-untyped-def]
+def _set_entry(heap, i, f, g, node):  # type: ignore[no-untyped-def]
     heap[i, 0], heap[i, 1] = f, g
     heap[i, 2] = node
 
 
 @inlined
 def _push(heap, size, f, g, node):  # type: ignore[no-untyped-def]
-    """Add an entry to a heap of `size`: a hole rises to where it belongs."""
+    """Add an entry to a heap of `size`."""
     i = size
     while i > 0:
         up = (i - 1) >> 1
-        if not _before(f, g, node, heap, up):
+        if not _precedes(f, g, node, heap, up):
             break
-        _put(heap, i, heap[up, 0], heap[up, 1], heap[up, 2])
+        _set_entry(heap, i, heap[up, 0], heap[up, 1], heap[up, 2])
         i = up
-    _put(heap, i, f, g, node)
+    _set_entry(heap, i, f, g, node)
 
 
 @inlined
-def _drop_first(heap, size):  # type: ignore[no-untyped-def]
-    """Remove the first entry of a heap of `size`: the hole sinks until the last entry belongs there."""
+def _pop_first(heap, size):  # type: ignore[no-untyped-def]
+    """Remove the first entry of a heap of `size`."""
     last = size - 1
     f, g, node = heap[last, 0], heap[last, 1], heap[last, 2]
     i, child = 0, 1
     while child < last:
-        if child + 1 < last and _before(
+        if child + 1 < last and _precedes(
             heap[child + 1, 0], heap[child + 1, 1], heap[child + 1, 2], heap, child
         ):
             child += 1
-        if _before(f, g, node, heap, child):
+        if _precedes(f, g, node, heap, child):
             break
-        _put(heap, i, heap[child, 0], heap[child, 1], heap[child, 2])
+        _set_entry(heap, i, heap[child, 0], heap[child, 1], heap[child, 2])
         i, child = child, 2 * child + 1
-    _put(heap, i, f, g, node)
+    _set_entry(heap, i, f, g, node)
 
 
 @kernel
-def seek_paper(moves, near, offsets, stride, start, goal, path):  # type: ignore[no-untyped-def]
-    """Search one path by the paper's cost, from node to node, and write it to `path`, goal first.
+def astar_paper(moves, tight_moves, offsets, stride, start, goal, path):  # type: ignore[no-untyped-def]
+    """Search a path by the paper's cost from node to node, and write it to `path`, goal first.
 
-    Returns how many nodes were written, 0 if there is no way, and how many were expanded.
+    Returns the number of nodes written (0: no path) and of expanded nodes.
     """
     cost, came_by = np.empty(moves.size), np.empty(moves.size, np.int8)
     cost[:] = np.inf
@@ -282,11 +282,11 @@ def seek_paper(moves, near, offsets, stride, start, goal, path):  # type: ignore
     heap = np.empty((moves.size, 3))
     goal_row, goal_col = goal // stride, goal % stride
     cost[start] = 0.0
-    _put(heap, 0, 0.0, 0.0, start)
+    _set_entry(heap, 0, 0.0, 0.0, start)
     open_count, expanded = 1, 0
     while open_count > 0:
         here, node = heap[0, 1], int(heap[0, 2])
-        _drop_first(heap, open_count)
+        _pop_first(heap, open_count)
         open_count -= 1
         if here > cost[node]:
             continue
@@ -297,7 +297,7 @@ def seek_paper(moves, near, offsets, stride, start, goal, path):  # type: ignore
             if not (moves[node] >> move) & 1:
                 continue
             there = node + offsets[move]
-            step = TIGHT if (near[node] >> move) & 1 else 1.0
+            step = TIGHT_MOVE_COST if (tight_moves[node] >> move) & 1 else 1.0
             if here + step >= cost[there] - 1e-12:
                 continue
             cost[there] = here + step
@@ -306,7 +306,7 @@ def seek_paper(moves, near, offsets, stride, start, goal, path):  # type: ignore
             if open_count == heap.shape[0]:
                 small, heap = heap, np.empty((2 * open_count, 3))
                 for i in range(open_count):
-                    _put(heap, i, small[i, 0], small[i, 1], small[i, 2])
+                    _set_entry(heap, i, small[i, 0], small[i, 1], small[i, 2])
             _push(heap, open_count, cost[there] + ahead, cost[there], there)
             open_count += 1
     if cost[goal] == np.inf:

@@ -1,27 +1,26 @@
-"""Moves to the eight neighbours, what they cost, and which of them a search need not look at.
+"""Moves to the eight neighbours, their costs, and the canonical ordering that prunes them.
 
-A straight move costs 1, a diagonal one sqrt(2) (in cells); a near move, one that comes nearer to an obstacle
-than wanted, counts `TIGHT` times.
+A straight move costs 1, a diagonal sqrt(2) (in cells). A tight move, with less than the required clearance,
+costs `TIGHT_MOVE_COST` times as much.
 
-*Canonical order* (after the pruning rules of D. Harabor and A. Grastien, AAAI 2011 and 2014, N. R.
-Sturtevant and S. Rabin, IJCAI 2016, and M. Carlson et al., AAAI 2023, for weights). Of the many equally short
-ways across open ground one is enough. Let a search have come from p to x. A neighbour n of x is left out if
-another way of one or two moves leads from p to n
+*Canonical ordering* keeps one of many equally short paths. Sources: D. Harabor and A. Grastien, jump point
+search, AAAI 2011 and 2014; N. R. Sturtevant and S. Rabin, IJCAI 2016; M. Carlson et al., AAAI 2023, for
+weights. Let a search reach x from p. A neighbour n of x is pruned if another path of one or two moves leads
+from p to n that is
 
-- in less: then no shortest way comes from p by x to n;
-- or in as much, with a cheaper last move.
+- shorter: then no shortest path from p to n leads over x;
+- or as long, with a cheaper last move.
 
-Every node is still given its exact cost, whichever of several equally short ways came first. For let x be the
-farthest of all nodes that precede n on some shortest way: its move to n is the cheapest. It is never left out
-for being longer, since it lies on a shortest way; nor for being as long, since then a node farther yet would
-precede n as well. And x has its exact cost by the same argument.
+Every node still gets its exact cost. Proof: let x be the predecessor farthest from the start of all that
+precede n on a shortest path. Its move to n is the cheapest. It is never pruned as longer, since it lies on a
+shortest path; nor as equally long, since then a node farther still would precede n. By induction x has its
+exact cost.
 
-Where no move around is near, or all are, that means: after a diagonal move only the same diagonal and its two
-straight parts remain; after a straight move only the same move remains, and where the cell beside p is
-blocked also the turn to that side and the diagonal towards it, since no other way leads there. What blocks
-the cells beside p can be read off x: if the cell beside x is free, then the diagonal from x back past it is
-legal just when the cell beside p is free. So what remains depends on the move to x and on the byte of legal
-moves of x alone. Elsewhere it is worked out node by node; only some hundred different answers occur.
+With uniform costs around x this gives the jump-point rules. After a diagonal move the same diagonal and its
+two straight parts remain. After a straight move the same move remains; a blocked cell beside p also forces
+the turn to that side and the diagonal towards it. The cell beside p can be read off the legal moves of x, so
+the result depends on the arrival move and the byte of legal moves alone. Elsewhere it is computed node by
+node; only some hundred different rows occur.
 """
 
 from __future__ import annotations
@@ -37,8 +36,8 @@ from gcs.jit import Call, inlined, kernel
 IntArray: TypeAlias = npt.NDArray[np.int64]
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
-TIGHT = 8.0
-"""How many moves one near move counts."""
+TIGHT_MOVE_COST = 8.0
+"""Cost factor of a tight move."""
 
 DIAGONAL = math.sqrt(2.0)
 
@@ -48,36 +47,37 @@ COL_STEP = (1, 0, -1, 0, 1, -1, -1, 1)
 _STEPS = list(zip(ROW_STEP, COL_STEP, strict=True))
 _MOVE_OF = {step: move for move, step in enumerate(_STEPS)}
 NO_MOVE = 8
-"""Where a search begins: no move led there."""
+"""Arrival move of the start node."""
 
-LED, ORDER_BIT, NEAR_BIT = 15, 4, 20
-LISTED = (1 << NEAR_BIT) - 1
-"""What a search knows of a node is packed into 32 bits, so that it is fetched at once: the move that led
-there (`LED`), the row of the table of answers, and which moves are near."""
-MOST_MOVES = 8
-"""That remain from a node: all, where a search begins."""
+ARRIVAL_MASK, ORDER_BIT, TIGHT_BIT = 15, 4, 20
+LIST_MASK = (1 << TIGHT_BIT) - 1
+"""The packed 32-bit word of a node: arrival move (`ARRIVAL_MASK`), row of the table of remaining moves, and
+tight moves (from `TIGHT_BIT`). One load fetches all.
+"""
+MAX_MOVES = 8
+"""Greatest number of remaining moves: all eight, at the start node."""
 
 _UNIFORM, _ALL = 0, 256
-"""Where in the table the answers begin for a byte of legal moves: by the canonical order, and all of them."""
-MOST_ANSWERS = 1 << 16
+"""Table offsets of the rows for a byte of legal moves: canonical with uniform costs, and all moves."""
+MAX_TABLE_ROWS = 1 << 16
 _SLOTS = 1 << 17
 _TIE = 1e-9
 
 
 @inlined
-def move_cost(move, near):  # type: ignore[no-untyped-def]
-    """Cost in cells of a move, near or not."""
-    return (1.0 if move < 4 else DIAGONAL) * (TIGHT if near else 1.0)
+def move_cost(move, tight):  # type: ignore[no-untyped-def]
+    """Return the cost of a move in cells."""
+    return (1.0 if move < 4 else DIAGONAL) * (TIGHT_MOVE_COST if tight else 1.0)
 
 
 @inlined
 def octile(rows, cols):  # type: ignore[no-untyped-def]
-    """Length in cells of the shortest way over open ground."""
+    """Return the octile distance in cells."""
     return max(rows, cols) + (DIAGONAL - 1.0) * min(rows, cols)
 
 
-def _answers() -> ByteArray:
-    """What remains where moves cost alike, and all legal moves: bits, (512, 9), by the move to a node."""
+def _uniform_table() -> ByteArray:
+    """Return the remaining moves for uniform costs, and all legal moves: bits, (512, 9), by arrival move."""
     table = np.zeros((512, 9), dtype=np.uint8)
     for legal in range(256):
         for move, (r, c) in enumerate(_STEPS):
@@ -94,50 +94,50 @@ def _answers() -> ByteArray:
     return table
 
 
-def _others() -> tuple[IntArray, IntArray]:
-    """Ways from p to n that are no way by x: pairs of moves, or one and `NO_MOVE`, (k, 2).
+def _alternatives() -> tuple[IntArray, IntArray]:
+    """Return paths from p to n that avoid x: pairs of moves, or one move and `NO_MOVE`, (k, 2).
 
-    Also where those begin that are an alternative to move d and then e: at index 8 d + e, (65,).
+    Also returns where the alternatives to move d followed by e begin: index 8 d + e, (65,).
     """
-    ways: list[tuple[int, int]] = []
+    alternatives: list[tuple[int, int]] = []
     first = [0]
     for d, (row, col) in enumerate(_STEPS):
         for r, c in _STEPS:
             if (row + r, col + c) in _MOVE_OF:
-                ways.append((_MOVE_OF[row + r, col + c], NO_MOVE))
+                alternatives.append((_MOVE_OF[row + r, col + c], NO_MOVE))
             for f, (other_r, other_c) in enumerate(_STEPS):
                 last = _MOVE_OF.get((row + r - other_r, col + c - other_c))
                 if f != d and last is not None:
-                    ways.append((f, last))
-            first.append(len(ways))
-    return np.array(ways), np.array(first)
+                    alternatives.append((f, last))
+            first.append(len(alternatives))
+    return np.array(alternatives), np.array(first)
 
 
-ANSWERS = _answers()
-_WAYS, _FIRST_WAY = _others()
+UNIFORM_TABLE = _uniform_table()
+_ALTERNATIVES, _FIRST_ALTERNATIVE = _alternatives()
 _BACK = np.array([_MOVE_OF[-r, -c] for r, c in _STEPS])
 
 
 @inlined
-def _has(moves, node, move):  # type: ignore[no-untyped-def]
+def _has_move(moves, node, move):  # type: ignore[no-untyped-def]
     return (moves[node] >> move) & 1
 
 
 @inlined
-def _cost(near, node, move):  # type: ignore[no-untyped-def]
-    return move_cost(move, _has(near, node, move))
+def _cost(tight, node, move):  # type: ignore[no-untyped-def]
+    return move_cost(move, _has_move(tight, node, move))
 
 
 @inlined
-def _is_needed(moves, near, offsets, p, x, d, e):  # type: ignore[no-untyped-def]
-    """Whether move e from x is looked at when move d led from p to x."""
-    last = _cost(near, x, e)
-    cost, needed = _cost(near, p, d) + last, True
-    for k in range(_FIRST_WAY[8 * d + e], _FIRST_WAY[8 * d + e + 1]):
-        one, two = _WAYS[k, 0], _WAYS[k, 1]
-        if _has(moves, p, one) and (two == NO_MOVE or _has(moves, p + offsets[one], two)):
-            end = _cost(near, p, one) if two == NO_MOVE else _cost(near, p + offsets[one], two)
-            other = end if two == NO_MOVE else _cost(near, p, one) + end
+def _is_needed(moves, tight, offsets, p, x, d, e):  # type: ignore[no-untyped-def]
+    """Return True if move e from x remains when move d led from p to x."""
+    last = _cost(tight, x, e)
+    cost, needed = _cost(tight, p, d) + last, True
+    for k in range(_FIRST_ALTERNATIVE[8 * d + e], _FIRST_ALTERNATIVE[8 * d + e + 1]):
+        one, two = _ALTERNATIVES[k, 0], _ALTERNATIVES[k, 1]
+        if _has_move(moves, p, one) and (two == NO_MOVE or _has_move(moves, p + offsets[one], two)):
+            end = _cost(tight, p, one) if two == NO_MOVE else _cost(tight, p + offsets[one], two)
+            other = end if two == NO_MOVE else _cost(tight, p, one) + end
             if other < cost - _TIE or (other < cost + _TIE and end < last - _TIE):
                 needed = False
                 break
@@ -145,19 +145,19 @@ def _is_needed(moves, near, offsets, p, x, d, e):  # type: ignore[no-untyped-def
 
 
 @kernel
-def canonical(moves, near, mixed, offsets, answers, most):  # type: ignore[no-untyped-def]
-    """Which moves remain at each node: an index (flat nodes,), and the table that it leads to, (k, 9).
+def prune_moves(moves, tight, mixed, offsets, answers, max_rows):  # type: ignore[no-untyped-def]
+    """Compute the remaining moves of each node: a row index (flat nodes,) and the table of rows, (k, 9).
 
-    `mixed` nodes, from which or from around which some moves are near and some are not, are worked out one by
-    one; others read off `answers`, by their legal moves, as on a map where no move is near. Where more than
-    `most` answers would be needed, all legal moves remain.
+    `mixed` nodes, with tight and other moves around them, are computed one by one. Others use `answers`,
+    indexed by their legal moves. All legal moves remain at nodes for which a table of `max_rows` has no row
+    left.
     """
     order, size = np.empty(moves.size, np.uint16), answers.shape[0]
-    table = np.empty((most, 9), np.uint8)
+    table = np.empty((max_rows, 9), np.uint8)
     for k in range(size):
         for d in range(9):
             table[k, d] = answers[k, d]
-    slots, keys = np.zeros(_SLOTS, np.int32), np.empty(most, np.uint64)
+    slots, keys = np.zeros(_SLOTS, np.int32), np.empty(max_rows, np.uint64)
     for x in range(moves.size):
         legal = np.int64(moves[x])
         order[x] = _UNIFORM + legal
@@ -169,15 +169,15 @@ def canonical(moves, near, mixed, offsets, answers, most):  # type: ignore[no-un
                 continue
             keep, p = 0, x - offsets[d]
             for e in range(8):
-                if (legal >> e) & 1 and e != _BACK[d] and _is_needed(moves, near, offsets, p, x, d, e):
+                if (legal >> e) & 1 and e != _BACK[d] and _is_needed(moves, tight, offsets, p, x, d, e):
                     keep |= 1 << e
             key |= np.uint64(keep) << np.uint64(8 * d)
-        mashed = key * np.uint64(0x9E3779B97F4A7C15) + np.uint64(legal) * np.uint64(0xC2B2AE3D27D4EB4F)
-        slot = np.int64(mashed >> np.uint64(47))
+        hashed = key * np.uint64(0x9E3779B97F4A7C15) + np.uint64(legal) * np.uint64(0xC2B2AE3D27D4EB4F)
+        slot = np.int64(hashed >> np.uint64(47))
         while slots[slot] > 0 and (keys[slots[slot]] != key or table[slots[slot], NO_MOVE] != legal):
             slot = (slot + 1) & (_SLOTS - 1)
         if slots[slot] == 0:
-            if size == most:
+            if size == max_rows:
                 order[x] = _ALL + legal
                 continue
             slots[slot], keys[size], table[size, NO_MOVE] = size, key, legal
@@ -188,17 +188,17 @@ def canonical(moves, near, mixed, offsets, answers, most):  # type: ignore[no-un
     return order, table[:size].copy()
 
 
-def packed(order: npt.NDArray[Any], near: ByteArray) -> npt.NDArray[np.uint32]:
-    """Pack what is known of nodes: rows of the table of answers, and near moves."""
-    return order.astype(np.uint32) << np.uint32(ORDER_BIT) | near.astype(np.uint32) << np.uint32(NEAR_BIT)
+def pack_nodes(order: npt.NDArray[Any], tight: ByteArray) -> npt.NDArray[np.uint32]:
+    """Pack row indices and tight moves into the 32-bit words of nodes."""
+    return order.astype(np.uint32) << np.uint32(ORDER_BIT) | tight.astype(np.uint32) << np.uint32(TIGHT_BIT)
 
 
-def listed(answers: ByteArray) -> npt.NDArray[np.uint32]:
-    """Turn sets of moves (bits), (k, 9), into lists, (16 k,): how many there are, and three bits for each.
+def list_moves(answers: ByteArray) -> npt.NDArray[np.uint32]:
+    """Convert sets of moves (bits), (k, 9), to lists, (16 k,): a count and three bits for each move.
 
-    They are found at what is packed of a node, `LISTED` bits of it.
+    The `LIST_MASK` bits of a packed word index the lists.
     """
-    sets = np.zeros((len(answers), LED + 1), dtype=np.uint32)
+    sets = np.zeros((len(answers), ARRIVAL_MASK + 1), dtype=np.uint32)
     sets[:, : answers.shape[1]] = answers
     counts, lists = np.zeros_like(sets), np.zeros_like(sets)
     for move in range(8):
@@ -209,6 +209,6 @@ def listed(answers: ByteArray) -> npt.NDArray[np.uint32]:
 
 
 def warm_up_calls() -> list[Call]:
-    """One call of the kernel, types as in a plan."""
+    """Return one call of the kernel with the types of a plan."""
     moves, offsets = np.zeros(4, np.uint8), np.zeros(8, np.int64)
-    return [(canonical, moves, moves, moves > 0, offsets, ANSWERS, MOST_ANSWERS)]
+    return [(prune_moves, moves, moves, moves > 0, offsets, UNIFORM_TABLE, MAX_TABLE_ROWS)]

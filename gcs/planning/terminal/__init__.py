@@ -1,1 +1,1 @@
-"""How flights begin and end: the climb, the terminal loiter, the landing."""
+"""Both ends of a flight: climb after take-off, terminal loiter, return route and landing."""

@@ -1,11 +1,11 @@
-"""The climb after take-off: straight along the runway, until the take-off altitude is reached.
+"""Climb after take-off: straight along the runway up to the take-off altitude.
 
-ArduPlane's NAV_TAKEOFF holds the heading of the runway up to its altitude, wherever its place is; PX4 flies
-towards its place. Both turn to the first waypoint when they are that high, wherever that is. So a route from
-the ground begins at the end of the climb, and the climb itself must be clear. How far it leads is known
-roughly: `MARGIN` says how roughly, and wind carries the vehicle off besides.
+ArduPlane's NAV_TAKEOFF holds the runway heading up to its altitude, wherever its waypoint is. PX4 flies
+towards its waypoint. Both turn to the first waypoint at that altitude. So a route begins at the end of the
+climb, and the climb itself must be clear. The length of the climb is uncertain by
+`_CLIMB_LENGTH_UNCERTAINTY`, and wind adds drift.
 
-Places in metres, headings clockwise from north.
+Positions in metres, headings clockwise from north.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from itertools import pairwise
 
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, to_cells
-from gcs.planning.path.initial_turn import START_SHARE, start_is_safe, start_room
+from gcs.planning.path.initial_turn import START_CLEARANCE_SHARE, is_turn_safe, start_clearance
 from gcs.planning.vehicle_model import Motion
 
-MARGIN = 0.1
-"""Share of the climb in the air by which its end may lie nearer or farther than expected."""
+_CLIMB_LENGTH_UNCERTAINTY = 0.1
+"""Relative uncertainty of the length of the airborne climb."""
 _FIRST_TURN_RADII = 2.0
-"""A waypoint nearer than so many turn radii is part of the first turn."""
+"""A waypoint within this many turn radii is part of the first turn."""
 _BLOCKED = "an obstacle, a no-fly zone or the fence"
 _HALVINGS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class Climb:
-    """A straight climb, or what is left of it."""
+    """Straight climb, or the rest of one."""
 
     start_m: Point
-    """East and north of where the vehicle is."""
+    """East and north of the vehicle."""
     heading_rad: float
     ground_run_m: float
-    """Part of the length that is rolled on the ground."""
+    """Length of the ground roll."""
     length_m: float
-    """Distance over ground to where the altitude is reached."""
+    """Distance over ground to the take-off altitude."""
     altitude_rel_m: float
     """Take-off altitude above home."""
     speed_m_s: float
     wind_m_s: float = 0.0
-    """Greatest wind: it carries the vehicle off."""
+    """Greatest wind speed."""
 
     def at(self, along_m: float, aside_m: float = 0.0) -> Point:
-        """Return the place so far along the climb, and so far to its right."""
+        """Return the position at a distance along the climb and to its right."""
         east, north = math.sin(self.heading_rad), math.cos(self.heading_rad)
         return (
             self.start_m[0] + along_m * east + aside_m * north,
@@ -55,32 +55,35 @@ class Climb:
 
     @property
     def in_air_m(self) -> float:
-        """Length of the part that is flown."""
+        """Length of the airborne part."""
         return max(self.length_m - self.ground_run_m, 0.0)
 
     @property
     def end_m(self) -> Point:
-        """Where the altitude is reached, as far as is known."""
+        """Expected position at the take-off altitude."""
         return self.at(self.length_m)
 
     @property
     def latest_end_m(self) -> Point:
-        """Farthest place along the runway where the altitude may be reached: where routes begin."""
-        return self.at(self.length_m + MARGIN * self.in_air_m)
+        """Farthest position along the runway where the altitude is reached. Routes begin here."""
+        return self.at(self.length_m + _CLIMB_LENGTH_UNCERTAINTY * self.in_air_m)
 
     @property
     def duration_s(self) -> float:
-        """Time that the climb takes."""
+        """Duration of the climb."""
         return self.length_m / self.speed_m_s
 
     @property
     def motion(self) -> Motion:
-        """How the vehicle moves where routes begin."""
+        """Motion of the vehicle where routes begin."""
         return Motion(*self.latest_end_m, self.speed_m_s, self.heading_rad)
 
-    def ends_m(self) -> tuple[Point, ...]:
-        """Return the places where the altitude may be reached, the farthest first."""
-        late_m, drift_m = MARGIN * self.in_air_m, self.wind_m_s / self.speed_m_s * self.in_air_m
+    def possible_ends_m(self) -> tuple[Point, ...]:
+        """Return the positions where the altitude may be reached, the farthest first."""
+        late_m, drift_m = (
+            _CLIMB_LENGTH_UNCERTAINTY * self.in_air_m,
+            self.wind_m_s / self.speed_m_s * self.in_air_m,
+        )
         ends = [self.latest_end_m, self.end_m, self.at(self.length_m - min(late_m + drift_m, self.in_air_m))]
         if drift_m > 0.0:
             ends += [self.at(self.length_m, -drift_m), self.at(self.length_m, drift_m)]
@@ -88,18 +91,18 @@ class Climb:
 
 
 def climb_problem(grid: Grid, climb: Climb, clearance_m: float) -> str:
-    """Say where a climb comes too near to what is blocked, or leaves the map; empty when it is clear.
+    """Return where a climb comes too near to an obstacle or leaves the map; empty if it is clear.
 
-    The part in the air keeps the clearance. On the ground the vehicle keeps what it has where it stands.
+    The airborne part keeps the clearance. On the ground the vehicle keeps the clearance of its position.
     """
-    room = start_room(grid.blocked, clearance_m / grid.spacing_m, *to_cells(grid, climb.start_m))
+    margin = start_clearance(grid.blocked, clearance_m / grid.spacing_m, *to_cells(grid, climb.start_m))
     lift_off_m = climb.at(min(climb.ground_run_m, climb.length_m))
-    legs = [(climb.start_m, lift_off_m, float(room) * grid.spacing_m)]
-    legs += [(lift_off_m, end, clearance_m) for end in climb.ends_m()]
-    for start, end, least_m in legs:
-        if not line_of_sight(grid, start, end, least_m):
-            place = _last_clear(grid, start, end, least_m)
-            return f"the climb comes within {least_m:.0f} m of {_BLOCKED}{_where(climb, place)}"
+    legs = [(climb.start_m, lift_off_m, float(margin) * grid.spacing_m)]
+    legs += [(lift_off_m, end, clearance_m) for end in climb.possible_ends_m()]
+    for start, end, min_clearance_m in legs:
+        if not line_of_sight(grid, start, end, min_clearance_m):
+            place = _last_clear(grid, start, end, min_clearance_m)
+            return f"the climb comes within {min_clearance_m:.0f} m of {_BLOCKED}{_where(climb, place)}"
         if not grid.contains(end):
             return f"the climb leaves the map{_where(climb, end)}"
     return ""
@@ -108,51 +111,51 @@ def climb_problem(grid: Grid, climb: Climb, clearance_m: float) -> str:
 def turn_problem(
     grid: Grid, climb: Climb, points_m: Sequence[Point], radius_m: float, clearance_m: float
 ) -> str:
-    """Say where the turn from the end of a climb on to a route is not clear; empty when it is.
+    """Return where the turn from a climb on to a route is not clear; empty if it is.
 
-    It must be from each place where the climb may end, as wide as planned and half as wide, and keep the
-    share of the clearance that is asked of every first turn (`gcs.planning.path.initial_turn`).
+    The turn must be clear from each possible end of the climb, with the planned radius and with half of it.
+    It keeps the clearance share of every initial turn (`gcs.planning.path.initial_turn`).
 
     Parameters
     ----------
     points_m : sequence of (float, float)
-        Of the route, which begins at `Climb.latest_end_m`.
+        Waypoints of the route, which begins at `Climb.latest_end_m`.
     radius_m : float
-        Of the turns that the route was planned with.
+        Planned turn radius.
     """
-    least_m, far_m = START_SHARE * clearance_m, _FIRST_TURN_RADII * radius_m
+    min_clearance_m, far_m = START_CLEARANCE_SHARE * clearance_m, _FIRST_TURN_RADII * radius_m
     far = [k for k, point in enumerate(points_m) if math.dist(climb.end_m, point) > far_m]
     first = far[0] if far else len(points_m) - 1
     for start, end in pairwise((climb.latest_end_m, *points_m[: first + 1])):
-        if not line_of_sight(grid, start, end, least_m):
-            place = _last_clear(grid, start, end, least_m)
-            return f"the first turn comes within {least_m:.0f} m of {_BLOCKED}{_where(climb, place)}"
+        if not line_of_sight(grid, start, end, min_clearance_m):
+            place = _last_clear(grid, start, end, min_clearance_m)
+            return f"the first turn comes within {min_clearance_m:.0f} m of {_BLOCKED}{_where(climb, place)}"
     angle, radius = 0.5 * math.pi - climb.heading_rad, radius_m / grid.spacing_m
-    reach = least_m / grid.spacing_m
-    for end in climb.ends_m():
-        # Flown past is a waypoint that the vehicle cannot turn to any more.
+    clearance = min_clearance_m / grid.spacing_m
+    for end in climb.possible_ends_m():
+        # A waypoint inside the turn is passed without being reached.
         ahead = [point for point in points_m[:first] if not _is_inside_turn(climb, end, point, radius_m)]
         to_cell = to_cells(grid, ahead[0] if ahead else points_m[first])
-        if not start_is_safe(grid.blocked, reach, *to_cells(grid, end), angle, *to_cell, radius, -1):
-            return f"the first turn may come within {least_m:.0f} m of {_BLOCKED}{_where(climb, end)}"
+        if not is_turn_safe(grid.blocked, clearance, *to_cells(grid, end), angle, *to_cell, radius, -1):
+            return f"the first turn may come within {min_clearance_m:.0f} m of {_BLOCKED}{_where(climb, end)}"
     return ""
 
 
 def _is_inside_turn(climb: Climb, end: Point, point: Point, radius_m: float) -> bool:
-    """Tell whether a place lies inside the turn that begins at the end of a climb, to its own side."""
+    """Return True if a place lies inside the turn from the end of a climb, on its side."""
     east_m, north_m = point[0] - end[0], point[1] - end[1]
     sin, cos = math.sin(climb.heading_rad), math.cos(climb.heading_rad)
     ahead_m, aside_m = east_m * sin + north_m * cos, abs(east_m * cos - north_m * sin)
     return math.hypot(ahead_m, aside_m - radius_m) < radius_m
 
 
-def _last_clear(grid: Grid, start: Point, end: Point, least_m: float) -> Point:
-    """Return the place on a leg up to which it is clear."""
+def _last_clear(grid: Grid, start: Point, end: Point, min_clearance_m: float) -> Point:
+    """Return the position on a leg up to which it is clear."""
     low, high, place = 0.0, 1.0, start
     for _ in range(_HALVINGS):
         share = 0.5 * (low + high)
         there = (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
-        if line_of_sight(grid, start, there, least_m):
+        if line_of_sight(grid, start, there, min_clearance_m):
             low, place = share, there
         else:
             high = share

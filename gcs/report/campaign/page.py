@@ -1,6 +1,6 @@
-"""A campaign's report: a page with its figures, curves over the swept key, and what went wrong.
+"""Page of a campaign: figures, curves over the swept key, and failed missions.
 
-Every figure stands with its 95 % confidence interval (see `gcs.report.campaign.results`).
+Every value has its 95 % confidence interval (see `gcs.report.campaign.results`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from gcs.report.campaign.results import Estimate, Group, Row
+from gcs.report.campaign.results import Group, IntervalEstimate, Row
 from gcs.report.html_page import Fact, Page, Picture, Section, save_figure, save_page
 from gcs.report.plots.style import AGENTS, heading, legend, new_figure, say, tidy
 from gcs.report.run.tables import NONE, Table, number
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One figure of a group."""
+    """One value of a group."""
 
     field: str
     title: str
@@ -49,14 +49,14 @@ _PLAIN: Final = (
 )
 
 
-def metric_of(group: Group, metric: Metric) -> Estimate:
-    """Return one of a group's figures in the unit of its title."""
-    estimate: Estimate = getattr(group, metric.field)
-    return Estimate(*(metric.scale * part for part in (estimate.value, estimate.low, estimate.high)))
+def metric_of(group: Group, metric: Metric) -> IntervalEstimate:
+    """Return a value of a group in the unit of its title."""
+    estimate: IntervalEstimate = getattr(group, metric.field)
+    return IntervalEstimate(*(metric.scale * part for part in (estimate.value, estimate.low, estimate.high)))
 
 
-def words(estimate: Estimate, digits: int) -> str:
-    """Return a figure with its interval, such as ``2.0 (1.8–2.3)``."""
+def words(estimate: IntervalEstimate, digits: int) -> str:
+    """Return a value with its interval as text, such as ``2.0 (1.8–2.3)``."""
     if not math.isfinite(estimate.value):
         return NONE
     middle = number(estimate.value, digits)
@@ -66,7 +66,7 @@ def words(estimate: Estimate, digits: int) -> str:
 
 
 def overviews(groups: Sequence[Group], key: str) -> list[Table]:
-    """All figures: scenarios side by side, or the values of the swept key, a table for each scenario."""
+    """Return tables of all values: scenarios, or values of the swept key, side by side."""
     own = [group for group in groups if group.planner == "own"]
     best = {(group.scenario, group.value): group for group in groups if group.planner == "truth"}
     if not key:
@@ -90,7 +90,7 @@ def _overview(
 
 
 def deaths(groups: Sequence[Group], key: str) -> Table:
-    """How deaths are seen by central command's rule, and by a plain threshold on the same pictures."""
+    """Return the detection of losses by central command's rule and by a plain threshold."""
     rows = []
     for group in groups:
         if group.planner != "own" or not group.deaths:
@@ -110,7 +110,7 @@ def deaths(groups: Sequence[Group], key: str) -> Table:
 
 
 def failures(rows: Sequence[Row], key: str) -> Table:
-    """Missions that were not complete, and how to see them again."""
+    """Return incomplete missions, and how to repeat them."""
     found = tuple(
         (row.scenario, *([row.value] if key else []), _planner(row.planner), str(row.seed), row.reason)
         for row in rows
@@ -128,7 +128,7 @@ def write_report(
     Raises
     ------
     RecordingError
-        When a file cannot be written.
+        If a file cannot be written.
     """
     own = [group for group in groups if group.planner == "own"]
     complete = sum(row.outcome == "complete" for row in rows if row.planner == "own")
@@ -154,7 +154,7 @@ def write_report(
 
 
 def _facts(own: Sequence[Group]) -> tuple[Fact, ...]:
-    """The worst of all groups: what one may rely on."""
+    """Return the worst value of all groups."""
     worst = {
         metric.field: max((metric_of(group, metric).value for group in own), default=math.nan)
         for metric in METRICS
@@ -174,7 +174,7 @@ def _count(group: Group) -> float:
 
 
 def _curves(groups: Sequence[Group], key: str, folder: Path) -> Picture:
-    """Every metric over the swept key, one line a scenario."""
+    """Draw every metric over the swept key, one line per scenario."""
     figure = new_figure(12, 6)
     panels: list[Axes] = list(figure.subplots(2, 4).flat)
     own = [group for group in groups if group.planner == "own"]
@@ -199,7 +199,7 @@ def _curves(groups: Sequence[Group], key: str, folder: Path) -> Picture:
     return save_figure(figure, folder, "curves", caption)
 
 
-def _line(axes: Axes, line: Sequence[tuple[float, Estimate]], colour: str, scenario: str) -> None:
+def _line(axes: Axes, line: Sequence[tuple[float, IntervalEstimate]], colour: str, scenario: str) -> None:
     known = [(x, e) for x, e in line if math.isfinite(e.value)]
     if not known:
         return
@@ -212,7 +212,7 @@ def _line(axes: Axes, line: Sequence[tuple[float, Estimate]], colour: str, scena
 
 
 def _places(values: Sequence[str]) -> dict[str, float]:
-    """Where values stand on an axis: numbers at their place, words one after another."""
+    """Return positions on an axis: numbers at their value, texts in order."""
     try:
         return {value: float(value) for value in values}
     except ValueError:
@@ -220,7 +220,7 @@ def _places(values: Sequence[str]) -> dict[str, float]:
 
 
 def _times(rows: Sequence[Row], folder: Path) -> Picture:
-    """How long missions took: each seed's against the one that was given the truth, or their spread."""
+    """Draw mission times against those with ground truth for each seed, or their spread."""
     scenarios = list(dict.fromkeys(row.scenario for row in rows))
     figure = new_figure(12, 3.6)
     panels = np.atleast_1d(figure.subplots(1, max(3, len(scenarios))))

@@ -1,20 +1,23 @@
-"""What a campaign says: rows of single missions into figures with 95 % confidence intervals.
+"""Results of a campaign: missions, groups of missions with 95 % confidence intervals, and files.
 
-Proportions have Wilson's interval, means Student's, rates of rare events the exact one of a Poisson count
-(Garwood 1936). Missions of one seed are flown in the same world whoever plans, so that the time that the
-trackers cost is a paired difference: each mission against the one whose planner was given the truth.
+Proportions have Wilson's interval, means Student's, rates of rare events the exact interval of a Poisson
+count (Garwood 1936). Missions of one seed fly in the same world, so the time that the trackers cost is a
+paired difference to the mission whose planner had the ground truth.
 """
 
 from __future__ import annotations
 
+import csv
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import msgspec
 import numpy as np
 from scipy import stats
 
+from gcs.errors import RecordingError
 from gcs.report.paper.losses import DeathWatch
 from gcs.report.run.evaluation import Summary
 
@@ -25,12 +28,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One mission."""
 
     digest: str
-    """Of everything that was flown: rows of the same digest are the same mission."""
+    """Digest of all that was flown: equal digests are the same mission."""
     scenario: str
     value: str
-    """Of the key that was swept; empty without a sweep."""
+    """Value of the swept key; empty without a sweep."""
     planner: str
-    """``own`` or ``truth``: whose picture it planned on."""
+    """``own`` or ``truth``: the planner's input is the trackers' picture or the ground truth."""
     seed: int
     outcome: str
     reason: str
@@ -47,9 +50,9 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     plain_false_deaths: int
     plain_revivals: int
     deaths: int
-    """Agents that died before they had arrived."""
+    """Agents that died before they arrived."""
     agent_hours: float
-    """Time that agents flew before they arrived or died, summed."""
+    """Total flight time of agents until arrival or death."""
     ospa_agents_m: float | None
     ospa_targets_m: float | None
     retasks: int
@@ -58,8 +61,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, value: str, planner: str, digest: str, summary: Summary, deaths: DeathWatch) -> Row:
-        """Make a row of a mission's summary and its deaths."""
-        fates = [agent.fate for agent in summary.agents]
+        """Make a row from the summary and the losses of a mission."""
+        statuses = [agent.fate for agent in summary.agents]
         ours, plain = deaths.ours(), deaths.plain()
         return cls(
             digest=digest,
@@ -70,9 +73,9 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
             outcome=summary.outcome,
             reason=summary.reason,
             duration_s=summary.duration_s,
-            agents=len(fates),
-            arrived=fates.count("arrived"),
-            lost=fates.count("dead"),
+            agents=len(statuses),
+            arrived=statuses.count("arrived"),
+            lost=statuses.count("dead"),
             targets_total=summary.targets_total,
             targets_reached=summary.targets_reached,
             deaths_seen_after_s=list(ours.delays_s),
@@ -91,79 +94,79 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-class Estimate(msgspec.Struct, frozen=True):
-    """A figure with its 95 % confidence interval; NaN where nothing was measured."""
+class IntervalEstimate(msgspec.Struct, frozen=True):
+    """A value with its 95 % confidence interval; NaN if not measured."""
 
     value: float
     low: float
     high: float
 
 
-NOTHING = Estimate(math.nan, math.nan, math.nan)
+NOTHING = IntervalEstimate(math.nan, math.nan, math.nan)
 
 
 class Group(msgspec.Struct, frozen=True, kw_only=True):
-    """All missions of one scenario, one value and one planner."""
+    """All missions with one scenario, value and planner."""
 
     scenario: str
     value: str
     planner: str
     missions: int
-    success: Estimate
-    """Share of missions that were complete."""
-    duration_s: Estimate
-    extra_time: Estimate
-    """Longer than with the truth, as a share of it; of seeds where both were complete."""
-    ospa_agents_m: Estimate
-    ospa_targets_m: Estimate
+    success: IntervalEstimate
+    """Share of complete missions."""
+    duration_s: IntervalEstimate
+    extra_time: IntervalEstimate
+    """Relative additional time over the planner with ground truth, for seeds with both complete."""
+    ospa_agents_m: IntervalEstimate
+    ospa_targets_m: IntervalEstimate
     agent_hours: float
     deaths: int
     deaths_seen: int
-    death_seen_after_s: Estimate
+    death_seen_after_s: IntervalEstimate
     death_seen_after_max_s: float
-    false_deaths_per_h: Estimate
-    """For each hour that an agent flies."""
+    false_deaths_per_h: IntervalEstimate
+    """For each hour of agent flight."""
     revivals: int
-    plain_death_seen_after_s: Estimate
-    plain_false_deaths_per_h: Estimate
+    plain_death_seen_after_s: IntervalEstimate
+    plain_false_deaths_per_h: IntervalEstimate
     plain_revivals: int
-    retasks: Estimate
-    uploads: Estimate
+    retasks: IntervalEstimate
+    uploads: IntervalEstimate
     upload_failures: int
 
 
-def proportion(successes: int, n: int) -> Estimate:
-    """Share of successes, with Wilson's interval."""
+def proportion(successes: int, n: int) -> IntervalEstimate:
+    """Return the share of successes with Wilson's interval."""
     if n == 0:
         return NOTHING
     interval = stats.binomtest(successes, n).proportion_ci(CONFIDENCE, method="wilson")
-    return Estimate(successes / n, float(interval.low), float(interval.high))
+    return IntervalEstimate(successes / n, float(interval.low), float(interval.high))
 
 
-def mean(values: Iterable[float | None], least: float = 0.0) -> Estimate:
-    """Mean of values that are never below `least`, with Student's interval; not known of one value alone."""
+def mean(values: Iterable[float | None], least: float = 0.0) -> IntervalEstimate:
+    """Return the mean of values not below `least`, with Student's interval; no interval for one value."""
     known = np.array([value for value in values if value is not None and math.isfinite(value)])
     if known.size == 0:
         return NOTHING
     middle = float(known.mean())
     if known.size == 1:
-        return Estimate(middle, math.nan, math.nan)
+        return IntervalEstimate(middle, math.nan, math.nan)
     half = stats.t.ppf(0.5 + CONFIDENCE / 2, known.size - 1) * known.std(ddof=1) / math.sqrt(known.size)
-    return Estimate(middle, max(middle - float(half), least), middle + float(half))
+    return IntervalEstimate(middle, max(middle - float(half), least), middle + float(half))
 
 
-def rate(count: int, exposure: float) -> Estimate:
-    """Events for each unit of exposure, with the exact interval of a Poisson count."""
+def rate(count: int, exposure: float) -> IntervalEstimate:
+    """Return events per unit of exposure, with the exact interval of a Poisson count."""
     if exposure <= 0.0:
         return NOTHING
     tail = (1.0 - CONFIDENCE) / 2
     low = stats.chi2.ppf(tail, 2 * count) / 2 if count else 0.0
     high = stats.chi2.ppf(1.0 - tail, 2 * count + 2) / 2
-    return Estimate(count / exposure, float(low) / exposure, float(high) / exposure)
+    return IntervalEstimate(count / exposure, float(low) / exposure, float(high) / exposure)
 
 
 def groups(rows: Iterable[Row]) -> list[Group]:
-    """Return the figures of a campaign, in the order in which scenarios, values and planners first came."""
+    """Return the groups of a campaign, in order of first appearance."""
     found: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
     for row in rows:
         found[row.scenario, row.value, row.planner].append(row)
@@ -211,3 +214,41 @@ def _group(rows: Sequence[Row], with_truth: dict[int, Row]) -> Group:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def write_csv(rows: Sequence[Row], path: Path) -> None:
+    """Write one row per mission; lists are joined by spaces.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be written.
+    """
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(Row.__struct_fields__)
+            for row in rows:
+                values = msgspec.to_builtins(row).values()
+                writer.writerow([" ".join(map(str, v)) if isinstance(v, list) else v for v in values])
+    except OSError as error:
+        raise RecordingError(str(path), f"cannot be written: {error.strerror}") from None
+
+
+def write_parquet(rows: Sequence[Row], path: Path) -> None:
+    """Write one row per mission as Parquet.
+
+    Raises
+    ------
+    RecordingError
+        If pyarrow is not installed or the file cannot be written.
+    """
+    try:
+        from pyarrow import Table
+        from pyarrow.parquet import write_table
+    except ImportError:
+        raise RecordingError(str(path), "needs pyarrow: pip install 'swarm-gcs[campaign]'") from None
+    try:
+        write_table(Table.from_pylist([msgspec.to_builtins(row) for row in rows]), path)
+    except OSError as error:
+        raise RecordingError(str(path), f"cannot be written: {error}") from None

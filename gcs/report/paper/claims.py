@@ -113,7 +113,7 @@ def _handed_over(runs: Runs) -> Claim:
         deaths += flown.summary.deaths
         found = {one.lost: one for one in handovers(flown)}
         taken += len(found)
-        for lost, path in flown.course.paths["agents"].items():
+        for lost, path in flown.timeline.paths["agents"].items():
             one = found.get(lost)
             if one is not None:
                 nearer += math.isnan(one.former_m) or one.new_m <= one.former_m
@@ -139,7 +139,7 @@ def _tracks(runs: Runs) -> Claim:
     parts, good = [], True
     for name in _CLUTTERED:
         for kind in KINDS:
-            series = runs.flown[name].course.ospa[kind]
+            series = runs.flown[name].timeline.ospa[kind]
             right = 100.0 * float(np.mean(np.equal(series.true_count, series.estimated_count)))
             good &= series.mean_m < _TRACKED_OSPA_M and right >= _RIGHT_PERCENT
             parts.append(f"{name}, {kind}: {series.mean_m:.2f} m, number right in {right:.1f} % of scans")
@@ -199,8 +199,8 @@ def _robust(runs: Runs) -> Claim:
     parts, wrong = [], 0
     for name in _CLUTTERED:
         estimates, false, missed = false_and_missed(runs.flown[name])
-        scans = runs.flown[name].course.ospa["agents"].t_ns
-        clutter = len(runs.flown[name].course.clutter_m) * runs.flown[name].course.every
+        scans = runs.flown[name].timeline.ospa["agents"].t_ns
+        clutter = len(runs.flown[name].timeline.clutter_m) * runs.flown[name].timeline.every
         wrong += false + missed
         parts.append(
             f"{name}: {clutter / max(1, len(scans)):.0f} false detections a scan, {false} of {estimates} "
@@ -255,7 +255,7 @@ def _altered(runs: Runs) -> Claim:
     parts, good = [], True
     for name in _CLUTTERED:
         flown = runs.flown[name]
-        counts = Counter(c for d in flown.course.decisions if d.changed for c in d.causes)
+        counts = Counter(c for d in flown.timeline.decisions if d.changed for c in d.triggers)
         lost, moved = counts["agent lost"], counts["target moved"]
         good &= moved > 0 and (lost > 0) == (flown.summary.deaths > 0)
         delays = flown.summary.death_delays_s

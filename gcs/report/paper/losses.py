@@ -1,12 +1,11 @@
-"""How well deaths are seen: central command's rule beside a plain threshold, on the same pictures.
+"""Detection of losses: central command's rule beside a plain threshold, on the same pictures.
 
-The plain rule is the paper's: an agent is alive as long as the existence probability of its track is at
-least a threshold, scan by scan and without memory. A clutter point near a dead agent revives it, one missed
-detection may kill a living one. Central command's rule has hysteresis (`gcs.core.perception.agent_status`).
+The plain rule is the paper's: an agent is alive while the existence probability of its track reaches a
+threshold, scan by scan and without memory. Clutter near a dead agent revives it, and one missed detection may
+kill a living one. Central command's rule has hysteresis (`gcs.core.perception.agent_status`).
 
-Which track is an agent's is taken from the truth: the nearest within `NEAR_M` while the agent lives, and the
-same label from its death on. Both rules are judged until an agent has arrived: what happens to it later is
-nobody's concern.
+The track of an agent comes from the ground truth: the nearest within `NEAR_M` while the agent lives, and the
+same label after its death. Both rules are evaluated until the agent arrives.
 """
 
 from __future__ import annotations
@@ -22,19 +21,19 @@ PLAIN_EXISTENCE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class DeathCount:
-    """What one rule made of a run."""
+    """Result of one rule."""
 
     delays_s: tuple[float, ...]
-    """From each death that was seen to the scan at which it was."""
+    """Delay from each detected death to its detection."""
     false_deaths: int
-    """How often a living agent was called dead."""
+    """Number of times a living agent was declared dead."""
     revivals: int
-    """How often a dead agent was called alive again."""
+    """Number of times a dead agent was declared alive again."""
 
 
 @dataclass(slots=True)
 class _Watched:
-    """One agent by the plain rule."""
+    """State of one agent by the plain rule."""
 
     label: Label | None = None
     seen: bool = False
@@ -48,18 +47,18 @@ class _Watched:
 
 @dataclass(slots=True)
 class DeathWatch:
-    """Takes a run's truths and effects as they come; a truth comes before the picture of its scan."""
+    """Evaluates the ground truth and the effects of a run in order; ground truth precedes its picture."""
 
-    _truths: dict[int, tuple[TruthObject, ...]] = field(default_factory=dict)
+    _ground_truth: dict[int, tuple[TruthObject, ...]] = field(default_factory=dict)
     _agents: dict[int, _Watched] = field(default_factory=dict)
-    _fates: list[AgentStatus] = field(default_factory=list)
+    _statuses: list[AgentStatus] = field(default_factory=list)
     _flown_s: float = 0.0
     _last_t_ns: int | None = None
 
-    def truth(self, truth: Truth) -> None:
-        """Take the truth at one scan."""
+    def add_truth(self, truth: Truth) -> None:
+        """Add the ground truth at one scan."""
         agents = tuple(thing for thing in truth.objects if thing.kind == "agents")
-        self._truths = {truth.t_ns: agents}
+        self._ground_truth = {truth.t_ns: agents}
         elapsed_s = 0.0 if self._last_t_ns is None else (truth.t_ns - self._last_t_ns) / NS_PER_S
         self._last_t_ns = truth.t_ns
         for agent in agents:
@@ -69,37 +68,37 @@ class DeathWatch:
             elif not agent.alive and not watched.arrived and watched.died_t_ns is None:
                 watched.died_t_ns = truth.t_ns
 
-    def effect(self, effect: Effect) -> None:
-        """Take what came out of central command."""
+    def add_effect(self, effect: Effect) -> None:
+        """Add an effect of central command."""
         match effect:
             case AgentStatus():
-                self._fates.append(effect)
+                self._statuses.append(effect)
                 if effect.vehicle in self._agents:
                     self._agents[effect.vehicle].arrived |= effect.fate == "arrived"
             case Picture(kind="agents"):
-                for agent in self._truths.get(effect.scan_t_ns, ()):
+                for agent in self._ground_truth.get(effect.scan_t_ns, ()):
                     self._look(agent, effect)
 
     @property
     def agent_hours(self) -> float:
-        """Time that agents flew before they arrived or died, summed."""
+        """Total flight time of agents until arrival or death."""
         return self._flown_s / 3600.0
 
     @property
     def deaths(self) -> int:
-        """Agents that died before they had arrived."""
+        """Agents that died before they arrived."""
         return sum(watched.died_t_ns is not None for watched in self._agents.values())
 
     def plain(self) -> DeathCount:
-        """What the plain threshold made of it."""
+        """Result of the plain threshold."""
         agents = self._agents.values()
         delays = tuple(watched.delay_s for watched in agents if watched.delay_s is not None)
         return DeathCount(delays, sum(w.false_deaths for w in agents), sum(w.revivals for w in agents))
 
     def ours(self) -> DeathCount:
-        """What central command made of it."""
+        """Result of central command."""
         delays, false_deaths, revivals, dead = [], 0, 0, set[int]()
-        for fate in self._fates:
+        for fate in self._statuses:
             watched = self._agents.get(fate.vehicle)
             if watched is None:
                 continue
@@ -135,7 +134,7 @@ class DeathWatch:
 
 
 def _nearest(agent: TruthObject, picture: Picture) -> Label | None:
-    """Label of the track that is likeliest this agent's: near, and of the greatest existence."""
+    """Return the label of the most likely track of an agent: near, with the greatest existence."""
     near = [
         (-track.existence, track.label)
         for track in picture.tracks

@@ -1,4 +1,4 @@
-"""Numbers that the paper's claims are held against, each measured on one simulated run and its truth."""
+"""Measures for the claims of the paper, each on one simulated run with ground truth."""
 
 from __future__ import annotations
 
@@ -14,42 +14,42 @@ from gcs.report.run.evaluation import Summary
 from gcs.report.run.timeline import KINDS, Decision, Estimate, Path, Timeline
 
 NEAR_M = 100.0
-"""Within this an estimate belongs to an object, or a route's end to a target: OSPA's cut-off."""
+"""Distance within which an estimate belongs to an object, or a route's end to a target: the OSPA cut-off."""
 _AHEAD_S = 120.0
-"""How far ahead a planner looks for a meeting, at most."""
+"""Greatest prediction horizon of a planner."""
 _HEADING_S = 2.0
-"""Over so long a target's velocity is measured."""
+"""Interval over which a target's velocity is measured."""
 _STEP_M = 2.0
 RE_ROUTED_WITHIN_S = 15.0
 
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """One simulated run, with all that is known of it."""
+    """One simulated run."""
 
-    course: Timeline
+    timeline: Timeline
     summary: Summary
     grid: Grid
 
 
 @dataclass(frozen=True, slots=True)
 class Handover:
-    """A survivor that got the target of an agent that was lost."""
+    """A survivor that took over the target of a lost agent."""
 
     lost: int
     taker: int
     after_s: float
-    """From the death to the plan."""
+    """Time from the death to the plan."""
     new_m: float
-    """The taker's distance, as the crow flies, to where its new route ends."""
+    """Straight-line distance of the survivor to the end of its new route."""
     former_m: float
-    """And to where its former route ended; NaN when it had none."""
+    """Straight-line distance to the end of its former route; NaN without one."""
 
 
 def metres_in_obstacles(flown: Flown) -> float:
-    """How many metres agents flew inside blocked cells, by straight lines between the scans."""
+    """Return the metres flown inside blocked cells, along straight lines between scans."""
     total_m = 0.0
-    for path in flown.course.paths["agents"].values():
+    for path in flown.timeline.paths["agents"].values():
         for a, b in zip(path.points_m[:-1], path.points_m[1:], strict=True):
             count = max(1, math.ceil(float(np.hypot(*(b - a))) / _STEP_M))
             for part in (np.arange(count) + 0.5) / count:
@@ -61,45 +61,44 @@ def metres_in_obstacles(flown: Flown) -> float:
 
 
 def handovers(flown: Flown) -> tuple[Handover, ...]:
-    """Find who got the target of each agent that died, in the first plan after it that gave it away."""
-    course, found = flown.course, []
-    for lost, path in course.paths["agents"].items():
+    """Return the survivors that took over the target of each dead agent, in the first plan that did so."""
+    timeline, found = flown.timeline, []
+    for lost, path in timeline.paths["agents"].items():
         if not path.dies:
             continue
         died_s = float(path.t_s[-1])
-        before = [decision for decision in course.decisions if decision.t_s <= died_s]
+        before = [decision for decision in timeline.decisions if decision.t_s <= died_s]
         target = before[-1].targets.get(lost) if before else None
-        for decision in course.decisions:
+        for decision in timeline.decisions:
             if not died_s < decision.t_s <= died_s + RE_ROUTED_WITHIN_S or target is None:
                 continue
             takers = [v for v in decision.changed if decision.targets[v] == target and v != lost]
             if takers:
-                found.append(_handover(course, lost, takers[0], decision, died_s))
+                found.append(_handover(timeline, lost, takers[0], decision, died_s))
                 break
     return tuple(found)
 
 
-def _handover(course: Timeline, lost: int, taker: int, decision: Decision, died_s: float) -> Handover:
-    here = _at(course.paths["agents"][taker], decision.t_s)
-    earlier = [d.ends_m[taker] for d in course.decisions if d.t_s < decision.t_s and taker in d.ends_m]
+def _handover(timeline: Timeline, lost: int, taker: int, decision: Decision, died_s: float) -> Handover:
+    here = _at(timeline.paths["agents"][taker], decision.t_s)
+    earlier = [d.ends_m[taker] for d in timeline.decisions if d.t_s < decision.t_s and taker in d.ends_m]
     former_m = float(np.hypot(*(here - np.array(earlier[-1])))) if earlier else math.nan
     new_m = float(np.hypot(*(here - np.array(decision.ends_m[taker]))))
     return Handover(lost, taker, decision.t_s - died_s, new_m, former_m)
 
 
 def spurious(flown: Flown) -> tuple[int, int, int]:
-    """Count revivals: (scans, longest run of scans, scans before the first) of a dead agent that was shown.
+    """Count revivals: (scans, longest run of scans, scans before the first) of estimates of a dead agent.
 
-    A dead agent is shown when an agent's estimate lies within `NEAR_M` of where it died and no living agent
-    does. The third number is how many scans in a row it was shown from its death on: as long as it takes to
-    see it. The first two are of what comes after that.
+    An estimate counts if it lies within `NEAR_M` of where the agent died and no living agent does. The third
+    number is the delay until the death is detected; the first two count what follows.
     """
     again = longest = waiting = 0
-    for path in flown.course.paths["agents"].values():
+    for path in flown.timeline.paths["agents"].values():
         if not path.dies:
             continue
-        after = [e for e in flown.course.estimates["agents"] if e.t_s > path.t_s[-1]]
-        shown = [_is_shown(flown.course, path, estimate) for estimate in after]
+        after = [e for e in flown.timeline.estimates["agents"] if e.t_s > path.t_s[-1]]
+        shown = [_is_shown(flown.timeline, path, estimate) for estimate in after]
         until = shown.index(False) if False in shown else len(shown)
         waiting = max(waiting, until)
         run = 0
@@ -110,18 +109,18 @@ def spurious(flown: Flown) -> tuple[int, int, int]:
     return again, longest, waiting
 
 
-def _is_shown(course: Timeline, path: Path, estimate: Estimate) -> bool:
+def _is_shown(timeline: Timeline, path: Path, estimate: Estimate) -> bool:
     near = [point for point in estimate.points_m if np.hypot(*(point - path.points_m[-1])) < NEAR_M]
-    living = _living_m(course, "agents", estimate.t_s)
+    living = _living_m(timeline, "agents", estimate.t_s)
     return any(all(np.hypot(*(point - one)) >= NEAR_M / 2.0 for one in living) for point in near)
 
 
 def false_and_missed(flown: Flown) -> tuple[int, int, int]:
-    """Count (estimates, of these the false ones, living objects without an estimate) over all scans."""
+    """Count (estimates, false estimates, living objects without an estimate) over all scans."""
     estimates = false = missed = 0
     for kind in KINDS:
-        for estimate in flown.course.estimates[kind]:
-            places = _living_m(flown.course, kind, estimate.t_s)
+        for estimate in flown.timeline.estimates[kind]:
+            places = _living_m(flown.timeline, kind, estimate.t_s)
             gaps = np.hypot(*np.moveaxis(estimate.points_m[:, None] - places[None], -1, 0))
             near = gaps < NEAR_M
             estimates += len(estimate.points_m)
@@ -131,15 +130,15 @@ def false_and_missed(flown: Flown) -> tuple[int, int, int]:
 
 
 def wrong_kind(flown: Flown) -> tuple[int, int]:
-    """Count estimates that are of the other kind's objects: (by the agents' tracker, by the targets').
+    """Count estimates of objects of the other kind: (agent tracker, target tracker).
 
     Only estimates with nothing of their own kind within `NEAR_M` count.
     """
     found = []
     for kind, other in (KINDS, tuple(reversed(KINDS))):
         count = 0
-        for estimate in flown.course.estimates[kind]:
-            own, their = (_living_m(flown.course, of, estimate.t_s) for of in (kind, other))
+        for estimate in flown.timeline.estimates[kind]:
+            own, their = (_living_m(flown.timeline, of, estimate.t_s) for of in (kind, other))
             for point in estimate.points_m:
                 near_own = len(own) and np.hypot(*(own - point).T).min() < NEAR_M
                 near_other = len(their) and np.hypot(*(their - point).T).min() < NEAR_M
@@ -149,14 +148,13 @@ def wrong_kind(flown: Flown) -> tuple[int, int]:
 
 
 def astray(flown: Flown) -> tuple[int, int]:
-    """Count (new routes, those of them that end farther than `NEAR_M` from the way of every living target).
+    """Count (new routes, those that end farther than `NEAR_M` from the path of every living target).
 
-    A route ends where its agent is to meet a target, so what counts is where the target was in truth and
-    where it was heading then, for as long as a planner looks ahead.
+    Predictions start from the true position and velocity of the target, over the planner's horizon.
     """
     routes = lost = 0
-    for decision in flown.course.decisions:
-        paths = flown.course.paths["targets"].values()
+    for decision in flown.timeline.decisions:
+        paths = flown.timeline.paths["targets"].values()
         living = [path for path in paths if _lives(path, decision.t_s)]
         for end in decision.ends_m.values():
             routes += 1
@@ -165,7 +163,7 @@ def astray(flown: Flown) -> tuple[int, int]:
 
 
 def _off_way_m(path: Path, t_s: float, point_m: FloatArray) -> float:
-    """How far a point is from the way of who goes on as it is going at a time."""
+    """Return the distance of a point from the straight path of an object at constant velocity."""
     place = _at(path, t_s)
     way = (place - _at(path, t_s - _HEADING_S)) * (_AHEAD_S / _HEADING_S)
     length2 = float(way @ way)
@@ -174,26 +172,25 @@ def _off_way_m(path: Path, t_s: float, point_m: FloatArray) -> float:
 
 
 def speeds(flown: Flown) -> tuple[float, float]:
-    """Return the median speed of agents and the highest speed of a target, in m/s, by their true paths."""
+    """Return the median speed of agents and the highest speed of a target, in m/s, from the ground truth."""
 
     def of(path: Path) -> FloatArray:
         steps = np.hypot(*np.diff(path.points_m, axis=0).T)
         return np.asarray(steps / np.diff(path.t_s)) if len(path.t_s) > 1 else np.empty(0)
 
-    agents = np.concatenate([np.empty(0), *(of(path) for path in flown.course.paths["agents"].values())])
-    targets = np.concatenate([np.empty(0), *(of(path) for path in flown.course.paths["targets"].values())])
+    agents = np.concatenate([np.empty(0), *(of(path) for path in flown.timeline.paths["agents"].values())])
+    targets = np.concatenate([np.empty(0), *(of(path) for path in flown.timeline.paths["targets"].values())])
     return float(np.median(agents)), float(targets.max(initial=0.0))
 
 
 def waviness(flown: Flown) -> tuple[float, float]:
-    """Return (way flown over the shortest on the grid, turning in degrees a kilometre) of who arrived.
+    """Return (flown length over the shortest grid path, turning in degrees per km) of arrived agents.
 
-    The shortest way is the grid's, along its eight directions and diagonals, from the start to where the
-    agent was when it arrived.
+    The grid path leads from the start to the position at arrival.
     """
     flown_m = shortest_m = turned_deg = 0.0
-    for vehicle, t_s, fate in flown.course.fates:
-        path = flown.course.paths["agents"].get(vehicle)
+    for vehicle, t_s, fate in flown.timeline.statuses:
+        path = flown.timeline.paths["agents"].get(vehicle)
         if fate != "arrived" or path is None:
             continue
         points = path.until(t_s).points_m
@@ -206,9 +203,9 @@ def waviness(flown: Flown) -> tuple[float, float]:
     return (flown_m / shortest_m, turned_deg / flown_m * 1e3) if flown_m else (math.nan, math.nan)
 
 
-def _living_m(course: Timeline, kind: Kind, t_s: float) -> FloatArray:
-    """(n, 2) true places of what lived at a time."""
-    paths = course.paths[kind].values()
+def _living_m(timeline: Timeline, kind: Kind, t_s: float) -> FloatArray:
+    """Return the (n, 2) true positions of living objects at a time."""
+    paths = timeline.paths[kind].values()
     return np.reshape([_at(path, t_s) for path in paths if _lives(path, t_s)], (-1, 2))
 
 

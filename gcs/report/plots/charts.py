@@ -1,4 +1,4 @@
-"""Charts of a run over time: numbers and OSPA with its parts, decisions, transfers, delays, flights."""
+"""Charts of a run over time: cardinality, OSPA, decisions, transfers, delays, flights."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ _MODE_COLOURS: Final = (
 )  # fmt: skip
 
 
-def quality_figure(course: Timeline) -> Figure:
-    """Draw numbers of objects, and OSPA of both trackers with its two parts, over time."""
+def quality_figure(timeline: Timeline) -> Figure:
+    """Draw cardinality, and OSPA of both trackers with its two parts, over time."""
     figure = new_figure(11.0, 7.6)
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
-    draw_cardinality(top, course)
+    draw_cardinality(top, timeline)
     for axes, (kind, colour) in zip((middle, bottom), KINDS.items(), strict=True):
-        series = course.ospa[kind]
+        series = timeline.ospa[kind]
         tidy(axes)
         mean = f", mean {series.mean_m:.2f} m" if series.t_ns else ""
         heading(axes, f"OSPA of {kind}, m (c = {OSPA_CUTOFF_M:.0f} m, p = 1){mean}")
         if not series.t_ns:
-            say(axes, "no truth in this recording to compare with")
+            say(axes, "no ground truth in this recording")
             continue
-        t_s = _seconds(course, series.t_ns)
+        t_s = _seconds(timeline, series.t_ns)
         parts = (series.localisation_m, series.cardinality_m)
         axes.stackplot(
             t_s, *parts, colors=[colour + "66", "#cc79a7aa"], labels=["of places", "of the number"], lw=0
@@ -57,19 +57,19 @@ def quality_figure(course: Timeline) -> Figure:
         axes.set_ylim(0.0, max(5.0, 1.1 * float(series.total_m.max())))
         legend(axes, ncol=3, loc="upper right")
     bottom.set_xlabel("time, s")
-    bottom.set_xlim(0.0, max(course.duration_s, 1.0))
+    bottom.set_xlim(0.0, max(timeline.duration_s, 1.0))
     return figure
 
 
-def draw_cardinality(axes: Axes, course: Timeline) -> None:
-    """Draw true and estimated numbers of both kinds over time."""
+def draw_cardinality(axes: Axes, timeline: Timeline) -> None:
+    """Draw the true and estimated cardinality of both kinds over time."""
     from matplotlib.ticker import MaxNLocator
 
     most = 1
     for kind, colour in KINDS.items():
-        series, scans = course.ospa[kind], course.estimates[kind]
+        series, scans = timeline.ospa[kind], timeline.estimates[kind]
         if series.t_ns:
-            t_s = _seconds(course, series.t_ns)
+            t_s = _seconds(timeline, series.t_ns)
             look: dict[str, Any] = {"color": colour, "lw": 2.6, "alpha": 0.35, "label": f"{kind}, true"}
             axes.step(t_s, series.true_count, where="post", **look)
         counts = [len(estimate.points_m) for estimate in scans]
@@ -80,62 +80,62 @@ def draw_cardinality(axes: Axes, course: Timeline) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
     tidy(axes)
     heading(axes, "number of objects")
-    if any(course.estimates.values()):
+    if any(timeline.estimates.values()):
         legend(axes, ncol=2, loc="lower right")
     else:
         say(axes, "no tracker ran: a telemetry log without a mission (see --config)")
 
 
-def timeline_figure(course: Timeline) -> Figure:
-    """Draw why plans were made, and what became of each agent, over one axis of time."""
-    agents = lanes(course)
-    named = {cause for decision in course.decisions for cause in decision.causes} or {"other"}
+def timeline_figure(timeline: Timeline) -> Figure:
+    """Draw the triggers of plans and the status of each agent over time."""
+    agents = lanes(timeline)
+    named = {trigger for decision in timeline.decisions for trigger in decision.triggers} or {"other"}
     rows = [row for row in COLOURS.items() if row[0] in named]
     lane = 0.34 if len(agents) <= LABELLED else 0.16
     heights = (0.3 * len(rows) + 0.5, lane * max(len(agents), 2) + 0.6)
     figure = new_figure(11.0, sum(heights) + 0.9)
     top, bottom = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": heights})
-    for row, (cause, colour) in enumerate(rows):
-        times = [d.t_s for d in course.decisions if cause in d.causes]
-        retasks = [d.t_s for d in course.decisions if cause in d.causes and d.changed]
+    for row, (trigger, colour) in enumerate(rows):
+        times = [d.t_s for d in timeline.decisions if trigger in d.triggers]
+        retasks = [d.t_s for d in timeline.decisions if trigger in d.triggers and d.changed]
         top.plot(times, [row] * len(times), "o", ms=7, mfc="none", color=colour, mew=1.4)
         top.plot(retasks, [row] * len(retasks), "o", ms=7, color=colour)
     top.set_ylim(len(rows) - 0.4, -0.6)
     top.set_yticks(range(len(rows)), [name for name, _ in rows])
     tidy(top)
-    heading(top, "plans by cause (filled: vehicles got new routes)")
-    draw_lanes(bottom, course, agents)
+    heading(top, "plans by trigger (filled: vehicles got new routes)")
+    draw_lanes(bottom, timeline, agents)
     bottom.set_xlabel("time, s")
-    bottom.set_xlim(0.0, 1.015 * max(course.duration_s, 1.0))
+    bottom.set_xlim(0.0, 1.015 * max(timeline.duration_s, 1.0))
     return figure
 
 
-def lanes(course: Timeline) -> list[int]:
-    """Return every agent that anything is known of."""
-    tasked = (vehicle for decision in course.decisions for vehicle in decision.targets)
-    return sorted({*course.paths["agents"], *tasked, *(v for v, _, _ in course.fates)})
+def lanes(timeline: Timeline) -> list[int]:
+    """Return every known agent."""
+    tasked = (vehicle for decision in timeline.decisions for vehicle in decision.targets)
+    return sorted({*timeline.paths["agents"], *tasked, *(v for v, _, _ in timeline.statuses)})
 
 
-def draw_lanes(axes: Axes, course: Timeline, agents: Sequence[int]) -> None:
-    """One lane for each agent: alive, re-tasked, uploaded to, arrived, dead, called dead."""
+def draw_lanes(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> None:
+    """Draw one row for each agent: alive, re-tasked, mission uploaded, arrived, dead, detected dead."""
     size, lane_of = size_for(len(agents)), {vehicle: row for row, vehicle in enumerate(agents)}
     colour = colours(agents)
     for vehicle, row in lane_of.items():
-        path = course.paths["agents"].get(vehicle)
-        end_s = float(path.t_s[-1]) if path is not None else course.duration_s
+        path = timeline.paths["agents"].get(vehicle)
+        end_s = float(path.t_s[-1]) if path is not None else timeline.duration_s
         look: dict[str, Any] = {"color": colour[vehicle], "alpha": 0.3, "solid_capstyle": "butt"}
         axes.plot((0.0, end_s), (row, row), lw=6.0 * size, **look)
         if path is not None and path.dies:
             axes.plot(end_s, row, marker="X", ms=11 * size, color=INK, mec="white", mew=1.0, zorder=6)
-    for decision in course.decisions:
+    for decision in timeline.decisions:
         rows = [lane_of[v] for v in decision.changed if v in lane_of]
         axes.plot([decision.t_s] * len(rows), [r - 0.3 for r in rows], "v", ms=5 * size, color=INK, zorder=4)
-    for t_s, report in course.uploads:
+    for t_s, report in timeline.uploads:
         if report.vehicle in lane_of:
             row = lane_of[report.vehicle]
             span_s, shade = (t_s - report.duration_s, t_s), INK if report.ok else RED
             axes.plot(span_s, (row, row), color=shade, lw=2.6 * size, solid_capstyle="butt", zorder=4)
-    for vehicle, t_s, fate in course.fates:
+    for vehicle, t_s, fate in timeline.statuses:
         if vehicle in lane_of and fate != "flying":
             style: dict[str, Any] = {"marker": "*", "ms": 15 * size, "color": colour[vehicle], "mec": INK}
             if fate == "dead":
@@ -149,22 +149,26 @@ def draw_lanes(axes: Axes, course: Timeline, agents: Sequence[int]) -> None:
     heading(axes, "agents: ▾ new route  ▬ upload (red: failed)  ★ arrived  ✖ died  ○ called dead")
 
 
-def times_figure(course: Timeline, work_ms: Mapping[str, Sequence[float]]) -> Figure:
-    """Draw how long transfers took, how late scans came, and how long scans and plans take here."""
+def times_figure(timeline: Timeline, work_ms: Mapping[str, Sequence[float]]) -> Figure:
+    """Draw durations of transfers, delays of scans, and computing times of scans and plans."""
     figure = new_figure(11.0, 6.4)
     ((over_time, uploads), (delays, work)) = figure.subplots(2, 2)
-    good = np.array([(t, r.duration_s) for t, r in course.uploads if r.ok]).reshape(-1, 2)
-    bad = np.array([(t, r.duration_s) for t, r in course.uploads if not r.ok]).reshape(-1, 2)
+    good = np.array([(t, r.duration_s) for t, r in timeline.uploads if r.ok]).reshape(-1, 2)
+    bad = np.array([(t, r.duration_s) for t, r in timeline.uploads if not r.ok]).reshape(-1, 2)
     over_time.plot(*good.T, "o", ms=4, color=KINDS["agents"], alpha=0.8, label="verified by read-back")
     if len(bad):
         over_time.plot(*bad.T, "X", ms=7, color=RED, label="failed")
     _panel(
-        over_time, "time of each mission transfer, s", "time, s", bool(course.uploads), "no mission transfers"
+        over_time,
+        "time of each mission transfer, s",
+        "time, s",
+        bool(timeline.uploads),
+        "no mission transfers",
     )
     _shares(uploads, {"transfers": good[:, 1]}, "time of a transfer: share that took at most …", "s")
-    late = {name: 1e3 * sensor.delay_s for name, sensor in course.sensors.items() if len(sensor.t_s)}
+    late = {name: 1e3 * sensor.delay_s for name, sensor in timeline.sensors.items() if len(sensor.t_s)}
     for sensor, values in late.items():
-        delays.plot(course.sensors[sensor].t_s, values, ".", ms=3, label=sensor)
+        delays.plot(timeline.sensors[sensor].t_s, values, ".", ms=3, label=sensor)
     _panel(delays, "delay of each scan, from measurement to arrival, ms", "time, s", bool(late), "no scans")
     delays.set_ylim(bottom=min(0.0, delays.get_ylim()[0]), top=max(1.0, delays.get_ylim()[1]))
     _shares(work, work_ms, "work measured again on this machine: share that took at most …", "ms")
@@ -200,7 +204,7 @@ def _shares(axes: Axes, values: Mapping[str, Sequence[float] | FloatArray], titl
 
 
 def flight_figure(flights: Mapping[int, Flight], duration_s: float) -> Figure:
-    """Draw what vehicles reported: height, speed and modes over time."""
+    """Draw height, speed and flight modes from telemetry over time."""
     lane = 0.34 if len(flights) <= LABELLED else 0.16
     heights = (1.9, 1.9, lane * max(len(flights), 1) + 0.5)
     figure = new_figure(11.0, sum(heights) + 1.2)
@@ -249,5 +253,5 @@ def _modes(axes: Axes, flights: Mapping[int, Flight]) -> None:
         figure.legend(handles=handles, ncol=8, loc="outside lower center", frameon=False, fontsize=9)
 
 
-def _seconds(course: Timeline, t_ns: Sequence[int]) -> FloatArray:
-    return read_only((np.array(t_ns, dtype=np.int64) - course.start_t_ns) * 1e-9)
+def _seconds(timeline: Timeline, t_ns: Sequence[int]) -> FloatArray:
+    return read_only((np.array(t_ns, dtype=np.int64) - timeline.start_t_ns) * 1e-9)

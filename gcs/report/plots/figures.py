@@ -1,9 +1,8 @@
-"""One picture of a run, in the manner of the paper's result figures.
+"""One figure of a run, in the style of the paper's result figures.
 
-Left the map: obstacles, what truly happened (agents in colour, targets in grey-blue; starts are red circles,
-ends crosses), what the trackers made of it (black circles), what was planned (dashed) and the clutter they
-had to live with (grey triangles). Right, over time: OSPA of both trackers, numbers of objects, and what each
-agent went through.
+Left: map of obstacles, ground truth (agents in colour, targets in grey-blue, starts as red circles, ends as
+crosses), estimates (black circles), planned routes (dashed) and clutter (grey triangles). Right, over time:
+OSPA of both trackers, cardinality, and the status of each agent.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ def draw_run(
     Parameters
     ----------
     values
-        Its events, effects and truths, such as the values that a recording holds.
+        Events, effects and ground truth, such as the values of a recording.
     obstacles_m
         (n, 2) east/north of the centres of blocked cells.
     cell_m
@@ -52,7 +51,7 @@ def draw_run(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    course = gather(values)
+    timeline = gather(values)
     figure = Figure(figsize=(15.0, 9.0), dpi=130, facecolor="white")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
@@ -61,47 +60,47 @@ def draw_run(
     )  # fmt: skip
     if title:
         figure.suptitle(title, x=0.045, ha="left", fontsize=15, fontweight="bold", color=INK)
-    _draw_map(figure.add_subplot(grid[:, 0]), course, obstacles_m, cell_m)
+    _draw_map(figure.add_subplot(grid[:, 0]), timeline, obstacles_m, cell_m)
     top = figure.add_subplot(grid[0, 1])
     middle = figure.add_subplot(grid[1, 1], sharex=top)
     bottom = figure.add_subplot(grid[2, 1], sharex=top)
-    _draw_ospa(top, course)
-    draw_cardinality(middle, course)
-    draw_lanes(bottom, course, lanes(course))
+    _draw_ospa(top, timeline)
+    draw_cardinality(middle, timeline)
+    draw_lanes(bottom, timeline, lanes(timeline))
     for axes in (top, middle):
         axes.tick_params(labelbottom=False)
-    top.set_xlim(0.0, 1.02 * max(course.duration_s, 1.0))
+    top.set_xlim(0.0, 1.02 * max(timeline.duration_s, 1.0))
     bottom.set_xlabel("time, s")
     figure.savefig(out_png)
 
 
-def _draw_map(axes: Axes, course: Timeline, obstacles_m: FloatArray | None, cell_m: float) -> None:
-    west, south, east, north = course.area_m
+def _draw_map(axes: Axes, timeline: Timeline, obstacles_m: FloatArray | None, cell_m: float) -> None:
+    west, south, east, north = timeline.area_m
     margin = 0.02 * max(east - west, north - south, 1.0)
     axes.set(xlim=(west - margin, east + margin), ylim=(south - margin, north + margin), aspect="equal")
     axes.set(xlabel="east, m", ylabel="north, m")
     tidy(axes)
     if obstacles_m is not None and len(obstacles_m):
         draw_obstacles(axes, obstacles_m, cell_m)
-    draw_clutter(axes, course)
-    colour = colours(lanes(course))
-    for vehicle, _, points in course.routes:
+    draw_clutter(axes, timeline)
+    colour = colours(lanes(timeline))
+    for vehicle, _, points in timeline.routes:
         axes.plot(*points.T, ls=(0, (4, 3)), lw=0.8, color=colour.get(vehicle, INK), alpha=0.75, zorder=3)
-    truth_until(axes, course, course.duration_s)
-    draw_some_estimates(axes, course, course.duration_s)
-    entries = legend_entries(course, obstacles=obstacles_m is not None, everything=True)
+    truth_until(axes, timeline, timeline.duration_s)
+    draw_some_estimates(axes, timeline, timeline.duration_s)
+    entries = legend_entries(timeline, obstacles=obstacles_m is not None, everything=True)
     axes.legend(
         handles=entries, loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=len(entries), frameon=False,
         fontsize=9, handletextpad=0.5, columnspacing=1.2, borderaxespad=0.0,
     )  # fmt: skip
 
 
-def _draw_ospa(axes: Axes, course: Timeline) -> None:
+def _draw_ospa(axes: Axes, timeline: Timeline) -> None:
     worst_m = 10.0
-    for kind, series in course.ospa.items():
+    for kind, series in timeline.ospa.items():
         if not series.t_ns:
             continue
-        t_s = (np.array(series.t_ns) - course.start_t_ns) * 1e-9
+        t_s = (np.array(series.t_ns) - timeline.start_t_ns) * 1e-9
         look: dict[str, Any] = {"color": KINDS[kind], "label": f"{kind}, mean {series.mean_m:.1f} m"}
         axes.plot(t_s, series.total_m, lw=1.3, **look)
         axes.axhline(series.mean_m, color=KINDS[kind], lw=0.8, ls=":")
@@ -109,7 +108,7 @@ def _draw_ospa(axes: Axes, course: Timeline) -> None:
     axes.set_ylim(0.0, min(1.1 * worst_m, 1.05 * OSPA_CUTOFF_M))
     tidy(axes)
     heading(axes, f"OSPA (c = {OSPA_CUTOFF_M:.0f} m, p = 1), m")
-    if any(series.t_ns for series in course.ospa.values()):
+    if any(series.t_ns for series in timeline.ospa.values()):
         legend(axes, loc="best")
     else:
-        say(axes, "no truth to compare with")
+        say(axes, "no ground truth")

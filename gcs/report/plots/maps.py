@@ -1,8 +1,8 @@
-"""Maps of a run in the manner of the paper's figures: the ground truth, and what the trackers said.
+"""Maps of a run in the style of the paper's figures: the ground truth, and the tracker output.
 
-Truth: agents in colour, targets in grey-blue, red rings where they start, crosses where they are at the end
-of what is shown, obstacles dark. Tracker output: black-outlined circles for each estimate of every scan, grey
-triangles for clutter. Where nobody knows the truth, tracks and the vehicles' own reports take its place.
+Ground truth: agents in colour, targets in grey-blue, red rings at the start, crosses at the end, obstacles
+dark. Tracker output: a black circle for each estimate, grey triangles for clutter. Without ground truth,
+tracks and telemetry are drawn instead.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 
 _MAX_CLUTTER = 5000
 _MAX_OUTLINED = 3000
-"""Estimates of a kind that are drawn one by one."""
+"""Number of estimates of a kind that are outlined."""
 _MOST_POINTS = 1500
-"""Of one line; more cannot be seen."""
+"""Greatest number of points of a line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """The obstacles of a mission."""
+    """Obstacles of a mission."""
 
     obstacles_m: FloatArray
     """(n, 2) east/north of the centres of blocked cells."""
@@ -63,54 +63,54 @@ class Ground:
 
 
 def truth_figure(
-    course: Timeline, ground: Ground | None, flights: Mapping[int, Flight], *, estimates: bool = True
+    timeline: Timeline, ground: Ground | None, flights: Mapping[int, Flight], *, estimates: bool = True
 ) -> Figure:
-    """Draw what truly happened, with the tracks over it, at half time and at the end, side by side.
+    """Draw the ground truth with the tracks, at half time and at the end, side by side.
 
-    Without truth: what the vehicles reported, and the tracks.
+    Without ground truth: telemetry and tracks.
     """
     figure = new_figure(13.0, 6.9)
-    middle_s = 0.5 * course.duration_s
+    middle_s = 0.5 * timeline.duration_s
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    for axes, until_s, name in zip(panels, (middle_s, course.duration_s), ("mid", "end"), strict=True):
-        _frame(axes, course, flights)
+    for axes, until_s, name in zip(panels, (middle_s, timeline.duration_s), ("mid", "end"), strict=True):
+        _frame(axes, timeline, flights)
         heading(axes, f"{name}: {until_s:.0f} s")
         _obstacles(axes, ground)
-        if course.has_truth:
-            truth_until(axes, course, until_s)
+        if timeline.has_truth:
+            truth_until(axes, timeline, until_s)
         else:
-            _reported_until(axes, course, flights, until_s)
+            _reported_until(axes, timeline, flights, until_s)
         if estimates:
-            draw_some_estimates(axes, course, until_s)
+            draw_some_estimates(axes, timeline, until_s)
     panels[1].set_ylabel("")
-    known = legend_entries(course, obstacles=ground is not None, estimates=estimates)
-    _legend(figure, known if course.has_truth else _report_entries(course, flights, ground))
+    known = legend_entries(timeline, obstacles=ground is not None, estimates=estimates)
+    _legend(figure, known if timeline.has_truth else _report_entries(timeline, flights, ground))
     return figure
 
 
-def ground_truth_figure(course: Timeline, ground: Ground | None, until_s: float) -> Figure:
-    """Draw the truth alone up to a time, as the paper's figures of the ground truth do."""
+def ground_truth_figure(timeline: Timeline, ground: Ground | None, until_s: float) -> Figure:
+    """Draw only the ground truth up to a time."""
     figure = new_figure(7.2, 7.4)
     axes = figure.add_subplot()
-    _frame(axes, course, {})
+    _frame(axes, timeline, {})
     _obstacles(axes, ground)
-    truth_until(axes, course, until_s)
+    truth_until(axes, timeline, until_s)
     heading(axes, f"ground truth until {until_s:.0f} s")
-    entries = legend_entries(course, obstacles=ground is not None, estimates=False)
+    entries = legend_entries(timeline, obstacles=ground is not None, estimates=False)
     _legend(figure, entries, columns=6)
     return figure
 
 
-def tracker_figure(course: Timeline, ground: Ground | None) -> Figure:
-    """Draw every estimate of both trackers, and the clutter that they had to live with."""
+def tracker_figure(timeline: Timeline, ground: Ground | None) -> Figure:
+    """Draw every estimate of both trackers, and the clutter."""
     figure = new_figure(9.4, 8.6)
     axes = figure.add_subplot()
-    _frame(axes, course, {})
+    _frame(axes, timeline, {})
     _obstacles(axes, ground, alpha=0.35)
-    every = draw_clutter(axes, course)
-    size = size_for(most_shown(course))
+    every = draw_clutter(axes, timeline)
+    size = size_for(most_shown(timeline))
     entries = []
-    for kind, scans in course.estimates.items():
+    for kind, scans in timeline.estimates.items():
         points = np.concatenate([np.empty((0, 2)), *(estimate.points_m for estimate in scans)])
         many = len(points) > _MAX_OUTLINED  # a raster has no ink of the page's, and keeps the page small
         edge = KINDS[kind] if many else INK
@@ -120,33 +120,33 @@ def tracker_figure(course: Timeline, ground: Ground | None) -> Figure:
         entries.append(
             _sample(f"{kind}: {len(points)} estimates", marker="o", ms=6, mfc=KINDS[kind] + "55", mec=INK)
         )
-    word = "clutter" if course.has_truth else "detections"
+    word = "clutter" if timeline.has_truth else "detections"
     share = "" if every == 1 else f", one of {every} shown"
     entries.append(_sample(f"{word}{share}", marker="^", ms=6, color=CLUTTER, alpha=0.6, mew=0))
     _legend(figure, entries + _ground_entries(ground is not None))
     return figure
 
 
-def most_shown(course: Timeline) -> int:
-    """How many agents there are, to choose sizes by."""
-    seen = max((len(estimate.points_m) for estimate in course.estimates["agents"]), default=0)
-    return max(len(course.paths["agents"]), seen)
+def most_shown(timeline: Timeline) -> int:
+    """Return the number of agents, to choose sizes."""
+    seen = max((len(estimate.points_m) for estimate in timeline.estimates["agents"]), default=0)
+    return max(len(timeline.paths["agents"]), seen)
 
 
-def draw_clutter(axes: Axes, course: Timeline) -> int:
-    """Draw the clutter in grey; return of how many detections each one stands for."""
-    some = max(1, -(-len(course.clutter_m) // _MAX_CLUTTER))
+def draw_clutter(axes: Axes, timeline: Timeline) -> int:
+    """Draw the clutter in grey; return the number of detections per mark."""
+    some = max(1, -(-len(timeline.clutter_m) // _MAX_CLUTTER))
     look: dict[str, Any] = {"marker": "^", "s": 14, "color": CLUTTER, "alpha": 0.3, "linewidths": 0}
-    dots(axes, course.clutter_m[::some], zorder=2, rasterized=True, **look)
-    return some * course.every
+    dots(axes, timeline.clutter_m[::some], zorder=2, rasterized=True, **look)
+    return some * timeline.every
 
 
-def truth_until(axes: Axes, course: Timeline, until_s: float) -> None:
-    """Draw the true paths up to a time, with their starts, ends and deaths."""
-    size = size_for(len(course.paths["agents"]))
-    agent_colours = colours(course.paths["agents"])
+def truth_until(axes: Axes, timeline: Timeline, until_s: float) -> None:
+    """Draw the true paths up to a time, with starts, ends and losses."""
+    size = size_for(len(timeline.paths["agents"]))
+    agent_colours = colours(timeline.paths["agents"])
     ends: list[FloatArray] = []
-    for kind, paths in reversed(course.paths.items()):  # agents last, above all
+    for kind, paths in reversed(timeline.paths.items()):  # agents last, above all
         shown = {n: path.until(until_s) for n, path in paths.items()}
         shown = {n: path for n, path in shown.items() if len(path.t_s)}
         for number, path in shown.items():
@@ -171,11 +171,11 @@ def truth_until(axes: Axes, course: Timeline, until_s: float) -> None:
     )
 
 
-def draw_some_estimates(axes: Axes, course: Timeline, until_s: float) -> None:
-    """Draw what the trackers made of it, thinned so that what is below stays visible."""
-    size = size_for(most_shown(course))
-    for kind, scans in course.estimates.items():
-        if not course.has_truth and kind == "agents":
+def draw_some_estimates(axes: Axes, timeline: Timeline, until_s: float) -> None:
+    """Draw a thinned set of estimates."""
+    size = size_for(most_shown(timeline))
+    for kind, scans in timeline.estimates.items():
+        if not timeline.has_truth and kind == "agents":
             continue  # drawn as lines
         some = scans[:: max(1, len(scans) // (36 if kind == "agents" else 16))]
         few = np.concatenate([np.empty((0, 2)), *(e.points_m for e in some if e.t_s <= until_s)])
@@ -184,7 +184,7 @@ def draw_some_estimates(axes: Axes, course: Timeline, until_s: float) -> None:
         )
 
 
-def _reported_until(axes: Axes, course: Timeline, flights: Mapping[int, Flight], until_s: float) -> None:
+def _reported_until(axes: Axes, timeline: Timeline, flights: Mapping[int, Flight], until_s: float) -> None:
     size = size_for(len(flights))
     flown = colours(flights)
     for vehicle, flight in flights.items():
@@ -196,14 +196,14 @@ def _reported_until(axes: Axes, course: Timeline, flights: Mapping[int, Flight],
                 axes, points[:1], s=58 * size**2, facecolors="none", edgecolors=RED, linewidths=1.9, zorder=8
             )
             dots(axes, points[-1:], marker="x", s=60 * size**2, color=RED, linewidths=2.2 * size, zorder=8)
-    for path in track_lines(course, "agents", until_s).values():
+    for path in track_lines(timeline, "agents", until_s).values():
         axes.plot(*thin(path).T, color=INK, lw=0.9 * size, zorder=6)
 
 
-def track_lines(course: Timeline, kind: Kind, until_s: float) -> dict[Label, FloatArray]:
-    """Return (n, 2) places of each label that was in the estimate at least twice."""
+def track_lines(timeline: Timeline, kind: Kind, until_s: float) -> dict[Label, FloatArray]:
+    """Return (n, 2) positions of each label with at least two estimates."""
     found: dict[Label, list[FloatArray]] = {}
-    for estimate in course.estimates[kind]:
+    for estimate in timeline.estimates[kind]:
         if estimate.t_s <= until_s:
             for label, point in zip(estimate.labels, estimate.points_m, strict=True):
                 found.setdefault(label, []).append(point)
@@ -211,13 +211,13 @@ def track_lines(course: Timeline, kind: Kind, until_s: float) -> dict[Label, Flo
 
 
 def thin(points_m: FloatArray) -> FloatArray:
-    """Return a line with no more points than can be seen, its ends among them."""
+    """Return a line with at most the visible number of points, including its ends."""
     step = -(-len(points_m) // _MOST_POINTS)
     return points_m if step <= 1 else np.vstack([points_m[:-1:step], points_m[-1:]])
 
 
 def name(axes: Axes, text: str, at_m: FloatArray, among: Mapping[Any, object], colour: str) -> None:
-    """Write the name of an object beside it; not in a crowd."""
+    """Write the name of an object next to it, unless there are many."""
     if len(among) > LABELLED:
         return
     axes.annotate(
@@ -228,7 +228,7 @@ def name(axes: Axes, text: str, at_m: FloatArray, among: Mapping[Any, object], c
 
 
 def draw_obstacles(axes: Axes, obstacles_m: FloatArray, cell_m: float, alpha: float = 1.0) -> None:
-    """Draw blocked cells as the squares that they are."""
+    """Draw blocked cells as squares."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
 
@@ -248,9 +248,11 @@ def _obstacles(axes: Axes, ground: Ground | None, alpha: float = 1.0) -> None:
         draw_obstacles(axes, ground.obstacles_m, ground.cell_m, alpha)
 
 
-def _frame(axes: Axes, course: Timeline, flights: Mapping[int, Flight]) -> None:
-    corners = [course.area_m] if course.estimates["agents"] or course.has_truth or course.sensors else []
-    places = [] if course.has_truth else [flight.points_m for flight in flights.values()]
+def _frame(axes: Axes, timeline: Timeline, flights: Mapping[int, Flight]) -> None:
+    corners = (
+        [timeline.area_m] if timeline.estimates["agents"] or timeline.has_truth or timeline.sensors else []
+    )
+    places = [] if timeline.has_truth else [flight.points_m for flight in flights.values()]
     west, south, east, north = area_of([*places, *corners])
     half = 0.52 * max(east - west, north - south) + 10.0  # a square, whatever was flown
     axes.set(xlim=(0.5 * (west + east) - half, 0.5 * (west + east) + half))
@@ -266,16 +268,16 @@ def _sample(label: str, **style: Any) -> Artist:
 
 
 def legend_entries(
-    course: Timeline, *, obstacles: bool, estimates: bool = True, everything: bool = False
+    timeline: Timeline, *, obstacles: bool, estimates: bool = True, everything: bool = False
 ) -> list[Artist]:
-    """Return samples of what a map of the truth shows; `everything` adds routes and clutter."""
+    """Return the legend of a map of the ground truth; `everything` adds routes and clutter."""
     entries = [
         _sample("agent", ls="-", lw=2.4, color=AGENTS[0]),
         _sample("target", ls="-", lw=1.6, color=TARGETS),
         _sample("start", marker="o", ms=7, mfc="none", mec=RED, mew=2),
         _sample("end" if everything else "position then", marker="x", ms=7, mew=2, color=RED),
     ]
-    if any(path.dies for path in course.paths["agents"].values()):
+    if any(path.dies for path in timeline.paths["agents"].values()):
         entries.append(_sample("death", marker="X", ms=10, color=INK, mec="white"))
     if estimates:
         entries.append(_sample("estimate", marker="o", ms=4, mfc="white", mew=0.8, mec="black"))
@@ -285,7 +287,7 @@ def legend_entries(
     return entries + _ground_entries(obstacles)
 
 
-def _report_entries(course: Timeline, flights: Mapping[int, Flight], ground: Ground | None) -> list[Artist]:
+def _report_entries(timeline: Timeline, flights: Mapping[int, Flight], ground: Ground | None) -> list[Artist]:
     entries = []
     if flights:
         entries = [
@@ -293,9 +295,9 @@ def _report_entries(course: Timeline, flights: Mapping[int, Flight], ground: Gro
             _sample("first report", marker="o", ms=7, mfc="none", mec=RED, mew=2),
             _sample("position then", marker="x", ms=7, mew=2, color=RED),
         ]
-    if course.estimates["agents"]:
+    if timeline.estimates["agents"]:
         entries.append(_sample("track of an agent", ls="-", lw=1.0))
-    if any(len(estimate.points_m) for estimate in course.estimates["targets"]):
+    if any(len(estimate.points_m) for estimate in timeline.estimates["targets"]):
         entries.append(_sample("estimate of a target", marker="o", ms=4, mfc="white", mew=0.8, mec="black"))
     return entries + _ground_entries(ground is not None)
 

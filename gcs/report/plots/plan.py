@@ -1,4 +1,4 @@
-"""A picture of a plan: the map, the clearance around its obstacles, and who flies where."""
+"""Figure of a plan: the map with the clearance around its obstacles, and the routes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _ROUTES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5cc0", "#8c6d31")
-"""Told apart with colour-blind eyes too (after Okabe and Ito)."""
+"""Distinguishable with colour-blind eyes (after Okabe and Ito)."""
 _BLOCKED, _NEAR, _FREE, _INK = "#2d3748", "#e2e8f0", "#ffffff", "#1a202c"
 _NAMED = 30
 """Up to this many agents or targets are named."""
@@ -25,31 +25,31 @@ _WIDTH_IN, _TALLEST = 9.0, 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
-    """What to draw; places in metres."""
+class PlanDrawing:
+    """Input of the figure. Positions in metres."""
 
     title: str
     grid: Grid
     inflated: Grid
-    """The grid with all that is nearer to an obstacle than the clearance blocked too."""
+    """The grid with the clearance around obstacles blocked too."""
     starts: Mapping[int, Point]
     targets: Mapping[int, Point]
     routes: Mapping[int, Sequence[Sequence[float]]]
-    """Points by agent, its start first."""
+    """Points by agent, the start first."""
     circles: Mapping[int, LoiterCircle] = field(default_factory=dict)
-    """Where agents wait behind them."""
+    """Loiter circles at the ends of the routes."""
     homes: Mapping[int, Sequence[Sequence[float]]] = field(default_factory=dict)
-    """Ways home by agent, from the ends of the routes."""
+    """Return routes by agent, from the ends of the routes."""
     y_down: bool = False
 
 
-def draw_plan(drawing: Drawing, path: Path) -> None:
-    """Draw to a file whose name says the format.
+def draw_plan(drawing: PlanDrawing, path: Path) -> None:
+    """Draw to a file whose suffix gives the format.
 
     Raises
     ------
     OSError
-        When it cannot be written.
+        If the file cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -94,7 +94,7 @@ def _round(circle: LoiterCircle) -> FloatArray:
     return circle.centre_m + circle.radius_m * np.column_stack((np.sin(angle), np.cos(angle)))
 
 
-def _draw_map(axes: Axes, drawing: Drawing) -> None:
+def _draw_map(axes: Axes, drawing: PlanDrawing) -> None:
     from matplotlib.colors import ListedColormap
 
     grid = drawing.grid
@@ -123,7 +123,7 @@ def _draw_map(axes: Axes, drawing: Drawing) -> None:
         spine.set_color("#a0aec0")
 
 
-def _draw_legend(axes: Axes, drawing: Drawing) -> None:
+def _draw_legend(axes: Axes, drawing: PlanDrawing) -> None:
     from matplotlib.lines import Line2D
 
     def sample(name: str, **style: Any) -> Line2D:
@@ -138,7 +138,7 @@ def _draw_legend(axes: Axes, drawing: Drawing) -> None:
     if drawing.circles:
         entries.append(sample("waits", ls="--", lw=1.2, color=_ROUTES[0]))
     if drawing.homes:
-        entries.append(sample("way home", ls=(0, (4, 1.5)), lw=1.4, color=_ROUTES[0]))
+        entries.append(sample("return route", ls=(0, (4, 1.5)), lw=1.4, color=_ROUTES[0]))
     if (drawing.inflated.blocked & ~drawing.grid.blocked).any():
         entries.append(sample("nearer than the clearance", marker="s", ms=8, color=_NEAR))
     axes.legend(

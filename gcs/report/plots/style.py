@@ -1,7 +1,7 @@
-"""How every figure looks: colours that colour-blind eyes tell apart (after Okabe and Ito), quiet axes.
+"""Style of all figures: colours for colour-blind readers (after Okabe and Ito), light axes.
 
-A figure is saved as PNG and PDF on white paper, and as SVG for a page. In the SVG, what is ink, axis or paper
-becomes a variable of the page's style sheet, so that the same picture is readable on light and on dark.
+A figure is saved as PNG and PDF on white, and as SVG for a page. In the SVG, ink, axes and paper are
+variables of the page's style sheet, so that it is readable on light and on dark.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ KINDS: dict[Kind, str] = {"agents": "#0072b2", "targets": "#d55e00"}
 TARGETS, RED, INK, GRID, AXIS = "#4a5568", "#d7191c", "#1a202c", "#e2e8f0", "#a0aec0"
 CLUTTER = "#718096"
 LABELLED = 12
-"""Up to this many objects of a kind are named, and drawn in full size."""
+"""Up to this number, objects of a kind are named and drawn in full size."""
 _VARIABLES = {
     INK: "--ink", "#000000": "--ink", "#ffffff": "--paper", GRID: "--grid", AXIS: "--axis",
     TARGETS: "--target",
@@ -46,7 +46,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def svg_of(figure: Figure, name: str) -> str:
-    """Return a figure as an SVG element that takes its ink from the page it stands in."""
+    """Return a figure as an SVG element in the colours of its page."""
     from matplotlib import rc_context
 
     buffer = io.StringIO()
@@ -63,12 +63,12 @@ def svg_of(figure: Figure, name: str) -> str:
 
 
 def colours(vehicles: Iterable[int]) -> dict[int, str]:
-    """Colour of each agent; repeated in swarms."""
+    """Return the colour of each agent; repeated in swarms."""
     return {vehicle: AGENTS[n % len(AGENTS)] for n, vehicle in enumerate(sorted(set(vehicles)))}
 
 
 def size_for(count: int) -> float:
-    """Scale of lines and marks: large swarms are drawn finer."""
+    """Return the scale of lines and marks: finer for large swarms."""
     return 1.0 if count <= LABELLED else 0.5
 
 
@@ -78,12 +78,12 @@ def dots(axes: Axes, points_m: FloatArray, **style: Any) -> None:
 
 
 def heading(axes: Axes, text: str) -> None:
-    """Say above some axes what they show, with its unit."""
+    """Write what the axes show, with its unit, above them."""
     axes.set_title(text, loc="left", fontsize=10, color=INK, pad=4)
 
 
 def tidy(axes: Axes) -> None:
-    """Make axes quiet."""
+    """Lighten axes."""
     axes.grid(visible=True, color=GRID, lw=0.7)
     axes.set_axisbelow(True)
     axes.patch.set_alpha(0.0)

@@ -1,8 +1,7 @@
-"""One picture of what a tracker made of recorded detections.
+"""Figure of a tracking result on recorded detections.
 
-Left the place: every detection (grey), the truth (thin, black) and the tracks, each in a colour of its own
-from where it begins (ring) to where it ends (cross). Right, over the scans: each track's two coordinates,
-OSPA, and the number of objects.
+Left: all detections (grey), the ground truth (thin, black) and the tracks, each in its own colour from its
+start (ring) to its end (cross). Right, over the scans: both coordinates of each track, OSPA and cardinality.
 """
 
 from __future__ import annotations
@@ -25,15 +24,15 @@ _COLOURS = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5cc0", "#8c6d31", "#1b9e9e",
     "#b03060", "#5a8f29", "#3b4cc0",
 )  # fmt: skip
-"""Told apart with colour-blind eyes too (after Okabe and Ito); labels beyond them repeat."""
+"""Distinguishable with colour-blind eyes (after Okabe and Ito); repeated for further labels."""
 _INK, _PALE, _GRID, _CLUTTER = "#1a202c", "#a0aec0", "#e8edf3", "#b4becc"
 _MAX_DETECTIONS = 20_000
-"""More would be one grey area, and a file to wait for."""
+"""More would be a grey area and a large file."""
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
-    """What is drawn. Scans by their number k."""
+class TrackingDrawing:
+    """Input of the figure, by scan number k."""
 
     title: str
     detections_k: FloatArray
@@ -41,18 +40,18 @@ class Drawing:
     detections_m: FloatArray
     """(m, 2)."""
     found: Mapping[int, Tracks[Label]]
-    """States of which the first two numbers are the position."""
+    """States; the first two numbers are the position."""
     true: Mapping[int, Tracks[object]]
     ospa_m: Mapping[int, float]
 
 
-def draw_tracking(drawing: Drawing, out: Path) -> None:
-    """Draw to a file, in the format that its name says.
+def draw_tracking(drawing: TrackingDrawing, out: Path) -> None:
+    """Draw to a file whose suffix gives the format.
 
     Raises
     ------
     OSError
-        When it cannot be written.
+        If the file cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -85,7 +84,7 @@ def draw_tracking(drawing: Drawing, out: Path) -> None:
 
 
 def _paths(scans: Mapping[int, Tracks[Any]]) -> dict[Any, FloatArray]:
-    """Rows (k, x, y) of each label; a gap is a row of NaN, which is not drawn."""
+    """Return rows (k, x, y) of each label; a gap is a row of NaN, which is not drawn."""
     rows: dict[Any, list[tuple[float, float, float]]] = {}
     for k, tracks in sorted(scans.items()):
         for label, state in tracks.items():
@@ -135,7 +134,7 @@ def _draw_place(
         Line2D([], [], color=_CLUTTER, marker=".", ms=6, ls="none", label="detection"),
     ]
     if true:
-        handles.insert(0, Line2D([], [], color="black", lw=0.8, label="truth"))
+        handles.insert(0, Line2D([], [], color="black", lw=0.8, label="ground truth"))
     axes.legend(
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.055), ncol=len(handles), frameon=False,
         fontsize=10, handletextpad=0.5, columnspacing=1.6,
@@ -145,7 +144,7 @@ def _draw_place(
 def _draw_ospa(axes: Axes, ospa_m: Mapping[int, float]) -> None:
     _heading(axes, "OSPA (c = 100 m, p = 1), m")
     if not ospa_m:
-        axes.text(0.5, 0.45, "no truth to compare with", transform=axes.transAxes, ha="center", color=_PALE)
+        axes.text(0.5, 0.45, "no ground truth", transform=axes.transAxes, ha="center", color=_PALE)
         return
     scans, values = list(ospa_m), np.array(list(ospa_m.values()))
     axes.fill_between(scans, values, color=_COLOURS[0], alpha=0.14, lw=0)
@@ -154,14 +153,14 @@ def _draw_ospa(axes: Axes, ospa_m: Mapping[int, float]) -> None:
     axes.set_ylim(0.0, max(10.0, 1.1 * float(values.max())))
 
 
-def _draw_numbers(axes: Axes, drawing: Drawing) -> None:
+def _draw_numbers(axes: Axes, drawing: TrackingDrawing) -> None:
     from matplotlib.ticker import MaxNLocator
 
     _heading(axes, "number of objects")
     counts = {k: len(tracks) for k, tracks in drawing.true.items()}
     if counts:
         scans = sorted(counts)
-        axes.step(scans, [counts[k] for k in scans], where="mid", color="black", lw=0.9, label="truth")
+        axes.step(scans, [counts[k] for k in scans], where="mid", color="black", lw=0.9, label="ground truth")
     scans = sorted(drawing.found)
     estimated = [len(drawing.found[k]) for k in scans]
     few = len(scans) <= 300

@@ -1,4 +1,4 @@
-"""The page of one run: which figures and tables there are of it, in which order, and what they say."""
+"""Page of one run: its figures and tables in order."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ PAGE_NAME = "index.html"
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """Everything that is known of a run."""
+    """Input of a run page."""
 
     name: str
     kind: str
     """Recording, telemetry log or raw MAVLink."""
     file: Path
     seed: int | None
-    course: Timeline
+    timeline: Timeline
     start_t_ns: int
     duration_s: float
     summary: Summary | None
@@ -46,23 +46,23 @@ class Material:
 
     @property
     def has_tracks(self) -> bool:
-        """Whether a tracker ran."""
-        return any(self.course.estimates.values())
+        """True if a tracker ran."""
+        return any(self.timeline.estimates.values())
 
 
 def run_page(material: Material, folder: Path) -> Path:
-    """Draw the figures and write the page into `folder`; return the page's file.
+    """Draw the figures and write the page into `folder`; return the path of the page.
 
     Raises
     ------
     RecordingError
-        When something cannot be written.
+        If a file cannot be written.
     """
     sections = [
         _map(material, folder),
         *([_trackers(material, folder)] if material.has_tracks else []),
         *([_decisions(material, folder)] if material.summary is not None else []),
-        *([_times(material, folder)] if material.course.sensors or material.course.uploads else []),
+        *([_times(material, folder)] if material.timeline.sensors or material.timeline.uploads else []),
         *([_flights(material, folder)] if material.flights else []),
         _link(material),
     ]
@@ -94,46 +94,49 @@ def _subtitle(material: Material) -> str:
     return f"{material.kind}{when}, {material.file}"
 
 
-def _judged(material: Material) -> Summary | None:
-    return material.summary if material.course.has_truth else None
+def _evaluated(material: Material) -> Summary | None:
+    return material.summary if material.timeline.has_truth else None
 
 
 def _badge(material: Material) -> str:
-    summary = _judged(material)
-    return "no truth" if summary is None else summary.outcome
+    summary = _evaluated(material)
+    return "no ground truth" if summary is None else summary.outcome
 
 
 def _good(material: Material) -> bool | None:
-    summary = _judged(material)
+    summary = _evaluated(material)
     return None if summary is None else summary.outcome == "complete"
 
 
 def _lead(material: Material) -> str:
-    summary = _judged(material)
+    summary = _evaluated(material)
     return "" if summary is None else f"{summary.reason[0].upper()}{summary.reason[1:]}."
 
 
 def _facts(material: Material) -> list[Fact]:
-    summary, course = material.summary, material.course
+    summary, timeline = material.summary, material.timeline
     facts = [Fact("run time", number(material.duration_s), "s")]
-    judged = _judged(material)
-    if judged is not None:
-        reached = f"{judged.targets_reached} of {judged.targets_total}"
-        facts += [Fact("targets reached", reached), _deaths(judged)]
-        for kind, mean_m in (("agents", judged.ospa_agents_mean_m), ("targets", judged.ospa_targets_mean_m)):
+    evaluated = _evaluated(material)
+    if evaluated is not None:
+        reached = f"{evaluated.targets_reached} of {evaluated.targets_total}"
+        facts += [Fact("targets reached", reached), _deaths(evaluated)]
+        for kind, mean_m in (
+            ("agents", evaluated.ospa_agents_mean_m),
+            ("targets", evaluated.ospa_targets_mean_m),
+        ):
             facts.append(Fact(f"OSPA of {kind}, mean", number(mean_m, 2), "m", "c = 100 m, p = 1"))
     if summary is not None:
         failed = f"{summary.upload_failures} failed"
         facts += [
-            Fact("re-tasks", str(summary.retasks), "", f"plans: {len(course.decisions)}"),
+            Fact("re-tasks", str(summary.retasks), "", f"plans: {len(timeline.decisions)}"),
             Fact("mission transfers", str(summary.uploads), "", failed),
         ]
     for name, values in material.work_ms.items():
         if len(values):
             worst = number(float(np.percentile(values, 99)), 1)
-            facts.append(Fact(f"a {name}'s work, 99 %", worst, "ms", "measured again on this machine"))
+            facts.append(Fact(f"{name} computing time, 99 %", worst, "ms", "replayed on this machine"))
     if material.flights:
-        facts.append(Fact("vehicles heard", str(len(material.flights))))
+        facts.append(Fact("vehicles in telemetry", str(len(material.flights))))
     lost = [of["lost"] for of in material.traffic["vehicles"] if of["lost"] is not None]
     frames = sum(of["frames"] for of in material.traffic["vehicles"])
     if frames:
@@ -150,59 +153,61 @@ def _deaths(summary: Summary) -> Fact:
         detail += f" to {number(max(delays))} s"
     if summary.false_deaths:
         detail += f"; {summary.false_deaths} false"
-    return Fact("deaths seen", f"{len(delays)} of {summary.deaths}", "", detail)
+    return Fact("losses detected", f"{len(delays)} of {summary.deaths}", "", detail)
 
 
 def _map(material: Material, folder: Path) -> Section:
-    course = material.course
-    figure = truth_figure(course, material.ground, material.flights)
-    what = "Truth and tracks" if course.has_truth else "Reports of the vehicles and tracks"
+    timeline = material.timeline
+    figure = truth_figure(timeline, material.ground, material.flights)
+    what = "Ground truth and tracks" if timeline.has_truth else "Telemetry and tracks"
     if not material.has_tracks:
-        what = "Reports of the vehicles"
+        what = "Telemetry"
     over = " over the obstacles" if material.ground is not None else ""
-    caption = f"{what}{over}, at half time and at the end."
+    caption = f"{what}{over}, at half time and at the end of the run."
     if material.has_tracks:
-        caption += " Of the estimates, some are drawn."
-    return Section(f"{what}, mid and end", "", (save_figure(figure, folder, "truth", caption),))
+        caption += " Only some estimates are drawn."
+    return Section(
+        f"{what} at half time and at the end", "", (save_figure(figure, folder, "truth", caption),)
+    )
 
 
 def _trackers(material: Material, folder: Path) -> Section:
-    course = material.course
-    word = "clutter" if course.has_truth else "detections"
+    timeline = material.timeline
+    word = "clutter" if timeline.has_truth else "detections"
     output = save_figure(
-        tracker_figure(course, material.ground), folder, "tracker",
-        f"Every estimate of both trackers at every scan, and the {word} in grey.",
+        tracker_figure(timeline, material.ground), folder, "tracker",
+        f"All estimates of both trackers, and {word} in grey.",
     )  # fmt: skip
     quality = save_figure(
-        quality_figure(course), folder, "quality",
-        "Numbers of objects over time, and OSPA of both trackers with the parts that it is made of.",
+        quality_figure(timeline), folder, "quality",
+        "Cardinality over time, and OSPA of both trackers with its localisation and cardinality parts.",
     )  # fmt: skip
-    rows = (tables.tracking(course),) if course.has_truth else ()
-    text = "" if course.has_truth else "OSPA needs the truth, which nobody recorded here."
-    text += " All tracks are in tracks.csv: k, t in s, kind, label, x, y in m, vx, vy in m/s, existence."
+    rows = (tables.tracking(timeline),) if timeline.has_truth else ()
+    text = "" if timeline.has_truth else "No OSPA: the file has no ground truth."
+    text += " tracks.csv has all tracks: k, t in s, kind, label, x, y in m, vx, vy in m/s, existence."
     return Section("Tracker output", text.strip(), (output, quality), rows)
 
 
 def _decisions(material: Material, folder: Path) -> Section:
-    summary, course = material.summary, material.course
+    summary, timeline = material.summary, material.timeline
     assert summary is not None
     picture = save_figure(
-        timeline_figure(course), folder, "timeline",
-        "When plans were made and why, and what each agent went through.",
+        timeline_figure(timeline), folder, "timeline",
+        "Plans with their triggers, and the status of each agent over time.",
     )  # fmt: skip
-    rows = [tables.agents(course, summary, material.flights), tables.plans(course)]
-    if course.notices:
-        rows.append(tables.notices(course))
-    return Section("Plans and fates", "", (picture,), tuple(rows))
+    rows = [tables.agents(timeline, summary, material.flights), tables.plans(timeline)]
+    if timeline.notices:
+        rows.append(tables.notices(timeline))
+    return Section("Plans and agent status", "", (picture,), tuple(rows))
 
 
 def _times(material: Material, folder: Path) -> Section:
-    course = material.course
+    timeline = material.timeline
     picture = save_figure(
-        times_figure(course, material.work_ms), folder, "times",
-        "How long mission transfers took, how late scans came, and how long scans and plans take.",
+        times_figure(timeline, material.work_ms), folder, "times",
+        "Durations of mission transfers, delays of scans, and computing times of scans and plans.",
     )  # fmt: skip
-    rows = [tables.uploads(course), tables.sensors(course)]
+    rows = [tables.uploads(timeline), tables.sensors(timeline)]
     if any(len(values) for values in material.work_ms.values()):
         rows.append(tables.work(material.work_ms))
     return Section("Transfer and scan times", "", (picture,), tuple(rows))
@@ -210,9 +215,9 @@ def _times(material: Material, folder: Path) -> Section:
 
 def _flights(material: Material, folder: Path) -> Section:
     figure = flight_figure(material.flights, material.duration_s)
-    caption = "Height, ground speed and mode of each vehicle, as it reported them."
+    caption = "Height, ground speed and flight mode of each vehicle, from its telemetry."
     picture = save_figure(figure, folder, "flights", caption)
-    return Section("What the vehicles reported", "", (picture,), (tables.flown(material.flights),))
+    return Section("Vehicle telemetry", "", (picture,), (tables.flown(material.flights),))
 
 
 def _link(material: Material) -> Section:
@@ -225,7 +230,7 @@ def _link(material: Material) -> Section:
 
 
 def _footer(material: Material) -> str:
-    made = material.versions.get("swarm-gcs")
+    version = material.versions.get("swarm-gcs")
     return f"Made by gcs report from {material.file}" + (
-        f", recorded with swarm-gcs {made}." if made else "."
+        f", recorded with swarm-gcs {version}." if version else "."
     )

@@ -1,4 +1,4 @@
-"""The summary at the end of a run: as a panel in a terminal, as plain lines elsewhere."""
+"""The summary at the end of a run: a panel in a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.report.run.evaluation import AgentOutcome, Retask, Summary
-from gcs.report.run.triggers import counted
+from gcs.report.run.triggers import count_by_trigger
 
 _COLOURS = {"arrived": "green", "dead": "red", "flying": "yellow"}
 _ROWS = 12
-"""More agents than this are listed by fate, not one by one."""
+"""More agents than this are listed by status."""
 _RETASKS = 15
-"""More re-tasks than this are cut short: the recording has them all."""
+"""At most this many re-tasks are listed; the recording has all."""
 
 
 def print_summary(summary: Summary, console: Console, picture: Path | None = None) -> None:
-    """Show how a run went; `picture` is the file that was drawn of it."""
+    """Show the result of a run; `picture` is the file of its figure."""
     if console.is_terminal:
         console.print(render(summary, picture))
     else:
@@ -34,7 +34,10 @@ def summary_text(summary: Summary, picture: Path | None = None) -> str:
     lines = [_title(summary), f"  {summary.reason}"]
     lines += [f"  agent {a.system_id}: {_fate(a)}" for a in summary.agents]
     lines += [f"  {name}: {value}" for name, value in _facts(summary, picture)]
-    lines += [f"  re-task at {when}: {who}: {why}" for when, who, why in _retasks(summary.retask_list)]
+    lines += [
+        f"  re-task at {when}: {vehicles}: {reason}"
+        for when, vehicles, reason in _retasks(summary.retask_list)
+    ]
     return "\n".join(lines)
 
 
@@ -71,8 +74,8 @@ def _fate(agent: AgentOutcome) -> str:
 def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
     facts = [
         ("targets reached", f"{summary.targets_reached} of {summary.targets_total}"),
-        ("deaths seen", _deaths(summary)),
-        ("re-tasks", _retasks_by_cause(summary)),
+        ("losses detected", _deaths(summary)),
+        ("re-tasks", _retasks_by_trigger(summary)),
         ("uploads", f"{summary.uploads}, {summary.upload_failures} failed"),
         ("OSPA agents", _metres(summary.ospa_agents_mean_m)),
         ("OSPA targets", _metres(summary.ospa_targets_mean_m)),
@@ -86,9 +89,9 @@ def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
     return facts
 
 
-def _retasks_by_cause(summary: Summary) -> str:
-    by_cause = counted(retask.causes for retask in summary.retask_list)
-    return f"{summary.retasks} ({by_cause})" if by_cause else str(summary.retasks)
+def _retasks_by_trigger(summary: Summary) -> str:
+    by_trigger = count_by_trigger(retask.triggers for retask in summary.retask_list)
+    return f"{summary.retasks} ({by_trigger})" if by_trigger else str(summary.retasks)
 
 
 def _deaths(summary: Summary) -> str:
@@ -128,9 +131,9 @@ def _retask_table(retasks: Sequence[Retask]) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
     table.add_column("re-tasked at", justify="right", no_wrap=True)
     table.add_column("agents")
-    table.add_column("because")
-    for when, who, why in _retasks(retasks):
-        table.add_row(when, who, Text(why))
+    table.add_column("reason")
+    for when, vehicles, reason in _retasks(retasks):
+        table.add_row(when, vehicles, Text(reason))
     return table
 
 

@@ -1,6 +1,6 @@
-"""What a run was, in tables: plain rows of text, each column with its unit.
+"""Tables of a run: rows of text, each column with its unit.
 
-Numbers come from the judge, the course and the traffic; nothing is measured here.
+All numbers come from the evaluator, the timeline and the traffic.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ NONE: Final = "–"
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of text below the names of columns, which say their unit."""
+    """Rows of text with column names that give the unit."""
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     left: frozenset[str] = frozenset()
-    """Columns of words; numbers stand on the right."""
+    """Left-aligned columns of text; numbers are right-aligned."""
     note: str = ""
 
 
-def agents(course: Timeline, summary: Summary, flights: Mapping[int, Flight]) -> Table:
-    """What became of each agent."""
+def agents(timeline: Timeline, summary: Summary, flights: Mapping[int, Flight]) -> Table:
+    """Return the outcome of each agent."""
     rows = []
     for agent in summary.agents:
         vehicle = agent.system_id
-        path = course.paths["agents"].get(vehicle)
+        path = timeline.paths["agents"].get(vehicle)
         died_s = float(path.t_s[-1]) if path is not None and path.dies else None
-        called = [t_s for v, t_s, fate in course.fates if v == vehicle and fate == "dead"]
+        called = [t_s for v, t_s, fate in timeline.statuses if v == vehicle and fate == "dead"]
         retasks = sum(vehicle in retask.vehicles for retask in summary.retask_list)
         line = (
             path.points_m if path is not None else flights[vehicle].points_m if vehicle in flights else None
@@ -50,15 +50,15 @@ def agents(course: Timeline, summary: Summary, flights: Mapping[int, Flight]) ->
             str(vehicle), agent.fate, target, number(died_s), number(called[0] if called else None),
             str(retasks), flown,
         ))  # fmt: skip
-    columns = ("agent", "fate", "true target", "last alive, s", "called dead, s", "re-tasks", "flown, m")
+    columns = ("agent", "fate", "true target", "last alive, s", "detected lost, s", "re-tasks", "flown, m")
     return _table("Agents", columns, rows, {"fate"})
 
 
-def tracking(course: Timeline) -> Table:
-    """How well the trackers did; only where the truth is known."""
+def tracking(timeline: Timeline) -> Table:
+    """Return the errors of the trackers; needs ground truth."""
     rows = []
     for kind in KINDS:
-        series = course.ospa[kind]
+        series = timeline.ospa[kind]
         if series.t_ns:
             right = np.mean(np.equal(series.true_count, series.estimated_count))
             total = series.total_m
@@ -69,30 +69,30 @@ def tracking(course: Timeline) -> Table:
                 number(100.0 * float(right)),
             ))  # fmt: skip
     columns = (
-        "tracker", "scans", "OSPA mean, m", "median, m", "95 %, m", "worst, m", "of places, m",
-        "of the number, m", "number right, % of scans",
+        "tracker", "scans", "OSPA mean, m", "median, m", "95 %, m", "worst, m", "localisation, m",
+        "cardinality, m", "cardinality correct, % of scans",
     )  # fmt: skip
-    return _table("Trackers against the truth", columns, rows, {"tracker"})
+    return _table("Trackers against ground truth", columns, rows, {"tracker"})
 
 
-def plans(course: Timeline) -> Table:
-    """Every plan and why it was made."""
+def plans(timeline: Timeline) -> Table:
+    """Return every plan and its triggers."""
     rows = [
         (
             number(decision.t_s), ", ".join(map(str, decision.changed)) or NONE,
-            ", ".join(decision.causes), decision.reason,
+            ", ".join(decision.triggers), decision.reason,
         )
-        for decision in course.decisions
+        for decision in timeline.decisions
     ]  # fmt: skip
-    columns = ("at, s", "agents with new routes", "cause", "reason")
-    return _table("Plans", columns, rows, {"agents with new routes", "cause", "reason"})
+    columns = ("at, s", "agents with new routes", "trigger", "reason")
+    return _table("Plans", columns, rows, {"agents with new routes", "trigger", "reason"})
 
 
-def uploads(course: Timeline) -> Table:
-    """How missions got to each vehicle."""
+def uploads(timeline: Timeline) -> Table:
+    """Return the mission transfers of each vehicle."""
     rows = []
-    for vehicle in sorted({report.vehicle for _, report in course.uploads}):
-        of = [report for _, report in course.uploads if report.vehicle == vehicle]
+    for vehicle in sorted({report.vehicle for _, report in timeline.uploads}):
+        of = [report for _, report in timeline.uploads if report.vehicle == vehicle]
         times = np.array([report.duration_s for report in of if report.ok])
         quantiles = [number(float(np.percentile(times, q)), 2) if len(times) else NONE for q in (50, 95, 100)]
         rows.append((
@@ -103,10 +103,10 @@ def uploads(course: Timeline) -> Table:
     return _table("Mission transfers by vehicle", columns, rows, note="times of those verified by read-back")
 
 
-def sensors(course: Timeline) -> Table:
-    """What came from each sensor."""
+def sensors(timeline: Timeline) -> Table:
+    """Return the scans of each sensor."""
     rows = []
-    for name, of in course.sensors.items():
+    for name, of in timeline.sensors.items():
         period = np.median(np.diff(np.sort(of.t_s))) if len(of.t_s) > 1 else None
         late = [number(1e3 * float(np.percentile(of.delay_s, q)), 1) for q in (50, 99, 100)]
         rows.append((
@@ -121,7 +121,7 @@ def sensors(course: Timeline) -> Table:
 
 
 def work(work_ms: Mapping[str, Sequence[float]]) -> Table:
-    """How long scans and plans took here."""
+    """Return the computing times of scans and plans."""
     rows = [
         (
             name, str(len(values)), number(float(np.median(values)), 2),
@@ -129,22 +129,22 @@ def work(work_ms: Mapping[str, Sequence[float]]) -> Table:
         )
         for name, values in work_ms.items() if len(values)
     ]  # fmt: skip
-    columns = ("work", "count", "median, ms", "99 %, ms", "worst, ms")
-    note = "measured while the events were worked once more, on the machine that made this page"
-    return _table("Work of central command", columns, rows, {"work"}, note)
+    columns = ("task", "count", "median, ms", "99 %, ms", "worst, ms")
+    note = "measured in a replay on the machine that made this page"
+    return _table("Computing times of central command", columns, rows, {"task"}, note)
 
 
-def notices(course: Timeline) -> Table:
+def notices(timeline: Timeline) -> Table:
     """Return warnings and alarms."""
     rows = [
         (number(t_s), of.level, NONE if of.vehicle is None else str(of.vehicle), of.text)
-        for t_s, of in course.notices
+        for t_s, of in timeline.notices
     ]
     return _table("Warnings and alarms", ("at, s", "level", "vehicle", "text"), rows, {"level", "text"})
 
 
 def flown(flights: Mapping[int, Flight]) -> Table:
-    """What vehicles reported of themselves."""
+    """Return the telemetry of each vehicle."""
     rows = []
     for vehicle, of in flights.items():
         times = f"{number(float(of.t_s[0]))} – {number(float(of.t_s[-1]))}" if len(of.t_s) else NONE
@@ -156,13 +156,14 @@ def flown(flights: Mapping[int, Flight]) -> Table:
             "yes" if any(armed for _, _, armed in of.modes) else "no", ", ".join(modes),
         ))  # fmt: skip
     columns = (
-        "vehicle", "positions kept", "from – to, s", "way, m", "highest, m", "fastest, m/s", "armed", "modes",
+        "vehicle", "positions kept", "from – to, s", "flown, m", "highest, m", "fastest, m/s", "armed",
+        "modes",
     )  # fmt: skip
-    return _table("Vehicles by their own reports", columns, rows, {"from – to, s", "armed", "modes"})
+    return _table("Vehicles by their telemetry", columns, rows, {"from – to, s", "armed", "modes"})
 
 
 def senders(traffic: Mapping[str, Any]) -> Table:
-    """Who sent what over MAVLink."""
+    """Return the systems that sent MAVLink frames."""
     rows = []
     for of in (*traffic["vehicles"], *traffic["ground_stations"]):
         lost, frames = of["lost"], of["frames"]
@@ -175,13 +176,13 @@ def senders(traffic: Mapping[str, Any]) -> Table:
         ))  # fmt: skip
     columns = (
         "system", "type", "autopilot", "firmware", "MAVLink", "frames", "rate, Hz", "lost, %",
-        "silences > 5 s", "longest, s",
+        "gaps > 5 s", "longest, s",
     )  # fmt: skip
     return _table("Senders", columns, rows, {"system", "type", "autopilot", "firmware"})
 
 
 def transfers(traffic: Mapping[str, Any], start_t_ns: int) -> Table:
-    """Mission transfers as they are seen in the traffic."""
+    """Return the mission transfers seen in the traffic."""
     rows = [
         (
             number((of["t_ns"] - start_t_ns) / NS_PER_S), str(of["from"]), str(of["to"]), of["kind"],
@@ -194,8 +195,8 @@ def transfers(traffic: Mapping[str, Any], start_t_ns: int) -> Table:
 
 
 def versions(of: Mapping[str, str]) -> Table:
-    """What a recording was made with."""
-    return _table("Made with", ("what", "version"), list(of.items()), {"what", "version"})
+    """Return the software versions of a recording."""
+    return _table("Versions", ("component", "version"), list(of.items()), {"component", "version"})
 
 
 def number(value: float | None, digits: int = 1) -> str:

@@ -1,9 +1,8 @@
-"""The course of a run, gathered in one pass into what figures, tables and claims are made from.
+"""Timeline of a run: gather in one pass what figures, tables and claims need.
 
-`TimelineBuilder` takes whatever a run consists of, in its order, and keeps the least that is shown: positions
-and times as packed numbers, never a picture with its covariances. So memory grows with scans times objects,
-about 500 bytes for each object at each scan where the truth is known, most of it the judge's; detections are
-thinned beyond `MAX_DETECTIONS`.
+`TimelineBuilder` keeps positions and times as packed numbers, without covariances. Memory grows with scans
+times objects: about 500 bytes for each object and scan with ground truth, most of it for the evaluator.
+Detections are thinned beyond `MAX_DETECTIONS`.
 """
 
 from __future__ import annotations
@@ -31,37 +30,37 @@ from gcs.model import (
     read_only,
 )
 from gcs.report.run.evaluation import Evaluator, OspaSeries
-from gcs.report.run.triggers import causes_of
+from gcs.report.run.triggers import triggers_of
 
 KINDS: tuple[Kind, ...] = ("agents", "targets")
 MAX_DETECTIONS = 40_000
 _CLUTTER_SIGMAS = 4.0
-"""A detection farther than this from everything alive is clutter."""
+"""A detection farther than this from every living object is clutter."""
 _TRUTH_LATE_SCANS = 20
-"""So long a scan waits for the truth of its time; in a live world that may come after it."""
+"""Number of scans that wait for their ground truth, which may arrive later."""
 _MAX_NOTICES = 500
 
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """Where one object truly was, scan by scan."""
+    """True positions of one object, scan by scan."""
 
     t_s: FloatArray
-    """(n,) since the start of the run, while it was alive."""
+    """(n,) since the start of the run, while the object was alive."""
     points_m: FloatArray
     """(n, 2)."""
     dies: bool
-    """It was gone before the run ended."""
+    """True if the object was gone before the run ended."""
 
     def until(self, t_s: float) -> Path:
-        """Return its part up to a time; it dies in it only when it was over by then."""
+        """Return the part up to a time. It dies in it only if it was over by then."""
         count = int(np.searchsorted(self.t_s, t_s, side="right"))
         return Path(self.t_s[:count], self.points_m[:count], self.dies and count == len(self.t_s))
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What a tracker held to be there at one scan: the tracks in its estimate."""
+    """Estimated tracks of a tracker at one scan."""
 
     t_s: float
     points_m: FloatArray
@@ -75,22 +74,22 @@ class Decision:
 
     t_s: float
     changed: tuple[int, ...]
-    """Vehicles that got a new route."""
+    """Vehicles with a new route."""
     targets: dict[int, Label]
-    """Of every vehicle with a route."""
+    """Target of every vehicle with a route."""
     ends_m: dict[int, tuple[float, float]]
-    """Where each of the new routes ends."""
+    """End of each new route."""
     reason: str
-    causes: tuple[str, ...]
-    """Its kinds (`gcs.report.run.triggers`)."""
+    triggers: tuple[str, ...]
+    """Kinds of triggers (`gcs.report.run.triggers`)."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorTimeline:
-    """What came from one sensor, scan by scan."""
+    """Scans of one sensor."""
 
     t_s: FloatArray
-    """(n,) when each scan was measured."""
+    """(n,) time of each measurement."""
     delay_s: FloatArray
     """(n,) from measurement to arrival."""
     detections: FloatArray
@@ -102,32 +101,32 @@ class Timeline:
     """A run, ready to be drawn. Times are seconds since its start."""
 
     paths: dict[Kind, dict[int, Path]]
-    """The truth; empty where nobody knows it."""
+    """Ground truth; empty if unknown."""
     estimates: dict[Kind, tuple[Estimate, ...]]
-    """For each scan in order."""
+    """Estimates of each scan, in order."""
     clutter_m: FloatArray
-    """(n, 2) detections of nothing that is known; all detections where the truth is not known."""
+    """(n, 2) detections of no known object; all detections without ground truth."""
     every: int
-    """Of the detections, each so many-th is in `clutter_m`."""
+    """`clutter_m` has every n-th detection."""
     sensors: dict[str, SensorTimeline]
     routes: tuple[tuple[int, float, FloatArray], ...]
-    """(vehicle, when, (k, 2) points) of each route that was newly planned."""
+    """(vehicle, time, (k, 2) points) of each new route."""
     decisions: tuple[Decision, ...]
     uploads: tuple[tuple[float, UploadReport], ...]
-    """(when it ended, how)."""
-    fates: tuple[tuple[int, float, str], ...]
-    """(vehicle, when, fate)."""
+    """(end time, report)."""
+    statuses: tuple[tuple[int, float, str], ...]
+    """(vehicle, time, status)."""
     notices: tuple[tuple[float, Notice], ...]
-    """Warnings and alarms, the first of them where there are many."""
+    """Warnings and alarms; the first ones if there are many."""
     ospa: dict[Kind, OspaSeries]
     start_t_ns: int
     duration_s: float
     area_m: tuple[float, float, float, float]
-    """east_min, north_min, east_max, north_max of everything."""
+    """east_min, north_min, east_max, north_max of the map."""
 
     @property
     def has_truth(self) -> bool:
-        """Whether anything is known of what really was."""
+        """True if there is ground truth."""
         return any(self.paths.values())
 
     def seconds(self, t_ns: int) -> float:
@@ -136,16 +135,16 @@ class Timeline:
 
 
 def gather(values: Iterable[object]) -> Timeline:
-    """Gather the course of a run from its events, effects and truths; others are passed over."""
+    """Gather the timeline of a run from its events, effects and ground truth; other values are ignored."""
     builder = TimelineBuilder()
     for value in values:
-        builder.take(value)
-    return builder.course()
+        builder.add(value)
+    return builder.build()
 
 
 @dataclass(slots=True)
 class _Trail:
-    """Times and places of one object."""
+    """Times and positions of one object."""
 
     t_ns: array[int] = field(default_factory=lambda: array("q"))
     points_m: array[float] = field(default_factory=lambda: array("d"))
@@ -159,16 +158,16 @@ class _Heard:
 
 
 class TimelineBuilder:
-    """Takes a run value by value.
+    """Builds the timeline of a run, value by value.
 
     Parameters
     ----------
-    judge : Judge, optional
-        Is fed with the same run, and asked for its OSPA.
+    evaluator : Evaluator, optional
+        Gets the same values and provides the OSPA.
     """
 
-    def __init__(self, judge: Evaluator | None = None) -> None:
-        self.judge = judge if judge is not None else Evaluator(0.0, ())
+    def __init__(self, evaluator: Evaluator | None = None) -> None:
+        self.evaluator = evaluator if evaluator is not None else Evaluator(0.0, ())
         self._trails: dict[Kind, dict[int, _Trail]] = {kind: {} for kind in KINDS}
         self._truth_t_ns = [0, 0]
         """Of the first and the last truth."""
@@ -185,11 +184,11 @@ class TimelineBuilder:
 
     @property
     def start_t_ns(self) -> int:
-        """Earliest time so far; 0 before there is one."""
+        """Earliest time so far; 0 before the first."""
         return self._span_t_ns[0] if self._span_t_ns is not None else 0
 
-    def take(self, value: object) -> None:
-        """Take one event, effect or truth; others are passed over."""
+    def add(self, value: object) -> None:
+        """Add an event, an effect or ground truth; other values are ignored."""
         match value:
             case Truth():
                 self._truth(value)
@@ -200,17 +199,17 @@ class TimelineBuilder:
                 self._scan(value)
             case Plan():
                 self._plans.append(value)
-                self.judge.effect(value)
+                self.evaluator.add_effect(value)
             case UploadReport() | AgentStatus():
                 self._marks.append(value)
-                self.judge.effect(value)
+                self.evaluator.add_effect(value)
             case Notice(level="warning" | "alarm") if self._notices < _MAX_NOTICES:
                 self._notices += 1
                 self._marks.append(value)
             case Tick():
                 self._reach(value.t_ns)
             case _:
-                self.judge.effect(value)  # type: ignore[arg-type]  # passes over what says nothing
+                self.evaluator.add_effect(value)  # type: ignore[arg-type]  # passes over what says nothing
 
     def _reach(self, t_ns: int) -> None:
         first, last = self._span_t_ns or (t_ns, t_ns)
@@ -218,7 +217,7 @@ class TimelineBuilder:
 
     def _truth(self, truth: Truth) -> None:
         self._reach(truth.t_ns)
-        self.judge.truth(truth)
+        self.evaluator.add_truth(truth)
         self._truth_t_ns = [self._truth_t_ns[0] or truth.t_ns, max(truth.t_ns, self._truth_t_ns[1])]
         living = []
         for thing in truth.objects:
@@ -238,14 +237,14 @@ class TimelineBuilder:
         points = np.array([track.mean[:2] for track in shown]).reshape(-1, 2)
         key = (picture.kind, picture.scan_t_ns)
         self._estimates[key] = points, tuple(track.label for track in shown)
-        self.judge.effect(picture)
+        self.evaluator.add_effect(picture)
 
     def _scan(self, scan: Scan) -> None:
         sensor = scan.sensor
-        heard = self._sensors.setdefault(sensor.name, _Heard())
-        heard.measured_t_ns.append(scan.measured_t_ns)
-        heard.delay_s.append((scan.t_ns - scan.measured_t_ns) / NS_PER_S)
-        heard.detections.append(len(scan.z_m))
+        received = self._sensors.setdefault(sensor.name, _Heard())
+        received.measured_t_ns.append(scan.measured_t_ns)
+        received.delay_s.append((scan.t_ns - scan.measured_t_ns) / NS_PER_S)
+        received.detections.append(len(scan.z_m))
         self._fields_m[sensor.name] = sensor.field_of_view_m
         if scan.measured_t_ns in self._living:
             self._sort_out(scan)
@@ -256,15 +255,15 @@ class TimelineBuilder:
                 self._sort_out(late)
 
     def _sort_out(self, scan: Scan) -> None:
-        """Keep the detections of nothing that lives; all where that is not known."""
+        """Keep the detections of no living object; all without ground truth."""
         z_m, living_m = scan.z_m, self._living.get(scan.measured_t_ns, ())
         if len(living_m) and len(z_m):
             gaps_m = np.linalg.norm(z_m[:, np.newaxis] - np.asarray(living_m)[np.newaxis], axis=2).min(axis=1)
             z_m = z_m[gaps_m > _CLUTTER_SIGMAS * float(np.sqrt(scan.sensor.noise_cov_m2.trace()))]
         self._detections.add(z_m)
 
-    def course(self) -> Timeline:
-        """Return what was taken so far."""
+    def build(self) -> Timeline:
+        """Return the timeline of all values so far."""
         for scans in self._waiting.values():
             for scan in scans:
                 self._sort_out(scan)
@@ -278,15 +277,15 @@ class TimelineBuilder:
             estimates=estimates,
             clutter_m=self._detections.points_m(),
             every=self._detections.every,
-            sensors={name: _sensor(heard, start) for name, heard in sorted(self._sensors.items())},
+            sensors={name: _sensor(received, start) for name, received in sorted(self._sensors.items())},
             routes=tuple(_routes(self._plans, paths["agents"], start)),
             decisions=tuple(_decision(plan, start) for plan in self._plans),
             uploads=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, UploadReport)),
-            fates=tuple(
+            statuses=tuple(
                 (mark.vehicle, t_s, mark.fate) for t_s, mark in since if isinstance(mark, AgentStatus)
             ),
             notices=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, Notice)),
-            ospa={kind: self.judge.ospa(kind) for kind in KINDS},
+            ospa={kind: self.evaluator.ospa(kind) for kind in KINDS},
             start_t_ns=start,
             duration_s=(end - start) / NS_PER_S,
             area_m=self._area(paths, estimates),
@@ -321,7 +320,7 @@ class TimelineBuilder:
 
 
 def area_of(corners: Iterable[npt.ArrayLike]) -> tuple[float, float, float, float]:
-    """Return east_min, north_min, east_max, north_max of (n, 2) points; of none, a square kilometre."""
+    """Return east_min, north_min, east_max, north_max of (n, 2) points; a square kilometre for none."""
     points = np.concatenate([np.empty((0, 2)), *(np.reshape(one, (-1, 2)) for one in corners)])
     if not len(points):
         return (0.0, 0.0, 1000.0, 1000.0)
@@ -330,7 +329,7 @@ def area_of(corners: Iterable[npt.ArrayLike]) -> tuple[float, float, float, floa
 
 
 class _Thinned:
-    """Points, of which every second is dropped each time they become too many."""
+    """Points of which every second is dropped each time there are too many."""
 
     def __init__(self) -> None:
         self.every = 1
@@ -350,13 +349,13 @@ class _Thinned:
             self._kept = len(self._points[0])
 
     def points_m(self) -> FloatArray:
-        """Return what was kept."""
+        """Return the remaining points."""
         return read_only(np.concatenate([np.empty((0, 2)), *self._points]))
 
 
-def _sensor(heard: _Heard, start_t_ns: int) -> SensorTimeline:
-    t_s = (np.array(heard.measured_t_ns, dtype=np.int64) - start_t_ns) / NS_PER_S
-    return SensorTimeline(read_only(t_s), read_only(heard.delay_s), read_only(heard.detections))
+def _sensor(received: _Heard, start_t_ns: int) -> SensorTimeline:
+    t_s = (np.array(received.measured_t_ns, dtype=np.int64) - start_t_ns) / NS_PER_S
+    return SensorTimeline(read_only(t_s), read_only(received.delay_s), read_only(received.detections))
 
 
 def _decision(plan: Plan, start_t_ns: int) -> Decision:
@@ -370,7 +369,7 @@ def _decision(plan: Plan, start_t_ns: int) -> Decision:
             if route.vehicle in plan.changed
         },
         reason=plan.reason,
-        causes=causes_of(plan),
+        triggers=triggers_of(plan),
     )
 
 

@@ -1,4 +1,4 @@
-"""Tracks of a run as CSV, one row for each track at each scan, written while it is read."""
+"""Tracks of a run as CSV, one row for each track and scan, written during the pass."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gcs.errors import RecordingError
 from gcs.model import NS_PER_S, Picture
 
 HEADER = ("k", "t", "kind", "label", "x", "y", "vx", "vy", "existence", "estimated")
-"""Scan number of its kind; seconds since the start; metres east and north; metres a second."""
+"""Scan number of its kind; seconds since the start; metres east and north; m/s."""
 
 
 class TracksCsv:
@@ -20,7 +20,7 @@ class TracksCsv:
     Raises
     ------
     RecordingError
-        When the file cannot be written; also by `take`.
+        If the file cannot be written; also by `add_picture`.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -42,7 +42,7 @@ class TracksCsv:
         if self._file is not None:
             self._file.close()
 
-    def take(self, picture: Picture, start_t_ns: int) -> None:
+    def add_picture(self, picture: Picture, start_t_ns: int) -> None:
         """Write every track of a picture."""
         k = self._scans[picture.kind]
         self._scans[picture.kind] += 1

@@ -1,7 +1,7 @@
-"""Kinds of reasons for plans, as pictures, tables and counts go by them.
+"""Kinds of triggers of plans, for figures, tables and counts.
 
-A plan carries its causes (`gcs.model.Cause`). Recordings of versions that wrote words only are read by these:
-nothing is added to the patterns any more.
+A plan carries its triggers (`gcs.model.Cause`). Older recordings have a text only, which these patterns read.
+They are final.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ COLOURS: Final[dict[str, str]] = {
     "approved plan changed": "#b7950b",
     "other": "#718096",
 }
-"""Of every cause, in the order of rows; "other" are words of earlier versions that name none."""
+"""Colour of each trigger, in the order of rows. "other" is a text that matches no pattern."""
 
 _OTHER: Final = ("other",)
 _WORDS: Final[tuple[tuple[Cause, re.Pattern[str]], ...]] = (
@@ -48,20 +48,20 @@ _WORDS: Final[tuple[tuple[Cause, re.Pattern[str]], ...]] = (
     ("agent lost", re.compile(r"\bagent \d+ lost")),
     ("agent set aside", re.compile(r"\bagent \d+ ")),
 )
-"""The first that fits a part of a reason counts."""
+"""The first pattern that matches a part of a reason counts."""
 
 
-def causes_of(plan: Plan) -> tuple[str, ...]:
-    """Return the kinds of what a plan was made for, each once."""
-    return plan.causes or _told_by(plan.reason)
+def triggers_of(plan: Plan) -> tuple[str, ...]:
+    """Return the kinds of triggers of a plan, each once."""
+    return plan.causes or _triggers_in(plan.reason)
 
 
-def _told_by(reason: str) -> tuple[str, ...]:
+def _triggers_in(reason: str) -> tuple[str, ...]:
     found = (next((c for c, words in _WORDS if words.search(part)), None) for part in reason.split("; "))
-    return tuple(dict.fromkeys(cause for cause in found if cause is not None)) or _OTHER
+    return tuple(dict.fromkeys(trigger for trigger in found if trigger is not None)) or _OTHER
 
 
-def counted(plans: Iterable[Iterable[str]]) -> str:
-    """Return how many plans had each cause, the most frequent first, in words."""
-    counts = Counter(cause for causes in plans for cause in causes)
-    return ", ".join(f"{number} {cause}" for cause, number in counts.most_common())
+def count_by_trigger(plans: Iterable[Iterable[str]]) -> str:
+    """Return as text how many plans had each trigger, the most frequent first."""
+    counts = Counter(trigger for triggers in plans for trigger in triggers)
+    return ", ".join(f"{number} {trigger}" for trigger, number in counts.most_common())

@@ -1,4 +1,4 @@
-"""The truth of a simulated run over time: what a judge may know and central command may not."""
+"""Ground truth of a simulated run over time. The evaluator knows it; central command does not."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from gcs.model import FloatArray, Kind, Truth, TruthObject, read_only
 
 
 class GroundTruth:
-    """The truth at each scan, taken in any order; between two scans it is interpolated."""
+    """Ground truth at each scan, added in any order, and interpolated between scans."""
 
     def __init__(self) -> None:
         self._objects: dict[int, tuple[TruthObject, ...]] = {}
         self._times_ns: list[int] = []
 
     def add(self, truth: Truth) -> None:
-        """Take the truth at one scan."""
+        """Add the ground truth at one scan."""
         if truth.t_ns not in self._objects:
             bisect.insort(self._times_ns, truth.t_ns)
         self._objects[truth.t_ns] = truth.objects
 
     @property
     def times_ns(self) -> list[int]:
-        """Times of the scans whose truth is known, in order."""
+        """Times of the scans with ground truth, in order."""
         return self._times_ns
 
     def at(self, t_ns: int) -> tuple[TruthObject, ...]:
-        """Return the truth at any time: positions interpolated, life as at the scan before."""
+        """Return the ground truth at any time: positions interpolated, life as at the scan before."""
         times = self._times_ns
         if not times:
             return ()
@@ -44,7 +44,7 @@ class GroundTruth:
         )
 
     def positions(self, t_ns: int, kind: Kind) -> FloatArray:
-        """(n, 2) positions of what is alive at the time of a scan."""
+        """Return the (n, 2) positions of living objects at the time of a scan."""
         living = [
             (thing.east_m, thing.north_m)
             for thing in self._objects[t_ns]
@@ -53,7 +53,7 @@ class GroundTruth:
         return read_only(np.reshape(living, (-1, 2)))
 
     def deaths(self, agents: Container[int]) -> dict[int, int]:
-        """Time of the first scan from which on each dead agent is dead."""
+        """Return the time of the first scan from which on each lost agent is dead."""
         died: dict[int, int] = {}
         for t_ns in self._times_ns:
             for thing in self._objects[t_ns]:
@@ -65,7 +65,7 @@ class GroundTruth:
         return died
 
     def targets(self) -> set[int]:
-        """Targets that ever were there."""
+        """Return the targets that ever existed."""
         everything = (thing for objects in self._objects.values() for thing in objects)
         return {thing.id for thing in everything if thing.kind == "targets" and thing.alive}
 

@@ -1,8 +1,8 @@
-"""A replay held against its recording: the same effects, byte for byte, at the same place of the order.
+"""Verification of a replay against its recording: the same effects, byte for byte, in the same order.
 
-The fold is deterministic: the same events give the same effects on the same machine and library set. So
-everything that was recorded behind one event and before the next must be what stepping that event gives now.
-Each event is judged by itself: one effect that differs is one difference, not the first of thousands.
+The engine is deterministic: the same events give the same effects on the same machine and library set. All
+effects recorded between one event and the next must equal those of the replayed event. Each event is compared
+separately, so one different effect is one difference.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _BEFORE, _BEHIND = 40, 80
 
 
 class Output(NamedTuple):
-    """One effect as a recording holds it."""
+    """One effect as recorded."""
 
     topic: str
     payload: bytes
@@ -25,14 +25,14 @@ class Output(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Where a replay does not give what was recorded."""
+    """First difference between a replay and its recording."""
 
     number: int
-    """Of the record that differs; of the next event where the recording holds too little."""
+    """Number of the different record, or of the next event if the recording has too few effects."""
     t_ns: int
     topic: str
     recorded: str
-    """Shortened to what is around the first byte that differs; "nothing" when there is no such record."""
+    """Text around the first different byte; "nothing" without such a record."""
     replayed: str
 
 
@@ -47,12 +47,12 @@ class Verification:
         self._pending: deque[Output] | None = None
 
     def event(self, number: int, t_ns: int, outputs: Iterable[Output] | None) -> None:
-        """Begin with what the replay gives for the next event; None where nothing is to be judged."""
+        """Start with the replayed effects of the next event; None if they are not to be compared."""
         self._close(number, t_ns)
         self._pending = None if outputs is None else deque(outputs)
 
     def recorded(self, number: int, t_ns: int, output: Output) -> None:
-        """Take the next effect of the recording."""
+        """Compare the next recorded effect."""
         if self._pending is None:
             return
         replayed = self._pending.popleft() if self._pending else None
@@ -62,7 +62,7 @@ class Verification:
             self._differs(number, t_ns, output, replayed)
 
     def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:
-        """Judge the last event; one that a break may have cut short is not held against the replay."""
+        """Compare the last event, unless a truncated recording may have cut it short."""
         if not broken_off:
             self._close(number, t_ns)
         self._pending = None
@@ -88,7 +88,7 @@ def _text(output: Output | None, topic: str) -> str:
 
 
 def _around_difference(one: str, other: str) -> tuple[str, str]:
-    """Cut two texts to the same stretch around the first character in which they differ."""
+    """Cut two texts to the same range around the first different character."""
     at = next(
         (index for index, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
         min(len(one), len(other)),

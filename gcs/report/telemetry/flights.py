@@ -1,8 +1,8 @@
-"""What vehicles said of themselves: where they flew, how high, how fast, in which mode.
+"""Flights of vehicles from telemetry: position, height, speed and flight mode over time.
 
-Read from GLOBAL_POSITION_INT and HEARTBEAT of any recording or telemetry log. Places that no vehicle can be
-at (before the first fix, beyond `_MAX_DISTANCE_M` of the origin) are left out. At most two positions a second
-are kept, fewer when a flight is long, so that memory is bounded: at most `_MOST` for each vehicle.
+Read from GLOBAL_POSITION_INT and HEARTBEAT of a recording or telemetry log. Impossible positions (before the
+first fix, beyond `_MAX_DISTANCE_M` of the origin) are left out. At most two positions a second are kept, and
+at most `_MOST` for each vehicle.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _MAX_DISTANCE_M: Final = 200_000.0
 _COLUMNS: Final = 4
 _READ: Final = frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_HEARTBEAT})
 _PLANE_LIKE: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *range(19, 26)})
-"""Aeroplanes, and the VTOL types of MAV_TYPE."""
+"""Aeroplanes and the VTOL types of MAV_TYPE."""
 
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """One vehicle's reports. Times are seconds since the start of the recording."""
+    """Telemetry of one vehicle. Times are seconds since the start of the recording."""
 
     system_id: int
     t_s: FloatArray
@@ -42,17 +42,17 @@ class Flight:
     points_m: FloatArray
     """(n, 2) east/north of the origin."""
     alt_rel_m: FloatArray
-    """(n,) above where it was armed or switched on, as it says itself."""
+    """(n,) reported height above home."""
     ground_speed_m_s: FloatArray
     """(n,)."""
     modes: tuple[tuple[float, str, bool], ...]
-    """(since when, mode, whether armed)."""
+    """(start, mode, True if armed)."""
     heard_s: float
-    """When it was heard for the last time."""
+    """Time of the last frame."""
 
     @property
     def length_m(self) -> float:
-        """How far it went, by its reports; standing on the ground counts as far as its noise goes."""
+        """Length of the reported path; includes position noise on the ground."""
         return float(np.hypot(*np.diff(self.points_m, axis=0).T).sum()) if len(self.points_m) > 1 else 0.0
 
 
@@ -67,20 +67,20 @@ class _Vehicle:
 
 
 class Flights:
-    """Takes frames.
+    """Collects telemetry from frames.
 
     Parameters
     ----------
     frame : LocalFrame, optional
-        What east and north refer to; without it, the first place that a vehicle reports.
+        Frame of east and north; by default at the first reported position.
     """
 
     def __init__(self, frame: LocalFrame | None = None) -> None:
         self.frame = frame
         self._vehicles: dict[int, _Vehicle] = {}
 
-    def take(self, t_ns: int, frame: Frame) -> None:
-        """Take a frame whose checksum holds; all but positions and heartbeats are passed over."""
+    def add_frame(self, t_ns: int, frame: Frame) -> None:
+        """Add a frame with a valid checksum; only positions and heartbeats are used."""
         if frame.message_id not in _READ:
             return
         vehicle = self._vehicles.get(frame.system_id)
@@ -120,7 +120,7 @@ class Flights:
             vehicle.values = array("d", np.array(vehicle.values).reshape(-1, _COLUMNS)[::2].ravel())
 
     def flights(self, start_t_ns: int) -> dict[int, Flight]:
-        """Return the flight of each vehicle that reported anything."""
+        """Return the flight of each vehicle with telemetry."""
         found = {}
         for system_id, vehicle in sorted(self._vehicles.items()):
             t_s = (np.array(vehicle.t_ns, dtype=np.int64) - start_t_ns) / NS_PER_S
@@ -137,7 +137,7 @@ class Flights:
 
 
 def _mode(vehicle: _Vehicle, t_ns: int, message: Message) -> None:
-    """Note a mode when it changes; numbers of autopilots whose names we do not know stay numbers."""
+    """Add a mode when it changes; unknown modes are numbers."""
     plane_like = message.autopilot == dialect.MAV_AUTOPILOT_PX4 or message.type in _PLANE_LIKE
     profile = profile_of(message.autopilot) if plane_like else None
     mode = _copter_mode(message) if profile is None else profile.mode_name(message.custom_mode)
@@ -147,7 +147,7 @@ def _mode(vehicle: _Vehicle, t_ns: int, message: Message) -> None:
 
 
 def _copter_mode(message: Message) -> str:
-    """Name of the mode of a vehicle that is no aeroplane, by pymavlink's tables."""
+    """Return the mode name of a vehicle other than an aeroplane, from pymavlink's tables."""
     from pymavlink.mavutil import mode_mapping_bynumber
 
     names = mode_mapping_bynumber(message.type) or {}

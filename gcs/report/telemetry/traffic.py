@@ -1,11 +1,10 @@
-"""What a stream of MAVLink frames says of those who sent it: who, what, how often, how much is missing.
+"""Statistics of a stream of MAVLink frames: senders, messages, rates and loss.
 
-Loss is read from the sequence number that every sender counts modulo 256
-(https://mavlink.io/en/guide/packet_loss.html): after a gap of more than 255 frames it is a lower bound. A
-ground station may count for each vehicle by itself, so none is given for ground stations. A step backwards
-is a frame out of order or one heard twice, and no loss.
+Loss is read from the sequence number, which a sender counts modulo 256
+(https://mavlink.io/en/guide/packet_loss.html). After a gap of more than 255 frames it is a lower bound. A
+ground station may count per vehicle, so it has no loss. A step backwards is a reordered or duplicate frame.
 
-Memory grows with the number of senders and kinds of message, not with the stream.
+Memory grows with the number of senders and message types only.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from gcs.model import NS_PER_S
 from gcs.safe_text import printable
 
 GAP_NS: Final = 5 * NS_PER_S
-"""Silence of a sender that counts as a gap."""
+"""Time without frames of a sender that counts as a gap."""
 _MAX_LISTED: Final = 1000
 _MAX_SENDERS: Final = 4096
 _GROUND_COMPONENTS: Final = (GCS_COMPONENT_ID, 190)
@@ -62,7 +61,7 @@ class _Sender:
     firmware: str = ""
     kinds: dict[int, _Kind] = field(default_factory=dict)
     gaps: list[tuple[int, int]] = field(default_factory=list)
-    """When each began, and how long it was."""
+    """(start, duration)."""
     gap_count: int = 0
 
 
@@ -78,7 +77,7 @@ class _Transfer:
 
 
 class Traffic:
-    """Counts frames; `summary` says what they were, in plain data."""
+    """Counts frames; `summary` returns plain data."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -89,8 +88,8 @@ class Traffic:
         self._under_way: dict[tuple[int, int], _Transfer] = {}
         self._more_transfers = 0
 
-    def take(self, t_ns: int, frame: Frame) -> None:
-        """Count a frame whose checksum holds."""
+    def add_frame(self, t_ns: int, frame: Frame) -> None:
+        """Count a frame with a valid checksum."""
         self.frames += 1
         key = (frame.system_id, frame.component_id)
         sender = self._senders.get(key)
@@ -120,13 +119,13 @@ class Traffic:
         if frame.message_id in _READ and (message := frame.message()) is not None:
             self._read(t_ns, frame, sender, message)
 
-    def take_unknown(self, frame: Frame) -> None:
-        """Count a frame of an id that the dialect does not have."""
+    def add_unknown_frame(self, frame: Frame) -> None:
+        """Count a frame with a message id that the dialect does not have."""
         if len(self.unknown_ids) < _MAX_LISTED or frame.message_id in self.unknown_ids:
             self.unknown_ids[frame.message_id] += 1
 
-    def take_bad_checksum(self, frame: Frame) -> None:
-        """Count a frame whose checksum does not hold."""
+    def add_bad_frame(self, frame: Frame) -> None:
+        """Count a frame with a wrong checksum."""
         key = (frame.system_id, frame.component_id, frame.message_id)
         if len(self.bad_checksums) < _MAX_LISTED or key in self.bad_checksums:
             self.bad_checksums[key] += 1
@@ -171,7 +170,7 @@ class Traffic:
             self._more_transfers += 1
 
     def summary(self) -> dict[str, Any]:
-        """Say what was counted; times in nanoseconds, as they were given."""
+        """Return the counts; times in nanoseconds, as given."""
         senders = [
             (key, sender, _is_ground_station(*key, sender)) for key, sender in sorted(self._senders.items())
         ]
@@ -201,7 +200,7 @@ class Traffic:
 
 
 def rate_hz(count: int, first_t_ns: int, last_t_ns: int) -> float | None:
-    """Mean rate of `count` things between their first and their last; None when there is none."""
+    """Return the mean rate of `count` events between first and last; None if undefined."""
     return (count - 1) * NS_PER_S / (last_t_ns - first_t_ns) if last_t_ns > first_t_ns else None
 
 

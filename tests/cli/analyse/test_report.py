@@ -90,27 +90,32 @@ def report(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 
 def test_the_page_stands_alone_and_its_figures_are_there(report: tuple[Path, dict[str, Any]]) -> None:
     words = checked_page(report[0])
-    for heading in ("Truth and tracks, mid and end", "Tracker output", "Plans and fates", "scan times"):
+    for heading in (
+        "Ground truth and tracks at half time",
+        "Tracker output",
+        "Plans and agent status",
+        "scan times",
+    ):
         assert heading in words
 
 
 def test_the_numbers_on_the_page_are_the_judges(flight: Path, report: tuple[Path, dict[str, Any]]) -> None:
     config = load("random-obstacles")
-    judge = Evaluator(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    evaluator = Evaluator(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
     for record in read(flight):
         if isinstance(record.value, Truth):
-            judge.truth(record.value)
+            evaluator.add_truth(record.value)
         elif isinstance(record.value, Effect):
-            judge.effect(record.value)
+            evaluator.add_effect(record.value)
     folder, found = report
     words = checked_page(folder)
-    means = {kind: judge.ospa(kind).mean_m for kind in ("agents", "targets")}
+    means = {kind: evaluator.ospa(kind).mean_m for kind in ("agents", "targets")}
     assert found["summary"]["ospa_agents_mean_m"] == means["agents"]
     assert found["summary"]["ospa_targets_mean_m"] == means["targets"]
     for kind, mean_m in means.items():
         assert f"OSPA of {kind}, mean {mean_m:.2f} m" in words
-    assert found["summary"]["retasks"] == len(judge.retasks())
-    assert f"re-tasks {len(judge.retasks())} " in words
+    assert found["summary"]["retasks"] == len(evaluator.retasks())
+    assert f"re-tasks {len(evaluator.retasks())} " in words
     assert found["summary"]["scan_ms_p99"] > 0.0
 
 
@@ -200,7 +205,7 @@ def test_a_telemetry_log_of_others_is_shown_without_a_mission(tmp_path: Path) ->
     words = checked_page(tmp_path / "out")
     assert re.search(r"\b\d{3} damaged bytes, in 1 stretch", words)
     assert "Its clock was set 1 time while" in words
-    assert re.search(r"vehicles heard 2\b", words)
+    assert re.search(r"vehicles in telemetry 2\b", words)
     assert "AUTO" in words
     assert run("info", log, "--json")[2]["clock_jumps"] == 1
 
@@ -248,7 +253,7 @@ def test_logs_of_real_autopilots_are_shown(tmp_path: Path, log: str) -> None:
     code, _, found = run("report", SHARED / log, "-o", tmp_path, "--json")
     assert code == 0
     assert found["seconds"] > 300.0
-    assert "What the vehicles reported" in checked_page(tmp_path)
+    assert "Vehicle telemetry" in checked_page(tmp_path)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Nodes that lean: gaps that are wide enough are flown through, and what is not near is exactly not near."""
+"""Clearance-shifted nodes: gaps that are wide enough are used, and tight moves are exactly the tight ones."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ def test_a_move_that_is_not_near_keeps_the_clearance_and_one_that_is_cannot(seed
             ends = np.array([node, node + step])
             (x0, y0), (x1, y1) = places(smap, ends).tolist()
             keeps = clear_leg(grid.blocked, x0, y0, x1, y1, reach, -1)
-            is_near = bool(smap.near[node] >> move & 1)
-            assert is_near == bool(smap.near[node + step] >> ((move & 4) | ((move + 2) & 3)) & 1)
+            is_near = bool(smap.tight_moves[node] >> move & 1)
+            assert is_near == bool(smap.tight_moves[node + step] >> ((move & 4) | ((move + 2) & 3)) & 1)
             assert keeps == (not is_near)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.6, 1.0]))
-def test_nodes_lean_within_their_cell_and_only_where_they_must(seed, reach):
+def test_nodes_shift_within_their_cell_and_only_where_they_must(seed, reach):
     grid = Grid((0.0, 0.0), 1.0, np.random.default_rng(seed).random((9, 11)) < 0.2)
     smap = search_map(grid, reach, shifts_nodes=True)
-    free = np.flatnonzero(smap.part)
+    free = np.flatnonzero(smap.component)
     by = np.abs(places(smap, free) - cells(smap, free)).max(axis=1)
     plain = search_map(grid, reach)
     assert set(by.tolist()) <= {0.0, 0.5}
-    assert not by[~plain.tight[free]].any()
-    assert not (smap.tight & ~plain.tight).any()
+    assert not by[~plain.tight_nodes[free]].any()
+    assert not (smap.tight_nodes & ~plain.tight_nodes).any()
 
 
 @pytest.mark.parametrize("clearance_m", [25.0, 40.0])

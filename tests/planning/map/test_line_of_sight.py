@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gcs.jit import kernel
 from gcs.planning.map.grid import TOUCH, Grid, free_grid
-from gcs.planning.map.line_of_sight import blocker, clear_leg, is_clear_at, leg_room, line_of_sight
+from gcs.planning.map.line_of_sight import blocking_cell, clear_leg, is_clear_at, leg_clearance, line_of_sight
 
 COORD = st.one_of(st.floats(-1.5, 9.5), st.integers(-3, 19).map(lambda k: k / 2))
 POINT = st.tuples(COORD, COORD)
@@ -94,8 +94,8 @@ def looks(blocked, x0, y0, x1, y1, reach, own, guesses):
     """Least room of a leg, whether its first place is clear, and what is found in its way by each guess."""
     found = np.empty(guesses.size, np.int64)
     for k in range(guesses.size):
-        found[k] = blocker(blocked, x0, y0, x1, y1, reach, own, guesses[k])
-    room = leg_room(blocked, x0, y0, x1, y1, reach + 1.0, own)
+        found[k] = blocking_cell(blocked, x0, y0, x1, y1, reach, own, guesses[k])
+    room = leg_clearance(blocked, x0, y0, x1, y1, reach + 1.0, own)
     return room, is_clear_at(blocked, x0, y0, reach), found
 
 

@@ -12,20 +12,26 @@ from hypothesis import strategies as st
 
 from gcs.jit import kernel
 from gcs.planning.map.grid import free_grid, random_obstacles
-from gcs.planning.map.line_of_sight import clear_leg, leg_room
+from gcs.planning.map.line_of_sight import clear_leg, leg_clearance
 from gcs.planning.options import AgentState, PlanOptions
-from gcs.planning.path.corner_smoothing import cost, ease, half_turn, is_flown, shortfall
+from gcs.planning.path.corner_smoothing import (
+    clearance_shortfall,
+    cost,
+    half_angle_tan,
+    smooth_corners,
+    turn_fits,
+)
 from gcs.planning.planner import plan_routes
 
 
 @kernel
 def short_by(blocked, points, i, radius, reach):
-    return shortfall(blocked, points, i, half_turn(points, i), radius, reach, -1)
+    return clearance_shortfall(blocked, points, i, half_angle_tan(points, i), radius, reach, -1)
 
 
 @kernel
 def room_of(blocked, x0, y0, x1, y1, reach):
-    return leg_room(blocked, x0, y0, x1, y1, reach, -1)
+    return leg_clearance(blocked, x0, y0, x1, y1, reach, -1)
 
 
 @kernel
@@ -33,11 +39,11 @@ def eased(blocked, points, rooms, radius):
     """The corners, what they cost before and after, and how many are flown before and after."""
     moved, flown, size = points.copy(), np.zeros(2, np.int64), points.shape[0]
     before = cost(blocked, points, rooms, 0, size, radius, -1, np.inf)
-    ease(blocked, moved, rooms, radius, -1, np.ones(size, np.bool_))
+    smooth_corners(blocked, moved, rooms, radius, -1, np.ones(size, np.bool_))
     after = cost(blocked, moved, rooms, 0, size, radius, -1, np.inf)
     for i in range(1, size - 1):
-        flown[0] += is_flown(blocked, points, rooms, i, radius, -1)
-        flown[1] += is_flown(blocked, moved, rooms, i, radius, -1)
+        flown[0] += turn_fits(blocked, points, rooms, i, radius, -1)
+        flown[1] += turn_fits(blocked, moved, rooms, i, radius, -1)
     return moved, before, after, flown
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.planning.path.dubins import WORDS, DubinsPath, Pose, dubins_path, words
+from gcs.planning.path.dubins import WORDS, DubinsPath, Pose, dubins_path, dubins_words
 
 # Coarse numbers: where an end lies a hair behind its start the shortest path jumps by a full circle.
 PLACE = st.integers(-1600, 1600).map(lambda k: k / 8)
@@ -32,7 +32,7 @@ def test_a_path_ends_at_its_end_on_its_course(start, end, radius):
 def test_every_word_that_reaches_at_all_reaches_the_end(start, end, radius):
     """Also those that are not the shortest: a start turn may have to take another way round."""
     angles = [0.5 * math.pi - pose.course_rad for pose in (start, end)]
-    pieces = words(*start[:2], angles[0], *end[:2], angles[1], radius)
+    pieces = dubins_words(*start[:2], angles[0], *end[:2], angles[1], radius)
     for word, row in zip(WORDS, pieces, strict=True):
         if np.isfinite(row).all():
             path = DubinsPath(start, radius, word, tuple(radius * row))

@@ -11,18 +11,18 @@ from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.map.grid import Grid
 from gcs.planning.search.canonical_ordering import (
-    ANSWERS,
     COL_STEP,
     DIAGONAL,
-    LISTED,
-    MOST_ANSWERS,
+    LIST_MASK,
+    MAX_TABLE_ROWS,
     ROW_STEP,
-    TIGHT,
-    canonical,
-    listed,
-    packed,
+    TIGHT_MOVE_COST,
+    UNIFORM_TABLE,
+    list_moves,
+    pack_nodes,
+    prune_moves,
 )
-from gcs.planning.search.dijkstra import room_to_work, spread
+from gcs.planning.search.dijkstra import dijkstra_buffers, one_to_all
 from gcs.planning.search.neighbours import search_map
 
 NONE = np.empty(0, dtype=np.int64)
@@ -47,15 +47,19 @@ def case(seed, shape, blocked, dear):
 
 def field_from(smap, near, order, remaining, source):
     field, came = np.empty(near.size), np.empty(near.size, np.uint8)
-    known, room = packed(order, near), room_to_work(smap._replace(any_near=True))
+    known, room = pack_nodes(order, near), dijkstra_buffers(smap._replace(has_tight_moves=True))
     start = np.array([source]), np.zeros(1), NONE
-    spread(listed(remaining), True, smap.offsets, *start, field, came, known, *room)
+    one_to_all(list_moves(remaining), True, smap.offsets, *start, field, came, known, *room)
     return field
 
 
 def dijkstra_from(smap, near, source):
     edges = [
-        (node, node + step, (1.0 if move < 4 else DIAGONAL) * (TIGHT if near[node] >> move & 1 else 1.0))
+        (
+            node,
+            node + step,
+            (1.0 if move < 4 else DIAGONAL) * (TIGHT_MOVE_COST if near[node] >> move & 1 else 1.0),
+        )
         for move, step in enumerate(smap.offsets.tolist())
         for node in np.flatnonzero(smap.moves >> np.uint8(move) & 1).tolist()
     ]
@@ -76,7 +80,7 @@ def test_no_distance_suffers_from_moves_left_out(seed, shape, blocked, dear):
     source = int(np.random.default_rng(seed).integers(near.size))
     exact = dijkstra_from(smap, near, source)
     for most in (1 << 16, 520):
-        order, remaining = canonical(smap.moves, near, everywhere, smap.offsets, ANSWERS, most)
+        order, remaining = prune_moves(smap.moves, near, everywhere, smap.offsets, UNIFORM_TABLE, most)
         assert (remaining[order, 8] == smap.moves).all()
         found = field_from(smap, near, order, remaining, source)
         np.testing.assert_allclose(found, exact, rtol=0, atol=1e-9)
@@ -85,17 +89,17 @@ def test_no_distance_suffers_from_moves_left_out(seed, shape, blocked, dear):
 @pytest.mark.parametrize("dear", [0.0, 1.0])
 def test_where_moves_cost_alike_a_node_that_is_worked_out_has_the_answer_of_the_table(dear):
     smap, near = case(1, (40, 40), 0.25, dear)
-    given = smap.offsets, ANSWERS, MOST_ANSWERS
-    quick = canonical(smap.moves, near, np.zeros(near.size, np.bool_), *given)
-    slow = canonical(smap.moves, near, np.ones(near.size, np.bool_), *given)
+    given = smap.offsets, UNIFORM_TABLE, MAX_TABLE_ROWS
+    quick = prune_moves(smap.moves, near, np.zeros(near.size, np.bool_), *given)
+    slow = prune_moves(smap.moves, near, np.ones(near.size, np.bool_), *given)
     for move, step in enumerate(smap.offsets.tolist()):
         reached = np.flatnonzero(smap.moves >> np.uint8(move) & 1) + step
         np.testing.assert_array_equal(quick[1][quick[0][reached], move], slow[1][slow[0][reached], move])
 
 
 def test_lists_of_moves_hold_what_their_sets_hold():
-    lists = listed(ANSWERS).reshape(len(ANSWERS), 16)
-    for sets, row in zip(ANSWERS.tolist(), lists.tolist(), strict=True):
+    lists = list_moves(UNIFORM_TABLE).reshape(len(UNIFORM_TABLE), 16)
+    for sets, row in zip(UNIFORM_TABLE.tolist(), lists.tolist(), strict=True):
         for moves, one in zip(sets, row, strict=False):
             assert [one >> (4 + 3 * k) & 7 for k in range(one & 15)] == [
                 m for m in range(8) if moves >> m & 1
@@ -109,6 +113,7 @@ def test_few_moves_remain_among_obstacles_with_a_clearance():
         np.flatnonzero(smap.moves >> np.uint8(move) & 1) + step for move, step in enumerate(smap.offsets)
     ]
     remain = [
-        (smap.lists[smap.packed[nodes] & LISTED | move] & 15).mean() for move, nodes in enumerate(reached)
+        (smap.move_lists[smap.packed[nodes] & LIST_MASK | move] & 15).mean()
+        for move, nodes in enumerate(reached)
     ]
     assert np.mean(remain) < 2.5 < np.bitwise_count(smap.moves[smap.moves > 0]).mean()

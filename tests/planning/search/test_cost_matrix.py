@@ -12,10 +12,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.map.grid import Grid
-from gcs.planning.path.shortcut import joins
+from gcs.planning.path.shortcut import connect_to_grid
 from gcs.planning.search import cost_matrix
-from gcs.planning.search.canonical_ordering import TIGHT
-from gcs.planning.search.dijkstra import room_to_work, spread
+from gcs.planning.search.canonical_ordering import TIGHT_MOVE_COST
+from gcs.planning.search.dijkstra import dijkstra_buffers, one_to_all
 from gcs.planning.search.neighbours import kernel_arrays, search_map
 from gcs.planning.search.shortest import distances_m
 
@@ -24,7 +24,9 @@ DIAGONAL = np.sqrt(2.0)
 
 def places(grid, smap, points):
     xy = np.array(points, dtype=float).reshape(-1, 2)
-    return cost_matrix.Places(xy, *joins(grid.blocked, smap.mainland, smap.tight, smap.stride, xy))
+    return cost_matrix.Endpoints(
+        xy, *connect_to_grid(grid.blocked, smap.largest_component, smap.tight_nodes, smap.stride, xy)
+    )
 
 
 @st.composite
@@ -43,7 +45,9 @@ def costs_of(smap, way):
     for a, b in itertools.pairwise(way):
         move = list(smap.offsets).index(b - a)
         legal &= bool(smap.moves[a] >> move & 1)
-        cost += (1.0 if move < 4 else DIAGONAL) * (TIGHT if smap.near[a] >> move & 1 else 1.0)
+        cost += (1.0 if move < 4 else DIAGONAL) * (
+            TIGHT_MOVE_COST if smap.tight_moves[a] >> move & 1 else 1.0
+        )
     return cost, legal
 
 
@@ -55,7 +59,7 @@ def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost
     a, b = places(grid, smap, starts), places(grid, smap, goals)
     filled = [
         cost_matrix._one_to_all(grid, smap, a, b, clearance_m),
-        cost_matrix._one_by_one(grid, smap, a, b, clearance_m),
+        cost_matrix._pairwise(grid, smap, a, b, clearance_m),
     ]
     back, way_back = cost_matrix._one_to_all(grid, smap, b, a, clearance_m)
     filled.append((back.T, lambda i, j: way_back(j, i)[::-1]))
@@ -65,7 +69,7 @@ def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost
             assert len({np.isfinite(length) for length in found}) == 1
             if not np.isfinite(found[0]):
                 continue
-            if not smap.any_near:
+            if not smap.has_tight_moves:
                 assert found == pytest.approx([found[0]] * 3, abs=1e-9)
             costs = []
             for _, way in filled:
@@ -73,8 +77,8 @@ def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost
                 cost, legal = costs_of(smap, nodes)
                 assert legal
                 if nodes.size:
-                    cost += a.off[i][list(a.nodes[i]).index(nodes[0])]
-                    cost += b.off[j][list(b.nodes[j]).index(nodes[-1])]
+                    cost += a.gaps[i][list(a.nodes[i]).index(nodes[0])]
+                    cost += b.gaps[j][list(b.nodes[j]).index(nodes[-1])]
                 costs.append(cost)
             assert costs == pytest.approx([costs[0]] * 3, abs=1e-9)
 
@@ -85,8 +89,8 @@ def test_the_way_there_is_as_long_as_the_way_back(case):
     grid, _, starts, goals = case
     smap = search_map(grid)
     a, b = places(grid, smap, starts), places(grid, smap, goals)
-    there, _ = cost_matrix.metric_ways(grid, smap, a, b, 0.0)
-    back, _ = cost_matrix.metric_ways(grid, smap, b, a, 0.0)
+    there, _ = cost_matrix.metric_paths(grid, smap, a, b, 0.0)
+    back, _ = cost_matrix.metric_paths(grid, smap, b, a, 0.0)
     np.testing.assert_allclose(there, back.T, rtol=0, atol=1e-8)
 
 
@@ -99,7 +103,7 @@ def test_costs_with_clearance_are_those_of_dijkstra_over_all_legal_moves(case, s
         (
             node,
             node + step,
-            (1.0 if move < 4 else DIAGONAL) * (TIGHT if smap.near[node] >> move & 1 else 1),
+            (1.0 if move < 4 else DIAGONAL) * (TIGHT_MOVE_COST if smap.tight_moves[node] >> move & 1 else 1),
         )
         for move, step in enumerate(smap.offsets.tolist())
         for node in np.flatnonzero(smap.moves >> np.uint8(move) & 1).tolist()
@@ -111,8 +115,8 @@ def test_costs_with_clearance_are_those_of_dijkstra_over_all_legal_moves(case, s
     graph = coo_matrix((w, (i, j)), shape=(size, size)).tocsr()
     field = np.empty(size)
     none = np.empty(0, dtype=np.int64)
-    work = np.empty(size, np.uint8), smap.packed.copy(), *room_to_work(smap)
-    spread(*kernel_arrays(smap), np.array([source]), np.zeros(1), none, field, *work)
+    work = np.empty(size, np.uint8), smap.packed.copy(), *dijkstra_buffers(smap)
+    one_to_all(*kernel_arrays(smap), np.array([source]), np.zeros(1), none, field, *work)
     np.testing.assert_allclose(field, dijkstra(graph, indices=source), rtol=0, atol=1e-8)
 
 
@@ -134,5 +138,5 @@ def test_few_pairs_on_open_ground_are_searched_one_by_one_and_many_in_clutter_ar
     open_ground = search_map(Grid((0.0, 0.0), 1.0, np.zeros((200, 200), dtype=bool)))
     clutter = search_map(Grid((0.0, 0.0), 1.0, np.random.default_rng(1).random((200, 200)) < 0.3))
     places_xy = np.random.default_rng(2).uniform(0.0, 199.0, (2, 20, 2))
-    assert cost_matrix.pairwise_pays(open_ground, places_xy[0, :2], places_xy[1, :2])
-    assert not cost_matrix.pairwise_pays(clutter, *places_xy)
+    assert cost_matrix.is_pairwise_faster(open_ground, places_xy[0, :2], places_xy[1, :2])
+    assert not cost_matrix.is_pairwise_faster(clutter, *places_xy)

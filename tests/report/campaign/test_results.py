@@ -83,14 +83,14 @@ def picture(k: int, *tracks: tuple[tuple[int, int], float, float]) -> Picture:
     return Picture(k * NS_PER_S, k * NS_PER_S, "agents", shown, read_only([1.0]))
 
 
-def watch(alive: str, existence: list[float], fates: dict[int, str]) -> DeathWatch:
+def watch(alive: str, existence: list[float], statuses: dict[int, str]) -> DeathWatch:
     """One agent at 0 m: alive or dead at each second, the existence of its track, command's calls."""
     deaths = DeathWatch()
     for k, (state, value) in enumerate(zip(alive, existence, strict=True)):
-        deaths.truth(Truth(k * NS_PER_S, (TruthObject("agents", 1, 0.0, 0.0, state == "a"),)))
-        deaths.effect(picture(k, ((0, 1), 3.0, value), ((0, 2), 500.0, 1.0)))
-        if k in fates:
-            deaths.effect(AgentStatus(k * NS_PER_S, 1, fates[k]))
+        deaths.add_truth(Truth(k * NS_PER_S, (TruthObject("agents", 1, 0.0, 0.0, state == "a"),)))
+        deaths.add_effect(picture(k, ((0, 1), 3.0, value), ((0, 2), 500.0, 1.0)))
+        if k in statuses:
+            deaths.add_effect(AgentStatus(k * NS_PER_S, 1, statuses[k]))
     return deaths
 
 

@@ -71,8 +71,8 @@ def a_run(
 
     The targets drift north.
     """
-    judge = Evaluator(60.0, (1, 2))
-    builder = TimelineBuilder(judge)
+    evaluator = Evaluator(60.0, (1, 2))
+    builder = TimelineBuilder(evaluator)
     for second in range(91):
         east, alive = 10.0 * second, second <= 30
         things = [TruthObject("agents", 1, east, 100.0, True), TruthObject("agents", 2, east, 300.0, alive)]
@@ -81,32 +81,32 @@ def a_run(
         ]
         agents = [(east, 100.0), *([(east, 300.0)] if alive or second == 31 else [])]
         agents += [(300.0, 320.0)] if second in revived_s else []
-        builder.take(Tick(at(second)))
-        builder.take(Truth(at(second), tuple(things)))
-        builder.take(Scan(at(second), at(second), SENSOR, read_only([[500.0, 700.0], *agents])))
-        builder.take(picture(second, "agents", agents))
-        builder.take(picture(second, "targets", list(TARGETS.values())))
+        builder.add(Tick(at(second)))
+        builder.add(Truth(at(second), tuple(things)))
+        builder.add(Scan(at(second), at(second), SENSOR, read_only([[500.0, 700.0], *agents])))
+        builder.add(picture(second, "agents", agents))
+        builder.add(picture(second, "targets", list(TARGETS.values())))
         if second == 2:
-            builder.take(plan(second, {1: 0, 2: 1}, (1, 2), "first plan"))
+            builder.add(plan(second, {1: 0, 2: 1}, (1, 2), "first plan"))
         if second == 35:
-            builder.take(plan(second, {1: 1 if handed_over else 0}, (1,), "agent 2 lost"))
+            builder.add(plan(second, {1: 1 if handed_over else 0}, (1,), "agent 2 lost"))
         if second == 40:
             moved = plan(second, {1: 0}, (1,), "target 0.0 moved 51 m")
             if last_end_m is not None:
                 moved = replace(moved, routes=(Route(1, (0, 0), read_only([last_end_m]), 1.0),))
-            builder.take(moved)
-    builder.take(AgentStatus(at(33), 2, "dead"))
-    builder.take(AgentStatus(at(90), 1, "arrived", (0, 0)))
-    builder.take(MissionEnded(at(90), (1,), (2,)))
+            builder.add(moved)
+    builder.add(AgentStatus(at(33), 2, "dead"))
+    builder.add(AgentStatus(at(90), 1, "arrived", (0, 0)))
+    builder.add(MissionEnded(at(90), (1,), (2,)))
     grid = free_grid((51, 51), 20.0)
     if blocked:
         wall = np.array(grid.blocked)
         wall[5, 20] = True  # 390 ... 410 m east, 90 ... 110 m north
         grid = Grid(grid.origin_m, grid.spacing_m, wall)
-    summary = judge.summary(
+    summary = evaluator.summary(
         scenario="x", seed=1, duration_s=90.0, scan_ms_p99=2.0, plan_ms_p99=3.0, recording=""
     )
-    return Flown(builder.course(), summary, grid)
+    return Flown(builder.build(), summary, grid)
 
 
 def found(runs: Runs, words: str) -> Claim:
@@ -186,11 +186,11 @@ def test_many_detections_are_thinned_evenly_and_the_picture_says_so() -> None:
     builder = TimelineBuilder()
     for second in range(120):
         z_m = np.column_stack([np.arange(1000.0), np.full(1000, float(second))])
-        builder.take(Scan(at(second), at(second), SENSOR, read_only(z_m)))
-    course = builder.course()
-    assert course.every > 1
-    assert len(course.clutter_m) * course.every == pytest.approx(120_000, rel=0.01)
-    assert set(course.clutter_m[:, 1]) == set(range(120))
+        builder.add(Scan(at(second), at(second), SENSOR, read_only(z_m)))
+    timeline = builder.build()
+    assert timeline.every > 1
+    assert len(timeline.clutter_m) * timeline.every == pytest.approx(120_000, rel=0.01)
+    assert set(timeline.clutter_m[:, 1]) == set(range(120))
 
 
 def test_docs_name_every_claim() -> None:

@@ -64,14 +64,14 @@ def a_run(agents: int = 2) -> list[object]:
 
 
 def test_the_course_is_what_happened() -> None:
-    course = gather(a_run())
-    assert course.duration_s == 10.0
-    assert course.area_m == (0.0, 0.0, 2000.0, 1000.0)
-    first, second = course.paths["agents"][1], course.paths["agents"][2]
+    timeline = gather(a_run())
+    assert timeline.duration_s == 10.0
+    assert timeline.area_m == (0.0, 0.0, 2000.0, 1000.0)
+    first, second = timeline.paths["agents"][1], timeline.paths["agents"][2]
     assert (first.dies, second.dies) == (False, True)
     assert second.points_m[-1].tolist() == [500.0, 200.0]
-    assert course.fates == ((2, 7.5, "dead"), (1, 10.0, "arrived"))
-    assert [(t_s, report.vehicle, report.ok) for t_s, report in course.uploads] == [(3.0, 1, True)]
+    assert timeline.statuses == ((2, 7.5, "dead"), (1, 10.0, "arrived"))
+    assert [(t_s, report.vehicle, report.ok) for t_s, report in timeline.uploads] == [(3.0, 1, True)]
 
 
 def test_only_a_new_route_is_drawn_and_it_begins_at_the_agent() -> None:

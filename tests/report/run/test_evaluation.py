@@ -55,33 +55,33 @@ def plan(t_s: float, vehicles: Sequence[int], changed: Sequence[int], reason: st
     return Plan(at(t_s), at(t_s), tuple(routes), (), (), reason, tuple(changed))
 
 
-def summary(judge: Evaluator) -> Summary:
-    return judge.summary(
+def summary(evaluator: Evaluator) -> Summary:
+    return evaluator.summary(
         scenario="demo", seed=3, duration_s=10.0, scan_ms_p99=1.5, plan_ms_p99=2.5, recording="runs/demo-3"
     )
 
 
 def a_good_run() -> Evaluator:
     """Agents 1 and 3 reach targets 1 and 3 at about 10 s; agent 2 dies at 4 s and is found out at 6.5 s."""
-    judge = Evaluator(RADIUS_M, [1, 2, 3])
+    evaluator = Evaluator(RADIUS_M, [1, 2, 3])
     for second in range(11):
         east = 100.0 * second
-        judge.truth(
+        evaluator.add_truth(
             truth(
                 second,
                 {1: (east, 10.0), 2: (east, 500.0), 3: (east, 1010.0)},
                 dead=[2] if second >= 4 else [],
             )
         )
-    judge.effect(AgentStatus(at(6.5), 2, "dead"))
-    judge.effect(AgentStatus(at(9.7), 1, "arrived", (0, 0)))
-    judge.effect(AgentStatus(at(9.9), 3, "arrived", (0, 7)))
-    return judge
+    evaluator.add_effect(AgentStatus(at(6.5), 2, "dead"))
+    evaluator.add_effect(AgentStatus(at(9.7), 1, "arrived", (0, 0)))
+    evaluator.add_effect(AgentStatus(at(9.9), 3, "arrived", (0, 7)))
+    return evaluator
 
 
-def ended(judge: Evaluator) -> Evaluator:
-    judge.effect(MissionEnded(at(10.0), (1, 3), (2,)))
-    return judge
+def ended(evaluator: Evaluator) -> Evaluator:
+    evaluator.add_effect(MissionEnded(at(10.0), (1, 3), (2,)))
+    return evaluator
 
 
 def test_a_good_run_is_complete_with_everybody_accounted_for() -> None:
@@ -99,36 +99,36 @@ def test_a_good_run_is_complete_with_everybody_accounted_for() -> None:
 
 def test_a_run_that_never_ended_is_incomplete() -> None:
     assert "did not end" in summary(a_good_run()).reason
-    judge = Evaluator(RADIUS_M, [1, 2])
-    judge.truth(truth(0, {1: (0.0, 0.0), 2: (0.0, 0.0)}))
-    verdict = summary(judge)
+    evaluator = Evaluator(RADIUS_M, [1, 2])
+    evaluator.add_truth(truth(0, {1: (0.0, 0.0), 2: (0.0, 0.0)}))
+    verdict = summary(evaluator)
     assert verdict.outcome == "incomplete"
     assert verdict.reason == "the mission did not end: agents 1, 2 still flying"
 
 
 def test_a_mission_that_ends_with_an_agent_flying_is_incomplete() -> None:
-    judge = a_good_run()
-    judge.effect(AgentStatus(at(9.95), 2, "flying"))
-    assert summary(ended(judge)).reason == "the mission ended with agent 2 still flying"
+    evaluator = a_good_run()
+    evaluator.add_effect(AgentStatus(at(9.95), 2, "flying"))
+    assert summary(ended(evaluator)).reason == "the mission ended with agent 2 still flying"
 
 
 def test_a_mission_whose_agents_are_all_lost_has_failed() -> None:
     evaluator = Evaluator(RADIUS_M, [1, 2])
-    evaluator.truth(truth(0.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}))
-    evaluator.truth(truth(1.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}, dead=[1, 2]))
+    evaluator.add_truth(truth(0.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}))
+    evaluator.add_truth(truth(1.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}, dead=[1, 2]))
     for vehicle in (1, 2):
-        evaluator.effect(AgentStatus(at(2.0), vehicle, "dead"))
-    evaluator.effect(MissionEnded(at(3.0), (), (1, 2)))
+        evaluator.add_effect(AgentStatus(at(2.0), vehicle, "dead"))
+    evaluator.add_effect(MissionEnded(at(3.0), (), (1, 2)))
     verdict = summary(evaluator)
     assert (verdict.outcome, verdict.reason) == ("incomplete", "failed: all agents were lost")
 
 
 def test_without_truth_nothing_is_complete() -> None:
-    judge = Evaluator(RADIUS_M, [1])
-    judge.effect(AgentStatus(at(1), 1, "arrived", (0, 0)))
-    judge.effect(MissionEnded(at(1), (1,), ()))
-    verdict = summary(judge)
-    assert (verdict.outcome, verdict.reason) == ("incomplete", "there is no truth to judge by")
+    evaluator = Evaluator(RADIUS_M, [1])
+    evaluator.add_effect(AgentStatus(at(1), 1, "arrived", (0, 0)))
+    evaluator.add_effect(MissionEnded(at(1), (1,), ()))
+    verdict = summary(evaluator)
+    assert (verdict.outcome, verdict.reason) == ("incomplete", "there is no ground truth")
     assert math.isnan(verdict.ospa_agents_mean_m)
     assert json.loads(summary_json(verdict))["ospa_agents_mean_m"] is None
 
@@ -137,12 +137,12 @@ def test_without_truth_nothing_is_complete() -> None:
 def test_arrival_is_believed_within_the_capture_radius_and_an_allowance(
     distance_m: float, outcome: str
 ) -> None:
-    judge = Evaluator(RADIUS_M, [1])
+    evaluator = Evaluator(RADIUS_M, [1])
     for second in (0, 1):
-        judge.truth(truth(second, {1: (1000.0, -distance_m)}))
-    judge.effect(AgentStatus(at(1), 1, "arrived", (0, 0)))
-    judge.effect(MissionEnded(at(1), (1,), ()))
-    verdict = summary(judge)
+        evaluator.add_truth(truth(second, {1: (1000.0, -distance_m)}))
+    evaluator.add_effect(AgentStatus(at(1), 1, "arrived", (0, 0)))
+    evaluator.add_effect(MissionEnded(at(1), (1,), ()))
+    verdict = summary(evaluator)
     assert verdict.outcome == outcome
     if outcome == "incomplete":
         assert verdict.reason == "agent 1 called arrived 65 m from the nearest target"
@@ -150,130 +150,132 @@ def test_arrival_is_believed_within_the_capture_radius_and_an_allowance(
 
 
 def test_the_place_of_arrival_is_the_true_one_between_two_scans() -> None:
-    judge = Evaluator(RADIUS_M, [1])
-    judge.truth(truth(0, {1: (0.0, 0.0)}))
-    judge.truth(truth(1, {1: (2000.0, 0.0)}))
-    judge.effect(AgentStatus(at(0.5), 1, "arrived", (0, 0)))
-    judge.effect(MissionEnded(at(1), (1,), ()))
-    assert summary(judge).outcome == "complete"
+    evaluator = Evaluator(RADIUS_M, [1])
+    evaluator.add_truth(truth(0, {1: (0.0, 0.0)}))
+    evaluator.add_truth(truth(1, {1: (2000.0, 0.0)}))
+    evaluator.add_effect(AgentStatus(at(0.5), 1, "arrived", (0, 0)))
+    evaluator.add_effect(MissionEnded(at(1), (1,), ()))
+    assert summary(evaluator).outcome == "complete"
 
 
 def test_two_agents_at_one_target_are_not_two_targets_reached() -> None:
-    judge = Evaluator(RADIUS_M, [1, 2])
-    judge.truth(truth(0, {1: (1000.0, 10.0), 2: (1000.0, -20.0)}))
+    evaluator = Evaluator(RADIUS_M, [1, 2])
+    evaluator.add_truth(truth(0, {1: (1000.0, 10.0), 2: (1000.0, -20.0)}))
     for vehicle in (1, 2):
-        judge.effect(AgentStatus(at(0), vehicle, "arrived", (0, vehicle)))
-    judge.effect(MissionEnded(at(0), (1, 2), ()))
-    verdict = summary(judge)
+        evaluator.add_effect(AgentStatus(at(0), vehicle, "arrived", (0, vehicle)))
+    evaluator.add_effect(MissionEnded(at(0), (1, 2), ()))
+    verdict = summary(evaluator)
     assert verdict.reason == "agent 2 called arrived at target 1, where agent 1 had arrived"
     assert verdict.targets_reached == 1
 
 
 def test_two_agents_at_two_near_targets_have_each_one_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(TARGETS, 2, (1000.0, 40.0))
-    judge = Evaluator(RADIUS_M, [1, 2])
-    judge.truth(truth(0, {1: (1000.0, -10.0), 2: (1000.0, 15.0)}))
+    evaluator = Evaluator(RADIUS_M, [1, 2])
+    evaluator.add_truth(truth(0, {1: (1000.0, -10.0), 2: (1000.0, 15.0)}))
     for vehicle in (1, 2):
-        judge.effect(AgentStatus(at(0), vehicle, "arrived", (0, vehicle)))
-    judge.effect(MissionEnded(at(0), (1, 2), ()))
-    assert [agent.target for agent in summary(judge).agents] == [1, 2]
+        evaluator.add_effect(AgentStatus(at(0), vehicle, "arrived", (0, vehicle)))
+    evaluator.add_effect(MissionEnded(at(0), (1, 2), ()))
+    assert [agent.target for agent in summary(evaluator).agents] == [1, 2]
 
 
 def test_an_agent_that_was_dead_when_called_arrived_has_not_arrived() -> None:
-    judge = Evaluator(RADIUS_M, [1])
-    judge.truth(truth(0, {1: (1000.0, 0.0)}, dead=[1]))
-    judge.effect(AgentStatus(at(0), 1, "arrived", (0, 0)))
-    judge.effect(MissionEnded(at(0), (1,), ()))
-    assert "agent 1 called arrived but dead" in summary(judge).reason
+    evaluator = Evaluator(RADIUS_M, [1])
+    evaluator.add_truth(truth(0, {1: (1000.0, 0.0)}, dead=[1]))
+    evaluator.add_effect(AgentStatus(at(0), 1, "arrived", (0, 0)))
+    evaluator.add_effect(MissionEnded(at(0), (1,), ()))
+    assert "agent 1 called arrived but dead" in summary(evaluator).reason
 
 
 def test_an_agent_that_dies_at_its_target_has_arrived() -> None:
-    judge = a_good_run()
-    judge.truth(truth(11, {1: (1000.0, 10.0), 2: (0.0, 0.0), 3: (1000.0, 1010.0)}, dead=[1, 2]))
-    judge.effect(AgentStatus(at(10.9), 1, "dead"))
-    judge.effect(MissionEnded(at(11), (1, 3), (2,)))
-    verdict = summary(judge)
+    evaluator = a_good_run()
+    evaluator.add_truth(truth(11, {1: (1000.0, 10.0), 2: (0.0, 0.0), 3: (1000.0, 1010.0)}, dead=[1, 2]))
+    evaluator.add_effect(AgentStatus(at(10.9), 1, "dead"))
+    evaluator.add_effect(MissionEnded(at(11), (1, 3), (2,)))
+    verdict = summary(evaluator)
     assert verdict.outcome == "complete", verdict.reason
     assert verdict.agents[0].fate == "arrived"
     assert verdict.deaths == 1
 
 
 def test_calling_a_living_agent_dead_is_counted_and_spoils_the_run() -> None:
-    judge = Evaluator(RADIUS_M, [1])
+    evaluator = Evaluator(RADIUS_M, [1])
     for second in (0, 1, 2):
-        judge.truth(truth(second, {1: (0.0, 0.0)}))
-    judge.effect(AgentStatus(at(1), 1, "dead"))
-    judge.effect(MissionEnded(at(2), (), (1,)))
-    verdict = summary(judge)
+        evaluator.add_truth(truth(second, {1: (0.0, 0.0)}))
+    evaluator.add_effect(AgentStatus(at(1), 1, "dead"))
+    evaluator.add_effect(MissionEnded(at(2), (), (1,)))
+    verdict = summary(evaluator)
     assert verdict.reason == "agent 1 called dead but alive"
     assert (verdict.false_deaths, verdict.deaths, verdict.death_delays_s) == (1, 0, ())
 
 
 def test_a_false_death_that_is_taken_back_is_counted_only() -> None:
-    judge = Evaluator(RADIUS_M, [1])
+    evaluator = Evaluator(RADIUS_M, [1])
     for second in (0, 1, 2):
-        judge.truth(truth(second, {1: (1000.0, 0.0)}))
+        evaluator.add_truth(truth(second, {1: (1000.0, 0.0)}))
     for fate in (
         AgentStatus(at(0.5), 1, "dead"),
         AgentStatus(at(1), 1, "flying"),
         AgentStatus(at(1.5), 1, "arrived", (0, 0)),
     ):
-        judge.effect(fate)
-    judge.effect(MissionEnded(at(2), (1,), ()))
-    verdict = summary(judge)
+        evaluator.add_effect(fate)
+    evaluator.add_effect(MissionEnded(at(2), (1,), ()))
+    verdict = summary(evaluator)
     assert (verdict.outcome, verdict.false_deaths) == ("complete", 1)
 
 
 def test_a_death_that_nobody_noticed_is_not_a_detection() -> None:
-    judge = Evaluator(RADIUS_M, [1])
-    judge.truth(truth(0, {1: (0.0, 0.0)}))
-    judge.truth(truth(1, {1: (0.0, 0.0)}, dead=[1]))
-    verdict = summary(judge)
+    evaluator = Evaluator(RADIUS_M, [1])
+    evaluator.add_truth(truth(0, {1: (0.0, 0.0)}))
+    evaluator.add_truth(truth(1, {1: (0.0, 0.0)}, dead=[1]))
+    verdict = summary(evaluator)
     assert (verdict.deaths, verdict.death_delays_s) == (1, ())
 
 
 def test_ospa_compares_confirmed_tracks_with_the_living_at_the_same_scan() -> None:
-    judge = Evaluator(RADIUS_M, [1, 2])
-    judge.truth(truth(0, {1: (0.0, 0.0), 2: (500.0, 0.0)}))
-    judge.truth(truth(1, {1: (0.0, 0.0), 2: (500.0, 0.0)}, dead=[2]))
-    judge.truth(truth(2, {1: (0.0, 0.0), 2: (500.0, 0.0)}, dead=[2]))
-    judge.effect(picture(0, "agents", [(3.0, 4.0), (500.0, 7.0)]))
-    judge.effect(picture(1, "agents", [(0.0, 0.0), (500.0, 0.0)]))
-    judge.effect(picture(1, "agents", [(0.0, 1.0)]))  # a report after the scan makes a newer picture of it
-    judge.effect(picture(2, "agents", [(0.0, 0.0)], existence=0.4))
-    judge.effect(picture(7, "agents", [(9.0, 9.0)]))  # no truth of that time
-    series = judge.ospa("agents")
+    evaluator = Evaluator(RADIUS_M, [1, 2])
+    evaluator.add_truth(truth(0, {1: (0.0, 0.0), 2: (500.0, 0.0)}))
+    evaluator.add_truth(truth(1, {1: (0.0, 0.0), 2: (500.0, 0.0)}, dead=[2]))
+    evaluator.add_truth(truth(2, {1: (0.0, 0.0), 2: (500.0, 0.0)}, dead=[2]))
+    evaluator.add_effect(picture(0, "agents", [(3.0, 4.0), (500.0, 7.0)]))
+    evaluator.add_effect(picture(1, "agents", [(0.0, 0.0), (500.0, 0.0)]))
+    evaluator.add_effect(picture(1, "agents", [(0.0, 1.0)]))  # a later report renews the picture
+    evaluator.add_effect(picture(2, "agents", [(0.0, 0.0)], existence=0.4))
+    evaluator.add_effect(picture(7, "agents", [(9.0, 9.0)]))  # no truth of that time
+    series = evaluator.ospa("agents")
     assert series.t_ns == (at(0), at(1), at(2))
     assert series.total_m.tolist() == pytest.approx([6.0, 1.0, 100.0])
     assert (series.true_count, series.estimated_count) == ((2, 1, 1), (2, 1, 0))
     assert series.mean_m == pytest.approx(107.0 / 3)
-    assert judge.ospa("targets").t_ns == ()
+    assert evaluator.ospa("targets").t_ns == ()
 
 
 def test_a_retask_is_a_new_route_for_somebody_who_had_one() -> None:
-    judge = Evaluator(RADIUS_M, [1, 2, 3])
-    judge.truth(truth(0, {1: (0.0, 0.0)}))
-    judge.effect(plan(1, [1, 2], [1, 2], "first plan"))
-    judge.effect(plan(2, [1, 2, 3], [3], "agent 3 joined"))
-    judge.effect(plan(3, [1, 3], [], "nothing to change"))
-    judge.effect(plan(6, [1, 3], [1, 3], "agent 2 lost"))
-    verdict = summary(judge)
+    evaluator = Evaluator(RADIUS_M, [1, 2, 3])
+    evaluator.add_truth(truth(0, {1: (0.0, 0.0)}))
+    evaluator.add_effect(plan(1, [1, 2], [1, 2], "first plan"))
+    evaluator.add_effect(plan(2, [1, 2, 3], [3], "agent 3 joined"))
+    evaluator.add_effect(plan(3, [1, 3], [], "nothing to change"))
+    evaluator.add_effect(plan(6, [1, 3], [1, 3], "agent 2 lost"))
+    verdict = summary(evaluator)
     assert verdict.retasks == 1
     assert [(r.t_s, r.vehicles, r.reason) for r in verdict.retask_list] == [(6.0, (1, 3), "agent 2 lost")]
 
 
 def test_uploads_and_their_failures_are_counted() -> None:
-    judge = Evaluator(RADIUS_M, [1])
+    evaluator = Evaluator(RADIUS_M, [1])
     for ok in (True, False, True):
-        judge.effect(UploadReport(at(1), 1, 1, 5, ok, "", 0.2, 0))
-    verdict = summary(judge)
+        evaluator.add_effect(UploadReport(at(1), 1, 1, 5, ok, "", 0.2, 0))
+    verdict = summary(evaluator)
     assert (verdict.uploads, verdict.upload_failures) == (3, 1)
 
 
 def test_a_target_that_never_appears_is_none_to_be_reached() -> None:
-    judge = Evaluator(RADIUS_M, [1])
-    judge.truth(Truth(at(0), (TruthObject("targets", 1, 0, 0, True), TruthObject("targets", 2, 0, 0, False))))
-    assert summary(judge).targets_total == 1
+    evaluator = Evaluator(RADIUS_M, [1])
+    evaluator.add_truth(
+        Truth(at(0), (TruthObject("targets", 1, 0, 0, True), TruthObject("targets", 2, 0, 0, False)))
+    )
+    assert summary(evaluator).targets_total == 1
 
 
 def test_the_json_has_exactly_the_promised_keys() -> None:
@@ -291,13 +293,15 @@ def test_the_json_has_exactly_the_promised_keys() -> None:
 
 @given(st.permutations(range(11)))
 def test_truth_may_arrive_in_any_order(order: list[int]) -> None:
-    judge, reference = Evaluator(RADIUS_M, [1, 2, 3]), a_good_run()
-    truths = [Truth(t_ns, reference._truths.at(t_ns)) for t_ns in reference._truths.times_ns]
+    evaluator, reference = Evaluator(RADIUS_M, [1, 2, 3]), a_good_run()
+    ground_truth = [
+        Truth(t_ns, reference._ground_truth.at(t_ns)) for t_ns in reference._ground_truth.times_ns
+    ]
     for index in order:
-        judge.truth(truths[index])
-    for fate in reference._fates:
-        judge.effect(fate)
-    assert summary(ended(judge)) == summary(ended(reference)) or both_nan(judge, reference)
+        evaluator.add_truth(ground_truth[index])
+    for fate in reference._statuses:
+        evaluator.add_effect(fate)
+    assert summary(ended(evaluator)) == summary(ended(reference)) or both_nan(evaluator, reference)
 
 
 def both_nan(first: Evaluator, second: Evaluator) -> bool:
@@ -312,13 +316,13 @@ places = st.lists(st.tuples(st.floats(0, 300), st.floats(0, 300)), min_size=1, m
 def test_every_reached_target_is_near_and_reached_once_and_no_arrival_is_denied_a_free_one(
     agents: list[tuple[float, float]], targets: list[tuple[float, float]]
 ) -> None:
-    judge = Evaluator(RADIUS_M, range(len(agents)))
+    evaluator = Evaluator(RADIUS_M, range(len(agents)))
     things = [TruthObject("agents", n, *place, True) for n, place in enumerate(agents)]
     things += [TruthObject("targets", n, *place, True) for n, place in enumerate(targets)]
-    judge.truth(Truth(at(0), tuple(things)))
+    evaluator.add_truth(Truth(at(0), tuple(things)))
     for n in range(len(agents)):
-        judge.effect(AgentStatus(at(0), n, "arrived", (0, n)))
-    reached = [agent.target for agent in summary(judge).agents]
+        evaluator.add_effect(AgentStatus(at(0), n, "arrived", (0, n)))
+    reached = [agent.target for agent in summary(evaluator).agents]
     taken = [target for target in reached if target is not None]
     assert len(set(taken)) == len(taken)
     for place, target in zip(agents, reached, strict=True):

@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 
 from gcs.model import Cause, Plan
-from gcs.report.run.triggers import COLOURS, causes_of, counted
+from gcs.report.run.triggers import COLOURS, count_by_trigger, triggers_of
 
 
 def plan(reason: str, causes: tuple[Cause, ...] = ()) -> Plan:
@@ -19,7 +19,7 @@ def test_every_cause_has_a_row_of_its_own_colour() -> None:
 
 def test_what_a_plan_carries_counts_and_not_its_words() -> None:
     told = plan("keep-out agent 7 lost closed; agent 2 has had enough", ("map changed", "agent set aside"))
-    assert causes_of(told) == ("map changed", "agent set aside")
+    assert triggers_of(told) == ("map changed", "agent set aside")
 
 
 @pytest.mark.parametrize(
@@ -41,10 +41,10 @@ def test_what_a_plan_carries_counts_and_not_its_words() -> None:
     ],
 )
 def test_recordings_without_causes_are_read_by_their_words(reason: str, causes: tuple[str, ...]) -> None:
-    assert causes_of(plan(reason)) == causes
+    assert triggers_of(plan(reason)) == causes
 
 
 def test_plans_are_counted_by_cause_the_most_frequent_first() -> None:
     told = [("agent lost", "target moved"), ("target moved",), ("first plan",)]
-    assert counted(told) == "2 target moved, 1 agent lost, 1 first plan"
-    assert counted([]) == ""
+    assert count_by_trigger(told) == "2 target moved, 1 agent lost, 1 first plan"
+    assert count_by_trigger([]) == ""

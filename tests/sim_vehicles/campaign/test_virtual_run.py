@@ -41,10 +41,10 @@ class Flown:
 
     summary: Summary
     effects: list[Effect] = field(default_factory=list)
-    truths: list[Truth] = field(default_factory=list)
+    ground_truth: list[Truth] = field(default_factory=list)
     recording: str = ""
 
-    def fates(self) -> dict[int, list[tuple[float, str]]]:
+    def statuses(self) -> dict[int, list[tuple[float, str]]]:
         """Seconds and fate of each change, by vehicle."""
         told: dict[int, list[tuple[float, str]]] = {}
         for effect in self.effects:
@@ -58,19 +58,19 @@ class Flown:
 def fly(name: str, seed: int, *, loss: float = 0.0, kills: dict[int, float] | None = None) -> Flown:
     scenario = load(name)
     config = scenario.config
-    judge = Evaluator(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
+    evaluator = Evaluator(config.planning.capture_radius_m, [agent.system_id for agent in config.agents])
     effects: list[Effect] = []
-    truths: list[Truth] = []
+    ground_truth: list[Truth] = []
     recording = hashlib.sha256()
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
-        judge.effect(effect)
+        evaluator.add_effect(effect)
         effects.append(effect)
         recording.update(encode(effect))
 
     def on_truth(truth: Truth) -> None:
-        judge.truth(truth)
-        truths.append(truth)
+        evaluator.add_truth(truth)
+        ground_truth.append(truth)
         recording.update(encode(truth))
 
     def on_event(event: Event) -> None:
@@ -78,10 +78,10 @@ def fly(name: str, seed: int, *, loss: float = 0.0, kills: dict[int, float] | No
 
     run = VirtualRun(scenario, seed, on_event, on_effect, on_truth, loss, kills or {})
     flown_s = run.run()
-    summary = judge.summary(
+    summary = evaluator.summary(
         scenario=name, seed=seed, duration_s=flown_s, scan_ms_p99=0.0, plan_ms_p99=0.0, recording=""
     )
-    return Flown(summary, effects, truths, recording.hexdigest())
+    return Flown(summary, effects, ground_truth, recording.hexdigest())
 
 
 def assert_complete(flown: Flown) -> None:
@@ -143,10 +143,13 @@ def test_losses_do_not_change_the_world() -> None:
     """Targets move and agents die as they would: only what is heard differs."""
     worlds = []
     for loss in (0.0, 0.3):
-        truths = fly("random-obstacles", 3, loss=loss).truths[:100]
+        ground_truth = fly("random-obstacles", 3, loss=loss).ground_truth[:100]
         worlds.append(
-            [[(t.kind, t.id, t.alive) for t in truth.objects] for truth in truths]
-            + [[(t.east_m, t.north_m) for t in truth.objects if t.kind == "targets"] for truth in truths]
+            [[(t.kind, t.id, t.alive) for t in truth.objects] for truth in ground_truth]
+            + [
+                [(t.east_m, t.north_m) for t in truth.objects if t.kind == "targets"]
+                for truth in ground_truth
+            ]
         )
     assert worlds[0] == worlds[1]
 
@@ -166,7 +169,7 @@ def test_a_killed_vehicle_is_called_dead_within_five_seconds_and_the_others_arri
     name: str, vehicle: int, at_s: float
 ) -> None:
     flown = fly(name, 0, kills={vehicle: at_s})
-    first, *more = flown.fates()[vehicle]
+    first, *more = flown.statuses()[vehicle]
     assert more == []
     assert first[1] == "dead"
     assert at_s <= first[0] <= at_s + 5.0
@@ -176,7 +179,7 @@ def test_a_killed_vehicle_is_called_dead_within_five_seconds_and_the_others_arri
 
 def test_a_vehicle_killed_before_it_was_known_by_its_track_is_called_dead_soon_too() -> None:
     flown = fly("prescribed", 0, kills={3: 0.5})
-    (told,) = flown.fates()[3]
+    (told,) = flown.statuses()[3]
     assert told[1] == "dead"
     assert 0.5 < told[0] < 8.0
     assert_complete(flown)
@@ -184,7 +187,7 @@ def test_a_vehicle_killed_before_it_was_known_by_its_track_is_called_dead_soon_t
 
 def test_a_vehicle_that_never_shows_up_is_given_up_and_the_others_go() -> None:
     flown = fly("deterministic", 0, kills={2: 0.0})
-    (told,) = flown.fates()[2]
+    (told,) = flown.statuses()[2]
     assert told[1] == "dead"
     assert 20.0 < told[0] < 25.0
     assert_complete(flown)
@@ -202,19 +205,19 @@ def test_when_all_are_killed_the_mission_ends_with_nobody() -> None:
 
 def test_a_killed_vehicle_says_nothing_more_and_stays_where_it_fell() -> None:
     heard: list[Datagram] = []
-    truths: list[Truth] = []
+    ground_truth: list[Truth] = []
 
     def on_event(event: Event) -> None:
         if isinstance(event, Datagram):
             heard.append(event)
 
-    VirtualRun(load("prescribed"), 0, on_event, on_truth=truths.append, kills={1: 10.0}).run(20.0)
+    VirtualRun(load("prescribed"), 0, on_event, on_truth=ground_truth.append, kills={1: 10.0}).run(20.0)
     last_ns = max(event.t_ns for event in heard if event.peer == "vehicle:1")
     assert 9.0 < (last_ns - START_T_NS) / NS_PER_S < 10.0
-    fallen = [truth.objects[0] for truth in truths if truth.t_ns >= START_T_NS + 10 * NS_PER_S]
+    fallen = [truth.objects[0] for truth in ground_truth if truth.t_ns >= START_T_NS + 10 * NS_PER_S]
     assert len(set(fallen)) == 1
     assert (fallen[0].id, fallen[0].alive) == (1, False)
-    assert truths[9].objects[0].alive
+    assert ground_truth[9].objects[0].alive
 
 
 def test_time_goes_on_in_equal_steps_and_events_are_in_its_order() -> None:
