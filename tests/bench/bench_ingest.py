@@ -43,7 +43,7 @@ KEY = bytes(range(32))
 TOGETHER_BYTES = 1300
 
 
-class UpdateResult(NamedTuple):
+class IngestResult(NamedTuple):
     """What a receiver did with a run."""
 
     name: str
@@ -112,7 +112,7 @@ def receive_by_pymavlink(args, together, keeps=True):
         key.fileobj.close()
     assert not keeps or len(user.places) == args.networks * args.vehicles
     name = "recvfrom + pymavlink + a user's table" if keeps else "recvfrom + pymavlink"
-    return UpdateResult(name, player.account(), count, cpu_s, user.lost)
+    return IngestResult(name, player.account(), count, cpu_s, user.lost)
 
 
 class Intake:
@@ -180,7 +180,7 @@ async def receive_by_ours(args, together, key=None):
     consumer.cancel()
     opened.close()
     name = "links, queue, fleet" if key is None else "gate, links, queue, fleet"
-    return UpdateResult(name, player.account(), frames, cpu_s, intake.missing(), intake.dropped)
+    return IngestResult(name, player.account(), frames, cpu_s, intake.missing(), intake.dropped)
 
 
 # ------------------------------------------------------------------------------------ tables

@@ -32,7 +32,7 @@ def test_a_correctly_announced_sensor_is_never_reported(seed, p_d, clutter):
 
 
 @pytest.mark.parametrize(
-    ("p_d", "clutter", "words"),
+    ("p_d", "clutter", "texts"),
     [
         (0.9, 40.0, "clutter may pass|10 announced"),
         (0.9, 2.0, "confirmed late|10 announced"),
