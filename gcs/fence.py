@@ -152,7 +152,7 @@ def _check(fence: Fence, config: Config, source: str) -> None:
         raise ConfigError(
             source,
             "fence.max_alt_rel_m",
-            f"expected more than the highest altitude lane, {config.mission.highest_rel_m:g} m",
+            f"expected more than the highest altitude layer, {config.mission.highest_rel_m:g} m",
         )
     for index, row in enumerate(config.rally):
         if fence.beyond([frame.to_local(row.lat_deg, row.lon_deg)], frame):

@@ -48,7 +48,7 @@ def test_the_scenarios_of_the_paper_are_shipped_and_valid() -> None:
         (("east_m = 100.0", "easting_m = 100.0"), "agents[0]", "easting_m"),
         (('name = "x"', 'name = "x"\nspeed = 3'), "", "unknown key `speed`"),
         (('name = "x"', 'name = "x"\n[map]\nnodes_east = 21'), "map", "square"),
-        (('name = "x"', 'name = "x"\n[tracking]\ndead_existence = 0.6'), "tracking.dead_existence", "0.5"),
+        (('name = "x"', 'name = "x"\n[tracking]\nlost_existence = 0.6'), "tracking.lost_existence", "0.5"),
     ],
 )
 def test_a_mistake_names_file_key_and_what_was_expected(
@@ -290,3 +290,19 @@ def test_broken_toml_is_shown_with_its_line(text: str, told: str) -> None:
         parse(text, "m.toml")
     assert told in str(refused.value)
     assert "not valid TOML: " in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "hint"),
+    [
+        ("[mission]\nlane_step_m = 20.0", "did you mean `layer_step_m`?"),
+        ("[mission]\nlanes = 2", "did you mean `layers`?"),
+        ('[planning]\nspare = "hold"', "did you mean `surplus`?"),
+        ("[tracking]\ndead_existence = 0.01", "did you mean `lost_existence`?"),
+        ("[tracking.agents]\naccel_std_m_s2 = 4.0", "Its value is the square of the former one"),
+    ],
+)
+def test_a_renamed_key_is_refused_with_its_new_name(old, hint):
+    with pytest.raises(ConfigError) as refused:
+        parse(f'name = "x"\n[frame]\nlat_deg = 33.2\nlon_deg = -87.6\nalt_msl_m = 70.0\n{old}\n', "x.toml")
+    assert hint in str(refused.value)

@@ -74,7 +74,7 @@ def test_routes_are_planned_inside_the_area_to_stay_in():
         (
             "[fence]\nmax_alt_rel_m = 80.0\n",
             "fence.max_alt_rel_m",
-            "more than the highest altitude lane, 180 m",
+            "more than the highest altitude layer, 180 m",
         ),
         (
             INCLUSION + "[[rally]]\nlat_deg = 33.3\nlon_deg = -87.6\nalt_rel_m = 90\n",

@@ -42,7 +42,7 @@ def test_vehicles_of_a_shipped_file_return_a_layer_apart_and_below_the_file_s_ce
         (row,) = return_height_check(vehicle, profile, value, rally_m, ceiling_m)
         assert row.level == "ok", row
     returns = [return_of(vehicle, profile, value, rally_m) for vehicle, value in values.items()]
-    (row,) = returns_check(returns, config.mission.lane_step_m)
+    (row,) = returns_check(returns, config.mission.layer_step_m)
     assert row.level == "ok", row
 
 

@@ -29,7 +29,7 @@ from gcs.cli.operator_lines import (
     target_text,
 )
 from gcs.config import Config
-from gcs.core.authority.override_notices import not_ours_text
+from gcs.core.authority.override_notices import overridden_text
 from gcs.core.engine import Engine
 from gcs.io.links.manager import Links
 from gcs.model import (
@@ -51,7 +51,7 @@ from gcs.model import (
 T = TypeVar("T")
 
 _STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
-_FATE_STYLE: Final = {"flying": "cyan", "arrived": "green", "dead": "red"}
+_FATE_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
 _LOG_LINES: Final = 200
 _EVENT_ROWS: Final = 9
 _MIN_MAP_ROWS: Final = 12
@@ -65,11 +65,11 @@ _MIN_TARGET_ROWS: Final = 3
 _TABLES_WIDTH: Final = 94
 _SIGNED_WIDTH: Final = 10
 _AGENT_COLUMNS: Final = (
-    "id", "fate", "mode", "signed", "track", "exist.", "east m", "north m", "m/s", "target", "to go m",
+    "id", "status", "mode", "signed", "track", "exist.", "east m", "north m", "m/s", "target", "to go m",
     "mission",
 )  # fmt: skip
 _TRACK_COLUMNS: Final = ("track", "exist.", "east m", "north m", "m/s")
-_LEFT: Final = ("fate", "mode", "signed", "mission")
+_LEFT: Final = ("status", "mode", "signed", "mission")
 
 
 def label_text(label: Label | None) -> str:
@@ -164,13 +164,13 @@ class LiveView:
 
     def _tables(self, narrow: bool, rows: int) -> Iterator[RenderableType]:
         """Yield the tables that `rows` have room for, with a word for what they have none for."""
-        agents, targets = len(self._command.fates.by_vehicle), len(self._shown_targets())
+        agents, targets = len(self._command.agent_status.by_vehicle), len(self._shown_targets())
         link_counters = link_rows(self._command.fleet, self._links, self._t_ns)
         room = rows - 2 * _TABLE_FRAME
-        not_ours = not_ours_text(self._command.not_ours())
-        if not_ours:
+        overridden = overridden_text(self._command.overridden())
+        if overridden:
             room -= 1
-            yield Text(not_ours, style="bold yellow", no_wrap=True, overflow="ellipsis")
+            yield Text(overridden, style="bold yellow", no_wrap=True, overflow="ellipsis")
         has_links = agents + targets + _LINKS_FRAME + len(link_counters) <= room
         room -= 0 if has_links else 1
         target_rows = min(targets, max(_MIN_TARGET_ROWS, room - agents))
@@ -203,10 +203,10 @@ class LiveView:
         for name in names:
             table.add_column(name, justify="left" if name in _LEFT else "right", no_wrap=True)
         tracks = self._tracks("agents")
-        fates = self._command.fates.by_vehicle
+        fates = self._command.agent_status.by_vehicle
         shown_fates, more = _cut(list(fates.items()), max_rows, lambda item: self._trouble(item[1]))
         for vehicle, fate in shown_fates:
-            label = self._command.ties.labels.get(vehicle)
+            label = self._command.association.labels.get(vehicle)
             track = tracks.get(label) if label is not None else None
             route = self._command.replanner.routes.get(vehicle)
             target = fate.target or (route.target if route else None)
@@ -224,7 +224,7 @@ class LiveView:
                 *_track_cells(track),
                 target_text(target),
                 to_go,
-                self._command.tasking.under_way.get(vehicle, self._uploads.get(vehicle, "")),
+                self._command.tasking.stages.get(vehicle, self._uploads.get(vehicle, "")),
             )
             shown = dict(zip(_AGENT_COLUMNS, cells, strict=True))
             table.add_row(*(shown[name] for name in names))
@@ -233,31 +233,31 @@ class LiveView:
     def _trouble(self, fate: AgentStatus) -> int:
         """How soon an operator must see this agent; the smallest first."""
         vehicle = fate.vehicle
-        if vehicle in self._command.witness.doubted():
+        if vehicle in self._command.position_integrity.doubted():
             return 0
-        if fate.fate == "dead":
+        if fate.status == "lost":
             return 1
-        if fate.fate == "arrived":
+        if fate.status == "arrived":
             return 6
-        if vehicle in self._command.orders.aside or vehicle in self._command.not_ours():
+        if vehicle in self._command.orders.suspensions or vehicle in self._command.overridden():
             return 2
         if self._uploads.get(vehicle) == "failed":
             return 3
-        return 5 if vehicle in self._command.ties.labels else 4
+        return 5 if vehicle in self._command.association.labels else 4
 
     def _standing(self, fate: AgentStatus) -> Text:
         """What became of an agent, the order that sets it aside, or that its reports are false."""
-        aside = self._command.orders.aside.get(fate.vehicle)
-        if aside is not None and fate.fate == "flying":
+        aside = self._command.orders.suspensions.get(fate.vehicle)
+        if aside is not None and fate.status == "active":
             return Text(aside, style="bold yellow")
-        if fate.vehicle in self._command.witness.doubted():
+        if fate.vehicle in self._command.position_integrity.doubted():
             return Text("not there", style="bold red")
-        return Text(fate.fate, style=_FATE_STYLE[fate.fate])
+        return Text(fate.status, style=_FATE_STYLE[fate.status])
 
     def _mode(self, vehicle: int) -> Text:
         """The mode that a vehicle is in; marked where somebody else chose it."""
         state = self._command.fleet.state(vehicle)
-        is_ours = vehicle not in self._command.not_ours()
+        is_ours = vehicle not in self._command.overridden()
         return Text(state.mode if state else "", style="" if is_ours else "bold yellow")
 
     def _signing(self, vehicle: int) -> str:
@@ -276,7 +276,7 @@ class LiveView:
         hunters = {
             route.target: vehicle_name(route.vehicle) for route in self._command.replanner.routes.values()
         }
-        reached = self._command.fates.at_targets()
+        reached = self._command.agent_status.at_targets()
         shown, more = _cut(
             self._shown_targets(), max_rows, lambda track: (track.label in reached, track.label in hunters)
         )
@@ -337,7 +337,7 @@ class LiveView:
         for route in pending.routes if pending is not None else ():
             for east_m, north_m in route.points_m:
                 put(east_m, north_m, "·", "bold yellow")
-        reached = self._command.fates.at_targets()
+        reached = self._command.agent_status.at_targets()
         for label, track in self._tracks("targets").items():
             if track.estimated:
                 put(
@@ -347,16 +347,16 @@ class LiveView:
                     "green" if label in reached else "bold red",
                 )
         tracks = self._tracks("agents")
-        for vehicle, fate in self._command.fates.by_vehicle.items():
-            seen = tracks.get(self._command.ties.labels.get(vehicle, (-1, -1)))
-            if fate.fate == "dead" and fate.position_m is not None:
+        for vehicle, fate in self._command.agent_status.by_vehicle.items():
+            seen = tracks.get(self._command.association.labels.get(vehicle, (-1, -1)))
+            if fate.status == "lost" and fate.position_m is not None:
                 put(*fate.position_m, "✗", "red")
             elif seen is not None:
                 put(
                     float(seen.mean[0]),
                     float(seen.mean[1]),
                     vehicle_name(vehicle),
-                    "bold " + _FATE_STYLE[fate.fate],
+                    "bold " + _FATE_STYLE[fate.status],
                 )
         return Panel(Group(*(Text.assemble(*row) for row in cells)), title="Map", title_align="left")
 

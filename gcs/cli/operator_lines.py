@@ -57,12 +57,12 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
             )
         case UploadReport():
             return f"agent {vehicle_name(effect.vehicle)}: mission transfer failed: {effect.detail}", "alarm"
-        case AgentStatus(fate="arrived"):
+        case AgentStatus(status="arrived"):
             return (
                 f"agent {vehicle_name(effect.vehicle)}: reached target {target_text(effect.target)}",
                 "info",
             )
-        case AgentStatus(fate="dead"):
+        case AgentStatus(status="lost"):
             return f"agent {vehicle_name(effect.vehicle)}: lost", "alarm"
         case AgentStatus():
             return f"agent {vehicle_name(effect.vehicle)}: is back", "warning"
@@ -74,8 +74,8 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
             routes = "; ".join(route_lines(effect, MAX_ROUTES))
             return f"{proposal_title(effect)}: {routes}", "warning"
         case MissionEnded():
-            surplus = f", {len(effect.spare)} surplus" if effect.spare else ""
-            return f"mission ended: {len(effect.arrived)} arrived, {len(effect.dead)} lost{surplus}", "info"
+            surplus = f", {len(effect.surplus)} surplus" if effect.surplus else ""
+            return f"mission ended: {len(effect.arrived)} arrived, {len(effect.lost)} lost{surplus}", "info"
     return None
 
 

@@ -70,12 +70,12 @@ class Config(Table, frozen=True, kw_only=True):
     def takeoff_altitude_rel_m(self, layer: int) -> float:
         """Altitude above home that a vehicle of an altitude layer climbs to before it turns."""
         mission = self.mission
-        return self.takeoff.altitude_rel_m or mission.altitude_rel_m + layer * mission.lane_step_m
+        return self.takeoff.altitude_rel_m or mission.altitude_rel_m + layer * mission.layer_step_m
 
     @property
     def agents_per_target(self) -> int:
         """How many agents may end at one target."""
-        if self.planning.spare == "double":
+        if self.planning.surplus == "double":
             return len(self.agents)
         return max((birth.agents for birth in self.births), default=1)
 

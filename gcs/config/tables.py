@@ -86,13 +86,13 @@ class AnywhereTable(Table, frozen=True, kw_only=True):
 
     per_s: NotNegative = 0.0
     speed_std_m_s: Positive = 10.0
-    most_probability: InnerProbability = 0.1
+    max_probability: InnerProbability = 0.1
 
 
 class KindTracking(Table, frozen=True, kw_only=True):
     """Tracking of one kind of object."""
 
-    accel_std_m_s2: Positive
+    accel_psd_m2_s3: Positive
     birth_probability: InnerProbability = 0.03
     birth_again_probability: InnerProbability = 1e-4
     turn_rate_std_deg_s: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
@@ -103,12 +103,12 @@ class KindTracking(Table, frozen=True, kw_only=True):
 class TrackingTable(Table, frozen=True, kw_only=True):
     """The two GLMB filters and how their output is read."""
 
-    agents: KindTracking = KindTracking(accel_std_m_s2=4.0)
-    targets: KindTracking = KindTracking(accel_std_m_s2=0.5)
+    agents: KindTracking = KindTracking(accel_psd_m2_s3=16.0)
+    targets: KindTracking = KindTracking(accel_psd_m2_s3=0.25)
     survival_probability_per_s: InnerProbability = 0.99
     max_hypotheses: Annotated[int, Meta(ge=10, le=100_000)] = 200
     gate_chi2: Annotated[float, Meta(ge=4.0, le=100.0)] = 32.2
-    dead_existence: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.01
+    lost_existence: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.01
     lost_std_m: Positive = 500.0
     reorder_window_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
     correct_sensors: bool = False
@@ -172,7 +172,7 @@ class PlanningTable(Table, frozen=True, kw_only=True):
     horizon_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 120.0
     cost: Literal["length", "arrival"] = "length"
     objective: Literal["total", "longest"] = "total"
-    spare: Literal["hold", "double"] = "hold"
+    surplus: Literal["hold", "double"] = "hold"
     separation_m: NotNegative = 60.0
 
 
@@ -180,8 +180,8 @@ class MissionTable(Table, frozen=True, kw_only=True):
     """What is written into the missions."""
 
     altitude_rel_m: Positive = 100.0
-    lane_step_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 20.0
-    lanes: Annotated[int, Meta(ge=1, le=50)] = 5
+    layer_step_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 20.0
+    layers: Annotated[int, Meta(ge=1, le=50)] = 5
     accept_radius_m: Annotated[float, Meta(gt=0.0, le=255.0)] = 10.0
     loiter_radius_m: Annotated[float, Meta(ge=0.0, le=255.0)] = 30.0
     end: Literal["loiter", "land"] = "loiter"
@@ -190,8 +190,8 @@ class MissionTable(Table, frozen=True, kw_only=True):
 
     @property
     def highest_rel_m(self) -> float:
-        """Altitude of the highest lane."""
-        return self.altitude_rel_m + (self.lanes - 1) * self.lane_step_m
+        """Altitude of the highest layer."""
+        return self.altitude_rel_m + (self.layers - 1) * self.layer_step_m
 
 
 class TakeoffTable(Table, frozen=True, kw_only=True):

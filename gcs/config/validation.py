@@ -23,6 +23,15 @@ _WORDS = {
     "array": "a list",
 }
 """What msgspec calls types, and what somebody does who edits TOML."""
+_RENAMED = {
+    "accel_std_m_s2": "accel_psd_m2_s3",
+    "dead_existence": "lost_existence",
+    "lane_step_m": "layer_step_m",
+    "lanes": "layers",
+    "most_probability": "max_probability",
+    "spare": "surplus",
+}
+"""New names of renamed keys."""
 _WHERE = re.compile(r"^(?P<problem>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)
 
 
@@ -97,8 +106,10 @@ def _without_none(to: Any) -> Any:
 
 def _unknown(name: str, known: list[str]) -> str:
     """Say of an unknown key which one may be meant."""
-    near = get_close_matches(name, known, 1)
+    near = [_RENAMED[name]] if _RENAMED.get(name) in known else get_close_matches(name, known, 1)
     hint = f"did you mean `{near[0]}`?" if near else "misspelt, or in the wrong table?"
+    if name == "accel_std_m_s2" and near == ["accel_psd_m2_s3"]:
+        hint = "did you mean `accel_psd_m2_s3`? Its value is the square of the former one"
     return f"unknown key `{name}`: {hint}"
 
 

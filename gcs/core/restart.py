@@ -53,7 +53,7 @@ class Restart:
 
     Parameters
     ----------
-    fleet, tasking, replanner, orders, fates, trackers, guests, rereading
+    fleet, tasking, replanner, orders, agent_status, trackers, external_uploads, onboard_audit
         The parts of the fold that remember, and are reminded.
     """
 
@@ -63,14 +63,19 @@ class Restart:
         tasking: UploadManager,
         replanner: Replanner,
         orders: Orders,
-        fates: AgentStatusMonitor,
+        agent_status: AgentStatusMonitor,
         trackers: MultiSensorTracker,
-        guests: ExternalUploads,
-        rereading: OnboardAudit,
+        external_uploads: ExternalUploads,
+        onboard_audit: OnboardAudit,
     ) -> None:
         self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
-        self._orders, self._fates, self._trackers, self._guests = orders, fates, trackers, guests
-        self._rereading = rereading
+        self._orders, self._agent_status, self._trackers, self._external_uploads = (
+            orders,
+            agent_status,
+            trackers,
+            external_uploads,
+        )
+        self._onboard_audit = onboard_audit
         self._verified: dict[int, Route] = {}
         self._asked: set[int] = set()
         """Vehicles whose routes are taken up when they still hold them."""
@@ -84,7 +89,7 @@ class Restart:
 
     def vehicles(self) -> tuple[PersistedVehicle, ...]:
         """Return what is to be remembered of every vehicle."""
-        return tuple(self._memory(vehicle) for vehicle in self._fates.by_vehicle)
+        return tuple(self._memory(vehicle) for vehicle in self._agent_status.by_vehicle)
 
     def targets(self, t_ns: int, believed: Mapping[Label, Track]) -> tuple[Track, ...]:
         """Return the targets that are to be remembered: until they are seen again, where they should be."""
@@ -94,74 +99,75 @@ class Restart:
         return self._trackers.moved_on(expected, (t_ns - then_t_ns) / NS_PER_S)
 
     def _memory(self, vehicle: int) -> PersistedVehicle:
-        asked = self._rereading.flown(vehicle)  # not known yet: still what was remembered
-        flown = asked or self._tasking.flown(vehicle)
-        wanted = (self._replanner.routes, self._orders.suspended, self._verified)
+        asked = self._onboard_audit.flown(vehicle)  # not known yet: still what was remembered
+        flown = asked or self._tasking.onboard(vehicle)
+        wanted = (self._replanner.routes, self._orders.suspended_routes, self._verified)
         route = next((routes[vehicle] for routes in wanted if vehicle in routes), None)
-        unsure = self._tasking.may_be_mixed(vehicle)
+        unsure = self._tasking.may_be_inconsistent(vehicle)
         spare = route is None and vehicle not in self._asked
         if flown is not None and (asked is not None or (spare and not unsure)):
             route = flown.route
         if flown is None or flown.route is not route:
             flown = None
-        fate = self._fates.by_vehicle[vehicle]
+        status = self._agent_status.by_vehicle[vehicle]
         return PersistedVehicle(
-            fate=replace(fate, target=self._reached.get(vehicle, fate.target)),
-            aside=self._orders.aside.get(vehicle),
+            status=replace(status, target=self._reached.get(vehicle, status.target)),
+            suspension=self._orders.suspensions.get(vehicle),
             route=route,
             items=() if flown is None or unsure else tuple(_row(item) for item in flown.items),
             first_point=1 if flown is None else flown.first_point,
-            unsure=unsure,
-            custody=self._tasking.custody(vehicle),
-            guest=self._guests.memory(vehicle),
-            spare=spare,
+            may_be_inconsistent=unsure,
+            authority=self._tasking.persisted_authority(vehicle),
+            external_mission=self._external_uploads.persisted(vehicle),
+            is_obsolete=spare,
         )
 
     # ------------------------------------------------------------ being reminded
 
     def begin(self, event: Resumed) -> list[Effect]:
         """Take the memory; returns what the operator should know."""
-        memory, t_ns = event.memory, event.t_ns
+        memory, t_ns = event.state, event.t_ns
         age_s = max(0.0, (t_ns - memory.t_ns) / NS_PER_S)
         self._was = self._trackers.expect(memory.targets, age_s)
         self._expected = memory.t_ns, memory.targets
-        self._tasking.count_from(memory.missions)
+        self._tasking.resume_count(memory.mission_count)
         self._until_t_ns = t_ns + round(_LONGEST_S * NS_PER_S)
         effects: list[Effect] = []
-        known = set(self._fates.by_vehicle)
+        known = set(self._agent_status.by_vehicle)
         text = f"takes up where it was {age_s:.0f} s ago: {_contents(memory, known)}"
         text += "; to begin clean, end it and start it with --no-resume"
         effects.append(Notice(t_ns, "warning", text))
         for one in memory.vehicles:
-            vehicle = one.fate.vehicle
+            vehicle = one.status.vehicle
             if vehicle not in known:
                 continue
-            if one.fate.target is not None:  # labels of then mean nothing now
-                self._reached[vehicle] = one.fate.target
-            self._fates.by_vehicle[vehicle] = replace(one.fate, target=None)
-            if one.aside is not None:
-                self._orders.aside[vehicle] = one.aside
-            if one.custody is not None:
-                self._tasking.remember(vehicle, one.custody)
-            if one.guest is not None:
-                self._guests.remember(vehicle, one.guest, t_ns)
-                text = f"has a mission of {one.guest.words} and stays theirs until it is ordered to resume"
+            if one.status.target is not None:  # labels of then mean nothing now
+                self._reached[vehicle] = one.status.target
+            self._agent_status.by_vehicle[vehicle] = replace(one.status, target=None)
+            if one.suspension is not None:
+                self._orders.suspensions[vehicle] = one.suspension
+            if one.authority is not None:
+                self._tasking.restore_authority(vehicle, one.authority)
+            if one.external_mission is not None:
+                self._external_uploads.restore(vehicle, one.external_mission, t_ns)
+                station = one.external_mission.station
+                text = f"has a mission of {station} and stays theirs until it is ordered to resume"
                 effects.append(Notice(t_ns, "warning", text, vehicle))
-            if one.unsure:
-                self._tasking.suspect(vehicle)
+            if one.may_be_inconsistent:
+                self._tasking.mark_inconsistent(vehicle)
                 text = "was being given a mission, or left with a part of one: it may hold a mix"
                 effects.append(Notice(t_ns, "warning", text, vehicle))
-            elif one.items and one.route is not None and one.fate.fate == "flying":
+            elif one.items and one.route is not None and one.status.status == "active":
                 flown = OnboardMission(one.route, tuple(_item(row) for row in one.items), one.first_point)
-                if not one.spare:
+                if not one.is_obsolete:
                     self._asked.add(vehicle)
-                self._rereading.begin(flown, t_ns, self._take_up, known_t_ns=memory.t_ns)
+                self._onboard_audit.begin(flown, t_ns, self._take_up, known_t_ns=memory.t_ns)
         return effects
 
     @property
     def is_under_way(self) -> bool:
         """True if who flies what is still being found out."""
-        return self._until_t_ns is not None or self._rereading.hurries
+        return self._until_t_ns is not None or self._onboard_audit.hurries
 
     def _take_up(self, flown: OnboardMission) -> None:
         """Take up the route of a vehicle that flies it."""
@@ -178,10 +184,10 @@ class Restart:
             return False
         seen = set(self._recognised(t_ns, targets).values())
         flown = all(r.target in seen and v in agents for v, r in self._verified.items())
-        rest = all(v in agents for v in self._fates.flying()) and seen >= set(self._was.values())
+        rest = all(v in agents for v in self._agent_status.active()) and seen >= set(self._was.values())
         left_s = (self._until_t_ns - t_ns) / NS_PER_S
         if left_s > 0.0 and (
-            self._rereading.hurries or not flown or (not rest and left_s > _LONGEST_S - _PATIENT_S)
+            self._onboard_audit.hurries or not flown or (not rest and left_s > _LONGEST_S - _PATIENT_S)
         ):
             return True
         self._finish(t_ns, targets)
@@ -215,15 +221,17 @@ class Restart:
         now = {was: label for label, was in self._known.items()}
         for vehicle in [vehicle for vehicle, label in self._reached.items() if label in now]:
             target = now[self._reached.pop(vehicle)]
-            self._fates.by_vehicle[vehicle] = replace(self._fates.by_vehicle[vehicle], target=target)
+            self._agent_status.by_vehicle[vehicle] = replace(
+                self._agent_status.by_vehicle[vehicle], target=target
+            )
         routes = {v: replace(r, target=now[r.target]) for v, r in self._verified.items() if r.target in now}
         self._verified.clear()
         for vehicle, route in routes.items():
-            flown = self._tasking.flown(vehicle)
+            flown = self._tasking.onboard(vehicle)
             if flown is not None:
-                self._tasking.found(replace(flown, route=route))
-        for vehicle in [vehicle for vehicle in routes if vehicle in self._orders.aside]:
-            self._orders.suspended[vehicle] = routes.pop(vehicle)
+                self._tasking.note_onboard(replace(flown, route=route))
+        for vehicle in [vehicle for vehicle in routes if vehicle in self._orders.suspensions]:
+            self._orders.suspended_routes[vehicle] = routes.pop(vehicle)
         for vehicle in [vehicle for vehicle in routes if not self._is_flown(vehicle)]:
             del routes[vehicle]  # it holds its mission and does not fly it: the next plan has another for it
         self._replanner.resume(t_ns, routes, targets)
@@ -236,19 +244,21 @@ class Restart:
 
 def _contents(memory: PersistedState, known: Container[int]) -> str:
     """Say what a memory holds of the vehicles that the mission has."""
-    vehicles = [one for one in memory.vehicles if one.fate.vehicle in known]
+    vehicles = [one for one in memory.vehicles if one.status.vehicle in known]
     groups = {
-        "missions of {}": [one for one in vehicles if one.route is not None and one.fate.fate == "flying"],
-        "{} at their targets": [one for one in vehicles if one.fate.fate == "arrived"],
-        "{} lost, until they report and are tracked again": [
-            one for one in vehicles if one.fate.fate == "dead"
+        "missions of {}": [
+            one for one in vehicles if one.route is not None and one.status.status == "active"
         ],
-        "{} suspended": [one for one in vehicles if one.aside is not None],
+        "{} at their targets": [one for one in vehicles if one.status.status == "arrived"],
+        "{} lost, until they report and are tracked again": [
+            one for one in vehicles if one.status.status == "lost"
+        ],
+        "{} suspended": [one for one in vehicles if one.suspension is not None],
     }
-    parts = [text.format(named(o.fate.vehicle for o in ones)) for text, ones in groups.items() if ones]
+    parts = [text.format(named(o.status.vehicle for o in ones)) for text, ones in groups.items() if ones]
     parts.append(f"{len(memory.targets)} targets")
-    if memory.keep_outs:
-        parts.append("closed areas " + ", ".join(area.name for area in memory.keep_outs))
+    if memory.no_fly_zones:
+        parts.append("closed areas " + ", ".join(area.name for area in memory.no_fly_zones))
     return "; ".join(parts)
 
 

@@ -1,16 +1,18 @@
-"""What flows between the rooms: frozen records with units in their names.
+"""Frozen records that packages exchange; units are in the names.
 
 Frame: local east/north metres (see `gcs.geo`). Time: integer nanoseconds of the run's clock, since the Unix
 epoch, and always an argument. Arrays are float64 and read-only; tuples of tracks are ordered by label.
 State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 
-Events go into `gcs.core`, effects come out; both are plain data, so a recording is a list of them.
+Events go into `gcs.core`, effects come out. Both are plain data, so a recording is a list of them. In reading
+order: `basics` (labels, time), `scans`, `picture` (tracks, vehicle states), `plans`, `orders`, `memory`
+(persisted state), `events`, `effects`, `truth` (simulations), `names` (how vehicles are called).
 """
 
 from gcs.model.basics import NS_PER_S, FloatArray, Kind, Label, Level, read_only
 from gcs.model.effects import AgentStatus, Effect, MissionEnded, Notice, Send, Upload, UploadReport
 from gcs.model.events import BadInput, ClockStep, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
-from gcs.model.memory import Aside, ExternalMission, PersistedAuthority, PersistedState, PersistedVehicle
+from gcs.model.memory import ExternalMission, PersistedAuthority, PersistedState, PersistedVehicle, Suspension
 from gcs.model.names import network_of, system_of, target_name, vehicle_id, vehicle_name, vehicle_of
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
@@ -24,7 +26,6 @@ __all__ = [
     "Action",
     "AgentStatus",
     "AnswerState",
-    "Aside",
     "BadInput",
     "Cause",
     "ClockStep",
@@ -56,6 +57,7 @@ __all__ = [
     "Scan",
     "Send",
     "Sensor",
+    "Suspension",
     "Tick",
     "Track",
     "Truth",

@@ -1,4 +1,4 @@
-"""What every record is made of: arrays, labels, time."""
+"""Types that all records share: arrays, labels, time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Level: TypeAlias = Literal["info", "warning", "alarm"]
 
 
 def read_only(array: npt.ArrayLike) -> FloatArray:
-    """Return a float64 copy of `array` that nobody can write to."""
+    """Return a read-only float64 copy of an array."""
     result = np.array(array, dtype=np.float64)
     result.flags.writeable = False
     return result

@@ -1,4 +1,4 @@
-"""What comes out of the fold."""
+"""Effects: what the engine returns."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ class Send:
 
 @dataclass(frozen=True, slots=True)
 class Upload:
-    """A mission that another program is to upload; `UploadAnswer` says how that went."""
+    """A mission for the external uploader; `UploadAnswer` is its result."""
 
     vehicle: int
     mission_id: int
     frames: bytes
-    """MISSION_ITEM_INT frames, in order, one behind the other."""
+    """Concatenated MISSION_ITEM_INT frames, in order."""
 
 
 @dataclass(frozen=True, slots=True)
 class UploadReport:
-    """How one mission transfer ended."""
+    """Result of one mission upload."""
 
     t_ns: int
     vehicle: int
@@ -41,7 +41,7 @@ class UploadReport:
     items: int
     ok: bool
     detail: str
-    """Why it failed, or how it went: "verified by read-back"."""
+    """Why the upload failed, or how it was verified."""
     duration_s: float
     retries: int
 
@@ -52,12 +52,12 @@ class UploadReport:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something an operator should know."""
+    """Notice for the operator."""
 
     t_ns: int
     level: Level
     text: str
-    """Of printable characters alone, whatever a vehicle or another ground station said."""
+    """Printable characters only, whatever a vehicle or ground station sent."""
     vehicle: int | None = None
 
     def __post_init__(self) -> None:
@@ -67,23 +67,23 @@ class Notice:
 
 @dataclass(frozen=True, slots=True)
 class AgentStatus:
-    """What became of an agent, as central command sees it from measurements."""
+    """Status of an agent, estimated from tracks and reports."""
 
     t_ns: int
     vehicle: int
-    fate: Literal["flying", "arrived", "dead"]
+    status: Literal["active", "arrived", "lost"]
     target: Label | None = None
     position_m: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class MissionEnded:
-    """Every agent has arrived, is dead, or is left over when every target has what it needs."""
+    """Every agent has arrived, is lost, or is surplus: every target has the agents that it needs."""
 
     t_ns: int
     arrived: tuple[int, ...]
-    dead: tuple[int, ...]
-    spare: tuple[int, ...] = ()
+    lost: tuple[int, ...]
+    surplus: tuple[int, ...] = ()
 
 
 Effect: TypeAlias = (

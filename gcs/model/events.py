@@ -1,4 +1,4 @@
-"""What goes into the fold."""
+"""Events: what the engine receives."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ class Datagram:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Time passed. Every timer of the fold is driven by it."""
+    """Passage of time; it drives every timer of the engine."""
 
     t_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class BadInput:
-    """Something arrived at the edge that could not be read; it is counted and shown, never raised."""
+    """Input that could not be decoded; it is counted and shown, never raised."""
 
     t_ns: int
     source: str
     problem: str
     sensor: str = ""
-    """Name of the sensor whose scan it was; empty for other input."""
+    """Name of the sensor that sent it; empty for other input."""
 
     def __post_init__(self) -> None:
         """Make what came from outside safe to show."""
@@ -48,7 +48,7 @@ class BadInput:
 
 @dataclass(frozen=True, slots=True)
 class LinkNews:
-    """What the edge has to say of a MAVLink link: lost, there again, somebody kept out."""
+    """Change of a MAVLink link: lost, restored, or a sender refused."""
 
     t_ns: int
     link: str
@@ -63,23 +63,23 @@ class LinkNews:
 
 @dataclass(frozen=True, slots=True)
 class ClockStep:
-    """The machine's wall clock was set. Run time is monotonic and goes on; sensors' times may have moved."""
+    """Step of the machine's wall clock; run time is monotonic, sensors' times may have stepped too."""
 
     t_ns: int
     step_ns: int
-    """How far the wall clock was moved forward; negative when back."""
+    """Step of the wall clock, positive forward."""
 
 
 @dataclass(frozen=True, slots=True)
 class UploadAnswer:
-    """What the program that uploads in our place says of one `Upload`."""
+    """Result of one `Upload` by the external uploader."""
 
     t_ns: int
     vehicle: int
     mission_id: int
     ok: bool
     begun: bool
-    """Whether the vehicle may have begun to change what it stores."""
+    """True if the vehicle may have changed its onboard mission."""
     detail: str
 
     def __post_init__(self) -> None:
@@ -89,10 +89,10 @@ class UploadAnswer:
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """The service was started anew and takes up where an earlier one was."""
+    """Restart of the service with the state of the one before."""
 
     t_ns: int
-    memory: PersistedState
+    state: PersistedState
 
 
 Event: TypeAlias = Datagram | Scan | Tick | BadInput | LinkNews | ClockStep | Order | UploadAnswer | Resumed

@@ -1,4 +1,4 @@
-"""What a service must know to take up where an earlier one was."""
+"""Persisted state: what a service needs to continue after a restart."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from gcs.model.orders import NoFlyZone
 from gcs.model.picture import Track
 from gcs.model.plans import Route
 
-Aside: TypeAlias = Literal["hold", "return", "found"]
-"""Why a vehicle is not tasked: ordered to hold or to return, or found with a mission of somebody else's."""
+Suspension: TypeAlias = Literal["hold", "return", "found"]
+"""Why a vehicle is suspended: ordered to hold or to return, or found with a mission that is not ours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,50 +26,49 @@ class PersistedAuthority:
 
 @dataclass(frozen=True, slots=True)
 class ExternalMission:
-    """A mission that another ground station writes, or wrote, to a vehicle of ours."""
+    """A mission that another ground station uploads, or has uploaded, to a vehicle."""
 
     system_id: int
-    """The station's."""
+    """Of the ground station."""
     component_id: int
-    words: str
-    """Who that is, to be shown."""
+    station: str
+    """Name of the ground station for operators."""
     ended: bool
-    """Whether the upload had an end: it was taken, refused, or broke off."""
+    """True if the upload was accepted, refused, or broke off."""
 
 
 @dataclass(frozen=True, slots=True)
 class PersistedVehicle:
-    """What the service knew of one vehicle."""
+    """Persisted state of one vehicle."""
 
-    fate: AgentStatus
-    aside: Aside | None
+    status: AgentStatus
+    suspension: Suspension | None
     route: Route | None
-    """What it flies; of a vehicle that is set aside, what it flew."""
+    """The route that it flies, or flew before it was suspended."""
     items: tuple[tuple[float | None, ...], ...]
     """Mission items that it stores, by the last read-back; none when that is not known. None is NaN."""
     first_point: int
     """Number of the item that is the route's first point."""
-    unsure: bool
-    """Whether a transfer was under way, or left a mix behind: it may hold one."""
-    custody: PersistedAuthority | None = None
-    """None in what was written before this was remembered."""
-    guest: ExternalMission | None = None
-    """Whose mission it holds, when not ours."""
-    spare: bool = False
-    """Whether the route is only what it stores: it was not to be flown any more."""
+    may_be_inconsistent: bool
+    """True if an upload was in progress or broke off: its mission may be inconsistent."""
+    authority: PersistedAuthority | None = None
+    external_mission: ExternalMission | None = None
+    """The mission of another ground station that it holds; None: it holds ours."""
+    is_obsolete: bool = False
+    """True if the vehicle stores the route, and was not to fly it any more."""
 
 
 @dataclass(frozen=True, slots=True)
 class PersistedState:
-    """What a service must know to take up where an earlier one was."""
+    """What a service needs to continue after a restart."""
 
     t_ns: int
-    missions: int
-    """Missions that were made so far."""
-    plans: int
-    """Number of the last plan that was put to an operator."""
+    mission_count: int
+    """Number of missions made so far."""
+    plan_count: int
+    """Number of the last plan that was proposed to an operator."""
     ended: bool
     vehicles: tuple[PersistedVehicle, ...]
     targets: tuple[Track, ...]
-    """Believed then."""
-    keep_outs: tuple[NoFlyZone, ...]
+    """Confirmed tracks."""
+    no_fly_zones: tuple[NoFlyZone, ...]

@@ -1,4 +1,4 @@
-"""What vehicles are called: a MAVLink network and a system id in one number."""
+"""Vehicle numbers: a MAVLink network and a system id in one number."""
 
 from __future__ import annotations
 
@@ -6,38 +6,38 @@ from gcs.model.basics import Label
 
 
 def vehicle_id(network: int, system_id: int) -> int:
-    """Return the number that a vehicle is called by: its MAVLink network times 256, plus its system id."""
+    """Return the number of a vehicle: 256 times its MAVLink network, plus its system id."""
     return network << 8 | system_id
 
 
 def network_of(vehicle: int) -> int:
-    """MAVLink network of a vehicle."""
+    """Return the MAVLink network of a vehicle."""
     return vehicle >> 8
 
 
 def system_of(vehicle: int) -> int:
-    """MAVLink system id of a vehicle, on its network."""
+    """Return the MAVLink system id of a vehicle."""
     return vehicle & 0xFF
 
 
 def vehicle_name(vehicle: int) -> str:
-    """Write a vehicle as people do: "17", or "2:17" on network 2."""
+    """Return the name of a vehicle: "17", or "2:17" on network 2."""
     network, system_id = network_of(vehicle), system_of(vehicle)
     return f"{network}:{system_id}" if network else str(system_id)
 
 
 def target_name(label: Label) -> str:
-    """Write a target's track label as people do: "T12.3", born in scan 12 at place 3 (or the third there)."""
+    """Return the name of a target track: "T12.3", born in scan 12 with index 3."""
     return f"T{label[0]}.{label[1]}"
 
 
 def vehicle_of(text: str) -> int:
-    """Read what `vehicle_name` writes.
+    """Parse a name that `vehicle_name` returned.
 
     Raises
     ------
     ValueError
-        When it is no such name.
+        When the text is no vehicle name.
     """
     network, _, system_id = text.rpartition(":")
     numbers = int(network or 0), int(system_id)

@@ -1,4 +1,4 @@
-"""An operator's word, and what is said to an operator in return."""
+"""Operator commands, proposed plans and replies."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ from gcs.model.plans import Route
 from gcs.safe_text import printable
 
 Action: TypeAlias = Literal[
-    "hold", "resume", "return", "arm", "disarm", "plan", "confirm", "reject", "keep-out"
+    "hold", "resume", "return", "arm", "disarm", "plan", "confirm", "reject", "no-fly-zone"
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class NoFlyZone:
-    """An area that routes stay out of: a disc or a polygon, in the mission's local frame.
+    """A no-fly zone: a disc or a polygon in the mission's local frame.
 
-    One of a name replaces the one before; with neither disc nor polygon the name's area is open again.
+    A zone replaces another one of its name. Without disc and polygon it opens the zone of its name.
     """
 
     name: str
     disc_m: tuple[float, float, float] | None = None
     """East, north, radius."""
     polygon_m: tuple[tuple[float, float], ...] = ()
-    """East and north of its corners, at least three, in order."""
+    """East and north of at least three corners, in order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What an operator wants. It is answered by `OrderAnswer` with the same `order_id`."""
+    """Operator command; `OrderAnswer` with the same `order_id` replies to it."""
 
     t_ns: int
     order_id: str
     action: Action
     vehicles: tuple[int, ...] | None
-    """System ids in order; None for all of the mission."""
+    """Vehicles in order; None: all of the mission."""
     plan_id: int | None = None
-    """Of the proposal that is confirmed or rejected."""
-    keep_out: NoFlyZone | None = None
+    """Number of the proposal that is confirmed or rejected."""
+    no_fly_zone: NoFlyZone | None = None
     origin: str = ""
-    """Who gave it, in words."""
+    """Name of the sender, for operators."""
 
     def __post_init__(self) -> None:
         """Make what came from outside safe to show."""
@@ -50,45 +50,45 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class RouteFigures:
-    """What an operator judges a proposed route by. It is planned from where the vehicle is now."""
+    """Figures of a proposed route, which begins at the current position of its vehicle."""
 
     vehicle: int
     length_m: float
-    """From where the vehicle is now."""
+    """Length from the current position."""
     shown_length_m: float
-    """The same when the number of the plan was first shown."""
+    """Length when the plan was first shown under its number."""
     arrival_s: float
-    """Seconds of flight until it reaches the target, at its airspeed."""
+    """Flight time to the target at the vehicle's airspeed."""
     separation_m: float | None = None
-    """Least distance to the other vehicles of its altitude layer as planned; None: it has none there."""
+    """Minimum planned distance to vehicles of its altitude layer; None: there are none."""
     clearance_m: float | None = None
-    """Least distance to obstacles, at most the clearance asked for; None: none is asked for."""
+    """Minimum distance to obstacles, at most the required clearance; None: none is required."""
     is_short: bool = False
-    """True if the route ends before the target, because no clear one leads past it."""
+    """True if the route stops short of the target."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A plan that waits for an operator's word; without routes: nothing waits any more.
+    """A plan that waits for approval; without routes: no plan waits.
 
-    It comes again whenever its routes are planned anew from where the vehicles are by then. Its number stands
-    for its vehicles and their targets, and for routes about as long and as far apart as when it was new.
+    It is repeated when its routes are planned again from the current positions. Its number identifies the
+    assignment and routes of about the same length and separation.
     """
 
     t_ns: int
     plan_id: int
-    """Counts up: a newer proposal replaces the one before, and its id with it."""
+    """Number of the plan; a higher one replaces this proposal."""
     routes: tuple[Route, ...]
-    """Those that are not flown until they are confirmed, ordered by vehicle."""
+    """Routes that wait for approval, ordered by vehicle."""
     reason: str
     shown_t_ns: int = 0
-    """When its number was first shown."""
+    """Time at which the number was first shown."""
     figures: tuple[RouteFigures, ...] = ()
-    """One for each of `routes`, in the same order; recordings of earlier versions have none."""
+    """Figures of `routes`, in the same order."""
 
     @property
     def age_s(self) -> float:
-        """How long its number has been shown."""
+        """Time since the number was first shown."""
         return (self.t_ns - self.shown_t_ns) / NS_PER_S if self.shown_t_ns else 0.0
 
 
@@ -97,20 +97,20 @@ AnswerState: TypeAlias = Literal["accepted", "done", "refused", "failed"]
 
 @dataclass(frozen=True, slots=True)
 class OrderAnswer:
-    """What became of an order: first whether it is taken, then how it went for each vehicle."""
+    """Reply to a command: first whether it is accepted, then the result for each vehicle."""
 
     t_ns: int
     order_id: str
     action: Action
     state: AnswerState
-    """"accepted": under way; "done": the vehicle itself shows it; "refused": nothing was done; "failed"."""
+    """"accepted": in progress; "done": the vehicle confirms it; "refused": nothing was sent; "failed"."""
     detail: str
     vehicle: int | None = None
-    """None: about the order as a whole."""
+    """None: the reply is about the whole command."""
     waiting: tuple[int, ...] = ()
-    """Vehicles whose answer is still to come; the order is over when nobody is left."""
+    """Vehicles whose result is outstanding."""
     proposal: Proposal | None = None
-    """The plan that waits, for an order that asks for it."""
+    """The plan that waits, for the command `plan`."""
 
     def __post_init__(self) -> None:
         """Make what came from outside safe to show."""

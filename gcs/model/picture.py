@@ -1,4 +1,4 @@
-"""What is there: tracks of one kind, and what vehicles say of themselves."""
+"""Tracks of one kind, and vehicle states from telemetry."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs.model.basics import FloatArray, Kind, Label
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One object as a tracker sees it."""
+    """Track of one object."""
 
     label: Label
     mean: FloatArray
@@ -19,9 +19,8 @@ class Track:
     existence: float
     """Existence probability in [0, 1] of this label."""
     estimated: bool = False
-    """Whether it is in the MAP-cardinality estimate: the best hypothesis of the most probable number.
-    An object whose label is ambiguous (born at one scan or at the next?) is in it once, however its
-    existence is shared out."""
+    """True if the track is in the MAP-cardinality estimate: the best hypothesis of the most probable
+    number. An object with an ambiguous label is in it once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,16 +33,16 @@ class Picture:
     tracks: tuple[Track, ...]
     """Ordered by label."""
     cardinality: FloatArray
-    """(n + 1,) probability of each number of objects."""
+    """(n + 1,) probability of each cardinality."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """What a vehicle last said of itself over MAVLink."""
+    """Last state that a vehicle reported over MAVLink."""
 
     system_id: int
     t_ns: int
-    """When its last position report arrived."""
+    """Arrival time of the last position report."""
     east_m: float
     north_m: float
     alt_msl_m: float
@@ -53,4 +52,4 @@ class VehicleState:
     """Mode name of its autopilot, such as AUTO or LOITER; empty before the first heartbeat."""
     armed: bool
     mission_seq: int
-    """Item that it flies to, -1 when unknown."""
+    """Current mission item; -1 when unknown."""

@@ -1,4 +1,4 @@
-"""Who flies where, and the missions that this becomes."""
+"""Routes, plans and missions."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from gcs.model.basics import FloatArray, Label
 
 APPROACH_M = 500.0
-"""How far before home the last leg of a landing begins."""
+"""Length of a landing approach: from its first point to home."""
 
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """One place to fly to."""
+    """Waypoint of a mission."""
 
     lat_deg: float
     lon_deg: float
@@ -31,35 +31,35 @@ class Mission:
     vehicle: int
     waypoints: tuple[Waypoint, ...]
     loiter_radius_m: float = 0.0
-    """Of the circle at the last waypoint; 0 leaves it to the autopilot."""
+    """Loiter radius at the last waypoint; 0: the autopilot's own."""
     end: Literal["loiter", "land"] = "loiter"
-    """Circle at the last waypoint, or go home from there and land."""
+    """Loiter at the last waypoint, or return home from there and land."""
     wait_deg: tuple[float, float] | None = None
-    """Latitude and longitude of the circle, when it is not round the last waypoint."""
+    """Centre of the loiter circle (latitude, longitude); None: the last waypoint."""
     takeoff: Waypoint | None = None
-    """Where the climb along the runway ends, of a mission from the ground; None: at the first waypoint."""
+    """End of the climb, for a mission from the ground; None: the first waypoint."""
     homeward: tuple[Waypoint, ...] = ()
-    """Corners of the way home, the last of them where its approach begins; none: straight."""
+    """Corners of the return route up to the approach; empty: straight."""
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """A way for one vehicle to one target."""
+    """Route of one vehicle to one target."""
 
     vehicle: int
     target: Label
     points_m: FloatArray
-    """(k, 2) east/north, the vehicle's position excluded, the target's included."""
+    """(k, 2) east/north, without the vehicle's position, with the target's."""
     length_m: float
-    """From the vehicle's position along the points."""
-    lane: int = 0
-    """Altitude lane, from 0, the lowest (see `gcs.planning.deconfliction`)."""
+    """Length from the vehicle's position along the points."""
+    layer: int = 0
+    """Altitude layer; 0 is the lowest (`gcs.planning.deconfliction`)."""
     wait_m: tuple[float, float] | None = None
-    """East and north of the circle that it goes on to afterwards; None: round the last point."""
+    """Centre of the loiter circle that follows, east/north; None: the last point."""
 
     @property
     def flown_m(self) -> FloatArray:
-        """(k, 2): `points_m`, and the centre of a circle that it goes on to."""
+        """Points of the route and the centre of the loiter circle that follows, (k, 2)."""
         return self.points_m if self.wait_m is None else np.vstack((self.points_m, self.wait_m))
 
 
@@ -79,12 +79,12 @@ Cause: TypeAlias = Literal[
     "target moved",
     "approved plan changed",
 ]
-"""Why a plan was made, in kinds: what pictures and counts go by."""
+"""Kinds of replanning triggers."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Who flies where, and why this was decided."""
+    """Assignment with routes, and the triggers of the plan."""
 
     t_ns: int
     picture_t_ns: int
@@ -93,8 +93,8 @@ class Plan:
     unassigned_vehicles: tuple[int, ...]
     unassigned_targets: tuple[Label, ...]
     reason: str
-    """In words, for an operator."""
+    """Triggers in words, for operators."""
     changed: tuple[int, ...] = ()
-    """Vehicles whose route differs from what they fly now: only these get a new mission."""
+    """Vehicles whose route changed; only these get a new mission."""
     causes: tuple[Cause, ...] = ()
-    """Kinds of what `reason` says, each once; recordings of earlier versions have none."""
+    """Kinds of the triggers, each once."""

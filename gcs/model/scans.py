@@ -1,4 +1,4 @@
-"""What a sensor says of itself, and what it saw."""
+"""Sensor models and scans."""
 
 from __future__ import annotations
 
@@ -9,47 +9,47 @@ from gcs.model.basics import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Polar:
-    """How a range/bearing sensor sees: bearings run clockwise from north, clutter is uniform in both."""
+    """Model of a range/bearing sensor. Bearings are clockwise from north; clutter is uniform in both."""
 
     east_m: float
-    """Where it stands."""
+    """Position of the sensor."""
     north_m: float
     range_std_m: float
     bearing_std_rad: float
     range_m: tuple[float, float]
-    """Least and greatest range at which it sees."""
+    """Minimum and maximum range."""
     bearing_rad: tuple[float, float]
-    """Centre of the sector that it sees, and how far it sees to either side: pi is all around."""
+    """Centre and half width of the sector; a half width of pi is all around."""
     clutter_per_m_rad: float
-    """Clutter intensity in a cell of range x bearing."""
+    """Clutter intensity in range x bearing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """What a sensor says of itself. Clutter is Poisson, uniform over the field of view.
+    """Model that a sensor announces. Clutter is Poisson, uniform over the field of view.
 
-    A range/bearing sensor has `polar`, which says exactly how it sees. What its other fields hold is for
-    those who only draw: clutter and noise at the middle of its range, and the box around its field of view.
+    `polar` is the exact model of a range/bearing sensor. Its other fields are for display: clutter and noise
+    at mid range, and the bounding box of the field of view.
     """
 
     name: str
     detection_probability: float
     clutter_density_per_m2: float
     noise_cov_m2: FloatArray
-    """(2, 2) covariance of a detection's east/north."""
+    """(2, 2) covariance of a detection, east/north."""
     field_of_view_m: tuple[float, float, float, float]
-    """east_min, north_min, east_max, north_max: outside it the sensor sees nothing."""
+    """east_min, north_min, east_max, north_max."""
     polar: Polar | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """One scan of a sensor: detections without identity, in no meaningful order."""
+    """One scan of a sensor: unlabelled detections in arbitrary order."""
 
     t_ns: int
-    """When it arrived."""
+    """Arrival time."""
     measured_t_ns: int
-    """When it was measured."""
+    """Measurement time."""
     sensor: Sensor
     z_m: FloatArray
-    """(m, 2) east/north of each detection, whatever the sensor measures; m may be 0."""
+    """(m, 2) detections, east/north; m may be 0."""

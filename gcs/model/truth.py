@@ -1,4 +1,4 @@
-"""The real world of a simulation: central command never sees it, the judge does."""
+"""Ground truth of a simulation, for the evaluator only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs.model.basics import Kind
 
 @dataclass(frozen=True, slots=True)
 class TruthObject:
-    """One real object of a simulated world."""
+    """True position of one simulated object."""
 
     kind: Kind
     id: int
@@ -21,7 +21,7 @@ class TruthObject:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The simulated world at the moment of one scan. Central command never sees it; the judge does."""
+    """Ground truth at the time of one scan."""
 
     t_ns: int
     objects: tuple[TruthObject, ...] = field(default_factory=tuple)

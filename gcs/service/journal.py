@@ -21,7 +21,7 @@ from gcs.io.private_files import make_private, private
 from gcs.io.zenoh.messages import decode, encode
 from gcs.model import PersistedState, Resumed
 
-VERSION = 1
+VERSION = 2
 _MAX_BYTES = 64 * 1024 * 1024
 
 
@@ -121,6 +121,6 @@ class Journal:
                 str(self.path), f"belongs to another mission file or seed ({head.mission}); it is left out"
             )
         try:
-            return decode(str(self.path), body, Resumed).memory
+            return decode(str(self.path), body, Resumed).state
         except WireError as error:
             raise JournalError(str(self.path), f"makes no sense: {error.problem}") from None

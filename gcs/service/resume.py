@@ -103,7 +103,7 @@ class JournalSink:
         self._tell()
         if event.t_ns - self._looked_t_ns >= _NEWS_NS:
             self._looked_t_ns, before = event.t_ns, self._away
-            self._away = self._command.away()  # somebody else may have taken a vehicle
+            self._away = self._command.untaskable()  # somebody else may have taken a vehicle
             self._news = self._news or self._away != before
         since_ns = event.t_ns - (self._written_t_ns or 0)
         if since_ns >= _EVERY_NS or (self._news and since_ns >= _NEWS_NS):

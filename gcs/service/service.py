@@ -173,7 +173,7 @@ class Service:
         loop = asyncio.get_running_loop()
         if self._memory is not None:  # before anything else is heard
             self._put(Resumed(clock.now_ns(), self._memory))
-        self.links.start(loop, self, lambda vehicle: vehicle in self.command.tasking.under_way)
+        self.links.start(loop, self, lambda vehicle: vehicle in self.command.tasking.stages)
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),
             lambda key, payload: on_loop(loop, self._on_scan, key, payload),
@@ -220,7 +220,7 @@ class Service:
     def _between_missions(self) -> list[int]:
         """Vehicles to which a mission is on its way, not those for which one waits."""
         tasking = self.command.tasking
-        return sorted(vehicle for vehicle in tasking.under_way if tasking.may_be_mixed(vehicle))
+        return sorted(vehicle for vehicle in tasking.stages if tasking.may_be_inconsistent(vehicle))
 
     def _put(self, event: Event) -> bool:
         """Queue an event; return whether there was room."""
@@ -242,7 +242,7 @@ class Service:
         if not data:
             return
         self._put(Datagram(t_ns, link, peer, data))
-        if self._uploader is not None and not self.command.guests.hosts(link):
+        if self._uploader is not None and not self.command.external_uploads.hosts(link):
             self._uploader.forward(data)
 
     def on_link_news(self, link: str, level: Level, text: str) -> None:

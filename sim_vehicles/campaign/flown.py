@@ -77,7 +77,7 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
         if isinstance(effect, Plan):
             ends.update({route.vehicle: route.points_m[-1] for route in effect.routes})
             tasked.update({v: (t_ns, tasked.get(v, (0, 0))[1] + 1) for v in effect.changed})
-        elif isinstance(effect, AgentStatus) and effect.fate != "flying":
+        elif isinstance(effect, AgentStatus) and effect.status != "active":
             done.add(effect.vehicle)
 
     def on_event(event: Event) -> None:
@@ -130,7 +130,7 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
     arrived: dict[int, ReturnFlight] = {}
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
-        if isinstance(effect, AgentStatus) and effect.fate == "arrived":
+        if isinstance(effect, AgentStatus) and effect.status == "arrived":
             arrived.setdefault(effect.vehicle, ReturnFlight(math.inf, math.inf))
 
     def on_event(event: Event) -> None:
@@ -150,7 +150,7 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
     run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
     cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
     if straight:
-        run.command.homing.grid = Grid(
+        run.command.return_routes.grid = Grid(
             run.command.grid.origin_m, run.command.grid.spacing_m, np.zeros_like(run.command.grid.blocked)
         )
     flown_s = run.run()

@@ -28,7 +28,7 @@ class GroundTruthConfirmation:
         """Tracks of living objects: all."""
         return self.tracks.values()
 
-    def is_dead(self, label: Label) -> bool:
+    def is_lost(self, label: Label) -> bool:
         """Return True if an object is not alive."""
         return label not in self.tracks
 
@@ -39,7 +39,7 @@ class GroundTruthClass:
     def __init__(self, kind: Kind) -> None:
         self._kind: Kind = kind
         self._before: dict[Label, tuple[int, float, float]] = {}
-        self.beliefs = GroundTruthConfirmation()
+        self.confirmation = GroundTruthConfirmation()
 
     def update(self, truth: Truth, t_ns: int) -> Picture:
         """Return the tracks at a scan; velocities are differences to the scan before."""
@@ -48,9 +48,10 @@ class GroundTruthClass:
             for thing in truth.objects
             if thing.kind == self._kind and thing.alive
         }
-        self.beliefs.tracks = {label: self._track(label, place) for label, place in sorted(places.items())}
+        ordered = sorted(places.items())
+        self.confirmation.tracks = {label: self._track(label, place) for label, place in ordered}
         self._before = places
-        tracks = tuple(self.beliefs.tracks.values())
+        tracks = tuple(self.confirmation.tracks.values())
         cardinality = np.zeros(len(tracks) + 1)
         cardinality[-1] = 1.0
         return Picture(t_ns, truth.t_ns, self._kind, tracks, read_only(cardinality))

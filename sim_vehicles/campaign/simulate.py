@@ -128,10 +128,10 @@ def seeds_table(summaries: list[Summary]) -> Table:
     for kind in ("agents", "targets"):
         table.add_column(f"OSPA m\n{kind}", justify="right")
     for s in summaries:
-        statuses = [agent.fate for agent in s.agents]
+        statuses = [agent.status for agent in s.agents]
         table.add_row(
             str(s.seed), s.outcome, f"{s.duration_s:.1f}", str(statuses.count("arrived")),
-            str(statuses.count("dead")), f"{s.targets_reached}/{s.targets_total}", str(s.retasks),
+            str(statuses.count("lost")), f"{s.targets_reached}/{s.targets_total}", str(s.retasks),
             str(s.uploads), f"{s.ospa_agents_mean_m:.2f}", f"{s.ospa_targets_mean_m:.2f}",
         )  # fmt: skip
     return table

@@ -89,8 +89,8 @@ def fly(scenario: Path, seed: int, speed: float, sitl: list[str], folder: Path) 
     summary = json.loads(lines[-1])
     flown = look_at(out, scenario, seed)
     flown.complete = summary["outcome"] == "complete"
-    fates = [agent["fate"] for agent in summary["agents"]]
-    flown.arrived, flown.survivors = fates.count("arrived"), len(fates) - fates.count("dead")
+    fates = [agent["status"] for agent in summary["agents"]]
+    flown.arrived, flown.survivors = fates.count("arrived"), len(fates) - fates.count("lost")
     flown.uploads, flown.failed = summary["uploads"], summary["upload_failures"]
     if not flown.complete:
         print(f"{out.name}: {summary['reason']}", file=sys.stderr)
@@ -112,7 +112,7 @@ def look_at(recording: Path, scenario: Path, seed: int) -> Flown:
         if isinstance(value, Plan):
             ends.update({route.vehicle: route.points_m[-1] for route in value.routes})
             routes.update({route.vehicle: route.points_m for route in value.routes})
-        elif isinstance(value, AgentStatus) and value.fate != "flying":
+        elif isinstance(value, AgentStatus) and value.status != "active":
             done.add(value.vehicle)
         elif isinstance(value, UploadReport) and value.ok:
             tasked[value.vehicle] += 1

@@ -95,7 +95,7 @@ def once(count: int, items: int, window: int) -> tuple[float, float, int, float]
     began_s, cpu_s = time.monotonic(), time.process_time()
     for vehicle in ids:
         points = read_only(rng.uniform(0.0, 2000.0, (items - 2, 2)))
-        carry_out(tasking.task(Route(vehicle, (0, vehicle), points, 1.0), time.time_ns()))
+        carry_out(tasking.enqueue_upload(Route(vehicle, (0, vehicle), points, 1.0), time.time_ns()))
     while len(done) < count and time.monotonic() - began_s < 120.0:
         turn()
     took_s, cpu_s = time.monotonic() - began_s, time.process_time() - cpu_s

@@ -79,7 +79,7 @@ def fly(vehicles: int, loss: float, telemetry: float) -> str:
         if t_ns == begun_ns:
             up.bytes = 0
             for n in planes:
-                carry(tasking.task(Route(n, (0, 0), read_only(points_m + n), 1.0), t_ns), t_ns)
+                carry(tasking.enqueue_upload(Route(n, (0, 0), read_only(points_m + n), 1.0), t_ns), t_ns)
         for n, data in up.get(t_ns):
             for frame in planes[n].receive(data, t_ns):
                 down.put(n, frame, t_ns)

@@ -125,11 +125,11 @@ def run(inputs: int, seed: int, seconds: float = math.inf, pool: int = 20_000) -
         if done % 200 == 0:
             points = read_only(rng.uniform(0.0, 2000.0, (int(rng.integers(1, 5)), 2)))
             vehicle = VEHICLES[rng.integers(len(VEHICLES))]
-            effects += tasking.task(Route(vehicle, (0, 0), points, 1.0), t_ns)
+            effects += tasking.enqueue_upload(Route(vehicle, (0, 0), points, 1.0), t_ns)
             seen["tasks"] += 1
         if done % 5000 == 0:
             tasking.cancel(VEHICLES[rng.integers(len(VEHICLES))], t_ns)
-            fleet.health(), fleet.states(), tasking.taken(), tasking.under_way
+            fleet.health(), fleet.states(), tasking.untaskable(), tasking.stages
         for effect in effects:
             if isinstance(effect, Send):
                 seen["sends"] += 1

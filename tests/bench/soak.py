@@ -126,14 +126,14 @@ class Soak:
         elif isinstance(effect, UploadReport):
             self.counts["missions that arrived" if effect.ok else "missions that did not"] += 1
         elif isinstance(effect, AgentStatus):
-            self.counts[f"seen {effect.fate}"] += 1
+            self.counts[f"seen {effect.status}"] += 1
 
     def fly(self, to_s: float) -> None:
         """Fly on, with everything that happens on the way."""
         while self.now_s < to_s:
             self.run.run(min(self.now_s + STEP_S, to_s))
             if self.run.ended:
-                fates = {v: fate.fate for v, fate in self.command.fates.by_vehicle.items()}
+                fates = {v: fate.status for v, fate in self.command.agent_status.by_vehicle.items()}
                 raise SystemExit(f"the mission ended after {self.now_s:.0f} s: {fates}")
             self._replace_the_dead()
             for per_h, happens in (
@@ -196,7 +196,7 @@ class Soak:
             disc = (
                 (*self._rng.uniform(600.0, 1400.0, 2).tolist(), 80.0) if self.counts["orders"] % 2 else None
             )
-            order = Order(self.run.t_ns, number, "keep-out", None, keep_out=NoFlyZone("fire", disc))
+            order = Order(self.run.t_ns, number, "no-fly-zone", None, no_fly_zone=NoFlyZone("fire", disc))
         elif self._held:
             order = Order(self.run.t_ns, number, "resume", (self._held.pop(),))
         else:

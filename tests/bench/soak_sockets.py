@@ -93,7 +93,7 @@ def main() -> None:
             elif isinstance(record.value, Notice) and record.value.level != "info":
                 notices[f"{record.value.level}: {record.value.text[:70]}"] += 1
             elif isinstance(record.value, AgentStatus):
-                notices[f"seen {record.value.fate}"] += 1
+                notices[f"seen {record.value.status}"] += 1
     keys = ("outcome", "reason", "duration_s", "retasks", "uploads", "upload_failures", "orders")
     print(", ".join(f"{key} {summary[key]}" for key in keys))
     print(f"longest gap of ticks {gap_ns / NS_PER_S:.2f} s")

@@ -89,4 +89,4 @@ def test_a_target_has_one_name_and_lost_is_said_of_agents_alone() -> None:
     assert words.count("T0.2") == words.count("0.2") == 8
     assert "(0, 2)" not in words
     assert "lost" not in words
-    assert effect_line(AgentStatus(0, 3, "dead")) == ("agent 3: lost", "alarm")
+    assert effect_line(AgentStatus(0, 3, "lost")) == ("agent 3: lost", "alarm")

@@ -66,9 +66,9 @@ def test_the_live_view_says_who_is_who_on_any_terminal(width: int) -> None:
     console = Console(file=io.StringIO(), width=width, height=40, color_system=None)
     console.print(LiveView(config, Engine(config, 1), 1.0))
     assert isinstance(console.file, io.StringIO)
-    titles = next(line for line in console.file.getvalue().splitlines() if "fate" in line)
+    titles = next(line for line in console.file.getvalue().splitlines() if "status" in line)
     words = titles.replace("│", " ").split()
-    assert {"id", "fate", "mode", "target", "mission"} <= set(words)
+    assert {"id", "status", "mode", "target", "mission"} <= set(words)
     assert ("exist." in words) is (width >= 100)
 
 
@@ -108,7 +108,7 @@ def test_rows_without_room_are_counted_and_those_in_trouble_are_shown(width: int
     tables = [line.rsplit("│ ", 1)[-1] if width > 100 else line for line in lines]
     first_target = next(index for index, line in enumerate(tables) if "Targets" in line)
     for part in (tables[:first_target], tables[first_target:]):
-        shown = sum("flying" in line or "T0." in line for line in part)
+        shown = sum("active" in line or "T0." in line for line in part)
         more = next(re.search(r"and (\d+) more, sorted by trouble", line) for line in part if "more" in line)
         assert more is not None
         assert shown + int(more[1]) == 50
@@ -126,13 +126,13 @@ def test_vehicles_in_modes_that_are_not_ours_are_named_with_what_to_do(
     config = load(scenario)
     command = Engine(config, 1)
     for vehicle, mode in {2: "LOITER", 3: "RTL", 4: "FBWA"}.items():
-        command.tasking._custody[vehicle].observe_mode("AUTO")
-        command.tasking._custody[vehicle].observe_mode(mode)
+        command.tasking._authority[vehicle].observe_mode("AUTO")
+        command.tasking._authority[vehicle].observe_mode(mode)
     lines = drawn(LiveView(config, command, 1.0), width, height)
     assert len(lines) <= height
     wanted = "not ours: 2 in LOITER: gcs order resume 2; 3 in RTL: gcs order resume 3; 4 in FBWA: "
     assert any(wanted[: min(width, len(wanted)) - 1] in line for line in lines)
-    first = [line.rsplit("│ ", 1)[-1].split()[0] for line in lines if "flying" in line]
+    first = [line.rsplit("│ ", 1)[-1].split()[0] for line in lines if "active" in line]
     assert set(first[:4]) >= {"2", "3", "4"}
 
 

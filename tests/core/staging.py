@@ -45,13 +45,13 @@ def picture(*tracks: Track, t_s: float | None = None, kind: Kind = "agents") -> 
     return Picture(at(t_s), at(t_s), kind, ordered, read_only([1.0]))
 
 
-def believed(*tracks: Track, dead_existence: float = 0.01) -> TrackConfirmation:
+def believed(*tracks: Track, lost_existence: float = 0.01) -> TrackConfirmation:
     """Beliefs that hold exactly these tracks."""
-    beliefs = TrackConfirmation(dead_existence)
+    confirmation = TrackConfirmation(lost_existence)
     for _ in range(3):
-        beliefs.update(picture(*tracks))
-    assert set(beliefs.tracks) == {one.label for one in tracks}
-    return beliefs
+        confirmation.update(picture(*tracks))
+    assert set(confirmation.tracks) == {one.label for one in tracks}
+    return confirmation
 
 
 def state(

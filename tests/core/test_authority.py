@@ -123,7 +123,7 @@ def test_a_landed_vehicle_in_auto_is_put_into_hold_and_can_be_armed_there(autopi
     assert any("stands on the ground in AUTO" in text for text in stage.notices())
     stage.mode = "LOITER"
     stage.wait(3.0)
-    assert stage.command.away() == {}, "it stays ours to task"
+    assert stage.command.untaskable() == {}, "it stays ours to task"
     (answer,) = stage.order("arm")
     assert answer.state == "accepted"
     assert stage.commands(ARM)
@@ -163,10 +163,10 @@ def test_resume_takes_a_vehicle_back_from_an_operators_loiter(autopilot: int) ->
     stage = airborne(autopilot, "AUTO")
     stage.mode = "LOITER"
     stage.wait(2.0)
-    assert stage.command.away() == {1: "is in LOITER and left alone"}
+    assert stage.command.untaskable() == {1: "is in LOITER and left alone"}
     assert stage.order("resume")[0].state == "accepted"
     stage.wait(3.0)
-    assert stage.command.away() == {}
+    assert stage.command.untaskable() == {}
     (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
     assert answer.detail == "LOITER, armed: waits for its next mission"
 
@@ -208,7 +208,7 @@ def test_a_vehicle_that_stands_in_rtl_is_resumed_into_hold_and_never_into_auto(a
     assert stage.order("resume")[0].state == "accepted"
     stage.mode = "LOITER"
     stage.wait(3.0)
-    assert stage.command.away() == {}
+    assert stage.command.untaskable() == {}
     profile = profile_of(autopilot)
     assert profile is not None
     modes = {(m.param2, m.param3) for m in stage.commands(SET_MODE)}
@@ -228,7 +228,7 @@ def test_resume_lets_a_px4_that_rejected_its_mission_have_the_next_one_at_once()
     (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
     assert answer.detail == "LOITER, armed: waits for its next mission"
     assert not stage.command.tasking.has_failed(1)
-    assert stage.command.away() == {}
+    assert stage.command.untaskable() == {}
 
 
 # ---------------------------------------------------------------- landing
@@ -242,16 +242,16 @@ def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
     planned = MissionBuilder(config.mission, config.airframe, config.local_frame).of(route, 1, None)
     items = profile.items(planned, Home(33.0, -87.0, 70.0))
-    stage.command.tasking.found(OnboardMission(route, items, profile.home_items))
+    stage.command.tasking.note_onboard(OnboardMission(route, items, profile.home_items))
     stage.hear(dialect.MAVLink_mission_current_message(len(items) - 2))
     stage.wait(1.0)
-    assert stage.command.away() == {}
+    assert stage.command.untaskable() == {}
     stage.hear(dialect.MAVLink_mission_current_message(len(items) - 1))
     stage.wait(1.0)
-    assert stage.command.away() == {1: "is landing and left alone"}
+    assert stage.command.untaskable() == {1: "is landing and left alone"}
     stage.height_m, stage.speed_m_s = 0.5, 1.0
     stage.wait(1.0)
-    assert stage.command.away() == {1: "is landing and left alone"}, "it rolls out: no new take-off"
+    assert stage.command.untaskable() == {1: "is landing and left alone"}, "it rolls out: no new take-off"
 
 
 # ---------------------------------------------------------------- what the operator is told

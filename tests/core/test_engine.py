@@ -74,7 +74,7 @@ class Flight:
 def flight() -> Flight:
     scenario, events, effects = load("prescribed"), [], []
     VirtualRun(scenario, SEED, events.append, lambda _t_ns, effect: effects.append(effect)).run()
-    assert any(isinstance(e, AgentStatus) and e.fate == "dead" for e in effects)
+    assert any(isinstance(e, AgentStatus) and e.status == "lost" for e in effects)
     assert sum(isinstance(e, Plan) for e in effects) >= 3
     return Flight(scenario.config, events, effects)
 
@@ -123,13 +123,13 @@ def test_two_commands_side_by_side_do_not_disturb_each_other(flight: Flight) -> 
 def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) -> None:
     command, changed = Engine(flight.config, SEED), 0
     for event in flight.events:
-        under_way = set(command.tasking.under_way)
+        under_way = set(command.tasking.stages)
         effects = command.step(event)
         plans = [effect for effect in effects if isinstance(effect, Plan)]
         counted = {m.target_system for _, m in messages(effects) if m.get_type() == "MISSION_COUNT"}
         if plans:
             assert counted <= set(plans[0].changed) | under_way
-            assert set(plans[0].changed) <= set(command.tasking.under_way)
+            assert set(plans[0].changed) <= set(command.tasking.stages)
             changed += len(plans[0].changed)
         else:
             assert counted <= under_way
@@ -137,7 +137,7 @@ def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) ->
 
 
 def test_a_dead_vehicle_gets_no_more_missions(flight: Flight) -> None:
-    death = next(i for i, e in enumerate(flight.effects) if isinstance(e, AgentStatus) and e.fate == "dead")
+    death = next(i for i, e in enumerate(flight.effects) if isinstance(e, AgentStatus) and e.status == "lost")
     dead = flight.effects[death].vehicle
     told = {m.target_system for _, m in messages(flight.effects[death:]) if m.get_type() in MISSION_MESSAGES}
     assert dead not in told
@@ -398,15 +398,15 @@ def test_a_vehicle_that_does_not_take_its_mission_is_told_of_and_given_a_new_one
 def test_a_transfer_to_a_vehicle_that_dies_is_given_up_without_a_word_more() -> None:
     scene = Scene()
     scene.fly(8.0)
-    assert scene.command.tasking.under_way == {1: "upload"}
+    assert scene.command.tasking.stages == {1: "upload"}
     scene.plane = None
     effects = scene.fly(40.0)
     death = next(i for i, e in enumerate(effects) if isinstance(e, AgentStatus))
-    assert (effects[death].vehicle, effects[death].fate) == (1, "dead")
+    assert (effects[death].vehicle, effects[death].status) == (1, "lost")
     assert not [m for _, m in messages(effects[death:]) if m.get_type() in MISSION_MESSAGES]
     assert not any(isinstance(effect, Plan) for effect in effects[death:])
-    assert scene.command.tasking.under_way == {}
-    assert (scene.all(UploadReport), dict(scene.command.ties.labels)) == ([], {})
+    assert scene.command.tasking.stages == {}
+    assert (scene.all(UploadReport), dict(scene.command.association.labels)) == ([], {})
 
 
 def test_a_plan_says_when_what_it_was_made_from_was_measured() -> None:
@@ -426,8 +426,8 @@ def test_an_agent_at_its_target_has_arrived_and_the_mission_ends_once_for_good()
     scene.fly(20.0)
     (fate,) = scene.all(AgentStatus)
     (ended,) = scene.all(MissionEnded)
-    assert (fate.vehicle, fate.fate, fate.target) == (1, "arrived", (0, 0))
-    assert (ended.arrived, ended.dead) == ((1,), ())
+    assert (fate.vehicle, fate.status, fate.target) == (1, "arrived", (0, 0))
+    assert (ended.arrived, ended.lost) == ((1,), ())
     assert all(plan.t_ns <= ended.t_ns for plan in scene.all(Plan))
 
 
@@ -438,8 +438,8 @@ def test_an_agent_that_comes_back_from_the_dead_flies_again() -> None:
     scene.fly(8.0)
     scene.plane = plane
     scene.fly(12.0)
-    assert [fate.fate for fate in scene.all(AgentStatus)] == ["dead", "flying"]
-    assert scene.command.ties.labels.keys() == {1}
+    assert [fate.status for fate in scene.all(AgentStatus)] == ["lost", "active"]
+    assert scene.command.association.labels.keys() == {1}
 
 
 # ---------------------------------------------------------------- a whole mission

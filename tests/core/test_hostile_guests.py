@@ -51,4 +51,4 @@ def test_no_bytes_make_routes_or_the_watch_over_guests_fail(reads: list[tuple[bo
                 guests.answered(1, message, number)
         if is_guest:
             guests.receive(Datagram(number, SEAT, "10.0.0.1:9", data))
-    assert set(guests.away()) <= {1, 2}
+    assert set(guests.untaskable()) <= {1, 2}

@@ -134,7 +134,7 @@ def test_a_px4_that_would_reject_a_re_task_in_flight_is_refused(end, value, leve
 def test_a_return_that_would_climb_through_the_ceiling_is_refused(autopilot, parameters, rally_m, level):
     config = mission(
         "fence.max_alt_rel_m=140",
-        "mission.lanes=1",
+        "mission.layers=1",
         f"rally=[{{lat_deg=33.202, lon_deg=-87.598, alt_rel_m={rally_m}}}]",
     )
     rows = inspected(config, autopilot=autopilot, parameters=GOOD | parameters)
@@ -217,19 +217,19 @@ def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_told():
         return {row.name: row for row in mission_checks(config, rehearse(config, 1, together))}["separation"]
 
     assert separation().level == "ok"
-    crowded = separation("mission.lanes=1")
+    crowded = separation("mission.layers=1")
     assert crowded.level == "warning"
     assert "1 and 2" in crowded.value
 
 
-@pytest.mark.parametrize("setting", ["mission.lanes=5", "mission.lanes=3", "mission.lane_step_m=0"])
+@pytest.mark.parametrize("setting", ["mission.layers=5", "mission.layers=3", "mission.layer_step_m=0"])
 def test_the_lanes_told_before_the_flight_are_those_that_are_flown(setting):
     config = mission(setting, "planning.shape=pulled")
     rehearsal = rehearse(config, 1, {})
     starts = {agent.vehicle: (agent.east_m, agent.north_m) for agent in config.agents}
     tracks = {vehicle: track((0, vehicle), place) for vehicle, place in starts.items()}
     routes, _ = AltitudeLayers(config).give(rehearsal.plan.routes, starts, tracks, ())
-    altitudes = {config.mission.altitude_rel_m + r.lane * config.mission.lane_step_m for r in routes}
+    altitudes = {config.mission.altitude_rel_m + r.layer * config.mission.layer_step_m for r in routes}
     row = {row.name: row for row in mission_checks(config, rehearsal)}["separation"]
     told = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])
     assert [float(altitude) for altitude in told] == sorted(altitudes)

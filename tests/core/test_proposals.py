@@ -35,7 +35,7 @@ class Stage:
         self.approval = PlanApproval(config, self.replanner)
         self.shown: list[Proposal] = []
 
-    def situation(self, t_s: float) -> PlanningInputs:
+    def inputs(self, t_s: float) -> PlanningInputs:
         agents = {v: track((0, v), place, (15.0, 0.0)) for v, place in sorted(self.agents.items())}
         targets = {label: track(label, place) for label, place in sorted(self.targets.items())}
         return PlanningInputs(at(t_s), at(t_s), agents, targets, frozenset())
@@ -43,12 +43,12 @@ class Stage:
     def look(self, t_s: float) -> Proposal | None:
         """Look as at a scan; return the plan that waits."""
         if self.replanner.is_due(at(t_s)):
-            self._keep(self.approval.look(self.situation(t_s)))
+            self._keep(self.approval.look(self.inputs(t_s)))
         return self.approval.pending
 
     def confirm(self, t_s: float, plan_id: int) -> tuple[OrderAnswer, list[Route]]:
         order = Order(at(t_s), f"confirm-{t_s}", "confirm", None, plan_id)
-        effects, routes = self.approval.take(order, self.situation(t_s))
+        effects, routes = self.approval.take(order, self.inputs(t_s))
         self._keep(effects)
         answers = [e for e in effects if isinstance(e, OrderAnswer) and e.order_id == order.order_id]
         return answers[0], routes
@@ -147,7 +147,7 @@ def test_a_plan_that_became_another_one_is_refused_and_proposed_again(change, wo
 
 
 def test_less_separation_than_shown_is_another_plan() -> None:
-    tables = CONFIRM + "[mission]\nlanes = 1\n"
+    tables = CONFIRM + "[mission]\nlayers = 1\n"
     stage = Stage(tables, {1: (100.0, 200.0), 2: (100.0, 800.0)})
     first = stage.look(0.0)
     assert first is not None

@@ -39,7 +39,7 @@ MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
 
 
 def through_the_journal(memory: PersistedState) -> PersistedState:
-    return decode("journal", encode(Resumed(0, memory)), Resumed).memory
+    return decode("journal", encode(Resumed(0, memory)), Resumed).state
 
 
 def flight_with_a_restart(
@@ -78,15 +78,15 @@ def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive(
         assert not {m.get_type() for m in flight.told(vehicle, 46.0, 400.0)} & MISSION
     assert sum("holds the mission that it was given" in n.text for n in flight.all(Notice)) == 4
     (ended,) = flight.all(MissionEnded)
-    assert (ended.arrived, ended.dead) == ((1, 2, 3, 4), ())
+    assert (ended.arrived, ended.lost) == ((1, 2, 3, 4), ())
 
 
 @pytest.mark.parametrize(("at_s", "loss"), [(30.0, 0.0), (70.0, 0.3), (125.0, 0.0)])
 def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: float, loss: float) -> None:
     flight = flight_with_a_restart(at_s, 4.0, 300.0, loss=loss)
     (ended,) = flight.all(MissionEnded)
-    assert (ended.arrived, ended.dead) == ((1, 3, 4), (2,))
-    reached = [fate.target for fate in flight.all(AgentStatus) if fate.fate == "arrived"]
+    assert (ended.arrived, ended.lost) == ((1, 3, 4), (2,))
+    reached = [fate.target for fate in flight.all(AgentStatus) if fate.status == "arrived"]
     assert len(reached) == 3
     taken_up = [plan for plan in flight.all(Plan) if "taken up again" in plan.reason]
     assert len(taken_up) == 1
@@ -115,12 +115,12 @@ def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed()
     assert any("holds another mission than the one it was given (item 1: z_m" in n.text for n in told)
     assert not {m.get_type() for m in flight.told(3, 34.0, 70.0)} & MISSION
     assert flight.mode(3) is Mode.AUTO
-    assert flight.run.command.orders.aside == {3: "found"}
+    assert flight.run.command.orders.suspensions == {3: "found"}
 
 
 def test_a_vehicle_that_was_being_given_a_mission_holds_until_it_has_a_whole_one() -> None:
     first = VirtualRun(load("prescribed"), SEED)
-    while not first.command.tasking.under_way:
+    while not first.command.tasking.stages:
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     at_s = (first.t_ns - START_T_NS) / S + 0.2
     flight = flight_with_a_restart(at_s, 3.0, 40.0)
@@ -132,15 +132,15 @@ def test_a_vehicle_that_was_being_given_a_mission_holds_until_it_has_a_whole_one
 
 def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
     area = NoFlyZone("fire", (1700.0, 1200.0, 60.0))
-    close = replace(order(21.0, "keep-out"), keep_out=area)
+    close = replace(order(21.0, "no-fly-zone"), no_fly_zone=area)
     flight = flight_with_a_restart(30.0, 4.0, 60.0, orders=(order(20.0, "hold", 1), close))
     command = flight.run.command
-    assert command.orders.aside == {1: "hold"}
-    assert command.keep_outs.areas == {"fire": area}
+    assert command.orders.suspensions == {1: "hold"}
+    assert command.no_fly_zones.areas == {"fire": area}
     assert command.grid.blocked[30, 42]
     assert not {m.get_type() for m in flight.told(1, 34.0, 60.0)} & MISSION
     assert flight.mode(1) is Mode.LOITER
-    assert {a.action for a in flight.all(OrderAnswer)} == {"hold", "keep-out"}
+    assert {a.action for a in flight.all(OrderAnswer)} == {"hold", "no-fly-zone"}
 
 
 def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
@@ -159,20 +159,20 @@ def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
 
 def test_the_dead_stay_dead_and_the_arrived_are_not_sent_again() -> None:
     flight = flight_with_a_restart(138.0, 4.0, 400.0)
-    before = {f.vehicle: f.fate for f in flight.all(AgentStatus) if f.t_ns < START_T_NS + 138 * S}
-    assert before[2] == "dead"
+    before = {f.vehicle: f.status for f in flight.all(AgentStatus) if f.t_ns < START_T_NS + 138 * S}
+    assert before[2] == "lost"
     assert "arrived" in before.values()
     plans = [plan for plan in flight.all(Plan) if plan.t_ns > START_T_NS + 142 * S]
     assert plans
     assert not any(route.vehicle in before for plan in plans for route in plan.routes)
-    targets = [fate.target for fate in flight.all(AgentStatus) if fate.fate == "arrived"]
+    targets = [fate.target for fate in flight.all(AgentStatus) if fate.status == "arrived"]
     assert len(targets) == 3
 
 
 def test_without_central_command_each_vehicle_flies_its_mission_to_its_safe_end() -> None:
     run = VirtualRun(load("deterministic"), SEED)
     run.run(40.0)
-    last = {v: len(items.items) - 1 for v in (1, 2, 3, 4) if (items := run.command.tasking.flown(v))}
+    last = {v: len(items.items) - 1 for v in (1, 2, 3, 4) if (items := run.command.tasking.onboard(v))}
     run.restart(200.0)
     for vehicle in (1, 2, 3, 4):
         autopilot = run.vehicles[f"vehicle:{vehicle}"].autopilot
@@ -192,10 +192,10 @@ def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_
     run.restart(3.0, memory)
     run.run(70.0)
     flight = Flight(run, events, [])
-    assert set(run.command.away()) == {2, 3}
+    assert set(run.command.untaskable()) == {2, 3}
     for vehicle in (2, 3):
         assert flight.mode(vehicle) is Mode.LOITER
-        assert "left alone" in run.command.away()[vehicle]
+        assert "left alone" in run.command.untaskable()[vehicle]
 
 
 def test_a_mix_that_was_left_behind_is_cleared_after_a_restart_though_nobody_has_a_route_for_it() -> None:
@@ -205,9 +205,9 @@ def test_a_mix_that_was_left_behind_is_cleared_after_a_restart_though_nobody_has
     run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # somebody else's: it gets no mission of ours
     run.run(33.0)
     run.command.replanner.drop(4)
-    run.command.tasking.suspect(4)
+    run.command.tasking.mark_inconsistent(4)
     memory = through_the_journal(run.command.memory(run.t_ns))
-    assert next(one for one in memory.vehicles if one.fate.vehicle == 4).route is None
+    assert next(one for one in memory.vehicles if one.status.vehicle == 4).route is None
     run.restart(3.0, memory)
     assert len(run.vehicles["vehicle:4"].autopilot.mission) > 1
     run.run(50.0)
@@ -224,7 +224,7 @@ def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_after_a_restart_until_i
     before.step(Datagram(t_ns, "udpin:0.0.0.0:14551", "10.0.0.5:50", write))
     after = Engine(mission, 1)
     effects = after.step(Resumed(t_ns + S, through_the_journal(before.memory(t_ns))))
-    assert "system 254/190 at 10.0.0.5:50" in after.away()[1]
+    assert "system 254/190 at 10.0.0.5:50" in after.untaskable()[1]
     assert any("stays theirs" in e.text for e in effects if isinstance(e, Notice))
     assert "broke off" not in str(after.step(Tick(t_ns + 10 * S)))
     assert "broke off" in str(after.step(Tick(t_ns + 12 * S)))
@@ -234,7 +234,7 @@ def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_after_a_restart_until_i
     heartbeat = Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
     again.step(Datagram(t_ns + 61 * S, "udpin:0.0.0.0:14550", "10.0.0.1:5", heartbeat))
     again.step(order(61.0, "resume", 1))
-    assert "system 254" not in str(again.away())
+    assert "system 254" not in str(again.untaskable())
 
 
 def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_flies_on() -> None:
@@ -275,7 +275,7 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
     run.run(60.0)
     assert any("holds another mission than the one it was given" in text for text in alarms(effects, 3))
     assert list(run.vehicles["vehicle:3"].autopilot.mission) == stored
-    assert run.command.orders.aside == {3: "found"}
+    assert run.command.orders.suspensions == {3: "found"}
 
 
 @pytest.mark.parametrize("changed", [True, False])
@@ -299,7 +299,7 @@ def test_a_vehicle_that_was_not_heard_for_a_while_is_asked_what_it_holds(changed
     assert list(run.vehicles["vehicle:2"].autopilot.mission) == stored
     told = any("holds another mission than the one it was given" in text for text in alarms(effects, 2))
     assert told is changed
-    assert run.command.orders.aside == ({2: "found"} if changed else {})
+    assert run.command.orders.suspensions == ({2: "found"} if changed else {})
     assert (2 in run.command.replanner.routes) is not changed
 
 
@@ -315,9 +315,9 @@ def test_a_vehicle_that_does_not_tell_what_it_holds_is_left_alone_until_it_does_
     run.restart(3.0, memory)
     run.run(65.0)
     for number in (1, 4):
-        assert "does not tell which mission it holds" in run.command.away()[number]
+        assert "does not tell which mission it holds" in run.command.untaskable()[number]
         assert any("does not tell" in text for text in alarms(effects, number))
     run.order(order(65.5, "resume", 4))
     dumb[0]._link._missions._list = given[0]
     run.run(75.0)
-    assert not {1, 4} & set(run.command.away())
+    assert not {1, 4} & set(run.command.untaskable())

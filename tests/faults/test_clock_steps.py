@@ -114,7 +114,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     assert code == 0, (tmp_path / "lines").read_text()[-3000:]
     records = [(record.t_ns, record.value) for record in read(folder)]
     assert sum(isinstance(value, ClockStep) for _, value in records) == len(STEPS_S)
-    assert not [value for _, value in records if isinstance(value, AgentStatus) and value.fate == "dead"]
+    assert not [value for _, value in records if isinstance(value, AgentStatus) and value.status == "lost"]
     assert sum(isinstance(value, MissionEnded) for _, value in records) == 1
     plans = [value for _, value in records if isinstance(value, Plan)]
     assert not [plan for plan in plans[1:] if plan.changed], "a step of the clock re-tasks nobody"

@@ -81,7 +81,7 @@ def test_killed_and_started_again_it_uploads_nothing_twice_and_all_arrive(run: R
     assert len(run.all("first", UploadReport)) == 4
     assert len(run.all("second", Resumed)) == 1
     assert [report.vehicle for report in run.all("second", UploadReport)] in ([], [2])
-    assert {f.vehicle for f in run.all("second", AgentStatus) if f.fate == "arrived"} == {1, 2, 3, 4}
+    assert {f.vehicle for f in run.all("second", AgentStatus) if f.status == "arrived"} == {1, 2, 3, 4}
     assert "taken up again" in run.all("second", Plan)[0].reason
     run.serve("third")
     said = run.until("third", lambda said: "in contact" in said)

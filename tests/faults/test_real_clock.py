@@ -94,7 +94,7 @@ def test_a_service_whose_clock_is_set_and_that_is_stopped_in_flight_loses_nobody
             within_ns = [from_ns, *(t_ns for t_ns in times_ns if from_ns < t_ns < to_ns), to_ns]
             gap_ns = max(later - earlier for earlier, later in pairwise(within_ns))
             assert gap_ns <= MAX_GAP_S * NS_PER_S + for_others_ns
-    assert not [fate for fate in run.all("flight", AgentStatus) if fate.fate == "dead"]
+    assert not [fate for fate in run.all("flight", AgentStatus) if fate.status == "lost"]
     assert not [plan for plan in run.all("flight", Plan)[1:] if plan.changed]
     assert len(run.all("flight", UploadReport)) == 4, "nobody is tasked again"
     if FAKETIME is None:

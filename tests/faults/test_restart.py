@@ -24,12 +24,12 @@ def restarted(change=lambda memory: memory) -> tuple[VirtualRun, list[Effect]]:
 
 def lost(memory: PersistedState) -> PersistedState:
     vehicles = tuple(
-        replace(one, fate=replace(one.fate, fate="dead"), route=None, items=())
-        if one.fate.vehicle == LOST
+        replace(one, status=replace(one.status, status="lost"), route=None, items=())
+        if one.status.vehicle == LOST
         else one
         for one in memory.vehicles
     )
-    return replace(memory, vehicles=vehicles, keep_outs=(NoFlyZone("fire", (500.0, 900.0, 60.0)),))
+    return replace(memory, vehicles=vehicles, no_fly_zones=(NoFlyZone("fire", (500.0, 900.0, 60.0)),))
 
 
 def test_the_notice_says_what_was_taken_up_and_how_to_begin_clean():
@@ -46,5 +46,5 @@ def test_the_notice_says_what_was_taken_up_and_how_to_begin_clean():
 def test_a_vehicle_that_was_lost_before_the_restart_and_is_seen_again_gets_a_mission():
     run, effects = restarted(lost)
     run.run(AT_S + 20.0)
-    assert (LOST, "flying") in [(e.vehicle, e.fate) for e in effects if isinstance(e, AgentStatus)]
+    assert (LOST, "active") in [(e.vehicle, e.status) for e in effects if isinstance(e, AgentStatus)]
     assert any(route.vehicle == LOST for e in effects if isinstance(e, Plan) for route in e.routes)

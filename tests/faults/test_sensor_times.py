@@ -31,7 +31,7 @@ class ShiftedSensor(VirtualRun):
 
 
 def is_false(fate: AgentStatus, run: VirtualRun) -> bool:
-    return fate.fate == "dead" and run.vehicles[f"vehicle:{fate.vehicle}"].alive
+    return fate.status == "lost" and run.vehicles[f"vehicle:{fate.vehicle}"].alive
 
 
 @pytest.mark.parametrize("name", ["deterministic", "prescribed", "random-obstacles", "random-targets"])

@@ -83,12 +83,12 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         yield t_ns, UploadAnswer(t_ns, 1, 4, False, True, "timed out")
         yield t_ns, Notice(t_ns, "warning", "älarm", None)
         area = NoFlyZone("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
-        yield t_ns, Order(t_ns, f"o-{second}", "keep-out", None, None, area, "somebody")
-        memory = PersistedVehicle(AgentStatus(t_ns, 1, "flying"), "hold", None, ((16.0, None),), 1, False)
+        yield t_ns, Order(t_ns, f"o-{second}", "no-fly-zone", None, None, area, "somebody")
+        memory = PersistedVehicle(AgentStatus(t_ns, 1, "active"), "hold", None, ((16.0, None),), 1, False)
         yield t_ns, Resumed(t_ns, PersistedState(t_ns, 3, second, False, (memory,), (), (area,)))
-        yield t_ns, OrderAnswer(t_ns, f"o-{second}", "keep-out", "done", "so it is", None, ())
+        yield t_ns, OrderAnswer(t_ns, f"o-{second}", "no-fly-zone", "done", "so it is", None, ())
         yield t_ns, Proposal(t_ns, second + 1, (Route(1, (0, 1), read_only([[1.0, 2.0]]), 3.0),), "why")
-        yield t_ns, AgentStatus(t_ns, 1, "dead", None, (1.0, 2.0))
+        yield t_ns, AgentStatus(t_ns, 1, "lost", None, (1.0, 2.0))
     yield t_ns, MissionEnded(t_ns, (1,), (2,))
 
 

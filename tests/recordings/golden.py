@@ -99,7 +99,7 @@ GOLDEN = (
         "prescribed",
         25.0,
         orders=(
-            _order(6.0, "keep-out", keep_out=_WALL),
+            _order(6.0, "no-fly-zone", no_fly_zone=_WALL),
             _order(9.0, "hold", 4),
             _order(15.0, "resume", 4),
             _order(18.0, "return", 1),

@@ -31,8 +31,8 @@ def test_the_golden_runs_are_small_and_none_is_left_over() -> None:
 
 def test_they_hold_what_they_are_kept_for() -> None:
     held = {golden.name: [record.value for record in read(golden.path)] for golden in GOLDEN}
-    fates = [value.fate for value in held["death"] if isinstance(value, AgentStatus)]
-    assert {"arrived", "dead"} <= set(fates)
+    fates = [value.status for value in held["death"] if isinstance(value, AgentStatus)]
+    assert {"arrived", "lost"} <= set(fates)
     assert sum(isinstance(value, Plan) for value in held["death"]) >= 2
     answers = [value.state for value in held["orders"] if isinstance(value, OrderAnswer)]
     assert answers.count("done") >= 4
@@ -55,7 +55,7 @@ def changed(source: Path, folder: Path) -> Path:
                 recorder.record_event(value)
             elif isinstance(value, Truth):
                 recorder.record_truth(value)
-            elif not (isinstance(value, AgentStatus) and value.fate == "dead"):
+            elif not (isinstance(value, AgentStatus) and value.status == "lost"):
                 recorder.record_effect(record.t_ns, value)
     return folder / "run.mcap"
 
@@ -69,7 +69,7 @@ def test_a_difference_is_told_so_that_one_can_read_it(tmp_path: Path) -> None:
     assert float(result.first.before) == pytest.approx(float(result.first.after) + 0.25)
     text = str(result)
     assert "* agent 2" in text
-    assert "flying  ->  dead" in text
+    assert "active  ->  lost" in text
     assert "OSPA of targets" in text
     assert "missions delivered" in text
 

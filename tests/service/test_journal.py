@@ -31,7 +31,7 @@ MEMORY = PersistedState(
     False,
     (
         PersistedVehicle(
-            AgentStatus(5, 1, "flying", None, (1.0, 2.0)),
+            AgentStatus(5, 1, "active", None, (1.0, 2.0)),
             "hold",
             Route(1, (3, 4), read_only([[1.0, 2.0], [3.0, 4.5]]), 9.0),
             ((16.0, 3.0, 332000000.0, -876000000.0, 100.0, 0.0, 10.0, 0.0, None, 1.0),),
@@ -70,7 +70,7 @@ def test_what_was_written_is_read_and_nothing_else_lies_about(journal: Journal) 
         (lambda d: d[: len(d) // 2], "checksum"),
         (lambda d: d[:-3], "checksum"),
         (lambda d: d.replace(b'"hold"', b'"help"'), "checksum"),
-        (lambda d: d.replace(b'"journal":1', b'"journal":2'), "version 2"),
+        (lambda d: d.replace(b'"journal":2', b'"journal":3'), "version 3"),
         (lambda d: b"[" * 100_000, "damaged"),
         (lambda d: b"\xff\xfe" + d, "damaged"),
     ],
@@ -86,7 +86,7 @@ def test_a_journal_with_a_right_checksum_may_still_make_no_sense(journal: Journa
     import hashlib
 
     body = json.dumps({"t_ns": 1, "memory": {"t_ns": "late"}}).encode()
-    head = {"journal": 1, "mission": "m", "fingerprint": MINE, "checksum": hashlib.sha256(body).hexdigest()}
+    head = {"journal": 2, "mission": "m", "fingerprint": MINE, "checksum": hashlib.sha256(body).hexdigest()}
     journal.path.parent.mkdir()
     journal.path.write_bytes(json.dumps(head).encode() + b"\n" + body + b"\n")
     with pytest.raises(JournalError, match="makes no sense"):

@@ -24,7 +24,7 @@ def flown(seconds=300.0):
     def keep(_t_ns, effect):
         if isinstance(effect, Notice) and "off its line" in effect.text:
             notices.append(effect.text)
-        elif isinstance(effect, AgentStatus) and effect.fate == "arrived":
+        elif isinstance(effect, AgentStatus) and effect.status == "arrived":
             arrived.add(effect.vehicle)
 
     run = VirtualRun(load("prescribed"), 1, on_effect=keep)

@@ -230,7 +230,7 @@ def test_a_mixed_swarm_flies_its_mission(loss):
             fates.append(effect)
 
     VirtualRun(scenario, 1, on_effect=keep, loss=loss).run()
-    assert {(f.vehicle, f.fate) for f in fates} == {(v, "arrived") for v in (1, 2, 3, 4)}
+    assert {(f.vehicle, f.status) for f in fates} == {(v, "arrived") for v in (1, 2, 3, 4)}
     assert all(report.ok for report in reports)
     assert {report.items for report in reports if report.vehicle in (1, 3)}
 

@@ -100,7 +100,7 @@ def test_a_mission_is_flown_recorded_and_judged(demo: Demo) -> None:
     keys += " upload_failures ospa_agents_mean_m ospa_targets_mean_m scan_ms_p99 plan_ms_p99 recording links"
     assert list(result) == keys.split()
     assert result["outcome"] == "complete"
-    assert [agent["fate"] for agent in result["agents"]] == ["arrived"] * 4
+    assert [agent["status"] for agent in result["agents"]] == ["arrived"] * 4
     assert len({agent["target"] for agent in result["agents"]}) == 4
     assert result["upload_failures"] == 0
     assert result["ospa_agents_mean_m"] < 5.0
@@ -121,7 +121,7 @@ def test_killed_vehicles_lossy_links_and_hostile_bytes_are_seen_through(demo: De
     os.kill(pids[3], signal.SIGKILL)
     result = demo.result()
     assert demo.process.returncode == 0, demo.lines
-    assert [agent["fate"] for agent in result["agents"]] == ["arrived", "dead", "arrived", "dead"]
+    assert [agent["status"] for agent in result["agents"]] == ["arrived", "lost", "arrived", "lost"]
     fates = [record.value for record in read(demo.out) if isinstance(record.value, AgentStatus)]
     plans = [record.value for record in read(demo.out) if isinstance(record.value, Plan)]
     died = next(fate for fate in fates if fate.vehicle == 4)

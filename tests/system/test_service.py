@@ -117,8 +117,8 @@ def test_ctrl_c_lets_a_mission_arrive_that_is_on_its_way_and_twice_it_says_who_m
 ):
     under_way, sink = {3: "2/8"}, Sink()
     service.sinks.append(sink)
-    monkeypatch.setattr(type(service.command.tasking), "under_way", property(lambda _: under_way))
-    monkeypatch.setattr(service.command.tasking, "may_be_mixed", under_way.__contains__)
+    monkeypatch.setattr(type(service.command.tasking), "stages", property(lambda _: under_way))
+    monkeypatch.setattr(service.command.tasking, "may_be_inconsistent", under_way.__contains__)
 
     async def run():
         loop, stop, at_once = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()

@@ -126,7 +126,7 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
                     counts["scans"] += 1
                     counts["detections"] += len(value.z_m)
             elif isinstance(value, AgentStatus) and (value.vehicle in statuses or len(statuses) < _MAX_NAMES):
-                statuses[value.vehicle] = value.fate
+                statuses[value.vehicle] = value.status
             elif isinstance(value, MissionEnded):
                 ended = True
     return {

@@ -56,7 +56,7 @@ def _recording(contents: dict[str, Any], console: Console) -> None:
         _print(console, f"sensor {name}: {counts['scans']} scans, {mean:.1f} detections in each")
     statuses = list(contents["fates"].values())
     end = "ended" if contents["mission_ended"] else "did not end"
-    _print(console, f"the mission {end}: {statuses.count('arrived')} arrived, {statuses.count('dead')} lost")
+    _print(console, f"the mission {end}: {statuses.count('arrived')} arrived, {statuses.count('lost')} lost")
     table = _table("Records", ("topic", "count", "Hz"))
     for topic, of in contents["records"].items():
         table.add_row(topic, str(of["count"]), _number(of["rate_hz"]))

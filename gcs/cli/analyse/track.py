@@ -225,7 +225,7 @@ def track_detections(
         keep_histories=estimator != "filtered",
         summarise_detections=anywhere.per_s > 0.0,
     )
-    unknown = AdaptiveBirth(anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, accel_std_m_s2)
+    unknown = AdaptiveBirth(anywhere.per_s, anywhere.speed_std_m_s, anywhere.max_probability, accel_std_m_s2)
     places = detections.births
     states: dict[int, States] = {k: {} for k in detections.number.values()}
     existence: dict[int, dict[Label, float]] = {k: {} for k in states}

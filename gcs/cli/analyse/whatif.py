@@ -104,9 +104,9 @@ class Comparison:
         def fate(outcome: Outcome, vehicle: int) -> str:
             found = outcome.fates.get(vehicle)
             if found is None:
-                return "flying"
+                return "active"
             target = f" at {target_name(found.target)}" if found.target is not None else ""
-            return f"{found.fate}{target}, {at(found.t_ns)}"
+            return f"{found.status}{target}, {at(found.t_ns)}"
 
         def end(outcome: Outcome) -> str:
             return _NOTHING if outcome.ended_t_ns is None else at(outcome.ended_t_ns)

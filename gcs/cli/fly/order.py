@@ -164,8 +164,8 @@ def reject(
     _send("reject", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan)
 
 
-@app.command(name="keep-out")
-def keep_out(
+@app.command(name="no-fly-zone")
+def no_fly_zone(
     name: Annotated[str, typer.Argument(help="Name of the zone. A zone with this name is replaced.")],
     circle: Annotated[
         str | None, typer.Option(metavar="EAST,NORTH,RADIUS", help="Centre and radius in metres.")
@@ -185,12 +185,12 @@ def keep_out(
 ) -> None:
     """Add a no-fly zone, and plan new routes around it at once.
 
-    Example: `gcs order keep-out fire --circle 900,640,120`
+    Example: `gcs order no-fly-zone fire --circle 900,640,120`
     """
     if sum((circle is not None, polygon is not None, open_zone)) != 1:
         raise typer.BadParameter("expected one of --circle, --polygon and --open")
     zone = _zone(name, circle, polygon, "wgs84" if degrees else "local")
-    _send("keep-out", "all", mission, zenoh, timeout, as_json, keep_out=zone)
+    _send("no-fly-zone", "all", mission, zenoh, timeout, as_json, no_fly_zone=zone)
 
 
 def _zone(
@@ -245,7 +245,7 @@ def _print_proposal(mission: str | None, zenoh: str | None, timeout_s: float, as
 
 
 def _send(
-    action: VehicleAction | Literal["plan", "confirm", "reject", "keep-out"],
+    action: VehicleAction | Literal["plan", "confirm", "reject", "no-fly-zone"],
     vehicles: list[int] | Literal["all"],
     mission: str | None,
     zenoh: str | None,
@@ -253,10 +253,10 @@ def _send(
     as_json: bool,
     *,
     plan_id: int | None = None,
-    keep_out: AreaMessage | None = None,
+    no_fly_zone: AreaMessage | None = None,
     printed: Proposal | None = None,
 ) -> None:
-    order = _order(action, vehicles, plan_id, keep_out)
+    order = _order(action, vehicles, plan_id, no_fly_zone)
     answers, problem = _print_answers(order, mission, zenoh, timeout_s, as_json)
     ok = _is_ok(answers, problem)
     if as_json:
@@ -265,10 +265,10 @@ def _send(
 
 
 def _order(
-    action: VehicleAction | Literal["plan", "confirm", "reject", "keep-out"],
+    action: VehicleAction | Literal["plan", "confirm", "reject", "no-fly-zone"],
     vehicles: list[int] | Literal["all"],
     plan_id: int | None = None,
-    keep_out: AreaMessage | None = None,
+    no_fly_zone: AreaMessage | None = None,
 ) -> OrderMessage:
     from gcs.io.zenoh.orders import OrderMessage
 
@@ -277,7 +277,7 @@ def _order(
         action=action,
         vehicles=vehicles,
         plan_id=plan_id,
-        keep_out=keep_out,
+        no_fly_zone=no_fly_zone,
         origin=f"{_user()}@{socket.gethostname()}, process {os.getpid()}",
     )
 

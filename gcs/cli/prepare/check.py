@@ -80,7 +80,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     table.add_row(
         "tracking",
         f"up to {tracking.max_hypotheses} hypotheses, "
-        f"gate {math.sqrt(tracking.gate_chi2):.1f} σ, lost below existence {tracking.dead_existence}",
+        f"gate {math.sqrt(tracking.gate_chi2):.1f} σ, lost below existence {tracking.lost_existence}",
     )
     table.add_row(
         "planning",

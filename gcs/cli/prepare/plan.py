@@ -26,7 +26,7 @@ from gcs.cli.errors import exit_on_error
 from gcs.cli.warm_up_progress import PLANNING, load_kernels
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.replanning.altitude_layers import lane_count
+from gcs.core.replanning.altitude_layers import layer_count
 from gcs.core.replanning.options import plan_options
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
@@ -181,7 +181,7 @@ def _planning_task(
         options, name, grid = plan_options(config), config.name, mission_grid(config, seed)
         speed_m_s = config.airframe.speed_m_s
         separation = {
-            "lanes": lane_count(config),
+            "lanes": layer_count(config),
             "separation_m": config.planning.separation_m,
             "landing": landing_of(config),
         }
@@ -259,7 +259,7 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
         f"of each other at one altitude after {conflict.after_s:.0f} s"
         for conflict in conflicts
     ]
-    routes = tuple(replace(route, lane=lanes[route.vehicle]) for route in result.routes)
+    routes = tuple(replace(route, layer=lanes[route.vehicle]) for route in result.routes)
     return replace(result, routes=routes, notes=tuple(notes)), timings_ms
 
 
@@ -292,7 +292,7 @@ def _as_dict(
                 "target": route.target[1],
                 "length_m": route.length_m,
                 "grid_length_m": result.grid_lengths_m[route.vehicle],
-                "lane": route.lane,
+                "layer": route.layer,
                 "points_m": [_start_position(task, route.vehicle), *route.points_m.tolist()],
                 "wait_m": route.wait_m,
                 "home_m": return_routes[route.vehicle].points_m.tolist()
@@ -354,7 +354,7 @@ def _print_plan(
         highlight=False,
     )
     table = Table()
-    for heading in ("agent", "target", "length", "on the grid", "legs", "lane"):
+    for heading in ("agent", "target", "length", "on the grid", "legs", "layer"):
         table.add_column(heading, justify="right")
     for route in result.routes:
         table.add_row(
@@ -363,7 +363,7 @@ def _print_plan(
             f"{route.length_m:,.1f} m",
             f"{result.grid_lengths_m[route.vehicle]:,.1f} m",
             str(len(route.points_m)),
-            str(route.lane),
+            str(route.layer),
         )
     if len(result.routes) > 1:
         on_grid_m = math.fsum(result.grid_lengths_m.values())

@@ -41,9 +41,9 @@ class Incursion:
     def text(self) -> str:
         """In words, without who it is."""
         if self.after_s == 0.0:
-            return f"is inside keep-out {self.area}: hold it, or call it back"
+            return f"is inside no-fly zone {self.area}: hold it, or call it back"
         return (
-            f"would fly through keep-out {self.area}: in {self.after_s:.0f} s, on its way to item "
+            f"would fly through no-fly zone {self.area}: in {self.after_s:.0f} s, on its way to item "
             f"{self.item} of the mission that it holds"
         )
 

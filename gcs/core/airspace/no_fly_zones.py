@@ -33,10 +33,11 @@ class NoFlyZones:
     def refusal(self, area: NoFlyZone) -> str:
         """Say why an area cannot be taken; empty when it can."""
         if area.disc_m is None and not area.polygon_m:
-            known = ", ".join(self.areas) or "none"
-            return "" if area.name in self.areas else f"no keep-out is called {area.name}; there are: {known}"
+            if area.name in self.areas:
+                return ""
+            return f"no no-fly zone is called {area.name}; there are: {', '.join(self.areas) or 'none'}"
         if area.name not in self.areas and len(self.areas) >= _MAX_AREAS:
-            return f"there are {_MAX_AREAS} keep-outs already; open some first"
+            return f"there are {_MAX_AREAS} no-fly zones already; open some first"
         return "" if closed_cells(self._open, area).any() else "it lies outside the map"
 
     def take(self, area: NoFlyZone) -> Grid:

@@ -56,7 +56,7 @@ class _Upload:
     """A guest's upload to one vehicle."""
 
     sender: tuple[int, int]
-    words: str
+    station: str
     heard_t_ns: int
     ended: bool = False
 
@@ -90,10 +90,10 @@ class ExternalUploads:
         """Whether guests are on this link."""
         return link in self._networks
 
-    def away(self) -> dict[int, str]:
+    def untaskable(self) -> dict[int, str]:
         """Vehicles that somebody else gave a mission, and who, in words."""
         return {
-            v: f"has a mission of {upload.words} and is left alone" for v, upload in self._uploads.items()
+            v: f"has a mission of {upload.station} and is left alone" for v, upload in self._uploads.items()
         }
 
     def release(self, vehicles: Iterable[int]) -> None:
@@ -101,15 +101,15 @@ class ExternalUploads:
         for vehicle in vehicles:
             self._uploads.pop(vehicle, None)
 
-    def memory(self, vehicle: int) -> ExternalMission | None:
+    def persisted(self, vehicle: int) -> ExternalMission | None:
         """Return what is to be remembered of somebody else's mission for a vehicle."""
         upload = self._uploads.get(vehicle)
-        return None if upload is None else ExternalMission(*upload.sender, upload.words, upload.ended)
+        return None if upload is None else ExternalMission(*upload.sender, upload.station, upload.ended)
 
-    def remember(self, vehicle: int, mission: ExternalMission, t_ns: int) -> None:
+    def restore(self, vehicle: int, mission: ExternalMission, t_ns: int) -> None:
         """Take up from what was remembered: the vehicle stays theirs."""
         sender = (mission.system_id, mission.component_id)
-        self._uploads[vehicle] = _Upload(sender, mission.words, t_ns, mission.ended)
+        self._uploads[vehicle] = _Upload(sender, mission.station, t_ns, mission.ended)
 
     def receive(self, datagram: Datagram) -> tuple[list[Effect], list[int]]:
         """Take what was sent on; returns notices, and the vehicles taken over just now."""
@@ -141,7 +141,7 @@ class ExternalUploads:
             return []
         upload.ended = True
         if message.type == dialect.MAV_MISSION_ACCEPTED:
-            text = f"took the mission of {upload.words}; it is not tasked until it is ordered to resume"
+            text = f"took the mission of {upload.station}; it is not tasked until it is ordered to resume"
             return [Notice(t_ns, "warning", text, vehicle)]
         return [self._broken(vehicle, upload, t_ns, f"refused with MAV_MISSION_RESULT {message.type}")]
 
@@ -157,7 +157,7 @@ class ExternalUploads:
     def _broken(self, vehicle: int, upload: _Upload, t_ns: int, how: str) -> Notice:
         is_whole = self._is_atomic(vehicle)
         left = "it keeps the mission before that" if is_whole else "it may hold a mix of two missions"
-        text = f"the upload of {upload.words} {how}: {left}; order it to resume, "
+        text = f"the upload of {upload.station} {how}: {left}; order it to resume, "
         return Notice(t_ns, "alarm", text + "and it gets a new one of ours", vehicle)
 
     def _write(
@@ -171,12 +171,12 @@ class ExternalUploads:
             upload.heard_t_ns = datagram.t_ns
         if message.get_type() not in _BEGINNINGS:
             return
-        words = f"system {sender[0]}/{sender[1]} at {datagram.peer}"
+        station = f"system {sender[0]}/{sender[1]} at {datagram.peer}"
         if upload is None:
-            text = f"{words} writes a mission of its own ({message.get_type()}): it is theirs from now on"
+            text = f"{station} writes a mission of its own ({message.get_type()}): it is theirs from now on"
             effects.append(Notice(datagram.t_ns, "alarm", text, vehicle))
             taken.append(vehicle)
-        self._uploads[vehicle] = _Upload(sender, words, datagram.t_ns)
+        self._uploads[vehicle] = _Upload(sender, station, datagram.t_ns)
 
     def _tell(self, effects: list[Effect], datagram: Datagram, frame: Frame, vehicle: int | None) -> None:
         """Say what a guest sent to a vehicle, or to all, unless it only asked."""

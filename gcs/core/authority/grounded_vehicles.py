@@ -51,16 +51,16 @@ class GroundedVehicles:
         self._errands[vehicle].receive(message)
         return self._worked(vehicle, t_ns)
 
-    def poll(self, t_ns: int, away: Callable[[], Container[int]]) -> list[Effect]:
+    def poll(self, t_ns: int, untaskable: Callable[[], Container[int]]) -> list[Effect]:
         """Look at all vehicles once a second; those that are `away` are not ours to command."""
         effects = [effect for vehicle in list(self._errands) for effect in self._worked(vehicle, t_ns)]
         if t_ns < self._next_look_t_ns:
             return effects
         self._next_look_t_ns = t_ns + _PERIOD_NS
-        not_ours = away()
+        skipped = untaskable()
         for state in self._fleet.states():
             vehicle = state.system_id
-            if not self._is_loaded(state) or vehicle in not_ours:
+            if not self._is_loaded(state) or vehicle in skipped:
                 self._failed.discard(vehicle)
             elif vehicle not in self._errands and vehicle not in self._failed:
                 effects += self._begin(vehicle, t_ns)
@@ -70,7 +70,7 @@ class GroundedVehicles:
         """Whether a vehicle would take off with a mission that it is not to fly if somebody armed it."""
         vehicle = state.system_id
         stands = not state.armed and state.mode == AUTO and state.ground_speed_m_s <= _STANDING_M_S
-        is_busy = vehicle in self._tasking.under_way or vehicle in self._orders.commanded
+        is_busy = vehicle in self._tasking.stages or vehicle in self._orders.commanded
         return stands and not is_busy and not self._orders.may_fly(vehicle)
 
     def _begin(self, vehicle: int, t_ns: int) -> list[Effect]:
@@ -78,7 +78,7 @@ class GroundedVehicles:
         if profile is None:
             return []
         question = set_mode(vehicle, profile.autopilot, LOITER)
-        self._tasking.parked(vehicle)
+        self._tasking.note_parked(vehicle)
         self._errands[vehicle] = CommandSender(question, _is_parked, self._fleet.encoder(vehicle), t_ns)
         text = "stands on the ground in AUTO with no mission to fly: armed, it would take off; told to LOITER"
         return [Notice(t_ns, "info", text, vehicle), *self._worked(vehicle, t_ns)]

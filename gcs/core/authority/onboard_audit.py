@@ -80,7 +80,7 @@ class OnboardAudit:
         check = self._checks.get(vehicle)
         return None if check is None else check.flown
 
-    def away(self) -> dict[int, str]:
+    def untaskable(self) -> dict[int, str]:
         """Vehicles that are not tasked because they do not tell what they hold, and that, in words."""
         return {
             v: "does not tell which mission it holds" for v, check in self._checks.items() if check.is_late
@@ -97,7 +97,7 @@ class OnboardAudit:
         """Ask a vehicle whether it still holds what it held at `known_t_ns`; `then` when it does."""
         vehicle = flown.route.vehicle
         self._checks[vehicle] = _Check(flown, t_ns, then, known_t_ns)
-        self._tasking.hold_back(vehicle)
+        self._tasking.pause_uploads(vehicle)
 
     def release(self, vehicles: Iterable[int]) -> None:
         """Task vehicles whatever they hold: an operator's order."""
@@ -106,15 +106,15 @@ class OnboardAudit:
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Take a vehicle's message: part of its answer, perhaps, or the first after a silence."""
-        flown = self._tasking.held_before_boot(vehicle)
+        flown = self._tasking.pop_mission_before_boot(vehicle)
         if self._fleet.returns(vehicle) != self._returns.setdefault(vehicle, 0):
             self._returns[vehicle] = self._fleet.returns(vehicle)
-            flown = flown or self._tasking.flown(vehicle)
+            flown = flown or self._tasking.onboard(vehicle)
         known_t_ns = self._heard_t_ns.get(vehicle, t_ns)
         self._heard_t_ns[vehicle] = t_ns
-        is_being_told = self._tasking.under_way_s(vehicle, t_ns) is not None
+        is_being_told = self._tasking.elapsed_s(vehicle, t_ns) is not None
         is_free = vehicle not in self._checks and not is_being_told
-        if flown is not None and is_free and not self._tasking.may_be_mixed(vehicle):
+        if flown is not None and is_free and not self._tasking.may_be_inconsistent(vehicle):
             self.begin(flown, t_ns, known_t_ns=known_t_ns)
         check = self._checks.get(vehicle)
         if check is None or getattr(message, "mission_type", None) != _MISSION:
@@ -160,23 +160,23 @@ class OnboardAudit:
             return []
         self._end(vehicle)
         if is_empty and booted_t_ns is not None and booted_t_ns > check.known_t_ns - _BOOT_SLACK_NS:
-            self._tasking.lost_mission(vehicle, booted_t_ns)
-            self._replanner.undelivered(vehicle)
+            self._tasking.note_mission_lost(vehicle, booted_t_ns)
+            self._replanner.drop_route(vehicle)
             text = "holds no mission since it rebooted: it stays ours, and gets a new one"
             return [Notice(t_ns, "warning", text, vehicle)]
         if difference:
-            self._orders.aside[vehicle] = "found"
+            self._orders.suspensions[vehicle] = "found"
             self._replanner.drop(vehicle)
-            self._tasking.overwritten(vehicle)
+            self._tasking.forget_onboard(vehicle)
             text = f"holds another mission than the one it was given ({difference}): left alone "
             return [Notice(t_ns, "alarm", text + _until(vehicle), vehicle)]
-        self._tasking.found(check.flown)
+        self._tasking.note_onboard(check.flown)
         check.then(check.flown)
         return [Notice(t_ns, "info", "holds the mission that it was given", vehicle)]
 
     def _end(self, vehicle: int) -> None:
         if self._checks.pop(vehicle, None) is not None:
-            self._tasking.let_go(vehicle)
+            self._tasking.resume_uploads(vehicle)
 
 
 def _until(vehicle: int) -> str:

@@ -70,7 +70,7 @@ class Unattended:
         return [Notice(t_ns, "warning", text + "sent there; start the service with --no-resume to fly on")]
 
 
-def not_ours_text(taken: Mapping[int, str]) -> str:
+def overridden_text(taken: Mapping[int, str]) -> str:
     """Say in one line which vehicles are in modes that somebody else chose, and what to do; else empty."""
     by_mode: dict[str, list[int]] = {}
     for vehicle, mode in sorted(taken.items()):

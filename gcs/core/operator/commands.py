@@ -35,7 +35,7 @@ from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.commands import CommandSender, HeartbeatState, command_long, set_mode
-from gcs.model import AnswerState, Aside, Effect, Label, Notice, Order, Route, VehicleState, vehicle_name
+from gcs.model import AnswerState, Effect, Label, Notice, Order, Route, Suspension, VehicleState, vehicle_name
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _SET_ASIDE: Final = {"hold": LOITER, "return": RTL}
@@ -80,15 +80,15 @@ class Orders:
         returns: Returns,
         outlook: Callable[[int], str] = lambda _vehicle: "waits for its next mission",
     ) -> None:
-        self.aside: dict[int, Aside] = {}
+        self.suspensions: dict[int, Suspension] = {}
         """Vehicles that are not tasked, and why."""
-        self.suspended: dict[int, Route] = {}
+        self.suspended_routes: dict[int, Route] = {}
         """Whole routes of vehicles set aside."""
         self._fleet, self._tasking, self._replanner, self._outlook = fleet, tasking, replanner, outlook
         self._departures, self._returns = departures, returns
         self._errands: dict[int, tuple[CommandSender, OrderInProgress]] = {}
 
-    def away(self) -> dict[int, str]:
+    def untaskable(self) -> dict[int, str]:
         """Vehicles that are not to be tasked now, and why, in words."""
         routes = self._replanner.routes
         waiting = {
@@ -96,7 +96,7 @@ class Orders:
             for vehicle, (_, ongoing) in self._errands.items()
             if ongoing.order.action == "resume" and vehicle not in routes
         }
-        return waiting | {vehicle: _WORDS[why] for vehicle, why in self.aside.items()}
+        return waiting | {vehicle: _WORDS[why] for vehicle, why in self.suspensions.items()}
 
     @property
     def commanded(self) -> Set[int]:
@@ -105,13 +105,13 @@ class Orders:
 
     def has_ordered(self, vehicle: int, mode: str) -> bool:
         """Return True if an order put a vehicle into a mode, or tells it what to do just now."""
-        return vehicle in self._errands or _SET_ASIDE.get(self.aside.get(vehicle, "")) == mode
+        return vehicle in self._errands or _SET_ASIDE.get(self.suspensions.get(vehicle, "")) == mode
 
     def take(
         self,
         order: Order,
         targets: Container[Label],
-        away: Mapping[int, str],
+        untaskable: Mapping[int, str],
         release: Callable[[int], None] = lambda _vehicle: None,
     ) -> list[Effect]:
         """Begin to carry out an order to vehicles.
@@ -122,8 +122,8 @@ class Orders:
             One of hold, resume, return, arm, disarm.
         targets
             Those that are there to be flown to.
-        away
-            Vehicles that are not to be tasked now, and why, in words.
+        untaskable
+            Vehicles that get no mission now, and why.
         release
             Called with each vehicle that is taken back, before anything is sent to it.
         """
@@ -134,15 +134,16 @@ class Orders:
         begun: list[int] = []
         unchanged: dict[int, str] = {}
         for vehicle in vehicles:
+            is_heard = vehicle in known and known[vehicle].liveness == "alive"
             if vehicle not in known:
                 refusal = f"no vehicle of this mission; it has {', '.join(map(vehicle_name, known))}"
             elif known[vehicle].address is None:
                 refusal = "never heard"
-            elif is_so := self._is_so(order, vehicle, away, is_heard=known[vehicle].liveness == "alive"):
-                unchanged[vehicle] = f"{is_so}: nothing was changed"
+            elif unchanged_state := self._unchanged(order, vehicle, untaskable, is_heard=is_heard):
+                unchanged[vehicle] = f"{unchanged_state}: nothing was changed"
                 continue
             else:
-                refusal = self._refusal(order, vehicle, begun, is_heard=known[vehicle].liveness == "alive")
+                refusal = self._refusal(order, vehicle, begun, is_heard=is_heard)
             if refusal:
                 effects.append(ongoing.answer(order.t_ns, "refused", refusal, vehicle))
             else:
@@ -158,7 +159,7 @@ class Orders:
             return effects
         detail = named(ongoing.waiting)
         if order.action == "return":
-            returning = {vehicle for vehicle, why in self.aside.items() if why == "return"}
+            returning = {vehicle for vehicle, why in self.suspensions.items() if why == "return"}
             remark = self._returns.meeting(returning)
             detail += f"; {remark}" if remark else ""
             effects += [Notice(order.t_ns, "warning", remark)] if remark else []
@@ -177,7 +178,7 @@ class Orders:
 
     # ------------------------------------------------------------ one vehicle
 
-    def _is_so(self, order: Order, vehicle: int, away: Mapping[int, str], *, is_heard: bool) -> str:
+    def _unchanged(self, order: Order, vehicle: int, untaskable: Mapping[int, str], *, is_heard: bool) -> str:
         """Say how a vehicle already is what an order wants; empty when it is not, or that is not known."""
         state = self._fleet.state(vehicle)
         if vehicle in self._errands or state is None or not is_heard:
@@ -185,9 +186,9 @@ class Orders:
         match order.action:
             case "resume" if state.mode == LOITER and self._tasking.has_failed(vehicle):
                 return ""  # its next mission need not wait any more
-            case "resume" if vehicle not in away:
+            case "resume" if vehicle not in untaskable:
                 return f"was not set aside, and is in {state.mode or 'a mode that it has not told'}"
-            case "hold" | "return" if (self.aside.get(vehicle), state.mode) == (
+            case "hold" | "return" if (self.suspensions.get(vehicle), state.mode) == (
                 order.action,
                 _SET_ASIDE[order.action],
             ):
@@ -248,8 +249,8 @@ class Orders:
         if state is None or not is_on_ground(state, self._fleet.home(vehicle)):
             return False
         if action == "resume":
-            return state.armed and self._tasking.flown(vehicle) is not None
-        return action == "arm" and (state.mode in SELF_LAUNCHING or self._tasking.is_delivering(vehicle))
+            return state.armed and self._tasking.onboard(vehicle) is not None
+        return action == "arm" and (state.mode in SELF_LAUNCHING or self._tasking.is_uploading(vehicle))
 
     def _blocked(self, order: Order, vehicle: int, begun: Collection[int]) -> str:
         """Say who is in the way of a take-off that an order lets begin; empty when nobody is."""
@@ -261,9 +262,9 @@ class Orders:
 
     def may_fly(self, vehicle: int) -> bool:
         """Whether a vehicle stores the mission that it is to fly now, by a read-back of this run."""
-        route, flown = self._replanner.routes.get(vehicle), self._tasking.flown(vehicle)
+        route, flown = self._replanner.routes.get(vehicle), self._tasking.onboard(vehicle)
         is_stored = flown is not None and flown.route is route
-        return is_stored and vehicle not in self.aside and vehicle not in self._tasking.under_way
+        return is_stored and vehicle not in self.suspensions and vehicle not in self._tasking.stages
 
     def _airborne(self, vehicle: int, state: VehicleState | None) -> str:
         """Say why it may be in the air; empty when it reports that it stands on the ground."""
@@ -292,31 +293,31 @@ class Orders:
         question = set_mode(vehicle, autopilot, mode)
         return effects + self._send(ongoing, vehicle, question, lambda shown: shown.mode == mode)
 
-    def _set_aside(self, vehicle: int, why: Aside, t_ns: int) -> list[Effect]:
-        self.aside[vehicle] = why
+    def _set_aside(self, vehicle: int, why: Suspension, t_ns: int) -> list[Effect]:
+        self.suspensions[vehicle] = why
         route = self._replanner.routes.get(vehicle)
-        if route is not None and vehicle not in self._tasking.under_way:
-            self.suspended[vehicle] = route
+        if route is not None and vehicle not in self._tasking.stages:
+            self.suspended_routes[vehicle] = route
         self._replanner.drop(vehicle)
         return self._tasking.abandon(vehicle, f"given up for an order to {why}", t_ns)
 
     def _take_up(self, vehicle: int, targets: Container[Label]) -> str:
         """Let a vehicle be tasked again; returns the mode to fly in until then."""
-        self.aside.pop(vehicle, None)
-        self._tasking.release(vehicle)
-        route = self.suspended.pop(vehicle, None)
+        self.suspensions.pop(vehicle, None)
+        self._tasking.release_override(vehicle)
+        route = self.suspended_routes.pop(vehicle, None)
         if vehicle not in self._replanner.routes:
             taken = self._replanner.assigned.values()
             if route is None or route.target not in targets or route.target in taken:
                 return LOITER
             places = {state.system_id: (state.east_m, state.north_m) for state in self._fleet.states()}
-            if not self._replanner.keeps_apart(route, places):
+            if not self._replanner.is_separated(route, places):
                 return LOITER  # the next plan has a layer for it
             self._replanner.routes[vehicle] = route
         if self.may_fly(vehicle):
             return AUTO
-        if vehicle not in self._tasking.under_way:
-            self._replanner.undelivered(vehicle)  # the next plan has another
+        if vehicle not in self._tasking.stages:
+            self._replanner.drop_route(vehicle)  # the next plan has another
         return LOITER
 
     # ------------------------------------------------------------ errands
@@ -341,8 +342,8 @@ class Orders:
             done, detail = errand.outcome
             if ongoing.order.action == "resume" and done:
                 detail += "" if self.may_fly(vehicle) else f": {self._outlook(vehicle)}"
-            elif ongoing.order.action == "resume" and vehicle not in self._tasking.under_way:
-                self._replanner.undelivered(vehicle)  # it does not fly its route: the next plan has another
+            elif ongoing.order.action == "resume" and vehicle not in self._tasking.stages:
+                self._replanner.drop_route(vehicle)  # it does not fly its route: the next plan has another
                 detail += "; it gets a new mission with the next plan"
             effects.append(ongoing.answer(t_ns, "done" if done else "failed", detail, vehicle))
         return effects

@@ -75,37 +75,39 @@ class PlanApproval:
         """Let the next plan be shown at once: a vehicle was lost."""
         self._is_urgent = True
 
-    def look(self, situation: PlanningInputs) -> list[Effect]:
-        """Propose what the situation asks for, and keep what waits up to date."""
-        t_ns = situation.t_ns
-        effects = self._withdraw(situation)
-        plan = self._replanner.check(situation, urgent_only=self._is_early(t_ns) and not self._is_urgent)
+    def look(self, inputs: PlanningInputs) -> list[Effect]:
+        """Propose what the inputs asks for, and keep what waits up to date."""
+        t_ns = inputs.t_ns
+        effects = self._withdraw(inputs)
+        plan = self._replanner.check(inputs, urgent_only=self._is_early(t_ns) and not self._is_urgent)
         self._is_urgent = False
         if plan is not None:
-            return effects + self._propose(plan, situation)
+            return effects + self._propose(plan, inputs)
         if self.pending is None or t_ns - self._renewed_t_ns < RENEW_S * NS_PER_S:
             return effects
-        renewed = self._renew(self.pending.routes, situation)
-        return effects + self._show(tuple(renewed[r.vehicle] for r in self.pending.routes), situation)
+        renewed = self._renew(self.pending.routes, inputs)
+        return effects + self._show(tuple(renewed[r.vehicle] for r in self.pending.routes), inputs)
 
-    def refresh(self, t_ns: int, away: Container[int] = ()) -> list[Effect]:
+    def refresh(self, t_ns: int, untaskable: Container[int] = ()) -> list[Effect]:
         """Take out of the plan that waits whoever died, was held or taken over since."""
         if self.pending is None:
             return []
         shown = self._replanner.proposed
-        left = tuple(r for r in self.pending.routes if shown.get(r.vehicle) is r and r.vehicle not in away)
+        left = tuple(
+            r for r in self.pending.routes if shown.get(r.vehicle) is r and r.vehicle not in untaskable
+        )
         return [] if len(left) == len(self.pending.routes) else self._left(t_ns, left)
 
-    def _withdraw(self, situation: PlanningInputs) -> list[Effect]:
+    def _withdraw(self, inputs: PlanningInputs) -> list[Effect]:
         """Take out of the plan that waits whoever is about to reach a target by the route that it flies."""
-        self._replanner.withdraw_arriving(situation)
-        return self.refresh(situation.t_ns)
+        self._replanner.withdraw_arriving(inputs)
+        return self.refresh(inputs.t_ns)
 
     def _is_early(self, t_ns: int) -> bool:
         """Whether nobody can have read the last plan yet."""
         return self._numbered_t_ns is not None and t_ns - self._numbered_t_ns < MIN_READING_S * NS_PER_S
 
-    def _propose(self, plan: Plan, situation: PlanningInputs, *, anew: bool = False) -> list[Effect]:
+    def _propose(self, plan: Plan, inputs: PlanningInputs, *, anew: bool = False) -> list[Effect]:
         """Show a plan in place of the one before: under its number where who flies where is the same."""
         shown, self._plan = self._replanner.proposed, plan
         self._declined = {v: route for v, route in self._declined.items() if shown.get(v) is route}
@@ -114,40 +116,40 @@ class PlanApproval:
             return self._none_waits(plan.t_ns, plan.reason)
         before = self.pending.routes if self.pending is not None else ()
         if anew or not _assignment(waiting) <= _assignment(before):
-            return self._number(waiting, plan.reason, situation)
-        return self._show(waiting, situation)
+            return self._number(waiting, plan.reason, inputs)
+        return self._show(waiting, inputs)
 
-    def _number(self, routes: tuple[Route, ...], reason: str, situation: PlanningInputs) -> list[Effect]:
+    def _number(self, routes: tuple[Route, ...], reason: str, inputs: PlanningInputs) -> list[Effect]:
         """Show routes under a new number."""
         self.count += 1
-        self._numbered_t_ns = self._renewed_t_ns = situation.t_ns
-        figures = self._figures_of(routes, situation, {})
+        self._numbered_t_ns = self._renewed_t_ns = inputs.t_ns
+        figures = self._figures_of(routes, inputs, {})
         self._shown = {one.vehicle: one for one in figures}
-        self.pending = Proposal(situation.t_ns, self.count, routes, reason, situation.t_ns, figures)
+        self.pending = Proposal(inputs.t_ns, self.count, routes, reason, inputs.t_ns, figures)
         return [self.pending]
 
-    def _show(self, routes: tuple[Route, ...], situation: PlanningInputs) -> list[Effect]:
+    def _show(self, routes: tuple[Route, ...], inputs: PlanningInputs) -> list[Effect]:
         """Show routes under the number that waits, or under another where they became other routes."""
         assert self.pending is not None
-        figures = self._figures_of(routes, situation, self._shown)
+        figures = self._figures_of(routes, inputs, self._shown)
         changes = self._changes(routes, figures)
-        if changes and not self._is_early(situation.t_ns):
-            return self._number(routes, "; ".join(changes), situation)
-        self._renewed_t_ns = situation.t_ns
-        self.pending = replace(self.pending, t_ns=situation.t_ns, routes=routes, figures=figures)
+        if changes and not self._is_early(inputs.t_ns):
+            return self._number(routes, "; ".join(changes), inputs)
+        self._renewed_t_ns = inputs.t_ns
+        self.pending = replace(self.pending, t_ns=inputs.t_ns, routes=routes, figures=figures)
         return [self.pending]
 
-    def _renew(self, routes: Iterable[Route], situation: PlanningInputs) -> dict[int, Route]:
+    def _renew(self, routes: Iterable[Route], inputs: PlanningInputs) -> dict[int, Route]:
         """Plan routes to the same targets anew; a route stays as it is where there is no newer one."""
         old = {route.vehicle: route for route in routes}
-        return old | self._replanner.renew({v: route.target for v, route in old.items()}, situation)
+        return old | self._replanner.renew({v: route.target for v, route in old.items()}, inputs)
 
     def _figures_of(
-        self, routes: Sequence[Route], situation: PlanningInputs, shown: dict[int, RouteFigures]
+        self, routes: Sequence[Route], inputs: PlanningInputs, shown: dict[int, RouteFigures]
     ) -> tuple[RouteFigures, ...]:
         replanner = self._replanner
-        places = {vehicle: place_of(track) for vehicle, track in situation.agents.items()}
-        apart_m = replanner.separation_m(situation)
+        places = {vehicle: place_of(track) for vehicle, track in inputs.agents.items()}
+        apart_m = replanner.separation_m(inputs)
         return self._figures.of(routes, shown, replanner.grid, places, apart_m, replanner.short)
 
     def _changes(self, routes: Sequence[Route], figures: Sequence[RouteFigures]) -> list[str]:
@@ -165,9 +167,9 @@ class PlanApproval:
         self.pending = replace(self.pending, t_ns=order.t_ns)
         return [OrderInProgress(order).showing(self.pending)]
 
-    def take(self, order: Order, situation: PlanningInputs) -> tuple[list[Effect], list[Route]]:
+    def take(self, order: Order, inputs: PlanningInputs) -> tuple[list[Effect], list[Route]]:
         """Carry out a confirm or reject; returns what to tell, and the routes to send as missions."""
-        effects = self._withdraw(situation)
+        effects = self._withdraw(inputs)
         refusal = self._refusal(order)
         if refusal:
             return [*effects, OrderInProgress(order).answer(order.t_ns, "refused", refusal)], []
@@ -175,55 +177,55 @@ class PlanApproval:
         assert pending is not None
         chosen = [r for r in pending.routes if order.vehicles is None or r.vehicle in order.vehicles]
         if order.action == "confirm":
-            return self._confirm(order, chosen, situation)
+            return self._confirm(order, chosen, inputs)
         self._declined |= {route.vehicle: route for route in chosen}
         text = f"plan {pending.plan_id} rejected for {named(r.vehicle for r in chosen)}"
         left = tuple(route for route in pending.routes if route not in chosen)
         return [OrderInProgress(order).answer(order.t_ns, "done", text), *self._left(order.t_ns, left)], []
 
     def _confirm(
-        self, order: Order, chosen: list[Route], situation: PlanningInputs
+        self, order: Order, chosen: list[Route], inputs: PlanningInputs
     ) -> tuple[list[Effect], list[Route]]:
         """Adopt routes to the targets confirmed, as they are from here and now; refuse what became other."""
         pending = self.pending
         assert pending is not None
         vehicles = [route.vehicle for route in chosen]
-        renewed = self._renew(chosen, situation)
+        renewed = self._renew(chosen, inputs)
         routes = tuple(renewed.get(r.vehicle, r) for r in pending.routes)
         self.pending = pending = replace(pending, routes=routes)
         flown = [renewed[vehicle] for vehicle in vehicles]
-        problems = self._problems(flown, situation)
+        problems = self._problems(flown, inputs)
         if problems:
-            return self._refused(order, problems, situation), []
+            return self._refused(order, problems, inputs), []
         effects: list[Effect] = []
         ongoing = OrderInProgress(order, vehicles)
         for vehicle in vehicles:
             effects += self.end(vehicle, order.t_ns, "replaced by a newer plan")
             self._confirmed[vehicle] = ongoing
         left = tuple(route for route in routes if route.vehicle not in vehicles)
-        plan = self._adopt(order, flown, situation, whole=not left)
+        plan = self._adopt(order, flown, inputs, whole=not left)
         effects.append(ongoing.answer(order.t_ns, "accepted", f"missions go to {named(ongoing.waiting)}"))
         return [*effects, *self._left(order.t_ns, left), plan], flown
 
-    def _problems(self, routes: Sequence[Route], situation: PlanningInputs) -> list[str]:
+    def _problems(self, routes: Sequence[Route], inputs: PlanningInputs) -> list[str]:
         """Say why routes to the targets that were confirmed are not what the operator saw."""
         found = []
         for route in routes:
-            if route.vehicle not in situation.agents:
-                why = situation.away.get(route.vehicle, "is not seen by any sensor now")
+            if route.vehicle not in inputs.agents:
+                why = inputs.untaskable.get(route.vehicle, "is not seen by any sensor now")
                 found.append(f"agent {vehicle_name(route.vehicle)} {why}")
-            elif route.target not in situation.targets:
+            elif route.target not in inputs.targets:
                 found.append(f"target {target_name(route.target)} is not there any more")
             elif route.vehicle in self._replanner.unrouted:
                 target = target_name(route.target)
                 found.append(f"no way leads agent {vehicle_name(route.vehicle)} to target {target} now")
-        return found or self._changes(routes, self._figures_of(routes, situation, self._shown))
+        return found or self._changes(routes, self._figures_of(routes, inputs, self._shown))
 
-    def _refused(self, order: Order, problems: list[str], situation: PlanningInputs) -> list[Effect]:
+    def _refused(self, order: Order, problems: list[str], inputs: PlanningInputs) -> list[Effect]:
         """Refuse a plan that became another one, and propose that."""
         text = "; ".join(problems)
-        plan = self._replanner.plan_anew(situation, text)
-        effects = self._propose(plan, situation, anew=True)
+        plan = self._replanner.plan_anew(inputs, text)
+        effects = self._propose(plan, inputs, anew=True)
         again = "no plan waits now" if self.pending is None else f"plan {self.pending.plan_id} waits instead"
         detail = f"plan {order.plan_id} is not the plan that was shown any more: {text}; {again}"
         return [OrderInProgress(order).answer(order.t_ns, "refused", detail), *effects]
@@ -252,7 +254,7 @@ class PlanApproval:
         missing = set(order.vehicles or ()) - {route.vehicle for route in self.pending.routes}
         return f"nothing waits for {named(missing)} in plan {order.plan_id}" if missing else ""
 
-    def _adopt(self, order: Order, chosen: list[Route], situation: PlanningInputs, *, whole: bool) -> Plan:
+    def _adopt(self, order: Order, chosen: list[Route], inputs: PlanningInputs, *, whole: bool) -> Plan:
         """Make routes the ones that are flown, and say so as a plan."""
         plan, replanner = self._plan, self._replanner
         assert plan is not None
@@ -265,7 +267,7 @@ class PlanApproval:
         return replace(
             plan,
             t_ns=order.t_ns,
-            picture_t_ns=situation.picture_t_ns,
+            picture_t_ns=inputs.picture_t_ns,
             routes=tuple(route for _, route in sorted(replanner.routes.items())),
             reason=f"plan {order.plan_id} confirmed: {reason}",
             changed=tuple(route.vehicle for route in chosen),

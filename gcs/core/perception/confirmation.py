@@ -1,7 +1,7 @@
 """Which tracks are believed: hysteresis, so that neither a clutter point nor a missed detection counts.
 
 A track is believed once it was in the estimate for some scans in a row. It is believed no more when its
-existence probability falls below `dead_existence`, or when it was out of the estimate for as many scans in
+existence probability falls below `lost_existence`, or when it was out of the estimate for as many scans in
 a row: then another label has its object. In between, single scans say little: a clutter point at a place of
 birth is in the estimate for one scan, and a good track that was missed may be out of it for one.
 
@@ -24,8 +24,8 @@ SCANS_IN_A_ROW = 3
 class TrackConfirmation:
     """The believed tracks of one kind."""
 
-    def __init__(self, dead_existence: float) -> None:
-        self._dead_existence = dead_existence
+    def __init__(self, lost_existence: float) -> None:
+        self._lost_existence = lost_existence
         self._t_ns = -1
         self._row: dict[Label, int] = {}
         """How many moments in a row each label was in the estimate; below 0, out of it."""
@@ -44,8 +44,8 @@ class TrackConfirmation:
         """Tracks that are not dead, believed or not."""
         return self._alive.values()
 
-    def is_dead(self, label: Label) -> bool:
-        """Whether a track's existence probability is below `dead_existence`, or it is gone altogether."""
+    def is_lost(self, label: Label) -> bool:
+        """Whether a track's existence probability is below `lost_existence`, or it is gone altogether."""
         return label not in self._alive
 
     def update(self, picture: Picture, sensor: Sensor | None = None) -> None:
@@ -59,7 +59,7 @@ class TrackConfirmation:
             track.label: self._next(track) if looked else self._row.get(track.label, 0)
             for track, looked in zip(tracks, looked_at, strict=True)
         }
-        self._alive = {track.label: track for track in tracks if track.existence >= self._dead_existence}
+        self._alive = {track.label: track for track in tracks if track.existence >= self._lost_existence}
         self._tracks = {track.label: track for track in tracks if self._is_believed(track)}
 
     def _next(self, track: Track) -> int:

@@ -60,28 +60,28 @@ class ClassTracker:
     def __init__(
         self, kind: Kind, config: Config, table: KindTracking, places: list[Birth], seed: int
     ) -> None:
-        tracking = config.tracking
+        tracking, accel_std_m_s2 = config.tracking, math.sqrt(table.accel_psd_m2_s3)
         params = GlmbParams(
             survival_probability_per_s=tracking.survival_probability_per_s,
-            accel_std_m_s2=table.accel_std_m_s2,
+            accel_std_m_s2=accel_std_m_s2,
             turn_rate_std_rad_s=math.radians(table.turn_rate_std_deg_s),
             turn_time_s=table.turn_time_s,
             max_hypotheses=tracking.max_hypotheses,
             gate_chi2=tracking.gate_chi2,
             lost_std_m=tracking.lost_std_m,
         )
-        self.beliefs = TrackConfirmation(tracking.dead_existence)
+        self.confirmation = TrackConfirmation(tracking.lost_existence)
         self.kind = kind
         self.picture: Picture | None = None
         self.places = places
         self._born_t_ns = -1
-        self._accel_std_m_s2 = table.accel_std_m_s2
+        self._accel_std_m_s2 = accel_std_m_s2
         self._turn_rate_std_rad_s = math.radians(table.turn_rate_std_deg_s)
         self._again_probability = table.birth_again_probability
         self._filter = Glmb(kind, params, seed, summarise_detections=True)
         anywhere = table.anywhere
         self.unknown = AdaptiveBirth(
-            anywhere.per_s, anywhere.speed_std_m_s, anywhere.most_probability, table.accel_std_m_s2
+            anywhere.per_s, anywhere.speed_std_m_s, anywhere.max_probability, accel_std_m_s2
         )
 
     def update(
@@ -140,14 +140,14 @@ class ClassTracker:
         return np.asarray(sensor.detection_probability * seen)
 
     def look(self, t_ns: int, sensor: Sensor | None) -> Picture:
-        """Return the picture, and follow what it says about beliefs and places.
+        """Return the picture, and follow what it says about confirmation and places.
 
         `sensor` is the only one that looked; None when everything was looked at, as reports come from
         everywhere.
         """
         self.picture = self._filter.picture(t_ns)
-        self.beliefs.update(self.picture, sensor)
-        for _, index in self.beliefs.tracks:
+        self.confirmation.update(self.picture, sensor)
+        for _, index in self.confirmation.tracks:
             if index < len(self.places):
                 self.places[index] = replace(self.places[index], probability=self._again_probability)
         return self.picture
@@ -215,7 +215,7 @@ class MultiSensorTracker:
 
     def moved_on(self, targets: Sequence[Track], age_s: float) -> tuple[Track, ...]:
         """Return targets as they should be `age_s` later, unseen."""
-        F, Q = transition(age_s), process_noise(age_s, self._target_table.accel_std_m_s2)
+        F, Q = transition(age_s), process_noise(age_s, math.sqrt(self._target_table.accel_psd_m2_s3))
         return tuple(
             replace(track, mean=read_only(F @ track.mean), cov=read_only(F @ track.cov @ F.T + Q))
             for track in targets

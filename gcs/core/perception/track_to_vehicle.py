@@ -72,9 +72,9 @@ class TrackVehicleAssociation:
         """Label of the track of each tied vehicle."""
         return self._labels
 
-    def update(self, beliefs: TrackConfirmation, t_ns: int, states: Sequence[VehicleState]) -> None:
+    def update(self, confirmation: TrackConfirmation, t_ns: int, states: Sequence[VehicleState]) -> None:
         """Check the ties against the believed tracks at `t_ns`, break those that fail, and tie the rest."""
-        tracks = beliefs.tracks
+        tracks = confirmation.tracks
         places = {
             state.system_id: at_time(state, t_ns)
             for state in states
@@ -87,7 +87,7 @@ class TrackVehicleAssociation:
                 # Of a dead track its agent dies, once: after that look, whoever reports is tied anew. Of one
                 # that is not dead another label has the object by now.
                 reports_on = vehicle in self._last_look and vehicle in places
-                if reports_on or not beliefs.is_dead(label):
+                if reports_on or not confirmation.is_lost(label):
                     self.forget(vehicle)
                 elif vehicle in places:
                     dying.append(vehicle)
@@ -95,7 +95,7 @@ class TrackVehicleAssociation:
                 held.append((vehicle, tracks[label]))
         outside = self._check(t_ns, held, places)
         self._assign(tracks, places, outside, dying)
-        self._find_beside(beliefs, places, dying)
+        self._find_beside(confirmation, places, dying)
         self._replace_silent(tracks, t_ns, places)
         self._last_look |= {v for v, label in self._labels.items() if label not in tracks}
 
@@ -178,12 +178,12 @@ class TrackVehicleAssociation:
             del self.beside[vehicle]
 
     def _find_beside(
-        self, beliefs: TrackConfirmation, places: Mapping[int, tuple[float, float]], dying: Sequence[int]
+        self, confirmation: TrackConfirmation, places: Mapping[int, tuple[float, float]], dying: Sequence[int]
     ) -> None:
         """Find the tracks that untied vehicles report beside; one whose own track died is untied by it."""
-        lost = [vehicle for vehicle in dying if self._labels[vehicle] not in beliefs.tracks]
+        lost = [vehicle for vehicle in dying if self._labels[vehicle] not in confirmation.tracks]
         untied = [vehicle for vehicle in places if vehicle not in self._labels] + lost
-        tracks = [track for track in beliefs.alive if track.existence >= LIKELY_EXISTENCE]
+        tracks = [track for track in confirmation.alive if track.existence >= LIKELY_EXISTENCE]
         self.beside = {}
         if not untied or not tracks:
             return

@@ -12,7 +12,7 @@ import numpy as np
 from gcs.config import Config
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.preflight.result import Check, Level
-from gcs.core.replanning.altitude_layers import lane_count, own_lanes
+from gcs.core.replanning.altitude_layers import layer_count, preferred_layers
 from gcs.core.replanning.options import plan_options
 from gcs.core.replanning.takeoffs import Takeoffs
 from gcs.fence import fence_of
@@ -62,7 +62,11 @@ def rehearse(
     }
     grid = mission_grid(config, seed)
     takeoffs = None if fleet is None else Takeoffs(config, grid, fleet)
-    found = {} if takeoffs is None else {v: takeoffs.climb(v, lane) for v, lane in own_lanes(config).items()}
+    found = (
+        {}
+        if takeoffs is None
+        else {v: takeoffs.climb(v, layer) for v, layer in preferred_layers(config).items()}
+    )
     climbs = {vehicle: climb for vehicle, climb in found.items() if climb is not None}
     targets: dict[Label, tuple[float, float]] = {
         (0, index): (birth.east_m, birth.north_m) for index, birth in enumerate(config.births)
@@ -148,21 +152,23 @@ def _routes(plan: PlanResult) -> Check:
 
 
 def _separation(config: Config, rehearsal: Rehearsal) -> Check:
-    """Say which lanes the first plan would use, and who would come near whom at one altitude."""
-    mission, own = config.mission, own_lanes(config)
+    """Say which layers the first plan would use, and who would come near whom at one altitude."""
+    mission, own = config.mission, preferred_layers(config)
     flights = [
         PlannedFlight(vehicle, way, config.speed_m_s(vehicle), own[vehicle])
         for vehicle, (way,) in sorted(rehearsal.ways_m.items())
     ]
-    count = lane_count(config)
-    lanes, conflicts = assign_layers(flights, count, config.planning.separation_m)
-    heights_m = [mission.altitude_rel_m + lane * mission.lane_step_m for lane in sorted(set(lanes.values()))]
-    value = f"{len(heights_m)} of {count} lanes, at {', '.join(f'{height_m:g}' for height_m in heights_m)} m"
+    count = layer_count(config)
+    layers, conflicts = assign_layers(flights, count, config.planning.separation_m)
+    heights_m = [
+        mission.altitude_rel_m + layer * mission.layer_step_m for layer in sorted(set(layers.values()))
+    ]
+    value = f"{len(heights_m)} of {count} layers, at {', '.join(f'{height_m:g}' for height_m in heights_m)} m"
     if not conflicts:
         return Check(None, "separation", "ok", value)
     near = ", ".join(" and ".join(map(vehicle_name, conflict.vehicles)) for conflict in conflicts)
     text = f"{value}; {near} come near each other"
-    return Check(None, "separation", "warning", text, "a lane each", "more mission.lanes, or watch them")
+    return Check(None, "separation", "warning", text, "a layer each", "more mission.layers, or watch them")
 
 
 def _fence(config: Config, rehearsal: Rehearsal) -> Check:

@@ -374,7 +374,7 @@ class VehicleChecks:
         ceiling_m, altitude_m = limits.max_alt_rel_m, config.mission.highest_rel_m
         if ceiling_m is not None and ceiling_m < altitude_m + MARGIN_M:
             return (
-                f"ceiling at {ceiling_m:g} m, the highest lane at {altitude_m:g} m: less than {MARGIN_M:g} m"
+                f"ceiling at {ceiling_m:g} m, the highest layer at {altitude_m:g} m: less than {MARGIN_M:g} m"
             )
         if limits.max_radius_m is not None and (far_m := self._farthest_m(frame)) > limits.max_radius_m:
             return f"{far_m:.0f} m from home, the fence ends at {limits.max_radius_m:g} m"
@@ -409,7 +409,7 @@ def vehicle_checks(
         ).checks()
     ]
     returns = [found for one in inspections if (found := _return_of(one, config)) is not None]
-    return [*checks, *returns_check(returns, config.mission.lane_step_m)]
+    return [*checks, *returns_check(returns, config.mission.layer_step_m)]
 
 
 def _return_of(one: PreflightQuery, config: Config) -> Return | None:

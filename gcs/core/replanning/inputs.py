@@ -40,7 +40,7 @@ class PlanningInputs:
     """How many of them are at each target that needs more."""
     lost: frozenset[int] = frozenset()
     """Vehicles whose status is lost."""
-    away: Mapping[int, str] = field(default_factory=dict)
+    untaskable: Mapping[int, str] = field(default_factory=dict)
     """Vehicles that fly but are not ours to task, and why, in words."""
     motions: Mapping[int, Motion] = field(default_factory=dict)
     """How agents move; who is not among them flies as its track does."""
@@ -50,7 +50,7 @@ class PlanningInputs:
     """Until vehicles fly the mission that is under way to them."""
     climbs: Mapping[int, Climb] = field(default_factory=dict)
     """What agents on the ground, or in their take-off, fly before their routes."""
-    aside: tuple[OtherVehicle, ...] = ()
+    other_vehicles: tuple[OtherVehicle, ...] = ()
     """Vehicles in the air that are not planned for: routes of others keep clear of them."""
     passed: frozenset[int] = frozenset()
     """Vehicles that wait where their routes led them after they passed their targets."""

@@ -35,7 +35,7 @@ def plan_options(config: Config) -> PlanOptions:
         horizon_s=planning.horizon_s if planning.aim == "intercept" else 0.0,
         cost=planning.cost,
         objective=planning.objective,
-        surplus=planning.spare,
+        surplus=planning.surplus,
         loiter=_loiter(config),
     )
 

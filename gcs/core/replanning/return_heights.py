@@ -32,7 +32,7 @@ class Returns:
     """
 
     def __init__(self, config: Config, fleet: Fleet) -> None:
-        self._fleet, self._step_m = fleet, config.mission.lane_step_m
+        self._fleet, self._step_m = fleet, config.mission.layer_step_m
         self._rally_m = [float(point.alt_rel_m) for point in config.rally]
         self._values: defaultdict[int, dict[str, float]] = defaultdict(dict)
 

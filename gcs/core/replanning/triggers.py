@@ -23,13 +23,13 @@ FIRST_PLAN = Reason("first plan", "first plan")
 TAKEN_UP = Reason("taken up again", "taken up again")
 
 
-def gone(vehicle: int, away: str | None, *, is_lost: bool) -> Reason:
-    """Tell why an agent is not planned for any more; `away`: why it is not ours to task, in words."""
+def gone(vehicle: int, untaskable: str | None, *, is_lost: bool) -> Reason:
+    """Tell why an agent is not planned for any more; `untaskable`: why not, if it cannot be tasked."""
     if is_lost:
         return Reason("agent lost", f"{_agent(vehicle)} lost")
-    if away is None:
+    if untaskable is None:
         return Reason("agent not tracked", f"{_agent(vehicle)} is not tracked")
-    return Reason("agent set aside", f"{_agent(vehicle)} {away}")
+    return Reason("agent set aside", f"{_agent(vehicle)} {untaskable}")
 
 
 def joined(vehicle: int) -> Reason:

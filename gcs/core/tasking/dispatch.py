@@ -21,9 +21,9 @@ class Dispatch:
         Who flies what, and which of it an operator confirmed.
     tasking
         Transfers missions.
-    delays
+    latency
         Learns how long that takes.
-    guests
+    external_uploads
         Know to whom another ground station gave a mission.
     """
 
@@ -32,26 +32,26 @@ class Dispatch:
         replanner: Replanner,
         approval: PlanApproval,
         tasking: UploadManager,
-        delays: UploadLatency,
-        guests: ExternalUploads,
+        latency: UploadLatency,
+        external_uploads: ExternalUploads,
     ) -> None:
         self._replanner, self._approval = replanner, approval
-        self._tasking, self._delays, self._guests = tasking, delays, guests
+        self._tasking, self._latency, self._external_uploads = tasking, latency, external_uploads
 
     def send(self, routes: Sequence[Route], t_ns: int, hurried: Container[int] = ()) -> list[Effect]:
         """Send routes to their vehicles as missions; those `hurried` do not wait for anything."""
         effects: list[Effect] = self.withdraw(t_ns)
         for route in routes:
             at_once = route.vehicle in hurried
-            for_s = self._tasking.under_way_s(route.vehicle, t_ns)
+            for_s = self._tasking.elapsed_s(route.vehicle, t_ns)
             if for_s is not None:
-                self._delays.given_up(route.vehicle, for_s)
-            effects += self.settle(self._tasking.task(route, t_ns, at_once=at_once))
+                self._latency.given_up(route.vehicle, for_s)
+            effects += self.settle(self._tasking.enqueue_upload(route, t_ns, at_once=at_once))
         return effects
 
     def withdraw(self, t_ns: int) -> list[Effect]:
         """Let no route wait for a vehicle that is not to fly it any more."""
-        unwanted = self._tasking.withdraw_but(self._replanner.routes)
+        unwanted = self._tasking.withdraw_except(self._replanner.routes)
         return [answer for v in unwanted for answer in self._approval.end(v, t_ns, "not wanted any more")]
 
     def settle(self, effects: Sequence[Effect]) -> list[Effect]:
@@ -62,13 +62,13 @@ class Dispatch:
             if not isinstance(effect, UploadReport):
                 continue
             if effect.ok:
-                self._guests.release([effect.vehicle])
-                self._delays.arrived(effect.vehicle, effect.duration_s)
+                self._external_uploads.release([effect.vehicle])
+                self._latency.arrived(effect.vehicle, effect.duration_s)
             else:
-                self._delays.given_up(effect.vehicle, effect.duration_s)
-            if self._tasking.is_tasked(effect.vehicle):
+                self._latency.given_up(effect.vehicle, effect.duration_s)
+            if self._tasking.has_pending(effect.vehicle):
                 continue  # a newer mission is on its way: what counts is what becomes of that
             settled += self._approval.uploaded(effect)
             if not effect.ok:
-                self._replanner.undelivered(effect.vehicle)
+                self._replanner.drop_route(effect.vehicle)
         return settled

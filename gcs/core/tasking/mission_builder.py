@@ -46,7 +46,7 @@ class MissionBuilder:
         """
         places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
         table = self._table
-        altitude_rel_m = table.altitude_rel_m + route.lane * table.lane_step_m
+        altitude_rel_m = table.altitude_rel_m + route.layer * table.layer_step_m
         waypoints = tuple(
             Waypoint(*place, altitude_rel_m, float(radius_m))
             for place, radius_m in zip(places, self._acceptance_m(route, state, climb), strict=True)

@@ -52,7 +52,7 @@ class MissionEnds:
         effects: list[Effect] = []
         self._missed.clear()
         for vehicle in active:
-            flown, ending = self._tasking.flown(vehicle), self._tasking.ending(vehicle)
+            flown, ending = self._tasking.onboard(vehicle), self._tasking.terminal_phase(vehicle)
             if not ending or (flown is None and ending != "return"):
                 self._since.pop(vehicle, None)
                 continue
@@ -73,7 +73,7 @@ class MissionEnds:
 
     def has_missed(self, vehicle: int) -> bool:
         """Return True if a vehicle has its target behind it, and will not come to it again by itself."""
-        return vehicle in self._missed or self._tasking.has_passed(vehicle)
+        return vehicle in self._missed or self._tasking.has_passed_route_end(vehicle)
 
     def _is_within_reach(self, flown: OnboardMission) -> bool:
         circle = flown.circle

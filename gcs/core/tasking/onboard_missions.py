@@ -93,7 +93,7 @@ class OnboardMissions:
         left = flown.route.points_m[state.mission_seq - flown.first_point :]
         return tuple((east_m, north_m) for east_m, north_m in left.tolist())
 
-    def ahead(self, vehicle: int, wait_s: float, t_ns: int) -> RemainingMission:
+    def forward_simulation(self, vehicle: int, wait_s: float, t_ns: int) -> RemainingMission:
         """What a vehicle flies to by itself, when it gets no other mission before `wait_s`."""
         points = self.points_ahead(vehicle)
         if not points:
@@ -112,7 +112,7 @@ class OnboardMissions:
         seq = state.mission_seq
         return 0 <= seq == flown.first_point - 1 and flown.items[seq].command == MAV_CMD_NAV_TAKEOFF
 
-    def has_passed(self, vehicle: int) -> bool:
+    def has_passed_route_end(self, vehicle: int) -> bool:
         """Whether a vehicle has its route's last point behind it, on a circle elsewhere."""
         flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
         if flown is None or flown.route.wait_m is None or vehicle in self._unselected:
@@ -120,7 +120,7 @@ class OnboardMissions:
         passed = 0 if state is None or state.mode != AUTO else state.mission_seq - flown.first_point
         return passed >= len(flown.route.points_m)
 
-    def ending(self, vehicle: int) -> TerminalLoiter:
+    def terminal_phase(self, vehicle: int) -> TerminalLoiter:
         """Return what a vehicle in AUTO flies behind the last point of its route; empty before that."""
         flown, state = self._flown.get(vehicle), self._fleet.state(vehicle)
         if flown is None or state is None or state.mode != AUTO or vehicle in self._unselected:

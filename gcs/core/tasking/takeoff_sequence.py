@@ -77,7 +77,7 @@ class Departures:
                 continue
             away_m = _distance_m(state, other)
             what, until = self._obstructs(other, is_starting=health.system_id in starting)
-            if self._tasking.ending(health.system_id) == "landing" and health.home is not None:
+            if self._tasking.terminal_phase(health.system_id) == "landing" and health.home is not None:
                 home_m = self._config.local_frame.to_local(health.home.lat_deg, health.home.lon_deg)
                 away_m = min(away_m, math.dist(home_m, (state.east_m, state.north_m)))
             if what and away_m <= self.distance_m:
@@ -104,11 +104,11 @@ class Departures:
         vehicle, home = state.system_id, self._fleet.home(state.system_id)
         above = f"is {max(self._low_m, 0.0):.0f} m above home or {self.distance_m:.0f} m away"
         if is_on_ground(state, home):
-            is_loaded = state.mode in SELF_LAUNCHING or self._tasking.is_delivering(vehicle)
+            is_loaded = state.mode in SELF_LAUNCHING or self._tasking.is_uploading(vehicle)
             if is_starting or is_loaded:
                 return "is about to take off", f"{above}, or is disarmed"
             return "", ""
-        ending = self._tasking.ending(vehicle)
+        ending = self._tasking.terminal_phase(vehicle)
         if ending in ("way home", "landing"):
             return "flies its landing", "has landed and is disarmed"
         height_m = self._height_m(state)
@@ -128,7 +128,7 @@ class Departures:
     def _watch_waiting(self, t_ns: int, starting: Container[int]) -> list[Effect]:
         held = {
             vehicle: why
-            for vehicle, stage in self._tasking.under_way.items()
+            for vehicle, stage in self._tasking.stages.items()
             if stage == "waiting" and (why := self.holds_back(vehicle, starting))
         }
         new = held.keys() - self._waiting

@@ -92,7 +92,7 @@ class UploadManager:
         Transfers at a time over one link, at the most.
     last_check : LastCheck or None
         Refuses missions with an item outside the map or the fence; None: none is refused.
-    homing : Homing or None
+    return_routes : Homing or None
         Plans the ways home of vehicles that land at their missions' ends; None: they fly straight.
     takeoffs : Takeoffs or None
         Knows the climbs of vehicles on the ground, and refuses those that are not clear; None: nobody does.
@@ -107,12 +107,12 @@ class UploadManager:
         frame: LocalFrame,
         fleet: Fleet,
         max_parallel: int = 32,
-        homing: ReturnRoutes | None = None,
+        return_routes: ReturnRoutes | None = None,
         takeoffs: Takeoffs | None = None,
         last_check: MissionBoundsCheck | None = None,
         holds_back: Callable[[int], str] = lambda _vehicle: "",
     ) -> None:
-        self._table, self._homing, self._takeoffs = table, homing, takeoffs
+        self._table, self._return_routes, self._takeoffs = table, return_routes, takeoffs
         self._last_check, self._holds_back = last_check, holds_back
         self._refusals: dict[int, str] = {}
         """Why the newest missions of vehicles are not uploaded, without figures: places are noisy."""
@@ -120,15 +120,15 @@ class UploadManager:
         self._fleet = fleet
         self._home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
         self._deliveries: dict[int, _Delivery] = {}
-        self._holding = OnboardMissions(fleet, stays=table.end == "loiter")
+        self._onboard = OnboardMissions(fleet, stays=table.end == "loiter")
         self._first_legs = FirstLegs(fleet)
         self._waiting = UploadQueue(self._wait_s)
-        self._lanes: defaultdict[str, UploadWindow] = defaultdict(lambda: UploadWindow(max_parallel))
+        self._windows: defaultdict[str, UploadWindow] = defaultdict(lambda: UploadWindow(max_parallel))
         self._busy: defaultdict[str, int] = defaultdict(int)
-        self._custody: defaultdict[int, ModeAuthority] = defaultdict(ModeAuthority)
-        self._held_back: set[int] = set()
+        self._authority: defaultdict[int, ModeAuthority] = defaultdict(ModeAuthority)
+        self._paused: set[int] = set()
         """Vehicles that tell first what they hold."""
-        self._mixed: set[int] = set()
+        self._inconsistent: set[int] = set()
         """Vehicles that may hold a mix."""
         self._mission_state: dict[int, int] = {}
         """MISSION_CURRENT's, as it was heard last."""
@@ -140,130 +140,130 @@ class UploadManager:
         self._home_problems: dict[int, str] = {}
 
     @property
-    def under_way(self) -> dict[int, str]:
+    def stages(self) -> dict[int, str]:
         """Stage of each transfer under way, by vehicle; "waiting" for room on its link."""
         stages = {vehicle: delivery.task.stage for vehicle, delivery in self._deliveries.items()}
         return dict.fromkeys(self._waiting.vehicles, "waiting") | stages
 
-    def under_way_s(self, vehicle: int, t_ns: int) -> float | None:
+    def elapsed_s(self, vehicle: int, t_ns: int) -> float | None:
         """How long a transfer has been under way; None when there is none."""
         delivery = self._deliveries.get(vehicle)
         return None if delivery is None else (t_ns - delivery.began_t_ns) / NS_PER_S
 
-    def is_delivering(self, vehicle: int) -> bool:
+    def is_uploading(self, vehicle: int) -> bool:
         """Return True if a mission is on its way to a vehicle, and not merely waiting for its turn."""
         delivery = self._deliveries.get(vehicle)
         return delivery is not None and delivery.flown is not None
 
-    def is_tasked(self, vehicle: int) -> bool:
+    def has_pending(self, vehicle: int) -> bool:
         """Whether a mission waits for its transfer to a vehicle, or is on its way."""
-        return vehicle in self._waiting.vehicles or self.is_delivering(vehicle)
+        return vehicle in self._waiting.vehicles or self.is_uploading(vehicle)
 
     @property
-    def missions(self) -> int:
+    def mission_count(self) -> int:
         """Missions that were made so far."""
         return self._mission_count
 
-    def count_from(self, missions: int) -> None:
+    def resume_count(self, missions: int) -> None:
         """Go on counting where an earlier service was."""
         self._mission_count = missions
 
-    def flown(self, vehicle: int) -> OnboardMission | None:
+    def onboard(self, vehicle: int) -> OnboardMission | None:
         """What a vehicle holds, by the last read-back."""
-        return self._holding.of(vehicle)
+        return self._onboard.of(vehicle)
 
-    def ahead(self, vehicle: int, t_ns: int) -> RemainingMission:
+    def forward_simulation(self, vehicle: int, t_ns: int) -> RemainingMission:
         """What a vehicle flies to by itself until it gets another mission, and when that may begin."""
         wait_s = 0.0 if vehicle in self._deliveries else self._wait_s(vehicle, t_ns)
-        return self._holding.ahead(vehicle, wait_s, t_ns)
+        return self._onboard.forward_simulation(vehicle, wait_s, t_ns)
 
     def climb(self, vehicle: int, layer: int) -> Climb | None:
         """Return the climb that a vehicle has before it has its route; None when it flies."""
         if self._takeoffs is None:
             return None
-        return self._takeoffs.climb(vehicle, layer, in_takeoff=self._holding.is_in_takeoff(vehicle))
+        return self._takeoffs.climb(vehicle, layer, in_takeoff=self._onboard.is_in_takeoff(vehicle))
 
-    def has_passed(self, vehicle: int) -> bool:
+    def has_passed_route_end(self, vehicle: int) -> bool:
         """Whether a vehicle has its route's last point behind it, on a circle elsewhere."""
-        return self._holding.has_passed(vehicle)
+        return self._onboard.has_passed_route_end(vehicle)
 
-    def ending(self, vehicle: int) -> TerminalLoiter:
+    def terminal_phase(self, vehicle: int) -> TerminalLoiter:
         """Return what a vehicle flies behind the last point of its route; empty before that."""
-        return "return" if self.has_ended(vehicle) else self._holding.ending(vehicle)
+        return "return" if self.has_completed(vehicle) else self._onboard.terminal_phase(vehicle)
 
     def is_in_takeoff(self, vehicle: int) -> bool:
         """Return True if a vehicle in AUTO flies to the take-off item of what it holds."""
-        return self._holding.is_in_takeoff(vehicle)
+        return self._onboard.is_in_takeoff(vehicle)
 
     def points_ahead(self, vehicle: int) -> tuple[tuple[float, float], ...]:
         """Points that a vehicle in AUTO flies to by what it holds, the next one first."""
-        return self._holding.points_ahead(vehicle)
+        return self._onboard.points_ahead(vehicle)
 
-    def may_be_mixed(self, vehicle: int) -> bool:
+    def may_be_inconsistent(self, vehicle: int) -> bool:
         """Whether a transfer is under way, or left a mix behind; never where uploads are atomic."""
-        is_unsure = vehicle in self._deliveries or vehicle in self._mixed
+        is_unsure = vehicle in self._deliveries or vehicle in self._inconsistent
         return is_unsure and not self._fleet.is_atomic(vehicle)
 
-    def lost_mission(self, vehicle: int, booted_t_ns: int) -> None:
+    def note_mission_lost(self, vehicle: int, booted_t_ns: int) -> None:
         """Note that a vehicle lost its mission when it booted; a LOITER that it came up in, nobody chose."""
-        self.overwritten(vehicle)
+        self.forget_onboard(vehicle)
         heard_t_ns = self._taken_t_ns.get(vehicle, booted_t_ns)
         if -NS_PER_S < heard_t_ns - booted_t_ns < _BOOT_NS:
-            self._custody[vehicle].note_rejection()
+            self._authority[vehicle].note_rejection()
 
-    def held_before_boot(self, vehicle: int) -> OnboardMission | None:
+    def pop_mission_before_boot(self, vehicle: int) -> OnboardMission | None:
         """Return, once, what a vehicle held when it rebooted; None where a transfer finds that out."""
         return self._before_boot.pop(vehicle, None)
 
-    def found(self, flown: OnboardMission) -> None:
+    def note_onboard(self, flown: OnboardMission) -> None:
         """Note what a vehicle was found to hold."""
-        self._holding.note(flown)
+        self._onboard.note(flown)
 
-    def hold_back(self, vehicle: int) -> None:
+    def pause_uploads(self, vehicle: int) -> None:
         """Begin no transfer to a vehicle until it is let go."""
-        self._held_back.add(vehicle)
+        self._paused.add(vehicle)
         self._fleet.forward_next_heartbeat(vehicle)
 
-    def let_go(self, vehicle: int) -> None:
+    def resume_uploads(self, vehicle: int) -> None:
         """Let transfers to a vehicle begin again."""
-        self._held_back.discard(vehicle)
+        self._paused.discard(vehicle)
 
-    def suspect(self, vehicle: int) -> None:
+    def mark_inconsistent(self, vehicle: int) -> None:
         """Take a vehicle for one that may hold a mix: it is held and cleared when it is heard."""
-        self._mixed.add(vehicle)
+        self._inconsistent.add(vehicle)
         self._fleet.forward_next_heartbeat(vehicle)
 
-    def custody(self, vehicle: int) -> PersistedAuthority | None:
+    def persisted_authority(self, vehicle: int) -> PersistedAuthority | None:
         """Return what is to be remembered of whose a vehicle is; None before it was heard."""
-        return self._custody[vehicle].persisted() if vehicle in self._custody else None
+        return self._authority[vehicle].persisted() if vehicle in self._authority else None
 
-    def remember(self, vehicle: int, custody: PersistedAuthority) -> None:
+    def restore_authority(self, vehicle: int, authority: PersistedAuthority) -> None:
         """Take up whose a vehicle was."""
-        self._custody[vehicle].restore(custody)
+        self._authority[vehicle].restore(authority)
 
-    def taken(self) -> dict[int, str]:
+    def untaskable(self) -> dict[int, str]:
         """Vehicles that are not ours to task, and why, in words."""
-        reasons = {v: f"is in {mode} and left alone" for v, mode in self.taken_modes().items()}
-        landing = [v for v in self._custody if self._holding.ending(v) == "landing"]
+        reasons = {v: f"is in {mode} and left alone" for v, mode in self.override_modes().items()}
+        landing = [v for v in self._authority if self._onboard.terminal_phase(v) == "landing"]
         reasons |= dict.fromkeys(landing, "is landing and left alone")
-        for vehicle in self._custody:
+        for vehicle in self._authority:
             if self._fleet.link(vehicle) and self._fleet.profile(vehicle) is None:
                 reasons[vehicle] = "has a firmware that is not known here"
         return reasons
 
-    def taken_modes(self) -> dict[int, str]:
+    def override_modes(self) -> dict[int, str]:
         """Modes that somebody else chose, by vehicle."""
-        return {v: custody.override for v, custody in self._custody.items() if custody.override}
+        return {v: custody.override for v, custody in self._authority.items() if custody.override}
 
-    def overwritten(self, vehicle: int) -> None:
+    def forget_onboard(self, vehicle: int) -> None:
         """Forget what a vehicle holds: somebody else writes a mission to it."""
         self._first_legs.end(vehicle)
-        self._holding.forget(vehicle)
-        self._mixed.discard(vehicle)
+        self._onboard.forget(vehicle)
+        self._inconsistent.discard(vehicle)
 
-    def release(self, vehicle: int) -> None:
+    def release_override(self, vehicle: int) -> None:
         """Take a vehicle back that somebody else took, on an operator's order."""
-        self._custody[vehicle].release()
+        self._authority[vehicle].release()
         self._waiting.forgive(vehicle)
 
     def has_failed(self, vehicle: int) -> bool:
@@ -272,20 +272,20 @@ class UploadManager:
 
     @property
     def altitude_rel_m(self) -> float:
-        """Height above home of the lowest altitude lane."""
+        """Height above home of the lowest altitude layer."""
         return self._table.altitude_rel_m
 
     def height_m(self, state: VehicleState) -> float:
         """Height of a vehicle above its home; above the mission's own when it has not told its home."""
         return state.alt_msl_m - (self._fleet.home(state.system_id) or self._home).alt_msl_m
 
-    def parked(self, vehicle: int) -> None:
+    def note_parked(self, vehicle: int) -> None:
         """Note that a vehicle on the ground is told to LOITER: it stays ours to task."""
-        self._custody[vehicle].note_command(LOITER)
+        self._authority[vehicle].note_command(LOITER)
 
     # ------------------------------------------------------------ in
 
-    def task(self, route: Route, t_ns: int, *, at_once: bool = False) -> list[Effect]:
+    def enqueue_upload(self, route: Route, t_ns: int, *, at_once: bool = False) -> list[Effect]:
         """Send a route to its vehicle as a mission, in place of an older one that waits or is under way.
 
         Without `at_once` it waits until the vehicle has passed an item that it is about to reach, until a
@@ -304,7 +304,7 @@ class UploadManager:
         self._waiting.put(route, t_ns, at_once=at_once)
         return self._admit(t_ns)
 
-    def withdraw_but(self, wanted: Container[int]) -> list[int]:
+    def withdraw_except(self, wanted: Container[int]) -> list[int]:
         """Take out the routes that wait for other vehicles than these; returns whose."""
         unwanted = [vehicle for vehicle in self._waiting.vehicles if vehicle not in wanted]
         for vehicle in unwanted:
@@ -328,7 +328,7 @@ class UploadManager:
         effects += self._first_legs.poll(t_ns)
         return effects + self._admit(t_ns)
 
-    def answered(self, answer: UploadAnswer) -> list[Effect]:
+    def add_upload_answer(self, answer: UploadAnswer) -> list[Effect]:
         """Take what another program says of an upload that was left to it."""
         delivery = self._deliveries.get(answer.vehicle)
         if delivery is None or delivery.task.mission.mission_id != answer.mission_id:
@@ -362,16 +362,16 @@ class UploadManager:
             return self._rejected(vehicle, profile, message, t_ns)
         if message.get_type() != "HEARTBEAT":
             return []
-        custody = self._custody[vehicle]
+        custody = self._authority[vehicle]
         before = custody.override
         custody.observe_mode(
-            profile.mode_name(message.custom_mode), at_end=self._holding.is_at_end(vehicle, profile)
+            profile.mode_name(message.custom_mode), at_end=self._onboard.is_at_end(vehicle, profile)
         )
         if custody.override != before:
             self._taken_t_ns[vehicle] = t_ns
         if profile.atomic:
-            self._mixed.discard(vehicle)
-        if vehicle in self._mixed and vehicle not in self._deliveries:
+            self._inconsistent.discard(vehicle)
+        if vehicle in self._inconsistent and vehicle not in self._deliveries:
             return self._clean(vehicle, t_ns)
         return []
 
@@ -387,10 +387,10 @@ class UploadManager:
             and 0 < message.total < _NO_ITEMS  # none: somebody cleared it
             and profile.atomic
         )
-        if not is_rejected or vehicle in self._deliveries or self._custody[vehicle].override != LOITER:
+        if not is_rejected or vehicle in self._deliveries or self._authority[vehicle].override != LOITER:
             return []
-        self._custody[vehicle].note_rejection()
-        self._holding.forget(vehicle)
+        self._authority[vehicle].note_rejection()
+        self._onboard.forget(vehicle)
         text = "its navigator rejects the mission that it holds (no valid mission): it waits where it is"
         return [Notice(t_ns, "alarm", text, vehicle), *self._unsent(vehicle, text, t_ns)]
 
@@ -401,43 +401,43 @@ class UploadManager:
         completed it (`GCS_MAVLINK::mission_state`, `ModeAuto::_exit`). Only its own mission counts, or what a
         transfer of ours has left of it.
         """
-        flown = self._holding.of(vehicle)
+        flown = self._onboard.of(vehicle)
         is_whole = flown is not None and message.total == len(flown.items) - profile.home_items
         if (
             profile.ends_in == RTL
             and message.mission_state == dialect.MISSION_STATE_COMPLETE
-            and (is_whole or vehicle in self._deliveries or vehicle in self._mixed)
-            and vehicle in self.just_returned(t_ns)
+            and (is_whole or vehicle in self._deliveries or vehicle in self._inconsistent)
+            and vehicle in self.recently_in_rtl(t_ns)
         ):
-            self._custody[vehicle].note_completion()
+            self._authority[vehicle].note_completion()
 
-    def just_returned(self, t_ns: int) -> set[int]:
+    def recently_in_rtl(self, t_ns: int) -> set[int]:
         """Return the vehicles that went from AUTO to RTL a moment ago, and have yet to tell why."""
         return {
             vehicle
-            for vehicle, custody in self._custody.items()
+            for vehicle, custody in self._authority.items()
             if custody.may_have_ended and t_ns - self._taken_t_ns.get(vehicle, 0) < _END_NS
         }
 
-    def has_ended(self, vehicle: int) -> bool:
+    def has_completed(self, vehicle: int) -> bool:
         """Return True if a vehicle is in RTL because its mission is complete."""
-        return vehicle in self._custody and self._custody[vehicle].has_ended
+        return vehicle in self._authority and self._authority[vehicle].has_ended
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Begin a transfer again: what the vehicle stores and flies must be learned anew."""
         self._boots[vehicle] = self._fleet.boots(vehicle)
-        self._custody[vehicle].note_reboot()
+        self._authority[vehicle].note_reboot()
         self._first_legs.end(vehicle)
-        flown, delivery = self._holding.of(vehicle), self._deliveries.get(vehicle)
+        flown, delivery = self._onboard.of(vehicle), self._deliveries.get(vehicle)
         if flown is not None and delivery is None:
             self._before_boot[vehicle] = flown
-        self._holding.forget(vehicle)
-        self._holding.select(vehicle)
+        self._onboard.forget(vehicle)
+        self._onboard.select(vehicle)
         return [] if delivery is None else self._worked(vehicle, delivery.task.restart(t_ns))
 
     def _wait_s(self, vehicle: int, t_ns: int) -> float:
         """How long to wait for a vehicle to pass an item; a mix is to be done away with at once."""
-        return 0.0 if vehicle in self._mixed else self._holding.wait_s(vehicle, t_ns)
+        return 0.0 if vehicle in self._inconsistent else self._onboard.wait_s(vehicle, t_ns)
 
     # ------------------------------------------------------------ transfers
 
@@ -447,9 +447,9 @@ class UploadManager:
         for vehicle in self._waiting.vehicles:
             link, delivery = self._fleet.link(vehicle), self._deliveries.get(vehicle)
             is_free = (
-                self._busy[link] < self._lanes[link].window if delivery is None else delivery.flown is None
+                self._busy[link] < self._windows[link].window if delivery is None else delivery.flown is None
             )
-            is_held = vehicle in self._held_back or self._is_climbing(vehicle)
+            is_held = vehicle in self._paused or self._is_climbing(vehicle)
             is_due = is_free and not is_held and self._waiting.is_due(vehicle, t_ns)
             if is_due and not self._holds_back(vehicle):
                 made_t_ns = self._waiting.made_t_ns(vehicle)
@@ -463,33 +463,33 @@ class UploadManager:
         profile, state = fleet.profile(vehicle), fleet.state(vehicle)
         if profile is None:
             return self._unsent(vehicle, "its firmware is not known here, or it was never heard", t_ns)
-        if self._custody[vehicle].override:
+        if self._authority[vehicle].override:
             return self._unsent(
-                vehicle, f"not begun: {self._custody[vehicle].override} was chosen meanwhile", t_ns
+                vehicle, f"not begun: {self._authority[vehicle].override} was chosen meanwhile", t_ns
             )
-        climb = self.climb(vehicle, route.lane)
+        climb = self.climb(vehicle, route.layer)
         if climb is not None and self._takeoffs is not None:
             problem = self._takeoffs.problem(vehicle, climb, route.points_m)
             if problem:
                 return self._refused(vehicle, f"the take-off is not clear: {problem}", t_ns)
         self._mission_count += 1
         home = fleet.home(vehicle) or self._home
-        way_home = None if self._homing is None else self._homing.way(route, state, home[:2])
+        way_home = None if self._return_routes is None else self._return_routes.way(route, state, home[:2])
         mission = self._missions.of(route, self._mission_count, state, way_home, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
-        old, mixed = self._holding.of(vehicle), vehicle in self._mixed
+        old, mixed = self._onboard.of(vehicle), vehicle in self._inconsistent
         link = fleet.link(vehicle)
-        round_trip_s = self._lanes[link].round_trip_s or fleet.round_trip_s(vehicle)
+        round_trip_s = self._windows[link].round_trip_s or fleet.round_trip_s(vehicle)
         task = UploadTask(
             mission,
             home,
             fleet.encoder(vehicle),
             profile=profile,
-            authority=self._custody[vehicle],
+            authority=self._authority[vehicle],
             old=None if old is None else old.items,
             inconsistent=mixed,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
-            time_to_next_s=lambda now_ns: self._holding.time_to_next_s(vehicle, now_ns),
+            time_to_next_s=lambda now_ns: self._onboard.time_to_next_s(vehicle, now_ns),
             first_item=lambda: profile.first_flown(
                 points_passed(route, made_t_ns, fleet.state(vehicle)),
                 from_ground=from_ground,
@@ -506,7 +506,7 @@ class UploadManager:
             if problem:
                 return self._refused(vehicle, f"{problem}; the vehicle keeps what it holds", t_ns)
         self._refusals.pop(vehicle, None)
-        self._mixed.discard(vehicle)
+        self._inconsistent.discard(vehicle)
         self._first_legs.end(vehicle)
         flown = OnboardMission(route, task.items, profile.home_items + int(from_ground))
         self._deliveries[vehicle] = _Delivery(task, link, t_ns, flown)
@@ -543,7 +543,7 @@ class UploadManager:
         """Tell whether a vehicle is in the air in its take-off: a new mission would turn it at once."""
         state = self._fleet.state(vehicle)
         in_air = not is_on_ground(state, self._fleet.home(vehicle))
-        return in_air and self._holding.is_in_takeoff(vehicle)
+        return in_air and self._onboard.is_in_takeoff(vehicle)
 
     def _ended(self, vehicle: int, t_ns: int, *, ok: bool) -> list[Effect]:
         """Say so when a vehicle has to wait after failures."""
@@ -557,14 +557,14 @@ class UploadManager:
         """Hold and clear a vehicle that may hold a mix."""
         profile = self._fleet.profile(vehicle)
         assert profile is not None  # its heartbeat was just taken
-        self._mixed.discard(vehicle)
+        self._inconsistent.discard(vehicle)
         self._first_legs.end(vehicle)
         task = UploadTask(
             self._missions.nothing(vehicle),
             self._home,
             self._fleet.encoder(vehicle),
             profile=profile,
-            authority=self._custody[vehicle],
+            authority=self._authority[vehicle],
             inconsistent=True,
         )
         delivery = _Delivery(task, self._fleet.link(vehicle), t_ns, None)
@@ -588,17 +588,17 @@ class UploadManager:
         result = delivery.task.result
         assert result is not None
         if delivery.task.uploads:
-            self._holding.select(vehicle, selected=result.selected)
+            self._onboard.select(vehicle, selected=result.selected)
         if delivery.task.is_inconsistent:
-            self.suspect(vehicle)
+            self.mark_inconsistent(vehicle)
         elif result.onboard == "equal" and delivery.flown is not None:
-            self._holding.note(delivery.flown)
+            self._onboard.note(delivery.flown)
             if result.ok:
                 self._first_legs.begin(
                     delivery.flown, delivery.task.first_seq, delivery.task.leg_t_ns, result.t_ns
                 )
         elif result.onboard != "old":
-            self._holding.forget(vehicle)
+            self._onboard.forget(vehicle)
         return delivery
 
     def _worked(self, vehicle: int, frames: list[bytes]) -> list[Effect]:
@@ -613,14 +613,14 @@ class UploadManager:
             return effects
         self._leave(vehicle)
         repeated = result.retries / len(task.items)
-        self._lanes[delivery.link].ended(delivery.began_t_ns, result.t_ns, task.round_trip_s, repeated)
+        self._windows[delivery.link].ended(delivery.began_t_ns, result.t_ns, task.round_trip_s, repeated)
         is_clearing = delivery.flown is None
         if not is_clearing:
             effects.append(task.report())
             effects += self._ended(vehicle, result.t_ns, ok=result.ok)
         is_cleared = result.onboard == "cleared"
         if not result.ok and (
-            result.was_held or self._custody[vehicle].override or is_clearing or is_cleared
+            result.was_held or self._authority[vehicle].override or is_clearing or is_cleared
         ):
             said = "was told to hold" if result.was_held else "is not ours now"
             said = "holds no mission now" if is_cleared else said

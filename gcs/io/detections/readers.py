@@ -292,7 +292,7 @@ def _of_recording(
     tracking = config.tracking
     turning = max(tracking.agents, tracking.targets, key=lambda table: table.turn_rate_std_deg_s)
     params = GlmbParams(
-        accel_std_m_s2=max(tracking.agents.accel_std_m_s2, tracking.targets.accel_std_m_s2),
+        accel_std_m_s2=math.sqrt(max(tracking.agents.accel_psd_m2_s3, tracking.targets.accel_psd_m2_s3)),
         turn_rate_std_rad_s=math.radians(turning.turn_rate_std_deg_s),
         turn_time_s=turning.turn_time_s,
         survival_probability_per_s=tracking.survival_probability_per_s,

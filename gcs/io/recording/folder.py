@@ -26,7 +26,9 @@ from typing import BinaryIO, Final
 
 MCAP_NAME, TLOG_NAME, CONFIG_NAME, VERSIONS_NAME = "run.mcap", "link.tlog", "mission.toml", "versions.json"
 PROFILE: Final = "swarm-gcs"
-VERSIONS_METADATA, RUN_METADATA = "versions", "run"
+VERSIONS_METADATA, RUN_METADATA, FORMAT_METADATA = "versions", "run", "format"
+FORMAT_VERSION = 2
+"""Version of the records in a recording; it changes when they cannot be read as before."""
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 _PART: Final = re.compile(r"run-(\d+)\.mcap")
 _RECORD_HEADER: Final = struct.Struct("<BQ")

@@ -13,7 +13,15 @@ from typing import Final, TypeAlias
 from mcap.writer import CompressionType, Writer
 
 from gcs.io.private_files import private
-from gcs.io.recording.folder import CONFIG_NAME, PROFILE, RUN_METADATA, VERSIONS_METADATA, Run
+from gcs.io.recording.folder import (
+    CONFIG_NAME,
+    FORMAT_METADATA,
+    FORMAT_VERSION,
+    PROFILE,
+    RUN_METADATA,
+    VERSIONS_METADATA,
+    Run,
+)
 from gcs.io.recording.schemas import json_schema
 from gcs.io.recording.tlog import tlog_entries
 from gcs.io.zenoh.messages import TOPICS, Recordable, encode, topic_of
@@ -73,6 +81,7 @@ class RecordingPart:
         """Write the metadata of the run, and every topic with its schema."""
         self._writer.start(PROFILE, PROFILE)
         self._writer.add_attachment(0, 0, CONFIG_NAME, "application/toml", config_text.encode())
+        self._writer.add_metadata(FORMAT_METADATA, {"version": str(FORMAT_VERSION)})
         self._writer.add_metadata(VERSIONS_METADATA, versions)
         if run is not None:
             self._writer.add_metadata(RUN_METADATA, {"scenario": run.scenario, "seed": str(run.seed)})

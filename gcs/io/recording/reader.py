@@ -10,6 +10,7 @@ The parts of a long run are read as one run. A missing part shows as a gap in th
 
 from __future__ import annotations
 
+import contextlib
 import io
 import struct
 import zlib
@@ -29,6 +30,8 @@ from gcs.files import open_regular
 from gcs.io.recording.chunks import MAX_CHUNK_BYTES, Unpacker, UnpackingError
 from gcs.io.recording.folder import (
     CONFIG_NAME,
+    FORMAT_METADATA,
+    FORMAT_VERSION,
     MCAP_MAGIC,
     MCAP_NAME,
     RUN_METADATA,
@@ -142,10 +145,11 @@ def read(
     Raises
     ------
     RecordingError
-        If there is no such file, or it is not an MCAP.
+        If there is no such file, it is not an MCAP, or it has another format version.
     """
     state, before = _RunReader(only), 0
     paths = mcap_paths(path)
+    _check_format(paths[0])
     for number, file_path in enumerate(paths):
         with _open_mcap(file_path) as file:
             problem = ""
@@ -181,16 +185,46 @@ def _part_records(
             progress(before + offset)
 
 
+def _check_format(path: Path) -> None:
+    """Refuse a recording of another format version; accept a file whose beginning is cut off or damaged.
+
+    Raises
+    ------
+    RecordingError
+        If the version differs; the text names the version of the software that reads the recording.
+    """
+    found, is_whole, software = "", False, ""
+    with _open_mcap(path) as file, contextlib.suppress(_DamageError, *_LIBRARY_ERRORS):
+        for opcode, _, content in _mcap_records(file):
+            if opcode == Opcode.METADATA:
+                metadata = Metadata.read(_stream(content))
+                if metadata.name == FORMAT_METADATA:
+                    found = metadata.metadata["version"]
+                elif metadata.name == VERSIONS_METADATA:
+                    software, is_whole = metadata.metadata.get("swarm-gcs", ""), True
+            elif opcode == Opcode.CHUNK:
+                break
+    if is_whole and found != str(FORMAT_VERSION):
+        made_by = f"swarm-gcs {software}, which recorded it" if software else "the version that recorded it"
+        raise RecordingError(
+            str(path),
+            f"has recording format {found or '1'}; this version reads format {FORMAT_VERSION}. "
+            f"Read it with {made_by}",
+        )
+
+
 def read_info(path: Path) -> RecordingInfo:
     """Return the mission file, versions and run parameters of a recording; empty where it is damaged.
 
     Raises
     ------
     RecordingError
-        If there is no such file, or it is not an MCAP.
+        If there is no such file, it is not an MCAP, or it has another format version.
     """
     config_text, versions, run = "", {}, None
-    with _open_mcap(mcap_paths(path)[0]) as file:
+    path = mcap_paths(path)[0]
+    _check_format(path)
+    with _open_mcap(path) as file:
         try:
             for opcode, _, content in _mcap_records(file):
                 if opcode == Opcode.ATTACHMENT:

@@ -7,7 +7,7 @@ On zenoh every key of a mission begins with ``swarm/<mission>``:
 ``swarm/<mission>/picture/agents``, ``targets``  `Picture`, after each scan
 ``swarm/<mission>/plan``                       `Plan`
 ``swarm/<mission>/upload``                     `UploadReport`
-``swarm/<mission>/fate``                       `Fate`
+``swarm/<mission>/agent_status``               `AgentStatus`
 ``swarm/<mission>/notice``                     `Notice`
 ``swarm/<mission>/ended``                      `MissionEnded`
 ``swarm/<mission>/order``                      an operator's order (``docs/orders.md``), heard by the service
@@ -81,7 +81,7 @@ TOPICS: Final[dict[type, str]] = {
     Plan: "/effect/plan",
     UploadReport: "/effect/upload",
     Notice: "/effect/notice",
-    AgentStatus: "/effect/fate",
+    AgentStatus: "/effect/agent_status",
     MissionEnded: "/effect/ended",
     OrderAnswer: "/effect/answer",
     Proposal: "/effect/proposal",
@@ -92,7 +92,7 @@ TOPICS: Final[dict[type, str]] = {
 _EFFECT_KEYS: Final[dict[type, str]] = {
     Plan: "plan",
     UploadReport: "upload",
-    AgentStatus: "fate",
+    AgentStatus: "agent_status",
     Notice: "notice",
     MissionEnded: "ended",
     OrderAnswer: "answer",

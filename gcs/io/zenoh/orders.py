@@ -49,7 +49,7 @@ class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         | None
     ) = None
     plan_id: Annotated[int, Meta(ge=1)] | None = None
-    keep_out: AreaMessage | None = None
+    no_fly_zone: AreaMessage | None = None
     origin: Annotated[str, Meta(max_length=200)] = ""
 
 
@@ -92,8 +92,8 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
         raise WireError(key, f'vehicles: say for whom, a list of system ids or "all", to {action}')
     if action in _FOR_PLANS and message.plan_id is None:
         raise WireError(key, f"plan_id: say which plan to {action}")
-    if (action == "keep-out") != (message.keep_out is not None):
-        raise WireError(key, "keep_out: goes with the action keep-out, and with no other")
+    if (action == "no-fly-zone") != (message.no_fly_zone is not None):
+        raise WireError(key, "no_fly_zone: goes with the action no-fly-zone, and with no other")
     some = isinstance(message.vehicles, list)
     return Order(
         t_ns=t_ns,
@@ -101,16 +101,16 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
         action=action,
         vehicles=tuple(sorted(set(message.vehicles or ()))) if some else None,  # type: ignore[arg-type]
         plan_id=message.plan_id if action in _FOR_PLANS else None,
-        keep_out=_area(key, message.keep_out, frame) if message.keep_out is not None else None,
+        no_fly_zone=_area(key, message.no_fly_zone, frame) if message.no_fly_zone is not None else None,
         origin=message.origin,
     )
 
 
 def _area(key: str, area: AreaMessage, frame: LocalFrame) -> NoFlyZone:
     if area.circle is not None and area.polygon:
-        raise WireError(key, "keep_out: a circle or a polygon, not both")
+        raise WireError(key, "no_fly_zone: a circle or a polygon, not both")
     if area.polygon and len(area.polygon) < 3:
-        raise WireError(key, f"keep_out.polygon: at least 3 corners, got {len(area.polygon)}")
+        raise WireError(key, f"no_fly_zone.polygon: at least 3 corners, got {len(area.polygon)}")
     disc_m = None
     if area.circle is not None:
         disc_m = (*_place(key, area, area.circle[0], area.circle[1], frame), area.circle[2])
@@ -121,8 +121,10 @@ def _place(key: str, area: AreaMessage, a: float, b: float, frame: LocalFrame) -
     if area.frame == "local":
         return a, b
     if not (-90.0 <= a <= 90.0 and -180.0 <= b <= 180.0):
-        raise WireError(key, f"keep_out: expected (lat_deg, lon_deg), got ({a}, {b})")
+        raise WireError(key, f"no_fly_zone: expected (lat_deg, lon_deg), got ({a}, {b})")
     place = frame.to_local(a, b)
     if not math.hypot(*place) <= _MAX_EXTENT_M:
-        raise WireError(key, f"keep_out: ({a}, {b}) lies {math.hypot(*place) / 1e3:.0f} km from the mission")
+        raise WireError(
+            key, f"no_fly_zone: ({a}, {b}) lies {math.hypot(*place) / 1e3:.0f} km from the mission"
+        )
     return place

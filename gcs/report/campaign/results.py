@@ -62,7 +62,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     @classmethod
     def of(cls, value: str, planner: str, digest: str, summary: Summary, deaths: DeathWatch) -> Row:
         """Make a row from the summary and the losses of a mission."""
-        statuses = [agent.fate for agent in summary.agents]
+        statuses = [agent.status for agent in summary.agents]
         ours, plain = deaths.ours(), deaths.plain()
         return cls(
             digest=digest,
@@ -75,7 +75,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
             duration_s=summary.duration_s,
             agents=len(statuses),
             arrived=statuses.count("arrived"),
-            lost=statuses.count("dead"),
+            lost=statuses.count("lost"),
             targets_total=summary.targets_total,
             targets_reached=summary.targets_reached,
             deaths_seen_after_s=list(ours.delays_s),

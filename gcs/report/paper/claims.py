@@ -288,7 +288,7 @@ def _not_misled(runs: Runs) -> Claim:
 
 
 def _ends(runs: Runs) -> Claim:
-    flying = sum(a.fate == "flying" for flown in runs.flown.values() for a in flown.summary.agents)
+    flying = sum(a.status == "active" for flown in runs.flown.values() for a in flown.summary.agents)
     agents = sum(len(flown.summary.agents) for flown in runs.flown.values())
     return Claim(
         "Simulation description",

@@ -74,7 +74,7 @@ class DeathWatch:
             case AgentStatus():
                 self._statuses.append(effect)
                 if effect.vehicle in self._agents:
-                    self._agents[effect.vehicle].arrived |= effect.fate == "arrived"
+                    self._agents[effect.vehicle].arrived |= effect.status == "arrived"
             case Picture(kind="agents"):
                 for agent in self._ground_truth.get(effect.scan_t_ns, ()):
                     self._look(agent, effect)
@@ -103,13 +103,13 @@ class DeathWatch:
             if watched is None:
                 continue
             died = watched.died_t_ns is not None and fate.t_ns >= watched.died_t_ns
-            if fate.fate == "dead" and not died:
+            if fate.status == "lost" and not died:
                 false_deaths += 1
-            elif fate.fate == "dead" and fate.vehicle not in dead:
+            elif fate.status == "lost" and fate.vehicle not in dead:
                 assert watched.died_t_ns is not None
                 delays.append((fate.t_ns - watched.died_t_ns) / NS_PER_S)
                 dead.add(fate.vehicle)
-            elif fate.fate == "flying" and fate.vehicle in dead:
+            elif fate.status == "active" and fate.vehicle in dead:
                 revivals += 1
         return DeathCount(tuple(delays), false_deaths, revivals)
 

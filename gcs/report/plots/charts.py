@@ -136,9 +136,9 @@ def draw_lanes(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> None:
             span_s, shade = (t_s - report.duration_s, t_s), INK if report.ok else RED
             axes.plot(span_s, (row, row), color=shade, lw=2.6 * size, solid_capstyle="butt", zorder=4)
     for vehicle, t_s, fate in timeline.statuses:
-        if vehicle in lane_of and fate != "flying":
+        if vehicle in lane_of and fate != "active":
             style: dict[str, Any] = {"marker": "*", "ms": 15 * size, "color": colour[vehicle], "mec": INK}
-            if fate == "dead":
+            if fate == "lost":
                 style = {"marker": "o", "ms": 11 * size, "mfc": "none", "mec": RED, "mew": 1.8}
             axes.plot(t_s, lane_of[vehicle], zorder=7, **style)
     axes.set_ylim(max(len(agents), 1) - 0.4, -0.6)

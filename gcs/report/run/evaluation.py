@@ -14,7 +14,7 @@ a run and returns a `Summary`:
      time for an arrival that needs two scans in a row;
   3. arrivals are at distinct targets: agents and targets are paired within that distance for the least sum
      of distances;
-  4. agents with the status "dead" are dead.
+  4. agents with the status "lost" are dead.
 
 Times are those of the records. Ground truth is interpolated between scans.
 """
@@ -61,7 +61,7 @@ class AgentOutcome:
     """Outcome of one agent."""
 
     system_id: int
-    fate: Literal["arrived", "dead", "flying"]
+    status: Literal["active", "arrived", "lost"]
     target: int | None
     """True target that the agent reached; None without one."""
 
@@ -123,7 +123,7 @@ class Summary:
     deaths: int
     """Agents that died before they arrived."""
     false_deaths: int
-    """Number of times an agent got the status "dead" while it was alive."""
+    """Number of times an agent got the status "lost" while it was alive."""
     scan_ms_p99: float
     plan_ms_p99: float
     recording: str
@@ -222,9 +222,9 @@ class Evaluator:
 
     def final_statuses(self) -> dict[int, AgentStatus]:
         """Return the last status of each agent; "arrived" is final."""
-        final = {vehicle: AgentStatus(0, vehicle, "flying") for vehicle in self._agents}
+        final = {vehicle: AgentStatus(0, vehicle, "active") for vehicle in self._agents}
         for fate in self._statuses:
-            if fate.vehicle in final and final[fate.vehicle].fate != "arrived":
+            if fate.vehicle in final and final[fate.vehicle].status != "arrived":
                 final[fate.vehicle] = fate
         return final
 
@@ -250,7 +250,7 @@ class Evaluator:
             outcome="incomplete" if problems else "complete",
             reason="; ".join(problems) or _success(statuses, reached),
             duration_s=duration_s,
-            agents=tuple(AgentOutcome(v, f.fate, reached.get(v)) for v, f in statuses.items()),
+            agents=tuple(AgentOutcome(v, f.status, reached.get(v)) for v, f in statuses.items()),
             targets_total=len(self._ground_truth.targets()),
             targets_reached=len(set(reached.values())),
             retasks=len(retasks),
@@ -269,8 +269,8 @@ class Evaluator:
 
     def _problems(self, statuses: dict[int, AgentStatus], reached: dict[int, int]) -> list[str]:
         """Return what contradicts "complete", as texts."""
-        spare = () if self._ended is None else self._ended.spare
-        flying = [v for v, fate in statuses.items() if fate.fate == "flying" and v not in spare]
+        spare = () if self._ended is None else self._ended.surplus
+        flying = [v for v, fate in statuses.items() if fate.status == "active" and v not in spare]
         problems = []
         if self._ended is None:
             problems.append(
@@ -281,19 +281,19 @@ class Evaluator:
         if not self._ground_truth.times_ns:
             return [*problems, "there is no ground truth"]
         for vehicle, fate in statuses.items():
-            if fate.fate == "arrived" and vehicle not in reached:
+            if fate.status == "arrived" and vehicle not in reached:
                 problems.append(self._why_not_arrived(vehicle, fate, reached))
         alive = {thing.id for thing in self._last_truth() if thing.kind == "agents" and thing.alive}
-        lost = [vehicle for vehicle, fate in statuses.items() if fate.fate == "dead" and vehicle in alive]
+        lost = [vehicle for vehicle, fate in statuses.items() if fate.status == "lost" and vehicle in alive]
         if lost:
             problems.append(f"{_names(lost)} called dead but alive")
-        if statuses and not problems and all(fate.fate == "dead" for fate in statuses.values()):
+        if statuses and not problems and all(fate.status == "lost" for fate in statuses.values()):
             problems.append("failed: all agents were lost")
         return problems
 
     def _reached_targets(self, statuses: dict[int, AgentStatus]) -> dict[int, int]:
         """Return the true target of each agent whose arrival the ground truth confirms."""
-        arrived = [vehicle for vehicle, fate in statuses.items() if fate.fate == "arrived"]
+        arrived = [vehicle for vehicle, fate in statuses.items() if fate.status == "arrived"]
         targets = [target for target in sorted(self._ground_truth.targets()) for _ in range(self._per_target)]
         if not arrived or not targets:
             return {}
@@ -335,14 +335,16 @@ class Evaluator:
         delays, deaths = [], 0
         for vehicle, died_t_ns in self._ground_truth.deaths(self._agents).items():
             final = statuses[vehicle]
-            if final.fate == "arrived" and final.t_ns <= died_t_ns:
+            if final.status == "arrived" and final.t_ns <= died_t_ns:
                 continue
             deaths += 1
-            called = [fate.t_ns for fate in self._statuses if fate.vehicle == vehicle and fate.fate == "dead"]
+            called = [
+                fate.t_ns for fate in self._statuses if fate.vehicle == vehicle and fate.status == "lost"
+            ]
             later = [t_ns for t_ns in called if t_ns >= died_t_ns]
             if later:
                 delays.append((later[0] - died_t_ns) / NS_PER_S)
-            elif final.fate == "dead":
+            elif final.status == "lost":
                 delays.append(0.0)  # called dead just before it was
         return tuple(delays), deaths
 
@@ -350,7 +352,7 @@ class Evaluator:
         count = 0
         for fate in self._statuses:
             alive = {t.id for t in self._ground_truth.at(fate.t_ns) if t.kind == "agents" and t.alive}
-            count += fate.fate == "dead" and fate.vehicle in alive
+            count += fate.status == "lost" and fate.vehicle in alive
         return count
 
     def _last_truth(self) -> tuple[TruthObject, ...]:
@@ -374,7 +376,7 @@ def _names(vehicles: Sequence[int]) -> str:
 
 
 def _success(statuses: dict[int, AgentStatus], reached: dict[int, int]) -> str:
-    dead = [vehicle for vehicle, fate in statuses.items() if fate.fate == "dead"]
+    dead = [vehicle for vehicle, fate in statuses.items() if fate.status == "lost"]
     distinct = " distinct" if len(set(reached.values())) == len(reached) else ""
     text = f"{len(reached)} of {len(statuses)} agents arrived at{distinct} targets"
     return f"{text}, {_names(dead)} lost" if dead else text

@@ -14,7 +14,7 @@ from rich.text import Text
 from gcs.report.run.evaluation import AgentOutcome, Retask, Summary
 from gcs.report.run.triggers import count_by_trigger
 
-_COLOURS = {"arrived": "green", "dead": "red", "flying": "yellow"}
+_COLOURS = {"arrived": "green", "lost": "red", "active": "yellow"}
 _ROWS = 12
 """More agents than this are listed by status."""
 _RETASKS = 15
@@ -68,7 +68,7 @@ def _title(summary: Summary) -> str:
 
 
 def _fate(agent: AgentOutcome) -> str:
-    return agent.fate if agent.target is None else f"{agent.fate} at target {agent.target}"
+    return agent.status if agent.target is None else f"{agent.status} at target {agent.target}"
 
 
 def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
@@ -111,19 +111,19 @@ def _metres(mean_m: float) -> str:
 def _agents(agents: Sequence[AgentOutcome]) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
     if len(agents) > _ROWS:
-        table.add_column("fate")
+        table.add_column("status")
         table.add_column("agents")
         for fate, colour in _COLOURS.items():
-            these = [str(a.system_id) for a in agents if a.fate == fate]
+            these = [str(a.system_id) for a in agents if a.status == fate]
             if these:
                 table.add_row(Text(f"{len(these)} {fate}", style=colour), " ".join(these))
         return table
     table.add_column("agent", justify="right")
-    table.add_column("fate")
+    table.add_column("status")
     table.add_column("target", justify="right")
     for agent in agents:
         target = "" if agent.target is None else str(agent.target)
-        table.add_row(str(agent.system_id), Text(agent.fate, style=_COLOURS[agent.fate]), target)
+        table.add_row(str(agent.system_id), Text(agent.status, style=_COLOURS[agent.status]), target)
     return table
 
 

@@ -282,7 +282,7 @@ class TimelineBuilder:
             decisions=tuple(_decision(plan, start) for plan in self._plans),
             uploads=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, UploadReport)),
             statuses=tuple(
-                (mark.vehicle, t_s, mark.fate) for t_s, mark in since if isinstance(mark, AgentStatus)
+                (mark.vehicle, t_s, mark.status) for t_s, mark in since if isinstance(mark, AgentStatus)
             ),
             notices=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, Notice)),
             ospa={kind: self.evaluator.ospa(kind) for kind in KINDS},

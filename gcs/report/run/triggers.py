@@ -37,7 +37,7 @@ _OTHER: Final = ("other",)
 _WORDS: Final[tuple[tuple[Cause, re.Pattern[str]], ...]] = (
     ("first plan", re.compile(r"\bfirst plan\b")),
     ("taken up again", re.compile(r"\btaken up again\b")),
-    ("map changed", re.compile(r"\bkeep-out .* (closed|opened)\b")),
+    ("map changed", re.compile(r"\b(?:keep-out|no-fly zone) .* (closed|opened)\b")),
     ("target appeared", re.compile(r"\btarget \S+ appeared")),
     ("target lost", re.compile(r"\btarget \S+ lost")),
     ("target moved", re.compile(r"\btarget \S+ moved")),

@@ -73,15 +73,15 @@ def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_until_it_is_ordered_to_
     ((level, vehicle, text),) = notices(stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0)))
     assert (level, vehicle) == ("alarm", 1)
     assert "system 254/190 at 10.0.0.5:50" in text
-    assert "left alone" in stage.command.away()[1]
+    assert "left alone" in stage.command.untaskable()[1]
     ack = dialect.MAVLink_mission_ack_message(254, 190, 0, 0)
     ((level, _, text),) = notices(stage.say(AIR, ack, 1, 1))
     assert "took the mission" in text
     stage.wait(60.0)
     assert "broke off" not in str(notices(stage.effects))
-    assert 1 in stage.command.away()
+    assert 1 in stage.command.untaskable()
     assert any(isinstance(e, OrderAnswer) for e in stage.order("resume"))
-    assert "mission of" not in stage.command.away().get(1, "")
+    assert "mission of" not in stage.command.untaskable().get(1, "")
 
 
 def test_an_upload_that_breaks_off_or_is_refused_is_an_alarm(stage):
@@ -97,7 +97,7 @@ def test_an_upload_that_breaks_off_or_is_refused_is_an_alarm(stage):
 def test_a_fence_and_a_download_take_nobody_over(stage):
     stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 1))
     stage.say(SEAT, dialect.MAVLink_mission_request_list_message(1, 1, 0))
-    assert not any("mission of" in why for why in stage.command.away().values())
+    assert not any("mission of" in why for why in stage.command.untaskable().values())
 
 
 def test_what_a_guest_orders_is_told_once_in_a_while_and_questions_are_not(stage):

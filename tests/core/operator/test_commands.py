@@ -162,7 +162,7 @@ def test_a_vehicle_that_does_not_answer_stays_set_aside(action: str) -> None:
     run.run(65.0)
     flight = Flight(run, events, effects)
     assert flight.answers(f"{action}-21.0") == [("accepted", None), ("failed", 1)]
-    assert run.command.orders.aside == {1: action}
+    assert run.command.orders.suspensions == {1: action}
 
 
 def test_an_order_for_the_plan_names_vehicles_that_no_plan_is_made_for_and_what_to_do() -> None:
@@ -190,7 +190,7 @@ def test_an_order_for_the_plan_names_vehicles_that_no_plan_is_made_for_and_what_
 def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]]:
     """Return agents 1 and 3, with what was heard of their parameters; give the answer and the warnings."""
     scenario = load("prescribed")
-    table = changed(scenario.config.mission, lane_step_m=step_m)
+    table = changed(scenario.config.mission, layer_step_m=step_m)
     scenario = replace(scenario, config=changed(scenario.config, mission=table))
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(
@@ -199,7 +199,7 @@ def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]
     run.run(18.0)
     for name, height_m in altitudes_m.items():
         said = dialect.MAVLink_param_value_message(b"RTL_ALTITUDE", height_m, 9, 1, 0)
-        run.command.returns.receive(int(name.removeprefix("of_")), said)
+        run.command.return_heights.receive(int(name.removeprefix("of_")), said)
     run.run(21.0)
     flight = Flight(run, [], effects)
     accepted = next(a.detail for a in flight.all(OrderAnswer) if a.state == "accepted")
@@ -232,7 +232,7 @@ def test_a_parameter_that_passes_the_service_is_heard() -> None:
     asked = dialect.MAVLink_param_request_read_message(1, 1, b"RTL_ALTITUDE", -1)
     plane.receive_datagram(Encoder(254, 190)(asked), run.t_ns)
     run.run(6.0)
-    assert run.command.returns._values[1] == {"RTL_ALTITUDE": 100.0}
+    assert run.command.return_heights._values[1] == {"RTL_ALTITUDE": 100.0}
 
 
 def test_a_vehicle_that_is_resumed_from_its_return_gets_the_layer_of_its_new_plan() -> None:
@@ -246,4 +246,4 @@ def test_a_vehicle_that_is_resumed_from_its_return_gets_the_layer_of_its_new_pla
     mission = flight.run.scenario.config.mission
     told = flight.told(1, 40.0, 60.0)
     heights_m = {m.z for m in told if m.get_type() == "MISSION_ITEM_INT" and m.seq > 0}
-    assert heights_m == {mission.altitude_rel_m + route.lane * mission.lane_step_m}
+    assert heights_m == {mission.altitude_rel_m + route.layer * mission.layer_step_m}

@@ -112,7 +112,7 @@ def test_without_a_word_nothing_is_ever_uploaded_the_first_plan_included() -> No
 def test_a_mission_with_every_plan_confirmed_ends_as_it_should() -> None:
     flight = Flight(after(2.0)).fly(400.0)
     (ended,) = flight.all(MissionEnded)
-    assert (ended.arrived, ended.dead) == ((1, 3, 4), (2,))
+    assert (ended.arrived, ended.lost) == ((1, 3, 4), (2,))
     assert all("confirmed" in plan.reason and plan.causes for plan in flight.all(Plan))
     done = [a for a in flight.all(OrderAnswer) if a.state == "done"]
     assert len(done) == sum(report.ok for report in flight.all(UploadReport))
@@ -161,7 +161,7 @@ def test_a_confirm_with_nothing_to_confirm_is_refused() -> None:
 
 
 ACTIONS = st.tuples(
-    st.sampled_from(["hold", "resume", "return", "confirm", "confirm", "reject", "keep-out"]),
+    st.sampled_from(["hold", "resume", "return", "confirm", "confirm", "reject", "no-fly-zone"]),
     st.sets(st.integers(1, 5)),
     st.integers(1, 6),
     st.floats(1.0, 40.0),
@@ -173,7 +173,7 @@ ACTIONS = st.tuples(
 def test_under_any_orders_only_what_was_confirmed_is_uploaded_and_nobody_held_is_tasked(given_orders) -> None:
     orders = []
     for index, (action, vehicles, plan_id, at_s) in enumerate(sorted(given_orders, key=lambda one: one[3])):
-        area = NoFlyZone(f"a{plan_id}", (900.0, 150.0 * plan_id, 60.0)) if action == "keep-out" else None
+        area = NoFlyZone(f"a{plan_id}", (900.0, 150.0 * plan_id, 60.0)) if action == "no-fly-zone" else None
         t_ns = START_T_NS + round(at_s * S)
         orders.append(Order(t_ns, str(index), action, tuple(sorted(vehicles)) or None, plan_id, area))
     events: list[Event] = []
@@ -182,7 +182,7 @@ def test_under_any_orders_only_what_was_confirmed_is_uploaded_and_nobody_held_is
     run.run(45.0)
     command, allowed, again = Engine(run.scenario.config, SEED), set(), []
     for event in events:
-        aside = set(command.orders.aside)
+        aside = set(command.orders.suspensions)
         step = command.step(decode("recording", encode(event), type(event)))
         again += [encode(effect) for effect in step]
         for effect in step:
@@ -204,7 +204,7 @@ def closing(at_s: float, area: NoFlyZone) -> Callable[[int, Effect], Order | Non
 
     def operator(t_ns: int, effect: Effect) -> Order | None:
         if not given_once and t_ns >= START_T_NS + at_s * S:
-            given_once.append(Order(t_ns, "close", "keep-out", None, None, area))
+            given_once.append(Order(t_ns, "close", "no-fly-zone", None, None, area))
             return given_once[0]
         return None
 
@@ -220,7 +220,7 @@ def test_a_keep_out_changes_the_plan_at_once_and_nobody_is_led_through_it() -> N
     command = flight.run.command
     closed = command.grid.blocked & ~free.grid.blocked
     assert closed.sum() > 10
-    plan = next(p for p in flight.all(Plan) if "keep-out fire closed" in p.reason)
+    plan = next(p for p in flight.all(Plan) if "no-fly zone fire closed" in p.reason)
     assert plan.t_ns - START_T_NS < 20.2 * S
     (answer,) = flight.all(OrderAnswer)
     assert answer.state == "done"
@@ -236,14 +236,14 @@ def test_a_keep_out_changes_the_plan_at_once_and_nobody_is_led_through_it() -> N
 def test_a_keep_out_is_opened_by_its_name_and_an_unknown_one_is_refused() -> None:
     run = VirtualRun(scenario("auto"), SEED)
     before = run.command.grid.blocked
-    order = Order(START_T_NS, "1", "keep-out", None, None, CORRIDOR)
+    order = Order(START_T_NS, "1", "no-fly-zone", None, None, CORRIDOR)
     run.command.step(order)
     assert (run.command.grid.blocked & ~before).any()
-    run.command.step(replace(order, keep_out=NoFlyZone("fire")))
+    run.command.step(replace(order, no_fly_zone=NoFlyZone("fire")))
     assert (run.command.grid.blocked == before).all()
-    (answer,) = run.command.step(replace(order, keep_out=NoFlyZone("fire")))
-    assert (answer.state, answer.detail) == ("refused", "no keep-out is called fire; there are: none")
-    (answer,) = run.command.step(replace(order, keep_out=NoFlyZone("far", (9e5, 0.0, 10.0))))
+    (answer,) = run.command.step(replace(order, no_fly_zone=NoFlyZone("fire")))
+    assert (answer.state, answer.detail) == ("refused", "no no-fly zone is called fire; there are: none")
+    (answer,) = run.command.step(replace(order, no_fly_zone=NoFlyZone("far", (9e5, 0.0, 10.0))))
     assert (answer.state, answer.detail) == ("refused", "it lies outside the map")
 
 
@@ -252,10 +252,10 @@ def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_miss
     flight = Flight(closing(20.0, wall), "auto").fly(60.0)
     alarms = [n for n in flight.all(Notice) if n.level == "alarm"]
     first = [n for n in alarms if n.t_ns <= START_T_NS + 21 * S]
-    (answer,) = [a for a in flight.all(OrderAnswer) if a.action == "keep-out"]
+    (answer,) = [a for a in flight.all(OrderAnswer) if a.action == "no-fly-zone"]
     for notice in first:
         assert re.fullmatch(
-            r"would fly through keep-out wall: in \d+ s, on its way to item \d+ "
+            r"would fly through no-fly zone wall: in \d+ s, on its way to item \d+ "
             r"of the mission that it holds: hold or return it",
             notice.text,
         )
@@ -266,7 +266,7 @@ def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_miss
     vehicles = {n.vehicle for n in first}
     assert vehicles
     soon = {n.vehicle: n for n in alarms if n not in first and "would fly through" in n.text}
-    inside = {n.vehicle: n for n in alarms if "is inside keep-out wall" in n.text}
+    inside = {n.vehicle: n for n in alarms if "is inside no-fly zone wall" in n.text}
     assert inside
     for vehicle, notice in inside.items():
         told = soon.get(vehicle) or next(n for n in first if n.vehicle == vehicle)
@@ -280,7 +280,7 @@ def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_miss
 @pytest.mark.parametrize("loss_of", [2])
 def test_who_dies_is_taken_out_of_the_plan_that_waits(loss_of: int) -> None:
     flight = Flight(silent).fly(70.0)
-    (death,) = [fate for fate in flight.all(AgentStatus) if fate.fate == "dead"]
+    (death,) = [fate for fate in flight.all(AgentStatus) if fate.status == "lost"]
     assert death.vehicle == loss_of
     last = [proposal for proposal in flight.all(Proposal) if proposal.t_ns >= death.t_ns]
     assert last

@@ -17,15 +17,15 @@ class Scene:
     """One agent, vehicle 1, on its way to one target; a scan a second."""
 
     def __init__(self, vehicles=(1,)):
-        self.fates = AgentStatusMonitor(vehicles, RADIUS_M)
+        self.monitor = AgentStatusMonitor(vehicles, RADIUS_M)
         self.t_s = 0
 
     def look(self, agent=None, target=None, *, tied=True, reporting=True, tasked=True, again=False):
-        """Judge a scan with this agent's and this target's track; return (vehicle, fate) that changed."""
+        """Judge a scan with this agent's and this target's track; return (vehicle, status) that changed."""
         self.t_s += not again
         agents = believed(agent) if agent else NOBODY
         targets = believed(target) if target else NOBODY
-        changed = self.fates.update(
+        changed = self.monitor.update(
             at(self.t_s),
             at(self.t_s),
             agents,
@@ -34,12 +34,12 @@ class Scene:
             {1: TARGET} if tasked else {},
             {1} if reporting else set(),
         )
-        assert all(fate.t_ns == at(self.t_s) for fate in changed)
-        return [(fate.vehicle, fate.fate) for fate in changed]
+        assert all(status.t_ns == at(self.t_s) for status in changed)
+        return [(status.vehicle, status.status) for status in changed]
 
     @property
-    def fate(self):
-        return self.fates.by_vehicle[1]
+    def status(self):
+        return self.monitor.by_vehicle[1]
 
 
 def flying(place=FAR, **changes):
@@ -53,9 +53,9 @@ def goal(place=HERE):
 def test_an_agent_whose_track_is_gone_is_dead_and_its_last_place_is_known():
     scene = Scene()
     assert scene.look(flying((300.0, 40.0)), goal()) == []
-    assert scene.look(None, goal(), reporting=False) == [(1, "dead")]
-    assert scene.fate.position_m == (300.0, 40.0)
-    assert scene.fates.flying() == []
+    assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
+    assert scene.status.position_m == (300.0, 40.0)
+    assert scene.monitor.active() == []
 
 
 def test_an_agent_whose_track_was_only_missed_flies_on():
@@ -65,7 +65,9 @@ def test_an_agent_whose_track_was_only_missed_flies_on():
     for _ in range(6):
         scene.t_s += 1
         doubted.update(picture(flying(existence=0.3, estimated=False)))
-        assert scene.fates.update(at(scene.t_s), at(scene.t_s), doubted, NOBODY, {1: AGENT}, {}, set()) == []
+        assert (
+            scene.monitor.update(at(scene.t_s), at(scene.t_s), doubted, NOBODY, {1: AGENT}, {}, set()) == []
+        )
 
 
 def test_the_last_place_known_is_one_where_it_was_seen():
@@ -73,9 +75,9 @@ def test_the_last_place_known_is_one_where_it_was_seen():
     scene.look(flying((300.0, 40.0)), goal())
     coasted = believed(flying((300.0, 40.0)))
     coasted.update(picture(flying((390.0, 40.0), existence=0.2, estimated=False)))
-    scene.fates.update(at(2), at(2), coasted, NOBODY, {1: AGENT}, {}, set())
+    scene.monitor.update(at(2), at(2), coasted, NOBODY, {1: AGENT}, {}, set())
     scene.look(None, goal(), reporting=False)
-    assert scene.fate.position_m == (300.0, 40.0)
+    assert scene.status.position_m == (300.0, 40.0)
 
 
 def test_a_clutter_point_beside_a_dead_agent_does_not_revive_it():
@@ -85,22 +87,22 @@ def test_a_clutter_point_beside_a_dead_agent_does_not_revive_it():
     for _ in range(5):
         assert scene.look(flying(), goal(), reporting=False) == []
         assert scene.look(None, goal(), tied=False, reporting=False) == []
-    assert scene.fate.fate == "dead"
+    assert scene.status.status == "lost"
 
 
 def test_a_dead_agent_lives_again_only_with_a_report_and_a_sure_track_tied_to_it():
     def dead():
         scene = Scene()
         scene.look(flying(), goal())
-        assert scene.look(None, goal(), reporting=False) == [(1, "dead")]
+        assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
         return scene
 
     assert dead().look(None, goal(), tied=False, reporting=True) == []
     assert dead().look(flying(), goal(), tied=False, reporting=True) == []
     assert dead().look(flying(existence=0.89), goal(), reporting=True) == []
     scene = dead()
-    assert scene.look(flying(existence=0.9), goal(), reporting=True) == [(1, "flying")]
-    assert scene.fates.flying() == [1]
+    assert scene.look(flying(existence=0.9), goal(), reporting=True) == [(1, "active")]
+    assert scene.monitor.active() == [1]
 
 
 def test_a_revived_agent_can_die_again_and_can_arrive():
@@ -108,7 +110,7 @@ def test_a_revived_agent_can_die_again_and_can_arrive():
     scene.look(flying(), goal())
     scene.look(None, goal(), reporting=False)
     scene.look(flying(), goal())
-    assert scene.look(None, goal(), reporting=False) == [(1, "dead")]
+    assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
     scene.look(flying(), goal())
     assert [scene.look(flying(HERE), goal()) for _ in range(2)] == [[], [(1, "arrived")]]
 
@@ -118,8 +120,8 @@ def test_arrival_takes_two_scans_in_a_row():
     near, away = flying((39.9, 0.0)), flying((40.1, 0.0))
     assert [scene.look(a, goal()) for a in (near, away, near, away, near)] == [[]] * 5
     assert scene.look(near, goal()) == [(1, "arrived")]
-    assert (scene.fate.target, scene.fate.position_m) == (TARGET, (39.9, 0.0))
-    assert scene.fates.at_targets() == {TARGET: 1}
+    assert (scene.status.target, scene.status.position_m) == (TARGET, (39.9, 0.0))
+    assert scene.monitor.at_targets() == {TARGET: 1}
 
 
 def test_two_sensors_that_see_an_agent_at_its_target_at_one_moment_are_not_two_scans_in_a_row():
@@ -138,8 +140,8 @@ def test_a_second_sensor_that_sees_the_agent_elsewhere_at_that_moment_breaks_the
 def test_an_agent_that_dies_on_its_last_metres_has_not_arrived():
     scene = Scene()
     scene.look(flying(HERE), goal())
-    assert scene.look(None, goal(), reporting=False) == [(1, "dead")]
-    assert not scene.fates.at_targets()
+    assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
+    assert not scene.monitor.at_targets()
 
 
 def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():
@@ -147,7 +149,9 @@ def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():
     agents = believed(flying(HERE))
     agents.update(picture(flying(HERE, existence=0.4, estimated=False)))
     for t_s in range(1, 5):
-        changed = scene.fates.update(at(t_s), at(t_s), agents, believed(goal()), {1: AGENT}, {1: TARGET}, {1})
+        changed = scene.monitor.update(
+            at(t_s), at(t_s), agents, believed(goal()), {1: AGENT}, {1: TARGET}, {1}
+        )
         assert changed == []
 
 
@@ -161,19 +165,19 @@ def test_arrival_is_for_good():
     scene = Scene()
     scene.look(flying(HERE), goal())
     scene.look(flying(HERE), goal())
-    arrived = scene.fate
+    arrived = scene.status
     scene.look(None, None, reporting=False)
     for _ in range(30):
         assert scene.look(None, None, tied=False, reporting=False, tasked=False) == []
-    assert scene.fate == arrived
+    assert scene.status == arrived
 
 
 def test_a_vehicle_that_never_shows_up_is_dead_after_twenty_seconds():
     scene = Scene()
     unseen = [scene.look(None, goal(), tied=False, reporting=False) for _ in range(int(NEVER_SEEN_S) + 1)]
     assert unseen == [[]] * 21
-    assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "dead")]
-    assert scene.fate.position_m is None
+    assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "lost")]
+    assert scene.status.position_m is None
 
 
 def test_a_vehicle_that_reported_and_was_never_tied_is_dead_after_five_seconds_of_silence():
@@ -181,7 +185,7 @@ def test_a_vehicle_that_reported_and_was_never_tied_is_dead_after_five_seconds_o
     assert scene.look(None, goal(), tied=False, reporting=True) == []
     silent = [scene.look(None, goal(), tied=False, reporting=False) for _ in range(int(UNSEEN_S))]
     assert silent == [[]] * 5
-    assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "dead")]
+    assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "lost")]
 
 
 def test_a_report_or_a_tie_within_five_seconds_keeps_an_agent_alive():
@@ -195,10 +199,10 @@ def test_a_report_or_a_tie_within_five_seconds_keeps_an_agent_alive():
 @given(st.lists(st.tuples(*[st.booleans()] * 5), max_size=40))
 def test_fates_only_change_in_ways_that_can_be_told(scans):
     """Flying to dead or arrived, dead to flying, arrived never; each change is told once."""
-    scene, told = Scene(vehicles=(1, 2)), {1: "flying", 2: "flying"}
+    scene, told = Scene(vehicles=(1, 2)), {1: "active", 2: "active"}
     for seen, near, tied, reporting, tasked in scans:
         agent = flying(HERE if near else FAR) if seen else None
-        for vehicle, fate in scene.look(agent, goal(), tied=tied, reporting=reporting, tasked=tasked):
-            assert (told[vehicle], fate) in {("flying", "dead"), ("flying", "arrived"), ("dead", "flying")}
-            told[vehicle] = fate
-    assert told == {vehicle: fate.fate for vehicle, fate in scene.fates.by_vehicle.items()}
+        for vehicle, status in scene.look(agent, goal(), tied=tied, reporting=reporting, tasked=tasked):
+            assert (told[vehicle], status) in {("active", "lost"), ("active", "arrived"), ("lost", "active")}
+            told[vehicle] = status
+    assert told == {vehicle: status.status for vehicle, status in scene.monitor.by_vehicle.items()}

@@ -68,7 +68,7 @@ def test_what_is_believed_is_shown_where_it_is_now():
 def test_a_label_is_dead_when_it_hardly_exists_or_is_gone_and_not_when_it_was_only_missed():
     beliefs = TrackConfirmation(DEAD)
     beliefs.update(picture(missed((0, 0), 0.02), missed((0, 1), 0.009)))
-    assert [beliefs.is_dead(label) for label in [(0, 0), (0, 1), (7, 7)]] == [False, True, True]
+    assert [beliefs.is_lost(label) for label in [(0, 0), (0, 1), (7, 7)]] == [False, True, True]
 
 
 def test_sensors_that_measure_at_the_same_moment_count_once():

@@ -26,11 +26,11 @@ class Sky:
 
     @property
     def agents(self):
-        return self.trackers.agents.beliefs.tracks
+        return self.trackers.agents.confirmation.tracks
 
     @property
     def targets(self):
-        return self.trackers.targets.beliefs.tracks
+        return self.trackers.targets.confirmation.tracks
 
 
 def near(tracks, place, within_m):
@@ -75,7 +75,7 @@ def test_an_agent_that_dies_beside_its_target_does_not_live_on_in_the_targets_de
     assert len(sky.agents) == 1
     for t_s in range(14, 19):
         sky.look(t_s, target)
-    assert sky.trackers.agents.beliefs.is_dead((0, 0))
+    assert sky.trackers.agents.confirmation.is_lost((0, 0))
     assert sky.agents == {}
     assert near(sky.targets, target, 10.0)
 
@@ -121,7 +121,7 @@ def test_an_agent_that_falls_silent_and_unseen_is_dead_within_three_scans():
         sky.look(t_s, place, reports=[state(1, place, t_s, speed_m_s=15.0, course_rad=math.pi / 2)])
     for t_s in range(8, 11):
         sky.look(t_s)
-    assert sky.trackers.agents.beliefs.is_dead((0, 0))
+    assert sky.trackers.agents.confirmation.is_lost((0, 0))
 
 
 def test_a_vehicle_that_reports_where_nothing_is_known_comes_back_into_the_picture():
@@ -255,7 +255,7 @@ def test_a_sensor_that_claims_no_noise_is_survived(noise):
     trackers = MultiSensorTracker(mission(agents=[START], births=[GOAL]))
     for t_s in range(6):
         trackers.scan(scan(t_s, START, GOAL, sensor=sensor), [state(1, START, t_s)])
-    assert len(trackers.agents.beliefs.tracks) == len(trackers.targets.beliefs.tracks) == 1
+    assert len(trackers.agents.confirmation.tracks) == len(trackers.targets.confirmation.tracks) == 1
 
 
 def test_the_other_kinds_intensity_adds_up_to_the_detections_expected_of_it():

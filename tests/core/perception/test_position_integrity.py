@@ -167,7 +167,7 @@ def test_hostile_links_are_an_alarm_each_on_the_right_vehicle_and_have_their_all
 def test_an_honest_flight_raises_no_alarm():
     run, notices = notices_of({})
     assert [n for n in notices if n[2] == "alarm"] == []
-    assert run.command.witness.doubted() == frozenset()
+    assert run.command.position_integrity.doubted() == frozenset()
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -194,7 +194,7 @@ def test_of_two_at_one_place_whose_track_died_the_silent_one_is_gone():
     beliefs.update(picture(track(B, beside)))
     ties.update(beliefs, at(2), [state(1, WEST, 2)])
     assert ties.labels == {1: B, 2: A}
-    assert beliefs.is_dead(A)
+    assert beliefs.is_lost(A)
 
 
 @pytest.mark.parametrize("place", [(math.nan, 0.0), (math.inf, 0.0), (1e300, -1e300)])

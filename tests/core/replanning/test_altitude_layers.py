@@ -8,23 +8,23 @@ from gcs.model import Route, read_only
 
 CONFIG = mission(
     agents=[(100.0, 200.0), (100.0, 800.0), (100.0, 500.0)],
-    tables="[mission]\naltitude_rel_m = 90.0\nlane_step_m = 30.0\nlanes = 2\n",
+    tables="[mission]\naltitude_rel_m = 90.0\nlayer_step_m = 30.0\nlayers = 2\n",
 )
 """Vehicles 1 and 3 would like layer 0, vehicle 2 layer 1."""
 
 
-def route(vehicle, *points, lane=0):
-    return Route(vehicle, (0, vehicle), read_only(points), 1.0, lane=lane)
+def route(vehicle, *points, layer=0):
+    return Route(vehicle, (0, vehicle), read_only(points), 1.0, layer=layer)
 
 
 def given(*aside):
     """Layer of vehicle 1, that flies east along 200 m north, with others aside."""
-    lanes = AltitudeLayers(CONFIG)
-    lanes.aside = aside
-    routes, notes = lanes.give(
+    layers = AltitudeLayers(CONFIG)
+    layers.other_vehicles = aside
+    routes, notes = layers.give(
         [route(1, (100.0, 200.0), (1500.0, 200.0))], [1], {1: track((0, 0), (100.0, 200.0))}, ()
     )
-    return routes[0].lane, notes
+    return routes[0].layer, notes
 
 
 def test_a_new_mission_keeps_clear_of_a_vehicle_that_is_held_at_its_altitude():
@@ -49,10 +49,10 @@ def test_where_no_layer_is_left_the_operator_is_told():
 
 
 def test_a_route_is_not_flown_again_into_the_layer_of_another():
-    lanes, places = AltitudeLayers(CONFIG), {1: (100.0, 200.0), 3: (100.0, 500.0)}
+    layers, places = AltitudeLayers(CONFIG), {1: (100.0, 200.0), 3: (100.0, 500.0)}
     resumed = route(1, (100.0, 200.0), (1500.0, 200.0))
     crossing = route(3, (100.0, 500.0), (300.0, 190.0), (1500.0, 190.0))
-    assert not lanes.is_clear(resumed, [crossing], places)
-    assert lanes.is_clear(
-        resumed, [route(3, (100.0, 500.0), (300.0, 190.0), (1500.0, 190.0), lane=1)], places
+    assert not layers.is_clear(resumed, [crossing], places)
+    assert layers.is_clear(
+        resumed, [route(3, (100.0, 500.0), (300.0, 190.0), (1500.0, 190.0), layer=1)], places
     )

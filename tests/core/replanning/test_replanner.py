@@ -35,7 +35,7 @@ class Desk:
         """Check if a look is due; return the plan."""
         if not self.replanner.is_due(at(t_s)):
             return None
-        situation = PlanningInputs(
+        inputs = PlanningInputs(
             at(t_s),
             at(t_s),
             {
@@ -46,7 +46,7 @@ class Desk:
             frozenset(self.arrived),
             lost=frozenset(self.lost),
         )
-        plan = self.replanner.check(situation)
+        plan = self.replanner.check(inputs)
         if plan is not None:
             self.plans.append(plan)
             assert plan.causes
@@ -399,8 +399,8 @@ def test_agent_and_target_are_both_taken_to_the_moment_at_which_the_route_is_tak
     sure = {"cov": np.diag([9.0, 9.0, 0.01, 0.01])}
     agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
     target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
-    situation = PlanningInputs(at(delay_s), at(0.0), {1: agent}, {A: target}, frozenset())
-    (route,) = Replanner(config, mission_grid(config, 0)).check(situation).routes
+    inputs = PlanningInputs(at(delay_s), at(0.0), {1: agent}, {A: target}, frozenset())
+    (route,) = Replanner(config, mission_grid(config, 0)).check(inputs).routes
     taken_up_s = delay_s + DELIVERY_S + 0.5 * config.airframe.turn_lag_s
     start_m = np.array([100.0 + speed_m_s * taken_up_s, 200.0])
     assert route.length_m == pytest.approx(np.hypot(*(route.points_m[-1] - start_m)))
@@ -446,8 +446,8 @@ def test_who_would_hit_something_by_what_it_holds_gets_another_route(place, ahea
     desk.look(0.0)
     motion = Motion(*place, 15.0, math.pi / 2.0, ahead=RemainingMission(tuple(ahead), (10.0,) * len(ahead)))
     agent, target = track((0, 1), place, (15.0, 0.0)), track(A, desk.targets[A])
-    situation = PlanningInputs(at(5.0), at(5.0), {1: agent}, {A: target}, frozenset(), motions={1: motion})
-    plan = desk.replanner.check(situation)
+    inputs = PlanningInputs(at(5.0), at(5.0), {1: agent}, {A: target}, frozenset(), motions={1: motion})
+    plan = desk.replanner.check(inputs)
     assert (plan is not None) == is_astray
     assert plan is None or plan.reason == "agent 1 would hit an obstacle"
 
@@ -463,11 +463,11 @@ def close_to_a_corner(target, *, passed=()):
     (flown,) = desk.look(0.0).routes
     motion = Motion(1400.0, 300.0, 15.0, math.pi / 2.0, ahead=RemainingMission(((1500.0, 300.0),), (10.0,)))
     agent = track((0, 1), (1400.0, 300.0), (15.0, 0.0))
-    situation = PlanningInputs(
+    inputs = PlanningInputs(
         at(60.0), at(60.0), {1: agent}, {A: track(A, target)}, frozenset(), motions={1: motion},
         passed=frozenset(passed),
     )  # fmt: skip
-    return desk.replanner.check(situation), flown, desk.replanner.routes[1]
+    return desk.replanner.check(inputs), flown, desk.replanner.routes[1]
 
 
 def test_a_route_that_does_not_reach_its_target_replaces_none_that_is_good():

@@ -26,13 +26,15 @@ class Flight:
         return [effect for effect in self.effects if isinstance(effect, kind)]
 
     def ways(self):
-        return self.run.command.homing.newest_m
+        return self.run.command.return_routes.newest_m
 
     def close(self, place_m):
         """Close a disc; returns what was blocked by it."""
         before = self.run.command.grid.blocked.copy()
         self.effects.clear()
-        self.run.order(Order(self.run.t_ns, "1", "keep-out", None, None, NoFlyZone("fire", (*place_m, 50.0))))
+        self.run.order(
+            Order(self.run.t_ns, "1", "no-fly-zone", None, None, NoFlyZone("fire", (*place_m, 50.0)))
+        )
         return before
 
 
@@ -59,7 +61,7 @@ def test_who_would_land_through_a_closed_area_gets_another_way_home():
 def test_who_is_on_the_way_home_already_is_named():
     flight = Flight()
     flown_s = flight.run.run(20.0)
-    while not (fates := [fate for fate in flight.all(AgentStatus) if fate.fate == "arrived"]):
+    while not (fates := [fate for fate in flight.all(AgentStatus) if fate.status == "arrived"]):
         flown_s = flight.run.run(flown_s + 5.0)
     vehicle = fates[0].vehicle
     flight.close(before_home(flight.ways()[vehicle], 250.0))

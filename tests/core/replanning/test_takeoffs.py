@@ -45,7 +45,7 @@ clearance_m = 60.0
 shape = "flyable"
 [mission]
 altitude_rel_m = 90.0
-lanes = 1
+layers = 1
 accept_radius_m = 30.0
 loiter_radius_m = 80.0
 [simulation]
@@ -136,7 +136,7 @@ def test_a_take_off_ends_where_the_route_begins(px4):
 def test_a_new_mission_waits_for_the_end_of_the_climb():
     """In its place the vehicle would turn where it is: a few metres above the ground."""
     area = NoFlyZone("tower", disc_m=(2250.0, 2000.0, 100.0))
-    flight = Flight(place_m=CLEAR_M, orders=[*ORDERS, (20.0, "keep-out", area)]).run(60.0)
+    flight = Flight(place_m=CLEAR_M, orders=[*ORDERS, (20.0, "no-fly-zone", area)]).run(60.0)
     reports = flight.all(UploadReport)
     assert [report.ok for report in reports] == [True, True]
     climbed = next(n.t_ns for n in flight.all(Notice) if n.text.startswith("Takeoff complete"))
@@ -149,7 +149,9 @@ def test_a_new_mission_waits_for_the_end_of_the_climb():
 
 def test_an_area_closed_ahead_of_the_runway_takes_the_mission_away():
     area = NoFlyZone("crane", disc_m=(1775.0, 1200.0, 40.0))
-    flight = Flight(place_m=CLEAR_M, orders=[*ORDERS[:2], (12.0, "keep-out", area), (20.0, "arm")]).run(40.0)
+    flight = Flight(place_m=CLEAR_M, orders=[*ORDERS[:2], (12.0, "no-fly-zone", area), (20.0, "arm")]).run(
+        40.0
+    )
     assert [report.ok for report in flight.all(UploadReport)] == [True]
     assert any("its take-off is not clear" in text for text in flight.texts("alarm"))
     assert flight.way[-1][2] == 0.0

@@ -24,19 +24,19 @@ class UploadManager:
         planned = MissionBuilder(table, CONFIG.airframe, FRAME).of(route, 1, None)
         self.fleet = Fleet(1)
         self.fleet.one.armed = True
-        self._holding = OnboardMissions(self.fleet, stays=end == "loiter")
-        self._holding.note(
+        self._onboard = OnboardMissions(self.fleet, stays=end == "loiter")
+        self._onboard.note(
             OnboardMission(route, ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0)), first_point=1)
         )
 
-    def flown(self, vehicle):
-        return self._holding.of(vehicle)
+    def onboard(self, vehicle):
+        return self._onboard.of(vehicle)
 
-    def ending(self, vehicle):
-        return self._holding.ending(vehicle)
+    def terminal_phase(self, vehicle):
+        return self._onboard.terminal_phase(vehicle)
 
-    def has_passed(self, vehicle):
-        return self._holding.has_passed(vehicle)
+    def has_passed_route_end(self, vehicle):
+        return self._onboard.has_passed_route_end(vehicle)
 
 
 def looked(tasking, seq, seconds, active=(1,)):
@@ -124,6 +124,6 @@ def test_an_rtl_long_after_a_stop_is_a_take_over_although_the_mission_is_complet
 
 def test_one_that_has_reached_its_target_returns_without_a_word():
     flight = Returned(lambda plane: plane._end_mission(), 140.0, 155.0)
-    assert flight.run.command.fates.by_vehicle[1].fate == "arrived"
+    assert flight.run.command.agent_status.by_vehicle[1].status == "arrived"
     assert not [notice.text for notice in flight.later(Notice) if notice.level != "info"]
     assert flight.plane.mode is Mode.RTL

@@ -37,7 +37,7 @@ class Field:
 
     def __init__(self, *orders, ready=READY):
         scenario = parse_scenario(
-            FIELD.replace(BOX, "").replace("lanes = 1", "lanes = 2") + SECOND, "pair.toml"
+            FIELD.replace(BOX, "").replace("layers = 1", "layers = 2") + SECOND, "pair.toml"
         )
         self.effects, self.low_together = [], 0
         given = [
@@ -124,7 +124,7 @@ class Swarm:
         lat_deg, lon_deg = self.config.local_frame.to_geodetic(0.0, 0.0)
         self._home = Home(lat_deg, lon_deg, 70.0)
         self._liveness = liveness
-        self.under_way = {}
+        self.stages = {}
 
     def state(self, vehicle):
         return self._states[vehicle]
@@ -138,13 +138,13 @@ class Swarm:
     def health(self):
         return [SimpleNamespace(system_id=v, liveness=self._liveness, home=self._home) for v in (1, 2)]
 
-    def ending(self, vehicle):
+    def terminal_phase(self, vehicle):
         return self._ending if vehicle == 2 else ""
 
     def is_in_takeoff(self, _vehicle):
         return False
 
-    def is_delivering(self, _vehicle):
+    def is_uploading(self, _vehicle):
         return False
 
 

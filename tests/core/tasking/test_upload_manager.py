@@ -29,7 +29,7 @@ class Swarm:
         self.run(2.0)
 
     def task(self, vehicle, points_m=ROUTE):
-        self.carry(self.tasking.task(Route(vehicle, (0, 0), points_m, 1.0), self.t_ns))
+        self.carry(self.tasking.enqueue_upload(Route(vehicle, (0, 0), points_m, 1.0), self.t_ns))
 
     def carry(self, effects):
         for effect in effects:
@@ -54,7 +54,7 @@ class Swarm:
             for plane in self.planes.values():
                 self.hear(plane, plane.poll(self.t_ns))
             self.carry([*self.fleet.poll(self.t_ns), *self.tasking.poll(self.t_ns)])
-            stages = list(self.tasking.under_way.values())
+            stages = list(self.tasking.stages.values())
             self.busiest = max(self.busiest, len(stages) - stages.count("waiting"))
 
     def reports(self):
@@ -67,7 +67,7 @@ def test_transfers_wait_for_room_on_their_link_and_all_are_delivered():
         plane.ignores.add("MISSION_REQUEST_LIST")  # so that they last
     for vehicle in swarm.planes:
         swarm.task(vehicle)
-    assert sorted(swarm.tasking.under_way.values()).count("waiting") == 9
+    assert sorted(swarm.tasking.stages.values()).count("waiting") == 9
     swarm.run(1.0)
     for plane in swarm.planes.values():
         plane.ignores.clear()
@@ -81,12 +81,12 @@ def test_an_operators_loiter_is_told_and_kept_until_an_order():
     swarm.task(1)
     swarm.run(5.0)
     assert swarm.planes[1].mode == AUTO
-    assert swarm.tasking.taken() == {}
+    assert swarm.tasking.untaskable() == {}
     swarm.planes[1].mode = LOITER
     swarm.run(2.0)
-    assert swarm.tasking.taken() == {1: "is in LOITER and left alone"}
-    swarm.tasking.release(1)
-    assert swarm.tasking.taken() == {}
+    assert swarm.tasking.untaskable() == {1: "is in LOITER and left alone"}
+    swarm.tasking.release_override(1)
+    assert swarm.tasking.untaskable() == {}
 
 
 def test_a_vehicle_taken_for_dead_in_mid_transfer_is_cleared_when_it_is_heard():
@@ -178,7 +178,7 @@ def test_a_route_that_waits_is_not_sent_to_a_vehicle_that_somebody_took_meanwhil
     swarm.planes[1].ignores.add("MISSION_REQUEST_LIST")  # so that it lasts
     swarm.task(1)
     swarm.task(2)
-    assert swarm.tasking.under_way[2] == "waiting"
+    assert swarm.tasking.stages[2] == "waiting"
     swarm.planes[2].mode = MANUAL
     swarm.run(2.0)
     swarm.planes[1].ignores.clear()
@@ -193,7 +193,7 @@ def test_a_route_that_is_not_wanted_any_more_waits_no_longer():
     swarm.planes[1].ignores.add("MISSION_REQUEST_LIST")  # so that it lasts
     swarm.task(1)
     swarm.task(2)
-    assert swarm.tasking.withdraw_but({1}) == [2]
+    assert swarm.tasking.withdraw_except({1}) == [2]
     swarm.planes[1].ignores.clear()
     swarm.run(15.0)
     assert swarm.planes[2].store == []
@@ -205,7 +205,7 @@ def test_a_route_takes_the_place_of_a_clearing_and_the_link_is_free_afterwards()
     swarm.planes[1].ignores.add("MISSION_REQUEST_LIST")
     swarm.task(1)
     swarm.task(2)
-    swarm.tasking.suspect(2)
+    swarm.tasking.mark_inconsistent(2)
     swarm.run(2.0)
     swarm.planes[1].ignores.clear()
     swarm.run(30.0)
@@ -219,7 +219,7 @@ def test_after_failures_a_vehicle_is_tasked_again_ever_more_slowly_and_the_opera
     swarm = Swarm(1)
     swarm.planes[1].ignores |= {"MISSION_COUNT", "MISSION_CLEAR_ALL"}
     for _ in range(160):
-        if not swarm.tasking.is_tasked(1):
+        if not swarm.tasking.has_pending(1):
             swarm.task(1)
         swarm.run(2.0)
     failed_s = [report.t_ns / S for report in swarm.reports()]
@@ -261,7 +261,7 @@ def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
     assert swarm.reports()[-1].ok
     px4.valid, px4.mode = False, HOLD
     swarm.run(3.0)
-    assert swarm.tasking.taken() == {}
+    assert swarm.tasking.untaskable() == {}
     assert not swarm.reports()[-1].ok
     assert any("its navigator rejects the mission that it holds" in text for text in alarms(swarm))
 
@@ -275,7 +275,7 @@ def test_a_px4_that_somebody_holds_and_clears_is_theirs():
     swarm.run(2.0)
     px4.store, px4.valid = [], False
     swarm.run(3.0)
-    assert 1 in swarm.tasking.taken()
+    assert 1 in swarm.tasking.untaskable()
 
 
 def test_nothing_false_is_said_of_a_px4():
@@ -285,10 +285,10 @@ def test_nothing_false_is_said_of_a_px4():
     assert not [notice.text for notice in swarm.fleet.notices() if "does not give" in notice.text]
     swarm.mute = {1}
     swarm.task(1)
-    assert swarm.tasking.under_way
-    assert not swarm.tasking.may_be_mixed(1)
+    assert swarm.tasking.stages
+    assert not swarm.tasking.may_be_inconsistent(1)
     swarm.mute = set()
-    swarm.tasking.suspect(1)  # as after a restart, before it is heard
+    swarm.tasking.mark_inconsistent(1)  # as after a restart, before it is heard
     swarm.run(5.0)
     assert alarms(swarm) == []
     assert swarm.planes[1].store

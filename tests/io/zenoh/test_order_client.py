@@ -90,7 +90,7 @@ def taken(serving: Events) -> list[Order]:
 
 
 def test_an_order_reaches_the_service_once_and_its_answer_comes_back(taken: list[Order]) -> None:
-    done = CliRunner().invoke(app, ["order", "keep-out", "fire", "--circle", "900,640,120", "--json"])
+    done = CliRunner().invoke(app, ["order", "no-fly-zone", "fire", "--circle", "900,640,120", "--json"])
     result = json.loads(done.stdout.strip().splitlines()[-1])
     assert (done.exit_code, result["ok"]) == (0, True)
     assert result["answers"] == [{"vehicle": None, "state": "done", "detail": "fire closed"}]
@@ -98,7 +98,7 @@ def test_an_order_reaches_the_service_once_and_its_answer_comes_back(taken: list
     assert refused.exit_code == 1
     assert "agent 1 refused: never heard" in refused.output
     assert "agent 7 refused: no vehicle of this mission" in refused.output
-    assert [order.action for order in taken] == ["keep-out", "hold"]
+    assert [order.action for order in taken] == ["no-fly-zone", "hold"]
 
 
 def test_confirm_without_a_number_prints_the_plan_and_confirms_that_one(serving: Events) -> None:
@@ -142,8 +142,8 @@ def test_nobody_there_is_said_clearly(runtime: Path) -> None:
         (["hold", "-v", "1", "--all"], "name the vehicles"),
         (["hold", "1", "--all"], "name the vehicles"),
         (["arm", "-v", "1"], "--yes"),
-        (["keep-out", "fire"], "expected one of"),
-        (["keep-out", "fire", "--circle", "1,2"], "3 numbers"),
+        (["no-fly-zone", "fire"], "expected one of"),
+        (["no-fly-zone", "fire", "--circle", "1,2"], "3 numbers"),
         (["reject"], "Missing argument"),
     ],
 )

@@ -28,12 +28,14 @@ def test_an_order_names_its_vehicles_once_each_and_in_order() -> None:
 
 def test_places_in_degrees_become_local_metres() -> None:
     lat, lon = FRAME.to_geodetic(500.0, 900.0)
-    area = read(action="keep-out", keep_out={"name": "fire", "frame": "wgs84", "circle": [lat, lon, 80.0]})
-    assert area.keep_out is not None
-    assert area.keep_out.disc_m == pytest.approx((500.0, 900.0, 80.0), abs=1e-3)
+    area = read(
+        action="no-fly-zone", no_fly_zone={"name": "fire", "frame": "wgs84", "circle": [lat, lon, 80.0]}
+    )
+    assert area.no_fly_zone is not None
+    assert area.no_fly_zone.disc_m == pytest.approx((500.0, 900.0, 80.0), abs=1e-3)
     square = [[0, 0], [100, 0], [100, 100]]
-    local = read(action="keep-out", keep_out={"name": "fire", "polygon": square})
-    assert local.keep_out == NoFlyZone("fire", None, ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0)))
+    local = read(action="no-fly-zone", no_fly_zone={"name": "fire", "polygon": square})
+    assert local.no_fly_zone == NoFlyZone("fire", None, ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0)))
 
 
 @pytest.mark.parametrize(
@@ -46,15 +48,18 @@ def test_places_in_degrees_become_local_metres() -> None:
         ({"action": "hold", "vehicles": "some"}, "vehicles"),
         ({"action": "hold", "vehicle": [1], "vehicles": "all"}, "unknown field"),
         ({"action": "confirm"}, "which plan"),
-        ({"action": "keep-out"}, "keep_out"),
-        ({"action": "hold", "vehicles": "all", "keep_out": {"name": "x"}}, "keep_out"),
-        ({"action": "keep-out", "keep_out": {"name": "x", "polygon": [[0, 0], [1, 1]]}}, "3 corners"),
-        ({"action": "keep-out", "keep_out": {"name": "x", "circle": [0, 0, -1]}}, "circle"),
+        ({"action": "no-fly-zone"}, "no_fly_zone"),
+        ({"action": "hold", "vehicles": "all", "no_fly_zone": {"name": "x"}}, "no_fly_zone"),
+        ({"action": "no-fly-zone", "no_fly_zone": {"name": "x", "polygon": [[0, 0], [1, 1]]}}, "3 corners"),
+        ({"action": "no-fly-zone", "no_fly_zone": {"name": "x", "circle": [0, 0, -1]}}, "circle"),
         (
-            {"action": "keep-out", "keep_out": {"name": "x", "frame": "wgs84", "circle": [99, 0, 1]}},
+            {"action": "no-fly-zone", "no_fly_zone": {"name": "x", "frame": "wgs84", "circle": [99, 0, 1]}},
             "lat_deg",
         ),
-        ({"action": "keep-out", "keep_out": {"name": "x", "frame": "wgs84", "circle": [0, 0, 1]}}, "km from"),
+        (
+            {"action": "no-fly-zone", "no_fly_zone": {"name": "x", "frame": "wgs84", "circle": [0, 0, 1]}},
+            "km from",
+        ),
     ],
 )
 def test_what_does_not_make_sense_is_refused_with_what_is_wrong(fields, words) -> None:

@@ -95,7 +95,7 @@ def watch(alive: str, existence: list[float], statuses: dict[int, str]) -> Death
 
 
 def test_a_clutter_point_revives_the_dead_for_the_plain_rule_only():
-    deaths = watch("aaadddd", [1.0, 1.0, 1.0, 0.6, 0.2, 0.7, 0.1], {5: "dead"})
+    deaths = watch("aaadddd", [1.0, 1.0, 1.0, 0.6, 0.2, 0.7, 0.1], {5: "lost"})
     assert (deaths.plain().delays_s, deaths.plain().revivals) == ((1.0,), 1)
     assert (deaths.ours().delays_s, deaths.ours().revivals) == ((2.0,), 0)
     assert deaths.deaths == 1
@@ -109,7 +109,7 @@ def test_a_missed_detection_kills_the_living_for_the_plain_rule_only():
 
 
 def test_false_calls_of_central_command_are_counted():
-    deaths = watch("aaadd", [1.0] * 5, {1: "dead", 2: "flying", 4: "dead"})
+    deaths = watch("aaadd", [1.0] * 5, {1: "lost", 2: "active", 4: "lost"})
     assert (deaths.ours().false_deaths, deaths.ours().delays_s) == (1, (1.0,))
 
 

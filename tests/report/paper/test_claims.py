@@ -95,7 +95,7 @@ def a_run(
             if last_end_m is not None:
                 moved = replace(moved, routes=(Route(1, (0, 0), read_only([last_end_m]), 1.0),))
             builder.add(moved)
-    builder.add(AgentStatus(at(33), 2, "dead"))
+    builder.add(AgentStatus(at(33), 2, "lost"))
     builder.add(AgentStatus(at(90), 1, "arrived", (0, 0)))
     builder.add(MissionEnded(at(90), (1,), (2,)))
     grid = free_grid((51, 51), 20.0)

@@ -58,7 +58,7 @@ def a_run(agents: int = 2) -> list[object]:
     stale = Route(2, (0, 1), read_only([[1500.0, 300.0]]), 1500.0)
     values.append(Plan(at(2.5), at(2.0), (route, stale), (), (), "first plan", (1,)))
     values.append(UploadReport(at(3.0), 1, 1, 2, True, "verified", 0.2, 0))
-    values.append(AgentStatus(at(7.5), 2, "dead"))
+    values.append(AgentStatus(at(7.5), 2, "lost"))
     values.append(AgentStatus(at(10.0), 1, "arrived", (0, 0)))
     return values
 
@@ -70,7 +70,7 @@ def test_the_course_is_what_happened() -> None:
     first, second = timeline.paths["agents"][1], timeline.paths["agents"][2]
     assert (first.dies, second.dies) == (False, True)
     assert second.points_m[-1].tolist() == [500.0, 200.0]
-    assert timeline.statuses == ((2, 7.5, "dead"), (1, 10.0, "arrived"))
+    assert timeline.statuses == ((2, 7.5, "lost"), (1, 10.0, "arrived"))
     assert [(t_s, report.vehicle, report.ok) for t_s, report in timeline.uploads] == [(3.0, 1, True)]
 
 

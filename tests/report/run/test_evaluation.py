@@ -73,7 +73,7 @@ def a_good_run() -> Evaluator:
                 dead=[2] if second >= 4 else [],
             )
         )
-    evaluator.add_effect(AgentStatus(at(6.5), 2, "dead"))
+    evaluator.add_effect(AgentStatus(at(6.5), 2, "lost"))
     evaluator.add_effect(AgentStatus(at(9.7), 1, "arrived", (0, 0)))
     evaluator.add_effect(AgentStatus(at(9.9), 3, "arrived", (0, 7)))
     return evaluator
@@ -88,9 +88,9 @@ def test_a_good_run_is_complete_with_everybody_accounted_for() -> None:
     verdict = summary(ended(a_good_run()))
     assert verdict.outcome == "complete", verdict.reason
     assert verdict.reason == "2 of 3 agents arrived at distinct targets, agent 2 lost"
-    assert [(a.system_id, a.fate, a.target) for a in verdict.agents] == [
+    assert [(a.system_id, a.status, a.target) for a in verdict.agents] == [
         (1, "arrived", 1),
-        (2, "dead", None),
+        (2, "lost", None),
         (3, "arrived", 3),
     ]
     assert (verdict.targets_total, verdict.targets_reached) == (3, 2)
@@ -108,7 +108,7 @@ def test_a_run_that_never_ended_is_incomplete() -> None:
 
 def test_a_mission_that_ends_with_an_agent_flying_is_incomplete() -> None:
     evaluator = a_good_run()
-    evaluator.add_effect(AgentStatus(at(9.95), 2, "flying"))
+    evaluator.add_effect(AgentStatus(at(9.95), 2, "active"))
     assert summary(ended(evaluator)).reason == "the mission ended with agent 2 still flying"
 
 
@@ -117,7 +117,7 @@ def test_a_mission_whose_agents_are_all_lost_has_failed() -> None:
     evaluator.add_truth(truth(0.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}))
     evaluator.add_truth(truth(1.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}, dead=[1, 2]))
     for vehicle in (1, 2):
-        evaluator.add_effect(AgentStatus(at(2.0), vehicle, "dead"))
+        evaluator.add_effect(AgentStatus(at(2.0), vehicle, "lost"))
     evaluator.add_effect(MissionEnded(at(3.0), (), (1, 2)))
     verdict = summary(evaluator)
     assert (verdict.outcome, verdict.reason) == ("incomplete", "failed: all agents were lost")
@@ -146,7 +146,7 @@ def test_arrival_is_believed_within_the_capture_radius_and_an_allowance(
     assert verdict.outcome == outcome
     if outcome == "incomplete":
         assert verdict.reason == "agent 1 called arrived 65 m from the nearest target"
-        assert (verdict.agents[0].fate, verdict.agents[0].target) == ("arrived", None)
+        assert (verdict.agents[0].status, verdict.agents[0].target) == ("arrived", None)
 
 
 def test_the_place_of_arrival_is_the_true_one_between_two_scans() -> None:
@@ -190,11 +190,11 @@ def test_an_agent_that_was_dead_when_called_arrived_has_not_arrived() -> None:
 def test_an_agent_that_dies_at_its_target_has_arrived() -> None:
     evaluator = a_good_run()
     evaluator.add_truth(truth(11, {1: (1000.0, 10.0), 2: (0.0, 0.0), 3: (1000.0, 1010.0)}, dead=[1, 2]))
-    evaluator.add_effect(AgentStatus(at(10.9), 1, "dead"))
+    evaluator.add_effect(AgentStatus(at(10.9), 1, "lost"))
     evaluator.add_effect(MissionEnded(at(11), (1, 3), (2,)))
     verdict = summary(evaluator)
     assert verdict.outcome == "complete", verdict.reason
-    assert verdict.agents[0].fate == "arrived"
+    assert verdict.agents[0].status == "arrived"
     assert verdict.deaths == 1
 
 
@@ -202,7 +202,7 @@ def test_calling_a_living_agent_dead_is_counted_and_spoils_the_run() -> None:
     evaluator = Evaluator(RADIUS_M, [1])
     for second in (0, 1, 2):
         evaluator.add_truth(truth(second, {1: (0.0, 0.0)}))
-    evaluator.add_effect(AgentStatus(at(1), 1, "dead"))
+    evaluator.add_effect(AgentStatus(at(1), 1, "lost"))
     evaluator.add_effect(MissionEnded(at(2), (), (1,)))
     verdict = summary(evaluator)
     assert verdict.reason == "agent 1 called dead but alive"
@@ -214,8 +214,8 @@ def test_a_false_death_that_is_taken_back_is_counted_only() -> None:
     for second in (0, 1, 2):
         evaluator.add_truth(truth(second, {1: (1000.0, 0.0)}))
     for fate in (
-        AgentStatus(at(0.5), 1, "dead"),
-        AgentStatus(at(1), 1, "flying"),
+        AgentStatus(at(0.5), 1, "lost"),
+        AgentStatus(at(1), 1, "active"),
         AgentStatus(at(1.5), 1, "arrived", (0, 0)),
     ):
         evaluator.add_effect(fate)
@@ -287,7 +287,7 @@ def test_the_json_has_exactly_the_promised_keys() -> None:
         "retasks", "uploads", "upload_failures", "ospa_agents_mean_m", "ospa_targets_mean_m", "scan_ms_p99",
         "plan_ms_p99", "recording", "links",
     ]  # fmt: skip
-    assert found["agents"][0] == {"system_id": 1, "fate": "arrived", "target": 1}
+    assert found["agents"][0] == {"system_id": 1, "status": "arrived", "target": 1}
     assert (found["scenario"], found["seed"], found["recording"]) == ("demo", 3, "runs/demo-3")
 
 

@@ -16,7 +16,7 @@ GOOD = Summary(
     outcome="complete",
     reason="1 of 2 agents arrived at distinct targets, agent 2 lost",
     duration_s=83.25,
-    agents=(AgentOutcome(1, "arrived", 3), AgentOutcome(2, "dead", None)),
+    agents=(AgentOutcome(1, "arrived", 3), AgentOutcome(2, "lost", None)),
     targets_total=5,
     targets_reached=1,
     retasks=1,
@@ -62,13 +62,13 @@ def test_a_log_gets_plain_lines() -> None:
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_a_large_swarm_fits_a_screen(terminal: bool) -> None:
-    agents = tuple(AgentOutcome(n, "dead" if n % 5 == 0 else "arrived", None) for n in range(1, 51))
+    agents = tuple(AgentOutcome(n, "lost" if n % 5 == 0 else "arrived", None) for n in range(1, 51))
     retasks = tuple(Retask(float(n), (1, 2), "target 0.1 moved 60 m", ("target moved",)) for n in range(60))
     text = shown(replace(GOOD, agents=agents, retask_list=retasks, retasks=60), terminal)
     assert "... and 45 more" in text
     if terminal:
         assert "40 arrived" in text
-        assert "10 dead" in text
+        assert "10 lost" in text
         assert len(text.splitlines()) < 45
 
 

@@ -50,7 +50,7 @@ class Flown:
         for effect in self.effects:
             if isinstance(effect, AgentStatus):
                 told.setdefault(effect.vehicle, []).append(
-                    ((effect.t_ns - START_T_NS) / NS_PER_S, effect.fate)
+                    ((effect.t_ns - START_T_NS) / NS_PER_S, effect.status)
                 )
         return told
 
@@ -86,10 +86,10 @@ def fly(name: str, seed: int, *, loss: float = 0.0, kills: dict[int, float] | No
 
 def assert_complete(flown: Flown) -> None:
     assert flown.summary.outcome == "complete", flown.summary.reason
-    targets = [agent.target for agent in flown.summary.agents if agent.fate == "arrived"]
+    targets = [agent.target for agent in flown.summary.agents if agent.status == "arrived"]
     assert len(set(targets)) == len(targets)
     assert None not in targets
-    assert all(agent.fate != "flying" for agent in flown.summary.agents)
+    assert all(agent.status != "active" for agent in flown.summary.agents)
 
 
 @pytest.mark.parametrize("seed", [0, 3])
@@ -171,7 +171,7 @@ def test_a_killed_vehicle_is_called_dead_within_five_seconds_and_the_others_arri
     flown = fly(name, 0, kills={vehicle: at_s})
     first, *more = flown.statuses()[vehicle]
     assert more == []
-    assert first[1] == "dead"
+    assert first[1] == "lost"
     assert at_s <= first[0] <= at_s + 5.0
     assert_complete(flown)
     assert flown.summary.false_deaths == 0
@@ -180,7 +180,7 @@ def test_a_killed_vehicle_is_called_dead_within_five_seconds_and_the_others_arri
 def test_a_vehicle_killed_before_it_was_known_by_its_track_is_called_dead_soon_too() -> None:
     flown = fly("prescribed", 0, kills={3: 0.5})
     (told,) = flown.statuses()[3]
-    assert told[1] == "dead"
+    assert told[1] == "lost"
     assert 0.5 < told[0] < 8.0
     assert_complete(flown)
 
@@ -188,7 +188,7 @@ def test_a_vehicle_killed_before_it_was_known_by_its_track_is_called_dead_soon_t
 def test_a_vehicle_that_never_shows_up_is_given_up_and_the_others_go() -> None:
     flown = fly("deterministic", 0, kills={2: 0.0})
     (told,) = flown.statuses()[2]
-    assert told[1] == "dead"
+    assert told[1] == "lost"
     assert 20.0 < told[0] < 25.0
     assert_complete(flown)
     first = next(effect for effect in flown.effects if isinstance(effect, Plan))
@@ -199,7 +199,7 @@ def test_a_vehicle_that_never_shows_up_is_given_up_and_the_others_go() -> None:
 def test_when_all_are_killed_the_mission_ends_with_nobody() -> None:
     flown = fly("deterministic", 0, kills=dict.fromkeys((1, 2, 3, 4), 30.0))
     (ended,) = [effect for effect in flown.effects if isinstance(effect, MissionEnded)]
-    assert (ended.arrived, ended.dead) == ((), (1, 2, 3, 4))
+    assert (ended.arrived, ended.lost) == ((), (1, 2, 3, 4))
     assert flown.summary.duration_s < 36.0
 
 
@@ -349,7 +349,7 @@ def test_targets_that_left_their_places_of_birth_are_found_or_told_of(births_any
     effects: list[Effect] = []
     run.on_effect = lambda _, effect: effects.append(effect)
     run.run(20.0)
-    targets = run.command.trackers.targets.beliefs.tracks
+    targets = run.command.trackers.targets.confirmation.tracks
     alarms = [one.text for one in effects if isinstance(one, Notice) and "detections persist" in one.text]
     assert len(targets) == (5 if births_anywhere else 1)  # one moves so slowly that it is near its place
     assert len(alarms) in ([0] if births_anywhere else [1, 2])
