@@ -1,6 +1,6 @@
-"""An hour and more of flight over real sockets at speed 1, and whether anything grows meanwhile.
+"""An hour and more of flight over real sockets, and whether anything grows meanwhile.
 
-``python tests/bench/soak_sockets.py [--hours 1] [--loss 0.05] [--samples 12]`` flies ``gcs demo`` with
+``python tests/bench/soak_sockets.py [--hours 1] [--loss 0.05] [--speed 1]`` flies ``gcs demo`` with
 vehicle processes, the world, zenoh and a recording. Its mission does not end: no agent gets near enough to
 a target.
 Every other minute an operator holds a vehicle, and resumes it, with ``gcs order``. It prints one row for
@@ -35,13 +35,13 @@ ORDER_EVERY_S = 60.0
 GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 
 
-def fly(hours: float, loss: float, samples: int, folder: Path) -> dict[str, object]:
+def fly(hours: float, loss: float, samples: int, speed: float, folder: Path) -> dict[str, object]:
     """Fly and print a row for each sample; return the summary of the run."""
     mission = folder / "soak.toml"
     mission.write_text(with_settings(read_text("random-targets")[0], SETTINGS, "soak"), encoding="utf-8")
     duration_s = hours * 3600.0
     command = [*GCS, "demo", str(mission), "--headless", "--json", "--out", str(folder / "run")]
-    command += ["--duration", str(duration_s), "--loss", str(loss)]
+    command += ["--duration", str(duration_s), "--loss", str(loss), "--speed", str(speed)]
     environment = os.environ | {"XDG_RUNTIME_DIR": str(folder)}
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True, env=environment)
@@ -53,7 +53,7 @@ def fly(hours: float, loss: float, samples: int, folder: Path) -> dict[str, obje
     )
     while process.poll() is None:
         time.sleep(1.0)
-        flown_s = time.monotonic() - started_s
+        flown_s = speed * (time.monotonic() - started_s)
         if flown_s >= next_order_s:
             next_order_s += ORDER_EVERY_S
             action, vehicle = ("hold", "resume")[orders % 2], 1 + orders // 2 % 4
@@ -67,7 +67,7 @@ def fly(hours: float, loss: float, samples: int, folder: Path) -> dict[str, obje
             stored = sum(file.stat().st_size for file in (folder / "run").rglob("*") if file.is_file())
             print(
                 f"| {flown_s:.0f} | {service.memory_info().rss / 1e6:.1f} | {service.num_fds()} "
-                f"| {service.num_threads()} | {100.0 * (times.user + times.system) / flown_s:.1f} "
+                f"| {service.num_threads()} | {100.0 * speed * (times.user + times.system) / flown_s:.1f} "
                 f"| {stored / 1e6:.0f} |",
                 flush=True,
             )
@@ -81,10 +81,11 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=1.0)
     parser.add_argument("--loss", type=float, default=0.05)
     parser.add_argument("--samples", type=int, default=12)
+    parser.add_argument("--speed", type=float, default=1.0)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent)
-        summary = fly(options.hours, options.loss, options.samples, folder)
+        summary = fly(options.hours, options.loss, options.samples, options.speed, folder)
         notices, last_ns, gap_ns = collections.Counter[str](), 0, 0
         for record in read(folder / "run", only={Tick, Notice, AgentStatus}):
             if isinstance(record.value, Tick):

@@ -130,7 +130,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
 @pytest.mark.parametrize("step_s", [-3600.0, -20.0, 20.0, 3600.0])
 def test_preflight_judges_scans_by_the_run_clock(monkeypatch: pytest.MonkeyPatch, step_s: float) -> None:
     config, key = load("prescribed"), scan_key("prescribed", "radar")
-    now_ns, ears = time.time_ns(), ScanListener(config)
+    now_ns, listener = time.time_ns(), ScanListener(config)
     scan = Scan(
         0,
         now_ns,
@@ -139,6 +139,6 @@ def test_preflight_judges_scans_by_the_run_clock(monkeypatch: pytest.MonkeyPatch
     )
     payload = encode_scan(scan, config.local_frame)
     monkeypatch.setattr(time, "time_ns", lambda: now_ns + int(step_s * NS_PER_S))
-    ears._heard(key, payload)
-    (check,) = sensor_checks(ears.scans, ears.problems, 1.0)
+    listener._on_scan(key, payload)
+    (check,) = sensor_checks(listener.scans, listener.problems, 1.0)
     assert check.level == "ok", check.value
