@@ -19,6 +19,8 @@ from pathlib import Path
 import pytest
 
 from gcs.config import read_text
+from gcs.io.recording.reader import read
+from gcs.model import UploadReport
 
 mavsdk = pytest.importorskip(
     "mavsdk.asyncio", reason="MAVSDK is not installed: pip install 'swarm-gcs[mavsdk]'"
@@ -115,6 +117,12 @@ async def work_with_all(port: int) -> dict[int, int]:
         return items
 
 
+def reports(recording: Path) -> list[UploadReport]:
+    """Return how uploads ended. One may be under way to agent 4 when MAVProxy chooses LOITER for it."""
+    values = (record.value for record in read(recording, only={UploadReport}))
+    return [value for value in values if isinstance(value, UploadReport)]
+
+
 def test_mavsdk_and_mavproxy_work_with_all_vehicles_while_missions_change(tmp_path: Path) -> None:
     port, mission = free_port(), tmp_path / "mission.toml"
     mission.write_text(restless(read_text("prescribed")[0], port))
@@ -149,7 +157,8 @@ def test_mavsdk_and_mavproxy_work_with_all_vehicles_while_missions_change(tmp_pa
             program.stop()
         executor.shutdown()
     result = json.loads(said.strip().splitlines()[-1])
-    assert result["upload_failures"] == 0
+    failures = [one.detail for one in reports(tmp_path / result["recording"]) if not one.ok]
+    assert all("LOITER was chosen meanwhile" in detail for detail in failures), failures
     assert result["retasks"] >= 2
     guests = result["links"][1]
     assert guests["role"] == "full"
