@@ -18,7 +18,7 @@ import msgspec
 from gcs.errors import JournalError, WireError
 from gcs.files import read_bytes
 from gcs.io.private_files import make_private, private
-from gcs.io.zenoh.messages import decode, encode
+from gcs.io.records import decode, encode
 from gcs.model import PersistedState, Resumed
 
 VERSION = 2

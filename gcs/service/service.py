@@ -27,9 +27,9 @@ from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
 from gcs.io.mavsdk.uploader import MavsdkUploader
 from gcs.io.output import QueuedText, Writer
-from gcs.io.zenoh.messages import effect_key, encode_effect, sensor_of, sensor_scan_keys
+from gcs.io.records import encode
+from gcs.io.zenoh.keys import effect_key, order_key, sensor_of, sensor_scan_keys
 from gcs.io.zenoh.order_inbox import OrderInbox
-from gcs.io.zenoh.orders import order_key
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import (
@@ -349,7 +349,7 @@ class Service:
         else:
             if isinstance(effect, Picture):
                 self.links.picture(effect)
-            payload = encode_effect(effect)
+            payload = encode(effect)
             self._publisher.put(partial(self._bus.publish, effect_key(self.config.name, effect), payload))
         self._record(lambda recorder: recorder.record_effect(t_ns, effect, payload))
         for sink in self.sinks:

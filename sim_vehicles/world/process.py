@@ -29,7 +29,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
-from gcs.io.zenoh.messages import encode_truth, scan_key, truth_key
+from gcs.io.records import encode
+from gcs.io.zenoh.keys import scan_key, truth_key
 from gcs.io.zenoh.scans import encode_scan
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import Scan, TruthObject
@@ -158,7 +159,7 @@ def fly(world: World, receiver: TruthReceiver, bus: ZenohSession, clock: RunCloc
             world.moves_from_t_ns = min(world.moves_from_t_ns, receiver.ground_t_ns)
         truth = world.truth(t_ns, agents)
         if t_ns > told_t_ns:
-            bus.publish(truth_key(mission), encode_truth(truth))
+            bus.publish(truth_key(mission), encode(truth))
             told_t_ns = t_ns
         heapq.heappush(delayed, (world.arrival_t_ns(index), index, world.scan(index, truth)))
         index += 1

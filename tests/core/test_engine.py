@@ -15,7 +15,7 @@ from staging import RADAR, S, at, mission, scan
 
 from gcs.config import Config
 from gcs.core.engine import Engine
-from gcs.io.zenoh.messages import decode, encode
+from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import (

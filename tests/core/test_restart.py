@@ -13,7 +13,7 @@ from staging import S
 
 from gcs.config import parse, read_text
 from gcs.core.engine import Engine
-from gcs.io.zenoh.messages import decode, encode
+from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import (
     AgentStatus,

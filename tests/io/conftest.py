@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from gcs.io.recording.writer import Recorder
-from gcs.io.zenoh.messages import Recordable
+from gcs.io.records import Recordable
 
 sys.path.insert(0, str(Path(__file__).parent))
 

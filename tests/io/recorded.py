@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.writer import DiskBudget, Recorder
-from gcs.io.zenoh.messages import Recordable, encode
+from gcs.io.records import Recordable, encode
 from gcs.model import (
     NS_PER_S,
     AgentStatus,

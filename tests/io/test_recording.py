@@ -11,7 +11,7 @@ from gcs.errors import RecordingError
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import read, read_info
 from gcs.io.recording.writer import Recorder
-from gcs.io.zenoh.messages import TOPICS, Recordable
+from gcs.io.records import TOPICS, Recordable
 from gcs.model import (
     Datagram,
     Notice,

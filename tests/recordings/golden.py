@@ -33,7 +33,7 @@ from gcs.config import Config, parse
 from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.reader import Damage, Record, read, read_info
 from gcs.io.recording.writer import Recorder
-from gcs.io.zenoh.messages import encode, topic_of
+from gcs.io.records import encode, topic_of
 from gcs.model import (
     NS_PER_S,
     AgentStatus,

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gcs.errors import JournalError
-from gcs.io.zenoh.messages import encode
+from gcs.io.records import encode
 from gcs.model import (
     AgentStatus,
     NoFlyZone,

@@ -43,11 +43,12 @@ from gcs.io.output import QueuedText, off_loop
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import read
 from gcs.io.recording.writer_thread import RecorderThread
+from gcs.io.records import decode
 from gcs.io.signing.gate import Signing
 from gcs.io.zenoh.discovery import announced
-from gcs.io.zenoh.messages import decode_truth, truth_key
+from gcs.io.zenoh.keys import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
-from gcs.model import NS_PER_S, Effect, Event
+from gcs.model import NS_PER_S, Effect, Event, Truth
 from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
@@ -261,7 +262,7 @@ async def _fly(
     endpoint = free_endpoint()
 
     def add_truth(key: str, payload: bytes) -> None:
-        truth = decode_truth(key, payload)
+        truth = decode(key, payload, Truth)
         evaluator.add_truth(truth)
         service.truth(truth)
 

@@ -308,7 +308,7 @@ def _print_result(
     result |= {"problem": problem, "answers": rows}
     shown = next((a.proposal for a in answers if a.proposal is not None), printed)
     if shown is not None:
-        from gcs.io.zenoh.messages import encode
+        from gcs.io.records import encode
 
         result["proposal"] = json.loads(encode(shown))
     print(json.dumps(result), flush=True)  # noqa: T201  the output of --json

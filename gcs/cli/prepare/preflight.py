@@ -29,7 +29,7 @@ from gcs.io.console import console_for
 from gcs.io.mavsdk.uploader import REMEDY, mavsdk_problem
 from gcs.io.vehicles.access import vehicle_access
 from gcs.io.vehicles.session import VehicleSession
-from gcs.io.zenoh.messages import sensor_scan_keys
+from gcs.io.zenoh.keys import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.services.preflight_query import PREFLIGHT_MESSAGE_IDS, PreflightQuery

@@ -39,7 +39,7 @@ from gcs.io.recording.folder import (
     Run,
     part_paths,
 )
-from gcs.io.zenoh.messages import TOPICS, Recordable, decode
+from gcs.io.records import TOPICS, Recordable, decode
 from gcs.model import Picture
 
 _MAX_DEFINITIONS = 200_000

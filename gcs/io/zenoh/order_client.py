@@ -11,8 +11,9 @@ import time
 from collections.abc import Iterator
 
 from gcs.errors import LinkError, WireError
-from gcs.io.zenoh.messages import decode
-from gcs.io.zenoh.orders import OrderMessage, answer_key, encode_order, order_key
+from gcs.io.records import decode
+from gcs.io.zenoh.keys import answer_key, order_key
+from gcs.io.zenoh.orders import OrderMessage, encode_order
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import OrderAnswer
 

@@ -15,7 +15,7 @@ from msgspec import Meta
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
-from gcs.io.zenoh.messages import parsed
+from gcs.io.records import decode_json
 from gcs.model import Action, NoFlyZone, Order
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
@@ -56,21 +56,6 @@ class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 _decoder = msgspec.json.Decoder(OrderMessage)
 
 
-def order_key(mission: str) -> str:
-    """Return the key of orders."""
-    return f"swarm/{mission}/order"
-
-
-def answer_key(mission: str) -> str:
-    """Return the key of answers."""
-    return f"swarm/{mission}/answer"
-
-
-def proposal_key(mission: str) -> str:
-    """Return the key of the plan that waits for confirmation."""
-    return f"swarm/{mission}/proposal"
-
-
 def encode_order(message: OrderMessage) -> bytes:
     """Return an order as JSON."""
     return msgspec.json.encode(message)
@@ -86,7 +71,7 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
     """
     if len(payload) > _MAX_BYTES:
         raise WireError(key, f"{len(payload)} bytes are more than the {_MAX_BYTES} that an order may have")
-    message = parsed(key, payload, _decoder)
+    message = decode_json(key, payload, _decoder)
     action = message.action
     if action in _FOR_VEHICLES and message.vehicles is None:
         raise WireError(key, f'vehicles: say for whom, a list of system ids or "all", to {action}')

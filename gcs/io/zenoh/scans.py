@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
-from gcs.io.zenoh.messages import parsed
+from gcs.io.records import decode_json
 from gcs.model import Polar, Scan, Sensor, read_only
 from gcs.tracking.models.sensors import map_coordinates, polar_sensor, sensor_coordinates
 
@@ -151,14 +151,14 @@ def decode_scan(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Scan:
     WireError
         When it does not have the form of ``docs/sensors.md``; the text says which field is at fault and why.
     """
-    if parsed(key, payload, _kind_decoder).sensor.kind == "range_bearing":
-        polar_message = parsed(key, payload, _polar_scan_decoder)
+    if decode_json(key, payload, _kind_decoder).sensor.kind == "range_bearing":
+        polar_message = decode_json(key, payload, _polar_scan_decoder)
         _check_origin(key, polar_message.origin, frame)
         polar = _validated_polar(key, polar_message.sensor)
         sensor = polar_sensor(polar_message.sensor.name, polar_message.sensor.detection_probability, polar)
         z_m = map_coordinates(polar, np.reshape(polar_message.z_range_bearing, (-1, 2)))
         return Scan(t_ns, polar_message.measured_t_ns, sensor, read_only(z_m))
-    message = parsed(key, payload, _scan_decoder)
+    message = decode_json(key, payload, _scan_decoder)
     _check_origin(key, message.origin, frame)
     sensor = _validated_sensor(key, message.sensor)
     return Scan(t_ns, message.measured_t_ns, sensor, read_only(np.reshape(message.z_m, (-1, 2))))

@@ -19,7 +19,7 @@ from gcs.config import load
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, Record, read, read_info
 from gcs.io.recording.writer import Recorder
-from gcs.io.zenoh.messages import Recordable, encode
+from gcs.io.records import Recordable, encode
 from gcs.model import (
     BadInput,
     Datagram,

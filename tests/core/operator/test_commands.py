@@ -11,7 +11,7 @@ from msgspec.structs import replace as changed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
 
-from gcs.io.zenoh.messages import decode, encode
+from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import Effect, Event, MissionEnded, Notice, Order, OrderAnswer, Plan, Send

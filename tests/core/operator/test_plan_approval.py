@@ -16,7 +16,7 @@ from staging import S
 
 from gcs.cli.operator_lines import effect_line
 from gcs.core.engine import Engine
-from gcs.io.zenoh.messages import decode, encode
+from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import (
     AgentStatus,

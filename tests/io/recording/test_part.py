@@ -16,7 +16,7 @@ from gcs.io.recording.part import RecordingPart
 from gcs.io.recording.reader import read
 from gcs.io.recording.tlog import tlog_entries
 from gcs.io.recording.writer import Recorder
-from gcs.io.zenoh.messages import encode
+from gcs.io.records import encode
 from gcs.model import Datagram, Event, Notice, Send, Tick
 
 packer = mavlink.MAVLink(None, srcSystem=7)

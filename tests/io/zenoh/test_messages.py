@@ -10,16 +10,8 @@ from hypothesis import strategies as st
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
-from gcs.io.zenoh.messages import (
-    MAX_PAYLOAD_BYTES,
-    decode,
-    decode_truth,
-    effect_key,
-    encode,
-    encode_truth,
-    scan_key,
-    topic_of,
-)
+from gcs.io.records import MAX_PAYLOAD_BYTES, decode, encode, topic_of
+from gcs.io.zenoh.keys import effect_key, scan_key
 from gcs.io.zenoh.scans import MAX_DETECTIONS, decode_scan, encode_scan
 from gcs.model import (
     AgentStatus,
@@ -213,7 +205,7 @@ def test_any_bytes_survive_a_datagram(data: bytes) -> None:
 
 def test_truth_and_plans_survive() -> None:
     truth = Truth(5, (TruthObject("agents", 1, 2.5, -3.5, False),))
-    assert decode_truth("k", encode_truth(truth)) == truth
+    assert decode("k", encode(truth), Truth) == truth
     plan = Plan(1, 2, (Route(1, (0, 2), read_only([[1.0, 2.0]]), 3.0),), (4,), ((0, 1),), "why", (1,))
     back = decode("k", encode(plan), Plan)
     assert (back.routes[0].target, back.unassigned_targets, back.changed) == ((0, 2), ((0, 1),), (1,))
@@ -223,9 +215,10 @@ def test_truth_and_plans_survive() -> None:
 
 def test_truth_from_a_stranger_is_refused() -> None:
     with pytest.raises(WireError, match="kind"):
-        decode_truth(
+        decode(
             "k",
             b'{"t_ns": 1, "objects": [{"kind": "ufo", "id": 1, "east_m": 0, "north_m": 0, "alive": true}]}',
+            Truth,
         )
 
 

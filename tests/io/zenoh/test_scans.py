@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
-from gcs.io.zenoh.messages import decode, encode, scan_key
+from gcs.io.records import decode, encode
+from gcs.io.zenoh.keys import scan_key
 from gcs.io.zenoh.scans import decode_scan, encode_scan
 from gcs.model import Polar, Scan, read_only
 from gcs.tracking.models.sensors import map_coordinates, polar_sensor, sensor_coordinates

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.io.zenoh.messages import encode
+from gcs.io.records import encode
 from gcs.model import (
     NS_PER_S,
     AgentStatus,

@@ -10,7 +10,8 @@ import time
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.io.zenoh.messages import decode_truth, truth_key
+from gcs.io.records import decode
+from gcs.io.zenoh.keys import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, Truth
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
@@ -50,7 +51,7 @@ def test_sensors_see_a_vehicle_that_flies_already() -> None:
     endpoint, truths = free_endpoint(), queue.Queue[Truth]()
     vehicle = SimVehicle(VehicleSpec(1, 700.0, 500.0, 0.0, 100.0, 15.0), SCENARIO.frame, 0)
     with ZenohSession(listen=endpoint) as bus, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-        bus.subscribe(truth_key("prescribed"), lambda key, data: truths.put(decode_truth(key, data)))
+        bus.subscribe(truth_key("prescribed"), lambda key, data: truths.put(decode(key, data, Truth)))
         link.connect(("127.0.0.1", port))
         link.setblocking(False)
         world = subprocess.Popen(

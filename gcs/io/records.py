@@ -1,0 +1,150 @@
+"""Records of `gcs.model` as JSON, and their topics in recordings.
+
+The JSON (RFC 8259, UTF-8) is the same on zenoh, in recordings and in the journal. Records are objects with
+the record's field names; arrays are (nested) lists of numbers, bytes are base64 text, tuples are lists.
+Floats are written with the shortest digits that give the same double, so a record is read back bit for bit.
+
+Only scans and orders on zenoh have forms of their own: `gcs.io.zenoh.scans` and `gcs.io.zenoh.orders`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any, Final, TypeAlias, TypeVar
+
+import msgspec
+import numpy as np
+
+from gcs.errors import WireError
+from gcs.model import (
+    AgentStatus,
+    BadInput,
+    ClockStep,
+    Datagram,
+    Effect,
+    Event,
+    LinkNews,
+    MissionEnded,
+    Notice,
+    Order,
+    OrderAnswer,
+    Picture,
+    Plan,
+    Proposal,
+    Resumed,
+    Scan,
+    Send,
+    Tick,
+    Truth,
+    Upload,
+    UploadAnswer,
+    UploadReport,
+    read_only,
+)
+
+MAX_PAYLOAD_BYTES = 2 * 1024 * 1024
+
+Recordable: TypeAlias = Event | Effect | Truth
+RecordT = TypeVar("RecordT")
+
+TOPICS: Final[dict[type, str]] = {
+    Datagram: "/event/datagram",
+    Scan: "/event/scan",
+    Tick: "/event/tick",
+    BadInput: "/event/bad_input",
+    LinkNews: "/event/link",
+    ClockStep: "/event/clock_step",
+    Order: "/event/order",
+    UploadAnswer: "/event/upload_answer",
+    Resumed: "/event/resumed",
+    Send: "/effect/send",
+    Upload: "/effect/upload_order",
+    Picture: "/effect/picture",
+    Plan: "/effect/plan",
+    UploadReport: "/effect/upload",
+    Notice: "/effect/notice",
+    AgentStatus: "/effect/agent_status",
+    MissionEnded: "/effect/ended",
+    OrderAnswer: "/effect/answer",
+    Proposal: "/effect/proposal",
+    Truth: "/truth",
+}
+"""Topic of each record in a recording; pictures have one for each kind, below theirs."""
+
+
+def topic_of(record: Recordable) -> str:
+    """Return the topic of a record in a recording."""
+    topic = TOPICS[type(record)]
+    return f"{topic}/{record.kind}" if isinstance(record, Picture) else topic
+
+
+def _to_plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise NotImplementedError(type(value).__name__)
+
+
+def _from_plain(_type: type, value: Any) -> Any:
+    return read_only(value)
+
+
+_encode = msgspec.json.Encoder(enc_hook=_to_plain).encode
+_decoders: Final[dict[type, msgspec.json.Decoder[Any]]] = {
+    record_type: msgspec.json.Decoder(record_type, dec_hook=_from_plain) for record_type in TOPICS
+}
+
+
+def encode(record: Recordable) -> bytes:
+    """Return a record of `gcs.model` as JSON."""
+    return _encode(record)
+
+
+def decode(source: str, payload: bytes, record_type: type[RecordT]) -> RecordT:
+    """Return the record of `gcs.model` that a JSON text holds.
+
+    Raises
+    ------
+    WireError
+        If the payload is not the JSON of such a record; `source` says where it came from.
+    """
+    record = decode_json(source, payload, _decoders[record_type])
+    if isinstance(record, Scan) and record.z_m.size == 0:  # JSON has no (0, 2)
+        record = replace(record, z_m=read_only(np.empty((0, 2))))
+    assert isinstance(record, record_type)
+    return record
+
+
+def decode_json(source: str, payload: bytes, decoder: msgspec.json.Decoder[RecordT]) -> RecordT:
+    """Return the object in JSON from another program.
+
+    `source` says in the error where the JSON came from.
+
+    Raises
+    ------
+    WireError
+        If it is too long, no JSON, or not of the decoder's form.
+    """
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise WireError(source, f"{len(payload)} bytes are more than the {MAX_PAYLOAD_BYTES} allowed")
+    try:
+        return decoder.decode(payload.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise WireError(source, f"not UTF-8 text (byte {error.start})") from None
+    except msgspec.ValidationError as error:
+        raise WireError(source, _plain(str(error))) from None
+    except msgspec.DecodeError as error:
+        raise WireError(source, f"not JSON: {error}") from None
+    except RecursionError:
+        raise WireError(source, "nested too deeply") from None
+
+
+def _plain(problem: str) -> str:
+    """Turn msgspec's wording into "field: what was expected"."""
+    problem, _, path = problem.partition(" - at `")
+    problem = re.sub(r"Object missing required field `(\w+)`", r"the field `\1` is missing", problem)
+    problem = (
+        problem.replace("Expected", "expected").replace("`object`", "an object").replace("`array`", "a list")
+    )
+    field = path.rstrip("`").removeprefix("$").removeprefix(".")
+    return f"{field}: {problem}" if field else problem

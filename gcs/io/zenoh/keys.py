@@ -1,0 +1,92 @@
+"""Keys on zenoh; those of a mission begin with ``swarm/<mission>``.
+
+=============================================  ==================================================
+``swarm/<mission>/sensor/<name>/scan``         a sensor's scan (see ``docs/sensors.md``); heard by the service
+``swarm/<mission>/picture/agents``, ``targets``  `Picture`, after each scan
+``swarm/<mission>/plan``                       `Plan`
+``swarm/<mission>/upload``                     `UploadReport`
+``swarm/<mission>/agent_status``               `AgentStatus`
+``swarm/<mission>/notice``                     `Notice`
+``swarm/<mission>/ended``                      `MissionEnded`
+``swarm/<mission>/order``                      an operator's order (``docs/orders.md``), heard by the service
+``swarm/<mission>/answer``                     `OrderAnswer`
+``swarm/<mission>/proposal``                   `Proposal`, a plan that waits for confirmation
+``swarm/<mission>/truth``                      `Truth`, from a simulated world alone
+=============================================  ==================================================
+
+Payloads are the JSON of `gcs.io.records`, but for scans and orders, which have forms of their own:
+`gcs.io.zenoh.scans` and `gcs.io.zenoh.orders`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gcs.model import (
+    AgentStatus,
+    Effect,
+    MissionEnded,
+    Notice,
+    OrderAnswer,
+    Picture,
+    Plan,
+    Proposal,
+    UploadReport,
+)
+
+_EFFECT_KEYS: Final[dict[type, str]] = {
+    Plan: "plan",
+    UploadReport: "upload",
+    AgentStatus: "agent_status",
+    Notice: "notice",
+    MissionEnded: "ended",
+    OrderAnswer: "answer",
+    Proposal: "proposal",
+}
+
+
+def scan_key(mission: str, sensor: str) -> str:
+    """Return the key on which a sensor publishes its scans."""
+    return f"swarm/{mission}/sensor/{sensor}/scan"
+
+
+def sensor_of(key: str) -> str:
+    """Return the name of the sensor that publishes on a scan's key; empty for another key."""
+    parts = key.split("/")
+    return parts[3] if len(parts) == 5 and parts[4] == "scan" else ""
+
+
+def sensor_scan_keys(mission: str) -> str:
+    """Return the key expression of the scans of every sensor of a mission."""
+    return scan_key(mission, "*")
+
+
+def truth_key(mission: str) -> str:
+    """Return the key on which a simulated world publishes the truth."""
+    return f"swarm/{mission}/truth"
+
+
+def order_key(mission: str) -> str:
+    """Return the key of orders."""
+    return f"swarm/{mission}/order"
+
+
+def answer_key(mission: str) -> str:
+    """Return the key of answers to orders."""
+    return f"swarm/{mission}/answer"
+
+
+def effect_key(mission: str, effect: Effect) -> str:
+    """Return the key on which the service publishes an effect.
+
+    Raises
+    ------
+    TypeError
+        For a `Send`: its bytes go to a vehicle, not to zenoh.
+    """
+    if isinstance(effect, Picture):
+        return f"swarm/{mission}/picture/{effect.kind}"
+    name = _EFFECT_KEYS.get(type(effect))
+    if name is None:
+        raise TypeError(f"{type(effect).__name__} is not published")
+    return f"swarm/{mission}/{name}"
