@@ -12,7 +12,7 @@ from gcs.cli.live_view import LiveView, PlainLines
 from gcs.cli.operator_lines import effect_line
 from gcs.config import load
 from gcs.core.engine import Engine
-from gcs.core.replanning.triggers import in_words, lost, moved, passed
+from gcs.core.replanning.reasons import in_words, lost, moved, passed
 from gcs.mavlink.services.adsb import callsign
 from gcs.model import NS_PER_S, AgentStatus, Notice, Plan, Proposal, Route, RouteFigures, Tick, read_only
 from gcs.planning.map.grid import free_grid

@@ -1,28 +1,28 @@
-"""When to plan again, and what the plan changes.
+"""Replanning: when a plan is made, and which routes it changes.
 
-The picture is held against what the vehicles fly: an agent died or came back, a target appeared, was lost,
-or is not where its route ends. Only then the planner runs, and only vehicles whose route changed get a new
-mission. That happens every period (the paper, Algorithm 1 at 0.2 Hz), or at every scan, so that events are
-answered at once; what could not be done is tried again every period in any case.
+A check compares the picture with the routes that vehicles have (`gcs.core.replanning.triggers`). Only a
+trigger makes the planner run, and only vehicles whose route changed get a new mission. Checks come every
+period (the paper, Algorithm 1 at 0.2 Hz), or at every scan, so that events are answered at once. What a plan
+could not achieve is tried again once a period.
 
-Where an operator confirms each plan, new routes are `proposed` until then. What is proposed, waiting or
-rejected, is held against the picture like what is flown: as long as it is still good, it is not news.
+Where an operator approves each plan, new routes are `proposed` until then.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 from gcs.config import Config
-from gcs.core.replanning import triggers
+from gcs.core.replanning import reasons
 from gcs.core.replanning.altitude_layers import AltitudeLayers
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.options import PlanTargets, is_arriving, plan_options
-from gcs.core.replanning.triggers import Reason
+from gcs.core.replanning.options import PlanTargets, plan_options
+from gcs.core.replanning.reasons import Reason
+from gcs.core.replanning.triggers import CurrentRoutes, Triggers
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.upload_stages import UploadTiming
@@ -34,7 +34,6 @@ from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.route_capture import (
     capture_length_m,
     has_explicit_turn,
-    simulate_until_blocked,
     turn_around_s,
 )
 from gcs.planning.route_progress import CORRIDOR_M, next_point
@@ -42,12 +41,10 @@ from gcs.planning.vehicle_model import Motion, predict_motion
 
 _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
-_FAR_OFF = 3.0
-"""A target so many times farther from where its route ends than it may be cannot wait for the next look."""
 
 
 class Replanner:
-    """Keeps the routes being flown and decides when to plan anew."""
+    """Plans when a trigger asks for it, and keeps the routes of all vehicles."""
 
     def __init__(self, config: Config, grid: Grid) -> None:
         planning = config.planning
@@ -63,34 +60,38 @@ class Replanner:
         self._expected_targets = len(config.births)
         self._started_t_ns: int | None = None
         self._next_check_t_ns: int | None = None
-        self._tried: set[Label] = set()
-        """Targets that moved, for which a plan was made since the last regular look."""
-        self._planned_agents: frozenset[int] = frozenset()
-        self._planned_targets: frozenset[Label] = frozenset()
         self._noted: frozenset[str] = frozenset()
         self.notes: list[str] = []
-        """What the last look has to say that the one before did not."""
-        self.routes: dict[int, Route] = {}
-        """What each vehicle flies, or is being told to fly."""
-        self.proposed: dict[int, Route] = {}
-        """What was put to the operator, with `planning.retask = "confirm"`."""
-        self.blocked: set[int] = set()
-        """Vehicles whose way was closed since they got it."""
-        self._news: list[Reason] = []
-        self._given_t_ns: dict[int, int] = {}
-        """When each vehicle's newest route was made."""
+        """Notes of the last check that the check before did not have."""
         self.short: frozenset[int] = frozenset()
         """Vehicles whose newest routes end before their targets."""
         self.unrouted: frozenset[int] = frozenset()
-        """Vehicles whose proposed routes could not be planned anew the last time."""
+        """Vehicles whose proposed routes could not be planned again the last time."""
+        self._current = CurrentRoutes()
+        self._triggers = Triggers(config, self.plan_targets, self._current, grid)
+
+    @property
+    def routes(self) -> dict[int, Route]:
+        """Routes that vehicles fly, or whose missions are on their way to them."""
+        return self._current.flown
+
+    @property
+    def proposed(self) -> dict[int, Route]:
+        """Routes that were proposed to an operator, with `planning.retask = "confirm"`."""
+        return self._current.proposed
+
+    @property
+    def blocked(self) -> set[int]:
+        """Vehicles whose flown or return routes lead through an area that was closed since."""
+        return self._current.blocked
 
     @property
     def grid(self) -> Grid:
-        """The map that plans are made by."""
+        """The current map."""
         return self._grid
 
     def layer(self, vehicle: int) -> int:
-        """Altitude layer that a vehicle has, or gets if it can."""
+        """Return the altitude layer of a vehicle's route, or the one that it gets first."""
         return self._layers.of(vehicle)
 
     @property
@@ -99,44 +100,41 @@ class Replanner:
         return {vehicle: route.target for vehicle, route in self.routes.items()}
 
     @property
-    def planned(self) -> Container[int]:
+    def planned(self) -> Collection[int]:
         """Vehicles that the last plan was made for."""
-        return self._planned_agents
-
-    @property
-    def _newest(self) -> dict[int, Route]:
-        """Of each vehicle what was last decided or proposed."""
-        return self.routes | self.proposed
+        return self._triggers.planned_agents
 
     def drop(self, vehicle: int) -> None:
-        """Forget what a vehicle flies and might: it arrived, died, or is not ours to task."""
+        """Drop the routes of a vehicle that arrived, is lost, or is not tasked."""
         self.drop_route(vehicle)
         self.proposed.pop(vehicle, None)
 
     def drop_route(self, vehicle: int) -> None:
-        """Forget what a vehicle flies: its mission could not be delivered."""
+        """Drop the route of a vehicle whose mission could not be uploaded."""
         self.routes.pop(vehicle, None)
         self.blocked.discard(vehicle)
 
     def adopt(self, route: Route) -> None:
-        """Take a route that was proposed for the one that is flown."""
+        """Make a proposed route the one that is flown."""
         self.drop(route.vehicle)
         self.routes[route.vehicle] = route
 
     def use_map(self, grid: Grid) -> None:
-        """Plan by another map than the mission's own."""
-        self._grid = grid
+        """Plan on another map than the mission's own."""
+        self._grid = self._triggers.grid = grid
 
     def resume(self, t_ns: int, routes: Mapping[int, Route], targets: Iterable[Label]) -> None:
-        """Begin with routes that are flown already, and look at once."""
-        self.routes = dict(routes)
-        self._planned_agents, self._planned_targets = frozenset(routes), frozenset(targets)
-        self._news.append(triggers.TAKEN_UP)
+        """Begin with routes that are flown already, and check at once."""
+        self._current.flown = dict(routes)
+        self._triggers.note_planned(routes, targets)
+        self._triggers.add(reasons.TAKEN_UP)
         self._next_check_t_ns = t_ns
 
-    def keep_only(self, vehicles: Container[int]) -> None:
-        """Forget what others fly: the plan has no route for them."""
-        self.routes = {vehicle: route for vehicle, route in self.routes.items() if vehicle in vehicles}
+    def keep_only(self, vehicles: Collection[int]) -> None:
+        """Drop the routes of all other vehicles: the plan has none for them."""
+        self._current.flown = {
+            vehicle: route for vehicle, route in self.routes.items() if vehicle in vehicles
+        }
 
     def change_map(
         self,
@@ -145,84 +143,80 @@ class Replanner:
         closed: Grid,
         places: Mapping[int, Point],
         news: str,
-        without_return: Container[int] = (),
+        without_return: Collection[int] = (),
     ) -> list[int]:
-        """Plan by another map from now on, and look at once.
+        """Plan on another map from now on, and check at once.
 
         Parameters
         ----------
         closed
-            What is newly blocked; routes through it are given up at the next look.
+            Cells that are newly blocked; routes through them are given up at the next check.
         places
-            Where vehicles are, east and north.
+            Positions of vehicles, east and north.
+        news
+            Which no-fly zone was closed or opened.
         without_return
-            Vehicles whose ways home lead through what is closed.
+            Vehicles whose return routes lead through the closed cells.
 
         Returns
         -------
         list of int
-            Vehicles that fly through what is closed as long as they have no other route.
+            Vehicles that will fly through the closed cells unless they get another route.
         """
-        self._grid = grid
+        self.use_map(grid)
         crossed = {v for v, r in self.routes.items() if is_crossed(closed, r.flown_m, places.get(v))}
-        self.blocked |= crossed | {v for v in self.routes if v in without_return}
-        self.proposed = {
+        self.blocked.update(crossed | {v for v in self.routes if v in without_return})
+        self._current.proposed = {
             v: r for v, r in self.proposed.items() if not is_crossed(closed, r.flown_m, places.get(v))
         }
-        self._news.append(triggers.map_changed(news))
+        self._triggers.add(reasons.map_changed(news))
         self._next_check_t_ns = None if self._next_check_t_ns is None else t_ns
         return sorted(self.blocked)
 
     def is_due(self, t_ns: int) -> bool:
-        """Whether the time for a look has come; where events count, every scan may bring one."""
+        """Return True if it is time for a check; with `planning.when = "events"` that is every scan."""
         return self._planning.when == "events" or self._is_regular(t_ns)
 
     def _is_regular(self, t_ns: int) -> bool:
         return self._next_check_t_ns is None or t_ns >= self._next_check_t_ns
 
     def check(self, inputs: PlanningInputs, *, urgent_only: bool = False) -> Plan | None:
-        """Look whether something changed; if so, plan. What else there is to say stands in `notes`.
+        """Plan if there is a trigger; `notes` has what else the operator should know.
 
-        With `urgent_only` nothing is planned for reasons that can wait; they stand until the next look.
+        With `urgent_only` other triggers wait for the next check.
         """
         self.notes = []
         if self._next_check_t_ns is None:
             return self._first_plan(inputs)
         regular = self._is_regular(inputs.t_ns)
-        while self._next_check_t_ns <= inputs.t_ns:  # looks missed without scans are not made up for
+        while self._next_check_t_ns <= inputs.t_ns:  # checks that no scan came for are not made up for
             self._next_check_t_ns += self._period_ns
-        changes, moved_m = self._changes(inputs), self._moves(inputs, 1.0 if regular else _FAR_OFF)
-        # What one plan could not mend is not tried again at every scan: a target over an obstacle, say.
-        self._tried = self._tried if not regular else set()
-        wants = [triggers.moved(*move) for move in moved_m.items() if move[0] not in self._tried]
-        self._tried |= moved_m.keys()
-        if regular:
-            wants = self._idle(inputs) + wants + self._endangered(inputs) + self._missed(inputs)
-        if not changes and not wants:
+        changes = self._triggers.changes(inputs)
+        improvements = self._triggers.improvements(inputs, is_regular=regular)
+        why = [*changes, *improvements]
+        if not why or (urgent_only and not any(reason.cause in reasons.URGENT for reason in why)):
             return None
-        if urgent_only and not any(reason.cause in triggers.URGENT for reason in (*changes, *wants)):
-            return None
-        plan = self._plan(inputs, [*changes, *wants])
-        # A target over an obstacle "moves" at every look, though no route gets nearer, and an agent with no
-        # way to any target wants a route at every look: that is no news.
+        plan = self._plan(inputs, why)
+        # A plan that improves nothing is no news: a target over an obstacle "moves" at every check, and an
+        # agent with no path to any target wants a route at every check.
         return plan if changes or plan.changed else None
 
     def plan_anew(self, inputs: PlanningInputs, why: str) -> Plan:
-        """Plan whatever changed or not: an operator confirmed a plan that cannot be flown as it was shown."""
-        return self._plan(inputs, [triggers.approved_changed(why)])
+        """Plan without a trigger: an operator confirmed a plan that cannot be flown as it was shown."""
+        return self._plan(inputs, [reasons.approved_changed(why)])
 
     def withdraw_arriving(self, inputs: PlanningInputs) -> None:
-        """Propose nothing to vehicles that are about to reach their targets by the routes that they fly."""
-        self.proposed = {
+        """Drop the proposed routes of vehicles that are about to reach their targets on the flown ones."""
+        self._current.proposed = {
             vehicle: route
             for vehicle, route in self.proposed.items()
-            if vehicle not in self.routes or not self._is_arriving(self.routes[vehicle], inputs)
+            if vehicle not in self.routes or not self._triggers.is_arriving(self.routes[vehicle], inputs)
         }
 
     def renew(self, assignment: Mapping[int, Label], inputs: PlanningInputs) -> dict[int, Route]:
-        """Plan proposed routes anew from where their vehicles are now, each to the target that it has.
+        """Plan proposed routes again from the current positions of their vehicles, to the same targets.
 
-        Vehicles, targets and ways that are not there now have none; `unrouted` says whose way is missing.
+        A vehicle or target that is not there now gets no route; `unrouted` has the vehicles without a path.
         """
         there = {
             vehicle: label
@@ -235,152 +229,53 @@ class Replanner:
             self._captured(route, inputs) for route in result.routes if route.target == there[route.vehicle]
         ]
         vehicles = {route.vehicle for route in renewed}
-        others = [r for v, r in self._newest.items() if v in inputs.agents and v not in vehicles]
+        others = [r for v, r in self._current.newest.items() if v in inputs.agents and v not in vehicles]
         self._layers.other_vehicles = inputs.other_vehicles
         given, _ = self._layers.give([*others, *renewed], vehicles, inputs.agents, inputs.arrived)
         self.short = self.short - vehicles | result.stops_short & vehicles
         self.unrouted = frozenset(there.keys() - vehicles)
         routes = {route.vehicle: route for route in given if route.vehicle in vehicles}
-        self.proposed |= routes
-        self._given_t_ns |= dict.fromkeys(vehicles, inputs.t_ns)
+        self.proposed.update(routes)
+        self._current.made_t_ns |= dict.fromkeys(vehicles, inputs.t_ns)
         return routes
 
     def is_separated(self, route: Route, places: Mapping[int, Point]) -> bool:
-        """Return True if a route that is flown again keeps clear of those that are flown now.
+        """Return True if a route that is flown again keeps its separation from those that are flown now.
 
-        `places` (east, north) are where vehicles are.
+        `places` are the positions of vehicles, east and north.
         """
         return self._layers.is_clear(route, list(self.routes.values()), places)
 
     def separation_m(self, inputs: PlanningInputs) -> dict[int, float]:
-        """Return how near each vehicle will come to another at its altitude; infinite: no other is there."""
-        routes = [route for v, route in sorted(self._newest.items()) if v in inputs.agents]
+        """Return the minimum distance of each vehicle to others of its layer; infinite without others."""
+        routes = [route for v, route in sorted(self._current.newest.items()) if v in inputs.agents]
         return self._layers.separation_m(routes, self.proposed, inputs.agents, inputs.arrived)
 
     def _first_plan(self, inputs: PlanningInputs) -> Plan | None:
-        """Plan as soon as everybody expected is there, or after a short wait with whoever is."""
+        """Plan when all expected agents and targets are there, or after a short wait without the rest."""
         if self._started_t_ns is None:
             self._started_t_ns = inputs.t_ns
-        everybody = (
+        is_complete = (
             len(inputs.agents) >= self._expected_agents and len(inputs.targets) >= self._expected_targets
         )
         waited = inputs.t_ns - self._started_t_ns >= _FIRST_PLAN_WAIT_S * NS_PER_S
-        if not (everybody or (waited and inputs.agents and inputs.targets)):
+        if not (is_complete or (waited and inputs.agents and inputs.targets)):
             return None
         self._next_check_t_ns = inputs.t_ns + self._period_ns
-        return self._plan(inputs, [triggers.FIRST_PLAN])
-
-    def _changes(self, inputs: PlanningInputs) -> list[Reason]:
-        """Who and what came or went since the last plan."""
-        gone = self._planned_agents - set(inputs.agents) - inputs.arrived
-        news, self._news = self._news, []
-        came = set(inputs.agents) - self._planned_agents
-        gone_targets = {route.target for route in self._newest.values()} - set(inputs.targets)
-        came_targets = set(inputs.targets) - self._planned_targets
-        return [
-            *news,
-            *(triggers.gone(v, inputs.untaskable.get(v), is_lost=v in inputs.lost) for v in sorted(gone)),
-            *(triggers.joined(v) for v in sorted(came)),
-            *(triggers.appeared(t) for t in sorted(came_targets)),
-            *(triggers.lost(t) for t in sorted(gone_targets)),
-        ]
-
-    def _idle(self, inputs: PlanningInputs) -> list[Reason]:
-        """Who has no route although there are targets to spare."""
-        newest = self._newest
-        if self._planning.surplus == "hold" and not self._is_needed(inputs):
-            return []
-        idle = set(inputs.agents) & self._planned_agents - set(newest)
-        return [triggers.idle(v) for v in sorted(idle)]
-
-    def _is_needed(self, inputs: PlanningInputs) -> bool:
-        """Whether some target has fewer agents on the way than it needs."""
-        flown = Counter(route.target for route in self._newest.values())
-        there = inputs.at_targets
-        return any(flown[t] + there.get(t, 0) < self.plan_targets.needed(t) for t in inputs.targets)
-
-    def _moves(self, inputs: PlanningInputs, times: float) -> dict[Label, float]:
-        """Which targets are so many times too far from where their routes end, and how far, in metres."""
-        return {
-            route.target: moved_m
-            for vehicle, route, agent in self._flown(inputs)
-            if self._is_settled(vehicle, inputs)
-            and not self._is_arriving(route, inputs)
-            and (moved_m := self._off_m(vehicle, route, inputs))
-            > times * self.plan_targets.tolerance_m(agent, route)
-        }
-
-    def _off_m(self, vehicle: int, route: Route, inputs: PlanningInputs) -> float:
-        """How far a route ends from where its target will be then."""
-        agent, target = inputs.agents[vehicle], inputs.targets[route.target]
-        return self.plan_targets.off_m(vehicle, agent, route, target, inputs.left_s.get(vehicle, 0.0))
-
-    def _is_settled(self, vehicle: int, inputs: PlanningInputs) -> bool:
-        """Whether a vehicle had its route for a period, and long enough for the route to get there.
-
-        Estimates jitter: a route that is corrected again before it was taken up is flown worse than one that
-        is a little off.
-        """
-        had_ns = inputs.t_ns - self._given_t_ns.get(vehicle, 0)
-        return had_ns >= max(self._period_ns, inputs.late_s.get(vehicle, 0.0) * NS_PER_S)
-
-    def _endangered(self, inputs: PlanningInputs) -> list[Reason]:
-        """Who would fly into something."""
-        return [
-            triggers.in_danger(vehicle)
-            for vehicle, _, _ in self._flown(inputs)
-            if self._is_endangered(vehicle, inputs)
-        ]
-
-    def _missed(self, inputs: PlanningInputs) -> list[Reason]:
-        """Who passed its target, and was not seen to reach it."""
-        return [
-            triggers.passed(vehicle, route.target)
-            for vehicle, route, _ in self._flown(inputs)
-            if self._has_missed(vehicle, inputs)
-        ]
-
-    def _has_missed(self, vehicle: int, inputs: PlanningInputs) -> bool:
-        is_helped = vehicle in self.proposed or vehicle in inputs.left_s
-        return vehicle in inputs.passed and not is_helped and self._is_settled(vehicle, inputs)
-
-    def _flown(self, inputs: PlanningInputs) -> Iterator[tuple[int, Route, Track]]:
-        """Yield every vehicle that is there and flies to a target that is there, its route and its track."""
-        for vehicle, route in sorted(self._newest.items()):
-            if vehicle in inputs.agents and route.target in inputs.targets:
-                yield vehicle, route, inputs.agents[vehicle]
-
-    def _is_endangered(self, vehicle: int, inputs: PlanningInputs) -> bool:
-        """Whether an agent hits something before the end of what it holds, and gets nothing else anyway."""
-        options, motion = self._options, inputs.motion(vehicle)
-        is_helped = vehicle in self.proposed or vehicle in inputs.left_s
-        if options.shape != "flyable" or is_helped or not motion.ahead.points_m:
-            return False
-        look_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
-        is_clear, last = simulate_until_blocked(self._grid, motion, look_s, self._lag_s, options.clearance_m)
-        return not is_clear and bool(last.ahead.points_m)
-
-    def _is_arriving(self, route: Route, inputs: PlanningInputs) -> bool:
-        """Whether a vehicle is about to reach its target by the route that it flies: it keeps both."""
-        vehicle = route.vehicle
-        if self.routes.get(vehicle) is not route or vehicle in self.blocked or vehicle in inputs.passed:
-            return False
-        if vehicle not in inputs.agents or route.target not in inputs.targets:
-            return False
-        agent, target = inputs.agents[vehicle], inputs.targets[route.target]
-        return is_arriving(agent, target) and not self._is_endangered(vehicle, inputs)
+        return self._plan(inputs, [reasons.FIRST_PLAN])
 
     def _plan(self, inputs: PlanningInputs, why: Sequence[Reason]) -> Plan:
-        arriving = [route for _, route in sorted(self.routes.items()) if self._is_arriving(route, inputs)]
+        arriving = [
+            route for _, route in sorted(self.routes.items()) if self._triggers.is_arriving(route, inputs)
+        ]
         keeping = {route.vehicle for route in arriving}
         there = Counter(inputs.at_targets) + Counter(route.target for route in arriving)
         kept_targets = {r.target for r in arriving if there[r.target] >= self.plan_targets.needed(r.target)}
         starts = {v: self._start(v, inputs) for v in inputs.agents if v not in keeping}
         open_targets = [label for label in inputs.targets if label not in kept_targets]
-        pursued = {v: route.target for v, route in self._newest.items() if v not in keeping}
+        pursued = {v: route.target for v, route in self._current.newest.items() if v not in keeping}
         result = self._routed(starts, open_targets, pursued, replace(inputs, at_targets=there))
-        self._planned_agents = frozenset(inputs.agents)
-        self._planned_targets = frozenset(inputs.targets)
+        self._triggers.note_planned(inputs.agents, inputs.targets)
         kept: list[Route] = arriving
         changed: list[int] = []
         for route in result.routes:
@@ -389,13 +284,13 @@ class Replanner:
                 flown = None
             short = route.vehicle in result.stops_short
             if shown is not None and self._is_still_good(shown, route, inputs, short):
-                kept.append(shown)  # what waits to be confirmed stays as long as it is good
+                kept.append(shown)  # a route that waits for approval stays as long as it is good
             elif flown is not None and self._is_still_good(flown, route, inputs, short):
                 kept.append(flown)
             else:
                 kept.append(self._captured(route, inputs))
                 changed.append(route.vehicle)
-                self._given_t_ns[route.vehicle] = inputs.t_ns
+                self._current.made_t_ns[route.vehicle] = inputs.t_ns
         self.short = self.short - set(changed) | result.stops_short & set(changed)
         kept.sort(key=lambda route: route.vehicle)
         self._layers.other_vehicles = inputs.other_vehicles
@@ -410,9 +305,9 @@ class Replanner:
             routes=tuple(kept),
             unassigned_vehicles=tuple(result.unassigned_vehicles),
             unassigned_targets=tuple(result.unassigned_targets),
-            reason=triggers.in_words(why),
+            reason=reasons.in_words(why),
             changed=tuple(changed),
-            causes=triggers.kinds(why),
+            causes=reasons.kinds(why),
         )
 
     def _routed(
@@ -424,7 +319,7 @@ class Replanner:
         *,
         fixed: bool = False,
     ) -> PlanResult:
-        """Plan for some agents and some targets; `fixed`: each agent to the target that it flies to."""
+        """Plan for some agents and targets; `fixed`: each agent keeps its target in `flown`."""
         targets = {label: inputs.targets[label] for label in labels}
         counts = Counter(flown.values())
         demands = {
@@ -443,7 +338,7 @@ class Replanner:
         )
 
     def _captured(self, route: Route, inputs: PlanningInputs) -> Route:
-        """Return a route without the turn on to it, where its vehicle turns soon enough by itself."""
+        """Return a route without its first turn where the vehicle captures it sooner without."""
         vehicle, options = route.vehicle, self._options
         start = self._start(vehicle, inputs)
         if options.shape != "flyable" or not has_explicit_turn(start, route.points_m):
@@ -460,7 +355,7 @@ class Replanner:
         return route
 
     def _start(self, vehicle: int, inputs: PlanningInputs) -> AgentState:
-        """Where an agent's turn on to a route that is planned now begins."""
+        """Return where and how an agent begins a route that is planned now."""
         turns = self._expected(vehicle, inputs, 0.5 * self._lag_s)
         takes_up = self._expected(vehicle, inputs, 0.0)
         late_s = inputs.late_s.get(vehicle, 0.0)
@@ -469,7 +364,7 @@ class Replanner:
         return self.plan_targets.start(vehicle, turns, takes_up, late_s)
 
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:
-        """How an agent will move a while after it got a route that is planned now, or at its climb's end."""
+        """Return an agent's motion `more_s` after it got a route that is planned now, or after its climb."""
         if vehicle in inputs.climbs:
             return predict_motion(self._grid, inputs.motion(vehicle), more_s, self._lag_s)
         motion, late_s = inputs.motion(vehicle), inputs.late_s.get(vehicle, 0.0)
@@ -478,39 +373,47 @@ class Replanner:
         return predict_motion(self._grid, motion, ahead_s, self._lag_s)
 
     def _place(self, target: Track, inputs: PlanningInputs) -> Point:
-        """Where a target will be when agents take up routes that are planned now."""
+        """Return the position of a target at the time when agents begin routes that are planned now."""
         return self.plan_targets.place(target, (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s)
 
     def _decide(self, kept: list[Route], inputs: PlanningInputs) -> None:
-        """Make the routes of a plan those that are flown, or propose those that differ."""
+        """Make the routes of a plan the flown ones, or propose those that differ."""
         if self._planning.retask == "auto":
-            self.routes = {route.vehicle: route for route in kept}
+            self._current.flown = {route.vehicle: route for route in kept}
             self.blocked.clear()
             return
-        self.proposed = {r.vehicle: r for r in kept if r is not self.routes.get(r.vehicle)}
-        self.routes = {v: r for v, r in self.routes.items() if r.target in inputs.targets}
-        self.blocked &= set(self.routes)
+        self._current.proposed = {r.vehicle: r for r in kept if r is not self.routes.get(r.vehicle)}
+        self._current.flown = {v: r for v, r in self.routes.items() if r.target in inputs.targets}
+        self.blocked.intersection_update(self.routes)
 
     def _is_still_good(self, flown: Route, new: Route, inputs: PlanningInputs, short: bool) -> bool:
-        """Whether a vehicle should fly on what it has; `short`: the new route does not reach its target."""
-        vehicle, agent = new.vehicle, inputs.agents[new.vehicle]
-        if flown.target != new.target:
-            return False
-        if self._is_endangered(vehicle, inputs):
+        """Return True if a vehicle should keep its route; `short`: the new one ends before its target."""
+        vehicle, triggers = new.vehicle, self._triggers
+        if flown.target != new.target or triggers.is_endangered(vehicle, inputs):
             return False
         if short:
             return True
-        if self._has_missed(vehicle, inputs):
+        if triggers.has_passed_target(vehicle, inputs):
             return False
         if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
             return True
-        if not self._is_settled(vehicle, inputs):
-            return True
-        return self._off_m(vehicle, flown, inputs) <= self.plan_targets.tolerance_m(agent, flown)
+        return not triggers.is_settled(vehicle, inputs) or triggers.is_within_tolerance(
+            vehicle, flown, inputs
+        )
 
 
 def is_crossed(closed: Grid, way_m: FloatArray, place: Point | None) -> bool:
-    """Whether what is left of a way leads through what is closed."""
+    """Return True if the rest of a route leads through closed cells.
+
+    Parameters
+    ----------
+    closed : Grid
+        Blocks the closed cells.
+    way_m : ndarray, shape (k, 2)
+        East and north of the route.
+    place : tuple of float or None
+        Position of its vehicle; None: the whole route is left.
+    """
     points = [(float(east_m), float(north_m)) for east_m, north_m in way_m]
     if place is not None:
         points = [place, *points[next_point(way_m, place, CORRIDOR_M) :]]

@@ -1,91 +1,197 @@
-"""Why plans are made: each reason in an operator's words, with its kind for pictures and counts."""
+"""Replanning triggers: differences between the picture and the routes that vehicles have.
+
+Agents and targets that come or go, and a changed map, trigger a plan at once. So does a target that is far
+from the end of its route. The other triggers are checked once a period: agents without a route, targets that
+moved, agents that would hit an obstacle, and agents that passed their targets.
+
+A route that waits for an operator's approval, or that was rejected, is compared like one that is flown.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Final, NamedTuple
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 
-from gcs.model import Cause, Label, target_name, vehicle_name
+from gcs.config import Config
+from gcs.core.replanning import reasons
+from gcs.core.replanning.inputs import PlanningInputs
+from gcs.core.replanning.options import PlanTargets, is_arriving, plan_options
+from gcs.core.replanning.reasons import Reason
+from gcs.model import NS_PER_S, Label, Route, Track
+from gcs.planning.map.grid import Grid
+from gcs.planning.route_capture import simulate_until_blocked, turn_around_s
 
-
-class Reason(NamedTuple):
-    """One reason for a plan."""
-
-    cause: Cause
-    text: str
-
-
-URGENT: Final[frozenset[Cause]] = frozenset(
-    {"taken up again", "map changed", "agent set aside", "agent in danger", "approved plan changed"}
-)
-"""Reasons that do not wait until an operator could read the plan before."""
-FIRST_PLAN = Reason("first plan", "first plan")
-TAKEN_UP = Reason("taken up again", "taken up again")
+_URGENT_FACTOR = 3.0
+"""Multiple of its tolerance that a target must have moved to trigger a plan between two periods."""
 
 
-def gone(vehicle: int, untaskable: str | None, *, is_lost: bool) -> Reason:
-    """Tell why an agent is not planned for any more; `untaskable`: why not, if it cannot be tasked."""
-    if is_lost:
-        return Reason("agent lost", f"{_agent(vehicle)} lost")
-    if untaskable is None:
-        return Reason("agent not tracked", f"{_agent(vehicle)} is not tracked")
-    return Reason("agent set aside", f"{_agent(vehicle)} {untaskable}")
+@dataclass(slots=True)
+class CurrentRoutes:
+    """Newest routes of all vehicles."""
+
+    flown: dict[int, Route] = field(default_factory=dict)
+    """Routes that vehicles fly, or whose missions are on their way to them."""
+    proposed: dict[int, Route] = field(default_factory=dict)
+    """Routes that wait for an operator's approval, or that the operator rejected."""
+    blocked: set[int] = field(default_factory=set)
+    """Vehicles whose flown or return routes lead through an area that was closed since."""
+    made_t_ns: dict[int, int] = field(default_factory=dict)
+    """Time at which each vehicle's newest route was planned."""
+
+    @property
+    def newest(self) -> dict[int, Route]:
+        """Proposed route of each vehicle, else the flown one."""
+        return self.flown | self.proposed
 
 
-def joined(vehicle: int) -> Reason:
-    """Tell that an agent is planned for from now on."""
-    return Reason("agent joined", f"{_agent(vehicle)} joined")
+class Triggers:
+    """Compares routes with the picture.
 
+    Parameters
+    ----------
+    config : Config
+        The mission.
+    plan_targets : PlanTargets
+        Demands of targets, and tolerances of routes.
+    routes : CurrentRoutes
+        The routes; the replanner changes them.
+    grid : Grid
+        The current map.
 
-def idle(vehicle: int) -> Reason:
-    """Tell that an agent has no route although there are targets to spare."""
-    return Reason("agent idle", f"{_agent(vehicle)} has no route")
+    Attributes
+    ----------
+    grid : Grid
+        The current map.
+    planned_agents, planned_targets : frozenset
+        Agents and targets of the last plan.
+    """
 
+    def __init__(self, config: Config, plan_targets: PlanTargets, routes: CurrentRoutes, grid: Grid) -> None:
+        self.grid = grid
+        self.planned_agents: frozenset[int] = frozenset()
+        self.planned_targets: frozenset[Label] = frozenset()
+        self._routes, self._plan_targets = routes, plan_targets
+        self._surplus, self._options = config.planning.surplus, plan_options(config)
+        self._lag_s, self._period_ns = config.airframe.turn_lag_s, int(config.planning.period_s * NS_PER_S)
+        self._news: list[Reason] = []
+        self._tried: set[Label] = set()
+        """Targets that moved, for which a plan was made since the last regular check."""
 
-def in_danger(vehicle: int) -> Reason:
-    """Tell that an agent would fly into something."""
-    return Reason("agent in danger", f"{_agent(vehicle)} would hit an obstacle")
+    def add(self, reason: Reason) -> None:
+        """Add a trigger for the next check."""
+        self._news.append(reason)
 
+    def note_planned(self, agents: Iterable[int], targets: Iterable[Label]) -> None:
+        """Note the agents and targets of a new plan."""
+        self.planned_agents, self.planned_targets = frozenset(agents), frozenset(targets)
 
-def passed(vehicle: int, target: Label) -> Reason:
-    """Tell that an agent passed its target, and was not seen to reach it."""
-    return Reason("agent passed its target", f"{_agent(vehicle)} passed target {target_name(target)}")
+    def changes(self, inputs: PlanningInputs) -> list[Reason]:
+        """Return the agents and targets that came or went since the last plan, and the added triggers."""
+        news, self._news = self._news, []
+        gone = self.planned_agents - set(inputs.agents) - inputs.arrived
+        came = set(inputs.agents) - self.planned_agents
+        gone_targets = {route.target for route in self._routes.newest.values()} - set(inputs.targets)
+        came_targets = set(inputs.targets) - self.planned_targets
+        return [
+            *news,
+            *(reasons.gone(v, inputs.untaskable.get(v), is_lost=v in inputs.lost) for v in sorted(gone)),
+            *(reasons.joined(v) for v in sorted(came)),
+            *(reasons.appeared(t) for t in sorted(came_targets)),
+            *(reasons.lost(t) for t in sorted(gone_targets)),
+        ]
 
+    def improvements(self, inputs: PlanningInputs, *, is_regular: bool) -> list[Reason]:
+        """Return the routes that a plan may improve.
 
-def appeared(target: Label) -> Reason:
-    """Tell that a target is believed that was not before."""
-    return Reason("target appeared", f"target {target_name(target)} appeared")
+        Between two regular checks these are only targets that are far from the ends of their routes, each
+        once: a plan may be unable to help, for example when a target is over an obstacle.
+        """
+        if is_regular:
+            self._tried.clear()
+        moved_m = self._moved_m(inputs, 1.0 if is_regular else _URGENT_FACTOR)
+        moved = [reasons.moved(*one) for one in moved_m.items() if one[0] not in self._tried]
+        self._tried |= moved_m.keys()
+        if not is_regular:
+            return moved
+        followed = list(self._followed(inputs))
+        endangered = [reasons.in_danger(v) for v, _, _ in followed if self.is_endangered(v, inputs)]
+        passed = [reasons.passed(v, r.target) for v, r, _ in followed if self.has_passed_target(v, inputs)]
+        return self._idle(inputs) + moved + endangered + passed
 
+    def _idle(self, inputs: PlanningInputs) -> list[Reason]:
+        """Return the agents without a route, if a target needs one."""
+        newest = self._routes.newest
+        if self._surplus == "hold" and not self._is_needed(inputs):
+            return []
+        return [reasons.idle(v) for v in sorted(set(inputs.agents) & self.planned_agents - set(newest))]
 
-def lost(target: Label) -> Reason:
-    """Tell that a target that somebody flies to is not believed any more."""
-    return Reason("target lost", f"target {target_name(target)} is not tracked any more")
+    def _is_needed(self, inputs: PlanningInputs) -> bool:
+        """Return True if a target has fewer agents on the way than it needs."""
+        coming = Counter(route.target for route in self._routes.newest.values())
+        there = inputs.at_targets
+        return any(coming[t] + there.get(t, 0) < self._plan_targets.needed(t) for t in inputs.targets)
 
+    def _moved_m(self, inputs: PlanningInputs, factor: float) -> dict[Label, float]:
+        """Return the targets that are farther from the ends of their routes than `factor` tolerances."""
+        return {
+            route.target: moved_m
+            for vehicle, route, agent in self._followed(inputs)
+            if self.is_settled(vehicle, inputs)
+            and not self.is_arriving(route, inputs)
+            and (moved_m := self._off_m(vehicle, route, inputs))
+            > factor * self._plan_targets.tolerance_m(agent, route)
+        }
 
-def moved(target: Label, moved_m: float) -> Reason:
-    """Tell how far a target is from where its route ends."""
-    return Reason("target moved", f"target {target_name(target)} moved {moved_m:.0f} m")
+    def _followed(self, inputs: PlanningInputs) -> Iterator[tuple[int, Route, Track]]:
+        """Yield vehicle, newest route and track of each agent whose target is confirmed."""
+        for vehicle, route in sorted(self._routes.newest.items()):
+            if vehicle in inputs.agents and route.target in inputs.targets:
+                yield vehicle, route, inputs.agents[vehicle]
 
+    def _off_m(self, vehicle: int, route: Route, inputs: PlanningInputs) -> float:
+        """Return the distance of a route's end from where its target will be then."""
+        agent, target = inputs.agents[vehicle], inputs.targets[route.target]
+        return self._plan_targets.off_m(vehicle, agent, route, target, inputs.left_s.get(vehicle, 0.0))
 
-def map_changed(news: str) -> Reason:
-    """Tell what was closed or opened, in words."""
-    return Reason("map changed", news)
+    def is_within_tolerance(self, vehicle: int, route: Route, inputs: PlanningInputs) -> bool:
+        """Return True if a route ends near enough to where its target will be then."""
+        tolerance_m = self._plan_targets.tolerance_m(inputs.agents[vehicle], route)
+        return self._off_m(vehicle, route, inputs) <= tolerance_m
 
+    def is_settled(self, vehicle: int, inputs: PlanningInputs) -> bool:
+        """Return True if a vehicle's newest route is older than a period, and than its upload takes.
 
-def approved_changed(what: str) -> Reason:
-    """Tell why a plan that an operator confirmed is not the one that would be flown now."""
-    return Reason("approved plan changed", what)
+        Estimates jitter: a route that is replaced before the vehicle follows it is worse than one that is
+        slightly off.
+        """
+        age_ns = inputs.t_ns - self._routes.made_t_ns.get(vehicle, 0)
+        return age_ns >= max(self._period_ns, inputs.late_s.get(vehicle, 0.0) * NS_PER_S)
 
+    def is_endangered(self, vehicle: int, inputs: PlanningInputs) -> bool:
+        """Return True if an agent will hit an obstacle on its onboard mission, and no other is on its way."""
+        options, motion = self._options, inputs.motion(vehicle)
+        if options.shape != "flyable" or self._has_newer(vehicle, inputs) or not motion.ahead.points_m:
+            return False
+        look_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
+        is_clear, last = simulate_until_blocked(self.grid, motion, look_s, self._lag_s, options.clearance_m)
+        return not is_clear and bool(last.ahead.points_m)
 
-def in_words(reasons: Iterable[Reason]) -> str:
-    """Return all reasons as an operator reads them."""
-    return "; ".join(reason.text for reason in reasons)
+    def has_passed_target(self, vehicle: int, inputs: PlanningInputs) -> bool:
+        """Return True if an agent passed its target without having reached it, and has no newer route."""
+        has_newer = self._has_newer(vehicle, inputs)
+        return vehicle in inputs.passed and not has_newer and self.is_settled(vehicle, inputs)
 
+    def _has_newer(self, vehicle: int, inputs: PlanningInputs) -> bool:
+        """Return True if a newer route than the flown one is proposed or being uploaded."""
+        return vehicle in self._routes.proposed or vehicle in inputs.left_s
 
-def kinds(reasons: Iterable[Reason]) -> tuple[Cause, ...]:
-    """Return each kind once, in the order in which it is first named."""
-    return tuple(dict.fromkeys(reason.cause for reason in reasons))
-
-
-def _agent(vehicle: int) -> str:
-    return f"agent {vehicle_name(vehicle)}"
+    def is_arriving(self, route: Route, inputs: PlanningInputs) -> bool:
+        """Return True if a vehicle is about to reach its target on the route that it flies."""
+        vehicle, routes = route.vehicle, self._routes
+        if routes.flown.get(vehicle) is not route or vehicle in routes.blocked or vehicle in inputs.passed:
+            return False
+        if vehicle not in inputs.agents or route.target not in inputs.targets:
+            return False
+        agent, target = inputs.agents[vehicle], inputs.targets[route.target]
+        return is_arriving(agent, target) and not self.is_endangered(vehicle, inputs)
