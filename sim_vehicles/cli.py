@@ -8,7 +8,7 @@ import selectors
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -16,9 +16,9 @@ from gcs.cli.arguments import JsonOption, LossOption, ScenarioArgument, SeedOpti
 from gcs.cli.errors import exit_on_error, print_error
 from gcs.errors import GcsError
 from gcs.io.console import console_for
-from sim_vehicles.autopilots.firmware import parse_sitl
-from sim_vehicles.supervisor import SimulationPlan, Supervisor
-from sim_vehicles.world.scenario import load
+
+if TYPE_CHECKING:
+    from sim_vehicles.supervisor import SimulationPlan, Supervisor
 
 app = typer.Typer(
     help="Simulated fixed-wing vehicles and the world they fly in, over real MAVLink and real zenoh.",
@@ -84,6 +84,10 @@ def run(
     waits for a mission. Targets start to move, and losses start, when a ground station has been heard for
     10 s. Connect QGroundControl, MAVProxy (`mavproxy.py --master=udpin:0.0.0.0:14550`) or `gcs run SCENARIO`.
     """
+    from sim_vehicles.autopilots.firmware import parse_sitl
+    from sim_vehicles.supervisor import SimulationPlan
+    from sim_vehicles.world.scenario import load
+
     with exit_on_error():
         firmware = dict(parse_sitl(text) for text in sitl or [])
         loaded = load(scenario)
@@ -114,6 +118,9 @@ def world(
     The sensors detect the vehicles at their true positions (SIMSTATE of ArduPilot's SITL,
     HIL_STATE_QUATERNION of PX4), or without such messages at their reported positions.
     """
+    from sim_vehicles.supervisor import SimulationPlan
+    from sim_vehicles.world.scenario import load
+
     with exit_on_error():
         loaded = load(scenario)
     plan = SimulationPlan(loaded, seed, 1.0, "", zenoh, zenoh_role, truth_links=link)
@@ -122,6 +129,8 @@ def world(
 
 def _supervise(plan: SimulationPlan, as_json: bool, stdin: int | None = None) -> None:
     """Run a simulated world until Ctrl-C, SIGTERM, or the end of `stdin` (a file descriptor)."""
+    from sim_vehicles.supervisor import Supervisor
+
     console = console_for(stderr=True)
 
     def report(event: dict[str, Any]) -> None:
@@ -186,6 +195,7 @@ def simulate(
 ) -> None:
     """Fly simulated missions on virtual time. The same seed gives the same outcome."""
     from sim_vehicles.campaign.simulate import simulate as simulate_runs
+    from sim_vehicles.world.scenario import load
 
     with exit_on_error():
         are_complete = simulate_runs(load(scenario), seed, runs, as_json, out, loss, duration)

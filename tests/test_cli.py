@@ -52,6 +52,28 @@ def test_the_list_of_commands_loads_none_of_them() -> None:
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_the_help_of_a_command_loads_nothing_that_computes_or_flies() -> None:
+    code = f"""
+import sys
+from gcs.cli import app
+from sim_vehicles.cli import app as simulation
+
+def check(command):
+    heavy = ("numba", "scipy", "zenoh", "matplotlib", "gcs.core", "gcs.planning", "gcs.tracking")
+    if loaded := [name for name in heavy if name in sys.modules]:
+        sys.exit(f"{{command}} loads {{loaded}}")
+
+for command in {[name for commands in _COMMANDS.values() for name in commands]}:
+    app([command, "--help"], standalone_mode=False)
+    check(command)
+for command in ("run", "world", "simulate"):
+    simulation([command, "--help"], standalone_mode=False)
+    check(command)
+"""
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_the_short_form_of_help_and_the_package_itself_are_understood() -> None:
     for arguments in (["-h"], ["order", "-h"], ["order", "hold", "-h"]):
         assert "Usage:" in CliRunner().invoke(app, arguments).stdout

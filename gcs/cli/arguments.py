@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from gcs.errors import ConfigError
+
 
 def command_app(help: str | None = None) -> typer.Typer:  # noqa: A002  as Typer names it
     """Return an empty Typer app: for one command, or with `help` for a group of commands."""
@@ -62,6 +64,18 @@ def confirm_or_abort(question: str) -> None:
     if not sys.stdin.isatty():
         raise typer.BadParameter(f"{question} needs a confirmation: add --yes")
     typer.confirm(f"{question}?", abort=True, err=True)
+
+
+def check_picture(path: Path | None) -> None:
+    """Check the name of a picture, if one is wanted.
+
+    Raises
+    ------
+    ConfigError
+        When the name has another ending.
+    """
+    if path is not None and path.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise ConfigError(str(path), "", "expected a name that ends in .png, .pdf or .svg")
 
 
 ScenarioArgument = Annotated[

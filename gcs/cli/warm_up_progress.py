@@ -7,8 +7,6 @@ from typing import Final
 
 from rich.console import Console
 
-from gcs import jit
-
 TRACKING: Final = "gcs.tracking.glmb.filter"
 HISTORIES: Final = "gcs.tracking.trajectories.recovery"
 """Recovered and smoothed trajectories, for `gcs track` only."""
@@ -26,6 +24,8 @@ def load_kernels(console: Console, *modules: str) -> None:
 
     Prints the progress of a compilation: for each kernel in a terminal, for each module in a log.
     """
+    from gcs import jit  # Loads numba.
+
     began_s = time.perf_counter()
     cold: list[str] = []
     with console.status("loading the compiled kernels") as status:

@@ -15,7 +15,7 @@ from typing import Any
 
 from rich.console import Console
 
-from gcs.cli.fly.demo import DemoOptions, run_demo
+from gcs.cli.fly.demo_flight import DemoOptions, run_demo
 from gcs.io.recording.part import RecordingPart
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.service.service import Service

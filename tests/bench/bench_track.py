@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from draws import sets
 
-from gcs.cli.analyse.track import Scores, score, track_detections
+from gcs.cli.analyse.track_run import Scores, score, track_detections
 from gcs.io.detections.readers import load
 from gcs.tracking.glmb.filter import warm_up
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.cli.analyse.report import ReportOptions, read_material
+from gcs.cli.analyse.report_material import ReportOptions, read_material
 from gcs.config import load
 from gcs.io.detections import tables
 from gcs.io.detections.readers import load as load_detections

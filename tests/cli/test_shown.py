@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from gcs.cli.live_view import LiveView
-from gcs.cli.prepare.preflight import print_checks
+from gcs.cli.prepare.preflight_checks import print_checks
 from gcs.cli.run_setup import display
 from gcs.config import load
 from gcs.core.engine import Engine

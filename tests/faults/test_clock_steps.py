@@ -11,8 +11,8 @@ from missions import short_mission
 from rich.console import Console
 from wall_clock import WallClock
 
-from gcs.cli.fly.demo import DemoOptions, run_demo
-from gcs.cli.prepare.preflight import ScanListener
+from gcs.cli.fly.demo_flight import DemoOptions, run_demo
+from gcs.cli.prepare.preflight_checks import ScanListener
 from gcs.config import load
 from gcs.core.preflight.mission import sensor_checks
 from gcs.endpoints import Link, parse_endpoint

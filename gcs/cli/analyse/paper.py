@@ -18,7 +18,7 @@ import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gcs.cli.analyse.report import ReportOptions, read_material
+from gcs.cli.analyse.report_material import ReportOptions, read_material
 from gcs.config import load, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.errors import RecordingError, SimulationError

@@ -1,25 +1,11 @@
-"""`gcs demo`: fly a mission with simulated vehicles.
-
-The service runs in this process. Vehicles and the world run in others (``python -m sim_vehicles``) and talk
-to it by MAVLink over UDP and by zenoh, as from another machine. They end when their standard input closes,
-however this process ends.
-"""
+"""`gcs demo`: fly a mission with simulated vehicles."""
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import json
-import sys
-from collections.abc import AsyncIterator, Collection
-from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated
 
-import numpy as np
 import typer
-from rich.console import Console
 
 from gcs.cli.arguments import (
     HeadlessOption,
@@ -30,56 +16,9 @@ from gcs.cli.arguments import (
     command_app,
 )
 from gcs.cli.errors import exit_on_error
-from gcs.cli.link_table import link_rows
-from gcs.cli.run_setup import display, open_recorder, warm_up
-from gcs.config import Config, parse, read_text
-from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.endpoints import Link, parse_endpoint
-from gcs.errors import InterruptedRunError, SimulationError
-from gcs.io.clock import RunClock
 from gcs.io.console import console_for
-from gcs.io.links.manager import Links
-from gcs.io.output import QueuedText, off_loop
-from gcs.io.recording.folder import Run
-from gcs.io.recording.reader import read
-from gcs.io.recording.writer_thread import RecorderThread
-from gcs.io.records import decode
-from gcs.io.signing.gate import Signing
-from gcs.io.zenoh.discovery import announced
-from gcs.io.zenoh.keys import truth_key
-from gcs.io.zenoh.session import ZenohSession, free_endpoint
-from gcs.model import NS_PER_S, Effect, Event, Truth
-from gcs.report.plots.figures import draw_run
-from gcs.report.plots.maps import Ground
-from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
-from gcs.report.run.summary import print_summary
-from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
 app = command_app()
-
-_START_TIMEOUT_S: Final = 90.0
-_FIRMWARE_TIMEOUT_S: Final = 180.0
-"""Added for real firmware, which boots and takes off."""
-_STOP_TIMEOUT_S: Final = 6.0
-
-
-@dataclass(frozen=True, slots=True)
-class DemoOptions:
-    """The options of `gcs demo`."""
-
-    scenario: str
-    seed: int
-    speed: float
-    duration_s: float | None
-    loss: float
-    pack: int
-    headless: bool
-    as_json: bool
-    out: Path | None
-    forward: tuple[str, ...] = ()
-    """Endpoints of other ground stations, in addition to those of the mission file."""
-    sitl: tuple[str, ...] = ()
-    """Real firmware, each as NAME=PATH."""
 
 
 @app.command()
@@ -123,6 +62,8 @@ def demo(
     Each vehicle is a process. The run ends when every agent has reached a target or is lost, and leaves a
     summary, a recording and a picture. Ctrl-C ends it early; the recording stays readable.
     """
+    from gcs.cli.fly.demo_flight import DemoOptions, run_demo
+
     options = DemoOptions(
         scenario,
         seed,
@@ -139,234 +80,3 @@ def demo(
     with exit_on_error():
         code = run_demo(options, console_for(stderr=as_json))
     raise typer.Exit(code)
-
-
-def run_demo(options: DemoOptions, console: Console) -> int:
-    """Fly, show, record and evaluate a scenario; return the exit code.
-
-    Raises
-    ------
-    GcsError
-        When the run cannot start: a mistake in the file, a port in use, vehicles that do not start.
-    """
-    text, source = read_text(options.scenario)
-    for endpoint in options.forward:
-        parse_endpoint(endpoint)
-        text += f'\n[[links.forward]]  # by --forward\nendpoint = "{endpoint}"\n'
-    config = parse(text, source)
-    with off_loop(console) as view:
-        code, summary = _fly_and_summarise(options, config, text, source, console, view)
-    if options.as_json:
-        print(summary_json(summary), flush=True)  # noqa: T201  the last line of --json
-    return code
-
-
-def _fly_and_summarise(
-    options: DemoOptions, config: Config, text: str, source: str, console: Console, view: QueuedText
-) -> tuple[int, Summary]:
-    """Fly; return the exit code and the summary."""
-    warm_up(console)
-    evaluator = evaluator_of(config)
-    run = Run(config.name, options.seed)
-    name, table = f"{config.name}-{options.seed}", config.recording
-    with open_recorder(options.out, name, text, run, table) as recorder:
-        health, links, duration_s, interrupted = asyncio.run(
-            _fly(config, config.links.key_file(source), options, recorder, evaluator, console, view)
-        )
-        folder = recorder.folder
-    summary = evaluator.summary(
-        scenario=config.name,
-        seed=options.seed,
-        duration_s=duration_s,
-        scan_ms_p99=p99(health.scan_ms),
-        plan_ms_p99=p99(health.plan_ms),
-        recording=str(folder),
-    )
-    summary = replace(summary, links=links)
-    return _show(config, options, summary, folder, console, interrupted=interrupted), summary
-
-
-def _show(
-    config: Config,
-    options: DemoOptions,
-    summary: Summary,
-    folder: Path,
-    console: Console,
-    *,
-    interrupted: bool,
-) -> int:
-    picture, problem = None, ""
-    try:
-        with console.status("drawing the picture of the run"):
-            picture = _draw_recording(folder, config, options.seed)
-        (folder / "summary.json").write_text(summary_json(summary) + "\n", encoding="utf-8")
-    except OSError as error:  # The summary is printed even when the disk is full.
-        problem = f"picture and summary.json cannot be written to {folder}: {error.strerror}"
-    print_summary(summary, console, picture=picture)
-    if problem:
-        console.print(problem, style="yellow", highlight=False, markup=False, soft_wrap=True)
-    if interrupted:
-        return 130
-    return 0 if summary.outcome == "complete" else 1
-
-
-def p99(values_ms: Collection[float]) -> float:
-    """Return the 99th percentile; 0 without values."""
-    return float(np.percentile(list(values_ms), 99)) if values_ms else 0.0
-
-
-class EvaluatorSink:
-    """Passes effects to the evaluator."""
-
-    def __init__(self, evaluator: Evaluator) -> None:
-        self._evaluator = evaluator
-
-    def event(self, event: Event) -> None:
-        """Ignore events: the evaluator does not need them."""
-
-    def effect(self, _t_ns: int, effect: Effect) -> None:
-        """Pass an effect on."""
-        self._evaluator.add_effect(effect)
-
-
-def _draw_recording(folder: Path, config: Config, seed: int) -> Path:
-    """Draw the picture of a recorded run into its folder; return the file."""
-    ground = Ground.of(mission_grid(config, seed))
-    picture = folder / "run.png"
-    draw_run(
-        (record.value for record in read(folder)),
-        picture,
-        obstacles_m=ground.obstacles_m,
-        cell_m=ground.cell_m,
-        title=f"{config.name}, seed {seed}",
-    )
-    return picture
-
-
-async def _fly(
-    config: Config,
-    keys: Path | None,
-    options: DemoOptions,
-    recorder: RecorderThread,
-    evaluator: Evaluator,
-    console: Console,
-    view: QueuedText,
-) -> tuple[Health, tuple[dict[str, Any], ...], float, bool]:
-    """Fly; return health, link counters, run time in seconds, and True if interrupted."""
-    forward = [link for link in config.mavlink_links if link.role != "vehicles"]
-    open_links = [Link(parse_endpoint("udpin:127.0.0.1:0")), *forward]
-    vehicles = [agent.vehicle for agent in config.agents]
-    links = Links(open_links, vehicles, config.local_frame, Signing(open_links, keys, kernel=True))
-    stop, interrupt = asyncio.Event(), asyncio.Event()
-    loop = asyncio.get_running_loop()
-    endpoint = free_endpoint()
-
-    def add_truth(key: str, payload: bytes) -> None:
-        truth = decode(key, payload, Truth)
-        evaluator.add_truth(truth)
-        service.truth(truth)
-
-    with ZenohSession(listen=endpoint) as bus, announced(config.name, endpoint):
-        service = Service(config, options.seed, links, bus)
-        service.recorder = recorder
-        service.outputs += [view.writer, recorder.writer]
-        service.sinks.append(EvaluatorSink(evaluator))
-        bus.subscribe(
-            truth_key(config.name),
-            lambda key, payload: on_loop(loop, add_truth, key, payload),
-        )
-        undo, undo_hangup = wait_for_interrupt(interrupt), fly_on_after_hangup(view)
-        relay = asyncio.create_task(_stop_on_interrupt(interrupt, stop))
-        try:
-            console.print(
-                f"central command listens on UDP port {links.port}; starting the vehicles", highlight=False
-            )
-            async with _simulation(options, links.port, endpoint, stop, console) as clock:
-                limit_s = options.duration_s or config.mission.max_duration_s
-                limit = loop.call_later(limit_s / options.speed, stop.set)
-                async with display(service, console, speed=options.speed, headless=options.headless):
-                    await service.run(clock, stop, end_with_mission=True)
-                limit.cancel()
-                duration_s = (clock.now_ns() - clock.start_t_ns) / NS_PER_S
-        finally:
-            relay.cancel()
-            undo()
-            undo_hangup()
-    rows = tuple(link_rows(service.command.fleet, links, service.now_ns()))
-    return service.health, rows, duration_s, interrupt.is_set()
-
-
-async def _stop_on_interrupt(interrupt: asyncio.Event, stop: asyncio.Event) -> None:
-    await interrupt.wait()
-    stop.set()
-
-
-@asynccontextmanager
-async def _simulation(
-    options: DemoOptions, port: int, zenoh: str, stop: asyncio.Event, console: Console
-) -> AsyncIterator[RunClock]:
-    """Run the simulated vehicles as a process; yield the clock that they fly by."""
-    firmware = [word for text in options.sitl for word in ("--sitl", text)]
-    starts_within_s = _START_TIMEOUT_S + (_FIRMWARE_TIMEOUT_S if options.sitl else 0.0)
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-P", "-m", "sim_vehicles", "run", options.scenario,
-        "--seed", str(options.seed), "--speed", str(options.speed),
-        "--gcs", f"127.0.0.1:{port}", "--zenoh", zenoh, "--zenoh-role", "connect",
-        "--loss", str(options.loss), "--pack", str(options.pack), "--json", "--until-stdin-closes",
-        "--start-at-once",
-        *firmware,
-        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, start_new_session=True,
-    )  # fmt: skip
-    watcher: asyncio.Task[None] | None = None
-    try:
-        starting = asyncio.create_task(_until_started(process, console))
-        stopping = asyncio.create_task(stop.wait())
-        await asyncio.wait({starting, stopping}, timeout=starts_within_s, return_when=asyncio.FIRST_COMPLETED)
-        if not starting.done():
-            starting.cancel()
-            if stop.is_set():
-                raise InterruptedRunError("interrupted before the vehicles were started")
-            raise SimulationError("the simulated vehicles did not start in time")
-        stopping.cancel()
-        clock = starting.result()
-        watcher = asyncio.create_task(_watch(process, stop))
-        yield clock
-        if watcher.done():
-            raise SimulationError("the simulation ended before the mission: see the messages above")
-    finally:
-        if watcher is not None:
-            watcher.cancel()
-        await _end(process)
-
-
-async def _end(process: asyncio.subprocess.Process) -> None:
-    assert process.stdin is not None
-    process.stdin.close()
-    with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(process.wait(), _STOP_TIMEOUT_S)
-    if process.returncode is None:
-        process.kill()
-        await process.wait()
-
-
-async def _events(process: asyncio.subprocess.Process) -> AsyncIterator[dict[str, Any]]:
-    assert process.stdout is not None
-    async for line in process.stdout:
-        with contextlib.suppress(ValueError):
-            yield json.loads(line)
-
-
-async def _until_started(process: asyncio.subprocess.Process, console: Console) -> RunClock:
-    async for event in _events(process):
-        if event.get("event") == "vehicle":
-            console.print(f"vehicle {event['system_id']} is process {event['pid']}", highlight=False)
-        if event.get("event") == "started":
-            return RunClock(event["epoch_ns"], event["start_t_ns"], event["speed"])
-    raise SimulationError("the simulated vehicles could not be started: see the messages above")
-
-
-async def _watch(process: asyncio.subprocess.Process, stop: asyncio.Event) -> None:
-    """Read events so that the pipe never fills; stop the run when the simulation ends."""
-    async for _ in _events(process):
-        pass
-    stop.set()

@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from gcs.cli.arguments import ConfigArgument, HeadlessOption, SeedOption, command_app
 from gcs.cli.errors import exit_on_error
-from gcs.cli.link_table import link_rows, link_table
-from gcs.cli.run_setup import display, open_recorder, warm_up
-from gcs.config import Config, parse, read_text
-from gcs.io.clock import RunClock
 from gcs.io.console import console_for
-from gcs.io.links.manager import Links
-from gcs.io.output import QueuedText, off_loop
-from gcs.io.recording.folder import Run
-from gcs.io.recording.writer_thread import RecorderThread
-from gcs.io.signing.gate import Signing
-from gcs.io.zenoh.discovery import announced
-from gcs.io.zenoh.session import service_bus
-from gcs.service.journal import Journal, fingerprint
-from gcs.service.resume import JournalSink, default_path, take_up
-from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
 
 app = command_app()
 
@@ -56,6 +39,9 @@ def run(
 
     After Ctrl-C the vehicles fly their missions to the end. Started again, the service resumes.
     """
+    from gcs.cli.fly.live_service import serve
+    from gcs.io.clock import RunClock
+
     run_clock = RunClock()
     if clock is not None:  # A simulation faster than real time.
         epoch_ns, _, speed = clock.partition(",")
@@ -71,80 +57,3 @@ def run(
             journal_path=journal,
             clock=run_clock,
         )
-
-
-def serve(
-    scenario: str,
-    seed: int,
-    console: Console,
-    *,
-    headless: bool,
-    out: Path | None,
-    resume: bool | None,
-    journal_path: Path | None,
-    clock: RunClock,
-) -> None:
-    """Serve until interrupted; write a recording, and a journal to resume from.
-
-    Raises
-    ------
-    ConfigError, LinkError
-        When the mission file is wrong or a port cannot be opened.
-    """
-    text, source = read_text(scenario)
-    config = parse(text, source)
-    warm_up(console)
-    name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
-    with (
-        off_loop(console) as view,
-        open_recorder(out, name, text, Run(config.name, seed), config.recording) as recorder,
-    ):
-        path = journal_path or default_path(config.name)
-        journal = Journal(path, config.name, fingerprint(text, seed))
-        signing = Signing(config.mavlink_links, config.links.key_file(source), kernel=True)
-        vehicles = [agent.vehicle for agent in config.agents]
-        links = Links(config.mavlink_links, vehicles, config.local_frame, signing)
-        asyncio.run(
-            _serve(config, seed, links, recorder, journal, console, view, clock, resume, headless=headless)
-        )
-        console.print(f"recording: {recorder.folder}", highlight=False, markup=False, soft_wrap=True)
-
-
-async def _serve(
-    config: Config,
-    seed: int,
-    links: Links,
-    recorder: RecorderThread,
-    journal: Journal,
-    console: Console,
-    view: QueuedText,
-    clock: RunClock,
-    resume: bool | None,
-    *,
-    headless: bool,
-) -> None:
-    stop, at_once = asyncio.Event(), asyncio.Event()
-    undo, undo_hangup = wait_for_interrupt(stop, at_once), fly_on_after_hangup(view)
-    table = config.links
-    with (
-        service_bus(table.zenoh_role, table.zenoh) as (bus, zenoh_endpoint),
-        announced(config.name, zenoh_endpoint),
-    ):
-        service = Service(config, seed, links, bus)
-        take_up(service, journal, resume, clock.now_ns(), console)
-        keeper = JournalSink(service, journal)
-        service.recorder = recorder
-        service.outputs += [view.writer, recorder.writer, keeper.writer]
-        service.sinks.append(keeper)
-        console.print(
-            f"MAVLink on {', '.join(link.name for link in links.links)}; zenoh on {config.links.zenoh}; "
-            "Ctrl-C ends it",
-            highlight=False,
-        )
-        async with display(service, console, speed=clock.speed, headless=headless):
-            await service.run(clock, stop, at_once=at_once)
-        keeper.write(clock.now_ns())
-        keeper.close()
-        console.print(link_table(link_rows(service.command.fleet, links, service.now_ns())))
-    undo()
-    undo_hangup()

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 
 from gcs.cli.arguments import ConfigArgument, SeedOption, command_app
 from gcs.cli.errors import exit_on_error
-from gcs.config import Config, load
-from gcs.config.tables import AgentTable, BirthTable
-from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.fence import fence_of, rally_of
 from gcs.io.console import console_for
-from gcs.model import vehicle_name
+
+if TYPE_CHECKING:
+    from gcs.config import Config
+    from gcs.config.tables import AgentTable, BirthTable
 
 app = command_app()
 
@@ -43,6 +43,11 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     ConfigError
         When the file is wrong.
     """
+    from gcs.config import load
+    from gcs.core.airspace.obstacle_map import mission_grid
+    from gcs.fence import fence_of, rally_of
+    from gcs.model import vehicle_name
+
     config = load(scenario)
     grid = mission_grid(config, seed)
     blocked = int(grid.blocked.sum())

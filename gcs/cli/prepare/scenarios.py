@@ -5,7 +5,6 @@ from __future__ import annotations
 from rich.table import Table
 
 from gcs.cli.arguments import command_app
-from gcs.config import load, scenario_names
 from gcs.io.console import console_for
 
 app = command_app()
@@ -14,6 +13,8 @@ app = command_app()
 @app.command()
 def scenarios() -> None:
     """List the shipped scenarios."""
+    from gcs.config import load, scenario_names  # Loads numpy.
+
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()

@@ -16,7 +16,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.cli.analyse.report import ReportOptions, _Reading
+from gcs.cli.analyse.report_material import ReportOptions, _Reading
 from gcs.config import load
 from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.recording.tlog import tlog_entries

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.cli.analyse.track import track_detections
+from gcs.cli.analyse.track_run import track_detections
 from gcs.config import read_text
 from gcs.errors import GcsError
 from gcs.io.detections.readers import load

@@ -1,0 +1,299 @@
+"""Playback of a recording or a log through central command: sources, display and comparison."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import math
+import time
+from collections.abc import AsyncIterator, Iterable
+from contextlib import asynccontextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import typer
+from rich.console import Console
+
+from gcs.cli.analyse.whatif import Comparison, comparison_table, different_settings
+from gcs.cli.run_setup import display, warm_up
+from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
+from gcs.config import Config, load, parse
+from gcs.errors import RecordingError
+from gcs.files import open_regular
+from gcs.io.recording.folder import versions
+from gcs.io.recording.reader import Record, RecordingInfo, is_recording, read, read_info
+from gcs.io.recording.tlog import is_stamped
+from gcs.model import Effect, Event
+from gcs.report.run.verification import Verification
+from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
+from gcs.service.replay import Replay, Verifier, Window
+from gcs.service.service import wait_for_interrupt
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOptions:
+    """The options of `gcs replay`."""
+
+    path: Path
+    speed: float | None
+    """Multiple of real time; None: 1 in a live view, infinite elsewhere."""
+    window: Window
+    verify: bool
+    config: str | None
+    seed: int | None
+    headless: bool
+    as_json: bool
+    detections: Path | None = None
+    """Detections to add to a log."""
+    model: Path | None = None
+    """Model of the detections, if their file has none."""
+    offset_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """Records to replay, with their configuration."""
+
+    header: RecordingInfo | None
+    """None for a telemetry log."""
+    config: Config
+    seed: int
+    records: Iterable[Record]
+
+
+def parse_speed(text: str | None) -> float | None:
+    """Return ``--speed``: a positive number, or ``max``.
+
+    Raises
+    ------
+    typer.BadParameter
+        When the text is neither.
+    """
+    if text is None:
+        return None
+    if text == "max":
+        return math.inf
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = 0.0
+    if not 0.0 < speed < math.inf:
+        raise typer.BadParameter(f"{text!r} is neither a positive number nor `max`", param_hint="--speed")
+    return speed
+
+
+def run_replay(options: ReplayOptions, console: Console) -> int:
+    """Replay, show and compare; return the exit code: 1 when the verification finds a difference.
+
+    Raises
+    ------
+    RecordingError, ConfigError
+        When the recording has no events, or its mission or seed is missing.
+    """
+    source = _open_source(options, console)
+    warm_up(console, TRACKING, PLANNING, LINKS)
+    replay = Replay(source.config, source.seed, source.records, options.window)
+    verifier, comparison = Verifier(), Comparison()
+    if options.verify:
+        replay.watchers.append(verifier)
+    if options.config is not None and source.header is not None:
+        replay.watchers.append(comparison)
+    started = time.perf_counter()
+    interrupted = asyncio.run(_play(replay, options, console))
+    wall_s = time.perf_counter() - started
+    if replay.events == 0 and not interrupted:
+        why = "" if replay.damage is None else f": {replay.damage.problem}"
+        raise RecordingError(str(options.path), f"holds no events to replay{why}")
+    summary = _summary(replay, options.path, wall_s)
+    _print_summary(replay, summary, console)
+    if options.verify:
+        summary |= _print_verification(verifier.result, replay, source.header, console)
+    if options.config is not None and source.header is not None:
+        summary |= _print_comparison(comparison, replay, source, console)
+    if options.as_json:
+        print(json.dumps(summary), flush=True)  # noqa: T201  the output of --json
+    if interrupted:
+        return 130
+    return 1 if verifier.result.first is not None else 0
+
+
+def _open_source(options: ReplayOptions, console: Console) -> _Source:
+    path = options.path
+    if not is_recording(path):
+        refuse_detections(path)
+        if options.config is None:
+            with open_regular(path) as file:
+                is_stamped(file, str(path))
+            raise RecordingError(
+                str(path), "is a telemetry log: name the mission of its vehicles with --config"
+            )
+        if options.verify:
+            raise RecordingError(str(path), "is not a recording of gcs: it has no outputs to verify")
+        config = load(options.config)
+        records = telemetry_records(
+            path, [agent.vehicle for agent in config.agents], _load_detections(options, console)
+        )
+        return _Source(None, config, options.seed or 0, records)
+    if options.detections is not None:
+        raise RecordingError(str(path), "is a recording with scans; --detections is for logs")
+    header = read_info(path)
+    if options.config is not None:
+        config = load(options.config)
+    elif header.config_text:
+        config = parse(header.config_text, f"{path}: its mission file")
+    else:
+        raise RecordingError(str(path), "its mission file cannot be read; name one with --config")
+    has_comparison = options.verify or options.config is not None
+    records = read(path, only=get_args(Event) + get_args(Effect) if has_comparison else get_args(Event))
+    first = list(itertools.islice(records, 1))
+    if options.verify and first and first[0].sequence > 0:
+        raise RecordingError(
+            str(path),
+            f"begins in the middle of a run, with record {first[0].sequence}; to verify it, name its folder",
+        )
+    seed = _seed(options, header, config)
+    return _Source(header, config, seed, itertools.chain(first, records))
+
+
+def _load_detections(options: ReplayOptions, console: Console) -> Beside | None:
+    if options.detections is None:
+        return None
+    added = load_beside(options.detections, options.model, options.offset_s)
+    for remark in added.detections.remarks:
+        console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
+    return added
+
+
+def _seed(options: ReplayOptions, header: RecordingInfo, config: Config) -> int:
+    if options.seed is not None:
+        return options.seed
+    if header.run is not None:
+        return header.run.seed
+    if config.map.random_threshold > 0.0:
+        raise RecordingError(
+            str(options.path),
+            "does not say with which seed it was made, and its obstacles are random; give --seed",
+        )
+    return 0
+
+
+async def _play(replay: Replay, options: ReplayOptions, console: Console) -> bool:
+    """Play the records; return True if interrupted."""
+    stop = asyncio.Event()
+    undo = wait_for_interrupt(stop)
+    plain = options.headless or options.verify or not console.is_terminal
+    speed = options.speed if options.speed is not None else math.inf if plain else 1.0
+    try:
+        async with _display(replay, options, console, speed):
+            await replay.run(stop, speed)
+    finally:
+        undo()
+    return stop.is_set()
+
+
+@asynccontextmanager
+async def _display(
+    replay: Replay, options: ReplayOptions, console: Console, speed: float
+) -> AsyncIterator[None]:
+    if options.verify:
+        with console.status("recomputing every picture, plan and send"):
+            yield
+        return
+    async with display(replay, console, speed=speed, headless=options.headless):
+        yield
+
+
+def _summary(replay: Replay, path: Path, wall_s: float) -> dict[str, Any]:
+    return {
+        "recording": str(path),
+        "seconds": replay.duration_s,
+        "events": replay.events,
+        "effects": replay.effects,
+        "wall_s": wall_s,
+        "times_real_time": replay.duration_s / wall_s if wall_s > 0.0 else 0.0,
+        "damage": None if replay.damage is None else asdict(replay.damage),
+    }
+
+
+def _print_summary(replay: Replay, summary: dict[str, Any], console: Console) -> None:
+    console.print(
+        f"replayed {replay.duration_s:.1f} s of run time in {summary['wall_s']:.1f} s "
+        f"({summary['times_real_time']:.0f} times real time): "
+        f"{replay.events} events in, {replay.effects} effects out",
+        highlight=False,
+    )
+    if replay.damage is not None:
+        console.print(
+            f"the recording ends early: {replay.damage.problem}",
+            style="yellow",
+            highlight=False,
+            soft_wrap=True,
+        )
+
+
+def _print_verification(
+    result: Verification, replay: Replay, header: RecordingInfo | None, console: Console
+) -> dict[str, Any]:
+    equal = sum(result.equal.values())
+    summary: dict[str, Any] = {
+        "verified": result.first is None,
+        "equal": dict(sorted(result.equal.items())),
+        "different": result.different,
+        "first_difference": None if result.first is None else asdict(result.first),
+    }
+    if equal == 0 and result.first is None:
+        console.print("the recording has no outputs to compare", style="yellow", highlight=False)
+        return summary
+    if result.first is None:
+        counts = ", ".join(f"{count} {topic}" for topic, count in sorted(result.equal.items()))
+        console.print(
+            f"all {equal} effects are equal, byte for byte: {counts}", style="green", highlight=False
+        )
+        return summary
+    first = result.first
+    seconds = (first.t_ns - (replay.start_t_ns or first.t_ns)) / 1e9
+    console.print(
+        f"{result.different} of {equal + result.different} effects differ; the first is "
+        f"record {first.number} at {seconds:.3f} s, {first.topic}",
+        style="bold red", highlight=False, soft_wrap=True,
+    )  # fmt: skip
+    console.print(f"  recorded: {first.recorded}", highlight=False, markup=False, soft_wrap=True)
+    console.print(f"  replayed: {first.replayed}", highlight=False, markup=False, soft_wrap=True)
+    for library, recorded, present in _different_versions(header):
+        console.print(
+            f"  {library} was {recorded} in the recording and is {present} here", style="dim", highlight=False
+        )
+    return summary
+
+
+def _different_versions(header: RecordingInfo | None) -> list[tuple[str, str, str]]:
+    recorded, present = {} if header is None else header.versions, versions()
+    return [
+        (name, version, present.get(name, "missing"))
+        for name, version in recorded.items()
+        if version != present.get(name)
+    ]
+
+
+def _print_comparison(
+    comparison: Comparison, replay: Replay, source: _Source, console: Console
+) -> dict[str, Any]:
+    header = source.header
+    assert header is not None
+    changed = (
+        different_settings(parse(header.config_text, "recorded"), source.config) if header.config_text else []
+    )
+    rows = comparison.rows(replay.start_t_ns or 0)
+    if changed:
+        console.print(comparison_table("Settings that differ", changed))
+    console.print(comparison_table("Results", rows))
+    if any(row.differs for row in rows):
+        console.print("the recorded vehicles do not react to the plans made here", style="dim")
+    else:
+        console.print("the results are the same", style="green")
+    return {
+        "settings": [asdict(row) for row in changed],
+        "outcome": [asdict(row) | {"differs": row.differs} for row in rows],
+    }

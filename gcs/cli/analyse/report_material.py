@@ -1,0 +1,378 @@
+"""Material of the page about a run, read from its file.
+
+The file is read once, whatever its kind: a recording, a telemetry log, a raw MAVLink stream. The page names
+what the file does not have (ground truth, tracks, times) and shows the rest.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from rich.console import Console
+
+from gcs.cli.analyse.info import reading_progress
+from gcs.cli.run_setup import warm_up
+from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
+from gcs.config import Config, load, parse
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.engine import Engine
+from gcs.errors import ConfigError, GcsError, RecordingError
+from gcs.files import open_regular
+from gcs.geo import LocalFrame
+from gcs.io.recording.reader import Damage, is_recording, read, read_info, recording_bytes
+from gcs.io.recording.timestamps import FrameTimes, TimeSource
+from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
+from gcs.mavlink.frames.codec import scan
+from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
+from gcs.report.plots.maps import Ground
+from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of
+from gcs.report.run.page import Material, run_page
+from gcs.report.run.timeline import Timeline, TimelineBuilder
+from gcs.report.run.tracks_csv import TracksCsv
+from gcs.report.telemetry.flights import Flight, Flights
+from gcs.report.telemetry.traffic import Traffic
+from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
+
+CSV_NAME: Final = "tracks.csv"
+_PROGRESS_PERIOD: Final = 4096
+"""Parts of a log between updates of the progress bar."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportOptions:
+    """The options of a report about one run."""
+
+    path: Path
+    out: Path | None
+    config: str | None
+    seed: int | None
+    timing: bool
+    as_json: bool
+    detections: Path | None = None
+    """Detections to add to a log."""
+    model: Path | None = None
+    """Model of the detections, if their file has none."""
+    offset_s: float = 0.0
+
+
+def run_report(options: ReportOptions, console: Console) -> None:
+    """Read a file to its end and write its page.
+
+    Raises
+    ------
+    GcsError
+        When the file cannot be read or has an unknown format, or the page cannot be written.
+    """
+    folder = options.out if options.out is not None else default_folder(options.path)
+    with _new_folder(folder):
+        material = read_material(options, folder / CSV_NAME, console)
+    with console.status("drawing the figures"):
+        page = run_page(material, folder)
+    console.print(str(page), highlight=False, markup=False, soft_wrap=True)
+    for remark in material.remarks:
+        console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
+    if options.as_json:
+        print(json.dumps(_as_dict(material, page, folder)), flush=True)  # noqa: T201  the output of --json
+
+
+@contextmanager
+def _new_folder(folder: Path) -> Iterator[None]:
+    """Create a folder before the long work; remove it again on an error."""
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(
+            str(folder), f"cannot be created: {error.strerror}; choose another with -o"
+        ) from None
+    try:
+        yield
+    except GcsError:
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def default_folder(path: Path) -> Path:
+    """Return the default folder of a report: in the folder of a recording, else NAME-report."""
+    return path / "report" if path.is_dir() else Path(f"{path.stem}-report")
+
+
+def read_material(options: ReportOptions, csv: Path | None, console: Console) -> Material:
+    """Read a file to its end, or to its damage, and return the content of the page."""
+    if is_recording(options.path):
+        return _Reading(options, csv, console).recording()
+    refuse_detections(options.path)
+    return _Reading(options, csv, console).log()
+
+
+@dataclass(slots=True)
+class _Reading:
+    """One pass over a file."""
+
+    options: ReportOptions
+    csv: Path | None
+    console: Console
+    config: Config | None = None
+    seed: int = 0
+    remarks: list[str] = field(default_factory=list)
+    traffic: Traffic = field(default_factory=Traffic)
+    work_ms: dict[str, list[float]] = field(default_factory=lambda: {"scan": [], "plan": []})
+
+    def recording(self) -> Material:
+        """Read a recording."""
+        path = self.options.path
+        if self.options.detections is not None:
+            raise RecordingError(str(path), "is a recording with scans; --detections is for logs")
+        header = read_info(path)
+        self._find_mission(header.config_text)
+        seed = self.options.seed if self.options.seed is not None else header.run and header.run.seed
+        self.seed = seed or 0
+        ground = self._ground(known=seed is not None)
+        command = self._command(can_repeat=ground is not None)
+        evaluator, flights = self._evaluator(), self._flights()
+        builder = TimelineBuilder(evaluator)
+        records = 0
+        with (
+            reading_progress(self.console, path, recording_bytes(path)) as advance,
+            TracksCsv(self.csv) as csv,
+        ):
+            for record in read(path, advance):
+                value = record.value
+                if isinstance(value, Damage):
+                    self.remarks.append(f"The recording ends early: {value.problem}.")
+                    break
+                records += 1
+                if isinstance(value, Event) and command is not None:
+                    self._timed_step(command, value)
+                if isinstance(value, Datagram | Send):
+                    self._add_frames(record.t_ns, value.data, flights)
+                builder.add(value)
+                if isinstance(value, Picture):
+                    csv.add_picture(value, builder.start_t_ns)
+        if records == 0:
+            raise RecordingError(str(path), "has no records" + _because(self.remarks))
+        name = header.run.scenario if header.run else self.config.name if self.config else path.name
+        timeline = builder.build()
+        if not timeline.has_truth:
+            self.remarks.append(
+                "This recording has no ground truth, like any real flight: OSPA, losses and arrivals cannot "
+                "be evaluated, and the maps show reports and tracks."
+            )
+        return self._material(name, "recording", timeline, flights, evaluator, ground, header.versions)
+
+    def log(self) -> Material:
+        """Read a telemetry log or a raw stream; run the trackers if a mission is given."""
+        options, path = self.options, self.options.path
+        builder, evaluator, ground = TimelineBuilder(), None, None
+        added = self._load_detections()
+        if options.config is not None:
+            self.config, self.seed = load(options.config), options.seed or 0
+            evaluator, ground = self._evaluator(), self._ground(known=True)
+            builder = TimelineBuilder(evaluator)
+        flights = self._flights()
+        timed_by, span = self._read_log(flights)
+        timeline = builder.build()
+        with TracksCsv(self.csv) as csv:
+            if self.config is not None:
+                for value in self._replay_log(self.config, added):
+                    builder.add(value)
+                    if isinstance(value, Picture):
+                        csv.add_picture(value, builder.start_t_ns)
+        if self.config is not None:
+            timeline = builder.build()
+        else:
+            self.remarks.append(
+                "A telemetry log has no scans and no mission: the page shows the reports of the vehicles. "
+                "With --config and a mission of these vehicles, the agents' tracker runs on it."
+            )
+        if timed_by == "boot clocks":
+            self.remarks.append("A raw MAVLink stream: times are from the vehicles' own clocks.")
+        elif timed_by is None:
+            self.remarks.append("A raw MAVLink stream without times: nothing is shown over time.")
+        kind = "telemetry log" if timed_by == "stamps" else "raw MAVLink"
+        return self._material(path.name, kind, timeline, flights, evaluator, ground, {}, span)
+
+    def _read_log(self, flights: Flights) -> tuple[TimeSource | None, tuple[int, int]]:
+        """Read every frame; return the source of the times, and the first and last time."""
+        path = self.options.path
+        size = path.stat().st_size
+        times, bad_bytes, stretches = [0, 0], 0, 0
+        with open_regular(path) as file, reading_progress(self.console, path, size) as advance:
+            stamped = is_stamped(file, str(path))
+            line = FrameTimes(stamped=stamped)
+            for number, part in enumerate(read_log(file, stamped=stamped)):
+                if number % _PROGRESS_PERIOD == 0:
+                    advance(part.offset)
+                if not isinstance(part, LogFrame):
+                    stretches, bad_bytes = stretches + 1, bad_bytes + part.length
+                elif part.validity == "good":
+                    t_ns = line(part)
+                    times = [times[0] or t_ns, max(times[1], t_ns)]
+                    self.traffic.add_frame(t_ns, part.frame)
+                    flights.add_frame(t_ns, part.frame)
+        if bad_bytes:
+            places = _times(stretches, "stretch", "stretches")
+            self.remarks.append(f"{bad_bytes} damaged bytes, in {places}, were skipped.")
+        if line.jumps:
+            often = _times(line.jumps, "time", "times")
+            what = "Its clock was set" if stamped else "A vehicle was rebooted"
+            self.remarks.append(f"{what} {often} while it was written; the time line continues.")
+        return line.timed_by, (times[0], times[1])
+
+    def _find_mission(self, text: str) -> None:
+        if self.options.config is not None:
+            self.config = load(self.options.config)
+            return
+        try:
+            if text:
+                self.config = parse(text, f"{self.options.path}: its mission file")
+        except ConfigError as error:
+            self.remarks.append(f"Its mission file cannot be used ({error}); name one with --config.")
+        if not text:
+            self.remarks.append("It has no mission file: obstacles and evaluation are missing; see --config.")
+
+    def _ground(self, *, known: bool) -> Ground | None:
+        config = self.config
+        if config is None:
+            return None
+        if not known and config.map.random_threshold > 0.0:
+            self.remarks.append("It has no seed, and its obstacles are random; give --seed.")
+            return None
+        return Ground.of(mission_grid(config, self.seed))
+
+    def _evaluator(self) -> Evaluator:
+        config = self.config
+        if config is None:
+            return Evaluator(0.0, ())
+        return evaluator_of(config)
+
+    def _flights(self) -> Flights:
+        frame: LocalFrame | None = None if self.config is None else self.config.local_frame
+        return Flights(frame)
+
+    def _command(self, *, can_repeat: bool) -> Engine | None:
+        if self.config is None or not (can_repeat and self.options.timing):
+            return None
+        warm_up(self.console, TRACKING, PLANNING, LINKS)
+        return Engine(self.config, self.seed)
+
+    def _load_detections(self) -> Beside | None:
+        options = self.options
+        if options.detections is None:
+            return None
+        if options.config is None:
+            raise RecordingError(
+                str(options.path),
+                "--detections needs the mission of the detections: name it with --config",
+            )
+        added = load_beside(options.detections, options.model, options.offset_s)
+        self.remarks += added.detections.remarks
+        return added
+
+    def _replay_log(self, config: Config, added: Beside | None) -> Iterator[object]:
+        """Yield the events of a telemetry log, each followed by its effects."""
+        command = self._command(can_repeat=True) or Engine(config, self.seed)
+        system_ids = [agent.system_id for agent in config.agents]
+        for record in telemetry_records(self.options.path, system_ids, added):
+            assert isinstance(record.value, Event)
+            yield record.value
+            yield from self._timed_step(command, record.value)
+
+    def _timed_step(self, command: Engine, event: Event) -> list[Effect]:
+        """Process an event and record its CPU time; the time of a plan includes its scan."""
+        started = time.process_time()
+        effects = command.step(event)
+        took_ms = 1e3 * (time.process_time() - started)
+        planned = any(isinstance(effect, Plan) for effect in effects)
+        if planned:
+            self.work_ms["plan"].append(took_ms)
+        elif isinstance(event, Scan):
+            self.work_ms["scan"].append(took_ms)
+        return effects
+
+    def _add_frames(self, t_ns: int, data: bytes, flights: Flights) -> None:
+        for frame in scan(data).frames:
+            self.traffic.add_frame(t_ns, frame)
+            flights.add_frame(t_ns, frame)
+
+    def _material(
+        self,
+        name: str,
+        kind: str,
+        timeline: Timeline,
+        flights: Flights,
+        evaluator: Evaluator | None,
+        ground: Ground | None,
+        versions: dict[str, str],
+        span_t_ns: tuple[int, int] | None = None,
+    ) -> Material:
+        start_t_ns, duration_s = timeline.start_t_ns, timeline.duration_s
+        if span_t_ns is not None:
+            start_t_ns, duration_s = span_t_ns[0], (span_t_ns[1] - span_t_ns[0]) / 1e9
+            timeline = replace(timeline, start_t_ns=start_t_ns, duration_s=duration_s)
+        flown: dict[int, Flight] = flights.flights(start_t_ns)
+        return Material(
+            name=name,
+            kind=kind,
+            file=self.options.path,
+            seed=self.seed if self.config is not None else None,
+            timeline=timeline,
+            start_t_ns=start_t_ns,
+            duration_s=duration_s,
+            summary=self._summary(evaluator, timeline),
+            flights=flown,
+            traffic=self.traffic.summary(),
+            ground=ground,
+            work_ms=self.work_ms,
+            versions=versions,
+            remarks=tuple(self.remarks),
+        )
+
+    def _summary(self, evaluator: Evaluator | None, timeline: Timeline) -> Summary | None:
+        if evaluator is None or self.config is None:
+            return None
+        return evaluator.summary(
+            scenario=self.config.name,
+            seed=self.seed,
+            duration_s=timeline.duration_s,
+            scan_ms_p99=_p99(self.work_ms["scan"]),
+            plan_ms_p99=_p99(self.work_ms["plan"]),
+            recording=str(self.options.path),
+        )
+
+
+def _p99(values_ms: list[float]) -> float:
+    return float(np.percentile(values_ms, 99)) if values_ms else float("nan")
+
+
+def _times(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
+
+
+def _because(remarks: list[str]) -> str:
+    return f": {remarks[-1]}" if remarks else ""
+
+
+def _as_dict(material: Material, page: Path, folder: Path) -> dict[str, Any]:
+    from gcs.report.run.evaluation import summary_json
+
+    return {
+        "file": str(material.file),
+        "kind": material.kind,
+        "page": str(page),
+        "figures": sorted(str(path) for path in (folder / "figures").iterdir()),
+        "tracks": str(folder / CSV_NAME),
+        "has_truth": material.timeline.has_truth,
+        "seconds": material.duration_s,
+        "remarks": list(material.remarks),
+        "summary": None if material.summary is None else json.loads(summary_json(material.summary)),
+    }
