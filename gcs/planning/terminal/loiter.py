@@ -53,6 +53,8 @@ _LATERAL_SHARES = (0.0, 0.4, -0.4, 0.7, -0.7)
 """Lateral offsets from the target, as shares of the capture radius."""
 _MIN_PASS_S, _MAX_PASS_SHARE, _REACH_MARGIN = 2.5, 0.6, 0.95
 """Time within the capture radius, the share of a pass through its middle that limits it, and a margin."""
+_MAX_FLIGHTS = 600
+"""Simulated flights after which no other approach is tried. A capture radius of 20 m takes up to 300."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +110,7 @@ def plan_terminal_loiter(
         return best
     for points in _approaches(start, points_m, target_m, options, spec):
         best = circles.best(points, best)
-        if best.clearance_m >= circles.enough_m:
+        if best.clearance_m >= circles.enough_m or circles.flights >= _MAX_FLIGHTS:
             break
     return best if best.clearance_m >= 0.0 else _stop_short(circles, start, points_m, best, options)
 
@@ -140,11 +142,14 @@ class _CircleSearch:
     ----------
     enough_m : float
         Sufficient clearance.
+    flights : int
+        Flights simulated so far.
     """
 
     def __init__(
         self, grid: Grid, start: AgentState, target_m: Point, options: PlanOptions, spec: LoiterSpec
     ) -> None:
+        self.flights = 0
         self._grid, self._start, self._spec = grid, start, spec
         self._speed_m_s = max(start.speed_m_s, 1.0)
         between_m = 0.5 * STEP_S * self._speed_m_s  # from a straight pass to the nearest simulated state
@@ -171,7 +176,7 @@ class _CircleSearch:
         floor_m = so_far.clearance_m if so_far.clearance_m >= 0.0 else self._least_m - _MIN_GAIN_M
         circles = np.column_stack((path_m[-1] + self._around_m, np.full(len(self._around_m), spec.radius_m)))
         round_m = _RING_RADII[-1] * self._radius_m + _CIRCLE_LAPS * 2.0 * math.pi * spec.radius_m
-        found, margin = best_loiter_circle(
+        found, margin, flights = best_loiter_circle(
             self._grid.blocked,
             self._frame,
             self._motion(path_m, is_whole=is_whole),
@@ -185,6 +190,7 @@ class _CircleSearch:
             _COURSE_ERRORS_RAD,
             np.array([floor_m, _MIN_GAIN_M, self.enough_m]) / spacing_m,
         )
+        self.flights += flights
         if found < 0:
             return so_far
         centre = (float(circles[found, 0]), float(circles[found, 1]))
@@ -297,22 +303,23 @@ def best_loiter_circle(  # type: ignore[no-untyped-def]
     off_course,
     thresholds,
 ):
-    """Return the index of the first circle with the most clearance, and that in cells; -1 for none.
+    """Return the index of the first circle with the most clearance or -1, that in cells, and the flights.
 
     `circles` (n, 3): east, north, radius. `reach_circle`: place to pass within a distance, for `min_reach_s`.
     `times_s`: duration of the path and of the circle. `thresholds`: clearance so far, required gain,
     sufficient clearance. The others as of `simulate_states`.
     """
     best, found, none = thresholds[0], -1, np.array([0.0, 0.0, -1.0])
-    flown = motion.copy()
+    flown, flights = motion.copy(), 0
     for i in range(lags_s.size):  # most collisions occur before the circle
         clearance = max(best + thresholds[1], 0.0)
         flown[2] = motion[2] + off_course[i]
+        flights += 1
         _, is_clear, off = simulate_states(
             blocked, frame, flown, points, radii, none, times_s[0], lags_s[i], clearance
         )
         if not is_clear or off > _AMBIGUOUS_TURN_RAD:
-            return -1, best
+            return -1, best, flights
     for k in range(circles.shape[0]):
         clearance = max(best + thresholds[1], 0.0)
         if not _is_open(blocked, frame, circles[k], clearance):
@@ -320,6 +327,7 @@ def best_loiter_circle(  # type: ignore[no-untyped-def]
         margin = thresholds[2]
         for i in range(lags_s.size):
             flown[2] = motion[2] + off_course[i]
+            flights += 1
             flight, is_clear, off = simulate_states(
                 blocked,
                 frame,
@@ -331,15 +339,15 @@ def best_loiter_circle(  # type: ignore[no-untyped-def]
                 lags_s[i],
                 clearance,
             )
-            margin = _min_clearance(blocked, frame, flight, margin)
             if not is_clear or off > _AMBIGUOUS_TURN_RAD or _time_within(flight, reach_circle) < min_reach_s:
                 margin = -1.0
                 break
+            margin = _min_clearance(blocked, frame, flight, margin)
         if margin >= clearance:
             best, found = margin, k
         if best >= thresholds[2]:
             break
-    return found, best
+    return found, best, flights
 
 
 def warm_up_calls() -> list[Call]:

@@ -13,6 +13,7 @@ from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.options import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import plan_routes
+from gcs.planning.terminal import loiter
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.guidance import Circle, ToPoint
 
@@ -133,3 +134,28 @@ def test_what_a_vehicle_waits_on_does_not_hang_on_where_the_map_begins():
     here, _ = planned(grid, target_m)
     there, _ = planned(moved, (6220.0, -2000.0), (5300.0, -2000.0))
     assert np.array(there.wait_m) - (5000.0, -3000.0) == pytest.approx(here.wait_m, abs=1e-6)
+
+
+def test_a_target_that_no_approach_passes_costs_a_bounded_search(monkeypatch):
+    """A plan that takes seconds holds up heartbeats and uploads of all vehicles."""
+    searches = []
+
+    class Search(loiter._CircleSearch):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            self.passing = 0
+            searches.append(self)
+
+        def best(self, points_m, so_far, *, must_pass=True):
+            found = super().best(points_m, so_far, must_pass=must_pass)
+            self.passing = self.flights if must_pass else self.passing
+            return found
+
+    monkeypatch.setattr(loiter, "_CircleSearch", Search)
+    rng = np.random.default_rng(18)
+    grid = random_obstacles(OPEN, 0.05, rng, keep_clear=[(300.0, 1000.0)], keep_clear_m=200.0)
+    target_m = tuple(rng.uniform(600.0, 1700.0, 2))
+    options = replace(OPTIONS, loiter=replace(OPTIONS.loiter, reach_radius_m=0.01))
+    planned(grid, target_m, options=options)
+    flights_of_one_approach = 4 * (1 + 1 + 5 * 12)
+    assert loiter._MAX_FLIGHTS <= searches[0].passing <= loiter._MAX_FLIGHTS + flights_of_one_approach
