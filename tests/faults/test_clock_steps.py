@@ -1,6 +1,7 @@
 """The wall clock is set in flight: heartbeats, time-outs and the mission do not notice."""
 
 import asyncio
+import json
 import threading
 import time
 from itertools import pairwise
@@ -12,7 +13,7 @@ from rich.console import Console
 from wall_clock import WallClock
 
 from gcs.cli.fly.demo_flight import DemoOptions, run_demo
-from gcs.cli.prepare.preflight_checks import ScanListener
+from gcs.cli.prepare.preflight_checks import ScanListener, run_preflight
 from gcs.config import load
 from gcs.core.preflight.mission import sensor_checks
 from gcs.endpoints import Link, parse_endpoint
@@ -142,3 +143,27 @@ def test_preflight_judges_scans_by_the_run_clock(monkeypatch: pytest.MonkeyPatch
     listener._on_scan(key, payload)
     (check,) = sensor_checks(listener.scans, listener.problems, 1.0)
     assert check.level == "ok", check.value
+
+
+def test_preflight_warns_of_a_clock_that_was_set_during_the_checks(
+    wall: WallClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    setter = threading.Timer(0.5, setattr, (wall, "set_by_ns", -20 * NS_PER_S))
+    setter.start()
+    with (tmp_path / "lines").open("w") as lines:
+        run_preflight(
+            "prescribed",
+            Console(file=lines),
+            wait_s=2.0,
+            link="udpin:127.0.0.1:0",
+            sensors=False,
+            brief=False,
+            seed=1,
+            as_json=True,
+        )
+    setter.join()
+    checks = json.loads(capsys.readouterr().out)["checks"]
+    (clock,) = [check for check in checks if check["vehicle"] is None and check["name"] == "clock"]
+    assert clock["level"] == "warning"
+    assert clock["value"].startswith("set by -20.0 s")

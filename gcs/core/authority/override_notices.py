@@ -59,9 +59,12 @@ class Unattended:
 
     def look(self, t_ns: int, targets: Collection[Label], *, ended: bool) -> list[Effect]:
         """Take the targets that need somebody; after the end say which of them are new."""
+        if not ended:
+            self._known = set(targets)
+            return []
         new = sorted(set(targets) - self._known)
-        self._known |= set(targets)
-        if not ended or not new:
+        self._known.update(new)
+        if not new:
             return []
         names = ", ".join(map(target_name, new))
         text = (
