@@ -5,8 +5,8 @@ Read are features, collections of them, or bare geometries of type
 - `Polygon` and `MultiPolygon`, with holes;
 - `Point` with a property `radius`: a circle with that radius in metres.
 
-The property `kind` is `"keep-out"` (default) or `"boundary"`, the inclusion area of the mission; there may be
-one of these, and it is not a circle. Other properties are ignored. Edges are straight in the local frame.
+The property `kind` is `"no-fly-zone"` (default) or `"boundary"`, the inclusion area of the mission. There may
+be one boundary, and it is not a circle. Other properties are ignored. Edges are straight in the local frame.
 """
 
 from __future__ import annotations
@@ -90,15 +90,15 @@ def read_zones(text: str, source: str) -> Zones:
     circles: list[tuple[Position, float]] = []
     boundaries: list[tuple[Polygon, ...]] = []
     for key, geometry, properties in _geometries(found, source):
-        kind = properties.get("kind", "keep-out")
-        if kind not in ("keep-out", "boundary"):
+        kind = properties.get("kind", "no-fly-zone")
+        if kind not in ("no-fly-zone", "boundary"):
             raise ConfigError(
-                source, f"{key}.properties.kind", f'expected "keep-out" or "boundary", not {kind!r}'
+                source, f"{key}.properties.kind", f'expected "no-fly-zone" or "boundary", not {kind!r}'
             )
         shape = geometry.get("type")
         where = f"{key}.geometry" if key else ""
         corners = geometry.get("coordinates")
-        if shape == "Point" and kind == "keep-out":
+        if shape == "Point" and kind == "no-fly-zone":
             radius = properties.get("radius")
             if not isinstance(radius, int | float) or not 0.0 < radius < 1e6:
                 raise ConfigError(
@@ -115,8 +115,8 @@ def read_zones(text: str, source: str) -> Zones:
             else:
                 polygons += read
         else:
-            allowed = "Polygon or MultiPolygon" + (" or Point" if kind == "keep-out" else "")
-            raise ConfigError(source, where, f"a {kind} zone is a {allowed}, not {shape!r}")
+            allowed = "Polygon or MultiPolygon" + (" or Point" if kind == "no-fly-zone" else "")
+            raise ConfigError(source, where, f"a {kind} is a {allowed}, not {shape!r}")
         if len(boundaries) > 1:
             raise ConfigError(
                 source, key, "this is the second boundary: there may be one (a MultiPolygon if need be)"

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from gcs.cli.arguments import JsonOption, LossOption, ScenarioArgument, SeedOption
-from gcs.cli.errors import exit_on_error, print_error
+from gcs.cli.arguments import LossOption, PackOption, ScenarioArgument, SeedOption, SitlOption, SpeedOption
+from gcs.cli.errors import exit_on_error
 from gcs.errors import GcsError
 from gcs.io.console import console_for
 
@@ -44,16 +44,13 @@ def callback() -> None:
 def run(
     scenario: ScenarioArgument,
     seed: SeedOption = 1,
-    speed: Annotated[
-        float,
-        typer.Option(min=0.1, max=50.0, help="Speed as a multiple of real time; ground stations expect 1."),
-    ] = 1.0,
+    speed: SpeedOption = 1.0,
     gcs: Annotated[
         str, typer.Option(help="HOST:PORT of the ground station of all vehicles.")
     ] = "127.0.0.1:14550",
     zenoh: ZenohOption = "tcp/127.0.0.1:7447",
     zenoh_role: ZenohRoleOption = "connect",
-    pack: Annotated[int, typer.Option(min=1, max=250, help="Vehicles in each process.")] = 1,
+    pack: PackOption = 1,
     loss: LossOption = 0.0,
     start_at_once: Annotated[
         bool,
@@ -63,14 +60,7 @@ def run(
             "10 s.",
         ),
     ] = False,
-    sitl: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=PATH",
-            help="Fly real firmware instead of simulated autopilots: arduplane=PATH (ArduPilot's SITL) or "
-            "px4=PATH (PX4 with SIH). With both, agents in `simulation.px4` fly PX4.",
-        ),
-    ] = None,
+    sitl: SitlOption = None,
     sitl_folder: Annotated[
         Path | None,
         typer.Option(help="Folder for files and logs of the firmware.  [default: a temporary folder]"),
@@ -140,8 +130,8 @@ def _supervise(plan: SimulationPlan, as_json: bool, stdin: int | None = None) ->
             console.print(_event_text(event), highlight=False)
 
     supervisor = Supervisor(plan, report)
-    signal.signal(signal.SIGTERM, _interrupt)
-    try:
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with exit_on_error():
         try:
             supervisor.start()
             _watch(supervisor, stdin)
@@ -149,12 +139,6 @@ def _supervise(plan: SimulationPlan, as_json: bool, stdin: int | None = None) ->
             pass
         finally:
             supervisor.stop()
-    except GcsError as error:
-        raise typer.Exit(print_error(error, console)) from None
-
-
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
 
 
 def _event_text(event: dict[str, Any]) -> str:
@@ -181,24 +165,16 @@ def _watch(supervisor: Supervisor, stdin: int | None) -> None:
                     raise GcsError("the world's process ended: see the messages above")
 
 
-@app.command()
-def simulate(
-    scenario: ScenarioArgument = "prescribed",
-    seed: SeedOption = 1,
-    runs: Annotated[int, typer.Option(min=1, help="Number of runs, with seeds from --seed upwards.")] = 1,
-    as_json: JsonOption = False,
-    out: Annotated[Path | None, typer.Option(help="Folder for recordings.  [default: no recording]")] = None,
-    loss: LossOption = 0.0,
-    duration: Annotated[
-        float | None, typer.Option(min=1.0, help="Time limit of a run, in seconds of run time.")
-    ] = None,
-) -> None:
-    """Fly simulated missions on virtual time. The same seed gives the same outcome."""
+@app.command(hidden=True)
+def simulate(options: str) -> None:
+    """Fly missions for `gcs simulate`; `options` is the JSON of `SimulateOptions`."""
+    import msgspec
+
+    from sim_vehicles.campaign.simulate import SimulateOptions
     from sim_vehicles.campaign.simulate import simulate as simulate_runs
-    from sim_vehicles.world.scenario import load
 
     with exit_on_error():
-        are_complete = simulate_runs(load(scenario), seed, runs, as_json, out, loss, duration)
+        are_complete = simulate_runs(msgspec.json.decode(options, type=SimulateOptions))
     raise typer.Exit(0 if are_complete else 1)
 
 

@@ -52,7 +52,7 @@ def collection(*features):
 
 ZONES = collection(
     feature("Polygon", [square(400, 400, 400), square(520, 520, 160)]),
-    feature("MultiPolygon", [[square(1200, 400, 100)], [square(1500, 400, 100)]], kind="keep-out"),
+    feature("MultiPolygon", [[square(1200, 400, 100)], [square(1500, 400, 100)]], kind="no-fly-zone"),
     feature("Point", square(1000, 1400, 1)[0], radius=150.0, name="mast"),
     feature("Polygon", [square(30, 30, 1900)], kind="boundary"),
 )
@@ -100,13 +100,13 @@ def test_what_is_recorded_of_a_mission_holds_its_zones(tmp_path):
     [
         ("{", "zones.geojson: not valid JSON"),
         ("[1]", "expected GeoJSON"),
-        (collection(feature("LineString", [[-87.6, 33.2], [-87.5, 33.2]])), r"\[0\].geometry: a keep-out"),
+        (collection(feature("LineString", [[-87.6, 33.2], [-87.5, 33.2]])), r"\[0\].geometry: a no-fly-zone"),
         (collection(feature("Point", [-87.6, 33.2])), r"features\[0\].properties.radius: a Point needs"),
         (collection(feature("Point", [-87.6, 33.2], radius=50, kind="boundary")), "MultiPolygon, not"),
         (collection(feature("Polygon", [[[33.2, -87.6], [33.2, -95.0], [33.3, -87.6]]])), "in this order"),
         (collection(feature("Polygon", [square(0, 0, 9)[:2]])), "three different corners"),
         (collection(feature("Polygon", [[[1, 2], [None, 3], [1, 1]]])), "expected a position"),
-        (collection(feature("Polygon", [square(0, 0, 9)], kind="no-fly")), 'expected "keep-out" or'),
+        (collection(feature("Polygon", [square(0, 0, 9)], kind="no-fly")), 'expected "no-fly-zone" or'),
         (collection(*[feature("Polygon", [square(0, 0, 9)], kind="boundary")] * 2), "second boundary"),
         (collection(feature("Polygon", [[[33.2, -87.6], [33.2, -87.5], [33.3, -87.6]]])), "far from the"),
     ],

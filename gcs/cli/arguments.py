@@ -104,7 +104,22 @@ HeadlessOption = Annotated[
 LossOption = Annotated[
     float, typer.Option(min=0.0, max=1.0, help="Fraction of datagrams lost in each direction, 0 to 1.")
 ]
-YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
+SpeedOption = Annotated[
+    float,
+    typer.Option(min=0.1, max=50.0, help="Speed as a multiple of real time; other ground stations expect 1."),
+]
+PackOption = Annotated[int, typer.Option(min=1, max=250, help="Simulated vehicles in each process.")]
+SitlOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=PATH",
+        help="Fly real firmware instead of simulated autopilots: arduplane=PATH (ArduPilot's SITL) or "
+        "px4=PATH (PX4 with SIH). One process for each agent; they take off first. With both, agents in "
+        "`simulation.px4` fly PX4.",
+    ),
+]
+YES_HELP = "Do not ask for confirmation."
+YesOption = Annotated[bool, typer.Option("--yes", help=YES_HELP)]
 WaitOption = Annotated[float, typer.Option("--wait", min=1.0, help="Timeout in seconds.")]
 VehicleOption = Annotated[
     list[int] | None,

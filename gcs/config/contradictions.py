@@ -78,7 +78,7 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
     given, near = read_zones(config.map.geojson, f"{source}: map.geojson"), config.zones
     for what, some, here in (
         ("the boundary", given.boundary, near.boundary),
-        ("every keep-out zone", given.polygons + given.circles, near.polygons + near.circles),
+        ("every no-fly zone", given.polygons + given.circles, near.polygons + near.circles),
     ):
         if some and not here:
             yield ConfigError(

@@ -86,5 +86,5 @@ class Config(Table, frozen=True, kw_only=True):
 
     @property
     def zones(self) -> Zones:
-        """Keep-out zones and boundary of the GeoJSON, in metres."""
+        """No-fly zones and boundary of the GeoJSON, in metres."""
         return read_zones(self.map.geojson, ZONES).to_local(self.local_frame) if self.map.geojson else Zones()

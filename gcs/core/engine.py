@@ -25,9 +25,9 @@ from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.grounded_vehicles import GroundedVehicles
 from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.authority.override_notices import OverrideNotices, Unattended, overridden_text
-from gcs.core.operator.commands import Orders
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.operator.replies import OrderInProgress, named
+from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.input_errors import InputErrors

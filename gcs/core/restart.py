@@ -27,8 +27,8 @@ from scipy.optimize import linear_sum_assignment
 
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
-from gcs.core.operator.commands import Orders
 from gcs.core.operator.replies import named
+from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.replanning.replanner import Replanner

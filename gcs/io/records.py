@@ -4,7 +4,7 @@ The JSON (RFC 8259, UTF-8) is the same on zenoh, in recordings and in the journa
 the record's field names; arrays are (nested) lists of numbers, bytes are base64 text, tuples are lists.
 Floats are written with the shortest digits that give the same double, so a record is read back bit for bit.
 
-Only scans and orders on zenoh have forms of their own: `gcs.io.zenoh.scans` and `gcs.io.zenoh.orders`.
+Only scans and orders on zenoh have forms of their own (`gcs.io.zenoh.scans`, `gcs.io.zenoh.order_messages`).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ The package is pure: no I/O, no clock, no random numbers.
 
 Reading order:
 
-1. `options`: inputs of the planner. `planner`: the stages of one plan.
+1. `planner_inputs`: inputs of the planner. `planner`: the stages of one plan.
 2. `map`: obstacle grid, polygons, exact line of sight, clearance-shifted nodes, Moving AI maps.
 3. `search`: eight-neighbour moves, canonical ordering (jump-point pruning), A*, one-to-all Dijkstra, and the
    cost matrix of all agent-target pairs.
@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gcs.planning.map.grid import Grid
-    from gcs.planning.options import AgentState, LoiterSpec, PlanOptions, TargetDemand
     from gcs.planning.planner import PlanResult, plan_routes
+    from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions, TargetDemand
 
 __all__ = ["AgentState", "Grid", "LoiterSpec", "PlanOptions", "PlanResult", "TargetDemand", "plan_routes"]
 

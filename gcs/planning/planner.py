@@ -26,7 +26,6 @@ from gcs.planning.assignment import assign
 from gcs.planning.map import clearance_nodes
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import clear_leg
-from gcs.planning.options import AgentState, PlanOptions, TargetDemand
 from gcs.planning.path.initial_turn import is_turn_safe, start_clearance
 from gcs.planning.path.shortcut import (
     connect_to_grid,
@@ -37,6 +36,7 @@ from gcs.planning.path.shortcut import (
 )
 from gcs.planning.path.string_pulling import pull_string
 from gcs.planning.path.turns import make_flyable
+from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints

@@ -18,9 +18,9 @@ from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid
 from gcs.planning.map.line_of_sight import to_cells
-from gcs.planning.options import AgentState
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
 from gcs.planning.path.turns import TurnAnticipation
+from gcs.planning.planner_inputs import AgentState
 from gcs.planning.vehicle_model import Motion, RemainingMission, simulate
 
 _SAME_COURSE_RAD = 1e-3

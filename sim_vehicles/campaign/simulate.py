@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,20 +21,35 @@ from gcs.model import Effect, Event, Truth
 from gcs.report.run.evaluation import Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
 from sim_vehicles.campaign.virtual_run import VirtualRun
-from sim_vehicles.world.scenario import Scenario
+from sim_vehicles.world.scenario import Scenario, load
 
 
-def simulate(
-    scenario: Scenario,
-    seed: int,
-    runs: int,
-    as_json: bool,
-    out: Path | None,
-    loss: float,
-    duration_s: float | None,
-) -> bool:
-    """Fly `runs` missions with seeds from `seed` upwards; return True if all were complete."""
-    console = console_for(stderr=as_json)
+@dataclass(frozen=True, slots=True)
+class SimulateOptions:
+    """The options of `gcs simulate`."""
+
+    scenario: str
+    seed: int
+    runs: int = 1
+    as_json: bool = False
+    out: str | None = None
+    """Folder of the recordings; None: no recording."""
+    loss: float = 0.0
+    duration_s: float | None = None
+    """Time limit of a run; None: that of the scenario."""
+
+
+def simulate(options: SimulateOptions) -> bool:
+    """Fly missions with successive seeds; return True if all were complete.
+
+    Raises
+    ------
+    GcsError
+        When the scenario is wrong, or the folder cannot be used.
+    """
+    scenario, seed, runs = load(options.scenario), options.seed, options.runs
+    out = None if options.out is None else Path(options.out)
+    console = console_for(stderr=options.as_json)
     load_kernels(console, TRACKING, PLANNING, LINKS)
     started = time.perf_counter()
     summaries = []
@@ -41,10 +57,8 @@ def simulate(
     with Progress(*columns, console=console, transient=True, disable=runs == 1) as progress:
         task = progress.add_task(scenario.config.name, total=runs)
         for one_seed in range(seed, seed + runs):
-            folder = (
-                None if out is None else (out if runs == 1 else out / f"{scenario.config.name}-{one_seed}")
-            )
-            summaries.append(fly(scenario, one_seed, folder, loss, duration_s))
+            folder = out if out is None or runs == 1 else out / f"{scenario.config.name}-{one_seed}"
+            summaries.append(fly(scenario, one_seed, folder, options.loss, options.duration_s))
             progress.advance(task)
     wall_s = time.perf_counter() - started
     complete = sum(summary.outcome == "complete" for summary in summaries)
@@ -54,7 +68,7 @@ def simulate(
     else:
         console.print(seeds_table(summaries))
     console.print(f"{complete} of {runs} complete; {ratio:.0f} times real time", highlight=False)
-    if as_json:
+    if options.as_json:
         one = summary_json(summaries[0])
         many = {
             "scenario": scenario.config.name,

@@ -16,9 +16,9 @@ import numpy as np
 
 from gcs.planning.deconfliction import PlannedFlight, assign_layers
 from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
-from gcs.planning.options import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import Stage, plan_routes, warm_up
+from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.search.neighbours import search_map
 
 LOITER = LoiterSpec(

@@ -17,8 +17,8 @@ from bench_oracle import pair
 from numba import njit
 
 from gcs.planning.map.line_of_sight import clear_leg, to_cells
-from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.planner import plan_routes, warm_up
+from gcs.planning.planner_inputs import AgentState, PlanOptions
 
 LIMIT_S = 1.0
 CHUNK = 250

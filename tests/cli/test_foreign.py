@@ -15,7 +15,8 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.cli.analyse.report_material import ReportOptions, read_material
+from gcs.cli.analyse.report_material import read_material
+from gcs.cli.analyse.run_file import RunFile
 from gcs.config import load
 from gcs.io.detections import tables
 from gcs.io.detections.readers import load as load_detections
@@ -56,7 +57,7 @@ def raw_of(tlog: Path, path: Path) -> Path:
 
 def reported(path: Path) -> Material:
     """What a report would show."""
-    return read_material(ReportOptions(path, None, None, None, False, True), None, Console(quiet=True))
+    return read_material(RunFile(path), None, Console(quiet=True), timing=False)
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from gcs.core.replanning.reasons import in_words, lost, moved, passed
 from gcs.mavlink.services.adsb import callsign
 from gcs.model import NS_PER_S, AgentStatus, Notice, Plan, Proposal, Route, RouteFigures, Tick, read_only
 from gcs.planning.map.grid import free_grid
-from gcs.planning.options import PlanOptions
 from gcs.planning.planner import plan_routes
+from gcs.planning.planner_inputs import PlanOptions
 
 S = NS_PER_S
 ROUTES = tuple(Route(v, (0, v), read_only([[900.0, 100.0 * v]]), 1000.0 + v) for v in range(1, 9))

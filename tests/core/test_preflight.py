@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import track
 
 from gcs.config import parse, read_text
-from gcs.core.preflight.mission import mission_checks, rehearse, sensor_checks
+from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.return_height import return_of, returns_check
 from gcs.core.preflight.vehicle import VehicleChecks, envelope_of
 from gcs.core.replanning.altitude_layers import AltitudeLayers

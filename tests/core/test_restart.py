@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from core.authority.test_external_uploads import MISSION as GUESTS
-from core.operator.test_commands import SEED, Flight, order
+from core.operator.test_vehicle_orders import SEED, Flight, order
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
 

@@ -15,7 +15,7 @@ from wall_clock import WallClock
 from gcs.cli.fly.demo_flight import DemoOptions, run_demo
 from gcs.cli.prepare.preflight_checks import ScanListener, run_preflight
 from gcs.config import load
-from gcs.core.preflight.mission import sensor_checks
+from gcs.core.preflight.mission_checks import sensor_checks
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.manager import Links

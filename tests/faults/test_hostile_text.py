@@ -20,7 +20,7 @@ from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, LinkError, WireError
 from gcs.io.console import Printable, console_for
 from gcs.io.records import decode, encode
-from gcs.io.zenoh.orders import decode_order
+from gcs.io.zenoh.order_messages import decode_order
 from gcs.io.zenoh.scans import decode_scan
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.frames.codec import dialect

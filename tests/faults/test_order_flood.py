@@ -19,7 +19,7 @@ from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.zenoh.keys import order_key
 from gcs.io.zenoh.order_inbox import BURST, MAX_WAITING, ORDERS_PER_S, OrderInbox
-from gcs.io.zenoh.orders import decode_order
+from gcs.io.zenoh.order_messages import decode_order
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, BadInput, Notice, Order, OrderAnswer, Tick
 from gcs.service.service import Service

@@ -8,7 +8,7 @@ import numpy as np
 from gcs.planning import planner
 from gcs.planning.map import line_of_sight
 from gcs.planning.map.grid import free_grid, random_obstacles
-from gcs.planning.options import AgentState, PlanOptions
+from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.search import shortest
 
 AGENTS = {1: AgentState(3.0, 4.0, 0.5), 2: AgentState(390.0, 15.0), 3: AgentState(200.0, 200.0)}

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.planner import plan_routes
+from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.search.shortest import distances_m
 
 PLAIN = PlanOptions()

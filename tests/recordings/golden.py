@@ -95,7 +95,7 @@ GOLDEN = (
     Golden("loss", "every fifth datagram lost, each way", "prescribed", 20.0, (_NEAR,), loss=0.2),
     Golden(
         "orders",
-        "a keep-out area, one vehicle held and resumed, one sent home",
+        "a no-fly zone, one vehicle held and resumed, one sent home",
         "prescribed",
         25.0,
         orders=(

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +17,9 @@ import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gcs.cli.analyse.report_material import ReportOptions, read_material
+from gcs.cli.analyse.report_material import read_material
+from gcs.cli.analyse.run_file import RunFile
+from gcs.cli.fly.simulate import sim_vehicles_command
 from gcs.config import load, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.errors import RecordingError, SimulationError
@@ -118,38 +119,24 @@ def _fly(scenario: str, seed: int, folder: Path) -> Flown:
     for old in folder.glob("*"):  # Of an earlier page.
         old.unlink()
     simulated = _simulated(scenario, seed, folder)
-    material = read_material(
-        ReportOptions(folder, None, None, None, timing=False, as_json=False), None, _QUIET
-    )
+    material = read_material(RunFile(folder), None, Console(quiet=True), timing=False)
     assert material.summary is not None
     summary = replace(material.summary, scan_ms_p99=simulated.scan_ms_p99, plan_ms_p99=simulated.plan_ms_p99)
     return Flown(material.timeline, summary, mission_grid(load(scenario), seed))
 
 
-_QUIET: Final = Console(quiet=True)
-
-
 def _simulated(scenario: str, seed: int, folder: Path | None) -> Summary:
     """Fly a mission in its own process; return its summary."""
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "sim_vehicles",
-        "simulate",
-        scenario,
-        "--seed",
-        str(seed),
-        "--json",
-    ]
-    command += [] if folder is None else ["--out", str(folder)]
+    options = {"scenario": scenario, "seed": seed, "as_json": True}
+    options |= {} if folder is None else {"out": str(folder)}
+    command = sim_vehicles_command("simulate", options)
     done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  not user input
     lines = done.stdout.strip().splitlines()
     if done.returncode not in (0, 1) or not lines:
         raise SimulationError(f"{scenario} could not be flown: {done.stderr.strip()[-500:]}")
-    told: dict[str, Any] = json.loads(lines[-1])
-    kept_back = {"retask_list": (), "death_delays_s": (), "deaths": 0, "false_deaths": 0}
-    return msgspec.convert({**told, **kept_back}, Summary)
+    summary: dict[str, Any] = json.loads(lines[-1])
+    not_printed = {"retask_list": (), "death_delays_s": (), "deaths": 0, "false_deaths": 0}
+    return msgspec.convert({**summary, **not_printed}, Summary)
 
 
 def _figures(name: str, flown: Flown, out: Path) -> tuple[Picture, ...]:

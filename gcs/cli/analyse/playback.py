@@ -16,6 +16,7 @@ from typing import Any, get_args
 import typer
 from rich.console import Console
 
+from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.analyse.whatif import Comparison, comparison_table, different_settings
 from gcs.cli.run_setup import display, warm_up
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
@@ -23,11 +24,10 @@ from gcs.config import Config, load, parse
 from gcs.errors import RecordingError
 from gcs.files import open_regular
 from gcs.io.recording.folder import versions
-from gcs.io.recording.reader import Record, RecordingInfo, is_recording, read, read_info
+from gcs.io.recording.reader import Record, RecordingInfo, read, read_info
 from gcs.io.recording.tlog import is_stamped
 from gcs.model import Effect, Event
 from gcs.report.run.verification import Verification
-from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
 from gcs.service.replay import Replay, Verifier, Window
 from gcs.service.service import wait_for_interrupt
 
@@ -36,20 +36,13 @@ from gcs.service.service import wait_for_interrupt
 class ReplayOptions:
     """The options of `gcs replay`."""
 
-    path: Path
+    file: RunFile
     speed: float | None
     """Multiple of real time; None: 1 in a live view, infinite elsewhere."""
     window: Window
     verify: bool
-    config: str | None
-    seed: int | None
     headless: bool
     as_json: bool
-    detections: Path | None = None
-    """Detections to add to a log."""
-    model: Path | None = None
-    """Model of the detections, if their file has none."""
-    offset_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,19 +91,20 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     verifier, comparison = Verifier(), Comparison()
     if options.verify:
         replay.watchers.append(verifier)
-    if options.config is not None and source.header is not None:
+    compares = options.file.config is not None and source.header is not None
+    if compares:
         replay.watchers.append(comparison)
     started = time.perf_counter()
     interrupted = asyncio.run(_play(replay, options, console))
     wall_s = time.perf_counter() - started
     if replay.events == 0 and not interrupted:
         why = "" if replay.damage is None else f": {replay.damage.problem}"
-        raise RecordingError(str(options.path), f"holds no events to replay{why}")
-    summary = _summary(replay, options.path, wall_s)
+        raise RecordingError(str(options.file.path), f"holds no events to replay{why}")
+    summary = _summary(replay, options.file.path, wall_s)
     _print_summary(replay, summary, console)
     if options.verify:
         summary |= _print_verification(verifier.result, replay, source.header, console)
-    if options.config is not None and source.header is not None:
+    if compares:
         summary |= _print_comparison(comparison, replay, source, console)
     if options.as_json:
         print(json.dumps(summary), flush=True)  # noqa: T201  the output of --json
@@ -120,60 +114,50 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
 
 
 def _open_source(options: ReplayOptions, console: Console) -> _Source:
-    path = options.path
-    if not is_recording(path):
-        refuse_detections(path)
-        if options.config is None:
-            with open_regular(path) as file:
-                is_stamped(file, str(path))
-            raise RecordingError(
-                str(path), "is a telemetry log: name the mission of its vehicles with --config"
-            )
-        if options.verify:
-            raise RecordingError(str(path), "is not a recording of gcs: it has no outputs to verify")
-        config = load(options.config)
-        records = telemetry_records(
-            path, [agent.vehicle for agent in config.agents], _load_detections(options, console)
-        )
-        return _Source(None, config, options.seed or 0, records)
-    if options.detections is not None:
-        raise RecordingError(str(path), "is a recording with scans; --detections is for logs")
+    file, path = options.file, options.file.path
+    if not file.is_recording():
+        return _open_log(options, console)
     header = read_info(path)
-    if options.config is not None:
-        config = load(options.config)
+    if file.config is not None:
+        config = load(file.config)
     elif header.config_text:
         config = parse(header.config_text, f"{path}: its mission file")
     else:
         raise RecordingError(str(path), "its mission file cannot be read; name one with --config")
-    has_comparison = options.verify or options.config is not None
-    records = read(path, only=get_args(Event) + get_args(Effect) if has_comparison else get_args(Event))
+    needs_effects = options.verify or file.config is not None
+    records = read(path, only=get_args(Event) + get_args(Effect) if needs_effects else get_args(Event))
     first = list(itertools.islice(records, 1))
     if options.verify and first and first[0].sequence > 0:
         raise RecordingError(
             str(path),
             f"begins in the middle of a run, with record {first[0].sequence}; to verify it, name its folder",
         )
-    seed = _seed(options, header, config)
-    return _Source(header, config, seed, itertools.chain(first, records))
+    return _Source(header, config, _seed(file, header, config), itertools.chain(first, records))
 
 
-def _load_detections(options: ReplayOptions, console: Console) -> Beside | None:
-    if options.detections is None:
-        return None
-    added = load_beside(options.detections, options.model, options.offset_s)
-    for remark in added.detections.remarks:
+def _open_log(options: ReplayOptions, console: Console) -> _Source:
+    file, path = options.file, options.file.path
+    if file.config is None:
+        with open_regular(path) as opened:
+            is_stamped(opened, str(path))
+        raise RecordingError(str(path), "is a telemetry log: name the mission of its vehicles with --config")
+    if options.verify:
+        raise RecordingError(str(path), "is not a recording of gcs: it has no outputs to verify")
+    config = load(file.config)
+    added = file.load_detections()
+    for remark in () if added is None else added.detections.remarks:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
-    return added
+    return _Source(None, config, file.seed or 0, file.log_records(config, added))
 
 
-def _seed(options: ReplayOptions, header: RecordingInfo, config: Config) -> int:
-    if options.seed is not None:
-        return options.seed
+def _seed(file: RunFile, header: RecordingInfo, config: Config) -> int:
+    if file.seed is not None:
+        return file.seed
     if header.run is not None:
         return header.run.seed
     if config.map.random_threshold > 0.0:
         raise RecordingError(
-            str(options.path),
+            str(file.path),
             "does not say with which seed it was made, and its obstacles are random; give --seed",
         )
     return 0

@@ -59,21 +59,12 @@ def replay(
     With --verify the exit code is 1 if an output differs by a byte; the first difference is printed.
     """
     from gcs.cli.analyse.playback import ReplayOptions, parse_speed, run_replay
+    from gcs.cli.analyse.run_file import RunFile
     from gcs.service.replay import Window
 
     with exit_on_error():
-        options = ReplayOptions(
-            recording,
-            parse_speed(speed),
-            Window(start, math.inf if end is None else end),
-            verify,
-            config,
-            seed,
-            headless,
-            as_json,
-            detections,
-            model,
-            offset,
-        )
+        file = RunFile(recording, config, seed, detections, model, offset)
+        window = Window(start, math.inf if end is None else end)
+        options = ReplayOptions(file, parse_speed(speed), window, verify, headless, as_json)
         code = run_replay(options, console_for(stderr=as_json))
     raise typer.Exit(code)

@@ -57,6 +57,7 @@ def report(
     written as PNG and PDF, tracks as CSV.
     """
     from gcs.cli.analyse.report_material import ReportOptions, run_report
+    from gcs.cli.analyse.run_file import RunFile
 
     if (recording is None) != paper:
         raise typer.BadParameter("expected a recording, or --paper without one")
@@ -67,5 +68,5 @@ def report(
 
             run_paper(out if out is not None else Path("paper-report"), console, as_json=as_json)
         else:
-            options = ReportOptions(recording, out, config, seed, timing, as_json, detections, model, offset)
-            run_report(options, console)
+            file = RunFile(recording, config, seed, detections, model, offset)
+            run_report(ReportOptions(file, out, timing, as_json), console)

@@ -18,6 +18,7 @@ import numpy as np
 from rich.console import Console
 
 from gcs.cli.analyse.info import reading_progress
+from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.run_setup import warm_up
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.config import Config, load, parse
@@ -25,8 +26,7 @@ from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.files import open_regular
-from gcs.geo import LocalFrame
-from gcs.io.recording.reader import Damage, is_recording, read, read_info, recording_bytes
+from gcs.io.recording.reader import Damage, read, read_info, recording_bytes
 from gcs.io.recording.timestamps import FrameTimes, TimeSource
 from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
 from gcs.mavlink.frames.codec import scan
@@ -36,9 +36,9 @@ from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of
 from gcs.report.run.page import Material, run_page
 from gcs.report.run.timeline import Timeline, TimelineBuilder
 from gcs.report.run.tracks_csv import TracksCsv
-from gcs.report.telemetry.flights import Flight, Flights
+from gcs.report.telemetry.flights import Flights
 from gcs.report.telemetry.traffic import Traffic
-from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
+from gcs.service.foreign_logs import Beside
 
 CSV_NAME: Final = "tracks.csv"
 _PROGRESS_PERIOD: Final = 4096
@@ -49,17 +49,11 @@ _PROGRESS_PERIOD: Final = 4096
 class ReportOptions:
     """The options of a report about one run."""
 
-    path: Path
+    file: RunFile
     out: Path | None
-    config: str | None
-    seed: int | None
     timing: bool
+    """True to process every event again, to measure the time of scans and plans."""
     as_json: bool
-    detections: Path | None = None
-    """Detections to add to a log."""
-    model: Path | None = None
-    """Model of the detections, if their file has none."""
-    offset_s: float = 0.0
 
 
 def run_report(options: ReportOptions, console: Console) -> None:
@@ -70,9 +64,9 @@ def run_report(options: ReportOptions, console: Console) -> None:
     GcsError
         When the file cannot be read or has an unknown format, or the page cannot be written.
     """
-    folder = options.out if options.out is not None else default_folder(options.path)
+    folder = options.out if options.out is not None else default_folder(options.file.path)
     with _new_folder(folder):
-        material = read_material(options, folder / CSV_NAME, console)
+        material = read_material(options.file, folder / CSV_NAME, console, timing=options.timing)
     with console.status("drawing the figures"):
         page = run_page(material, folder)
     console.print(str(page), highlight=False, markup=False, soft_wrap=True)
@@ -106,21 +100,20 @@ def default_folder(path: Path) -> Path:
     return path / "report" if path.is_dir() else Path(f"{path.stem}-report")
 
 
-def read_material(options: ReportOptions, csv: Path | None, console: Console) -> Material:
+def read_material(file: RunFile, csv: Path | None, console: Console, *, timing: bool) -> Material:
     """Read a file to its end, or to its damage, and return the content of the page."""
-    if is_recording(options.path):
-        return _Reading(options, csv, console).recording()
-    refuse_detections(options.path)
-    return _Reading(options, csv, console).log()
+    reading = _Reading(file, csv, console, timing)
+    return reading.recording() if file.is_recording() else reading.log()
 
 
 @dataclass(slots=True)
 class _Reading:
     """One pass over a file."""
 
-    options: ReportOptions
+    file: RunFile
     csv: Path | None
     console: Console
+    timing: bool
     config: Config | None = None
     seed: int = 0
     remarks: list[str] = field(default_factory=list)
@@ -129,16 +122,15 @@ class _Reading:
 
     def recording(self) -> Material:
         """Read a recording."""
-        path = self.options.path
-        if self.options.detections is not None:
-            raise RecordingError(str(path), "is a recording with scans; --detections is for logs")
+        path = self.file.path
         header = read_info(path)
         self._find_mission(header.config_text)
-        seed = self.options.seed if self.options.seed is not None else header.run and header.run.seed
+        seed = self.file.seed if self.file.seed is not None else header.run and header.run.seed
         self.seed = seed or 0
         ground = self._ground(known=seed is not None)
         command = self._command(can_repeat=ground is not None)
-        evaluator, flights = self._evaluator(), self._flights()
+        evaluator = evaluator_of(self.config) if self.config is not None else Evaluator(0.0, ())
+        flights = self._flights()
         builder = TimelineBuilder(evaluator)
         records = 0
         with (
@@ -171,12 +163,14 @@ class _Reading:
 
     def log(self) -> Material:
         """Read a telemetry log or a raw stream; run the trackers if a mission is given."""
-        options, path = self.options, self.options.path
+        file = self.file
         builder, evaluator, ground = TimelineBuilder(), None, None
-        added = self._load_detections()
-        if options.config is not None:
-            self.config, self.seed = load(options.config), options.seed or 0
-            evaluator, ground = self._evaluator(), self._ground(known=True)
+        added = file.load_detections()
+        if added is not None:
+            self.remarks += added.detections.remarks
+        if file.config is not None:
+            self.config, self.seed = load(file.config), file.seed or 0
+            evaluator, ground = evaluator_of(self.config), self._ground(known=True)
             builder = TimelineBuilder(evaluator)
         flights = self._flights()
         timed_by, span = self._read_log(flights)
@@ -199,11 +193,11 @@ class _Reading:
         elif timed_by is None:
             self.remarks.append("A raw MAVLink stream without times: nothing is shown over time.")
         kind = "telemetry log" if timed_by == "stamps" else "raw MAVLink"
-        return self._material(path.name, kind, timeline, flights, evaluator, ground, {}, span)
+        return self._material(file.path.name, kind, timeline, flights, evaluator, ground, {}, span)
 
     def _read_log(self, flights: Flights) -> tuple[TimeSource | None, tuple[int, int]]:
         """Read every frame; return the source of the times, and the first and last time."""
-        path = self.options.path
+        path = self.file.path
         size = path.stat().st_size
         times, bad_bytes, stretches = [0, 0], 0, 0
         with open_regular(path) as file, reading_progress(self.console, path, size) as advance:
@@ -229,12 +223,12 @@ class _Reading:
         return line.timed_by, (times[0], times[1])
 
     def _find_mission(self, text: str) -> None:
-        if self.options.config is not None:
-            self.config = load(self.options.config)
+        if self.file.config is not None:
+            self.config = load(self.file.config)
             return
         try:
             if text:
-                self.config = parse(text, f"{self.options.path}: its mission file")
+                self.config = parse(text, f"{self.file.path}: its mission file")
         except ConfigError as error:
             self.remarks.append(f"Its mission file cannot be used ({error}); name one with --config.")
         if not text:
@@ -249,40 +243,19 @@ class _Reading:
             return None
         return Ground.of(mission_grid(config, self.seed))
 
-    def _evaluator(self) -> Evaluator:
-        config = self.config
-        if config is None:
-            return Evaluator(0.0, ())
-        return evaluator_of(config)
-
     def _flights(self) -> Flights:
-        frame: LocalFrame | None = None if self.config is None else self.config.local_frame
-        return Flights(frame)
+        return Flights(None if self.config is None else self.config.local_frame)
 
     def _command(self, *, can_repeat: bool) -> Engine | None:
-        if self.config is None or not (can_repeat and self.options.timing):
+        if self.config is None or not (can_repeat and self.timing):
             return None
         warm_up(self.console, TRACKING, PLANNING, LINKS)
         return Engine(self.config, self.seed)
 
-    def _load_detections(self) -> Beside | None:
-        options = self.options
-        if options.detections is None:
-            return None
-        if options.config is None:
-            raise RecordingError(
-                str(options.path),
-                "--detections needs the mission of the detections: name it with --config",
-            )
-        added = load_beside(options.detections, options.model, options.offset_s)
-        self.remarks += added.detections.remarks
-        return added
-
     def _replay_log(self, config: Config, added: Beside | None) -> Iterator[object]:
         """Yield the events of a telemetry log, each followed by its effects."""
         command = self._command(can_repeat=True) or Engine(config, self.seed)
-        system_ids = [agent.system_id for agent in config.agents]
-        for record in telemetry_records(self.options.path, system_ids, added):
+        for record in self.file.log_records(config, added):
             assert isinstance(record.value, Event)
             yield record.value
             yield from self._timed_step(command, record.value)
@@ -292,8 +265,7 @@ class _Reading:
         started = time.process_time()
         effects = command.step(event)
         took_ms = 1e3 * (time.process_time() - started)
-        planned = any(isinstance(effect, Plan) for effect in effects)
-        if planned:
+        if any(isinstance(effect, Plan) for effect in effects):
             self.work_ms["plan"].append(took_ms)
         elif isinstance(event, Scan):
             self.work_ms["scan"].append(took_ms)
@@ -319,17 +291,16 @@ class _Reading:
         if span_t_ns is not None:
             start_t_ns, duration_s = span_t_ns[0], (span_t_ns[1] - span_t_ns[0]) / 1e9
             timeline = replace(timeline, start_t_ns=start_t_ns, duration_s=duration_s)
-        flown: dict[int, Flight] = flights.flights(start_t_ns)
         return Material(
             name=name,
             kind=kind,
-            file=self.options.path,
+            file=self.file.path,
             seed=self.seed if self.config is not None else None,
             timeline=timeline,
             start_t_ns=start_t_ns,
             duration_s=duration_s,
             summary=self._summary(evaluator, timeline),
-            flights=flown,
+            flights=flights.flights(start_t_ns),
             traffic=self.traffic.summary(),
             ground=ground,
             work_ms=self.work_ms,
@@ -346,7 +317,7 @@ class _Reading:
             duration_s=timeline.duration_s,
             scan_ms_p99=_p99(self.work_ms["scan"]),
             plan_ms_p99=_p99(self.work_ms["plan"]),
-            recording=str(self.options.path),
+            recording=str(self.file.path),
         )
 
 

@@ -11,8 +11,11 @@ from gcs.cli.arguments import (
     HeadlessOption,
     JsonOption,
     LossOption,
+    PackOption,
     ScenarioArgument,
     SeedOption,
+    SitlOption,
+    SpeedOption,
     command_app,
 )
 from gcs.cli.errors import exit_on_error
@@ -24,7 +27,7 @@ app = command_app()
 @app.command()
 def demo(
     scenario: ScenarioArgument = "prescribed",
-    speed: Annotated[float, typer.Option(min=0.1, max=50.0, help="Speed as a multiple of real time.")] = 1.0,
+    speed: SpeedOption = 1.0,
     seed: SeedOption = 1,
     headless: HeadlessOption = False,
     out: Annotated[
@@ -39,15 +42,8 @@ def demo(
     ] = None,
     as_json: JsonOption = False,
     loss: LossOption = 0.0,
-    pack: Annotated[int, typer.Option(min=1, max=250, help="Simulated vehicles in each process.")] = 1,
-    sitl: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=PATH",
-            help="Fly real firmware instead of simulated autopilots: arduplane=PATH (ArduPilot's SITL) or "
-            "px4=PATH (PX4 with SIH). One process for each agent; they take off first.",
-        ),
-    ] = None,
+    pack: PackOption = 1,
+    sitl: SitlOption = None,
     forward: Annotated[
         list[str] | None,
         typer.Option(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 from typing import Annotated
@@ -76,4 +75,4 @@ def montecarlo(
         "parquet": parquet,
         "as_json": as_json,
     }
-    raise typer.Exit(run_sim_vehicles(["montecarlo", json.dumps(options)]))
+    raise typer.Exit(run_sim_vehicles("montecarlo", options))

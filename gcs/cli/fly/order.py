@@ -12,12 +12,13 @@ import os
 import secrets
 import socket
 import sys
-from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Final, Literal, NamedTuple, TypeAlias
 
 import typer
 from rich.console import Console
 
 from gcs.cli.arguments import (
+    YES_HELP,
     JsonOption,
     VehicleOption,
     YesOption,
@@ -31,7 +32,7 @@ from gcs.errors import GcsError, LinkError
 from gcs.io.console import console_for
 
 if TYPE_CHECKING:
-    from gcs.io.zenoh.orders import AreaMessage, OrderMessage
+    from gcs.io.zenoh.order_messages import AreaMessage, OrderMessage
     from gcs.model import OrderAnswer, Proposal
 
 app = command_app("""Give orders to a running service (`gcs run` or `gcs demo`).
@@ -58,54 +59,51 @@ TimeoutOption = Annotated[float, typer.Option(min=1.0, help="Timeout in seconds.
 PlanArgument = Annotated[int, typer.Argument(min=1, help="Number of the proposed plan.", metavar="PLAN")]
 
 
+class _Service(NamedTuple):
+    """Service of an order, and the output."""
+
+    mission: str | None
+    zenoh: str | None
+    timeout_s: float
+    as_json: bool
+
+
 VehicleAction: TypeAlias = Literal["hold", "resume", "return", "arm", "disarm"]
 
-_UNCONFIRMED_ACTIONS: Final[dict[VehicleAction, str]] = {
+_SUMMARIES: Final[dict[VehicleAction, str]] = {
     "hold": "Loiter here, and take no tasks until resumed.",
     "resume": "Continue the mission where it is still valid, and take tasks again.",
     "return": "Return to launch (RTL), and take no tasks until resumed.",
-}
-_CONFIRMED_ACTIONS: Final[dict[VehicleAction, str]] = {
     "arm": "Arm. Propellers may turn. Asks for confirmation; nothing else in this project arms a vehicle.",
     "disarm": "Disarm. Asks for confirmation; refused for a vehicle that may be in the air.",
 }
+_CONFIRMED: Final = ("arm", "disarm")
 
 
-def _add_unconfirmed_command(action: VehicleAction, summary: str) -> None:
+def _add_vehicle_order(action: VehicleAction, summary: str) -> None:
+    is_confirmed = action in _CONFIRMED
+
     @app.command(action, help=summary)
     def order(
         vehicles: VehiclesArgument = None,
         vehicle: VehicleOption = None,
         all_vehicles: AllOption = False,
+        yes: bool = typer.Option(False, "--yes", hidden=not is_confirmed, help=YES_HELP),
         mission: MissionOption = None,
         zenoh: ZenohOption = None,
         timeout: TimeoutOption = 60.0,
         as_json: JsonOption = False,
     ) -> None:
         named = [*(vehicles or ()), *(vehicle or ())]
-        _order_vehicles(action, named, all_vehicles, mission, zenoh, timeout, as_json)
+        if bool(named) == all_vehicles:
+            raise typer.BadParameter(f"name the vehicles, such as: gcs order {action} 2 3 (or --all)")
+        if is_confirmed and not yes:
+            confirm_or_abort(f"{action} {'all vehicles' if all_vehicles else vehicles_text(named)}")
+        _send(action, named or "all", _Service(mission, zenoh, timeout, as_json))
 
 
-def _add_confirmed_command(action: VehicleAction, summary: str) -> None:
-    @app.command(action, help=summary)
-    def order(
-        vehicles: VehiclesArgument = None,
-        vehicle: VehicleOption = None,
-        all_vehicles: AllOption = False,
-        yes: YesOption = False,
-        mission: MissionOption = None,
-        zenoh: ZenohOption = None,
-        timeout: TimeoutOption = 60.0,
-        as_json: JsonOption = False,
-    ) -> None:
-        named = [*(vehicles or ()), *(vehicle or ())]
-        _order_vehicles(action, named, all_vehicles, mission, zenoh, timeout, as_json, is_confirmed=yes)
-
-
-for _action, _summary in _UNCONFIRMED_ACTIONS.items():
-    _add_unconfirmed_command(_action, _summary)
-for _action, _summary in _CONFIRMED_ACTIONS.items():
-    _add_confirmed_command(_action, _summary)
+for _action, _summary in _SUMMARIES.items():
+    _add_vehicle_order(_action, _summary)
 
 
 @app.command(name="plan")
@@ -116,7 +114,7 @@ def show_plan(
     as_json: JsonOption = False,
 ) -> None:
     """Print the proposed plan: routes, reason, lengths, times, separation, clearance and age."""
-    _send("plan", "all", mission, zenoh, timeout, as_json)
+    _send("plan", "all", _Service(mission, zenoh, timeout, as_json))
 
 
 @app.command()
@@ -141,14 +139,14 @@ def confirm(
     Without a number it prints the plan, asks, and confirms what it printed. Routes start where the vehicles
     are at that time. If the plan has changed since, the order is refused.
     """
-    printed = None
+    service, printed = _Service(mission, zenoh, timeout, as_json), None
     if plan is None:
-        printed = _print_proposal(mission, zenoh, timeout, as_json)
+        printed = _print_proposal(service)
         plan = printed.plan_id
         if sys.stdin.isatty() and not yes:
             suffix = f" for {vehicles_text(vehicle)}" if vehicle else ""
             confirm_or_abort(f"confirm plan {plan}{suffix}")
-    _send("confirm", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan, printed=printed)
+    _send("confirm", vehicle or "all", service, plan_id=plan, printed=printed)
 
 
 @app.command()
@@ -161,7 +159,7 @@ def reject(
     as_json: JsonOption = False,
 ) -> None:
     """Reject the proposed plan. It is not proposed again until the situation changes."""
-    _send("reject", vehicle or "all", mission, zenoh, timeout, as_json, plan_id=plan)
+    _send("reject", vehicle or "all", _Service(mission, zenoh, timeout, as_json), plan_id=plan)
 
 
 @app.command(name="no-fly-zone")
@@ -190,13 +188,13 @@ def no_fly_zone(
     if sum((circle is not None, polygon is not None, open_zone)) != 1:
         raise typer.BadParameter("expected one of --circle, --polygon and --open")
     zone = _zone(name, circle, polygon, "wgs84" if degrees else "local")
-    _send("no-fly-zone", "all", mission, zenoh, timeout, as_json, no_fly_zone=zone)
+    _send("no-fly-zone", "all", _Service(mission, zenoh, timeout, as_json), no_fly_zone=zone)
 
 
 def _zone(
     name: str, circle: str | None, polygon: str | None, frame: Literal["local", "wgs84"]
 ) -> AreaMessage:
-    from gcs.io.zenoh.orders import AreaMessage
+    from gcs.io.zenoh.order_messages import AreaMessage
 
     if circle is not None:
         a, b, radius_m = _numbers(circle, 3, "--circle")
@@ -215,31 +213,13 @@ def _numbers(text: str, count: int, option: str) -> list[float]:
     return numbers
 
 
-def _order_vehicles(
-    action: VehicleAction,
-    vehicles: list[int],
-    all_vehicles: bool,
-    mission: str | None,
-    zenoh: str | None,
-    timeout_s: float,
-    as_json: bool,
-    *,
-    is_confirmed: bool = True,
-) -> None:
-    if bool(vehicles) == all_vehicles:
-        raise typer.BadParameter(f"name the vehicles, such as: gcs order {action} 2 3 (or --all)")
-    if not is_confirmed:
-        confirm_or_abort(f"{action} {'all vehicles' if all_vehicles else vehicles_text(vehicles)}")
-    _send(action, vehicles or "all", mission, zenoh, timeout_s, as_json)
-
-
-def _print_proposal(mission: str | None, zenoh: str | None, timeout_s: float, as_json: bool) -> Proposal:
+def _print_proposal(service: _Service) -> Proposal:
     """Print the proposed plan and return it; exit with 1 when there is none."""
-    answers, problem = _print_answers(_order("plan", "all"), mission, zenoh, timeout_s, as_json)
+    answers, problem = _print_answers(_order("plan", "all"), service)
     proposal = next((answer.proposal for answer in answers if answer.proposal is not None), None)
     if proposal is not None:
         return proposal
-    if as_json:
+    if service.as_json:
         _print_result("plan", "", answers, problem)
     raise typer.Exit(1)
 
@@ -247,19 +227,16 @@ def _print_proposal(mission: str | None, zenoh: str | None, timeout_s: float, as
 def _send(
     action: VehicleAction | Literal["plan", "confirm", "reject", "no-fly-zone"],
     vehicles: list[int] | Literal["all"],
-    mission: str | None,
-    zenoh: str | None,
-    timeout_s: float,
-    as_json: bool,
+    service: _Service,
     *,
     plan_id: int | None = None,
     no_fly_zone: AreaMessage | None = None,
     printed: Proposal | None = None,
 ) -> None:
     order = _order(action, vehicles, plan_id, no_fly_zone)
-    answers, problem = _print_answers(order, mission, zenoh, timeout_s, as_json)
+    answers, problem = _print_answers(order, service)
     ok = _is_ok(answers, problem)
-    if as_json:
+    if service.as_json:
         _print_result(action, order.order_id, answers, problem, printed)
     raise typer.Exit(0 if ok else 1)
 
@@ -270,7 +247,7 @@ def _order(
     plan_id: int | None = None,
     no_fly_zone: AreaMessage | None = None,
 ) -> OrderMessage:
-    from gcs.io.zenoh.orders import OrderMessage
+    from gcs.io.zenoh.order_messages import OrderMessage
 
     return OrderMessage(
         order_id=f"{action}-{secrets.token_hex(6)}",
@@ -282,13 +259,11 @@ def _order(
     )
 
 
-def _print_answers(
-    order: OrderMessage, mission: str | None, zenoh: str | None, timeout_s: float, as_json: bool
-) -> tuple[list[OrderAnswer], str]:
+def _print_answers(order: OrderMessage, service: _Service) -> tuple[list[OrderAnswer], str]:
     """Send an order and print its answers; return them, and the error text."""
     answers: list[OrderAnswer] = []
     try:
-        _collect(order, mission, zenoh, timeout_s, console_for(stderr=as_json), answers)
+        _collect(order, service, console_for(stderr=service.as_json), answers)
     except GcsError as error:
         print_error(error)
         return answers, str(error)
@@ -314,21 +289,15 @@ def _print_result(
     print(json.dumps(result), flush=True)  # noqa: T201  the output of --json
 
 
-def _collect(
-    order: OrderMessage,
-    mission: str | None,
-    zenoh: str | None,
-    timeout_s: float,
-    console: Console,
-    answers: list[OrderAnswer],
-) -> None:
+def _collect(order: OrderMessage, service: _Service, console: Console, answers: list[OrderAnswer]) -> None:
     from gcs.cli.operator_lines import answer_line, proposal_title, route_lines
     from gcs.io.zenoh.discovery import find_service
     from gcs.io.zenoh.order_client import send_order
 
+    mission, zenoh, timeout_s, _ = service
     if zenoh is None:
-        service = find_service(mission)
-        mission, zenoh = service.mission, service.zenoh
+        found = find_service(mission)
+        mission, zenoh = found.mission, found.zenoh
     elif mission is None:
         raise LinkError(zenoh, "name the mission of its service with --mission")
     for answer in send_order(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):

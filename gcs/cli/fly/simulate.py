@@ -5,10 +5,11 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -33,16 +34,26 @@ def simulate(
 
     Runs on virtual time, without sockets or other processes. The same seed gives the same outcome.
     """
-    arguments = [scenario, "--seed", str(seed), "--runs", str(runs), "--loss", str(loss)]
-    arguments += ["--json"] if as_json else []
-    arguments += ["--out", str(out)] if out is not None else []
-    arguments += ["--duration", str(duration)] if duration is not None else []
-    raise typer.Exit(run_sim_vehicles(["simulate", *arguments]))
+    options = {
+        "scenario": scenario,
+        "seed": seed,
+        "runs": runs,
+        "as_json": as_json,
+        "out": None if out is None else str(out),
+        "loss": loss,
+        "duration_s": duration,
+    }
+    raise typer.Exit(run_sim_vehicles("simulate", options))
 
 
-def run_sim_vehicles(arguments: list[str]) -> int:
-    """Run the program of the simulated vehicles; return its exit code."""
-    process = subprocess.Popen([sys.executable, "-P", "-m", "sim_vehicles", *arguments])  # noqa: S603  no shell
+def sim_vehicles_command(name: str, options: dict[str, Any]) -> list[str]:
+    """Return the command line of a hidden command of `sim-vehicles`, with its options as JSON."""
+    return [sys.executable, "-P", "-m", "sim_vehicles", name, json.dumps(options)]
+
+
+def run_sim_vehicles(name: str, options: dict[str, Any]) -> int:
+    """Run a hidden command of `sim-vehicles`; return its exit code."""
+    process = subprocess.Popen(sim_vehicles_command(name, options))  # noqa: S603  no shell
     try:
         return process.wait()
     except KeyboardInterrupt:

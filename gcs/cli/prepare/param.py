@@ -6,14 +6,11 @@ file.
 
 from __future__ import annotations
 
-import json
 import math
 import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from gcs.cli.arguments import (
     ConfigArgument,
@@ -23,15 +20,8 @@ from gcs.cli.arguments import (
     WaitOption,
     YesOption,
     command_app,
-    confirm_or_abort,
-    vehicles_text,
 )
-from gcs.cli.errors import exit_on_error
-from gcs.cli.prepare.fence import selected_vehicles
-from gcs.io.console import console_for
-
-if TYPE_CHECKING:
-    from gcs.io.vehicles.parameters import ParameterTask
+from gcs.cli.prepare.vehicle_tasks import exit_with_results, run_tasks
 
 app = command_app("""Read and set parameters of vehicles.
 
@@ -59,9 +49,7 @@ def _parse_value(text: str) -> float:
     return value
 
 
-NameArgument = Annotated[
-    str, typer.Argument(parser=_parse_name, metavar="NAME", help="Parameter name, such as FS_LONG_ACTN.")
-]
+_NAME_HELP = "Parameter name, such as FS_LONG_ACTN."
 
 
 @app.command()
@@ -69,7 +57,7 @@ def get(
     config: ConfigArgument,
     names: Annotated[
         list[str],
-        typer.Argument(parser=_parse_name, metavar="NAME...", help="Parameter name, such as FS_LONG_ACTN."),
+        typer.Argument(parser=_parse_name, metavar="NAME...", help=_NAME_HELP),
     ],
     vehicle: VehicleOption = None,
     wait: WaitOption = 30.0,
@@ -83,7 +71,7 @@ def get(
 @app.command(context_settings={"ignore_unknown_options": True})  # A value may be negative.
 def set(  # noqa: A001  the command's name
     config: ConfigArgument,
-    name: NameArgument,
+    name: Annotated[str, typer.Argument(parser=_parse_name, metavar="NAME", help=_NAME_HELP)],
     value: Annotated[
         float, typer.Argument(parser=_parse_value, metavar="VALUE", help="New value, a number.")
     ],
@@ -112,43 +100,32 @@ def _run(
     armed: bool = False,
     is_confirmed: bool = True,
 ) -> None:
-    from gcs.config import load
-    from gcs.io.vehicles.access import vehicle_access
     from gcs.io.vehicles.parameters import access_parameters
 
-    console = console_for(stderr=as_json)
-    with exit_on_error():
-        config = load(source)
-        selected = selected_vehicles(config, vehicles)
-        if not is_confirmed:
-            confirm_or_abort(f"set {names[0]} = {value:g} on {vehicles_text(selected)}")
-        if notice := vehicle_access(config, link, writes=value is not None).description:
-            console.print(notice, highlight=False, markup=False, soft_wrap=True)
-        transfers = access_parameters(
+    tasks = run_tasks(
+        source,
+        vehicles,
+        link,
+        lambda config, selected: access_parameters(
             config, source, selected, names, value, wait_s=wait_s, link=link, armed_too=armed
-        )
-    console.print(_table(transfers))
-    ok = all(transfer.ok for transfer in transfers)
-    if as_json:
-        rows = [
-            {"vehicle": transfer.vehicle, "name": name, "ok": is_ok, "value": read_value, "detail": detail}
-            for transfer in transfers
-            for name, is_ok, read_value, detail in transfer.rows()
-        ]
-        action = "get" if value is None else "set"
-        print(json.dumps({"action": action, "ok": ok, "parameters": rows}), flush=True)  # noqa: T201
-    raise typer.Exit(0 if ok else 1)
-
-
-def _table(transfers: Sequence[ParameterTask]) -> Table:
-    from gcs.model import vehicle_name
-
-    table = Table(pad_edge=False)
-    for column in ("vehicle", "parameter", "value", "", "result"):
-        table.add_column(column, overflow="fold")
-    for transfer in transfers:
-        for index, (name, ok, value, detail) in enumerate(transfer.rows()):
-            mark = "[green]ok[/]" if ok else "[bold red]failed[/]"
-            text = "" if value is None else f"{value:.7g}"
-            table.add_row(vehicle_name(transfer.vehicle) if index == 0 else "", name, text, mark, detail)
-    return table
+        ),
+        writes=value is not None,
+        question="" if is_confirmed else f"set {names[0]} = {value:g} on",
+        as_json=as_json,
+    )
+    rows = [
+        {"vehicle": task.vehicle, "name": name, "ok": ok, "value": read_value, "detail": detail}
+        for task in tasks
+        for name, ok, read_value, detail in task.rows()
+    ]
+    exit_with_results(
+        "get" if value is None else "set",
+        tasks,
+        ["parameter", "value"],
+        lambda task: (
+            ((name, "" if read_value is None else f"{read_value:.7g}"), ok, detail)
+            for name, ok, read_value, detail in task.rows()
+        ),
+        {"parameters": rows},
+        as_json=as_json,
+    )

@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.config import Config, load
-from gcs.core.preflight.mission import mission_checks, rehearse, sensor_checks
+from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.result import Check, Level
 from gcs.core.preflight.vehicle import envelope_of, vehicle_checks
 from gcs.errors import LinkError, WireError

@@ -23,7 +23,7 @@ from gcs.cli.warm_up_progress import PLANNING, load_kernels
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.altitude_layers import layer_count
-from gcs.core.replanning.options import plan_options
+from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
 from gcs.files import read_text
@@ -31,8 +31,8 @@ from gcs.model import Route
 from gcs.planning.deconfliction import PlannedFlight, assign_layers
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.movingai import MAX_BYTES, read_map
-from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.planner import PlanResult, Stage, plan_routes
+from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.vehicle_model import LoiterCircle
 from gcs.report.plots.plan import PlanDrawing, draw_plan

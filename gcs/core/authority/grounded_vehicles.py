@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable, Container
 from typing import Final
 
-from gcs.core.operator.commands import Orders
+from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.commands import CommandSender, HeartbeatState, set_mode
+from gcs.mavlink.services.command_sender import CommandSender, HeartbeatState, set_mode
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState
 

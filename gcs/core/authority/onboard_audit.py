@@ -21,7 +21,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.operator.commands import Orders
+from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.tasking.onboard_missions import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Container, Mapping
 from typing import Final
 
-from gcs.core.operator.commands import PILOTED
+from gcs.core.operator.vehicle_orders import PILOTED
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Label, Notice, target_name, vehicle_name

@@ -22,7 +22,7 @@ from gcs.config import Config
 from gcs.core.operator.plan_figures import PlanFigures
 from gcs.core.operator.replies import OrderInProgress, named
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.options import place_of
+from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.replanner import Replanner
 from gcs.model import (
     NS_PER_S,

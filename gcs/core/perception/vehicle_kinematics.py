@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 
-from gcs.core.replanning.options import place_of
+from gcs.core.replanning.plan_targets import place_of
 from gcs.geo import wrap_pi
 from gcs.model import NS_PER_S, Track, VehicleState
 from gcs.planning.route_progress import CORRIDOR_M

@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.core.replanning.inputs import OtherVehicle
-from gcs.core.replanning.options import place_of
+from gcs.core.replanning.plan_targets import place_of
 from gcs.model import Route, Track, vehicle_name
 from gcs.planning.deconfliction import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.map.grid import Point

@@ -20,7 +20,7 @@ from gcs.config import Config
 from gcs.core.replanning import reasons
 from gcs.core.replanning.altitude_layers import AltitudeLayers
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.options import PlanTargets, plan_options
+from gcs.core.replanning.plan_targets import PlanTargets, plan_options
 from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.triggers import CurrentRoutes, Triggers
 from gcs.core.tasking.mission_builder import corners_of
@@ -29,8 +29,8 @@ from gcs.mavlink.mission.upload_stages import UploadTiming
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.options import AgentState
 from gcs.planning.planner import PlanResult, plan_routes
+from gcs.planning.planner_inputs import AgentState
 from gcs.planning.route_capture import (
     capture_length_m,
     has_explicit_turn,

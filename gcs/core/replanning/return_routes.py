@@ -11,12 +11,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from gcs.config import Config
-from gcs.core.replanning.options import plan_options
+from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import FloatArray, Route, VehicleState
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.options import AgentState
+from gcs.planning.planner_inputs import AgentState
 from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_route
 
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 
 from gcs.config import Config
-from gcs.core.replanning.options import plan_options
+from gcs.core.replanning.plan_targets import plan_options
 from gcs.geo import wrap_pi
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from gcs.config import Config
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.options import PlanTargets, is_arriving, plan_options
+from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, plan_options
 from gcs.core.replanning.reasons import Reason
 from gcs.model import NS_PER_S, Label, Route, Track
 from gcs.planning.map.grid import Grid

@@ -23,7 +23,7 @@ from gcs.core.tasking.onboard_missions import OnboardMission
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.commands import REQUEST_MESSAGE, command_long, set_current_item
+from gcs.mavlink.services.command_sender import REQUEST_MESSAGE, command_long, set_current_item
 from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Effect, Notice, VehicleState
 

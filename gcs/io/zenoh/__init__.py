@@ -1,1 +1,1 @@
-"""Zenoh: `session`, `messages` (keys, JSON), `scans`, `orders` (with inbox and client), `discovery`."""
+"""Orders, scans and records on zenoh, and the discovery of running services."""

@@ -15,7 +15,7 @@
 =============================================  ==================================================
 
 Payloads are the JSON of `gcs.io.records`, but for scans and orders, which have forms of their own:
-`gcs.io.zenoh.scans` and `gcs.io.zenoh.orders`.
+`gcs.io.zenoh.scans` and `gcs.io.zenoh.order_messages`.
 """
 
 from __future__ import annotations

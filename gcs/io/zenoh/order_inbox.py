@@ -12,7 +12,7 @@ from typing import Final
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
-from gcs.io.zenoh.orders import decode_order
+from gcs.io.zenoh.order_messages import decode_order
 from gcs.model import NS_PER_S, BadInput, Order
 
 ORDERS_PER_S: Final = 10

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.fleet.telemetry_table import DUE_NS, VehicleRecord, new_record
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.commands import MESSAGE_INTERVAL, REQUEST_MESSAGE, command_long
+from gcs.mavlink.services.command_sender import MESSAGE_INTERVAL, REQUEST_MESSAGE, command_long
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
 
 _RETRY_POLICY: Final = RetryPolicy(wait_s=1.0, max_wait_s=5.0, max_tries=0)

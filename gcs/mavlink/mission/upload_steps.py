@@ -17,7 +17,13 @@ from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, G
 from gcs.mavlink.mission.items import Home, Item
 from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
 from gcs.mavlink.mission.upload_stages import OnboardState, Stage, UploadResult, UploadTiming
-from gcs.mavlink.services.commands import REQUEST_MESSAGE, SET_MODE, command_long, set_current_item, set_mode
+from gcs.mavlink.services.command_sender import (
+    REQUEST_MESSAGE,
+    SET_MODE,
+    command_long,
+    set_current_item,
+    set_mode,
+)
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
 from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import NS_PER_S, Mission, system_of

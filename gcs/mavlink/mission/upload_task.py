@@ -36,7 +36,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.upload_steps import UploadSteps
-from gcs.mavlink.services.commands import SET_MODE
+from gcs.mavlink.services.command_sender import SET_MODE
 from gcs.mavlink.services.retry import ns
 from gcs.model import UploadReport
 

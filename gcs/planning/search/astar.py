@@ -33,7 +33,7 @@ from gcs.planning.search.canonical_ordering import (
     TIGHT_MOVE_COST,
     ByteArray,
     IntArray,
-    move_cost,
+    move_length,
     octile,
 )
 from gcs.planning.search.dijkstra import dijkstra_buffers, one_to_all
@@ -132,7 +132,7 @@ def astar(  # type: ignore[no-untyped-def]
             for k in range(left & 15):
                 move = (left >> (4 + 3 * k)) & 7
                 there = node + offsets[move]
-                cost = here + move_cost(move, has_tight_moves and (word >> (TIGHT_BIT + move)) & 1)
+                cost = here + move_length(move, has_tight_moves and (word >> (TIGHT_BIT + move)) & 1)
                 before = reached[there]
                 if before != 0.0 and cost >= before - _COST_EPSILON:
                     continue
@@ -163,7 +163,7 @@ def astar(  # type: ignore[no-untyped-def]
         move = np.int64(packed[node]) & ARRIVAL_MASK
         if move == NO_MOVE:
             break
-        flown += move_cost(move, False)
+        flown += move_length(move, False)
         node -= offsets[move]
     return count, best, flown, expanded
 

@@ -65,7 +65,7 @@ _TIE = 1e-9
 
 
 @inlined
-def move_cost(move, tight):  # type: ignore[no-untyped-def]
+def move_length(move, tight):  # type: ignore[no-untyped-def]
     """Return the cost of a move in cells."""
     return (1.0 if move < 4 else DIAGONAL) * (TIGHT_MOVE_COST if tight else 1.0)
 
@@ -125,7 +125,7 @@ def _has_move(moves, node, move):  # type: ignore[no-untyped-def]
 
 @inlined
 def _cost(tight, node, move):  # type: ignore[no-untyped-def]
-    return move_cost(move, _has_move(tight, node, move))
+    return move_length(move, _has_move(tight, node, move))
 
 
 @inlined

@@ -21,7 +21,7 @@ from gcs.model import FloatArray
 from gcs.planning.map.grid import BoolArray, Grid, free_grid
 from gcs.planning.path.shortcut import is_adjacent_and_visible
 from gcs.planning.search.astar import astar, astar_paper, borrow_search
-from gcs.planning.search.canonical_ordering import NO_MOVE, IntArray, move_cost
+from gcs.planning.search.canonical_ordering import NO_MOVE, IntArray, move_length
 from gcs.planning.search.dijkstra import costs_at, dijkstra_buffers, one_to_all, trace_back
 from gcs.planning.search.neighbours import SearchMap, cells, flat_index, kernel_arrays, search_map
 
@@ -184,7 +184,7 @@ def _path_ends(  # type: ignore[no-untyped-def]
                 node, flown = far_nodes[j, via[i, j]], far_off[j, via[i, j]]
                 while came_by[i, node] != NO_MOVE:
                     move = came_by[i, node]
-                    flown += move_cost(move, False)
+                    flown += move_length(move, False)
                     node -= offsets[move]
                 for k in range(near_nodes.shape[1]):
                     if near_nodes[i, k] == node:

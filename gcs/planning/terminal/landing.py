@@ -24,9 +24,9 @@ from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import APPROACH_M, FloatArray, read_only
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, to_cells
-from gcs.planning.options import AgentState, PlanOptions, TargetDemand
 from gcs.planning.path.initial_turn import MAX_TURN_RAD, MIN_RADIUS_SHARE, is_turn_safe, start_clearance
 from gcs.planning.path.turns import TurnAnticipation
+from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.route_capture import MIN_CLEARANCE_SHARE
 from gcs.planning.route_search import RouteSearch
 from gcs.planning.terminal.loiter import path_length_m, split_before_end

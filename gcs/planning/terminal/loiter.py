@@ -23,8 +23,8 @@ from gcs.jit import Call, kernel, leaf
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import is_clear_at, leg_clearance, to_cells
-from gcs.planning.options import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
+from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.route_capture import MIN_CLEARANCE_SHARE
 from gcs.planning.vehicle_model import STEP_S, simulate_states
 

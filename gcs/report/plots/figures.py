@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.model import FloatArray
-from gcs.report.plots.charts import draw_cardinality, draw_lanes, lanes
 from gcs.report.plots.maps import (
     draw_clutter,
     draw_obstacles,
@@ -22,6 +21,7 @@ from gcs.report.plots.maps import (
     legend_entries,
     truth_until,
 )
+from gcs.report.plots.run_charts import draw_cardinality, draw_lanes, lanes
 from gcs.report.plots.style import INK, KINDS, colours, heading, legend, say, tidy
 from gcs.report.run.evaluation import OSPA_CUTOFF_M
 from gcs.report.run.timeline import Timeline, gather

@@ -9,9 +9,9 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
-from gcs.model import FloatArray, Kind
+from gcs.model import Cause, FloatArray, Kind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +24,23 @@ AGENTS = (
 KINDS: dict[Kind, str] = {"agents": "#0072b2", "targets": "#d55e00"}
 TARGETS, RED, INK, GRID, AXIS = "#4a5568", "#d7191c", "#1a202c", "#e2e8f0", "#a0aec0"
 CLUTTER = "#718096"
+TRIGGERS: Final[dict[Cause, str]] = {
+    "first plan": "#7a5cc0",
+    "agent lost": RED,
+    "agent not tracked": "#f4a582",
+    "agent set aside": "#cc3377",
+    "agent in danger": "#e69f00",
+    "agent passed its target": "#cc79a7",
+    "agent joined": "#009e73",
+    "agent idle": "#56b4e9",
+    "target appeared": "#0072b2",
+    "target lost": "#d55e00",
+    "target moved": "#8c6d31",
+    "map changed": "#2f855a",
+    "taken up again": "#4a5568",
+    "approved plan changed": "#b7950b",
+}
+"""Colour of each trigger of plans, in the order of rows."""
 LABELLED = 12
 """Up to this number, objects of a kind are named and drawn in full size."""
 _VARIABLES = {

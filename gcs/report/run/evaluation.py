@@ -34,6 +34,7 @@ from gcs.config import Config
 from gcs.model import (
     NS_PER_S,
     AgentStatus,
+    Cause,
     Effect,
     FloatArray,
     Kind,
@@ -45,7 +46,6 @@ from gcs.model import (
     UploadReport,
     read_only,
 )
-from gcs.report.run.triggers import triggers_of
 from gcs.report.run.truth import GroundTruth
 from gcs.tracking.metrics import ospa
 
@@ -75,8 +75,7 @@ class Retask:
     vehicles: tuple[int, ...]
     """Vehicles with a new route that had one before."""
     reason: str
-    triggers: tuple[str, ...]
-    """Kinds of triggers (`gcs.report.run.triggers`)."""
+    triggers: tuple[Cause, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,9 +213,7 @@ class Evaluator:
         for plan in self._plans:
             vehicles = tuple(vehicle for vehicle in plan.changed if vehicle in tasked)
             if vehicles:
-                found.append(
-                    Retask((plan.t_ns - start_t_ns) / NS_PER_S, vehicles, plan.reason, triggers_of(plan))
-                )
+                found.append(Retask((plan.t_ns - start_t_ns) / NS_PER_S, vehicles, plan.reason, plan.causes))
             tasked.update(route.vehicle for route in plan.routes)
         return tuple(found)
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from gcs.model import NS_PER_S
 from gcs.report.html_page import Fact, Page, Section, save_figure, save_page
-from gcs.report.plots.charts import flight_figure, quality_figure, timeline_figure, times_figure
 from gcs.report.plots.maps import Ground, tracker_figure, truth_figure
+from gcs.report.plots.run_charts import flight_figure, quality_figure, timeline_figure, times_figure
 from gcs.report.run import tables
 from gcs.report.run.evaluation import Summary
 from gcs.report.run.tables import number

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.report.run.evaluation import AgentOutcome, Retask, Summary
-from gcs.report.run.triggers import count_by_trigger
 
 _COLOURS = {"arrived": "green", "lost": "red", "active": "yellow"}
 _ROWS = 12
@@ -32,7 +32,7 @@ def print_summary(summary: Summary, console: Console, picture: Path | None = Non
 def summary_text(summary: Summary, picture: Path | None = None) -> str:
     """Return the summary as plain lines."""
     lines = [_title(summary), f"  {summary.reason}"]
-    lines += [f"  agent {a.system_id}: {_fate(a)}" for a in summary.agents]
+    lines += [f"  agent {a.system_id}: {_agent_text(a)}" for a in summary.agents]
     lines += [f"  {name}: {value}" for name, value in _facts(summary, picture)]
     lines += [
         f"  re-task at {when}: {vehicles}: {reason}"
@@ -67,7 +67,7 @@ def _title(summary: Summary) -> str:
     return f"{summary.scenario}, seed {summary.seed}: {summary.outcome} after {summary.duration_s:.1f} s"
 
 
-def _fate(agent: AgentOutcome) -> str:
+def _agent_text(agent: AgentOutcome) -> str:
     return agent.status if agent.target is None else f"{agent.status} at target {agent.target}"
 
 
@@ -90,7 +90,8 @@ def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
 
 
 def _retasks_by_trigger(summary: Summary) -> str:
-    by_trigger = count_by_trigger(retask.triggers for retask in summary.retask_list)
+    counts = Counter(trigger for retask in summary.retask_list for trigger in retask.triggers)
+    by_trigger = ", ".join(f"{count} {trigger}" for trigger, count in counts.most_common())
     return f"{summary.retasks} ({by_trigger})" if by_trigger else str(summary.retasks)
 
 
@@ -113,10 +114,10 @@ def _agents(agents: Sequence[AgentOutcome]) -> Table:
     if len(agents) > _ROWS:
         table.add_column("status")
         table.add_column("agents")
-        for fate, colour in _COLOURS.items():
-            these = [str(a.system_id) for a in agents if a.status == fate]
+        for status, colour in _COLOURS.items():
+            these = [str(a.system_id) for a in agents if a.status == status]
             if these:
-                table.add_row(Text(f"{len(these)} {fate}", style=colour), " ".join(these))
+                table.add_row(Text(f"{len(these)} {status}", style=colour), " ".join(these))
         return table
     table.add_column("agent", justify="right")
     table.add_column("status")

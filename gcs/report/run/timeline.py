@@ -17,6 +17,7 @@ import numpy.typing as npt
 from gcs.model import (
     NS_PER_S,
     AgentStatus,
+    Cause,
     FloatArray,
     Kind,
     Label,
@@ -30,7 +31,6 @@ from gcs.model import (
     read_only,
 )
 from gcs.report.run.evaluation import Evaluator, OspaSeries
-from gcs.report.run.triggers import triggers_of
 
 KINDS: tuple[Kind, ...] = ("agents", "targets")
 MAX_DETECTIONS = 40_000
@@ -80,8 +80,7 @@ class Decision:
     ends_m: dict[int, tuple[float, float]]
     """End of each new route."""
     reason: str
-    triggers: tuple[str, ...]
-    """Kinds of triggers (`gcs.report.run.triggers`)."""
+    triggers: tuple[Cause, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -369,7 +368,7 @@ def _decision(plan: Plan, start_t_ns: int) -> Decision:
             if route.vehicle in plan.changed
         },
         reason=plan.reason,
-        triggers=triggers_of(plan),
+        triggers=plan.causes,
     )
 
 

@@ -16,7 +16,8 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.cli.analyse.report_material import ReportOptions, _Reading
+from gcs.cli.analyse.report_material import _Reading
+from gcs.cli.analyse.run_file import RunFile
 from gcs.config import load
 from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.recording.tlog import tlog_entries
@@ -170,7 +171,7 @@ def test_work_is_judged_by_the_processor_time_that_it_took_not_by_a_busy_machine
             time.sleep(0.2)  # as where other programs have the processors
             return []
 
-    reading = _Reading(ReportOptions(Path("x"), None, None, None, False, True), None, Console(quiet=True))
+    reading = _Reading(RunFile(Path("x")), None, Console(quiet=True), timing=False)
     reading._timed_step(UploadQueue(), Scan(1, 1, "radar", np.empty((0, 2))))  # type: ignore[arg-type]
     (took_ms,) = reading.work_ms["scan"]
     assert took_ms < 100.0

@@ -7,7 +7,7 @@ import pytest
 from core.replanning.test_takeoffs import BOX, FIELD
 from staging import S, at, mission, state
 
-from gcs.core.preflight.mission import mission_checks, rehearse
+from gcs.core.preflight.mission_checks import mission_checks, rehearse
 from gcs.core.tasking.takeoff_sequence import Departures
 from gcs.mavlink.mission.items import Home
 from gcs.model import Notice, Order, OrderAnswer

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from gcs.planning.map.grid import Grid, free_grid
 from gcs.planning.map.line_of_sight import clear_leg
-from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.planner import plan_routes
+from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.search.neighbours import cells, places, search_map
 
 

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from gcs.jit import kernel
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import clear_leg, leg_clearance
-from gcs.planning.options import AgentState, PlanOptions
 from gcs.planning.path.corner_smoothing import (
     clearance_shortfall,
     cost,
@@ -22,6 +21,7 @@ from gcs.planning.path.corner_smoothing import (
     turn_fits,
 )
 from gcs.planning.planner import plan_routes
+from gcs.planning.planner_inputs import AgentState, PlanOptions
 
 
 @kernel

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from gcs.model import (
     NS_PER_S,
     AgentStatus,
+    Cause,
     Kind,
     Picture,
     Plan,
@@ -25,6 +27,7 @@ from gcs.model import (
     read_only,
 )
 from gcs.report.plots.figures import draw_run
+from gcs.report.plots.style import TRIGGERS
 from gcs.report.run.timeline import gather
 
 T0 = 1_767_225_600 * NS_PER_S
@@ -119,3 +122,8 @@ def test_a_run_is_drawn_from_whatever_there_is(tmp_path: Path, leave_out: tuple[
 def test_a_command_that_draws_nothing_does_not_wait_for_matplotlib() -> None:
     check = "import sys, gcs.report.plots.figures; sys.exit('matplotlib' in sys.modules)"
     subprocess.run([sys.executable, "-P", "-c", check], check=True, cwd=Path(__file__).parents[3])
+
+
+def test_every_trigger_of_plans_has_a_row_of_its_own_colour() -> None:
+    assert set(TRIGGERS) == {*get_args(Cause)}
+    assert len(set(TRIGGERS.values())) == len(TRIGGERS)

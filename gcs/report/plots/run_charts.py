@@ -13,6 +13,7 @@ from gcs.report.plots.style import (
     KINDS,
     LABELLED,
     RED,
+    TRIGGERS,
     colours,
     heading,
     legend,
@@ -23,7 +24,6 @@ from gcs.report.plots.style import (
 )
 from gcs.report.run.evaluation import OSPA_CUTOFF_M
 from gcs.report.run.timeline import Timeline
-from gcs.report.run.triggers import COLOURS
 from gcs.report.telemetry.flights import Flight
 
 if TYPE_CHECKING:
@@ -89,10 +89,10 @@ def draw_cardinality(axes: Axes, timeline: Timeline) -> None:
 def timeline_figure(timeline: Timeline) -> Figure:
     """Draw the triggers of plans and the status of each agent over time."""
     agents = lanes(timeline)
-    named = {trigger for decision in timeline.decisions for trigger in decision.triggers} or {"other"}
-    rows = [row for row in COLOURS.items() if row[0] in named]
+    named = {trigger for decision in timeline.decisions for trigger in decision.triggers}
+    rows = [row for row in TRIGGERS.items() if row[0] in named]
     lane = 0.34 if len(agents) <= LABELLED else 0.16
-    heights = (0.3 * len(rows) + 0.5, lane * max(len(agents), 2) + 0.6)
+    heights = (0.3 * max(len(rows), 1) + 0.5, lane * max(len(agents), 2) + 0.6)
     figure = new_figure(11.0, sum(heights) + 0.9)
     top, bottom = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": heights})
     for row, (trigger, colour) in enumerate(rows):
@@ -117,7 +117,7 @@ def lanes(timeline: Timeline) -> list[int]:
 
 
 def draw_lanes(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> None:
-    """Draw one row for each agent: alive, re-tasked, mission uploaded, arrived, dead, detected dead."""
+    """Draw one row for each agent: active, re-tasked, mission uploaded, arrived, true and detected loss."""
     size, lane_of = size_for(len(agents)), {vehicle: row for row, vehicle in enumerate(agents)}
     colour = colours(agents)
     for vehicle, row in lane_of.items():
@@ -135,10 +135,10 @@ def draw_lanes(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> None:
             row = lane_of[report.vehicle]
             span_s, shade = (t_s - report.duration_s, t_s), INK if report.ok else RED
             axes.plot(span_s, (row, row), color=shade, lw=2.6 * size, solid_capstyle="butt", zorder=4)
-    for vehicle, t_s, fate in timeline.statuses:
-        if vehicle in lane_of and fate != "active":
+    for vehicle, t_s, status in timeline.statuses:
+        if vehicle in lane_of and status != "active":
             style: dict[str, Any] = {"marker": "*", "ms": 15 * size, "color": colour[vehicle], "mec": INK}
-            if fate == "lost":
+            if status == "lost":
                 style = {"marker": "o", "ms": 11 * size, "mfc": "none", "mec": RED, "mew": 1.8}
             axes.plot(t_s, lane_of[vehicle], zorder=7, **style)
     axes.set_ylim(max(len(agents), 1) - 0.4, -0.6)
@@ -146,7 +146,7 @@ def draw_lanes(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> None:
     axes.set_yticks([lane_of[v] for v in shown], [f"agent {v}" for v in shown])
     tidy(axes)
     axes.grid(visible=False, axis="y")
-    heading(axes, "agents: ▾ new route  ▬ upload (red: failed)  ★ arrived  ✖ died  ○ called dead")
+    heading(axes, "agents: ▾ new route  ▬ upload (red: failed)  ★ arrived  ✖ true loss  ○ detected loss")
 
 
 def times_figure(timeline: Timeline, work_ms: Mapping[str, Sequence[float]]) -> Figure:

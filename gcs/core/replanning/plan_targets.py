@@ -10,7 +10,7 @@ from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import Label, Route, Track
 from gcs.planning.intercept import shrunk_velocity
 from gcs.planning.map.grid import Point
-from gcs.planning.options import AgentState, LoiterSpec, PlanOptions, TargetDemand
+from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions, TargetDemand
 from gcs.planning.route_progress import CORRIDOR_M, remaining_length_m
 from gcs.planning.vehicle_model import Motion
 

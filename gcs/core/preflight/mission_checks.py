@@ -13,14 +13,14 @@ from gcs.config import Config
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.preflight.result import Check, Level
 from gcs.core.replanning.altitude_layers import layer_count, preferred_layers
-from gcs.core.replanning.options import plan_options
+from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.takeoffs import Takeoffs
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
 from gcs.planning.deconfliction import PlannedFlight, assign_layers
-from gcs.planning.options import AgentState
 from gcs.planning.planner import PlanResult, plan_routes
+from gcs.planning.planner_inputs import AgentState
 from gcs.planning.terminal.climb import Climb
 
 _MAX_CLOCK_S = 1.0

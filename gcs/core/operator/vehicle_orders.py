@@ -2,7 +2,7 @@
 
 An order sets a vehicle aside at once: from then on it is not tasked, whatever becomes of the command. A
 mission transfer under way is given up first, safely: the vehicle keeps a whole mission, or holds and is
-cleared. "Done" is said when the vehicle's own heartbeat shows it (`gcs.mavlink.services.commands`).
+cleared. "Done" is said when the vehicle's own heartbeat shows it (`gcs.mavlink.services.command_sender`).
 
 A vehicle that is resumed, whoever took it, goes back to its mission when that was read back from it and
 nobody else has its target by now; otherwise it waits in LOITER for the next plan. No mission is sent to it
@@ -34,7 +34,7 @@ from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.commands import CommandSender, HeartbeatState, command_long, set_mode
+from gcs.mavlink.services.command_sender import CommandSender, HeartbeatState, command_long, set_mode
 from gcs.model import AnswerState, Effect, Label, Notice, Order, Route, Suspension, VehicleState, vehicle_name
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM

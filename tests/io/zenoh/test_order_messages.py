@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.keys import order_key
-from gcs.io.zenoh.orders import decode_order
+from gcs.io.zenoh.order_messages import decode_order
 from gcs.model import NoFlyZone, Order
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)

@@ -1,0 +1,64 @@
+"""File of a run that `gcs replay` and `gcs report` open: a recording, or a telemetry log with its mission."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs.config import Config
+from gcs.errors import RecordingError
+from gcs.io.recording.reader import Record, is_recording
+from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
+
+
+@dataclass(frozen=True, slots=True)
+class RunFile:
+    """A recording or a log, and the options that say how to read it."""
+
+    path: Path
+    config: str | None = None
+    """Mission file to use instead of the recorded one."""
+    seed: int | None = None
+    """Seed to use instead of the recorded one."""
+    detections: Path | None = None
+    """Detections to add to a log."""
+    model: Path | None = None
+    """Sensor model of the detections, if their file has none."""
+    offset_s: float = 0.0
+    """Seconds to add to the times of the detections."""
+
+    def is_recording(self) -> bool:
+        """Return True for a recording of this project, False for a log.
+
+        Raises
+        ------
+        RecordingError
+            When the file cannot be read, has detections only, or detections are to be added to a recording.
+        """
+        if not is_recording(self.path):
+            refuse_detections(self.path)
+            return False
+        if self.detections is not None:
+            raise RecordingError(str(self.path), "is a recording with scans; --detections is for logs")
+        return True
+
+    def load_detections(self) -> Beside | None:
+        """Return the detections to add to the log, if any.
+
+        Raises
+        ------
+        GcsError
+            When their file cannot be read, has no sensor model, or the mission is missing.
+        """
+        if self.detections is None:
+            return None
+        if self.config is None:
+            raise RecordingError(
+                str(self.path), "--detections needs the mission of the detections: name it with --config"
+            )
+        return load_beside(self.detections, self.model, self.offset_s)
+
+    def log_records(self, config: Config, detections: Beside | None) -> Iterator[Record]:
+        """Return the events of the log: frames of the mission's vehicles, ticks and scans."""
+        return telemetry_records(self.path, [agent.vehicle for agent in config.agents], detections)
