@@ -1,10 +1,9 @@
-"""The journal: one small file with what a service must know to take up where an earlier one was.
+"""The journal: one small file with the state that a service needs to continue after a restart.
 
-It is replaced whole and atomically (written beside, synced, renamed), so that after SIGKILL or a power cut
-either the newest or the one before is there, never a part. It names its version and the mission file and seed
-it belongs to, and carries a checksum; whatever is wrong with it, the service starts clean and says why. A
-journal moves no aircraft by itself: what it says that a vehicle flies counts when the vehicle reads back the
-same.
+It is replaced atomically (temporary file, fsync, rename). After SIGKILL or a power cut the newest version or
+the one before it is there, never a part. It has a format version, a checksum, and the fingerprint of its
+mission file and seed. If any of them is wrong, the service starts without it and says why. A journal moves no
+aircraft: a route counts only when the vehicle's onboard mission reads back equal.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ _head_decoder = msgspec.json.Decoder(_Head)
 
 
 def fingerprint(config_text: str, seed: int) -> str:
-    """What two runs have in common that fly the same mission."""
+    """Return a hash that is equal for runs with the same mission file and seed."""
     return hashlib.sha256(f"{seed}\n{config_text}".encode()).hexdigest()
 
 
@@ -51,7 +50,7 @@ class Journal:
     Parameters
     ----------
     path : Path
-        Its folder is made when it is not there.
+        The folder is created if it does not exist.
     """
 
     def __init__(self, path: Path, mission: str, belongs_to: str) -> None:
@@ -59,11 +58,11 @@ class Journal:
         self._mission, self._belongs_to = mission, belongs_to
 
     def write(self, memory: PersistedState) -> None:
-        """Replace what the journal says: `encode` and `store`."""
+        """Replace the journal: `encode` and `store`."""
         self.store(self.encode(memory))
 
     def encode(self, memory: PersistedState) -> bytes:
-        """Return the file that says this."""
+        """Return the content of the file for a state."""
         body = encode(Resumed(memory.t_ns, memory))
         head = _Head(
             journal=VERSION,
@@ -79,26 +78,26 @@ class Journal:
         Raises
         ------
         JournalError
-            When it cannot be written; the one before stays.
+            When it cannot be written; the previous file stays.
         """
-        beside = self.path.with_name(f"{self.path.name}.{os.getpid()}.new")
+        temporary = self.path.with_name(f"{self.path.name}.{os.getpid()}.new")
         try:
             make_private(self.path.parent, exist_ok=True)
-            with open(beside, "wb", opener=private) as file:
+            with open(temporary, "wb", opener=private) as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-            beside.replace(self.path)
+            temporary.replace(self.path)
         except OSError as error:
             raise JournalError(str(self.path), f"cannot be written: {error.strerror}") from None
 
     def read(self) -> PersistedState | None:
-        """Return what it says; None when there is none.
+        """Return the stored state, or None without a journal.
 
         Raises
         ------
         JournalError
-            When it is damaged, of another version, or of another mission; the text says which.
+            When it is damaged, of another version, or of another mission.
         """
         try:
             data = read_bytes(self.path, _MAX_BYTES)
@@ -118,7 +117,7 @@ class Journal:
             raise JournalError(str(self.path), "is damaged: its checksum differs")
         if head.fingerprint != self._belongs_to:
             raise JournalError(
-                str(self.path), f"belongs to another mission file or seed ({head.mission}); it is left out"
+                str(self.path), f"belongs to another mission file or seed ({head.mission}); it is not used"
             )
         try:
             return decode(str(self.path), body, Resumed).state

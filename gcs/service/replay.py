@@ -1,7 +1,7 @@
-"""A recording played through the fold: the same door as live, with another source.
+"""Replay: recorded events through a new engine.
 
-Events enter in the order in which they were recorded and effects go to the sinks; nothing is sent. What was
-recorded as effects is never fed: it is what a verification or a comparison holds the replay against.
+Events enter in their recorded order and effects go to the sinks. Nothing is sent. Recorded effects are only
+compared with those of the replay.
 """
 
 from __future__ import annotations
@@ -27,36 +27,36 @@ _NAP_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Which part to show and to judge, in seconds from the start; the fold works what is before it, too."""
+    """Part of a recording to show and verify, in seconds from its start. Earlier events are processed too."""
 
     from_s: float = 0.0
     to_s: float = math.inf
 
 
 class Watcher(Protocol):
-    """Holds what is recomputed against what was recorded."""
+    """Compares replayed effects with recorded ones."""
 
     def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:
-        """Take what the fold made of an event; `judged` inside the window."""
+        """Add the effects of an event; `judged` inside the window."""
 
     def recorded(self, record: Record, effect: Effect) -> None:
-        """Take an effect that was recorded."""
+        """Add a recorded effect."""
 
     def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:
-        """Take the end of the recording, or of the window."""
+        """End the comparison, at the end of the recording or of the window."""
 
 
 class Replay:
-    """One recording through a fresh fold.
+    """Replay of one recording.
 
     Parameters
     ----------
     config, seed
-        Of the mission.
+        Mission and seed of the recording.
     records
-        In the order of consumption; a `Damage` ends them.
+        Records in the order of the engine's events; a `Damage` ends them.
     window
-        What to show.
+        Part to show.
     """
 
     def __init__(self, config: Config, seed: int, records: Iterable[Record], window: Window) -> None:
@@ -64,7 +64,7 @@ class Replay:
         self.command = Engine(config, seed)
         self.sinks: list[Sink] = []
         self.links = None
-        """Nobody is there."""
+        """A replay has no links."""
         self.watchers: list[Watcher] = []
         self.damage: Damage | None = None
         self.events = 0
@@ -77,7 +77,7 @@ class Replay:
 
     @property
     def duration_s(self) -> float:
-        """Run time that was replayed."""
+        """Replayed run time in seconds."""
         return 0.0 if self.start_t_ns is None else (self.t_ns - self.start_t_ns) / NS_PER_S
 
     async def run(self, stop: asyncio.Event, speed: float) -> None:
@@ -123,33 +123,33 @@ class Replay:
 
     def _recorded(self, record: Record, effect: Effect) -> None:
         if isinstance(effect, Notice) and effect.text.startswith(LAG_TEXT):
-            return  # of the service as it ran then, not of the fold
+            return  # a notice of the service, not of the engine
         for watcher in self.watchers:
             watcher.recorded(record, effect)
 
 
 class Verifier:
-    """Compares every effect byte for byte, as the recorder would write it."""
+    """Compares every effect byte for byte, in its recorded form."""
 
     def __init__(self) -> None:
         self.result = Verification()
 
     def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:
-        """Take what the fold made of an event."""
+        """Add the effects of an event."""
         outputs = [Output(topic_of(effect), encode(effect)) for effect in effects] if judged else None
         self.result.event(number, t_ns, outputs)
 
     def recorded(self, record: Record, effect: Effect) -> None:
-        """Take an effect that was recorded."""
+        """Add a recorded effect."""
         self.result.recorded(record.sequence, record.t_ns, Output(topic_of(effect), record.payload))
 
     def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:
-        """Take the end."""
+        """End the comparison."""
         self.result.end(number, t_ns, broken_off=broken_off)
 
 
 class _Pace:
-    """Waits until something is due, and lets the view draw and the user interrupt in between."""
+    """Replay speed; the view is drawn and Ctrl-C is handled during waits."""
 
     def __init__(self, speed: float, from_s: float) -> None:
         self._speed, self._from_s = speed, from_s
@@ -157,7 +157,7 @@ class _Pace:
         self._yielded_s = time.monotonic()
 
     async def until(self, at_s: float, stop: asyncio.Event) -> None:
-        """Return when `at_s` of the run is due; at once before the window and at unlimited speed."""
+        """Wait until `at_s` of the run is due; not before the window and not at unlimited speed."""
         if at_s >= self._from_s and math.isfinite(self._speed):
             if self._began_s is None:
                 self._began_s = time.monotonic()

@@ -1,9 +1,9 @@
-"""Composition: sources fill one queue, one consumer feeds the fold, sinks take what comes out.
+"""The service: event sources, one queue, the engine, and sinks for its effects.
 
-Sources are the MAVLink links, zenoh scans and orders, and a ticker; each stamps its events with the run's
-clock and puts them into one bounded queue. The consumer hands every event to the recorder and the sinks
-*before* it works it, so that a recording holds exactly what the fold saw, in its order. When the queue
-is full, new input is dropped and counted; ticks never pile up.
+Sources are the MAVLink links, scans and orders on zenoh, and a ticker. Each stamps its events with the run
+clock and puts them into one bounded queue. The consumer gives every event to the recorder and the sinks
+before the engine gets it, so a recording has exactly the events of the engine, in their order. When the queue
+is full, new input is dropped and counted. Ticks never accumulate.
 """
 
 from __future__ import annotations
@@ -61,42 +61,42 @@ QUEUE_SIZE = 20_000
 _BUSY = 100
 """Events in the queue beyond which orders wait for the next tick."""
 _FINISH_S = 30.0
-"""How long the end waits for missions on their way: as long as one takes where a third of all is lost."""
+"""Wait for uploads in progress at the end: the time of one upload at 30 % loss."""
 _TIMES_KEPT = 10_000
 _MAX_UNPUBLISHED = 1000
 _PUBLISH_S = 5.0
-"""How long the end waits for subscribers that take nothing: zenoh gives them up after as long."""
+"""Wait at the end for subscribers that do not read; zenoh drops them after the same time."""
 LAG_WARNING_NS = NS_PER_S // 2
 LAG_TEXT = "this machine cannot keep up"
-"""Begins the one notice that is the service's own: it is recorded, and no replay gives it."""
+"""Start of a notice that the service adds itself: a replay does not repeat it."""
 
 
 class Recording(Protocol):
-    """Takes what a recording is made of; every method may raise `RecordingError`."""
+    """Recorder of events and effects; every method may raise `RecordingError`."""
 
     def record_event(self, event: Event) -> None:
-        """Record what goes into the fold."""
+        """Record an event before the engine gets it."""
 
     def record_effect(self, t_ns: int, effect: Effect, payload: bytes = b"") -> None:
-        """Record what came out of the fold."""
+        """Record an effect of the engine; `payload` is its JSON if it is known."""
 
     def record_truth(self, truth: Truth) -> None:
-        """Record the truth of a simulated world."""
+        """Record the ground truth of a simulated world."""
 
 
 class Sink(Protocol):
-    """Takes everything that goes into and comes out of the fold, in order."""
+    """Receiver of all events and effects, in order."""
 
     def event(self, event: Event) -> None:
-        """Take an event, before the fold works it."""
+        """Receive an event before the engine gets it."""
 
     def effect(self, t_ns: int, effect: Effect) -> None:
-        """Take an effect."""
+        """Receive an effect."""
 
 
 @dataclass(slots=True)
 class Health:
-    """How the service itself is doing."""
+    """Timing and losses of the service itself."""
 
     scan_ms: deque[float] = field(default_factory=lambda: deque(maxlen=_TIMES_KEPT))
     plan_ms: deque[float] = field(default_factory=lambda: deque(maxlen=_TIMES_KEPT))
@@ -114,11 +114,11 @@ class Service:
     config : Config
         The mission.
     seed : int
-        Makes the random obstacles of the map.
+        Seed of the map's random obstacles.
     links : Links
-        Where vehicles and other ground stations talk to us.
-    bus : Bus
-        Where sensors publish.
+        MAVLink links to vehicles and other ground stations.
+    bus : ZenohSession
+        Session for scans, orders and published effects.
     """
 
     def __init__(self, config: Config, seed: int, links: Links, bus: ZenohSession) -> None:
@@ -130,10 +130,10 @@ class Service:
         self._bus = bus
         self.recorder: Recording | None = None
         self.sinks: list[Sink] = []
-        """View, judge, journal: what is here when an event is taken sees it."""
+        """Live view, evaluator, journal and others."""
         self._publisher = Writer("zenoh", _MAX_UNPUBLISHED)
         self.outputs: list[Writer] = [self._publisher]
-        """Told of when one fails or stops taking anything."""
+        """Outputs whose failures become alarms."""
         self._garbage = GarbageFilter()
         self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
         self._orders = OrderInbox(config.local_frame)
@@ -144,11 +144,11 @@ class Service:
         self._uploader: MavsdkUploader | None = None
         if config.mission.uploader == "mavsdk":
             self._uploader = MavsdkUploader(
-                self._send_for_uploader, self._put, self._tell_of_uploader, lambda: self.clock.now_ns()
+                self._send_for_uploader, self._put, self._on_uploader_error, lambda: self.clock.now_ns()
             )
 
     def resume(self, memory: PersistedState) -> None:
-        """Take up where an earlier service was; call it before `run`."""
+        """Continue from the state of an earlier service; call this before `run`."""
         self._memory = memory
 
     async def run(
@@ -158,15 +158,15 @@ class Service:
         end_with_mission: bool = False,
         at_once: asyncio.Event | None = None,
     ) -> None:
-        """Serve until `stop` is set, or until the mission ends when `end_with_mission`.
+        """Run until `stop` is set, or with `end_with_mission` until the mission ends.
 
-        With `at_once`, missions that are on their way then are finished first, unless that is set, too.
+        With `at_once`, uploads in progress are finished first, until `at_once` is set.
 
         Raises
         ------
         GcsError
-            Whatever made a room or a sink fail. A recording that cannot be written any further does not: it
-            ends with an alarm, and the flight goes on.
+            When a source or a sink fails. A recording that cannot be written does not raise: it ends with an
+            alarm, and the flight continues.
         """
         self.clock = clock
         failure: GcsError | None = None
@@ -202,28 +202,31 @@ class Service:
             raise failure
 
     async def _finish(self, at_once: asyncio.Event) -> None:
-        """Wait for missions on their way: a vehicle whose transfer breaks off may hold a mix of two."""
-        mixed = self._between_missions()
-        if not mixed:
+        """Wait for uploads in progress: an interrupted one may leave an inconsistent mission."""
+        unfinished = self._partly_uploaded()
+        if not unfinished:
             return
-        text = f"waiting until missions on their way are delivered ({named(mixed)}); Ctrl-C again: at once"
+        text = f"waiting for the mission uploads of {named(unfinished)}; press Ctrl-C again to end at once"
         self.on_link_news("ending", "warning", text)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_FINISH_S):
-                while self._between_missions() and not at_once.is_set():
+                while self._partly_uploaded() and not at_once.is_set():
                     await asyncio.sleep(TICK_NS / NS_PER_S)
-        mixed = self._between_missions()
-        if mixed:
-            text = f"{named(mixed)} may hold a mix of two missions: start again, or hold them by hand"
-            self._work(LinkNews(self.clock.now_ns(), "ended", "alarm", text))
+        unfinished = self._partly_uploaded()
+        if unfinished:
+            text = (
+                f"{named(unfinished)} may store inconsistent missions: start the service again, or set the "
+                "vehicles to LOITER with another ground station"
+            )
+            self._process(LinkNews(self.clock.now_ns(), "ended", "alarm", text))
 
-    def _between_missions(self) -> list[int]:
-        """Vehicles to which a mission is on its way, not those for which one waits."""
+    def _partly_uploaded(self) -> list[int]:
+        """Return the vehicles whose onboard missions an upload in progress may have changed."""
         tasking = self.command.tasking
         return sorted(vehicle for vehicle in tasking.stages if tasking.may_be_inconsistent(vehicle))
 
     def _put(self, event: Event) -> bool:
-        """Queue an event; return whether there was room."""
+        """Queue an event; return False if the queue is full."""
         try:
             self._queue.put_nowait(event)
         except asyncio.QueueFull:
@@ -232,11 +235,11 @@ class Service:
         return True
 
     def now_ns(self) -> int:
-        """Run time."""
+        """Return the run time now."""
         return self.clock.now_ns()
 
     def on_datagram(self, link: str, peer: str, data: bytes) -> None:
-        """Queue what came over a link."""
+        """Queue a datagram of a link."""
         t_ns = self.clock.now_ns()
         data = self._garbage.filter_datagram(t_ns, link, data)
         if not data:
@@ -246,14 +249,14 @@ class Service:
             self._uploader.forward(data)
 
     def on_link_news(self, link: str, level: Level, text: str) -> None:
-        """Queue what there is to say of a link."""
+        """Queue a notice about a link."""
         self._put(LinkNews(self.clock.now_ns(), link, level, text))
 
     def _send_for_uploader(self, vehicle: int, frame: bytes) -> None:
         for send in self.command.fleet.address_frames(vehicle, [frame]):
             self.links.send(send.link, send.peer, send.data)
 
-    def _tell_of_uploader(self, text: str) -> None:
+    def _on_uploader_error(self, text: str) -> None:
         self._put(BadInput(self.clock.now_ns(), "mavsdk", text))
 
     def _on_scan(self, key: str, payload: bytes) -> None:
@@ -266,9 +269,9 @@ class Service:
     def _on_order(self, key: str, payload: bytes) -> None:
         self._orders.put(key, payload)
         if self._queue.qsize() < _BUSY:
-            self._take_orders()
+            self._queue_orders()
 
-    def _take_orders(self) -> None:
+    def _queue_orders(self) -> None:
         t_ns = self.clock.now_ns()
         for event in (*self._orders.take_due(t_ns), *self._orders.news(t_ns, order_key(self.config.name))):
             self._put(event)
@@ -292,16 +295,17 @@ class Service:
             if isinstance(event, Tick):
                 self._tick_waits = False
                 self.links.tick(event.t_ns)
-                self._take_orders()
-                self._tell_keyless()
-                self._tell_outputs()
+                self._queue_orders()
+                self._check_keys()
+                self._check_outputs()
             self._watch_lag(self.clock.now_ns() - event.t_ns)
-            ended = self._work(event)
+            ended = self._process(event)
             if ended and end_with_mission:
                 stop.set()
                 return
 
-    def _tell_outputs(self) -> None:
+    def _check_outputs(self) -> None:
+        """Queue notices about failed outputs and about filtered noise."""
         for output in self.outputs:
             news = output.news()
             if news is not None:
@@ -309,8 +313,8 @@ class Service:
         for link, text in self._garbage.news(self.clock.now_ns()):
             self.on_link_news(link, "warning", text)
 
-    def _tell_keyless(self) -> None:
-        """Say once of each vehicle that signs its frames that there is no key for it here."""
+    def _check_keys(self) -> None:
+        """Queue an alarm, once, for each vehicle that signs its frames and has no key here."""
         fleet, gate = self.command.fleet, self.links.signing.gate
         for agent in self.config.agents:
             vehicle = agent.vehicle
@@ -324,7 +328,8 @@ class Service:
                 )
                 self.on_link_news(fleet.link(vehicle), "alarm", text)
 
-    def _work(self, event: Event) -> bool:
+    def _process(self, event: Event) -> bool:
+        """Record an event, step the engine and carry out its effects; return True if the mission ended."""
         self._record(lambda recorder: recorder.record_event(event))
         for sink in self.sinks:
             sink.event(event)
@@ -356,11 +361,11 @@ class Service:
             sink.effect(t_ns, effect)
 
     def truth(self, truth: Truth) -> None:
-        """Record the truth of a simulated world."""
+        """Record the ground truth of a simulated world."""
         self._record(lambda recorder: recorder.record_truth(truth))
 
     def _record(self, write: Callable[[Recording], None]) -> None:
-        """Record; whoever is in the air needs us more than a recording that cannot be written."""
+        """Record, or continue without a recording if it cannot be written."""
         if self.recorder is None:
             return
         try:
@@ -371,7 +376,7 @@ class Service:
             self._carry_out(t_ns, Notice(t_ns, "alarm", f"recording {error}; the flight goes on unrecorded"))
 
     def _watch_lag(self, lag_ns: int) -> None:
-        """Say once when the service runs behind its clock: events wait, or the loop itself comes late."""
+        """Warn once if events wait in the queue, or if ticks come late."""
         self.health.worst_lag_s = max(self.health.worst_lag_s, lag_ns / NS_PER_S)
         if lag_ns > LAG_WARNING_NS and not self._lag_warned:
             self._lag_warned = True
@@ -389,7 +394,7 @@ class Service:
 
 
 def _first(failures: BaseExceptionGroup[GcsError]) -> GcsError:
-    """Return the first error of a group, however deep."""
+    """Return the first error of a nested group."""
     first = failures.exceptions[0]
     return _first(first) if isinstance(first, BaseExceptionGroup) else first
 
@@ -397,20 +402,20 @@ def _first(failures: BaseExceptionGroup[GcsError]) -> GcsError:
 def on_loop(
     loop: asyncio.AbstractEventLoop, callback: Callable[[str, bytes], None], key: str, payload: bytes
 ) -> None:
-    """Hand a message from a thread of zenoh's to the loop; what comes after the loop's end is dropped."""
+    """Pass a message from a zenoh thread to the event loop; a message after its end is dropped."""
     with contextlib.suppress(RuntimeError):
         loop.call_soon_threadsafe(callback, key, payload)
 
 
 def fly_on_after_hangup(view: QueuedText) -> Callable[[], object]:
-    """Let go of the terminal on SIGHUP, and fly on without it; return what undoes that."""
+    """Continue without a terminal on SIGHUP; return a function that undoes this."""
     loop = asyncio.get_running_loop()
     loop.add_signal_handler(signal.SIGHUP, view.hang_up)
     return lambda: loop.remove_signal_handler(signal.SIGHUP)
 
 
 def wait_for_interrupt(*stops: asyncio.Event) -> Callable[[], None]:
-    """Set the first of `stops` on SIGINT or SIGTERM, the next one on the next; return what undoes that."""
+    """Set one more of `stops` with each SIGINT or SIGTERM; return a function that undoes this."""
     loop = asyncio.get_running_loop()
 
     def interrupt() -> None:

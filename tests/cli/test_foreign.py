@@ -27,7 +27,7 @@ from gcs.io.recording.writer import Recorder
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
 from gcs.report.run.page import Material
-from gcs.service.foreign_logs import Beside, telemetry_records
+from gcs.service.foreign_logs import DetectionFile, telemetry_records
 from gcs.service.replay import Replay, Window
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
@@ -74,7 +74,7 @@ def scans(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def pictures_of(flight: Path, log: Path, beside: Beside | None) -> list[Picture]:
+def pictures_of(flight: Path, log: Path, beside: DetectionFile | None) -> list[Picture]:
     config = load(str(flight / "mission.toml"))
     found: list[Picture] = []
 
@@ -118,7 +118,7 @@ def test_detections_laid_beside_a_log_let_both_trackers_see(
         path.write_text(f"t_s,x,y\n{text}\n")
     model = None if unit == "recording" else scans / "radar.toml"
     detections = load_detections(path, model, None)
-    pictures = pictures_of(flight, flight / "link.tlog", Beside(path.name, detections, offset_s))
+    pictures = pictures_of(flight, flight / "link.tlog", DetectionFile(path.name, detections, offset_s))
     for kind in ("agents", "targets"):
         assert max(missed_m(flight, pictures, kind)) < 25.0
     times = [picture.scan_t_ns for picture in pictures if picture.kind == "targets"]
@@ -128,7 +128,7 @@ def test_detections_laid_beside_a_log_let_both_trackers_see(
 
 def test_events_enter_in_the_order_of_time(flight: Path, scans: Path) -> None:
     detections = load_detections(scans / "radar.csv", scans / "radar.toml", None)
-    records = telemetry_records(flight / "link.tlog", [1, 2, 3, 4], Beside("radar", detections, 2.5))
+    records = telemetry_records(flight / "link.tlog", [1, 2, 3, 4], DetectionFile("radar", detections, 2.5))
     events = [record.value for record in records]
     times = [event.t_ns for event in events if isinstance(event, Event)]
     assert times == sorted(times)
@@ -144,7 +144,7 @@ def test_a_replay_with_detections_from_the_command_line(flight: Path, scans: Pat
     assert (code, found["damage"]) == (0, None)
     code, text, _ = run("replay", *log, *beside, "--offset", 1000)
     assert code == 2
-    assert "none of its 26 scans lies beside the log, which lasts 2" in text
+    assert "none of its 26 scans is within the 2" in text
     assert "--offset" in text
     code, text, _ = run("replay", flight, *beside)
     assert code == 2
@@ -211,7 +211,7 @@ def test_a_stream_that_says_no_times_is_said_to(tmp_path: Path) -> None:
     assert "without times" in text
     code, text, _ = run("replay", tmp_path / "uart.raw", "--config", "prescribed", "--headless")
     assert code == 2
-    assert "says not when" in text
+    assert "has no times" in text
     assert "without times" in " ".join(reported(tmp_path / "uart.raw").remarks)
 
 

@@ -219,6 +219,6 @@ def test_a_damaged_journal_is_an_alarm_or_says_how_to_begin_clean(tmp_path: Path
     (told,) = news
     assert (told.link, told.level) == ("journal", "alarm")
     assert "damaged" in told.text
-    assert "starting clean" in told.text
+    assert "starts without the state of the previous flight" in told.text
     with pytest.raises(JournalError, match=r"damaged.*--no-resume"):
         take_up(Started(), journal, True, 0, Console(quiet=True))  # type: ignore[arg-type]

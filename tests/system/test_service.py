@@ -105,7 +105,7 @@ def test_a_journal_that_cannot_be_written_is_told_once_and_tried_again(service, 
     keeper.write(3)
     keeper.close()
     assert [(name, level) for name, level, _ in told] == [("journal", "alarm"), ("journal", "info")]
-    assert "older news" in told[0][2]
+    assert "older state" in told[0][2]
     memory = journal.read()
     assert memory is not None
     assert memory.t_ns == 3
@@ -129,7 +129,7 @@ def test_ctrl_c_lets_a_mission_arrive_that_is_on_its_way_and_twice_it_says_who_m
     asyncio.run(run())
     told = [(e.level, e.text) for e in sink.effects if isinstance(e, Notice) and "agent 3" in e.text]
     assert [level for level, _ in told] == (["warning"] if patience else ["warning", "alarm"])
-    assert ("mix of two missions" in told[-1][1]) is not patience
+    assert ("inconsistent missions" in told[-1][1]) is not patience
     assert sum(isinstance(event, Tick) for event in sink.events) >= 5
 
 

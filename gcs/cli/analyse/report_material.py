@@ -38,7 +38,7 @@ from gcs.report.run.timeline import Timeline, TimelineBuilder
 from gcs.report.run.tracks_csv import TracksCsv
 from gcs.report.telemetry.flights import Flights
 from gcs.report.telemetry.traffic import Traffic
-from gcs.service.foreign_logs import Beside
+from gcs.service.foreign_logs import DetectionFile
 
 CSV_NAME: Final = "tracks.csv"
 _PROGRESS_PERIOD: Final = 4096
@@ -252,7 +252,7 @@ class _Reading:
         warm_up(self.console, TRACKING, PLANNING, LINKS)
         return Engine(self.config, self.seed)
 
-    def _replay_log(self, config: Config, added: Beside | None) -> Iterator[object]:
+    def _replay_log(self, config: Config, added: DetectionFile | None) -> Iterator[object]:
         """Yield the events of a telemetry log, each followed by its effects."""
         command = self._command(can_repeat=True) or Engine(config, self.seed)
         for record in self.file.log_records(config, added):

@@ -9,7 +9,7 @@ from pathlib import Path
 from gcs.config import Config
 from gcs.errors import RecordingError
 from gcs.io.recording.reader import Record, is_recording
-from gcs.service.foreign_logs import Beside, load_beside, refuse_detections, telemetry_records
+from gcs.service.foreign_logs import DetectionFile, load_detections, refuse_detections, telemetry_records
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class RunFile:
             raise RecordingError(str(self.path), "is a recording with scans; --detections is for logs")
         return True
 
-    def load_detections(self) -> Beside | None:
+    def load_detections(self) -> DetectionFile | None:
         """Return the detections to add to the log, if any.
 
         Raises
@@ -57,8 +57,8 @@ class RunFile:
             raise RecordingError(
                 str(self.path), "--detections needs the mission of the detections: name it with --config"
             )
-        return load_beside(self.detections, self.model, self.offset_s)
+        return load_detections(self.detections, self.model, self.offset_s)
 
-    def log_records(self, config: Config, detections: Beside | None) -> Iterator[Record]:
+    def log_records(self, config: Config, detections: DetectionFile | None) -> Iterator[Record]:
         """Return the events of the log: frames of the mission's vehicles, ticks and scans."""
         return telemetry_records(self.path, [agent.vehicle for agent in config.agents], detections)

@@ -258,7 +258,7 @@ def test_a_tlog_without_the_missions_vehicles_says_whom_it_holds(flight: Path, t
     other.write_text(text.replace("system_id = ", "system_id = 10"), encoding="utf-8")
     code, text, _ = replay(flight / "link.tlog", "--config", other)
     assert code == 2
-    assert "it holds systems 1, 2, 3, 4, 255" in text
+    assert "its systems are 1, 2, 3, 4, 255" in text
 
 
 def test_mistakes_are_named(flight: Path, tmp_path: Path) -> None:
