@@ -12,7 +12,7 @@ Every tracker gets the model in the file: motion, noise, p_S, p_D, clutter and t
   their second detection in three scans on, and end after three misses in a row.
 - Rust LMB: `multisensor-lmb-filters-rs` with its own limits, marginals by loopy belief propagation or from
   1,000 Gibbs samples. Built by `cargo build --release` in `tests/bench/rust_lmb`; `--lmb` names the program.
-- plain: filterpy's Kalman filters, nearest neighbours by the Hungarian algorithm; begin and end as above.
+- nearest: the global nearest neighbour of `gcs track --baseline nearest`; begin and end as above.
 
 A tracker that is not installed is left out.
 """
@@ -25,12 +25,11 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import chain, count
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from draws import sets
-from scipy.optimize import linear_sum_assignment
 
 from gcs.io.detections.readers import Detections, load
 from gcs.tracking.glmb.filter import Glmb, warm_up
@@ -79,36 +78,13 @@ def near_birth(of: Detections, z: np.ndarray) -> int | None:
     return None
 
 
-def plain(of: Detections) -> Iterator[Shown]:
-    from filterpy.kalman import KalmanFilter
+def nearest(of: Detections) -> Iterator[Shown]:
+    from gcs.tracking.baselines import NearestNeighbourTracker
 
-    F = constant_velocity.transition(1.0)
-    Q = constant_velocity.process_noise(1.0, of.params.accel_std_m_s2, of.params.acceleration)
-    numbers, tracks = count(), {}
+    tracker = NearestNeighbourTracker(of.params)
     for look in of.looks:
-        free = set(range(len(look.z_m)))
-        cost = np.full((len(tracks), len(look.z_m)), 1e6)
-        for row, (kf, _) in zip(cost, tracks.values(), strict=True):
-            kf.predict()
-            off = look.z_m - kf.x[:2]
-            d2 = np.einsum("ij,jk,ik->i", off, np.linalg.inv(kf.P[:2, :2] + kf.R), off)
-            row[d2 < GATE**2] = d2[d2 < GATE**2]
-        pairs = {r: c for r, c in zip(*linear_sum_assignment(cost), strict=True) if cost[r, c] < 1e6}
-        for row, (name, (kf, life)) in enumerate(list(tracks.items())):
-            if row in pairs:
-                kf.update(look.z_m[pairs[row]])
-                free.discard(pairs[row])
-            if not life.note(seen=row in pairs):
-                del tracks[name]
-        for j in sorted(free):
-            if (place := near_birth(of, look.z_m[j])) is not None:
-                kf, life = KalmanFilter(4, 2), Confirmed()
-                kf.x, kf.P = of.births[place].mean.copy(), of.births[place].cov.copy()
-                kf.F, kf.Q, kf.R, kf.H = F, Q, look.sensor.noise_cov_m2, np.eye(2, 4)
-                kf.update(look.z_m[j])
-                life.note(seen=True)
-                tracks[next(numbers)] = kf, life
-        yield {name: kf.x[:2].copy() for name, (kf, life) in tracks.items() if life.shown}
+        tracker.update(look.t_ns, look.z_m, look.sensor, of.births)
+        yield {label: state[:2] for label, state in tracker.estimates().items()}
 
 
 class Soup:
@@ -252,7 +228,12 @@ def rust_lmb(program: Path, way: str, of: Detections) -> Iterator[tuple[Shown, f
         yield {(born, place): np.array(xy) for born, place, *xy in np.reshape(rest, (-1, 4))}, cpu_ns / 1e6
 
 
-PEERS: dict[str, Peer] = {"ours": ours, "Stone Soup GM-PHD": gm_phd, "Stone Soup JPDA": jpda, "plain": plain}
+PEERS: dict[str, Peer] = {
+    "ours": ours,
+    "Stone Soup GM-PHD": gm_phd,
+    "Stone Soup JPDA": jpda,
+    "nearest": nearest,
+}
 
 
 def measure(peer: Peer, of: Detections, scans: int) -> tuple[float, float, float]:

@@ -12,7 +12,6 @@ each.
 
 import argparse
 import asyncio
-import importlib.util
 import sys
 import time
 from pathlib import Path
@@ -224,8 +223,6 @@ def main() -> None:
     parser.add_argument("--short", action="store_true")
     parser.add_argument("--mavsdk", action="store_true")
     arguments = parser.parse_args()
-    if arguments.mavsdk and importlib.util.find_spec("mavsdk") is None:
-        parser.error("MAVSDK is not installed: pip install 'swarm-gcs[mavsdk]'")
     (compare if arguments.mavsdk else shorts if arguments.short else table)(arguments.loss, arguments.trials)
 
 

@@ -48,6 +48,56 @@ def run(*arguments: object) -> tuple[int, str, dict[str, Any]]:
     return result.exit_code, " ".join(result.output.split()), json.loads(last[0]) if last else {}
 
 
+def with_glitch(tlog: Path, path: Path, at_s: tuple[float, float]) -> Path:
+    """Move the reported positions of system 1 by 60 m for some seconds."""
+    begin_ns = 0
+    with tlog.open("rb") as file, path.open("wb") as out:
+        for part in read_log(file):
+            if not isinstance(part, LogFrame):
+                continue
+            begin_ns = begin_ns or part.t_ns
+            data = part.frame.data
+            in_glitch = at_s[0] <= (part.t_ns - begin_ns) / NS_PER_S < at_s[1]
+            if in_glitch and (part.frame.system_id, part.frame.message_id) == (1, 33):
+                message = part.frame.message()
+                assert message is not None
+                message.lat += round(60.0 / 111_200.0 * 1e7)
+                packer = mavlink.MAVLink(None, 1, part.frame.component_id)
+                packer.seq = part.frame.sequence
+                data = message.pack(packer, force_mavlink1=data[0] == 0xFE)
+            out.write((part.t_ns // 1000).to_bytes(8, "big") + data)
+    return path
+
+
+def check_jumps(tlog: Path, folder: Path, at_s: tuple[float, float]) -> None:
+    """Check that a glitch is found, and nothing in the log as it is."""
+    assert run("info", tlog)[2]["position_jumps"] == {}
+    code, text, found = run("info", with_glitch(tlog, folder / "glitch.tlog", at_s))
+    assert (code, list(found["position_jumps"])) == (0, ["1"])
+    jumps = found["position_jumps"]["1"]
+    assert [jump["t_s"] for jump in jumps] == pytest.approx(at_s, abs=1.5)
+    assert [jump["size_m"] for jump in jumps] == pytest.approx([60.0, 60.0], abs=10.0)
+    assert "Vehicle 1: the reported position jumps by" in text
+    assert any("Vehicle 1: the reported" in remark for remark in reported(folder / "glitch.tlog").remarks)
+
+
+def test_a_jump_of_a_gps_is_found_and_none_in_a_clean_log(flight: Path, tmp_path: Path) -> None:
+    check_jumps(flight / "link.tlog", tmp_path, (10.0, 14.0))
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data are not here")
+@pytest.mark.parametrize(
+    ("log", "at_s"),
+    [
+        ("flight_2015/flight.tlog", (900.0, 906.0)),
+        ("arduplane/three_planes.tlog", (200.0, 203.0)),
+        ("px4/flights/11/link.tlog", (60.0, 70.0)),
+    ],
+)
+def test_a_jump_of_a_gps_is_found_in_real_logs(log: str, at_s: tuple[float, float], tmp_path: Path) -> None:
+    check_jumps(SHARED / log, tmp_path, at_s)
+
+
 def raw_of(tlog: Path, path: Path) -> Path:
     """Leave the stamps of a log out."""
     with tlog.open("rb") as file:

@@ -6,14 +6,14 @@ import asyncio
 import math
 import socket
 
-import pytest
+from mavsdk import asyncio as mavsdk
+from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
+from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+from mavsdk.plugins.mission_raw import MissionItem
 
 from gcs.geo import LocalFrame
 from sim_vehicles.vehicle.vehicle import VehicleSpec
-
-mavsdk = pytest.importorskip(
-    "mavsdk.asyncio", reason="MAVSDK is not installed: pip install 'swarm-gcs[mavsdk]'"
-)
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 
@@ -32,8 +32,6 @@ async def first(stream, wanted):
 
 
 def mission_items(places):
-    from mavsdk.plugins.mission_raw import MissionItem
-
     items = []
     for seq, (east_m, north_m) in enumerate([(0.0, 0.0), *places]):
         lat, lon = FRAME.to_geodetic(east_m, north_m)
@@ -58,10 +56,6 @@ def mission_items(places):
 
 
 async def fly_a_mission(port: int) -> None:
-    from mavsdk.asyncio.plugins.action import ActionAsync
-    from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
-    from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
-
     configuration = mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
     async with mavsdk.Mavsdk(configuration) as client:
         await client.add_any_connection(f"udpin://127.0.0.1:{port}")

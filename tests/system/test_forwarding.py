@@ -17,14 +17,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from mavsdk import asyncio as mavsdk
+from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
+from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 
 from gcs.config import read_text
 from gcs.io.recording.reader import read
 from gcs.model import UploadReport
 
-mavsdk = pytest.importorskip(
-    "mavsdk.asyncio", reason="MAVSDK is not installed: pip install 'swarm-gcs[mavsdk]'"
-)
 SEARCH_PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 MAVPROXY = shutil.which("mavproxy.py", path=SEARCH_PATH)
 pytestmark = pytest.mark.skipif(
@@ -98,9 +98,6 @@ def restless(text: str, port: int) -> str:
 
 async def work_with_all(port: int) -> dict[int, int]:
     """Find every vehicle, hear where it is and download its mission; returns the items of each."""
-    from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
-    from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
-
     configuration = mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
     async with mavsdk.Mavsdk(configuration) as client:
         await client.add_any_connection(f"udpout://127.0.0.1:{port}")

@@ -151,8 +151,11 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
 
 
 def _log(path: Path, console: Console) -> dict[str, Any]:
+    # Not at the top: it imports filterpy, half a second.
+    from gcs.report.telemetry.flights import Flights, jump_lines
+
     size = _size(path)
-    traffic, span = Traffic(), _Span()
+    traffic, flights, span = Traffic(), Flights(), _Span()
     damage: list[UnreadableBytes] = []
     stretches = bad_bytes = 0
     with open_regular(path) as file, reading_progress(console, path, size) as advance:
@@ -170,6 +173,9 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
                 t_ns = line(part)
                 span.add(t_ns)
                 _count(traffic, part, t_ns)
+                if part.validity == "good":
+                    flights.add_frame(t_ns, part.frame)
+    flown = flights.flights(span.first_t_ns)
     return {
         "kind": "tlog" if stamped else "raw MAVLink",
         "file": str(path),
@@ -177,6 +183,12 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
         "timed_by": line.timed_by,
         **(span.times() if line.timed_by else {"first_t_ns": None, "last_t_ns": None, "seconds": None}),
         "clock_jumps": line.jumps,
+        "position_jumps": {
+            str(system): [jump._asdict() for jump in flight.jumps]
+            for system, flight in flown.items()
+            if flight.jumps
+        },
+        "remarks": jump_lines(flown),
         "damage": [{"offset": part.offset, "bytes": part.length} for part in damage],
         "damaged_stretches": stretches,
         "damaged_bytes": bad_bytes,

@@ -139,6 +139,8 @@ def _damage(contents: dict[str, Any], console: Console) -> None:
         what = "its clock was set" if stamped else "a vehicle was booted anew"
         jumps = contents["clock_jumps"]
         _print(console, f"{what} {'once' if jumps == 1 else f'{jumps} times'} while it was written", "yellow")
+    for remark in contents.get("remarks", ()):
+        _print(console, remark, "yellow")
     damage = contents["damage"]
     if not damage:
         _print(console, "no damage", "green")

@@ -36,7 +36,7 @@ from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of
 from gcs.report.run.page import Material, run_page
 from gcs.report.run.timeline import Timeline, TimelineBuilder
 from gcs.report.run.tracks_csv import TracksCsv
-from gcs.report.telemetry.flights import Flights
+from gcs.report.telemetry.flights import Flights, jump_lines
 from gcs.report.telemetry.traffic import Traffic
 from gcs.service.foreign_logs import DetectionFile
 
@@ -291,6 +291,8 @@ class _Reading:
         if span_t_ns is not None:
             start_t_ns, duration_s = span_t_ns[0], (span_t_ns[1] - span_t_ns[0]) / 1e9
             timeline = replace(timeline, start_t_ns=start_t_ns, duration_s=duration_s)
+        flown = flights.flights(start_t_ns)
+        self.remarks += jump_lines(flown)
         return Material(
             name=name,
             kind=kind,
@@ -300,7 +302,7 @@ class _Reading:
             start_t_ns=start_t_ns,
             duration_s=duration_s,
             summary=self._summary(evaluator, timeline),
-            flights=flights.flights(start_t_ns),
+            flights=flown,
             traffic=self.traffic.summary(),
             ground=ground,
             work_ms=self.work_ms,

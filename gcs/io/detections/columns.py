@@ -22,6 +22,8 @@ from gcs.tracking.models.sensors import map_coordinates
 
 TIMES: Final = {"t_s": 1e9, "t_ns": 1.0}
 """Titles of a first column that is a time, and what makes nanoseconds of it."""
+ORIGIN: Final = "src"
+"""Title of the number of a detection's true object, 0 for clutter."""
 _BEARINGS: Final = {"bearing_deg": math.pi / 180.0, "bearing_rad": 1.0}
 _MOST_BEARING_RAD: Final = 7.0
 """As of those that are published: a turn and some noise."""
@@ -38,6 +40,8 @@ class Columns:
     """x, y."""
     polar: tuple[int, int] | None
     """Range and bearing."""
+    origin: int | None
+    """Number of the true object of a detection, for `gcs track --baseline true-association` only."""
     bearing_rad: float = 1.0
     """What makes radians of a bearing."""
 
@@ -65,7 +69,7 @@ def columns(path: Path, numbers: Numbers) -> Columns:
         When one is missing.
     """
     if not numbers.titles:
-        return Columns("k", None, (1, 2), None)
+        return Columns("k", None, (1, 2), None, 3 if numbers.rows.shape[-1] > 3 else None)
     time = numbers.titles[0]
     if time not in FIRST:
         expected = "is the title of the first column; expected k, t_s or t_ns"
@@ -89,7 +93,7 @@ def columns(path: Path, numbers: Numbers) -> Columns:
         raise ConfigError(
             str(path), bearings[0], "expected bearings of at most a turn; are they in its unit?"
         )
-    return Columns(time, titles.get(SENSOR), place, polar, scale)
+    return Columns(time, titles.get(SENSOR), place, polar, titles.get(ORIGIN), scale)
 
 
 def which(path: Path, numbers: Numbers, found: Columns, sensors: tuple[Sensor, ...]) -> npt.NDArray[np.int64]:

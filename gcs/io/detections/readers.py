@@ -55,6 +55,8 @@ class Look:
     t_ns: int
     sensor: Sensor
     z_m: FloatArray
+    origin: FloatArray | None = None
+    """(m,) number of the true object of each detection, 0 for clutter; None if the file does not have it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +129,8 @@ def _with_model(path: Path, numbers: Numbers, table: ModelTable, truth: TruthRow
         places[number == i] = found.places(rows[number == i], sensor)
     is_plain = found.time == "k" and found.sensor is None and found.polar is None
     made = np.ones(len(rows), np.bool_) if is_plain else found.measured(rows)
-    seen = _Seen(rows[:, 0], number, places, made)
+    origin = None if found.origin is None else rows[:, found.origin]
+    seen = _Seen(rows[:, 0], number, places, made, origin)
     if found.time in TIMES:
         times, looks = _timed(path, found.time, seen, sensors)
     else:
@@ -167,6 +170,14 @@ class _Seen(NamedTuple):
     """(n, 2) east/north."""
     made: npt.NDArray[np.bool_]
     """(n,) whether it is a detection; if not, it only says that the sensor looked."""
+    origin: FloatArray | None
+    """(n,) number of the true object."""
+
+    def look(self, t_ns: int, sensor: Sensor, rows: npt.NDArray[np.int64]) -> Look:
+        """Return a scan of the rows that are detections."""
+        rows = rows[self.made[rows]]
+        origin = None if self.origin is None else read_only(self.origin[rows])
+        return Look(t_ns, sensor, read_only(self.z_m[rows]), origin)
 
 
 def _timed(
@@ -189,7 +200,7 @@ def _timed(
     if np.count_nonzero(is_next) > MOST_SCANS:
         raise ConfigError(str(path), title, f"expected at most {MOST_SCANS} scans")
     looks = tuple(
-        Look(round(t_ns[rows[0]]), sensors[seen.sensor[rows[0]]], read_only(seen.z_m[rows[seen.made[rows]]]))
+        seen.look(round(t_ns[rows[0]]), sensors[seen.sensor[rows[0]]], rows)
         for rows in np.split(order, np.flatnonzero(is_next)[1:])
         if rows.size
     )
@@ -229,11 +240,11 @@ def _numbered(
     order = np.argsort(slot, kind="stable")
     edges = np.searchsorted(slot[order], np.arange((last - first + 1) * n + 1))
     times = {round(k * table.dt_s * NS_PER_S): k for k in range(first, last + 1)}
-    looks = []
-    for (t_ns, sensor), begin, end in zip(product(times, sensors), edges[:-1], edges[1:], strict=True):
-        rows = order[begin:end]
-        looks.append(Look(t_ns, sensor, read_only(seen.z_m[rows[seen.made[rows]]])))
-    return times, tuple(looks)
+    looks = tuple(
+        seen.look(t_ns, sensor, order[begin:end])
+        for (t_ns, sensor), begin, end in zip(product(times, sensors), edges[:-1], edges[1:], strict=True)
+    )
+    return times, looks
 
 
 def _motion(table: ModelTable) -> tuple[GlmbParams, tuple[Birth, ...]]:

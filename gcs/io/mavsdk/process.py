@@ -16,6 +16,11 @@ import json
 import sys
 from typing import Any, Final
 
+import mavsdk
+from mavsdk.asyncio import Mavsdk
+from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
+from mavsdk.plugins.mission_raw import MissionItem
+
 from gcs.mavlink.frames.codec import decode
 
 SYSTEM_ID: Final = 245
@@ -34,9 +39,6 @@ async def _system(client: Any, vehicle: int) -> Any:
 
 
 async def _upload(client: Any, request: dict[str, Any]) -> None:
-    from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
-    from mavsdk.plugins.mission_raw import MissionItem
-
     ok, detail = True, ""
     try:
         messages = decode(base64.b64decode(request["frames"]))[0]
@@ -69,16 +71,10 @@ async def _upload(client: Any, request: dict[str, Any]) -> None:
 
 
 def _client() -> Any:
-    import mavsdk
-    from mavsdk.asyncio import Mavsdk
-
     return Mavsdk(mavsdk.Configuration.create_manual(SYSTEM_ID, COMPONENT_ID, True))
 
 
 async def _check() -> None:
-    from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync  # noqa: F401  must be there
-    from mavsdk.plugins.mission_raw import MissionItem  # noqa: F401
-
     async with _client():
         pass
 

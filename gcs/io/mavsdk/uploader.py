@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
-import importlib.util
 import json
 import socket
 import subprocess
@@ -36,15 +35,11 @@ _FIRST_WAIT_S: Final = 1.0
 _MAX_WAIT_S: Final = 30.0
 _STABLE_S: Final = 60.0
 _MAX_DATAGRAM_BYTES: Final = 65_535
-
-
-REMEDY: Final = "pip install 'swarm-gcs[mavsdk]' (mavsdk 4), or set mission.uploader = \"own\""
+REMEDY: Final = "pip install 'mavsdk>=4', or set mission.uploader = \"own\""
 
 
 def mavsdk_problem() -> str:
     """Start and end MAVSDK; return why that fails, empty if it works."""
-    if importlib.util.find_spec("mavsdk") is None:
-        return "is not installed"
     command = [sys.executable, "-P", "-m", "gcs.io.mavsdk.process", "--check"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_CHECK_S, check=False)  # noqa: S603

@@ -41,14 +41,13 @@ def agents(timeline: Timeline, summary: Summary, flights: Mapping[int, Flight]) 
         died_s = float(path.t_s[-1]) if path is not None and path.dies else None
         called = [t_s for v, t_s, fate in timeline.statuses if v == vehicle and fate == "lost"]
         retasks = sum(vehicle in retask.vehicles for retask in summary.retask_list)
-        line = (
-            path.points_m if path is not None else flights[vehicle].points_m if vehicle in flights else None
-        )
-        flown = number(float(np.hypot(*np.diff(line, axis=0).T).sum()), 0) if line is not None else NONE
+        flown_m = flights[vehicle].length_m if vehicle in flights else None
+        if path is not None:
+            flown_m = float(np.hypot(*np.diff(path.points_m, axis=0).T).sum())
         target = NONE if agent.target is None else str(agent.target)
         rows.append((
             str(vehicle), agent.status, target, number(died_s), number(called[0] if called else None),
-            str(retasks), flown,
+            str(retasks), number(flown_m, 0),
         ))  # fmt: skip
     columns = ("agent", "status", "true target", "last alive, s", "detected lost, s", "re-tasks", "flown, m")
     return _table("Agents", columns, rows, {"status"})

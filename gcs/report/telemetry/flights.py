@@ -2,15 +2,16 @@
 
 Read from GLOBAL_POSITION_INT and HEARTBEAT of a recording or telemetry log. Impossible positions (before the
 first fix, beyond `_MAX_DISTANCE_M` of the origin) are left out. At most two positions a second are kept, and
-at most `_MOST` for each vehicle.
+at most `_MOST` for each vehicle. The path is smoothed, and checked for position jumps (`smoothed_path`).
 """
 
 from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -20,16 +21,25 @@ from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.fleet.position_checks import position_problem
 from gcs.mavlink.frames.codec import Frame, Message
 from gcs.model import NS_PER_S, FloatArray, read_only
+from gcs.report.telemetry.smoothed_path import smooth_path
 
 _LEAST_NS: Final = NS_PER_S // 2
 _MOST: Final = 40_000
 _MOST_MODES: Final = 2_000
 _MAX_VEHICLES: Final = 250
+_MAX_JUMPS_LISTED: Final = 5
 _MAX_DISTANCE_M: Final = 200_000.0
-_COLUMNS: Final = 4
+_COLUMNS: Final = 5
 _READ: Final = frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_HEARTBEAT})
 _PLANE_LIKE: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *range(19, 26)})
 """Aeroplanes and the VTOL types of MAV_TYPE."""
+
+
+class PositionJump(NamedTuple):
+    """A jump of a vehicle's reported position."""
+
+    t_s: float
+    size_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,18 +59,16 @@ class Flight:
     """(start, mode, True if armed)."""
     heard_s: float
     """Time of the last frame."""
-
-    @property
-    def length_m(self) -> float:
-        """Length of the reported path; includes position noise on the ground."""
-        return float(np.hypot(*np.diff(self.points_m, axis=0).T).sum()) if len(self.points_m) > 1 else 0.0
+    length_m: float
+    """Length of the smoothed path, without jumps."""
+    jumps: tuple[PositionJump, ...]
 
 
 @dataclass(slots=True)
 class _Vehicle:
     t_ns: array[int] = field(default_factory=lambda: array("q"))
     values: array[float] = field(default_factory=lambda: array("d"))
-    """East, north, height, speed of each report."""
+    """East, north, height, speed, boot time of each report."""
     modes: list[tuple[int, str, bool]] = field(default_factory=list)
     least_ns: int = _LEAST_NS
     heard_ns: int = 0
@@ -113,7 +121,10 @@ class Flights:
         self.frame = origin
         speed_m_s = math.hypot(message.vx, message.vy) * 1e-2
         vehicle.t_ns.append(t_ns)
-        vehicle.values.extend((*origin.to_local(lat_deg, lon_deg), message.relative_alt * 1e-3, speed_m_s))
+        vehicle.values.extend((
+            *origin.to_local(lat_deg, lon_deg), message.relative_alt * 1e-3, speed_m_s,
+            message.time_boot_ms * 1e-3,
+        ))  # fmt: skip
         if len(vehicle.t_ns) > _MOST:
             vehicle.least_ns *= 2
             vehicle.t_ns = vehicle.t_ns[::2]
@@ -125,15 +136,31 @@ class Flights:
         for system_id, vehicle in sorted(self._vehicles.items()):
             t_s = (np.array(vehicle.t_ns, dtype=np.int64) - start_t_ns) / NS_PER_S
             order = np.argsort(t_s, kind="stable")  # a clock that was set back must not draw lines across
-            values = np.array(vehicle.values).reshape(-1, _COLUMNS)[order]
+            values = np.array(vehicle.values).reshape(-1, _COLUMNS)
+            path = smooth_path(values[:, 4], values[:, :2])
+            jumps = tuple(PositionJump(float(t_s[jump.report]), jump.size_m) for jump in path.jumps)
+            values = values[order]
             modes = tuple(
                 ((t_ns - start_t_ns) / NS_PER_S, mode, armed) for t_ns, mode, armed in vehicle.modes
             )
             found[system_id] = Flight(
                 system_id, read_only(t_s[order]), read_only(values[:, :2]), read_only(values[:, 2]),
                 read_only(values[:, 3]), modes, (vehicle.heard_ns - start_t_ns) / NS_PER_S,
+                path.length_m, jumps,
             )  # fmt: skip
         return found
+
+
+def jump_lines(flights: Mapping[int, Flight]) -> list[str]:
+    """Return a line for each vehicle whose reported position jumps."""
+    lines = []
+    for system_id, flight in flights.items():
+        listed = [f"{jump.size_m:.0f} m at {jump.t_s:.1f} s" for jump in flight.jumps[:_MAX_JUMPS_LISTED]]
+        more = len(flight.jumps) - len(listed)
+        if listed:
+            text = ", ".join(listed) + (f" and {more} more" if more else "")
+            lines.append(f"Vehicle {system_id}: the reported position jumps by {text}.")
+    return lines
 
 
 def _mode(vehicle: _Vehicle, t_ns: int, message: Message) -> None:
