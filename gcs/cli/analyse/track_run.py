@@ -357,7 +357,7 @@ def _print_result(
     table = Table(show_header=baseline is not None)
     table.add_column(style="bold")
     table.add_column("GLMB", overflow="fold")
-    if baseline is not None:
+    if options.baseline is not None:
         table.add_column(options.baseline)
     table.add_row("detections", str(options.path))
     table.add_row("estimator", options.estimator)
