@@ -18,14 +18,15 @@ from rich.console import Console
 
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.analyse.whatif import Comparison, comparison_table, different_settings
+from gcs.cli.prepare.mission_file import mission_name, mission_text
+from gcs.cli.prepare.sketch_heard import read_vehicles
 from gcs.cli.run_setup import display, warm_up
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.config import Config, load, parse
+from gcs.core.operator.replies import named
 from gcs.errors import RecordingError
-from gcs.files import open_regular
 from gcs.io.recording.folder import versions
 from gcs.io.recording.reader import Record, RecordingInfo, read, read_info
-from gcs.io.recording.tlog import is_stamped
 from gcs.model import Effect, Event
 from gcs.report.run.verification import Verification
 from gcs.service.replay import Replay, Verifier, Window
@@ -137,17 +138,29 @@ def _open_source(options: ReplayOptions, console: Console) -> _Source:
 
 def _open_log(options: ReplayOptions, console: Console) -> _Source:
     file, path = options.file, options.file.path
-    if file.config is None:
-        with open_regular(path) as opened:
-            is_stamped(opened, str(path))
-        raise RecordingError(str(path), "is a telemetry log: name the mission of its vehicles with --config")
     if options.verify:
         raise RecordingError(str(path), "is not a recording of gcs: it has no outputs to verify")
-    config = load(file.config)
+    config = _derived_mission(path, console) if file.config is None else load(file.config)
     added = file.load_detections()
     for remark in () if added is None else added.detections.remarks:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
     return _Source(None, config, file.seed or 0, file.log_records(config, added))
+
+
+def _derived_mission(path: Path, console: Console) -> Config:
+    """Return a mission with the vehicles of a log, its positions and speed, and no targets."""
+    config = parse(mission_text(read_vehicles(path), mission_name(path.stem), path.name), str(path))
+    frame, area = config.local_frame, config.map
+    console.print(
+        f"mission from the log: {named(agent.vehicle for agent in config.agents)}, no targets, "
+        f"{config.airframe.speed_m_s:g} m/s, map {area.width_m / 1e3:.1f} km x {area.height_m / 1e3:.1f} km "
+        f"from {frame.lat_deg:.5f}, {frame.lon_deg:.5f} degrees; `gcs init {path}` writes it to a file, and "
+        "--config uses another",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )
+    return config
 
 
 def _seed(file: RunFile, header: RecordingInfo, config: Config) -> int:

@@ -27,7 +27,7 @@ app = command_app()
 def replay(
     recording: Annotated[
         Path,
-        typer.Argument(help="A recording (its folder or .mcap), or with --config a .tlog or raw MAVLink."),
+        typer.Argument(help="A recording (its folder or .mcap), a .tlog or raw MAVLink."),
     ],
     speed: Annotated[
         str | None,
@@ -45,7 +45,11 @@ def replay(
         typer.Option("--verify", help="Compare every track, plan and sent message with the recorded one."),
     ] = False,
     config: Annotated[
-        str | None, typer.Option(help="Another mission file, to compare results under other settings.")
+        str | None,
+        typer.Option(
+            help="Another mission file, to compare results under other settings. For a log: the mission of "
+            "its vehicles.  [default: derived from the log]"
+        ),
     ] = None,
     seed: RecordedSeedOption = None,
     detections: DetectionsOption = None,

@@ -55,7 +55,7 @@ def write_mission_file(
     """
     if (source is None) == (endpoint is None):
         raise ConfigError("gcs init", "", "expected a file, or --listen ENDPOINT")
-    name = name or _mission_name(source.stem if source else "mission")
+    name = name or mission_name(source.stem if source else "mission")
     path = out or Path(f"{name}.toml")
     if path.exists() and not force:
         raise ConfigError(str(path), "", "exists already; --force replaces it, --out names another")
@@ -80,7 +80,8 @@ def write_mission_file(
     )
 
 
-def _mission_name(stem: str) -> str:
+def mission_name(stem: str) -> str:
+    """Return a valid mission name for the name of a file."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-")[:64] or "mission"
 
 
@@ -236,6 +237,7 @@ class _Box:
 
 def _places(sketch: Sketch) -> list[tuple[Place, float]]:
     return [
+        *((place, 0.0) for place in sketch.extent),
         *((start.place, 0.0) for start in sketch.starts),
         *((place, 0.0) for place, _ in sketch.targets),
         *(((lat, lon), 0.0) for lat, lon, _ in sketch.rally),

@@ -50,6 +50,8 @@ class Sketch:
     """Latitude and longitude in degrees, height above home in metres."""
     ground_msl_m: float | None = None
     speed_m_s: float | None = None
+    extent: list[Place] = field(default_factory=list)
+    """Other positions that the map must contain."""
     notes: list[str] = field(default_factory=list)
     """What the mission file leaves out, and why."""
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import math
+import statistics
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.cli.prepare.sketch import Sketch, Start, is_place
+from gcs.cli.prepare.sketch import Place, Sketch, Start, is_place
 from gcs.endpoints import parse_endpoint
 from gcs.errors import LinkError, RecordingError
 from gcs.files import open_regular
@@ -26,14 +28,22 @@ _POSITIONS: Final = (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK
 _FIRMWARES: Final = {3: "ArduPilot", 12: "PX4"}
 _UNKNOWN_HEADING: Final = 65535
 _NO_AUTOPILOT: Final = 8
+_MIN_SPEED_M_S: Final = 5.0
+"""Ground speed above which a fixed wing flies."""
+_MAX_SPEEDS: Final = 100_000
 
 
 @dataclass(slots=True)
 class _Vehicle:
-    """Reported position and home of a vehicle."""
+    """Reported positions and home of a vehicle."""
 
     kind: str = ""
-    place: tuple[float, float] | None = None
+    place: Place | None = None
+    """First position."""
+    south_west: Place = (math.inf, math.inf)
+    north_east: Place = (-math.inf, -math.inf)
+    speeds_m_s: list[float] = field(default_factory=list)
+    """Ground speeds while it moved."""
     course_deg: float | None = None
     ground_msl_m: float | None = None
     has_home: bool = False
@@ -46,6 +56,11 @@ class _Vehicle:
         place = message.lat * 1e-7, message.lon * 1e-7
         if not is_place(*place):
             return
+        self.south_west = (min(self.south_west[0], place[0]), min(self.south_west[1], place[1]))
+        self.north_east = (max(self.north_east[0], place[0]), max(self.north_east[1], place[1]))
+        speed_m_s = math.hypot(message.vx, message.vy) * 0.01
+        if speed_m_s >= _MIN_SPEED_M_S and len(self.speeds_m_s) < _MAX_SPEEDS:
+            self.speeds_m_s.append(speed_m_s)
         if not self.has_home:  # The last one counts: heights are unreliable before.
             self.ground_msl_m = (message.alt - message.relative_alt) * 1e-3
         if self.place is None:
@@ -82,12 +97,16 @@ class HeardVehicles:
     def sketch(self) -> Sketch:
         """Return the vehicles as a sketch."""
         sketch = Sketch()
+        speeds_m_s = [speed for vehicle in self.vehicles.values() for speed in vehicle.speeds_m_s]
+        if speeds_m_s:
+            sketch.speed_m_s = round(statistics.median(speeds_m_s), 1)
         for system_id, vehicle in sorted(self.vehicles.items()):
             if vehicle.place is None:
                 sketch.notes.append(f"system {system_id} ({vehicle.kind}) gave no position: left out")
                 continue
             course = None if vehicle.course_deg is None else vehicle.course_deg % 360.0
             sketch.starts.append(Start(vehicle.place, system_id, course, vehicle.kind))
+            sketch.extent += [vehicle.south_west, vehicle.north_east]
             if sketch.ground_msl_m is None:
                 sketch.ground_msl_m = vehicle.ground_msl_m
         return sketch

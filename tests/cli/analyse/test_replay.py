@@ -252,6 +252,16 @@ def test_a_tlog_is_replayed_with_a_mission_file(flight: Path) -> None:
     assert found["effects"] > 50
 
 
+def test_a_tlog_is_replayed_without_a_mission_file(flight: Path) -> None:
+    """The vehicles, their speed and the map come from the log; agents are tracked where they flew."""
+    code, text, found = replay(flight / "link.tlog", "--headless")
+    assert code == 0
+    assert "mission from the log: agents 1, 2, 3, 4, no targets, 15" in text
+    assert "gcs init" in text
+    assert found["events"] > 500
+    assert found["effects"] > 50
+
+
 def test_a_tlog_without_the_missions_vehicles_says_whom_it_holds(flight: Path, tmp_path: Path) -> None:
     text = (flight / "mission.toml").read_text(encoding="utf-8")
     other = tmp_path / "other.toml"
@@ -270,7 +280,7 @@ def test_mistakes_are_named(flight: Path, tmp_path: Path) -> None:
         ((tmp_path / "empty",), "holds no recording"),
         ((tmp_path / "text.txt",), "no MAVLink frame"),
         ((tmp_path / "text.txt", "--config", "prescribed"), "no recording"),
-        ((tlog,), "--config"),
+        ((tmp_path / "text.txt", "--headless"), "no MAVLink frame"),
         ((tlog, "--config", "prescribed", "--verify"), "no outputs to verify"),
         ((flight, "--speed", "fast"), "neither a positive number nor"),
         ((flight, "--speed", "0"), "neither a positive number nor"),
