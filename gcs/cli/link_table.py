@@ -1,4 +1,4 @@
-"""The counters of all links, as rows for a table or for JSON."""
+"""Counters of all links, as rows for a table or for JSON."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from gcs.mavlink.fleet.link_stats import LinkCounters
 from gcs.mavlink.frames.signing import SigningCounters
 from gcs.mavlink.router.router import PortCounters
 
+_STATIONS = "other_ground_stations"
 _COLUMNS = (
-    "link", "role", "frames", "lost", "CRC", "unknown_systems", "conflicts", "unsent", "signing", "guests",
+    "link", "role", "frames", "lost", "CRC", "unknown_systems", "conflicts", "unsent", "signing", _STATIONS,
 )  # fmt: skip
 _ALWAYS = ("link", "role", "frames", "lost")
 
 
 def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, Any]]:
-    """One row for each link: those of vehicles as central command heard them, then those of guests.
+    """Return a row for each link: those of vehicles, then the endpoints of other ground stations.
 
     Parameters
     ----------
-    links
-        None in a replay, where there are no guests.
+    links : Links or None
+        None in a replay, which has no other ground stations.
     """
     unsent = {} if links is None else links.unsent()
     silent = [] if links is None else [link.name for link in links.links if link.role == "vehicles"]
@@ -44,19 +45,19 @@ def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, An
     ]
     if links is None:
         return rows
-    guests, counters = links.ground_stations(t_ns), links.counters()
+    stations, counters = links.ground_stations(t_ns), links.counters()
     for link in links.links:
         if link.role == "vehicles":
             continue
         counted = counters.get(link.name, PortCounters())
-        row = {"link": link.name, "role": link.role, "guests": guests[link.name], **asdict(counted)}
+        row = {"link": link.name, "role": link.role, _STATIONS: stations[link.name], **asdict(counted)}
         row |= {"refused": dict(counted.refused), "unsent": unsent[link.name]}
         rows.append({**row, **_signing(links, link.name)})
     return rows
 
 
 def _signing(links: Links | None, name: str) -> dict[str, Any]:
-    """What the link's gate did; nothing where it had nothing to do."""
+    """Return the counters of a link's signing gate; empty without keys and without signed frames."""
     gate = None if links is None else links.signing.gate
     if gate is None or not (gate.is_keyed(name) or name in gate.counters):
         return {}
@@ -65,35 +66,36 @@ def _signing(links: Links | None, name: str) -> dict[str, Any]:
 
 
 def link_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Draw the rows; a column in which no link has anything is left out: terminals are narrow."""
+    """Return a table of the rows, without columns that are empty for all links."""
     table = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     cells = [_cells(row) for row in rows]
     shown = [name for name in _COLUMNS if name in _ALWAYS or any(row[name] not in ("", 0) for row in cells)]
     for name in shown:
-        left = name in ("link", "role", "signing", "guests")
-        table.add_column(name, justify="left" if left else "right", no_wrap=name in _ALWAYS, overflow="fold")
+        left = name in ("link", "role", "signing", _STATIONS)
+        title = name.replace("_", " ")
+        table.add_column(title, justify="left" if left else "right", no_wrap=name in _ALWAYS, overflow="fold")
     for row in cells:
         table.add_row(*(str(row[name]) for name in shown))
     return table
 
 
 def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
-    """What a row shows in each column."""
-    cells = {**dict.fromkeys(_COLUMNS, ""), **row, "signing": _gate(row), "guests": ""}
+    """Return the text of a row for each column."""
+    cells = {**dict.fromkeys(_COLUMNS, ""), **row, "signing": _gate(row), _STATIONS: ""}
     if row["role"] == "vehicles":
         return cells | {"lost": _loss(row), "CRC": row["crc_errors"]}
-    kept = sum(row["refused"].values())
-    counted = f"{row['sent']} sent, {row['passed']} passed on, {kept} kept back"
-    return cells | {"guests": f"{len(row['guests'])}; {counted}"}
+    refused = sum(row["refused"].values())
+    counted = f"{row['sent']} sent, {row['passed']} passed on, {refused} refused"
+    return cells | {_STATIONS: f"{len(row[_STATIONS])}; {counted}"}
 
 
 def _gate(row: Mapping[str, Any]) -> str:
-    """Sum up signing; empty where nothing is signed and nothing was kept out."""
+    """Return the counts of verified and rejected frames as text; empty without signing."""
     if "rejected" not in row:
         return ""
     return f"{row['verified']} verified, {sum(row['rejected'].values())} rejected"
 
 
 def _loss(row: Mapping[str, Any]) -> str:
-    there = row["frames"] - row["unknown_systems"] - row["conflicts"] + row["lost"]
-    return f"{100.0 * row['lost'] / there:.1f} %" if there > 0 else "0.0 %"
+    sent = row["frames"] - row["unknown_systems"] - row["conflicts"] + row["lost"]
+    return f"{100.0 * row['lost'] / sent:.1f} %" if sent > 0 else "0.0 %"

@@ -1,6 +1,6 @@
-"""What an operator sees in a terminal: a live view, or plain lines where there is no terminal to draw on.
+"""Display of a run: a live view in a terminal, or plain lines elsewhere.
 
-Both are sinks: they take events and effects in order and read nothing but those and the fold's own state.
+Both are sinks of events and effects. The live view also reads the state of the engine.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ from gcs.model import (
 T = TypeVar("T")
 
 _STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
-_FATE_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
+_STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
 _LOG_LINES: Final = 200
 _EVENT_ROWS: Final = 9
 _MIN_MAP_ROWS: Final = 12
 _LOW_EVENT_ROWS: Final = 4
 _LOW_ROWS: Final = 36
-"""A terminal with fewer rows gets a header of one row and fewer events, for the tables' sake."""
+"""A terminal with fewer rows gets a header of one row and fewer events."""
 _TABLE_FRAME: Final = 3
 """Rows of a table besides those of its content: title, column names, a rule."""
 _LINKS_FRAME: Final = 5
@@ -73,12 +73,12 @@ _LEFT: Final = ("status", "mode", "signed", "mission")
 
 
 def label_text(label: Label | None) -> str:
-    """The label of an agent's track: birth scan and index. Targets have names (`target_name`)."""
+    """Return the label of an agent's track: birth scan and index."""
     return "–" if label is None else f"{label[0]}.{label[1]}"
 
 
 class PlainLines:
-    """Prints one line for each thing that an operator should know."""
+    """Prints one line for each effect that concerns the operator."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -86,12 +86,12 @@ class PlainLines:
         self._proposals = ProposalLog()
 
     def event(self, event: Event) -> None:
-        """Remember when the run began."""
+        """Note the start of the run."""
         if self._start_t_ns is None:
             self._start_t_ns = event.t_ns
 
     def effect(self, t_ns: int, effect: Effect) -> None:
-        """Print what there is to say of an effect."""
+        """Print the line of an effect, if it has one."""
         if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
             return
         line = effect_line(effect)
@@ -102,7 +102,7 @@ class PlainLines:
 
 
 class LiveView:
-    """Keeps what the live view shows; `render` draws it."""
+    """Live view of a run, drawn by rich."""
 
     def __init__(self, config: Config, command: Engine, speed: float, links: Links | None = None) -> None:
         self._config = config
@@ -116,19 +116,19 @@ class LiveView:
         self._t_ns = 0
 
     def event(self, event: Event) -> None:
-        """Follow the time."""
+        """Note the time."""
         self._t_ns = event.t_ns
         if self._start_t_ns is None:
             self._start_t_ns = event.t_ns
 
     def effect(self, t_ns: int, effect: Effect) -> None:
-        """Take what changes the view."""
+        """Update pictures, uploads and events."""
         if isinstance(effect, Picture):
             self._pictures[effect.kind] = effect
         elif isinstance(effect, UploadReport):
             self._uploads[effect.vehicle] = "verified" if effect.ok else "failed"
         is_quiet = isinstance(effect, Notice) and effect.level == "info"
-        if is_quiet or isinstance(effect, Proposal):  # a plan that waits has a panel of its own
+        if is_quiet or isinstance(effect, Proposal):  # A proposed plan has its own panel.
             return
         line = effect_line(effect)
         if line is not None:
@@ -137,19 +137,19 @@ class LiveView:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         narrow = options.max_width < self._tables_width()
-        waits = self._waiting()
+        proposal = self._proposal_lines()
         height = options.height or options.size.height
         is_low = height < _LOW_ROWS
         event_rows = _LOW_EVENT_ROWS if is_low else _EVENT_ROWS
-        around = (1 if is_low else 3) + event_rows + 2 + (len(waits) + 1 if waits else 0)
+        around = (1 if is_low else 3) + event_rows + 2 + (len(proposal) + 1 if proposal else 0)
         body_rows = height - around
         rows = max(_MIN_MAP_ROWS, body_rows - 2)
         columns = min(2 * rows, (options.max_width - self._tables_width()))
         layout = Layout()
         events = self._events(console, options.max_width - 4, event_rows)
         below = [Layout(events, size=event_rows + 2)]
-        if waits:
-            below.insert(0, Layout(self._proposal(waits), size=len(waits) + 1))
+        if proposal:
+            below.insert(0, Layout(self._proposal_panel(proposal), size=len(proposal) + 1))
         header = Layout(self._header() if is_low else Panel(self._header()), size=1 if is_low else 3)
         layout.split_column(header, Layout(name="body"), *below)
         tables = Layout(Group(*self._tables(narrow, body_rows)))
@@ -163,23 +163,23 @@ class LiveView:
         return _TABLES_WIDTH + (_SIGNED_WIDTH if self._config.links.keys else 0)
 
     def _tables(self, narrow: bool, rows: int) -> Iterator[RenderableType]:
-        """Yield the tables that `rows` have room for, with a word for what they have none for."""
+        """Yield the tables that fit into `rows`, and a line about those that do not."""
         agents, targets = len(self._command.agent_status.by_vehicle), len(self._shown_targets())
         link_counters = link_rows(self._command.fleet, self._links, self._t_ns)
-        room = rows - 2 * _TABLE_FRAME
+        free_rows = rows - 2 * _TABLE_FRAME
         overridden = overridden_text(self._command.overridden())
         if overridden:
-            room -= 1
+            free_rows -= 1
             yield Text(overridden, style="bold yellow", no_wrap=True, overflow="ellipsis")
-        has_links = agents + targets + _LINKS_FRAME + len(link_counters) <= room
-        room -= 0 if has_links else 1
-        target_rows = min(targets, max(_MIN_TARGET_ROWS, room - agents))
-        yield self._agents(narrow, max(1, room - target_rows))
+        has_links = agents + targets + _LINKS_FRAME + len(link_counters) <= free_rows
+        free_rows -= 0 if has_links else 1
+        target_rows = min(targets, max(_MIN_TARGET_ROWS, free_rows - agents))
+        yield self._agents(narrow, max(1, free_rows - target_rows))
         yield self._targets(max(1, target_rows))
         if has_links:
             yield link_table(link_counters)
         else:
-            yield Text("links: no room here", style="dim")
+            yield Text("links: not shown, too few rows", style="dim")
 
     def _header(self) -> Text:
         seconds = (self._t_ns - (self._start_t_ns or self._t_ns)) / NS_PER_S
@@ -193,7 +193,7 @@ class LiveView:
         )
 
     def _agents(self, narrow: bool, max_rows: int) -> RenderableType:
-        """One row for each agent; a narrow terminal leaves out what its track is like."""
+        """Return a table with one row for each agent; without track columns in a narrow terminal."""
         table = _table("Agents")
         names = [
             name
@@ -203,13 +203,13 @@ class LiveView:
         for name in names:
             table.add_column(name, justify="left" if name in _LEFT else "right", no_wrap=True)
         tracks = self._tracks("agents")
-        fates = self._command.agent_status.by_vehicle
-        shown_fates, more = _cut(list(fates.items()), max_rows, lambda item: self._trouble(item[1]))
-        for vehicle, fate in shown_fates:
+        agents = self._command.agent_status.by_vehicle
+        shown_agents, more = _cut(list(agents.items()), max_rows, lambda item: self._urgency(item[1]))
+        for vehicle, agent in shown_agents:
             label = self._command.association.labels.get(vehicle)
             track = tracks.get(label) if label is not None else None
             route = self._command.replanner.routes.get(vehicle)
-            target = fate.target or (route.target if route else None)
+            target = agent.target or (route.target if route else None)
             to_go = (
                 f"{_to_go_m(track, route.points_m[-1]):.0f}"
                 if track is not None and route is not None
@@ -217,7 +217,7 @@ class LiveView:
             )
             cells: tuple[str | Text, ...] = (
                 vehicle_name(vehicle),
-                self._standing(fate),
+                self._status_text(agent),
                 self._mode(vehicle),
                 self._signing(vehicle),
                 label_text(label),
@@ -230,14 +230,14 @@ class LiveView:
             table.add_row(*(shown[name] for name in names))
         return _with_more(table, more)
 
-    def _trouble(self, fate: AgentStatus) -> int:
-        """How soon an operator must see this agent; the smallest first."""
-        vehicle = fate.vehicle
+    def _urgency(self, agent: AgentStatus) -> int:
+        """Return the rank of an agent if rows are left out, 0 for the most urgent."""
+        vehicle = agent.vehicle
         if vehicle in self._command.position_integrity.doubted():
             return 0
-        if fate.status == "lost":
+        if agent.status == "lost":
             return 1
-        if fate.status == "arrived":
+        if agent.status == "arrived":
             return 6
         if vehicle in self._command.orders.suspensions or vehicle in self._command.overridden():
             return 2
@@ -245,23 +245,23 @@ class LiveView:
             return 3
         return 5 if vehicle in self._command.association.labels else 4
 
-    def _standing(self, fate: AgentStatus) -> Text:
-        """What became of an agent, the order that sets it aside, or that its reports are false."""
-        aside = self._command.orders.suspensions.get(fate.vehicle)
-        if aside is not None and fate.status == "active":
-            return Text(aside, style="bold yellow")
-        if fate.vehicle in self._command.position_integrity.doubted():
+    def _status_text(self, agent: AgentStatus) -> Text:
+        """Return the status of an agent, the order that suspends it, or an integrity warning."""
+        suspension = self._command.orders.suspensions.get(agent.vehicle)
+        if suspension is not None and agent.status == "active":
+            return Text(suspension, style="bold yellow")
+        if agent.vehicle in self._command.position_integrity.doubted():
             return Text("not there", style="bold red")
-        return Text(fate.status, style=_FATE_STYLE[fate.status])
+        return Text(agent.status, style=_STATUS_STYLE[agent.status])
 
     def _mode(self, vehicle: int) -> Text:
-        """The mode that a vehicle is in; marked where somebody else chose it."""
+        """Return the flight mode of a vehicle, highlighted under an override."""
         state = self._command.fleet.state(vehicle)
         is_ours = vehicle not in self._command.overridden()
         return Text(state.mode if state else "", style="" if is_ours else "bold yellow")
 
     def _signing(self, vehicle: int) -> str:
-        """How sure it is that its frames are its own."""
+        """Return "verified" or "unchecked" for a vehicle that signs; empty otherwise."""
         fleet = self._command.fleet
         if not fleet.is_signed(vehicle):
             return ""
@@ -273,16 +273,16 @@ class LiveView:
         table = _table("Targets")
         for name in ("target", "exist.", "east m", "north m", "m/s", "agent"):
             table.add_column(name, justify="right", no_wrap=True)
-        hunters = {
+        assigned = {
             route.target: vehicle_name(route.vehicle) for route in self._command.replanner.routes.values()
         }
         reached = self._command.agent_status.at_targets()
         shown, more = _cut(
-            self._shown_targets(), max_rows, lambda track: (track.label in reached, track.label in hunters)
+            self._shown_targets(), max_rows, lambda track: (track.label in reached, track.label in assigned)
         )
         for track in shown:
             label = track.label
-            done = Text("reached", style="green") if label in reached else Text(hunters.get(label, ""))
+            done = Text("reached", style="green") if label in reached else Text(assigned.get(label, ""))
             table.add_row(target_name(label), *_track_cells(track), done)
         return _with_more(table, more)
 
@@ -294,7 +294,7 @@ class LiveView:
         return {} if picture is None else {track.label: track for track in picture.tracks}
 
     def _events(self, console: Console, width: int, rows: int) -> Panel:
-        """The newest events, whole: a line that wraps takes the room of older ones."""
+        """Return the newest events; a wrapped line displaces older ones."""
         lines: list[Text] = []
         for event in reversed(self._log):
             if len(lines) >= rows:
@@ -302,22 +302,22 @@ class LiveView:
             lines = [*event.wrap(console, width), *lines]
         return Panel(Group(*lines[-rows:]), title=Text("Events"), title_align="left")
 
-    def _waiting(self) -> list[str]:
-        """Return the plan that waits, if one does: a title, and a line for each route."""
+    def _proposal_lines(self) -> list[str]:
+        """Return the lines about the proposed plan, a title and one for each route; empty without one."""
         pending = self._command.approval.pending
         if pending is None:
             return []
         title = f"{proposal_title(pending, self._t_ns)} (gcs order confirm {pending.plan_id})"
         return [title, *route_lines(pending, MAX_ROUTES)]
 
-    def _proposal(self, waits: Sequence[str]) -> Panel:
-        """Draw the plan that waits apart from the events: however long it is, no alarm gives way to it."""
-        title, *routes = waits
+    def _proposal_panel(self, proposal: Sequence[str]) -> Panel:
+        """Return a panel for the proposed plan; a long one displaces no alarm."""
+        title, *routes = proposal
         lines = (Text(line, no_wrap=True, overflow="ellipsis") for line in routes)
         return Panel(Group(*lines), title=Text(title, style="bold yellow"), title_align="left")
 
     def _map(self, rows: int, columns: int) -> Panel:
-        """A map in characters, north up: obstacles, routes, agents by id, targets."""
+        """Return a map in characters, north up: obstacles, routes, agents by id, targets."""
         cells = [
             [("▒", "bright_black") if blocked else (" ", "") for blocked in row]
             for row in self._obstacles(rows, columns)
@@ -347,21 +347,21 @@ class LiveView:
                     "green" if label in reached else "bold red",
                 )
         tracks = self._tracks("agents")
-        for vehicle, fate in self._command.agent_status.by_vehicle.items():
+        for vehicle, agent in self._command.agent_status.by_vehicle.items():
             seen = tracks.get(self._command.association.labels.get(vehicle, (-1, -1)))
-            if fate.status == "lost" and fate.position_m is not None:
-                put(*fate.position_m, "✗", "red")
+            if agent.status == "lost" and agent.position_m is not None:
+                put(*agent.position_m, "✗", "red")
             elif seen is not None:
                 put(
                     float(seen.mean[0]),
                     float(seen.mean[1]),
                     vehicle_name(vehicle),
-                    "bold " + _FATE_STYLE[fate.status],
+                    "bold " + _STATUS_STYLE[agent.status],
                 )
         return Panel(Group(*(Text.assemble(*row) for row in cells)), title="Map", title_align="left")
 
     def _obstacles(self, rows: int, columns: int) -> npt.NDArray[np.bool_]:
-        """Obstacles as the map's characters show them, the first row being the northernmost."""
+        """Return True for each blocked character of the map, the northernmost row first."""
         grid, area = self._command.grid, self._config.map
         north = (np.arange(rows)[::-1] + 0.5) / rows * area.height_m
         east = (np.arange(columns) + 0.5) / columns * area.width_m
@@ -376,19 +376,19 @@ def _table(title: str) -> Table:
     )
 
 
-def _cut(rows: list[T], max_rows: int, trouble: Callable[[T], Any]) -> tuple[list[T], int]:
-    """Return the rows that there is room for, those in trouble first, and how many are left out."""
+def _cut(rows: list[T], max_rows: int, urgency: Callable[[T], Any]) -> tuple[list[T], int]:
+    """Return at most `max_rows` rows, the most urgent first, and the number of the others."""
     if len(rows) <= max_rows:
         return rows, 0
-    kept = sorted(rows, key=trouble)[: max(1, max_rows - 1)]
+    kept = sorted(rows, key=urgency)[: max(1, max_rows - 1)]
     return kept, len(rows) - len(kept)
 
 
 def _with_more(table: Table, more: int) -> RenderableType:
-    """Say below a table how many rows are left out."""
+    """Add the number of missing rows below a table."""
     if not more:
         return table
-    return Group(table, Text(f"and {more} more, sorted by trouble", style="yellow"))
+    return Group(table, Text(f"and {more} more; the most urgent are shown", style="yellow"))
 
 
 def _at_speed(speed: float) -> str:

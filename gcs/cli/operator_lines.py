@@ -46,22 +46,15 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
                 for route in effect.routes
                 if route.vehicle in effect.changed
             )
-            return f"plan: {effect.reason}; re-tasked: {routes or 'nobody'}", "info"
+            return f"plan: {effect.reason}; re-tasked: {routes or 'none'}", "info"
         case UploadReport(ok=True):
-            return (
-                (
-                    f"agent {vehicle_name(effect.vehicle)}: mission of {effect.items} items {effect.detail} "
-                    f"in {effect.duration_s:.2f} s, {effect.retries} retries"
-                ),
-                "info",
-            )
+            text = f"mission of {effect.items} items {effect.detail} in {effect.duration_s:.2f} s"
+            return f"agent {vehicle_name(effect.vehicle)}: {text}, {effect.retries} retries", "info"
         case UploadReport():
             return f"agent {vehicle_name(effect.vehicle)}: mission transfer failed: {effect.detail}", "alarm"
         case AgentStatus(status="arrived"):
-            return (
-                f"agent {vehicle_name(effect.vehicle)}: reached target {target_text(effect.target)}",
-                "info",
-            )
+            text = f"agent {vehicle_name(effect.vehicle)}: reached target {target_text(effect.target)}"
+            return text, "info"
         case AgentStatus(status="lost"):
             return f"agent {vehicle_name(effect.vehicle)}: lost", "alarm"
         case AgentStatus():

@@ -6,7 +6,7 @@ screens and on paper.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,7 +66,6 @@ class Page:
     facts: tuple[Fact, ...] = ()
     sections: tuple[Section, ...] = ()
     footer: str = ""
-    description: str = field(default="")
 
 
 def save_figure(figure: Figure, folder: Path, name: str, caption: str) -> Picture:

@@ -26,8 +26,8 @@ from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import versions
 from gcs.model import Effect, Truth
+from gcs.report.campaign.losses import DeathWatch
 from gcs.report.campaign.results import Row
-from gcs.report.paper.losses import DeathWatch
 from gcs.report.run.evaluation import evaluator_of
 from gcs.settings import with_settings
 from sim_vehicles.campaign.ground_truth_trackers import GroundTruthTrackers

@@ -1,9 +1,9 @@
 """What a frame costs on its way through the routes: CPU time beside that of pymavlink on the same bytes.
 
-    python tests/bench/bench_routing.py [--vehicles 200] [--guests 3] [--seconds 20]
+    python tests/bench/bench_routing.py [--vehicles 200] [--stations 3] [--seconds 20]
 
 Every vehicle sends what an autopilot sends (HEARTBEAT 1 Hz, ATTITUDE and GLOBAL_POSITION_INT 4 Hz); each
-frame is split, checked and routed to every guest. Nothing is sent: sockets are not part of it.
+frame is split, checked and routed to every other ground station. Nothing is sent: sockets are not part of it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def traffic(vehicles: int, seconds: int) -> list[tuple[int, tuple[str, str], byt
 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    for name, default in (("vehicles", 200), ("guests", 3), ("seconds", 20)):
+    for name, default in (("vehicles", 200), ("stations", 3), ("seconds", 20)):
         arguments.add_argument(f"--{name}", type=int, default=default)
     chosen = arguments.parse_args()
     links = [Link(parse_endpoint(AIR)), Link(parse_endpoint(SEAT), role="full")]
@@ -49,12 +49,12 @@ def main() -> None:
 
     def routed() -> None:
         router = Router(links, range(1, chosen.vehicles + 1))
-        for guest in range(chosen.guests):
-            router.add_connection(0, (SEAT, f"10.1.0.{guest}:9"))
+        for station in range(chosen.stations):
+            router.add_connection(0, (SEAT, f"10.1.0.{station}:9"))
         for t_ns, address, data in sent:
             for frame in scan(data).frames:
                 router.route_frame(t_ns, address, frame)
-        assert router.counters[SEAT].sent >= chosen.guests * len(sent) * 0.9
+        assert router.counters[SEAT].sent >= chosen.stations * len(sent) * 0.9
 
     def split() -> None:
         for _, _, data in sent:
@@ -73,7 +73,7 @@ def main() -> None:
     }
     for name, seconds in spent.items():
         table.add_row(name, f"{seconds / len(sent) * 1e6:.2f}", f"{seconds / spent['pymavlink']:.2f}")
-    Console().print(f"{len(sent)} frames of {chosen.vehicles} vehicles to {chosen.guests} guests")
+    Console().print(f"{len(sent)} frames of {chosen.vehicles} vehicles to {chosen.stations} stations")
     Console().print(table)
 
 

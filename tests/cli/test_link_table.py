@@ -10,9 +10,9 @@ VEHICLES = {
     "link": "udpin:0.0.0.0:14550", "role": "vehicles", "frames": 753, "lost": 216, "crc_errors": 0,
     "unknown_systems": 0, "conflicts": 0, "unsent": 0,
 }  # fmt: skip
-GUESTS = {
-    "link": "udpin:127.0.0.1:14551", "role": "full", "guests": ["1.2.3.4:5"], "frames": 34, "passed": 30,
-    "sent": 700, "refused": {"mode": 4}, "unsent": 0,
+OTHER_STATIONS = {
+    "link": "udpin:127.0.0.1:14551", "role": "full", "other_ground_stations": ["1.2.3.4:5"],
+    "frames": 34, "passed": 30, "sent": 700, "refused": {"mode": 4}, "unsent": 0,
 }  # fmt: skip
 
 
@@ -30,8 +30,8 @@ def test_vehicles_alone_need_one_line_and_no_empty_columns() -> None:
     assert "conflicts" not in text
 
 
-def test_what_went_wrong_and_what_guests_did_is_there() -> None:
-    text = drawn({**VEHICLES, "conflicts": 7}, GUESTS)
+def test_what_went_wrong_and_what_other_stations_did_is_there() -> None:
+    text = drawn({**VEHICLES, "conflicts": 7}, OTHER_STATIONS)
     assert "conflicts" in text
     assert "udpin:127.0.0.1:14551" in text
     assert "34" in text

@@ -109,7 +109,9 @@ def test_rows_without_room_are_counted_and_those_in_trouble_are_shown(width: int
     first_target = next(index for index, line in enumerate(tables) if "Targets" in line)
     for part in (tables[:first_target], tables[first_target:]):
         shown = sum("active" in line or "T0." in line for line in part)
-        more = next(re.search(r"and (\d+) more, sorted by trouble", line) for line in part if "more" in line)
+        more = next(
+            re.search(r"and (\d+) more; the most urgent are shown", line) for line in part if "more" in line
+        )
         assert more is not None
         assert shown + int(more[1]) == 50
     assert sum("failed" in line for line in tables) >= 1

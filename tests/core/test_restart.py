@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from core.authority.test_external_uploads import MISSION as GUESTS
+from core.authority.test_external_uploads import MISSION as STATIONS
 from core.operator.test_vehicle_orders import SEED, Flight, order
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
@@ -217,8 +217,8 @@ def test_a_mix_that_was_left_behind_is_cleared_after_a_restart_though_nobody_has
     assert any(level == "alarm" and "holds no mission now" in text for level, text in told)
 
 
-def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_after_a_restart_until_it_is_resumed() -> None:
-    mission = parse(GUESTS, "x")
+def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_is_resumed() -> None:
+    mission = parse(STATIONS, "x")
     before, t_ns = Engine(mission, 1), 100 * S
     write = Encoder(254, 190)(dialect.MAVLink_mission_count_message(1, 1, 3, 0))
     before.step(Datagram(t_ns, "udpin:0.0.0.0:14551", "10.0.0.5:50", write))

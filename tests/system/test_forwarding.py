@@ -157,8 +157,8 @@ def test_mavsdk_and_mavproxy_work_with_all_vehicles_while_missions_change(tmp_pa
     failures = [one.detail for one in reports(tmp_path / result["recording"]) if not one.ok]
     assert all("LOITER was chosen meanwhile" in detail for detail in failures), failures
     assert result["retasks"] >= 2
-    guests = result["links"][1]
-    assert guests["role"] == "full"
-    assert len(guests["guests"]) == 2
-    assert guests["passed"] > 20
-    assert set(guests["refused"]) <= {"mission transfer under way", "for a vehicle that is not heard"}
+    stations = result["links"][1]
+    assert stations["role"] == "full"
+    assert len(stations["other_ground_stations"]) == 2
+    assert stations["passed"] > 20
+    assert set(stations["refused"]) <= {"mission transfer under way", "for a vehicle that is not heard"}

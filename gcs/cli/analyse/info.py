@@ -143,7 +143,7 @@ def _recording(path: Path, console: Console) -> dict[str, Any]:
             for topic, one in sorted(topics.items())
         },
         "sensors": {name: dict(counts) for name, counts in sorted(sensors.items())},
-        "fates": {str(vehicle): fate for vehicle, fate in sorted(statuses.items())},
+        "statuses": {str(vehicle): status for vehicle, status in sorted(statuses.items())},
         "mission_ended": ended,
         "damage": [] if damage is None else [damage],
         **traffic.summary(),

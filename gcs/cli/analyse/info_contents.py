@@ -54,7 +54,7 @@ def _recording(contents: dict[str, Any], console: Console) -> None:
     for name, counts in contents["sensors"].items():
         mean = counts["detections"] / counts["scans"]
         _print(console, f"sensor {name}: {counts['scans']} scans, {mean:.1f} detections in each")
-    statuses = list(contents["fates"].values())
+    statuses = list(contents["statuses"].values())
     end = "ended" if contents["mission_ended"] else "did not end"
     _print(console, f"the mission {end}: {statuses.count('arrived')} arrived, {statuses.count('lost')} lost")
     table = _table("Records", ("topic", "count", "Hz"))

@@ -29,7 +29,7 @@ class Outcome:
     """Number of new routes for vehicles."""
     uploads: int = 0
     failed_uploads: int = 0
-    fates: dict[int, AgentStatus] = field(default_factory=dict)
+    statuses: dict[int, AgentStatus] = field(default_factory=dict)
     ended_t_ns: int | None = None
 
     def add_effect(self, effect: Effect) -> None:
@@ -45,7 +45,7 @@ class Outcome:
                 self.uploads += effect.ok
                 self.failed_uploads += not effect.ok
             case AgentStatus():
-                self.fates[effect.vehicle] = effect
+                self.statuses[effect.vehicle] = effect
             case MissionEnded():
                 self.ended_t_ns = effect.t_ns
             case _:
@@ -101,8 +101,8 @@ class Comparison:
             t_ns, routes = outcome.plans[index]
             return f"at {at(t_ns)}: {routes}"
 
-        def fate(outcome: Outcome, vehicle: int) -> str:
-            found = outcome.fates.get(vehicle)
+        def status(outcome: Outcome, vehicle: int) -> str:
+            found = outcome.statuses.get(vehicle)
             if found is None:
                 return "active"
             target = f" at {target_name(found.target)}" if found.target is not None else ""
@@ -124,8 +124,8 @@ class Comparison:
                 Row(f"plan {first + 1}, the first to differ", plan(recorded, first), plan(replayed, first))
             )
         rows += [
-            Row(f"agent {vehicle}", fate(recorded, vehicle), fate(replayed, vehicle))
-            for vehicle in sorted({*recorded.fates, *replayed.fates})
+            Row(f"agent {vehicle}", status(recorded, vehicle), status(replayed, vehicle))
+            for vehicle in sorted({*recorded.statuses, *replayed.statuses})
         ]
         return [*rows, Row("mission ended", end(recorded), end(replayed))]
 

@@ -159,15 +159,9 @@ class EvaluatorSink:
 
 def _draw_recording(folder: Path, config: Config, seed: int) -> Path:
     """Draw the picture of a recorded run into its folder; return the file."""
-    ground = Ground.of(mission_grid(config, seed))
     picture = folder / "run.png"
-    draw_run(
-        (record.value for record in read(folder)),
-        picture,
-        obstacles_m=ground.obstacles_m,
-        cell_m=ground.cell_m,
-        title=f"{config.name}, seed {seed}",
-    )
+    ground = Ground.of(mission_grid(config, seed))
+    draw_run((record.value for record in read(folder)), picture, ground, f"{config.name}, seed {seed}")
     return picture
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 from gcs.errors import RecordingError
-from gcs.report.paper.losses import DeathWatch
+from gcs.report.campaign.losses import DeathWatch
 from gcs.report.run.evaluation import Summary
 
 CONFIDENCE = 0.95

@@ -189,9 +189,9 @@ def waviness(flown: Flown) -> tuple[float, float]:
     The grid path leads from the start to the position at arrival.
     """
     flown_m = shortest_m = turned_deg = 0.0
-    for vehicle, t_s, fate in flown.timeline.statuses:
+    for vehicle, t_s, status in flown.timeline.statuses:
         path = flown.timeline.paths["agents"].get(vehicle)
-        if fate != "arrived" or path is None:
+        if status != "arrived" or path is None:
             continue
         points = path.until(t_s).points_m
         steps = np.diff(points, axis=0)

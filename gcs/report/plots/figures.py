@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gcs.model import FloatArray
 from gcs.report.plots.maps import (
+    Ground,
     draw_clutter,
     draw_obstacles,
     draw_some_estimates,
@@ -22,7 +22,7 @@ from gcs.report.plots.maps import (
     truth_until,
 )
 from gcs.report.plots.run_charts import draw_cardinality, draw_lanes, lanes
-from gcs.report.plots.style import INK, KINDS, colours, heading, legend, say, tidy
+from gcs.report.plots.style import INK, KINDS, colours, heading, legend, legend_below, say, tidy
 from gcs.report.run.evaluation import OSPA_CUTOFF_M
 from gcs.report.run.timeline import Timeline, gather
 
@@ -31,22 +31,16 @@ if TYPE_CHECKING:
 
 
 def draw_run(
-    values: Iterable[object],
-    out_png: FilePath,
-    obstacles_m: FloatArray | None = None,
-    cell_m: float = 0.0,
-    title: str = "",
+    values: Iterable[object], out_png: FilePath, ground: Ground | None = None, title: str = ""
 ) -> None:
     """Draw a run to a PNG.
 
     Parameters
     ----------
-    values
+    values : iterable
         Events, effects and ground truth, such as the values of a recording.
-    obstacles_m
-        (n, 2) east/north of the centres of blocked cells.
-    cell_m
-        Side of a cell.
+    ground : Ground, optional
+        Obstacles.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -60,7 +54,7 @@ def draw_run(
     )  # fmt: skip
     if title:
         figure.suptitle(title, x=0.045, ha="left", fontsize=15, fontweight="bold", color=INK)
-    _draw_map(figure.add_subplot(grid[:, 0]), timeline, obstacles_m, cell_m)
+    _draw_map(figure.add_subplot(grid[:, 0]), timeline, ground)
     top = figure.add_subplot(grid[0, 1])
     middle = figure.add_subplot(grid[1, 1], sharex=top)
     bottom = figure.add_subplot(grid[2, 1], sharex=top)
@@ -74,25 +68,20 @@ def draw_run(
     figure.savefig(out_png)
 
 
-def _draw_map(axes: Axes, timeline: Timeline, obstacles_m: FloatArray | None, cell_m: float) -> None:
+def _draw_map(axes: Axes, timeline: Timeline, ground: Ground | None) -> None:
     west, south, east, north = timeline.area_m
     margin = 0.02 * max(east - west, north - south, 1.0)
     axes.set(xlim=(west - margin, east + margin), ylim=(south - margin, north + margin), aspect="equal")
     axes.set(xlabel="east, m", ylabel="north, m")
     tidy(axes)
-    if obstacles_m is not None and len(obstacles_m):
-        draw_obstacles(axes, obstacles_m, cell_m)
+    draw_obstacles(axes, ground)
     draw_clutter(axes, timeline)
     colour = colours(lanes(timeline))
     for vehicle, _, points in timeline.routes:
         axes.plot(*points.T, ls=(0, (4, 3)), lw=0.8, color=colour.get(vehicle, INK), alpha=0.75, zorder=3)
     truth_until(axes, timeline, timeline.duration_s)
     draw_some_estimates(axes, timeline, timeline.duration_s)
-    entries = legend_entries(timeline, obstacles=obstacles_m is not None, everything=True)
-    axes.legend(
-        handles=entries, loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=len(entries), frameon=False,
-        fontsize=9, handletextpad=0.5, columnspacing=1.2, borderaxespad=0.0,
-    )  # fmt: skip
+    legend_below(axes, legend_entries(timeline, obstacles=ground is not None, everything=True), 0.06)
 
 
 def _draw_ospa(axes: Axes, timeline: Timeline) -> None:

@@ -24,10 +24,12 @@ from gcs.report.plots.style import (
     LABELLED,
     RED,
     TARGETS,
+    annotate,
     colours,
     dots,
     heading,
     new_figure,
+    sample,
     size_for,
     tidy,
 )
@@ -70,12 +72,12 @@ def truth_figure(
     Without ground truth: telemetry and tracks.
     """
     figure = new_figure(13.0, 6.9)
-    middle_s = 0.5 * timeline.duration_s
+    times_s = (0.5 * timeline.duration_s, timeline.duration_s)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    for axes, until_s, name in zip(panels, (middle_s, timeline.duration_s), ("mid", "end"), strict=True):
+    for axes, until_s, name in zip(panels, times_s, ("half time", "end"), strict=True):
         _frame(axes, timeline, flights)
         heading(axes, f"{name}: {until_s:.0f} s")
-        _obstacles(axes, ground)
+        draw_obstacles(axes, ground)
         if timeline.has_truth:
             truth_until(axes, timeline, until_s)
         else:
@@ -93,7 +95,7 @@ def ground_truth_figure(timeline: Timeline, ground: Ground | None, until_s: floa
     figure = new_figure(7.2, 7.4)
     axes = figure.add_subplot()
     _frame(axes, timeline, {})
-    _obstacles(axes, ground)
+    draw_obstacles(axes, ground)
     truth_until(axes, timeline, until_s)
     heading(axes, f"ground truth until {until_s:.0f} s")
     entries = legend_entries(timeline, obstacles=ground is not None, estimates=False)
@@ -106,28 +108,28 @@ def tracker_figure(timeline: Timeline, ground: Ground | None) -> Figure:
     figure = new_figure(9.4, 8.6)
     axes = figure.add_subplot()
     _frame(axes, timeline, {})
-    _obstacles(axes, ground, alpha=0.35)
+    draw_obstacles(axes, ground, alpha=0.35)
     every = draw_clutter(axes, timeline)
-    size = size_for(most_shown(timeline))
+    size = size_for(_agent_count(timeline))
     entries = []
     for kind, scans in timeline.estimates.items():
         points = np.concatenate([np.empty((0, 2)), *(estimate.points_m for estimate in scans)])
-        many = len(points) > _MAX_OUTLINED  # a raster has no ink of the page's, and keeps the page small
+        many = len(points) > _MAX_OUTLINED  # A raster keeps the page small.
         edge = KINDS[kind] if many else INK
         look: dict[str, Any] = {"facecolors": KINDS[kind] + "55", "edgecolors": edge, "rasterized": many}
-        area = (24 if kind == "agents" else 12) * size**2  # targets are slow: their circles overlap
+        area = (24 if kind == "agents" else 12) * size**2  # Targets are slow: their circles overlap.
         dots(axes, points, s=area, linewidths=0.6 * size, zorder=4, **look)
         entries.append(
-            _sample(f"{kind}: {len(points)} estimates", marker="o", ms=6, mfc=KINDS[kind] + "55", mec=INK)
+            sample(f"{kind}: {len(points)} estimates", marker="o", ms=6, mfc=KINDS[kind] + "55", mec=INK)
         )
     word = "clutter" if timeline.has_truth else "detections"
     share = "" if every == 1 else f", one of {every} shown"
-    entries.append(_sample(f"{word}{share}", marker="^", ms=6, color=CLUTTER, alpha=0.6, mew=0))
+    entries.append(sample(f"{word}{share}", marker="^", ms=6, color=CLUTTER, alpha=0.6, mew=0))
     _legend(figure, entries + _ground_entries(ground is not None))
     return figure
 
 
-def most_shown(timeline: Timeline) -> int:
+def _agent_count(timeline: Timeline) -> int:
     """Return the number of agents, to choose sizes."""
     seen = max((len(estimate.points_m) for estimate in timeline.estimates["agents"]), default=0)
     return max(len(timeline.paths["agents"]), seen)
@@ -146,37 +148,30 @@ def truth_until(axes: Axes, timeline: Timeline, until_s: float) -> None:
     size = size_for(len(timeline.paths["agents"]))
     agent_colours = colours(timeline.paths["agents"])
     ends: list[FloatArray] = []
-    for kind, paths in reversed(timeline.paths.items()):  # agents last, above all
+    for kind, paths in reversed(timeline.paths.items()):  # Agents last, on top.
         shown = {n: path.until(until_s) for n, path in paths.items()}
         shown = {n: path for n, path in shown.items() if len(path.t_s)}
         for number, path in shown.items():
             colour = agent_colours[number] if kind == "agents" else TARGETS
             width = (2.3 if kind == "agents" else 1.6) * size
-            axes.plot(*thin(path.points_m).T, color=colour, lw=width, zorder=5, solid_capstyle="round")
+            axes.plot(*_thin(path.points_m).T, color=colour, lw=width, zorder=5, solid_capstyle="round")
             text = str(number) if kind == "agents" else f"target {number}"
-            name(axes, text, path.points_m[0 if kind == "agents" else -1], shown, colour)
+            _name(axes, text, path.points_m[0 if kind == "agents" else -1], shown, colour)
         starts = np.reshape([path.points_m[0] for path in shown.values()], (-1, 2))
         dots(axes, starts, s=58 * size**2, facecolors="none", edgecolors=RED, linewidths=1.9 * size, zorder=8)
         ends += [path.points_m[-1] for path in shown.values() if not path.dies]
         deaths = np.reshape([path.points_m[-1] for path in shown.values() if path.dies], (-1, 2))
         dots(axes, deaths, marker="X", s=140 * size, color=INK, edgecolors="white", linewidths=1.2, zorder=9)
-    dots(
-        axes,
-        np.reshape(ends, (-1, 2)),
-        marker="x",
-        s=60 * size**2,
-        color=RED,
-        linewidths=2.2 * size,
-        zorder=8,
-    )
+    end_points = np.reshape(ends, (-1, 2))
+    dots(axes, end_points, marker="x", s=60 * size**2, color=RED, linewidths=2.2 * size, zorder=8)
 
 
 def draw_some_estimates(axes: Axes, timeline: Timeline, until_s: float) -> None:
     """Draw a thinned set of estimates."""
-    size = size_for(most_shown(timeline))
+    size = size_for(_agent_count(timeline))
     for kind, scans in timeline.estimates.items():
         if not timeline.has_truth and kind == "agents":
-            continue  # drawn as lines
+            continue  # Drawn as lines.
         some = scans[:: max(1, len(scans) // (36 if kind == "agents" else 16))]
         few = np.concatenate([np.empty((0, 2)), *(e.points_m for e in some if e.t_s <= until_s)])
         dots(
@@ -190,17 +185,17 @@ def _reported_until(axes: Axes, timeline: Timeline, flights: Mapping[int, Flight
     for vehicle, flight in flights.items():
         points = flight.points_m[flight.t_s <= until_s]
         if len(points):
-            axes.plot(*thin(points).T, color=flown[vehicle], lw=2.0 * size, zorder=4)
-            name(axes, str(vehicle), points[0], flights, flown[vehicle])
+            axes.plot(*_thin(points).T, color=flown[vehicle], lw=2.0 * size, zorder=4)
+            _name(axes, str(vehicle), points[0], flights, flown[vehicle])
             dots(
                 axes, points[:1], s=58 * size**2, facecolors="none", edgecolors=RED, linewidths=1.9, zorder=8
             )
             dots(axes, points[-1:], marker="x", s=60 * size**2, color=RED, linewidths=2.2 * size, zorder=8)
-    for path in track_lines(timeline, "agents", until_s).values():
-        axes.plot(*thin(path).T, color=INK, lw=0.9 * size, zorder=6)
+    for path in _track_lines(timeline, "agents", until_s).values():
+        axes.plot(*_thin(path).T, color=INK, lw=0.9 * size, zorder=6)
 
 
-def track_lines(timeline: Timeline, kind: Kind, until_s: float) -> dict[Label, FloatArray]:
+def _track_lines(timeline: Timeline, kind: Kind, until_s: float) -> dict[Label, FloatArray]:
     """Return (n, 2) positions of each label with at least two estimates."""
     found: dict[Label, list[FloatArray]] = {}
     for estimate in timeline.estimates[kind]:
@@ -210,42 +205,31 @@ def track_lines(timeline: Timeline, kind: Kind, until_s: float) -> dict[Label, F
     return {label: np.array(points) for label, points in sorted(found.items()) if len(points) > 1}
 
 
-def thin(points_m: FloatArray) -> FloatArray:
+def _thin(points_m: FloatArray) -> FloatArray:
     """Return a line with at most the visible number of points, including its ends."""
     step = -(-len(points_m) // _MOST_POINTS)
     return points_m if step <= 1 else np.vstack([points_m[:-1:step], points_m[-1:]])
 
 
-def name(axes: Axes, text: str, at_m: FloatArray, among: Mapping[Any, object], colour: str) -> None:
+def _name(axes: Axes, text: str, at_m: FloatArray, among: Mapping[Any, object], colour: str) -> None:
     """Write the name of an object next to it, unless there are many."""
-    if len(among) > LABELLED:
-        return
-    axes.annotate(
-        text, (float(at_m[0]), float(at_m[1])), xytext=(9, 7), textcoords="offset points", fontsize=11,
-        fontweight="bold", color=colour, zorder=10,
-        bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.75},
-    )  # fmt: skip
+    if len(among) <= LABELLED:
+        annotate(axes, text, at_m, colour)
 
 
-def draw_obstacles(axes: Axes, obstacles_m: FloatArray, cell_m: float, alpha: float = 1.0) -> None:
+def draw_obstacles(axes: Axes, ground: Ground | None, alpha: float = 1.0) -> None:
     """Draw blocked cells as squares."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
 
-    half = cell_m / 2.0
-    cells = [Rectangle((x - half, y - half), cell_m, cell_m) for x, y in obstacles_m]
-    look: dict[str, Any] = {
-        "facecolor": INK,
-        "edgecolor": INK,
-        "linewidth": 0.3 if alpha == 1.0 else 0.0,
-        "alpha": alpha,
-    }
-    axes.add_collection(PatchCollection(cells, zorder=1, **look))
-
-
-def _obstacles(axes: Axes, ground: Ground | None, alpha: float = 1.0) -> None:
-    if ground is not None and len(ground.obstacles_m):
-        draw_obstacles(axes, ground.obstacles_m, ground.cell_m, alpha)
+    if ground is None or not len(ground.obstacles_m):
+        return
+    side = ground.cell_m
+    cells = [Rectangle((x - side / 2.0, y - side / 2.0), side, side) for x, y in ground.obstacles_m]
+    width = 0.3 if alpha == 1.0 else 0.0
+    axes.add_collection(
+        PatchCollection(cells, zorder=1, facecolor=INK, edgecolor=INK, linewidth=width, alpha=alpha)
+    )
 
 
 def _frame(axes: Axes, timeline: Timeline, flights: Mapping[int, Flight]) -> None:
@@ -254,17 +238,11 @@ def _frame(axes: Axes, timeline: Timeline, flights: Mapping[int, Flight]) -> Non
     )
     places = [] if timeline.has_truth else [flight.points_m for flight in flights.values()]
     west, south, east, north = area_of([*places, *corners])
-    half = 0.52 * max(east - west, north - south) + 10.0  # a square, whatever was flown
+    half = 0.52 * max(east - west, north - south) + 10.0  # A square.
     axes.set(xlim=(0.5 * (west + east) - half, 0.5 * (west + east) + half))
     axes.set(ylim=(0.5 * (south + north) - half, 0.5 * (south + north) + half))
     axes.set(xlabel="east, m", ylabel="north, m", aspect="equal")
     tidy(axes)
-
-
-def _sample(label: str, **style: Any) -> Artist:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], label=label, **{"ls": "none", "color": INK, **style})
 
 
 def legend_entries(
@@ -272,18 +250,18 @@ def legend_entries(
 ) -> list[Artist]:
     """Return the legend of a map of the ground truth; `everything` adds routes and clutter."""
     entries = [
-        _sample("agent", ls="-", lw=2.4, color=AGENTS[0]),
-        _sample("target", ls="-", lw=1.6, color=TARGETS),
-        _sample("start", marker="o", ms=7, mfc="none", mec=RED, mew=2),
-        _sample("end" if everything else "position then", marker="x", ms=7, mew=2, color=RED),
+        sample("agent", ls="-", lw=2.4, color=AGENTS[0]),
+        sample("target", ls="-", lw=1.6, color=TARGETS),
+        sample("start", marker="o", ms=7, mfc="none", mec=RED, mew=2),
+        sample("end" if everything else "position then", marker="x", ms=7, mew=2, color=RED),
     ]
     if any(path.dies for path in timeline.paths["agents"].values()):
-        entries.append(_sample("death", marker="X", ms=10, color=INK, mec="white"))
+        entries.append(sample("loss", marker="X", ms=10, color=INK, mec="white"))
     if estimates:
-        entries.append(_sample("estimate", marker="o", ms=4, mfc="white", mew=0.8, mec="black"))
+        entries.append(sample("estimate", marker="o", ms=4, mfc="white", mew=0.8, mec="black"))
     if everything:
-        entries.append(_sample("planned route", ls=(0, (4, 3)), lw=0.8, color=AGENTS[0]))
-        entries.append(_sample("clutter", marker="^", ms=5, color=CLUTTER, alpha=0.5, mew=0))
+        entries.append(sample("planned route", ls=(0, (4, 3)), lw=0.8, color=AGENTS[0]))
+        entries.append(sample("clutter", marker="^", ms=5, color=CLUTTER, alpha=0.5, mew=0))
     return entries + _ground_entries(obstacles)
 
 
@@ -291,19 +269,19 @@ def _report_entries(timeline: Timeline, flights: Mapping[int, Flight], ground: G
     entries = []
     if flights:
         entries = [
-            _sample("reported by a vehicle", ls="-", lw=2.4, color=AGENTS[0]),
-            _sample("first report", marker="o", ms=7, mfc="none", mec=RED, mew=2),
-            _sample("position then", marker="x", ms=7, mew=2, color=RED),
+            sample("reported by a vehicle", ls="-", lw=2.4, color=AGENTS[0]),
+            sample("first report", marker="o", ms=7, mfc="none", mec=RED, mew=2),
+            sample("position then", marker="x", ms=7, mew=2, color=RED),
         ]
     if timeline.estimates["agents"]:
-        entries.append(_sample("track of an agent", ls="-", lw=1.0))
+        entries.append(sample("track of an agent", ls="-", lw=1.0))
     if any(len(estimate.points_m) for estimate in timeline.estimates["targets"]):
-        entries.append(_sample("estimate of a target", marker="o", ms=4, mfc="white", mew=0.8, mec="black"))
+        entries.append(sample("estimate of a target", marker="o", ms=4, mfc="white", mew=0.8, mec="black"))
     return entries + _ground_entries(ground is not None)
 
 
 def _ground_entries(obstacles: bool) -> list[Artist]:
-    return [_sample("obstacle", marker="s", ms=7, color=INK, mec=AXIS)] if obstacles else []
+    return [sample("obstacle", marker="s", ms=7, color=INK, mec=AXIS)] if obstacles else []
 
 
 def _legend(figure: Figure, entries: list[Artist], columns: int = 8) -> None:

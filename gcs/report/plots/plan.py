@@ -12,13 +12,12 @@ import numpy as np
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.vehicle_model import LoiterCircle
+from gcs.report.plots.style import AGENTS, AXIS, INK, RED, annotate, legend_below, sample
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_ROUTES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5cc0", "#8c6d31")
-"""Distinguishable with colour-blind eyes (after Okabe and Ito)."""
-_BLOCKED, _NEAR, _FREE, _INK = "#2d3748", "#e2e8f0", "#ffffff", "#1a202c"
+_BLOCKED, _NEAR, _FREE = "#2d3748", "#e2e8f0", "#ffffff"
 _NAMED = 30
 """Up to this many agents or targets are named."""
 _WIDTH_IN, _TALLEST = 9.0, 2.0
@@ -59,37 +58,39 @@ def draw_plan(drawing: PlanDrawing, path: Path) -> None:
     figure = Figure(figsize=(_WIDTH_IN, height_in + 0.9), dpi=130, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    axes.set_title(drawing.title, loc="left", fontsize=12, fontweight="bold", color=_INK)
+    axes.set_title(drawing.title, loc="left", fontsize=12, fontweight="bold", color=INK)
     _draw_map(axes, drawing)
     few = max(len(drawing.starts), len(drawing.targets)) <= _NAMED
     size = 1.0 if few else 0.6
     for order, (agent, points) in enumerate(sorted(drawing.routes.items())):
-        colour, line = _ROUTES[order % len(_ROUTES)], np.array(points)
+        colour, line = AGENTS[order % len(AGENTS)], np.array(points)
         axes.plot(*line.T, color=colour, lw=2.0 * size, solid_joinstyle="round", zorder=3)
         axes.plot(*line[1:-1].T, ls="none", marker="o", ms=3.5 * size, mfc="white", mec=colour, zorder=4)
         if agent in drawing.circles:
-            axes.plot(*_round(drawing.circles[agent]).T, color=colour, lw=1.2 * size, ls="--", zorder=3)
+            axes.plot(
+                *_circle_points(drawing.circles[agent]).T, color=colour, lw=1.2 * size, ls="--", zorder=3
+            )
         if agent in drawing.homes:
             home = np.array(drawing.homes[agent])
             axes.plot(*home.T, color=colour, lw=1.4 * size, ls=(0, (4, 1.5)), zorder=3)
             axes.plot(*home[1:-1].T, ls="none", marker="o", ms=2.5 * size, mfc="white", mec=colour, zorder=4)
         if few:
-            _name(axes, str(agent), line[0], colour)
+            annotate(axes, str(agent), line[0], colour)
     for agent, place in drawing.starts.items():
         if few and agent not in drawing.routes:
-            _name(axes, str(agent), place, _INK)
+            annotate(axes, str(agent), place, INK)
     starts, targets = (np.reshape(list(p.values()), (-1, 2)) for p in (drawing.starts, drawing.targets))
     style: dict[str, Any] = {"zorder": 5, "linewidths": 2.0 * size, "s": 70 * size}
-    axes.scatter(starts[:, 0], starts[:, 1], facecolors="white", edgecolors="#d7191c", **style)
-    axes.scatter(targets[:, 0], targets[:, 1], marker="x", color=_INK, **style)
+    axes.scatter(starts[:, 0], starts[:, 1], facecolors="white", edgecolors=RED, **style)
+    axes.scatter(targets[:, 0], targets[:, 1], marker="x", color=INK, **style)
     if few:
         for number, place in drawing.targets.items():
-            _name(axes, f"target {number}", place, _INK)
+            annotate(axes, f"target {number}", place, INK)
     _draw_legend(axes, drawing)
     figure.savefig(path)
 
 
-def _round(circle: LoiterCircle) -> FloatArray:
+def _circle_points(circle: LoiterCircle) -> FloatArray:
     angle = np.linspace(0.0, 2.0 * np.pi, 73)
     return circle.centre_m + circle.radius_m * np.column_stack((np.sin(angle), np.cos(angle)))
 
@@ -114,42 +115,24 @@ def _draw_map(axes: Axes, drawing: PlanDrawing) -> None:
     )
     if drawing.y_down:
         axes.invert_yaxis()
-    axes.set(
-        xlabel="x, cells" if drawing.y_down else "east, m",
-        ylabel="y, cells" if drawing.y_down else "north, m",
-    )
-    axes.tick_params(labelsize=9, color="#a0aec0")
+    x, y = ("x, cells", "y, cells") if drawing.y_down else ("east, m", "north, m")
+    axes.set(xlabel=x, ylabel=y)
+    axes.tick_params(labelsize=9, color=AXIS)
     for spine in axes.spines.values():
-        spine.set_color("#a0aec0")
+        spine.set_color(AXIS)
 
 
 def _draw_legend(axes: Axes, drawing: PlanDrawing) -> None:
-    from matplotlib.lines import Line2D
-
-    def sample(name: str, **style: Any) -> Line2D:
-        return Line2D([], [], label=name, **{"ls": "none", "color": _INK, **style})
-
     entries = [
-        sample("agent", marker="o", ms=8, mfc="white", mec="#d7191c", mew=2),
+        sample("agent", marker="o", ms=8, mfc="white", mec=RED, mew=2),
         sample("target", marker="x", ms=8, mew=2),
-        sample("route, corners", ls="-", lw=2, color=_ROUTES[0], marker="o", ms=4, mfc="white"),
+        sample("route, corners", ls="-", lw=2, color=AGENTS[0], marker="o", ms=4, mfc="white"),
         sample("obstacle", marker="s", ms=8, color=_BLOCKED),
     ]
     if drawing.circles:
-        entries.append(sample("waits", ls="--", lw=1.2, color=_ROUTES[0]))
+        entries.append(sample("loiter circle", ls="--", lw=1.2, color=AGENTS[0]))
     if drawing.homes:
-        entries.append(sample("return route", ls=(0, (4, 1.5)), lw=1.4, color=_ROUTES[0]))
+        entries.append(sample("return route", ls=(0, (4, 1.5)), lw=1.4, color=AGENTS[0]))
     if (drawing.inflated.blocked & ~drawing.grid.blocked).any():
         entries.append(sample("nearer than the clearance", marker="s", ms=8, color=_NEAR))
-    axes.legend(
-        handles=entries, loc="upper center", bbox_to_anchor=(0.5, -0.07), ncol=len(entries), frameon=False,
-        fontsize=9, handletextpad=0.4, columnspacing=1.4,
-    )  # fmt: skip
-
-
-def _name(axes: Axes, text: str, place: Sequence[float] | np.ndarray[Any, Any], colour: str) -> None:
-    axes.annotate(
-        text, (float(place[0]), float(place[1])), xytext=(8, 6), textcoords="offset points", fontsize=10,
-        fontweight="bold", color=colour, zorder=6,
-        bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.8},
-    )  # fmt: skip
+    legend_below(axes, entries, 0.07)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from gcs.model import Cause, FloatArray, Kind
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -95,12 +96,12 @@ def dots(axes: Axes, points_m: FloatArray, **style: Any) -> None:
 
 
 def heading(axes: Axes, text: str) -> None:
-    """Write what the axes show, with its unit, above them."""
+    """Write the title of axes, with the unit."""
     axes.set_title(text, loc="left", fontsize=10, color=INK, pad=4)
 
 
 def tidy(axes: Axes) -> None:
-    """Lighten axes."""
+    """Draw light axes with a grid."""
     axes.grid(visible=True, color=GRID, lw=0.7)
     axes.set_axisbelow(True)
     axes.patch.set_alpha(0.0)
@@ -110,11 +111,35 @@ def tidy(axes: Axes) -> None:
         spine.set_visible(side in ("left", "bottom"))
 
 
+def annotate(axes: Axes, text: str, at_m: Sequence[float] | FloatArray, colour: str) -> None:
+    """Write the name of an object next to it."""
+    axes.annotate(
+        text, (float(at_m[0]), float(at_m[1])), xytext=(9, 7), textcoords="offset points", fontsize=11,
+        fontweight="bold", color=colour, zorder=10,
+        bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.75},
+    )  # fmt: skip
+
+
+def sample(label: str, **style: Any) -> Artist:
+    """Return an entry of a legend."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], label=label, **{"ls": "none", "color": INK, **style})
+
+
 def say(axes: Axes, text: str) -> None:
-    """Write into empty axes why they are empty."""
+    """Write into empty axes the reason."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=TARGETS)
 
 
 def legend(axes: Axes, **options: Any) -> None:
     """Draw a legend without a box."""
     axes.legend(**{"frameon": False, "fontsize": 9, "handletextpad": 0.5, "columnspacing": 1.3, **options})
+
+
+def legend_below(axes: Axes, handles: Sequence[Artist], offset: float) -> None:
+    """Draw a legend in one row below axes; the offset is a fraction of their height."""
+    legend(
+        axes, handles=handles, loc="upper center", bbox_to_anchor=(0.5, -offset), ncol=len(handles),
+        borderaxespad=0.0,
+    )  # fmt: skip

@@ -14,18 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.model import FloatArray, Label
+from gcs.report.plots.style import AGENTS, CLUTTER, INK, heading, legend, legend_below, sample, say, tidy
 from gcs.tracking.metrics import Tracks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.gridspec import GridSpec
 
-_COLOURS = (
-    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5cc0", "#8c6d31", "#1b9e9e",
-    "#b03060", "#5a8f29", "#3b4cc0",
-)  # fmt: skip
-"""Distinguishable with colour-blind eyes (after Okabe and Ito); repeated for further labels."""
-_INK, _PALE, _GRID, _CLUTTER = "#1a202c", "#a0aec0", "#e8edf3", "#b4becc"
 _MAX_DETECTIONS = 20_000
 """More would be a grey area and a large file."""
 
@@ -58,24 +53,24 @@ def draw_tracking(drawing: TrackingDrawing, out: Path) -> None:
 
     figure = Figure(figsize=(15.0, 9.0), dpi=130, facecolor="white")
     FigureCanvasAgg(figure)
-    figure.suptitle(drawing.title, x=0.05, ha="left", fontsize=15, fontweight="bold", color=_INK)
+    figure.suptitle(drawing.title, x=0.05, ha="left", fontsize=15, fontweight="bold", color=INK)
     grid = figure.add_gridspec(
         4, 2, width_ratios=(1.25, 1.0), left=0.05, right=0.985, top=0.915, bottom=0.105, wspace=0.12,
         hspace=0.26,
     )  # fmt: skip
     found, true = _paths(drawing.found), _paths(drawing.true)
-    colour = {label: _COLOURS[n % len(_COLOURS)] for n, label in enumerate(sorted(found))}
+    colour = {label: AGENTS[n % len(AGENTS)] for n, label in enumerate(sorted(found))}
     some = slice(None, None, max(1, -(-len(drawing.detections_m) // _MAX_DETECTIONS)))
     clutter = np.column_stack([drawing.detections_k, drawing.detections_m])[some]
     _draw_place(figure.add_subplot(grid[:, 0]), clutter, found, true, colour)
     charts = _charts(figure, grid)
     for column, (axes, name) in enumerate(zip(charts[:2], ("x, m", "y, m"), strict=True), 1):
-        axes.plot(clutter[:, 0], clutter[:, column], ".", ms=1.8, color=_CLUTTER, alpha=0.6, mew=0, zorder=1)
+        axes.plot(clutter[:, 0], clutter[:, column], ".", ms=1.8, color=CLUTTER, alpha=0.6, mew=0, zorder=1)
         for path in true.values():
             axes.plot(path[:, 0], path[:, column], color="black", lw=0.7, zorder=4)
         for label, path in found.items():
             axes.plot(path[:, 0], path[:, column], color=colour[label], lw=1.9, alpha=0.85, zorder=3)
-        _heading(axes, name)
+        heading(axes, name)
     _draw_ospa(charts[2], drawing.ospa_m)
     _draw_numbers(charts[3], drawing)
     scans = sorted(drawing.found) or [0]
@@ -99,9 +94,9 @@ def _charts(figure: Any, grid: GridSpec) -> list[Axes]:
     charts: list[Axes] = []
     for row in range(4):
         charts.append(figure.add_subplot(grid[row, 1], sharex=charts[0] if charts else None))
-        _tidy(charts[-1])
+        tidy(charts[-1])
         charts[-1].tick_params(labelbottom=row == 3)
-    charts[3].set_xlabel("scan", fontsize=10, color=_INK)
+    charts[3].set_xlabel("scan", fontsize=10, color=INK)
     return charts
 
 
@@ -112,9 +107,7 @@ def _draw_place(
     true: Mapping[object, FloatArray],
     colour: Mapping[Label, str],
 ) -> None:
-    from matplotlib.lines import Line2D
-
-    axes.plot(clutter[:, 1], clutter[:, 2], ".", ms=2.6, color=_CLUTTER, alpha=0.6, mew=0, zorder=1)
+    axes.plot(clutter[:, 1], clutter[:, 2], ".", ms=2.6, color=CLUTTER, alpha=0.6, mew=0, zorder=1)
     for label, path in found.items():
         style: dict[str, Any] = {"color": colour[label], "zorder": 5, "ls": "none"}
         axes.plot(path[:, 1], path[:, 2], color=colour[label], lw=2.6, alpha=0.85, zorder=3)
@@ -123,40 +116,36 @@ def _draw_place(
     for path in true.values():
         axes.plot(path[:, 1], path[:, 2], color="black", lw=0.8, zorder=4)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x, m", fontsize=10, color=_INK)
-    axes.set_ylabel("y, m", fontsize=10, color=_INK)
-    _tidy(axes)
-    mark: dict[str, Any] = {"color": _COLOURS[0], "ls": "none", "ms": 8}
+    axes.set_xlabel("x, m", fontsize=10, color=INK)
+    axes.set_ylabel("y, m", fontsize=10, color=INK)
+    tidy(axes)
     handles = [
-        Line2D([], [], color=_COLOURS[0], lw=2.6, label="track"),
-        Line2D([], [], marker="o", mfc="white", mew=2.0, label="its first scan", **mark),
-        Line2D([], [], marker="x", mew=2.2, label="its last", **mark),
-        Line2D([], [], color=_CLUTTER, marker=".", ms=6, ls="none", label="detection"),
+        sample("track", color=AGENTS[0], ls="-", lw=2.6),
+        sample("its first scan", color=AGENTS[0], marker="o", ms=8, mfc="white", mew=2.0),
+        sample("its last", color=AGENTS[0], marker="x", ms=8, mew=2.2),
+        sample("detection", color=CLUTTER, marker=".", ms=6),
     ]
     if true:
-        handles.insert(0, Line2D([], [], color="black", lw=0.8, label="ground truth"))
-    axes.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.055), ncol=len(handles), frameon=False,
-        fontsize=10, handletextpad=0.5, columnspacing=1.6,
-    )  # fmt: skip
+        handles.insert(0, sample("ground truth", color="black", ls="-", lw=0.8))
+    legend_below(axes, handles, 0.055)
 
 
 def _draw_ospa(axes: Axes, ospa_m: Mapping[int, float]) -> None:
-    _heading(axes, "OSPA (c = 100 m, p = 1), m")
+    heading(axes, "OSPA (c = 100 m, p = 1), m")
     if not ospa_m:
-        axes.text(0.5, 0.45, "no ground truth", transform=axes.transAxes, ha="center", color=_PALE)
+        say(axes, "no ground truth")
         return
     scans, values = list(ospa_m), np.array(list(ospa_m.values()))
-    axes.fill_between(scans, values, color=_COLOURS[0], alpha=0.14, lw=0)
-    axes.plot(scans, values, color=_COLOURS[0], lw=1.4)
-    axes.axhline(float(values.mean()), color=_COLOURS[0], lw=0.9, ls=(0, (4, 3)))
+    axes.fill_between(scans, values, color=AGENTS[0], alpha=0.14, lw=0)
+    axes.plot(scans, values, color=AGENTS[0], lw=1.4)
+    axes.axhline(float(values.mean()), color=AGENTS[0], lw=0.9, ls=(0, (4, 3)))
     axes.set_ylim(0.0, max(10.0, 1.1 * float(values.max())))
 
 
 def _draw_numbers(axes: Axes, drawing: TrackingDrawing) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    _heading(axes, "number of objects")
+    heading(axes, "number of objects")
     counts = {k: len(tracks) for k, tracks in drawing.true.items()}
     if counts:
         scans = sorted(counts)
@@ -165,21 +154,8 @@ def _draw_numbers(axes: Axes, drawing: TrackingDrawing) -> None:
     estimated = [len(drawing.found[k]) for k in scans]
     few = len(scans) <= 300
     axes.plot(
-        scans, estimated, "." if few else "-", ms=4.5, lw=1.0, color=_COLOURS[1], label="estimated", zorder=3
+        scans, estimated, "." if few else "-", ms=4.5, lw=1.0, color=AGENTS[1], label="estimated", zorder=3
     )
     axes.set_ylim(0.0, max([1, *counts.values(), *estimated]) + 1.0)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
-    axes.legend(loc="lower right", ncol=2, frameon=False, fontsize=9)
-
-
-def _heading(axes: Axes, text: str) -> None:
-    axes.set_title(text, loc="left", fontsize=10, color=_INK, pad=4)
-
-
-def _tidy(axes: Axes) -> None:
-    axes.grid(visible=True, color=_GRID, lw=0.7)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=9, color=_PALE, labelcolor="#4a5568")
-    for side, spine in axes.spines.items():
-        spine.set_color(_PALE)
-        spine.set_visible(side in ("left", "bottom"))
+    legend(axes, loc="lower right", ncol=2)

@@ -220,9 +220,9 @@ class Evaluator:
     def final_statuses(self) -> dict[int, AgentStatus]:
         """Return the last status of each agent; "arrived" is final."""
         final = {vehicle: AgentStatus(0, vehicle, "active") for vehicle in self._agents}
-        for fate in self._statuses:
-            if fate.vehicle in final and final[fate.vehicle].status != "arrived":
-                final[fate.vehicle] = fate
+        for change in self._statuses:
+            if change.vehicle in final and final[change.vehicle].status != "arrived":
+                final[change.vehicle] = change
         return final
 
     def summary(
@@ -267,7 +267,7 @@ class Evaluator:
     def _problems(self, statuses: dict[int, AgentStatus], reached: dict[int, int]) -> list[str]:
         """Return what contradicts "complete", as texts."""
         spare = () if self._ended is None else self._ended.surplus
-        flying = [v for v, fate in statuses.items() if fate.status == "active" and v not in spare]
+        flying = [v for v, change in statuses.items() if change.status == "active" and v not in spare]
         problems = []
         if self._ended is None:
             problems.append(
@@ -277,20 +277,20 @@ class Evaluator:
             problems.append(f"the mission ended with {_names(flying)} still flying")
         if not self._ground_truth.times_ns:
             return [*problems, "there is no ground truth"]
-        for vehicle, fate in statuses.items():
-            if fate.status == "arrived" and vehicle not in reached:
-                problems.append(self._why_not_arrived(vehicle, fate, reached))
+        for vehicle, change in statuses.items():
+            if change.status == "arrived" and vehicle not in reached:
+                problems.append(self._why_not_arrived(vehicle, change, reached))
         alive = {thing.id for thing in self._last_truth() if thing.kind == "agents" and thing.alive}
-        lost = [vehicle for vehicle, fate in statuses.items() if fate.status == "lost" and vehicle in alive]
+        lost = [v for v, change in statuses.items() if change.status == "lost" and v in alive]
         if lost:
-            problems.append(f"{_names(lost)} called dead but alive")
-        if statuses and not problems and all(fate.status == "lost" for fate in statuses.values()):
+            problems.append(f"{_names(lost)} called lost but alive")
+        if statuses and not problems and all(change.status == "lost" for change in statuses.values()):
             problems.append("failed: all agents were lost")
         return problems
 
     def _reached_targets(self, statuses: dict[int, AgentStatus]) -> dict[int, int]:
         """Return the true target of each agent whose arrival the ground truth confirms."""
-        arrived = [vehicle for vehicle, fate in statuses.items() if fate.status == "arrived"]
+        arrived = [vehicle for vehicle, change in statuses.items() if change.status == "arrived"]
         targets = [target for target in sorted(self._ground_truth.targets()) for _ in range(self._per_target)]
         if not arrived or not targets:
             return {}
@@ -317,8 +317,8 @@ class Evaluator:
                 }
         return {}
 
-    def _why_not_arrived(self, vehicle: int, fate: AgentStatus, reached: dict[int, int]) -> str:
-        distances = self._target_distances(vehicle, fate.t_ns)
+    def _why_not_arrived(self, vehicle: int, change: AgentStatus, reached: dict[int, int]) -> str:
+        distances = self._target_distances(vehicle, change.t_ns)
         if not distances:
             return f"agent {vehicle} called arrived but dead, or without any target"
         target = min(distances, key=lambda one: distances[one])
@@ -335,21 +335,19 @@ class Evaluator:
             if final.status == "arrived" and final.t_ns <= died_t_ns:
                 continue
             deaths += 1
-            called = [
-                fate.t_ns for fate in self._statuses if fate.vehicle == vehicle and fate.status == "lost"
-            ]
-            later = [t_ns for t_ns in called if t_ns >= died_t_ns]
-            if later:
-                delays.append((later[0] - died_t_ns) / NS_PER_S)
+            of_vehicle = (change for change in self._statuses if change.vehicle == vehicle)
+            detected_t_ns = [c.t_ns for c in of_vehicle if c.status == "lost" and c.t_ns >= died_t_ns]
+            if detected_t_ns:
+                delays.append((detected_t_ns[0] - died_t_ns) / NS_PER_S)
             elif final.status == "lost":
-                delays.append(0.0)  # called dead just before it was
+                delays.append(0.0)  # Detected shortly before the loss.
         return tuple(delays), deaths
 
     def _false_deaths(self) -> int:
         count = 0
-        for fate in self._statuses:
-            alive = {t.id for t in self._ground_truth.at(fate.t_ns) if t.kind == "agents" and t.alive}
-            count += fate.status == "lost" and fate.vehicle in alive
+        for change in self._statuses:
+            alive = {t.id for t in self._ground_truth.at(change.t_ns) if t.kind == "agents" and t.alive}
+            count += change.status == "lost" and change.vehicle in alive
         return count
 
     def _last_truth(self) -> tuple[TruthObject, ...]:
@@ -373,7 +371,7 @@ def _names(vehicles: Sequence[int]) -> str:
 
 
 def _success(statuses: dict[int, AgentStatus], reached: dict[int, int]) -> str:
-    dead = [vehicle for vehicle, fate in statuses.items() if fate.status == "lost"]
+    dead = [vehicle for vehicle, change in statuses.items() if change.status == "lost"]
     distinct = " distinct" if len(set(reached.values())) == len(reached) else ""
     text = f"{len(reached)} of {len(statuses)} agents arrived at{distinct} targets"
     return f"{text}, {_names(dead)} lost" if dead else text

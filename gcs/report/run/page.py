@@ -66,24 +66,23 @@ def run_page(material: Material, folder: Path) -> Path:
         *([_flights(material, folder)] if material.flights else []),
         _link(material),
     ]
+    evaluated = _evaluated(material)
+    version = material.versions.get("swarm-gcs")
     page = Page(
-        title=_title(material),
+        title=material.name if material.seed is None else f"{material.name}, seed {material.seed}",
         subtitle=_subtitle(material),
-        badge=_badge(material),
-        good=_good(material),
-        lead=_lead(material),
+        badge="no ground truth" if evaluated is None else evaluated.outcome,
+        good=None if evaluated is None else evaluated.outcome == "complete",
+        lead="" if evaluated is None else f"{evaluated.reason[0].upper()}{evaluated.reason[1:]}.",
         remarks=material.remarks,
         facts=tuple(_facts(material)),
         sections=tuple(sections),
-        footer=_footer(material),
+        footer=f"Made by gcs report from {material.file}"
+        + (f", recorded with swarm-gcs {version}." if version else "."),
     )
     path = folder / PAGE_NAME
     save_page(page, path)
     return path
-
-
-def _title(material: Material) -> str:
-    return material.name if material.seed is None else f"{material.name}, seed {material.seed}"
 
 
 def _subtitle(material: Material) -> str:
@@ -95,22 +94,8 @@ def _subtitle(material: Material) -> str:
 
 
 def _evaluated(material: Material) -> Summary | None:
+    """Return the summary of a run with ground truth."""
     return material.summary if material.timeline.has_truth else None
-
-
-def _badge(material: Material) -> str:
-    summary = _evaluated(material)
-    return "no ground truth" if summary is None else summary.outcome
-
-
-def _good(material: Material) -> bool | None:
-    summary = _evaluated(material)
-    return None if summary is None else summary.outcome == "complete"
-
-
-def _lead(material: Material) -> str:
-    summary = _evaluated(material)
-    return "" if summary is None else f"{summary.reason[0].upper()}{summary.reason[1:]}."
 
 
 def _facts(material: Material) -> list[Fact]:
@@ -159,16 +144,15 @@ def _deaths(summary: Summary) -> Fact:
 def _map(material: Material, folder: Path) -> Section:
     timeline = material.timeline
     figure = truth_figure(timeline, material.ground, material.flights)
-    what = "Ground truth and tracks" if timeline.has_truth else "Telemetry and tracks"
+    title = "Ground truth and tracks" if timeline.has_truth else "Telemetry and tracks"
     if not material.has_tracks:
-        what = "Telemetry"
+        title = "Telemetry"
     over = " over the obstacles" if material.ground is not None else ""
-    caption = f"{what}{over}, at half time and at the end of the run."
+    caption = f"{title}{over}, at half time and at the end of the run."
     if material.has_tracks:
         caption += " Only some estimates are drawn."
-    return Section(
-        f"{what} at half time and at the end", "", (save_figure(figure, folder, "truth", caption),)
-    )
+    picture = save_figure(figure, folder, "truth", caption)
+    return Section(f"{title} at half time and at the end", "", (picture,))
 
 
 def _trackers(material: Material, folder: Path) -> Section:
@@ -227,10 +211,3 @@ def _link(material: Material) -> Section:
     if material.versions:
         rows.append(tables.versions(material.versions))
     return Section("Link and versions", "", (), tuple(rows), folded=True)
-
-
-def _footer(material: Material) -> str:
-    version = material.versions.get("swarm-gcs")
-    return f"Made by gcs report from {material.file}" + (
-        f", recorded with swarm-gcs {version}." if version else "."
-    )

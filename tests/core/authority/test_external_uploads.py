@@ -36,7 +36,7 @@ access = "full"
 
 
 class Stage:
-    """A fold, a vehicle that is heard, and a guest."""
+    """A fold, a vehicle that is heard, and another ground station."""
 
     def __init__(self) -> None:
         self.command, self.t_ns = Engine(parse(MISSION, "x"), 1), S
@@ -69,7 +69,7 @@ def notices(effects) -> list[tuple[str, int | None, str]]:
     return [(e.level, e.vehicle, e.text) for e in effects if isinstance(e, Notice)]
 
 
-def test_a_vehicle_that_a_guest_gave_a_mission_is_theirs_until_it_is_ordered_to_resume(stage):
+def test_a_vehicle_that_another_station_gave_a_mission_is_theirs_until_it_is_ordered_to_resume(stage):
     ((level, vehicle, text),) = notices(stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0)))
     assert (level, vehicle) == ("alarm", 1)
     assert "system 254/190 at 10.0.0.5:50" in text
@@ -100,7 +100,7 @@ def test_a_fence_and_a_download_take_nobody_over(stage):
     assert not any("mission of" in why for why in stage.command.untaskable().values())
 
 
-def test_what_a_guest_orders_is_told_once_in_a_while_and_questions_are_not(stage):
+def test_orders_of_another_station_are_noticed_once_in_a_while_and_requests_are_not(stage):
     arm = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
     ask = dialect.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0)
     ((level, vehicle, text),) = notices(stage.say(SEAT, arm))
@@ -112,7 +112,7 @@ def test_what_a_guest_orders_is_told_once_in_a_while_and_questions_are_not(stage
     assert stage.say(SEAT, arm)
 
 
-def test_garbage_from_a_guest_is_nothing(stage):
+def test_garbage_from_another_station_is_nothing(stage):
     assert stage.step(Datagram(S, SEAT, PEER, b"\xfd\xfe" * 300)) == []
 
 

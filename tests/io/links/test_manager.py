@@ -145,7 +145,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
     run(scenario())
 
 
-def test_a_guest_sees_vehicles_and_targets_and_its_word_reaches_one_vehicle():
+def test_another_station_sees_vehicles_and_targets_and_its_word_reaches_one_vehicle():
     async def scenario() -> None:
         handler = RecordingHandler(S)
         links = opened(

@@ -129,12 +129,12 @@ def vehicle(key: bytes | None, *, airborne: bool = True) -> SimVehicle:
 
 def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_path):
     link = Link(parse_endpoint("udpin:127.0.0.1:0"))
-    guests = Link(parse_endpoint("udpin:localhost:0"), role="full")
+    stations = Link(parse_endpoint("udpin:localhost:0"), role="full")
 
     async def scenario() -> None:
         loop, handler, plane = asyncio.get_running_loop(), RecordingHandler(NOW), vehicle(KEY)
         links = Links(
-            [link, guests], [1], FRAME, Signing([link, guests], key_file(tmp_path, vehicles={1: KEY}))
+            [link, stations], [1], FRAME, Signing([link, stations], key_file(tmp_path, vehicles={1: KEY}))
         )
         links.start(loop, handler)
         to = ("127.0.0.1", links.ports()[link.name])
@@ -160,7 +160,7 @@ def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_p
             assert f"system 1/1 at 127.0.0.1:{foe.getsockname()[1]}" in handler.news[-1][2]
             # A ground station without a key commands it through central command, which signs.
             request = dialect.MAVLink_command_long_message(1, 1, 20, 0, 0, 0, 0, 0, 0, 0, 0)
-            station.sendto(Encoder(254, 190)(request), ("127.0.0.1", links.ports()[guests.name]))
+            station.sendto(Encoder(254, 190)(request), ("127.0.0.1", links.ports()[stations.name]))
             data = await asyncio.wait_for(loop.sock_recv(radio, 2000), 5.0)
             assert peer == f"127.0.0.1:{radio.getsockname()[1]}"
             plane.receive_datagram(data, NOW)

@@ -31,7 +31,7 @@ S = 1_000_000_000
 NOW = 1_767_225_600 * S
 KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
 VEHICLES = Link(parse_endpoint("udpin:0.0.0.0:14550"))
-GUESTS = Link(parse_endpoint("udpin:0.0.0.0:14560"), role="full")
+STATIONS = Link(parse_endpoint("udpin:0.0.0.0:14560"), role="full")
 HERE = (VEHICLES.name, "10.0.0.1:5000")
 
 
@@ -59,7 +59,7 @@ class Peer:
 
 
 def gate(keys=None, **state):
-    return SigningGate(keys or Keys(default=KEY), [VEHICLES, GUESTS], **state)
+    return SigningGate(keys or Keys(default=KEY), [VEHICLES, STATIONS], **state)
 
 
 def rejected(gate, link=VEHICLES):
@@ -189,8 +189,8 @@ def test_a_radios_own_status_needs_no_signature():
 
 def test_a_key_on_its_way_is_let_in_by_no_link_at_all():
     setup = Encoder(255, 190)(dialect.MAVLink_setup_signing_message(1, 1, list(KEY), 5))
-    unkeyed = SigningGate(Keys(), [VEHICLES, GUESTS])
-    for address in (HERE, (GUESTS.name, "10.0.0.2:1")):
+    unkeyed = SigningGate(Keys(), [VEHICLES, STATIONS])
+    for address in (HERE, (STATIONS.name, "10.0.0.2:1")):
         assert unkeyed.accept_frames(NOW, address, setup + Encoder(2, 1)(beat())) == Encoder(2, 1)(beat())
     damaged = setup[:-2] + b"\0\0"
     assert KEY not in unkeyed.accept_frames(NOW, HERE, damaged)
@@ -223,14 +223,14 @@ def test_what_is_for_all_at_an_address_goes_out_with_each_key_heard_there():
 
 
 def test_a_ground_stations_endpoint_has_a_key_only_by_its_name():
-    subject = gate(Keys({}, {GUESTS.name: OTHER}, KEY))
-    guest, station = (GUESTS.name, "10.0.0.7:1"), Peer(254, key=OTHER)
-    assert subject.accept_frames(NOW, guest, Encoder(254, 190)(beat(6))) == b""
-    assert subject.accept_frames(NOW, guest, station.send(beat(6)))
-    assert station.takes(subject.sign_frames(NOW, guest, Peer(1, key=KEY).send())), (
-        "signed anew for the guest"
+    subject = gate(Keys({}, {STATIONS.name: OTHER}, KEY))
+    other, station = (STATIONS.name, "10.0.0.7:1"), Peer(254, key=OTHER)
+    assert subject.accept_frames(NOW, other, Encoder(254, 190)(beat(6))) == b""
+    assert subject.accept_frames(NOW, other, station.send(beat(6)))
+    assert station.takes(subject.sign_frames(NOW, other, Peer(1, key=KEY).send())), (
+        "signed anew for the other ground station"
     )
-    assert gate().accept_frames(NOW, guest, Encoder(254, 190)(beat(6)))
+    assert gate().accept_frames(NOW, other, Encoder(254, 190)(beat(6)))
 
 
 def test_a_frame_of_mavlink_1_never_goes_out_to_a_signed_vehicle():

@@ -55,7 +55,7 @@ def count(target: int, sender: int = 255) -> Frame:
 
 
 class Desk:
-    """Two vehicles on two links, a guest who looks on, one who works, and one on a wire."""
+    """Two vehicles on two links, a read-only ground station, one with full access, and one on a wire."""
 
     vehicle, other = (RADIO, "10.0.0.1:50"), (WIFI, "10.0.0.2:50")
     onlooker, worker = (LOOK, "10.0.0.3:50"), (WORK, "10.0.0.4:50")
@@ -73,7 +73,7 @@ class Desk:
         self.router.route_frame(t_ns, self.worker, beat(255, 190, ground=True))
 
 
-def test_telemetry_goes_to_every_guest_and_to_no_vehicle():
+def test_telemetry_goes_to_every_station_and_to_no_vehicle():
     desk = Desk()
     to = desk.router.route_frame(S, desk.vehicle, attitude(1)).to
     assert set(to) == {desk.onlooker, desk.worker, WIRED}
@@ -86,7 +86,7 @@ def test_a_command_goes_to_its_vehicle_alone_and_the_answer_to_who_asked():
     assert desk.router.route_frame(S, desk.other, ack).to == (desk.worker,)
 
 
-def test_what_answers_central_command_is_for_no_guest():
+def test_answers_to_central_command_go_to_no_other_station():
     desk = Desk()
     ack = frame(dialect.MAVLink_mission_ack_message(*OWN, 0, 0), 1)
     assert desk.router.route_frame(S, desk.vehicle, ack).to == ()
@@ -100,7 +100,7 @@ def test_a_component_that_is_not_known_is_reached_through_its_vehicle():
     assert desk.router.route_frame(S, desk.worker, arm(1, component=154, sequence=1)).to == (gimbal,)
 
 
-def test_a_guest_who_looks_on_may_ask_and_not_tell():
+def test_a_read_only_station_may_request_and_not_command():
     desk = Desk()
 
     def ask(message):
@@ -147,12 +147,12 @@ def test_a_mission_for_all_vehicles_reaches_none():
     assert (routed.to, routed.refusal) == ((), "mission message for all vehicles")
 
 
-def test_a_guest_heartbeat_stays_here():
+def test_the_heartbeat_of_another_station_stays_here():
     desk = Desk()
     assert desk.router.route_frame(S, desk.worker, beat(255, 190, ground=True)).to == ()
 
 
-def test_loops_and_impostors_among_guests_are_kept_out():
+def test_loops_and_impostors_among_stations_are_kept_out():
     desk = Desk()
     assert desk.router.route_frame(S, desk.worker, attitude(1)).to == ()
     assert desk.router.route_frame(S, desk.worker, arm(2, sender=1, sender_component=1)).to == ()
@@ -184,7 +184,7 @@ def test_what_is_for_a_silent_vehicle_goes_nowhere():
     assert (routed.to, routed.refusal) == ((), "for a vehicle that is not heard")
 
 
-def test_silent_guests_are_forgotten_and_wired_ones_are_not():
+def test_silent_stations_are_forgotten_and_wired_ones_are_not():
     desk = Desk()
     assert set(desk.router.clients(9 * S)) == {desk.onlooker, desk.worker, WIRED}
     assert set(desk.router.clients(11 * S)) == {WIRED}
@@ -237,7 +237,7 @@ STEPS = st.lists(
 @settings(max_examples=150, deadline=None)
 @given(STEPS)
 def test_routes_hold_whatever_comes(steps):
-    """Never an echo, never twice, a target's frame at its known place alone, guests never to guests."""
+    """Never an echo, never twice, a target's frame at its known place alone, stations never to stations."""
     bounds = RoutingSettings(max_clients=3, max_ids=2)
     router, t_ns = Router(LINKS, [1, 2], settings=bounds), 0
     roles = {link.name: link.role for link in LINKS}
@@ -267,7 +267,7 @@ def test_routes_hold_whatever_comes(steps):
         if to and not from_vehicles:
             assert sides == {True}
             assert roles[address[0]] == "full"
-        guests = router.clients(t_ns)
+        stations = router.clients(t_ns)
         for link in (LOOK, WORK):
-            assert sum(guest[0] == link for guest in guests) <= 3
-        assert all(len(ids) <= 2 for ids in guests.values())
+            assert sum(station[0] == link for station in stations) <= 3
+        assert all(len(ids) <= 2 for ids in stations.values())

@@ -27,6 +27,7 @@ from gcs.model import (
     read_only,
 )
 from gcs.report.plots.figures import draw_run
+from gcs.report.plots.maps import Ground
 from gcs.report.plots.style import TRIGGERS
 from gcs.report.run.timeline import gather
 
@@ -102,7 +103,7 @@ def test_a_run_is_drawn_with_its_obstacles(tmp_path: Path, agents: int) -> None:
     plain, full = tmp_path / "plain.png", tmp_path / "full.png"
     draw_run(a_run(agents), plain)
     obstacles_m = np.array([[600.0, 600.0], [640.0, 600.0]])
-    draw_run(iter(a_run(agents)), full, obstacles_m=obstacles_m, cell_m=40.0, title="demo, seed 1")
+    draw_run(iter(a_run(agents)), full, Ground(obstacles_m, 40.0), "demo, seed 1")
     image = pixels(full)
     assert image.shape[1] > 1500
     assert image.std() > 0.05

@@ -205,7 +205,7 @@ def test_calling_a_living_agent_dead_is_counted_and_spoils_the_run() -> None:
     evaluator.add_effect(AgentStatus(at(1), 1, "lost"))
     evaluator.add_effect(MissionEnded(at(2), (), (1,)))
     verdict = summary(evaluator)
-    assert verdict.reason == "agent 1 called dead but alive"
+    assert verdict.reason == "agent 1 called lost but alive"
     assert (verdict.false_deaths, verdict.deaths, verdict.death_delays_s) == (1, 0, ())
 
 

@@ -98,18 +98,18 @@ class DeathWatch:
     def ours(self) -> DeathCount:
         """Result of central command."""
         delays, false_deaths, revivals, dead = [], 0, 0, set[int]()
-        for fate in self._statuses:
-            watched = self._agents.get(fate.vehicle)
+        for change in self._statuses:
+            watched = self._agents.get(change.vehicle)
             if watched is None:
                 continue
-            died = watched.died_t_ns is not None and fate.t_ns >= watched.died_t_ns
-            if fate.status == "lost" and not died:
+            died = watched.died_t_ns is not None and change.t_ns >= watched.died_t_ns
+            if change.status == "lost" and not died:
                 false_deaths += 1
-            elif fate.status == "lost" and fate.vehicle not in dead:
+            elif change.status == "lost" and change.vehicle not in dead:
                 assert watched.died_t_ns is not None
-                delays.append((fate.t_ns - watched.died_t_ns) / NS_PER_S)
-                dead.add(fate.vehicle)
-            elif fate.status == "active" and fate.vehicle in dead:
+                delays.append((change.t_ns - watched.died_t_ns) / NS_PER_S)
+                dead.add(change.vehicle)
+            elif change.status == "active" and change.vehicle in dead:
                 revivals += 1
         return DeathCount(tuple(delays), false_deaths, revivals)
 

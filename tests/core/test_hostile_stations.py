@@ -1,4 +1,4 @@
-"""Whatever bytes a guest or a vehicle's link sends, routes and the fold take it without an exception."""
+"""No bytes of another ground station or of a vehicle's link raise an exception in routes or engine."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ HOSTILE = st.lists(st.binary(max_size=50) | FRAMES, max_size=12).map(b"".join)
 
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), HOSTILE), max_size=12))
-def test_no_bytes_make_routes_or_the_watch_over_guests_fail(reads: list[tuple[bool, bytes]]) -> None:
-    router, guests = Router(LINKS, [1, 2]), ExternalUploads(LINKS, [1, 2])
-    for number, (is_guest, data) in enumerate(reads):
-        address = (SEAT if is_guest else AIR, "10.0.0.1:9")
+def test_no_bytes_make_routes_or_the_watch_over_other_stations_fail(reads: list[tuple[bool, bytes]]) -> None:
+    router, stations = Router(LINKS, [1, 2]), ExternalUploads(LINKS, [1, 2])
+    for number, (is_station, data) in enumerate(reads):
+        address = (SEAT if is_station else AIR, "10.0.0.1:9")
         found = scan(data)
         for frame in (*found.frames, *found.unchecked):
             assert address not in router.route_frame(number, address, frame).to
-            message = frame.message() if not is_guest else None
+            message = frame.message() if not is_station else None
             if message is not None:
-                guests.answered(1, message, number)
-        if is_guest:
-            guests.receive(Datagram(number, SEAT, "10.0.0.1:9", data))
-    assert set(guests.untaskable()) <= {1, 2}
+                stations.answered(1, message, number)
+        if is_station:
+            stations.receive(Datagram(number, SEAT, "10.0.0.1:9", data))
+    assert set(stations.untaskable()) <= {1, 2}
