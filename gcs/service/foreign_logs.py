@@ -49,9 +49,9 @@ class DetectionFile:
 
     def scans(self, start_t_ns: int) -> list[Scan]:
         """Return the scans in the order of time, for a log that starts at `start_t_ns`."""
-        shift_ns = round(self.offset_s * NS_PER_S) + (0 if self.detections.absolute else start_t_ns)
-        looks = sorted(self.detections.looks, key=lambda look: look.t_ns)
-        return [Scan(look.t_ns + shift_ns, look.t_ns + shift_ns, look.sensor, look.z_m) for look in looks]
+        shift_ns = round(self.offset_s * NS_PER_S) + (0 if self.detections.is_unix_time else start_t_ns)
+        scans = sorted(self.detections.scans, key=lambda scan: scan.t_ns)
+        return [Scan(scan.t_ns + shift_ns, scan.t_ns + shift_ns, scan.sensor, scan.z_m) for scan in scans]
 
 
 def load_detections(path: Path, model: Path | None, offset_s: float) -> DetectionFile:

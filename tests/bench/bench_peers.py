@@ -47,8 +47,8 @@ START = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 
 def ours(of: Detections) -> Iterator[Shown]:
     tracker = Glmb("targets", of.params, 1)
-    for look in of.looks:
-        tracker.update(look.t_ns, look.z_m, look.sensor, of.births)
+    for scan in of.scans:
+        tracker.update(scan.t_ns, scan.z_m, scan.sensor, of.births)
         found = tracker.estimates()
         yield dict(
             zip(map(tuple, found.label[found.estimated]), found.mean[found.estimated, :2], strict=True)
@@ -73,7 +73,7 @@ def near_birth(of: Detections, z: np.ndarray) -> int | None:
     """Which place of birth a detection may come from."""
     for i, birth in enumerate(of.births):
         off = z - birth.mean[:2]
-        if off @ np.linalg.solve(birth.cov[:2, :2] + of.looks[0].sensor.noise_cov_m2, off) < GATE**2:
+        if off @ np.linalg.solve(birth.cov[:2, :2] + of.scans[0].sensor.noise_cov_m2, off) < GATE**2:
             return i
     return None
 
@@ -82,8 +82,8 @@ def nearest(of: Detections) -> Iterator[Shown]:
     from gcs.tracking.baselines import NearestNeighbourTracker
 
     tracker = NearestNeighbourTracker(of.params)
-    for look in of.looks:
-        tracker.update(look.t_ns, look.z_m, look.sensor, of.births)
+    for scan in of.scans:
+        tracker.update(scan.t_ns, scan.z_m, scan.sensor, of.births)
         yield {label: state[:2] for label, state in tracker.estimates().items()}
 
 
@@ -103,7 +103,7 @@ class Soup:
                 1.0, of.params.accel_std_m_s2, of.params.acceleration
             )[order],
         )
-        self.sensor = of.looks[0].sensor
+        self.sensor = of.scans[0].sensor
         self.sees = LinearGaussian(4, (0, 2), np.array(self.sensor.noise_cov_m2))
         self.predictor, self.updater = KalmanPredictor(moves), KalmanUpdater(self.sees)
         self.births = [(b.mean[[0, 2, 1, 3]], b.cov[order], b.probability) for b in of.births]
@@ -112,7 +112,7 @@ class Soup:
         from stonesoup.types.detection import Detection
 
         t = START + datetime.timedelta(seconds=k)
-        return t, {Detection(z, timestamp=t, measurement_model=self.sees) for z in of.looks[k].z_m}
+        return t, {Detection(z, timestamp=t, measurement_model=self.sees) for z in of.scans[k].z_m}
 
 
 def gm_phd(of: Detections) -> Iterator[Shown]:
@@ -134,7 +134,7 @@ def gm_phd(of: Detections) -> Iterator[Shown]:
     hypothesiser = GaussianMixtureHypothesiser(pairs, order_by_detection=True)
     reducer = GaussianMixtureReducer(prune_threshold=1e-5, merge_threshold=4, max_number_components=100)
     mixture = []
-    for k in range(len(of.looks)):
+    for k in range(len(of.scans)):
         t, detections = soup.scan(of, k)
         born = [
             TaggedWeightedGaussianState(m, P, timestamp=t, weight=w, tag=TaggedWeightedGaussianState.BIRTH)
@@ -171,7 +171,7 @@ def jpda(of: Detections) -> Iterator[Shown]:
         prob_gate=float(chi2.cdf(GATE**2, 2)),
     )
     associator, lives = JPDA(hypothesiser), {}
-    for k in range(len(of.looks)):
+    for k in range(len(of.scans)):
         t, detections = soup.scan(of, k)
         used = set()
         for track, hypotheses in associator.associate(set(lives), detections, t).items():
@@ -207,8 +207,8 @@ def jpda(of: Detections) -> Iterator[Shown]:
 
 
 def rust_lmb(program: Path, way: str, of: Detections) -> Iterator[tuple[Shown, float]]:
-    sensor, births = of.looks[0].sensor, of.births
-    (dt_s,) = {(b.t_ns - a.t_ns) / 1e9 for a, b in zip(of.looks, of.looks[1:], strict=False)}
+    sensor, births = of.scans[0].sensor, of.births
+    (dt_s,) = {(b.t_ns - a.t_ns) / 1e9 for a, b in zip(of.scans, of.scans[1:], strict=False)}
     survival = of.params.survival_probability_per_s**dt_s
     Q = constant_velocity.process_noise(dt_s, of.params.accel_std_m_s2, of.params.acceleration)
     # What counts is the clutter's density: a unit of it over the area in which there is one.
@@ -216,7 +216,7 @@ def rust_lmb(program: Path, way: str, of: Detections) -> Iterator[tuple[Shown, f
         [constant_velocity.transition(dt_s), Q, sensor.noise_cov_m2],
         [survival, sensor.detection_probability, 1.0, 1.0 / sensor.clutter_density_per_m2],
         [len(births), births[0].probability, *chain(*((b.mean, b.cov) for b in births))],
-        [len(of.looks), *chain(*((len(look.z_m), look.z_m) for look in of.looks))],
+        [len(of.scans), *chain(*((len(scan.z_m), scan.z_m) for scan in of.scans))],
     ]
     text = " ".join(repr(float(x)) for part in chain(*numbers) for x in np.ravel(part))
     try:
@@ -243,7 +243,7 @@ def measure(peer: Peer, of: Detections, scans: int) -> tuple[float, float, float
     """
     truth, found, spent = list(of.truth.values()), [], []
     run = peer(of)
-    for _ in range(min(scans, len(of.looks))):
+    for _ in range(min(scans, len(of.scans))):
         begin = time.process_time()
         shown = next(run)
         ms = (time.process_time() - begin) * 1e3

@@ -173,7 +173,7 @@ def test_detections_laid_beside_a_log_let_both_trackers_see(
         assert max(missed_m(flight, pictures, kind)) < 25.0
     times = [picture.scan_t_ns for picture in pictures if picture.kind == "targets"]
     assert times == sorted(times)
-    assert len(times) <= len(detections.looks) + 1  # no blind scan where a sensor sees
+    assert len(times) <= len(detections.scans) + 1  # no blind scan where a sensor sees
 
 
 def test_events_enter_in_the_order_of_time(flight: Path, scans: Path) -> None:
@@ -184,7 +184,7 @@ def test_events_enter_in_the_order_of_time(flight: Path, scans: Path) -> None:
     assert times == sorted(times)
     seen = [event for event in events if isinstance(event, Scan)]
     assert [scan.sensor.name for scan in seen[:3]] == ["blind", "blind", "radar.csv"]
-    assert sum(scan.sensor.name == "radar.csv" for scan in seen) == len(detections.looks) - 3
+    assert sum(scan.sensor.name == "radar.csv" for scan in seen) == len(detections.scans) - 3
 
 
 def test_a_replay_with_detections_from_the_command_line(flight: Path, scans: Path) -> None:
@@ -318,7 +318,7 @@ def test_detections_that_break_off_are_tracked_up_to_there(flight: Path, scans: 
 def test_files_that_would_not_fit_into_memory_are_refused_before_they_are_read(
     scans: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tables, "MOST_NUMBERS", 100)
+    monkeypatch.setattr(tables, "MAX_NUMBERS", 100)
     code, text, _ = run("track", scans / "radar.csv", "--model", scans / "radar.toml")
     assert code == 2
     assert "holds more than 100 numbers" in text

@@ -44,10 +44,10 @@ def test_the_sensors_and_the_table_on_the_page_fit_each_other(tmp_path):
     model = "accel_std_m_s2 = 1.0\nsurvival_probability = 0.99\n" + blocks("toml")[1]
     (tmp_path / "model.toml").write_text(model)
     (tmp_path / "set.csv").write_text(table)
-    looks = load(tmp_path / "set.csv", tmp_path / "model.toml", None).looks
-    assert [(look.sensor.name, len(look.z_m)) for look in looks] == [
+    scans = load(tmp_path / "set.csv", tmp_path / "model.toml", None).scans
+    assert [(scan.sensor.name, len(scan.z_m)) for scan in scans] == [
         ("west", 2),
         ("camera", 0),
         ("camera", 1),
     ]
-    np.testing.assert_allclose(looks[0].z_m[0], [-298.6, 2.54], atol=0.1)
+    np.testing.assert_allclose(scans[0].z_m[0], [-298.6, 2.54], atol=0.1)

@@ -10,15 +10,14 @@ from rich.console import Console
 from rich.filesize import decimal
 
 from gcs.errors import ConfigError
-from gcs.io.detections.columns import TIMES, Columns, columns
-from gcs.io.detections.tables import Numbers, read_csv, read_npz
+from gcs.io.detections.columns import Columns, find_columns
+from gcs.io.detections.tables import DETECTION_TITLES, TIME_UNIT_NS, array_table, read_csv, read_npz
 from gcs.model import NS_PER_S, FloatArray
 
 _MIN_GAP_PERIODS: Final = 5.0
 """A gap is longer than this many median scan periods."""
 _MAX_GAPS_LISTED: Final = 100
 _MAX_GAPS_SHOWN: Final = 3
-_EXPECTED_ROWS: Final = "rows of numbers k,x,y or t_s,x,y or t_ns,x,y"
 
 
 def detections_contents(path: Path) -> dict[str, Any]:
@@ -34,43 +33,38 @@ def detections_contents(path: Path) -> dict[str, Any]:
         raise ConfigError(str(path), "", "is empty")
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
-        if "meas" not in arrays:
-            raise ConfigError(str(path), "meas", f"is missing; expected {_EXPECTED_ROWS}")
-        numbers, more = Numbers((), arrays["meas"]), sorted(set(arrays) - {"meas"})
+        table, more = array_table(path, arrays, "meas"), sorted(set(arrays) - {"meas"})
     else:
-        numbers = read_csv(path, _EXPECTED_ROWS)
-    rows = numbers.rows
-    if rows.ndim != 2 or rows.shape[1] < 3:
-        raise ConfigError(str(path), "", f"expected {_EXPECTED_ROWS}; found the shape {rows.shape}")
+        table = read_csv(path, DETECTION_TITLES)
     return {
         "kind": "detections",
         "file": str(path),
         "bytes": path.stat().st_size,
         "more": more,
-        "remarks": list(numbers.remarks),
-        "sensors": list(numbers.words),
-        **_scans(rows, columns(path, numbers)),
+        "remarks": list(table.remarks),
+        "sensors": list(table.words),
+        **_scans(table.rows, find_columns(table)),
     }
 
 
 def _scans(rows: FloatArray, of: Columns) -> dict[str, Any]:
     """Count scans. Times are in seconds if the file has them, else in scan numbers."""
     title = of.time
-    first = rows[:, 0] * (TIMES[title] / NS_PER_S if title in TIMES else 1.0)
-    is_measured, is_finite = of.measured(rows), np.zeros(len(rows), np.bool_)
-    for pair in (of.place, of.polar):
+    first = rows[:, 0] * (TIME_UNIT_NS[title] / NS_PER_S if title in TIME_UNIT_NS else 1.0)
+    is_detection, is_finite = of.is_detection(rows), np.zeros(len(rows), np.bool_)
+    for pair in (of.position, of.polar):
         if pair is not None:
             is_finite |= np.isfinite(rows[:, pair]).all(axis=1)
     when = np.unique(first[np.isfinite(first)])
     steps = np.diff(when)
     median = float(np.median(steps)) if steps.size else 0.0
     gaps = np.flatnonzero(steps > _MIN_GAP_PERIODS * median)
-    timed = title in TIMES
+    timed = title in TIME_UNIT_NS
     return {
         "column": title,
         "scans": int(when.size),
         "detections": int(is_finite.sum()),
-        "not_finite": int((~is_finite & is_measured).sum()),
+        "not_finite": int((~is_finite & is_detection).sum()),
         "first": float(when[0]) if when.size else None,
         "last": float(when[-1]) if when.size else None,
         "rate_hz": 1.0 / median if timed and median > 0.0 else None,

@@ -99,7 +99,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
         where = str(options.model or options.path)
         raise ConfigError(where, "births", "expected birth components, or anywhere.per_s > 0")
     load_kernels(console, TRACKING, HISTORIES)
-    if options.baseline == "true-association" and any(look.origin is None for look in detections.looks):
+    if options.baseline == "true-association" and any(scan.origin is None for scan in detections.scans):
         raise ConfigError(
             str(options.path),
             "src",
@@ -108,7 +108,7 @@ def run_track(options: TrackOptions, console: Console) -> None:
         )
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("tracking", total=len(detections.looks))
+        task = progress.add_task("tracking", total=len(detections.scans))
         tracked = track_detections(
             detections, options.estimator, lambda: progress.advance(task), options.lag_scans
         )
@@ -191,28 +191,28 @@ def track_detections(
     )
     unknown = AdaptiveBirth(anywhere.per_s, anywhere.speed_std_m_s, anywhere.max_probability, accel_std_m_s2)
     places = detections.births
-    states: dict[int, States] = {k: {} for k in detections.number.values()}
+    states: dict[int, States] = {k: {} for k in detections.scan_numbers.values()}
     existence: dict[int, dict[Label, float]] = {k: {} for k in states}
     number_of_scan: list[int] = []
     scan_ms: list[float] = []
-    for look in detections.looks:
-        k = detections.number[look.t_ns]
+    for scan in detections.scans:
+        k = detections.scan_numbers[scan.t_ns]
         is_same_epoch = bool(number_of_scan) and number_of_scan[-1] == k
         begin = clock()
         # Components keep their numbers: a second scan at one epoch has no births.
         births = tuple(replace(place, probability=0.0) for place in places) if is_same_epoch else places
         if anywhere.per_s > 0.0:
-            births = (*births, *unknown.births(look.t_ns))
-        tracker.update(look.t_ns, look.z_m, look.sensor, births)
+            births = (*births, *unknown.births(scan.t_ns))
+        tracker.update(scan.t_ns, scan.z_m, scan.sensor, births)
         if tracker.detection_summary is not None:
-            unknown.add_scan(look.t_ns, look.z_m, look.sensor, tracker.detection_summary.explained)
+            unknown.add_scan(scan.t_ns, scan.z_m, scan.sensor, tracker.detection_summary.explained)
         found = tracker.estimates()
         scan_ms.append((clock() - begin) * 1e3)
         advance()
         if tracker.scans == len(number_of_scan):
             continue  # Refused as late.
         number_of_scan.append(k)
-        labels = [(scan, place) for scan, place in found.label.tolist()]
+        labels = [(born, place) for born, place in found.label.tolist()]
         states[k] = {labels[i]: found.mean[i] for i in np.flatnonzero(found.estimated)}
         existence[k] = dict(zip(labels, found.existence.tolist(), strict=True))
         if detections.birth_again_probability is not None:
@@ -220,8 +220,8 @@ def track_detections(
     if tracker.histories is not None:
         states = {k: {} for k in states}
         for path in tracker.histories.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
-            for scan, mean in zip(path.scan, path.mean, strict=True):
-                states[number_of_scan[scan]][path.label] = mean
+            for n, mean in zip(path.scan, path.mean, strict=True):
+                states[number_of_scan[n]][path.label] = mean
     return Tracked(states, existence, scan_ms, tracker.late_scans, tracker.bad_detections)
 
 
@@ -244,26 +244,26 @@ def track_baseline(
     nearest = NearestNeighbourTracker(params, anywhere.speed_std_m_s if anywhere.per_s > 0.0 else None)
     true = TrueAssociationTracker(params, anywhere.speed_std_m_s)
     tracker = nearest if baseline == "nearest" else true
-    states: dict[int, States] = {k: {} for k in detections.number.values()}
+    states: dict[int, States] = {k: {} for k in detections.scan_numbers.values()}
     number_of_scan: list[int] = []
     scan_ms: list[float] = []
-    for look in detections.looks:
+    for scan in detections.scans:
         begin = clock()
         if baseline == "nearest":
-            nearest.update(look.t_ns, look.z_m, look.sensor, detections.births)
+            nearest.update(scan.t_ns, scan.z_m, scan.sensor, detections.births)
         else:
-            assert look.origin is not None
-            true.update(look.t_ns, look.z_m, look.sensor, detections.births, look.origin)
+            assert scan.origin is not None
+            true.update(scan.t_ns, scan.z_m, scan.sensor, detections.births, scan.origin)
         scan_ms.append((clock() - begin) * 1e3)
         if tracker.scans > len(number_of_scan):
-            number_of_scan.append(detections.number[look.t_ns])
+            number_of_scan.append(detections.scan_numbers[scan.t_ns])
             states[number_of_scan[-1]] = nearest.estimates()
     if estimator != "filtered" or baseline == "true-association":
         states = {k: {} for k in states}
         for path in tracker.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
-            for scan, mean in zip(path.scan, path.mean, strict=True):
-                states[number_of_scan[scan]][path.label] = mean
-    late_scans = len(detections.looks) - tracker.scans
+            for n, mean in zip(path.scan, path.mean, strict=True):
+                states[number_of_scan[n]][path.label] = mean
+    late_scans = len(detections.scans) - tracker.scans
     return Tracked(states, {}, scan_ms, late_scans, 0)
 
 
@@ -312,8 +312,8 @@ def _numbers(tracked: Tracked) -> dict[Label, int]:
 def _write(path: Path, tracked: Tracked, detections: Detections) -> None:
     number = _numbers(tracked)
     # Without times, k is the only column.
-    times = {k: f",{t_ns}" if detections.timed else "" for t_ns, k in detections.number.items()}
-    lines = ["k,label,x,y,vx,vy,existence" + (",t_ns" if detections.timed else "")]
+    times = {k: f",{t_ns}" if detections.has_times else "" for t_ns, k in detections.scan_numbers.items()}
+    lines = ["k,label,x,y,vx,vy,existence" + (",t_ns" if detections.has_times else "")]
     for k, states in sorted(tracked.states.items()):
         for label, state in sorted(states.items()):
             x, y, vx, vy = state
@@ -336,10 +336,10 @@ def _draw(
     drawing = TrackingDrawing(
         title,
         detections_k=np.repeat(
-            [float(detections.number[look.t_ns]) for look in detections.looks],
-            [len(look.z_m) for look in detections.looks],
+            [float(detections.scan_numbers[scan.t_ns]) for scan in detections.scans],
+            [len(scan.z_m) for scan in detections.scans],
         ),
-        detections_m=np.concatenate([np.empty((0, 2)), *(look.z_m for look in detections.looks)]),
+        detections_m=np.concatenate([np.empty((0, 2)), *(scan.z_m for scan in detections.scans)]),
         found=tracked.states,
         true=detections.truth,
         ospa_m=dict(zip((k for k in tracked.states if k in detections.truth), per_scan[:, 0], strict=True)),

@@ -1,9 +1,9 @@
-"""The arrays of an NPZ, read in bounded memory and without running anything that is in it.
+"""Arrays of an NPZ, read in bounded memory and without executing anything in it.
 
 An NPZ is a ZIP archive of arrays (https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html).
-`numpy.load` makes room for whatever the header of an array claims, and `zipfile` unpacks with any method.
-Here the archive's directory, each array's header and the claimed sizes are checked before anything is
-unpacked; arrays are of numbers, stored or deflated, as `numpy.savez` writes them.
+`numpy.load` allocates what the header of an array claims, and `zipfile` unpacks with any method. Here the
+archive's directory, each array's header and the claimed sizes are checked before anything is unpacked. Arrays
+have numbers, stored or deflated, as `numpy.savez` writes them.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ _TAIL_BYTES: Final = 22 + 65_535
 """The end of a ZIP archive with the longest comment."""
 _MAX_RATIO: Final = 200
 _FREE_BYTES: Final = 32_000_000
-"""So much may be unpacked whatever the ratio; numbers of sensors compress to a tenth at best."""
+"""Unpacked size that is allowed at any ratio; numbers of sensors compress to a tenth at best."""
 _METHODS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _ENCRYPTED: Final = 0x1
 _KINDS: Final = "biuf"
-"""Of numbers, as numpy calls them: logical, whole, whole from 0 on, real."""
+"""Kinds of numpy's numbers: bool, int, unsigned, float."""
 _BROKEN: Final = (
     zipfile.BadZipFile,
     zlib.error,
@@ -44,11 +44,11 @@ _BROKEN: Final = (
     TypeError,
     ValueError,
 )
-"""What `zipfile` and numpy raise on damaged or hostile files."""
+"""Errors of `zipfile` and numpy on damaged or hostile files."""
 
 
 class ArraysError(Exception):
-    """A file is no NPZ of numbers, or unpacks to too many; the text says which."""
+    """A file is not an NPZ of numbers, or unpacks to too many."""
 
 
 def read_arrays(file: BinaryIO, max_numbers: int) -> dict[str, FloatArray]:
@@ -57,9 +57,9 @@ def read_arrays(file: BinaryIO, max_numbers: int) -> dict[str, FloatArray]:
     Raises
     ------
     ArraysError
-        When it is damaged, holds anything but numbers, or more than `max_numbers`.
+        It is damaged, holds anything but numbers, or more than `max_numbers`.
     OSError
-        When it cannot be read.
+        It cannot be read.
     """
     try:
         _check_directory(file)
@@ -77,7 +77,7 @@ def read_arrays(file: BinaryIO, max_numbers: int) -> dict[str, FloatArray]:
 
 
 def _check_directory(file: BinaryIO) -> None:
-    """Refuse a directory so large that reading it alone would fill the memory."""
+    """Refuse a directory that would fill the memory when it is read."""
     size = file.seek(0, os.SEEK_END)
     file.seek(max(0, size - _TAIL_BYTES))
     tail = file.read()

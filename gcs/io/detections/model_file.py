@@ -1,7 +1,7 @@
-"""Models to track detections by: how objects live, move and are seen; a TOML file, or an NPZ's own.
+"""Models of motion, births and sensors for `gcs track`: a TOML file, or the model in an NPZ.
 
-A sensor that reports positions is described by keys of the model itself; several, or one of ranges and
-bearings, by a table each in `sensors`, with the keys that a simulated sensor has in a mission file.
+A single position sensor has its keys in the model itself. Several sensors, and range/bearing sensors, have a
+table each in `sensors`, with the keys of a simulated sensor in a mission file.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from gcs.model import FloatArray, Sensor, read_only
 from gcs.tracking.models.constant_velocity import Acceleration
 from gcs.tracking.models.sensors import polar_sensor, sector
 
-MOST_SCANS: Final = 1_000_000
+MAX_SCANS: Final = 1_000_000
 _MAX_BYTES: Final = 4_000_000
-_MODEL_KEYS = "F, sigma_v, sigma_z, pS, pD, lambda_c, region, birth_mean, birth_std, r_birth"
-_OWN_KEYS = ("detection_probability", "clutter_per_scan", "noise_std_m", "region_m")
-_OURS = [0, 2, 1, 3]
-"""px, vx, py, vy in our order."""
+_NPZ_KEYS = "F, sigma_v, sigma_z, pS, pD, lambda_c, region, birth_mean, birth_std, r_birth"
+_SENSOR_KEYS = ("detection_probability", "clutter_per_scan", "noise_std_m", "region_m")
+_STATE_ORDER = [0, 2, 1, 3]
+"""Our order of the states px, vx, py, vy."""
 Name = Annotated[str, Meta(min_length=1, max_length=64)]
 
 
 class BirthModel(Table, frozen=True, kw_only=True):
-    """A place where objects appear: Gaussian on position and velocity."""
+    """Birth component: Gaussian in position and velocity."""
 
     x_m: float
     y_m: float
@@ -53,13 +53,13 @@ class PositionSensor(Table, frozen=True, kw_only=True, tag_field="kind", tag="po
     clutter_per_scan: NotNegative
     noise_std_m: Positive
     region_m: Box
-    """x_min, y_min, x_max, y_max of where its clutter is."""
+    """x_min, y_min, x_max, y_max of its clutter."""
     field_of_view_m: Box | None = None
-    """The same of where objects are detected; without it, wherever they are."""
+    """The same of its field of view; None: unbounded."""
 
 
 class RangeBearingSensor(Table, frozen=True, kw_only=True, tag_field="kind", tag="range_bearing"):
-    """A sensor that measures range and bearing, such as a radar; bearings run clockwise from north (y)."""
+    """A sensor of range and bearing, such as a radar; bearings are clockwise from north (y)."""
 
     name: Name
     detection_probability: Probability
@@ -76,7 +76,7 @@ class RangeBearingSensor(Table, frozen=True, kw_only=True, tag_field="kind", tag
 
 
 class ModelTable(Table, frozen=True, kw_only=True):
-    """A model file: how objects live and move, and how they are seen."""
+    """A model file."""
 
     dt_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 1.0
     accel_std_m_s2: Positive
@@ -90,18 +90,18 @@ class ModelTable(Table, frozen=True, kw_only=True):
     noise_std_m: Positive | None = None
     region_m: Box | None = None
     field_of_view_m: Box | None = None
-    """These five are the one sensor, where `sensors` is empty (see `PositionSensor`)."""
+    """These five are the single sensor if `sensors` is empty (see `PositionSensor`)."""
     sensors: tuple[PositionSensor | RangeBearingSensor, ...] = ()
-    scans: Annotated[int, Meta(ge=1, le=MOST_SCANS)] | None = None
+    scans: Annotated[int, Meta(ge=1, le=MAX_SCANS)] | None = None
     births: tuple[BirthModel, ...] = ()
     anywhere: AnywhereTable = AnywhereTable()
 
 
 def sensors_of(table: ModelTable, source: str) -> tuple[Sensor, ...]:
-    """Return the sensors of a model; one that it describes by its own keys gets the name `source`."""
+    """Return the sensors of a model; `source` is the name of a single sensor."""
     if table.sensors:
         return tuple(_sensor(one) for one in table.sensors)
-    own = {key: getattr(table, key) for key in (*_OWN_KEYS, "field_of_view_m")}
+    own = {key: getattr(table, key) for key in (*_SENSOR_KEYS, "field_of_view_m")}
     return (_sensor(PositionSensor(name=source, **own)),)
 
 
@@ -132,10 +132,10 @@ def read_model(path: Path) -> ModelTable:
     Raises
     ------
     ConfigError
-        When it is not what it should be.
+        The file is not a model.
     """
     if path.suffix.lower() == ".npz":
-        return model_of(path, read_npz(path))
+        return npz_model(path, read_npz(path))
     try:
         raw = decode_toml(read_text(path, _MAX_BYTES), str(path))
     except OSError as error:
@@ -146,21 +146,21 @@ def read_model(path: Path) -> ModelTable:
         raise ConfigError(
             str(path),
             "",
-            "is a mission file: expected a model for the trackers, as docs/tracking.md shows one",
+            "is a mission file: expected a model for the trackers, as in docs/tracking.md",
         )
-    return _checked(path, convert(raw, ModelTable, str(path)))
+    return _check_model(path, convert(raw, ModelTable, str(path)))
 
 
-def model_of(path: Path, arrays: Mapping[str, FloatArray]) -> ModelTable:
-    """Return the model that an NPZ carries."""
-    missing = [key for key in _MODEL_KEYS.split(", ") if key not in arrays]
+def npz_model(path: Path, arrays: Mapping[str, FloatArray]) -> ModelTable:
+    """Return the model in an NPZ."""
+    missing = [key for key in _NPZ_KEYS.split(", ") if key not in arrays]
     if missing:
         raise ConfigError(
-            str(path), missing[0], f"is missing; expected --model, or the model in the file: {_MODEL_KEYS}"
+            str(path), missing[0], f"is missing; expected --model, or the model in the file: {_NPZ_KEYS}"
         )
     try:
-        means = np.reshape(arrays["birth_mean"], (-1, 4))[:, _OURS]
-        std = np.broadcast_to(arrays["birth_std"], (4,))[_OURS]
+        means = np.reshape(arrays["birth_mean"], (-1, 4))[:, _STATE_ORDER]
+        std = np.broadcast_to(arrays["birth_std"], (4,))[_STATE_ORDER]
         region, F = np.reshape(arrays["region"], (2, 2)), np.reshape(arrays["F"], (4, 4))
         number = {
             key: float(arrays[key]) for key in ("sigma_v", "sigma_z", "pS", "pD", "lambda_c", "r_birth")
@@ -168,7 +168,7 @@ def model_of(path: Path, arrays: Mapping[str, FloatArray]) -> ModelTable:
         scans = int(arrays["K"]) if "K" in arrays else None
     except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(
-            str(path), "", f"its model has not the shapes of px, vx, py, vy states: {error}"
+            str(path), "", f"its model does not have the shapes of states px, vx, py, vy: {error}"
         ) from None
     dt_s = float(F[0, 1])
     expected = np.kron(np.eye(2), [[1.0, dt_s], [0.0, 1.0]])
@@ -196,18 +196,18 @@ def model_of(path: Path, arrays: Mapping[str, FloatArray]) -> ModelTable:
             for mean in means
         ],
     }
-    return _checked(path, convert(raw, ModelTable, str(path)))
+    return _check_model(path, convert(raw, ModelTable, str(path)))
 
 
-def _checked(path: Path, table: ModelTable) -> ModelTable:
-    """Return the model when its numbers are finite and its sensors can be."""
-    for key, value in _numbers(msgspec.to_builtins(table)):
+def _check_model(path: Path, table: ModelTable) -> ModelTable:
+    """Return the model if its numbers are finite and its sensors possible."""
+    for key, value in _floats(msgspec.to_builtins(table)):
         if not math.isfinite(value):
             raise ConfigError(str(path), key, "expected finite numbers in the model")
-    own = [key for key in (*_OWN_KEYS, "field_of_view_m") if getattr(table, key) is not None]
+    own = [key for key in (*_SENSOR_KEYS, "field_of_view_m") if getattr(table, key) is not None]
     if table.sensors and own:
         raise ConfigError(str(path), own[0], "is of one sensor: expected it in the tables of [[sensors]]")
-    missing = [key for key in _OWN_KEYS if key not in own]
+    missing = [key for key in _SENSOR_KEYS if key not in own]
     if missing and not table.sensors:
         raise ConfigError(str(path), missing[0], "the key is missing here; expected it, or [[sensors]]")
     names = [sensor.name for sensor in table.sensors]
@@ -229,17 +229,17 @@ def _check_boxes(path: Path, prefix: str, table: PositionSensor | ModelTable) ->
         box = getattr(table, key)
         if box is not None and not (box[0] < box[2] and box[1] < box[3]):
             raise ConfigError(
-                str(path), prefix + key, "expected x_min, y_min, x_max, y_max with room between"
+                str(path), prefix + key, "expected x_min, y_min, x_max, y_max, each maximum above its minimum"
             )
 
 
-def _numbers(value: object, key: str = "") -> Iterator[tuple[str, float]]:
-    """Every number in plain data, with its key."""
+def _floats(value: object, key: str = "") -> Iterator[tuple[str, float]]:
+    """Yield every float in plain data, with its key."""
     if isinstance(value, dict):
         for name, one in value.items():
-            yield from _numbers(one, f"{key}.{name}" if key else name)
+            yield from _floats(one, f"{key}.{name}" if key else name)
     elif isinstance(value, list | tuple):
         for i, one in enumerate(value):
-            yield from _numbers(one, f"{key}[{i}]")
+            yield from _floats(one, f"{key}[{i}]")
     elif isinstance(value, float):
         yield key, value

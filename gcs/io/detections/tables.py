@@ -1,10 +1,15 @@
-"""Numbers from NPZ and CSV files of others, read in bounded memory."""
+"""Tables of numbers from NPZ and CSV files, read in bounded memory.
+
+The first line of a CSV has the titles of the columns, the time first. It may be a comment, as `numpy.savetxt`
+writes it (``# k,x,y``). Other lines that begin with # are comments. Cells are separated by commas.
+"""
 
 from __future__ import annotations
 
 import io
 import math
 from array import array
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TextIO
@@ -16,140 +21,189 @@ from gcs.files import open_regular
 from gcs.io.detections.arrays import ArraysError, read_arrays
 from gcs.model import FloatArray
 
-MOST_NUMBERS: Final = 40_000_000
-"""In one file: 320 MB."""
-_MOST_FILE_BYTES: Final = 10 * MOST_NUMBERS
-_MOST_LINE: Final = 100_000
-_MOST_WORDS: Final = 100_000
-_MOST_NAME: Final = 256
-"""Characters of a name that count."""
+MAX_NUMBERS: Final = 40_000_000
+"""Numbers in a file: 320 MB."""
+_MAX_FILE_BYTES: Final = 10 * MAX_NUMBERS
+_MAX_LINE_CHARACTERS: Final = 100_000
+_MAX_WORDS: Final = 100_000
+_MAX_WORD_CHARACTERS: Final = 256
 ENDINGS: Final = (".npz", ".csv")
-"""Of the names of such files; other kinds of files are told by content."""
-FIRST: Final = ("k", "t_s", "t_ns")
-"""Titles of a first column: the number of a scan, or its time."""
+"""Endings of the names of detection files; other kinds of files are found by content."""
+TIME_UNIT_NS: Final = {"t_s": 1e9, "t_ns": 1.0}
+"""Titles of a column of times, and the nanoseconds of their unit."""
+TIME_TITLES: Final = ("k", *TIME_UNIT_NS)
+"""Titles of the first column: scan number or time."""
 SENSOR: Final = "sensor"
-"""Title of a column of words."""
-_SPLIT: Final = "expected less: split it into several files"
+"""Title of a column with the name of the sensor."""
+ORIGIN: Final = "src"
+"""Title of a column with the number of a detection's true object, 0 for clutter."""
+DETECTION_TITLES: Final = (
+    "k, t_s or t_ns first; x and y, or range_m and bearing_deg or bearing_rad; sensor and src where known"
+)
+_ARRAY_TITLES: Final = {"meas": ("k", "x", "y", ORIGIN), "truth": ("k", "id", "px", "vx", "py", "vy")}
 
 
 @dataclass(frozen=True, slots=True)
-class Numbers:
-    """What a CSV holds."""
+class Table:
+    """Content of a table."""
 
+    path: Path
     titles: tuple[str, ...]
-    """Of the line above the first row, or of a comment there that begins with k, t_s or t_ns."""
     rows: FloatArray
+    """(n, len(titles)), NaN for an empty cell; a word is its number in `words`."""
     words: tuple[str, ...] = ()
-    """What stands in the column of words; in `rows` it is their place here, counted from 0."""
+    """Different words of the column of words."""
     remarks: tuple[str, ...] = ()
-    """What the user should know, such as a last line that was cut off."""
+    """Remarks for the user, such as that a last line was cut off."""
+
+    def column(self, titles: Sequence[str]) -> int | None:
+        """Return the number of the first of several columns that the table has, None for none."""
+        return next((self.titles.index(title) for title in titles if title in self.titles), None)
+
+    def pair(self, x: str, y: str) -> tuple[int, int] | None:
+        """Return the numbers of two columns, None if one is missing."""
+        if x not in self.titles or y not in self.titles:
+            return None
+        return self.titles.index(x), self.titles.index(y)
+
+
+def title_error(path: Path, expected: str, found: str) -> ConfigError:
+    """Return the error for missing titles."""
+    return ConfigError(
+        str(path), "titles", f"expected {expected}; found {found[:200]}: rename the columns in the first line"
+    )
 
 
 def read_npz(path: Path) -> dict[str, FloatArray]:
-    """Return the numbers in an NPZ; nothing in it is executed.
+    """Return the arrays of an NPZ; nothing in it is executed.
 
     Raises
     ------
     ConfigError
-        When it is none, or unpacks to more than memory should hold.
+        The file is not an NPZ of numbers, or unpacks to too many.
     """
     try:
-        with open_regular(path, _MOST_FILE_BYTES) as file:
-            return read_arrays(file, MOST_NUMBERS)
-    except FileNotFoundError:
-        raise ConfigError(str(path), "", "there is no such file") from None
+        with open_regular(path, _MAX_FILE_BYTES) as file:
+            return read_arrays(file, MAX_NUMBERS)
     except OSError as error:
-        raise ConfigError(str(path), "", f"cannot be read: {error.strerror or error}") from None
+        raise _unreadable(path, error) from None
     except ArraysError as error:
         raise ConfigError(str(path), "", f"expected an NPZ of numbers: {error}") from None
 
 
-def read_csv(path: Path, expected: str, words: tuple[str, ...] = (SENSOR,)) -> Numbers:
-    """Return the numbers of a CSV below its line of titles; lines that begin with # are comments.
-
-    An empty cell is NaN; cells of the first column with a title of `words` are words. A last line that breaks
-    off (without line end, fewer cells) is left out, with a remark.
+def array_table(path: Path, arrays: Mapping[str, FloatArray], name: str) -> Table:
+    """Return the array `meas` or `truth` of an NPZ as a table.
 
     Raises
     ------
     ConfigError
-        When it cannot be read, a line is no row, or it holds more than memory should.
+        The array is missing or has another shape.
+    """
+    titles = _ARRAY_TITLES[name]
+    needed = len(titles) - titles.count(ORIGIN)
+    if name not in arrays:
+        raise ConfigError(str(path), name, f"is missing; expected rows {','.join(titles[:needed])}")
+    rows = arrays[name]
+    if rows.size == 0:
+        rows = np.empty((0, needed))
+    if rows.ndim != 2 or rows.shape[1] < needed:
+        raise ConfigError(
+            str(path), name, f"expected rows {','.join(titles[:needed])}; found the shape {rows.shape}"
+        )
+    titles = titles[: rows.shape[1]]
+    return Table(path, titles, rows[:, : len(titles)])
+
+
+def read_csv(path: Path, expected: str, word_titles: tuple[str, ...] = (SENSOR,)) -> Table:
+    """Return the content of a CSV.
+
+    A last line that breaks off (without line end, fewer cells) is left out, with a remark.
+
+    Parameters
+    ----------
+    expected
+        The titles, for errors.
+    word_titles
+        The first column with one of these titles has words.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, has no titles, has a line that is no row, or is too large.
     """
     try:
         with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as file:
-            return _numbers(path, file, expected, words)
-    except FileNotFoundError:
-        raise ConfigError(str(path), "", "there is no such file") from None
+            return _read_rows(path, file, expected, word_titles)
     except UnicodeDecodeError:
-        raise ConfigError(
-            str(path), "", f"is no text; expected an NPZ (by its name) or a CSV: {expected}"
-        ) from None
+        raise ConfigError(str(path), "", "is not text; expected a CSV, or an NPZ by its name") from None
     except OSError as error:
-        raise ConfigError(str(path), "", f"cannot be read: {error.strerror}") from None
+        raise _unreadable(path, error) from None
 
 
-def _numbers(path: Path, file: TextIO, expected: str, titles_of_words: tuple[str, ...]) -> Numbers:
-    values, columns, number = array("d"), 0, 0
-    titles: tuple[str, ...] = ()
-    words: dict[str, int] = {}
-    remarks: tuple[str, ...] = ()
-    word, titles_may_come = -1, True
-    while line := file.readline(_MOST_LINE):
+def _unreadable(path: Path, error: OSError) -> ConfigError:
+    if isinstance(error, FileNotFoundError):
+        return ConfigError(str(path), "", "there is no such file")
+    return ConfigError(str(path), "", f"cannot be read: {error.strerror or error}")
+
+
+def _lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
+    """Yield the lines with their numbers."""
+    number = 0
+    while line := file.readline(_MAX_LINE_CHARACTERS):
         number += 1
-        if len(line) == _MOST_LINE:
-            what = f"expected lines of less than {_MOST_LINE} characters"
+        if len(line) == _MAX_LINE_CHARACTERS:
+            what = f"expected lines of less than {_MAX_LINE_CHARACTERS} characters"
             raise ConfigError(f"{path}, line {number}", "", what)
-        cells = line.split("#", 1)[0].replace('"', "").strip()
-        if titles_may_come:
-            titles = _titles(line if cells else line.lstrip().lstrip("#"), is_comment=not cells) or titles
-            word = next((i for i, title in enumerate(titles) if title in titles_of_words), -1)
-        if not cells:
+        yield number, line
+
+
+def _read_titles(path: Path, lines: Iterator[tuple[int, str]], expected: str) -> tuple[str, ...]:
+    for _, line in lines:
+        text = line.replace('"', "").strip()
+        titles = tuple(title.strip() for title in text.lstrip("#").split(","))
+        if titles[0] in TIME_TITLES:
+            return titles
+        if text and not text.startswith("#"):
+            raise title_error(path, expected, text)
+    raise ConfigError(str(path), "titles", f"are missing; expected {expected}")
+
+
+def _read_rows(path: Path, file: TextIO, expected: str, word_titles: tuple[str, ...]) -> Table:
+    lines = _lines(path, file)
+    titles = _read_titles(path, lines, expected)
+    word_column = next((titles.index(title) for title in word_titles if title in titles), None)
+    values, words = array("d"), dict[str, int]()
+    remarks: tuple[str, ...] = ()
+    for number, line in lines:
+        text = line.split("#", 1)[0].replace('"', "").strip()
+        if not text:
             continue
-        if ";" in cells:
-            if "," in cells:
-                what = "expected commas or semicolons between cells, not both; and decimal points"
-                raise ConfigError(f"{path}, line {number}", "", what)
-            cells = cells.replace(";", ",")
-        row = _row(cells) if word < 0 else _row(cells, word, words)
-        if row is not None and (not columns or len(row) == columns):
-            columns = len(row)
-            values.extend(row)
-        elif columns and not line.endswith(("\n", "\r")) and not file.read(1):
-            remarks = (f"Line {number}, the last, breaks off and is left out.",)
-        elif not titles_may_come:
-            raise ConfigError(f"{path}, line {number}", "", f"expected {expected}")
-        titles_may_come = False
-        if len(words) > _MOST_WORDS:
-            what = f"expected numbers, or at most {_MOST_WORDS} different names"
-            raise ConfigError(str(path), titles[word], what)
-        if len(values) > MOST_NUMBERS:
-            raise ConfigError(str(path), "", f"holds more than {MOST_NUMBERS} numbers; {_SPLIT}")
-    rows = np.frombuffer(values, np.float64).reshape(-1, columns) if columns else np.empty((0, 3))
-    return Numbers(titles, rows, tuple(words), remarks)
+        row = _row(text.split(","), word_column, words)
+        if len(row) != len(titles):
+            if not line.endswith(("\n", "\r")):
+                remarks = (f"Line {number}, the last, breaks off and is left out.",)
+                break
+            problem = f"expected {len(titles)} numbers, as the titles {','.join(titles)} say"
+            raise ConfigError(f"{path}, line {number}", "", problem)
+        values.extend(row)
+        if len(words) > _MAX_WORDS:
+            raise ConfigError(str(path), "", f"expected numbers, or at most {_MAX_WORDS} different names")
+        if len(values) > MAX_NUMBERS:
+            problem = f"holds more than {MAX_NUMBERS} numbers; split it into several files"
+            raise ConfigError(str(path), "", problem)
+    rows = np.frombuffer(values, np.float64).reshape(-1, len(titles))
+    return Table(path, titles, rows, tuple(words), remarks)
 
 
-def _titles(line: str, *, is_comment: bool) -> tuple[str, ...]:
-    """Return the titles in a line; none of a row, nor of a comment that says something else."""
-    cells = line.split("#", 1)[0].replace('"', "").replace(";", ",").strip()
-    titles = tuple(cell.strip() for cell in cells.split(","))
-    if titles[0] not in FIRST if is_comment else _row(cells) is not None:
-        return ()
-    return titles
-
-
-def _row(cells: str, column: int = -1, words: dict[str, int] | None = None) -> list[float] | None:
-    """Return the numbers of a line, None where it holds anything else.
-
-    What stands in `column` is a word: its number in `words`, to which a new one is added.
-    """
-    parts = cells.split(",")
+def _row(cells: list[str], word_column: int | None, words: dict[str, int]) -> list[float]:
+    """Return the numbers of a line, none if a cell is no number; add a new word to `words`."""
     word = None
-    if words is not None and column < len(parts):
-        word, parts[column] = parts[column].strip()[:_MOST_NAME], "0"
+    if word_column is not None and word_column < len(cells):
+        word, cells[word_column] = cells[word_column].strip()[:_MAX_WORD_CHARACTERS], ""
     try:
-        row = [float(cell) if cell.strip() else math.nan for cell in parts]
+        row = [float(cell) if cell.strip() else math.nan for cell in cells]
     except ValueError:
-        return None
-    if words is not None and word is not None:
-        row[column] = words.setdefault(word, len(words))
+        return []
+    if word is not None and word_column is not None:
+        row[word_column] = words.setdefault(word, len(words))
     return row

@@ -1,11 +1,10 @@
-"""What `gcs track` judges by: where the objects truly were.
+"""Ground truth for the scores of `gcs track`: positions of the true objects.
 
-- CSV with a line of titles: first `k`, `t_s` or `t_ns`; `id` (or `label`), numbers or words; `x` and `y` (or
-  `px` and `py`); others are not read. So the estimates that `-o` writes can be the truth of another run.
-- Without titles, and in an NPZ's `truth`: rows k,id,px,vx,py,vy or k,id,x,y.
+A CSV has the titles `k`, `t_s` or `t_ns` first, `id` or `label` (numbers or words), and `x,y` or `px,py`. The
+estimates that `-o` writes can be the truth of another run. An NPZ has `truth` with rows k,id,px,vx,py,vy.
 
-By scan number, a scan without a row has nobody in it. By time, a scan is judged when the truth has a row at
-its time; a row with nothing but the time says that nobody was there.
+By scan number, a scan without a row has no object. By time, a scan is scored if the truth has a row at its
+time; a row with nothing but the time means that there is no object.
 """
 
 from __future__ import annotations
@@ -19,153 +18,138 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.errors import ConfigError
-from gcs.io.detections.columns import TIMES
-from gcs.io.detections.model_file import MOST_SCANS
-from gcs.io.detections.tables import FIRST, Numbers, read_csv, read_npz
+from gcs.io.detections.model_file import MAX_SCANS
+from gcs.io.detections.tables import (
+    TIME_UNIT_NS,
+    Table,
+    array_table,
+    read_csv,
+    read_npz,
+    title_error,
+)
 from gcs.model import FloatArray, read_only
 from gcs.tracking.metrics import Tracks
 
-_ROW: Final = "rows of numbers k,id,px,vx,py,vy or k,id,x,y, or titles that say otherwise"
-_NAMES: Final = ("id", "label")
-_PLACES: Final = (("x", "y"), ("px", "py"))
-_SAME_NS: Final = 1_000
-"""Times so close are one: seconds since 1970 are known to a quarter of that in a float."""
+_TITLES: Final = "k, t_s or t_ns first; id or label; x and y, or px and py"
+_ID_TITLES: Final = ("id", "label")
+_SAME_TIME_NS: Final = 1_000
+"""Times within this are equal: a float knows seconds since 1970 to a quarter of it."""
 
 
 @dataclass(frozen=True, slots=True)
 class TruthRows:
-    """A table of who was where."""
+    """Rows of a ground-truth table."""
 
     path: Path
     title: str
-    """Of the first column: "k" or one of `TIMES`."""
+    """Title of the first column."""
     first: FloatArray
-    """(n,) scan or time."""
-    who: tuple[object, ...]
-    """(n,) None where a row says that nobody was there."""
-    place_m: FloatArray
-    """(n, 2) east/north."""
+    """(n,) scan number or time."""
+    ids: tuple[object, ...]
+    """(n,) None in a row that means "no object"."""
+    positions_m: FloatArray
+    """(n, 2) east, north."""
 
     @property
     def scans(self) -> npt.NDArray[np.int64]:
-        """Scan numbers that occur, in order; none where rows have times."""
+        """Scan numbers of the rows, in order; none if they have times."""
         numbers = self.first if self.title == "k" else np.empty(0)
         return np.unique(numbers.astype(np.int64))
 
 
 def read_truth(path: Path) -> TruthRows:
-    """Read a file of truth, NPZ or CSV.
+    """Read ground truth, NPZ or CSV.
 
     Raises
     ------
     ConfigError
-        When it is none.
+        The file is not a table of ground truth.
     """
     if path.suffix.lower() == ".npz":
-        arrays = read_npz(path)
-        if "truth" not in arrays:
-            raise ConfigError(str(path), "truth", f"is missing; expected {_ROW}")
-        return truth_rows(path, Numbers((), arrays["truth"]))
-    numbers = read_csv(path, _ROW, _NAMES)
-    if not numbers.titles and not numbers.rows.size:
-        raise ConfigError(str(path), "", f"holds no row; expected {_ROW}")
-    return truth_rows(path, numbers)
+        return truth_rows(array_table(path, read_npz(path), "truth"))
+    return truth_rows(read_csv(path, _TITLES, _ID_TITLES))
 
 
-def truth_rows(path: Path, numbers: Numbers) -> TruthRows:
-    """Take a table for the truth.
+def truth_rows(table: Table) -> TruthRows:
+    """Return the ground truth of a table.
 
     Raises
     ------
     ConfigError
-        When it is not what it should be.
+        A title or a number is missing.
     """
-    if not numbers.rows.size:
-        return TruthRows(path, "k", np.empty(0), (), np.empty((0, 2)))
-    title, name, place = _columns(path, numbers)
-    rows = numbers.rows
-    first, ids, place_m = rows[:, 0], rows[:, name], rows[:, place]
-    who: list[object] = [numbers.words[int(i)] for i in ids] if numbers.words else ids.tolist()
-    nameless = np.isnan(ids) | np.array([one == "" for one in who])
-    nobody = nameless & np.isnan(place_m).all(axis=1)
-    for key, bad in (
+    rows, title = table.rows, table.titles[0]
+    id_column = table.column(_ID_TITLES)
+    position = table.pair("x", "y") or table.pair("px", "py")
+    if id_column is None or position is None:
+        raise title_error(table.path, _TITLES, ",".join(table.titles))
+    first, ids, positions_m = rows[:, 0], rows[:, id_column], rows[:, position]
+    names: list[object] = [table.words[int(i)] for i in ids] if table.words else ids.tolist()
+    without_id = np.isnan(ids) | np.array([name == "" for name in names], np.bool_)
+    is_empty = without_id & np.isnan(positions_m).all(axis=1)
+    for key, is_bad in (
         (title, ~np.isfinite(first)),
-        (numbers.titles[name] if numbers.titles else "id", nameless & ~nobody),
-        ("x,y", ~nobody & ~np.isfinite(place_m).all(axis=1)),
+        (table.titles[id_column], without_id & ~is_empty),
+        ("x,y", ~is_empty & ~np.isfinite(positions_m).all(axis=1)),
     ):
-        if bad.any():
-            problem = f"expected it in each row that is not empty; it is missing in row {np.argmax(bad) + 1}"
-            raise ConfigError(str(path), key, problem)
-    whole = (first == np.floor(first)) & (first >= 0) & (first <= MOST_SCANS)
-    if title == "k" and not whole.all():
-        found = f"expected whole numbers of scans from 0 to {MOST_SCANS}, found {first[~whole][0]:.10g}"
-        raise ConfigError(str(path), "k", found)
-    names = tuple(None if alone else one for one, alone in zip(who, nobody.tolist(), strict=True))
-    return TruthRows(path, title, first, names, place_m)
+        if is_bad.any():
+            problem = f"expected it in each row that is not empty; missing in row {np.argmax(is_bad) + 1}"
+            raise ConfigError(str(table.path), key, problem)
+    is_scan = (first == np.floor(first)) & (first >= 0) & (first <= MAX_SCANS)
+    if title == "k" and not is_scan.all():
+        problem = f"expected whole scan numbers from 0 to {MAX_SCANS}, found {first[~is_scan][0]:.10g}"
+        raise ConfigError(str(table.path), "k", problem)
+    known = tuple(None if empty else name for name, empty in zip(names, is_empty.tolist(), strict=True))
+    return TruthRows(table.path, title, first, known, positions_m)
 
 
-def _columns(path: Path, numbers: Numbers) -> tuple[str, int, list[int]]:
-    """Title of the first column, and which columns are the name and the place."""
-    rows, titles = numbers.rows, numbers.titles
-    if titles:
-        name = next((titles.index(title) for title in _NAMES if title in titles), None)
-        place = next(([titles.index(a), titles.index(b)] for a, b in _PLACES if {a, b} <= set(titles)), None)
-        if titles[0] not in FIRST or name is None or place is None:
-            raise ConfigError(
-                str(path),
-                "",
-                f"expected the titles k, t_s or t_ns first, id, and x,y or px,py; found {','.join(titles)}",
-            )
-        if rows.shape[1] < len(titles):
-            found = f"expected {len(titles)} columns as the titles say, found {rows.shape[1]}"
-            raise ConfigError(str(path), "", found)
-        return titles[0], name, place
-    if rows.ndim != 2 or rows.shape[1] < 4:
-        raise ConfigError(str(path), "", f"expected {_ROW}; found the shape {rows.shape}")
-    return "k", 1, [2, 4 if rows.shape[1] >= 6 else 3]
-
-
-def by_scan(truth: TruthRows, times: Mapping[int, int]) -> tuple[dict[int, Tracks[object]], tuple[str, ...]]:
-    """Return positions by k at the scans that can be judged, and what the user should know of the others.
+def truth_by_scan(
+    truth: TruthRows, scan_numbers: Mapping[int, int]
+) -> tuple[dict[int, Tracks[object]], tuple[str, ...]]:
+    """Return the true positions by scan number, and remarks on scans without truth.
 
     Parameters
     ----------
-    truth
-        The table.
-    times
-        The number k of each scan, by its time in nanoseconds.
+    scan_numbers
+        Number of each scan, by its time in nanoseconds.
 
     Raises
     ------
     ConfigError
-        When an object is at two places at once, or no scan can be judged.
+        An object is at two positions at once, or no scan has truth.
     """
     by_number = truth.title == "k"
-    numbers = truth.first.tolist() if by_number else _numbers(truth.first * TIMES[truth.title], times)
-    known, said = set(times.values()), set(numbers)
-    true: dict[int, dict[object, FloatArray]] = {k: {} for k in times.values() if by_number or k in said}
-    if truth.who and known.isdisjoint(said):
-        raise ConfigError(
-            str(truth.path), truth.title, "no scan of the detections is in it; expected their truth"
-        )
-    for k, who, place in zip(numbers, truth.who, truth.place_m, strict=True):
-        if k is None or k not in known or who is None:
-            continue
-        if who in true[k]:
-            raise ConfigError(str(truth.path), "id", f"{who!r} is in scan {k:.0f} twice; expected it once")
-        true[k][who] = read_only(place)
-    left = len(times) - len(true)
-    remark = (
-        f"{truth.path}: {left} of {len(times)} scans are not judged: the truth has no row at their times."
+    numbers = (
+        truth.first.tolist()
+        if by_number
+        else _scans_at(truth.first * TIME_UNIT_NS[truth.title], scan_numbers)
     )
-    return dict(true), (remark,) if left else ()
+    scans, with_rows = set(scan_numbers.values()), set(numbers)
+    if truth.ids and scans.isdisjoint(with_rows):
+        problem = "no scan of the detections is in it; expected their truth"
+        raise ConfigError(str(truth.path), truth.title, problem)
+    true: dict[int, dict[object, FloatArray]] = {
+        k: {} for k in scan_numbers.values() if by_number or k in with_rows
+    }
+    for k, id_, position_m in zip(numbers, truth.ids, truth.positions_m, strict=True):
+        if k is None or k not in scans or id_ is None:
+            continue
+        if id_ in true[k]:
+            raise ConfigError(str(truth.path), "id", f"{id_!r} is in scan {k:.0f} twice; expected it once")
+        true[k][id_] = read_only(position_m)
+    missing = len(scan_numbers) - len(true)
+    remark = (
+        f"{truth.path}: {missing} of {len(scan_numbers)} scans are not scored: the truth has no row at "
+        "their times."
+    )
+    return dict(true), (remark,) if missing else ()
 
 
-def _numbers(t_ns: FloatArray, times: Mapping[int, int]) -> list[int | None]:
-    """Return which scan was at each time; None where there was none."""
-    scans = sorted(times)
-    at = np.searchsorted(scans, t_ns - _SAME_NS).tolist()
+def _scans_at(t_ns: FloatArray, scan_numbers: Mapping[int, int]) -> list[int | None]:
+    """Return the number of the scan at each time, None for no scan."""
+    times = sorted(scan_numbers)
+    at = np.searchsorted(times, t_ns - _SAME_TIME_NS).tolist()
     return [
-        times[scans[i]] if i < len(scans) and scans[i] - t <= _SAME_NS else None
+        scan_numbers[times[i]] if i < len(times) and times[i] - t <= _SAME_TIME_NS else None
         for i, t in zip(at, t_ns.tolist(), strict=True)
     ]

@@ -191,7 +191,7 @@ def test_detections_are_said_with_rate_gaps_and_disorder(tmp_path: Path) -> None
     (tmp_path / "no.csv").write_text("dear reader\nhow are you\n")
     result = CliRunner().invoke(app, ["info", str(tmp_path / "no.csv")])
     assert result.exit_code == 2
-    assert "expected rows of numbers" in " ".join(result.output.split())
+    assert "found dear reader: rename the columns" in " ".join(result.output.split())
 
 
 def test_a_large_file_of_something_else_is_refused_at_once(tmp_path: Path) -> None:

@@ -234,9 +234,14 @@ def test_a_recording_is_tracked_with_what_its_sensors_say_of_themselves(tmp_path
 
 MISTAKES = {
     "no such file": (["gone.npz"], "gone.npz: there is no such file"),
-    "csv without a model": (["set.csv"], "expected --model"),
-    "too few columns": (["two.csv", "--model", "set.npz"], "expected rows of numbers k,x,y"),
-    "words": (["words.csv", "--model", "set.npz"], "line 2: expected rows of numbers k,x,y"),
+    "csv without a model": (["set.csv"], "name one, NPZ or TOML, with --model"),
+    "too few columns": (["two.csv", "--model", "set.npz"], "found k,x: rename the columns"),
+    "words": (["words.csv", "--model", "set.npz"], "line 3: expected 3 numbers, as the titles k,x,y say"),
+    "too few numbers": (
+        ["few.npz", "--model", "set.npz"],
+        "meas: expected rows k,x,y; found the shape (5, 2)",
+    ),
+    "an archive of others": (["model.npz", "--model", "set.npz"], "meas: is missing; expected rows k,x,y"),
     "broken archive": (["cut.npz"], "expected an NPZ of numbers"),
     "no model in the archive": (["bare.npz"], "sigma_v: is missing"),
     "another state order": (["order.npz"], "expected constant velocity in the order px, vx, py, vy"),
@@ -247,7 +252,7 @@ MISTAKES = {
     "a word for a number": (["set.csv", "--model", "word.toml"], "noise_std_m: expected a number, got text"),
     "a picture for detections": (
         ["noise.bin", "--model", "set.npz"],
-        "noise.bin: is no text; expected an NPZ",
+        "noise.bin: is not text; expected a CSV",
     ),
     "no recording there": ([".."], "run.mcap"),
     "picture of no kind": (["set.npz", "--plot", "p.docx"], "expected a name that ends in .png"),
@@ -260,10 +265,12 @@ def test_a_mistake_is_named_with_its_file_and_what_was_expected(files, monkeypat
     arguments, said = MISTAKES[case]
     (files / "here").mkdir()
     monkeypatch.chdir(files)
-    (files / "two.csv").write_text("1,2\n")
-    (files / "words.csv").write_text("1,2,3\n1,two,3\n")
-    (files / "half.csv").write_text("0.5,2,3\n")
-    (files / "far.csv").write_text("1e9,2,3\n")
+    (files / "two.csv").write_text("k,x\n1,2\n")
+    (files / "words.csv").write_text("k,x,y\n1,2,3\n1,two,3\n")
+    (files / "half.csv").write_text("k,x,y\n0.5,2,3\n")
+    (files / "far.csv").write_text("k,x,y\n1e9,2,3\n")
+    np.savez(files / "few.npz", meas=np.zeros((5, 2)))
+    np.savez(files / "model.npz", F=np.eye(4))
     (files / "cut.npz").write_bytes((files / "set.npz").read_bytes()[:500])
     (files / "noise.bin").write_bytes(b"\x89PNG\xff\xfe")
     (files / "word.toml").write_text(MODEL.replace("10.0\nregion", '"10"\nregion'))
@@ -290,10 +297,10 @@ ROWS = st.lists(
 def test_no_numbers_however_wild_make_it_fail(tmp_path_factory, rows):
     folder = tmp_path_factory.mktemp("wild")
     (folder / "model.toml").write_text(MODEL)
-    (folder / "wild.csv").write_text("".join(f"{k},{x},{y}\n" for k, x, y in rows))
+    (folder / "wild.csv").write_text("k,x,y\n" + "".join(f"{k},{x},{y}\n" for k, x, y in rows))
     detections = load(folder / "wild.csv", folder / "model.toml", None)
     tracked = track_detections(detections, "smoothed")
-    bad = sum(not np.isfinite(row[1:]).all() for row in rows)
+    bad = sum(not np.isfinite(row[1:]).all() and not np.isnan(row[1:]).all() for row in rows)
     assert tracked.bad_detections == bad
     for states in tracked.states.values():
         assert all(np.isfinite(state).all() for state in states.values())
@@ -469,7 +476,12 @@ SENSOR_MISTAKES = {
         "'camrea' is not in the model, which has: west, camera",
     ),
     "no column of names": ("", "", "", "sensor: is missing"),
-    "half of what a radar measures": ("bearing_deg", "bearing", "", "expected a range_m with one of"),
+    "half of what a radar measures": (
+        "bearing_deg,x,y",
+        "bearing,px,py",
+        "",
+        "found k,sensor,range_m",
+    ),
     "a camera without places": (",x,y", ",px,py", "", "but camera measures positions"),
     "a key of the other kind": ("", "", ("noise_std_m", "range_std_m"), "sensors[1]"),
     "a kind that is none": ("", "", ('"position"', '"sonar"'), "sensors[1].kind"),
