@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from gcs.cli import app
 from gcs.config import load
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
-from gcs.core.preflight.return_height import return_height_check, return_of, returns_check
+from gcs.core.preflight.return_heights import return_height_check, return_of, returns_check
 from gcs.fence import fence_of, rally_of
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 

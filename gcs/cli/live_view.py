@@ -233,7 +233,7 @@ class LiveView:
     def _urgency(self, agent: AgentStatus) -> int:
         """Return the rank of an agent if rows are left out, 0 for the most urgent."""
         vehicle = agent.vehicle
-        if vehicle in self._command.position_integrity.doubted():
+        if vehicle in self._command.position_integrity.alarmed():
             return 0
         if agent.status == "lost":
             return 1
@@ -250,7 +250,7 @@ class LiveView:
         suspension = self._command.orders.suspensions.get(agent.vehicle)
         if suspension is not None and agent.status == "active":
             return Text(suspension, style="bold yellow")
-        if agent.vehicle in self._command.position_integrity.doubted():
+        if agent.vehicle in self._command.position_integrity.alarmed():
             return Text("not there", style="bold red")
         return Text(agent.status, style=_STATUS_STYLE[agent.status])
 

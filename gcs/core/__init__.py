@@ -1,6 +1,7 @@
 """The decision core: one event in, effects out, without I/O.
 
-`engine` is the state machine. `perception` says what is there, `replanning` what to fly, `tasking` brings
-missions to vehicles, `authority` says who controls a vehicle, `operator` takes commands, `airspace` keeps
-maps and zones, `preflight` judges a vehicle before its flight, `restart` goes on after an interruption.
+`engine` is the state machine. `perception` tracks and associates, `replanning` plans routes, `tasking`
+uploads missions, `takeoff` separates take-offs, `authority` knows who controls a vehicle, `operator` carries
+out orders, `airspace` has maps and zones, `preflight` checks vehicles before a flight, `restart` restores
+persisted state.
 """

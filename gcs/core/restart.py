@@ -1,16 +1,12 @@
-"""Taking up where an earlier service was, from its memory and from what vehicles and sensors show now.
+"""Restart: continuation from persisted state, checked against vehicles and sensors.
 
-Memory alone decides nothing:
-
-* A vehicle flies its remembered route when its mission reads back equal; then nothing is uploaded again. One
-  that stores another mission was given it by somebody else: it is set aside and the operator is told. One
-  that does not answer may hold anything, and is not tasked before it does
-  (`gcs.core.authority.onboard_audit`). One whose transfer was under way, or left a mix behind, may hold one:
-  it is told to hold, and planned for anew.
-* A vehicle that somebody took, by choosing its mode or by writing a mission to it, stays theirs.
-* Targets are expected where they were believed to be and must be seen there again; their tracks get new
-  labels, and the remembered routes follow them. A target that was reached stays reached.
-* Plans that waited for a word are made anew, under higher numbers: the picture has changed.
+* A vehicle keeps its route if its onboard mission reads back equal; nothing is uploaded again. With another
+  mission it is suspended. Without an answer it is not tasked (`gcs.core.authority.onboard_audit`). After an
+  interrupted upload its mission may be inconsistent: it is held, cleared and planned for.
+* An overridden vehicle stays overridden.
+* Targets are expected where they were and must be confirmed again. Their tracks get new labels, and the kept
+  routes follow these. A target that was reached stays reached.
+* Proposed plans are made again, with higher numbers.
 
 No plan is made before this has ended, which is bounded in time.
 """
@@ -39,22 +35,22 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.items import Item
 from gcs.model import NS_PER_S, Effect, Label, Notice, PersistedState, PersistedVehicle, Resumed, Route, Track
 
-_LONGEST_S: Final = 25.0
-"""After this a plan is made with what is known."""
-_PATIENT_S: Final = 8.0
-"""So long for agents and targets that no verified route is about."""
+_MAX_WAIT_S: Final = 25.0
+"""Maximum time until the first plan."""
+_MAX_OTHERS_WAIT_S: Final = 8.0
+"""Maximum wait for agents and targets without a verified route."""
 _GATE_CHI2: Final = 13.8
-"""On the squared normalised distance of a target from where it should be: 99.9 % of two dimensions."""
+"""Gate on the squared Mahalanobis distance of a target from its prediction: 99.9 % in two dimensions."""
 _FAR_M: Final = 1e9
 
 
 class Restart:
-    """What is left to be found out after a restart.
+    """Collects the state to persist, and restores it.
 
     Parameters
     ----------
     fleet, tasking, replanner, orders, agent_status, trackers, external_uploads, onboard_audit
-        The parts of the fold that remember, and are reminded.
+        Stages of the engine with persisted state.
     """
 
     def __init__(
@@ -77,129 +73,135 @@ class Restart:
         )
         self._onboard_audit = onboard_audit
         self._verified: dict[int, Route] = {}
-        self._asked: set[int] = set()
-        """Vehicles whose routes are taken up when they still hold them."""
-        self._was: dict[int, Label] = {}
-        self._known: dict[Label, Label] = {}
+        self._audited: set[int] = set()
+        """Vehicles that keep their route if their mission reads back equal."""
+        self._expected_labels: dict[int, Label] = {}
+        self._former_labels: dict[Label, Label] = {}
         self._reached: dict[int, Label] = {}
         self._expected: tuple[int, tuple[Track, ...]] = (0, ())
         self._until_t_ns: int | None = None
 
-    # ------------------------------------------------------------ remembering
+    # ------------------------------------------------------------ persisted state
 
     def vehicles(self) -> tuple[PersistedVehicle, ...]:
-        """Return what is to be remembered of every vehicle."""
-        return tuple(self._memory(vehicle) for vehicle in self._agent_status.by_vehicle)
+        """Return the persisted state of every vehicle."""
+        return tuple(self._persisted(vehicle) for vehicle in self._agent_status.by_vehicle)
 
-    def targets(self, t_ns: int, believed: Mapping[Label, Track]) -> tuple[Track, ...]:
-        """Return the targets that are to be remembered: until they are seen again, where they should be."""
+    def targets(self, t_ns: int, confirmed: Mapping[Label, Track]) -> tuple[Track, ...]:
+        """Return the targets to persist; during a restart these are predictions."""
         if self._until_t_ns is None:
-            return tuple(track for _, track in sorted(believed.items()))
+            return tuple(track for _, track in sorted(confirmed.items()))
         then_t_ns, expected = self._expected
-        return self._trackers.moved_on(expected, (t_ns - then_t_ns) / NS_PER_S)
+        return self._trackers.predict_targets(expected, (t_ns - then_t_ns) / NS_PER_S)
 
-    def _memory(self, vehicle: int) -> PersistedVehicle:
-        asked = self._onboard_audit.flown(vehicle)  # not known yet: still what was remembered
-        flown = asked or self._tasking.onboard(vehicle)
+    def _persisted(self, vehicle: int) -> PersistedVehicle:
+        audited = self._onboard_audit.expected(vehicle)  # still the persisted mission
+        onboard = audited or self._tasking.onboard(vehicle)
         wanted = (self._replanner.routes, self._orders.suspended_routes, self._verified)
         route = next((routes[vehicle] for routes in wanted if vehicle in routes), None)
         unsure = self._tasking.may_be_inconsistent(vehicle)
-        spare = route is None and vehicle not in self._asked
-        if flown is not None and (asked is not None or (spare and not unsure)):
-            route = flown.route
-        if flown is None or flown.route is not route:
-            flown = None
+        is_obsolete = route is None and vehicle not in self._audited
+        if onboard is not None and (audited is not None or (is_obsolete and not unsure)):
+            route = onboard.route
+        if onboard is None or onboard.route is not route:
+            onboard = None
         status = self._agent_status.by_vehicle[vehicle]
         return PersistedVehicle(
             status=replace(status, target=self._reached.get(vehicle, status.target)),
             suspension=self._orders.suspensions.get(vehicle),
             route=route,
-            items=() if flown is None or unsure else tuple(_row(item) for item in flown.items),
-            first_point=1 if flown is None else flown.first_point,
+            items=() if onboard is None or unsure else tuple(_values(item) for item in onboard.items),
+            first_point=1 if onboard is None else onboard.first_point,
             may_be_inconsistent=unsure,
-            authority=self._tasking.persisted_authority(vehicle),
+            authority=self._tasking.overrides.persisted(vehicle),
             external_mission=self._external_uploads.persisted(vehicle),
-            is_obsolete=spare,
+            is_obsolete=is_obsolete,
         )
 
-    # ------------------------------------------------------------ being reminded
+    # ------------------------------------------------------------ restoring
 
     def begin(self, event: Resumed) -> list[Effect]:
-        """Take the memory; returns what the operator should know."""
+        """Restore persisted state; return notices."""
         memory, t_ns = event.state, event.t_ns
         age_s = max(0.0, (t_ns - memory.t_ns) / NS_PER_S)
-        self._was = self._trackers.expect(memory.targets, age_s)
+        self._expected_labels = self._trackers.expect(memory.targets, age_s)
         self._expected = memory.t_ns, memory.targets
-        self._tasking.resume_count(memory.mission_count)
-        self._until_t_ns = t_ns + round(_LONGEST_S * NS_PER_S)
+        self._tasking.mission_count = memory.mission_count
+        self._until_t_ns = t_ns + round(_MAX_WAIT_S * NS_PER_S)
         effects: list[Effect] = []
         known = set(self._agent_status.by_vehicle)
-        text = f"takes up where it was {age_s:.0f} s ago: {_contents(memory, known)}"
-        text += "; to begin clean, end it and start it with --no-resume"
+        text = f"continues from its state {age_s:.0f} s ago: {_contents(memory, known)}"
+        text += "; for a new flight, end the service and start it with --no-resume"
         effects.append(Notice(t_ns, "warning", text))
         for one in memory.vehicles:
             vehicle = one.status.vehicle
             if vehicle not in known:
                 continue
-            if one.status.target is not None:  # labels of then mean nothing now
+            if one.status.target is not None:  # old labels are meaningless now
                 self._reached[vehicle] = one.status.target
             self._agent_status.by_vehicle[vehicle] = replace(one.status, target=None)
             if one.suspension is not None:
                 self._orders.suspensions[vehicle] = one.suspension
             if one.authority is not None:
-                self._tasking.restore_authority(vehicle, one.authority)
+                self._tasking.overrides.of(vehicle).restore(one.authority)
             if one.external_mission is not None:
                 self._external_uploads.restore(vehicle, one.external_mission, t_ns)
                 station = one.external_mission.station
-                text = f"has a mission of {station} and stays theirs until it is ordered to resume"
+                text = f"has a mission of {station} and stays overridden until it is ordered to resume"
                 effects.append(Notice(t_ns, "warning", text, vehicle))
             if one.may_be_inconsistent:
                 self._tasking.mark_inconsistent(vehicle)
-                text = "was being given a mission, or left with a part of one: it may hold a mix"
+                text = "had an upload in progress, or a part of one: its onboard mission may be inconsistent"
                 effects.append(Notice(t_ns, "warning", text, vehicle))
             elif one.items and one.route is not None and one.status.status == "active":
-                flown = OnboardMission(one.route, tuple(_item(row) for row in one.items), one.first_point)
+                onboard = OnboardMission(one.route, tuple(_item(row) for row in one.items), one.first_point)
                 if not one.is_obsolete:
-                    self._asked.add(vehicle)
-                self._onboard_audit.begin(flown, t_ns, self._take_up, known_t_ns=memory.t_ns)
+                    self._audited.add(vehicle)
+                self._onboard_audit.begin(onboard, t_ns, self._note_verified, known_t_ns=memory.t_ns)
         return effects
 
     @property
     def is_under_way(self) -> bool:
-        """True if who flies what is still being found out."""
-        return self._until_t_ns is not None or self._onboard_audit.hurries
+        """True while the state of vehicles is still being verified."""
+        return self._until_t_ns is not None or self._onboard_audit.is_awaiting
 
-    def _take_up(self, flown: OnboardMission) -> None:
-        """Take up the route of a vehicle that flies it."""
-        vehicle = flown.route.vehicle
-        if vehicle in self._asked and self._until_t_ns is not None:
-            self._verified[vehicle] = flown.route
-        self._asked.discard(vehicle)
+    def _note_verified(self, onboard: OnboardMission) -> None:
+        """Keep the route of a verified mission."""
+        vehicle = onboard.route.vehicle
+        if vehicle in self._audited and self._until_t_ns is not None:
+            self._verified[vehicle] = onboard.route
+        self._audited.discard(vehicle)
 
-    # ------------------------------------------------------------ the end of it
+    # ------------------------------------------------------------ end of the restart
 
     def is_waiting(self, t_ns: int, agents: Container[int], targets: Mapping[Label, Track]) -> bool:
-        """Whether it is too early to plan: who flies what, or where targets are, is still being found out."""
+        """Return True if it is too early to plan: vehicles or targets are still being verified."""
         if self._until_t_ns is None:
             return False
-        seen = set(self._recognised(t_ns, targets).values())
-        flown = all(r.target in seen and v in agents for v, r in self._verified.items())
-        rest = all(v in agents for v in self._agent_status.active()) and seen >= set(self._was.values())
+        recognised = set(self._recognised(t_ns, targets).values())
+        are_verified_there = all(r.target in recognised and v in agents for v, r in self._verified.items())
+        are_others_there = all(v in agents for v in self._agent_status.active()) and recognised >= set(
+            self._expected_labels.values()
+        )
         left_s = (self._until_t_ns - t_ns) / NS_PER_S
         if left_s > 0.0 and (
-            self._onboard_audit.hurries or not flown or (not rest and left_s > _LONGEST_S - _PATIENT_S)
+            self._onboard_audit.is_awaiting
+            or not are_verified_there
+            or (not are_others_there and left_s > _MAX_WAIT_S - _MAX_OTHERS_WAIT_S)
         ):
             return True
         self._finish(t_ns, targets)
         return False
 
     def _recognised(self, t_ns: int, targets: Mapping[Label, Track]) -> dict[Label, Label]:
-        """Labels before the restart of targets seen now: by place of birth, the others by nearness."""
-        known = {label: self._was[label[1]] for label in targets if label[1] in self._was}
+        """Return the former labels of confirmed targets: by birth component, else by distance."""
+        former = {
+            label: self._expected_labels[label[1]] for label in targets if label[1] in self._expected_labels
+        }
         then_t_ns, tracks = self._expected
-        moved_on = self._trackers.moved_on(tracks, (t_ns - then_t_ns) / NS_PER_S)
-        expected = [track for track in moved_on if track.label not in known.values()]
-        seen = [track for label, track in sorted(targets.items()) if label not in known]
+        predict_targets = self._trackers.predict_targets(tracks, (t_ns - then_t_ns) / NS_PER_S)
+        expected = [track for track in predict_targets if track.label not in former.values()]
+        seen = [track for label, track in sorted(targets.items()) if label not in former]
         if expected and seen:
             offset = np.array([[e.mean[:2] - s.mean[:2] for s in seen] for e in expected])
             S = np.array([[e.cov[:2, :2] + s.cov[:2, :2] for s in seen] for e in expected])
@@ -207,18 +209,18 @@ class Restart:
             away_m = np.where(d2 <= _GATE_CHI2, np.hypot(offset[..., 0], offset[..., 1]), _FAR_M)
             for row, column in zip(*linear_sum_assignment(away_m), strict=True):
                 if away_m[row, column] < _FAR_M:
-                    known[seen[column].label] = expected[row].label
-        return known
+                    former[seen[column].label] = expected[row].label
+        return former
 
     def is_reached(self, label: Label) -> bool:
-        """Whether a target that is seen now was reached before the restart."""
-        return self._known.get(label, self._was.get(label[1])) in self._reached.values()
+        """Return True if a target was reached before the restart."""
+        return self._former_labels.get(label, self._expected_labels.get(label[1])) in self._reached.values()
 
     def _finish(self, t_ns: int, targets: Mapping[Label, Track]) -> None:
-        """Hand the routes over, with their targets under the labels that they have now."""
+        """Give the verified routes to the replanner, with the new labels of their targets."""
         self._until_t_ns = None
-        self._known = self._recognised(t_ns, targets)
-        now = {was: label for label, was in self._known.items()}
+        self._former_labels = self._recognised(t_ns, targets)
+        now = {was: label for label, was in self._former_labels.items()}
         for vehicle in [vehicle for vehicle, label in self._reached.items() if label in now]:
             target = now[self._reached.pop(vehicle)]
             self._agent_status.by_vehicle[vehicle] = replace(
@@ -227,23 +229,23 @@ class Restart:
         routes = {v: replace(r, target=now[r.target]) for v, r in self._verified.items() if r.target in now}
         self._verified.clear()
         for vehicle, route in routes.items():
-            flown = self._tasking.onboard(vehicle)
-            if flown is not None:
-                self._tasking.note_onboard(replace(flown, route=route))
+            onboard = self._tasking.onboard(vehicle)
+            if onboard is not None:
+                self._tasking.note_onboard(replace(onboard, route=route))
         for vehicle in [vehicle for vehicle in routes if vehicle in self._orders.suspensions]:
             self._orders.suspended_routes[vehicle] = routes.pop(vehicle)
         for vehicle in [vehicle for vehicle in routes if not self._is_flown(vehicle)]:
-            del routes[vehicle]  # it holds its mission and does not fly it: the next plan has another for it
+            del routes[vehicle]  # it does not fly its onboard mission: it gets another with the next plan
         self._replanner.resume(t_ns, routes, targets)
 
     def _is_flown(self, vehicle: int) -> bool:
-        """Whether a vehicle flies what it holds: an order may have let it go on from where it was held."""
+        """Return True if a vehicle flies its onboard mission."""
         state = self._fleet.state(vehicle)
         return state is not None and state.mode == AUTO and vehicle not in self._orders.commanded
 
 
 def _contents(memory: PersistedState, known: Container[int]) -> str:
-    """Say what a memory holds of the vehicles that the mission has."""
+    """Return the persisted state of this mission's vehicles, in words."""
     vehicles = [one for one in memory.vehicles if one.status.vehicle in known]
     groups = {
         "missions of {}": [
@@ -262,12 +264,12 @@ def _contents(memory: PersistedState, known: Container[int]) -> str:
     return "; ".join(parts)
 
 
-def _row(item: Item) -> tuple[float | None, ...]:
+def _values(item: Item) -> tuple[float | None, ...]:
     return tuple(None if math.isnan(value) else float(value) for value in item)
 
 
 def _item(row: tuple[float | None, ...]) -> Item:
-    """Read an item back; whole numbers are integers again."""
+    """Return a mission item from its persisted values."""
     values = [math.nan if value is None else value for value in row]
     command, frame, x, y, z_m, param1, param2, param3, param4, autocontinue = values
     return Item(

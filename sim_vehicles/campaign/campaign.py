@@ -22,6 +22,7 @@ from rich.console import Console
 
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.config import read_text
+from gcs.config.key_overrides import override_keys
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import versions
@@ -29,7 +30,6 @@ from gcs.model import Effect, Truth
 from gcs.report.campaign.losses import DeathWatch
 from gcs.report.campaign.results import Row
 from gcs.report.run.evaluation import evaluator_of
-from gcs.settings import with_settings
 from sim_vehicles.campaign.ground_truth_trackers import GroundTruthTrackers
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
@@ -86,7 +86,7 @@ class Campaign:
             text, source = read_text(scenario)
             for value in self.sweep_values:
                 swept = (f"{self.sweep_key}={value}",) if self.sweep_key else ()
-                changed = with_settings(text, [*self.settings, *swept], source)
+                changed = override_keys(text, [*self.settings, *swept], source)
                 name = parse_scenario(changed, source).config.name
                 texts.append((changed, name, value))
         return [

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from gcs.config import Config
-from gcs.core.perception.untracked_detections import Untracked
+from gcs.core.perception.untracked_detections import UntrackedDetections
 from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Track, Truth, VehicleState, read_only
 
 _COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
@@ -72,7 +72,7 @@ class GroundTruthTrackers:
         self.agents, self.targets = GroundTruthClass("agents"), GroundTruthClass("targets")
         self.findings: tuple[tuple[bool, str], ...] = ()
         """No findings: the truth contradicts no sensor."""
-        self.untracked = Untracked(config)
+        self.untracked = UntrackedDetections(config)
         """No untracked detections."""
 
     def refusal(self, _scan: Scan) -> str:

@@ -10,7 +10,7 @@ import argparse
 import numpy as np
 
 from gcs.config import read_text
-from gcs.settings import with_settings
+from gcs.config.key_overrides import override_keys
 from sim_vehicles.campaign.campaign import Job, fly, warm_up
 
 SPEED_M_S = 15.0
@@ -41,7 +41,7 @@ def job(aim: str, share: float, seed: int) -> Job:
         "simulation.sensor.clutter_per_scan=40.0",
     ]  # fmt: skip
     text = text[: text.index("[simulation.gaussian_targets]")]
-    return Job(with_settings(text, settings, source), source, "", seed, "own", 0.0)
+    return Job(override_keys(text, settings, source), source, "", seed, "own", 0.0)
 
 
 def main() -> None:

@@ -26,6 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.config import read_text
+from gcs.config.key_overrides import override_keys
 from gcs.core.engine import Engine
 from gcs.core.perception import agent_status
 from gcs.io.recording.folder import Run, versions
@@ -33,7 +34,6 @@ from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.model import NS_PER_S, AgentStatus, NoFlyZone, Order, Plan, UploadReport
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.service.journal import Journal, fingerprint
-from gcs.settings import with_settings
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
@@ -108,7 +108,7 @@ class Soak:
     _held: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        text = with_settings(read_text("random-targets")[0], self.loads, "soak")
+        text = override_keys(read_text("random-targets")[0], self.loads, "soak")
         self.scenario = parse_scenario(text, "soak")
         self._rng = np.random.default_rng(self.seed)
         self.recorder = Recorder(self.folder, text, versions(), Run("soak", self.seed), DiskBudget(1_000_000))

@@ -20,9 +20,9 @@ from pathlib import Path
 import psutil
 
 from gcs.config import read_text
+from gcs.config.key_overrides import override_keys
 from gcs.io.recording.reader import read
 from gcs.model import NS_PER_S, AgentStatus, Notice, Tick
-from gcs.settings import with_settings
 
 SETTINGS = (
     "mission.max_duration_s=200000",
@@ -37,7 +37,7 @@ GCS = [sys.executable, "-P", "-c", f"{WITHOUT_ARRIVALS}; from gcs.cli import mai
 def fly(hours: float, loss: float, samples: int, speed: float, folder: Path) -> dict[str, object]:
     """Fly and print a row for each sample; return the summary of the run."""
     mission = folder / "soak.toml"
-    mission.write_text(with_settings(read_text("random-targets")[0], SETTINGS, "soak"), encoding="utf-8")
+    mission.write_text(override_keys(read_text("random-targets")[0], SETTINGS, "soak"), encoding="utf-8")
     duration_s = hours * 3600.0
     command = [*GCS, "demo", str(mission), "--headless", "--json", "--out", str(folder / "run")]
     command += ["--duration", str(duration_s), "--loss", str(loss), "--speed", str(speed)]

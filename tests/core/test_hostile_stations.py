@@ -48,7 +48,7 @@ def test_no_bytes_make_routes_or_the_watch_over_other_stations_fail(reads: list[
             assert address not in router.route_frame(number, address, frame).to
             message = frame.message() if not is_station else None
             if message is not None:
-                stations.answered(1, message, number)
+                stations.receive_reply(1, message, number)
         if is_station:
             stations.receive(Datagram(number, SEAT, "10.0.0.1:9", data))
     assert set(stations.untaskable()) <= {1, 2}

@@ -11,8 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import track
 
 from gcs.config import parse, read_text
+from gcs.config.key_overrides import override_keys
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
-from gcs.core.preflight.return_height import return_of, returns_check
+from gcs.core.preflight.return_heights import return_of, returns_check
 from gcs.core.preflight.vehicle import VehicleChecks, envelope_of
 from gcs.core.replanning.altitude_layers import AltitudeLayers
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
@@ -21,7 +22,6 @@ from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signed, timestamp_of
 from gcs.mavlink.services.preflight_query import PREFLIGHT_MESSAGE_IDS, PreflightQuery
 from gcs.model import Datagram, Scan, Send
-from gcs.settings import with_settings
 from sim_vehicles.autopilots.personality import Mode
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 from sim_vehicles.world.scenario import load
@@ -35,7 +35,7 @@ GOOD |= {"BATT_FS_LOW_ACT": 1, "COM_LOW_BAT_ACT": 3}
 
 
 def mission(*settings):
-    return parse(with_settings(read_text("prescribed")[0], settings, "prescribed"), "prescribed")
+    return parse(override_keys(read_text("prescribed")[0], settings, "prescribed"), "prescribed")
 
 
 def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mode=None, signs=False, **spec):

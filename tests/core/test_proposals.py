@@ -43,12 +43,12 @@ class Stage:
     def look(self, t_s: float) -> Proposal | None:
         """Look as at a scan; return the plan that waits."""
         if self.replanner.is_due(at(t_s)):
-            self._keep(self.approval.look(self.inputs(t_s)))
+            self._keep(self.approval.check(self.inputs(t_s)))
         return self.approval.pending
 
     def confirm(self, t_s: float, plan_id: int) -> tuple[OrderAnswer, list[Route]]:
         order = Order(at(t_s), f"confirm-{t_s}", "confirm", None, plan_id)
-        effects, routes = self.approval.take(order, self.inputs(t_s))
+        effects, routes = self.approval.decide(order, self.inputs(t_s))
         self._keep(effects)
         answers = [e for e in effects if isinstance(e, OrderAnswer) and e.order_id == order.order_id]
         return answers[0], routes
@@ -234,11 +234,11 @@ def test_in_a_flight_nobody_confirms_numbers_are_few_and_far_between() -> None:
 def test_who_asks_gets_the_plan_that_waits_with_its_age() -> None:
     stage = Stage()
     stage.look(0.0)
-    (answer,) = stage.approval.tell(Order(at(3.0), "plan-1", "plan", None))
+    (answer,) = stage.approval.answer(Order(at(3.0), "plan-1", "plan", None))
     assert isinstance(answer, OrderAnswer)
     assert answer.proposal is not None
     assert (answer.state, answer.proposal.plan_id, answer.proposal.age_s) == ("done", 1, 3.0)
     stage.confirm(4.0, 1)
-    (none,) = stage.approval.tell(Order(at(5.0), "plan-2", "plan", None))
+    (none,) = stage.approval.answer(Order(at(5.0), "plan-2", "plan", None))
     assert isinstance(none, OrderAnswer)
     assert (none.state, none.detail, none.proposal) == ("refused", "no plan waits", None)

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
 
 from gcs.config import parse, read_text
+from gcs.config.key_overrides import override_keys
 from gcs.core.engine import Engine
 from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import Encoder
@@ -30,7 +31,6 @@ from gcs.model import (
     Resumed,
     Tick,
 )
-from gcs.settings import with_settings
 from sim_vehicles.autopilots.personality import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import Scenario, load, parse_scenario
@@ -69,7 +69,7 @@ def flight_with_a_restart(
 def standing() -> Scenario:
     """Targets that stand still, and routes that are not bettered in flight."""
     text, source = read_text("deterministic")
-    return parse_scenario(with_settings(text, ["planning.shape=pulled"], source), source)
+    return parse_scenario(override_keys(text, ["planning.shape=pulled"], source), source)
 
 
 def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive() -> None:
@@ -124,7 +124,7 @@ def test_a_vehicle_that_was_being_given_a_mission_holds_until_it_has_a_whole_one
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     at_s = (first.t_ns - START_T_NS) / S + 0.2
     flight = flight_with_a_restart(at_s, 3.0, 40.0)
-    told = [n.text for n in flight.all(Notice) if "may hold a mix" in n.text]
+    told = [n.text for n in flight.all(Notice) if "may be inconsistent" in n.text]
     assert len(told) == 4
     assert all(flight.mode(vehicle) is Mode.AUTO for vehicle in (1, 2, 3, 4))
     assert all({m.get_type() for m in flight.told(v, at_s + 3, 40.0)} & MISSION for v in (1, 2, 3, 4))
@@ -213,7 +213,7 @@ def test_a_mix_that_was_left_behind_is_cleared_after_a_restart_though_nobody_has
     run.run(50.0)
     assert len(run.vehicles["vehicle:4"].autopilot.mission) <= 1
     told = [(e.level, e.text) for _, e in effects if isinstance(e, Notice) and e.vehicle == 4]
-    assert any("may hold a mix" in text for _, text in told)
+    assert any("may be inconsistent" in text for _, text in told)
     assert any(level == "alarm" and "holds no mission now" in text for level, text in told)
 
 
@@ -225,7 +225,7 @@ def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_i
     after = Engine(mission, 1)
     effects = after.step(Resumed(t_ns + S, through_the_journal(before.memory(t_ns))))
     assert "system 254/190 at 10.0.0.5:50" in after.untaskable()[1]
-    assert any("stays theirs" in e.text for e in effects if isinstance(e, Notice))
+    assert any("stays overridden" in e.text for e in effects if isinstance(e, Notice))
     assert "broke off" not in str(after.step(Tick(t_ns + 10 * S)))
     assert "broke off" in str(after.step(Tick(t_ns + 12 * S)))
     again = Engine(mission, 1)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from staging import at
 
 from gcs.core.perception.input_errors import InputErrors
+from gcs.core.perception.never_heard import NeverHeardCheck
 from gcs.core.perception.sensor_watchdog import SensorWatchdog
-from gcs.core.perception.vehicle_watchdog import VehicleWatchdog
 from gcs.model import BadInput, Notice
 
 
@@ -81,7 +81,7 @@ def test_vehicles_that_report_and_are_never_associated_are_an_alarm() -> None:
 
 
 def test_vehicles_that_were_never_heard_are_named_once() -> None:
-    watchdog = VehicleWatchdog([1, 2, 3], lambda vehicle: vehicle == 2)
+    watchdog = NeverHeardCheck([1, 2, 3], lambda vehicle: vehicle == 2)
     ((t_s, level, text),) = told(lambda t_s: watchdog.poll(at(t_s)), 40.0)
     assert (t_s, level) == (10.0, "warning")
     assert text.startswith("agents 1, 3 not heard yet")
@@ -89,7 +89,7 @@ def test_vehicles_that_were_never_heard_are_named_once() -> None:
 
 def test_repeated_errors_are_summarised_and_never_silenced() -> None:
     errors = InputErrors()
-    said = told(lambda t_s: errors.take(BadInput(at(t_s), "key", "no JSON")) + errors.poll(at(t_s)), 100.0)
+    said = told(lambda t_s: errors.add(BadInput(at(t_s), "key", "no JSON")) + errors.poll(at(t_s)), 100.0)
     assert errors.count == 201
     assert [t_s for t_s, _, _ in said[:3]] == [0.0, 0.5, 1.0]
     assert [t_s for t_s, _, _ in said[3:]] == [11.0 + 10.0 * k for k in range(9)]
@@ -98,7 +98,7 @@ def test_repeated_errors_are_summarised_and_never_silenced() -> None:
 
 def test_invented_sources_of_errors_are_summed_up_together() -> None:
     errors = InputErrors()
-    first = [n for k in range(10_000) for n in errors.take(BadInput(at(0.0), f"k{k}", "noise"))]
+    first = [n for k in range(10_000) for n in errors.add(BadInput(at(0.0), f"k{k}", "noise"))]
     assert len(first) <= 70
     (summary,) = [n for n in errors.poll(at(10.0)) if "other sources" in n.text]
     assert "9" in summary.text

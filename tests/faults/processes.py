@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from gcs.config import read_text
+from gcs.config.key_overrides import override_keys
 from gcs.io.recording.reader import read
 from gcs.io.zenoh.session import free_endpoint
-from gcs.settings import with_settings
 
 GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 
@@ -32,7 +32,7 @@ class Run:
 
     def __init__(self, folder: Path, speed: float = 1.0) -> None:
         text, source = read_text("deterministic")
-        text = with_settings(
+        text = override_keys(
             text, ["planning.shape=pulled"], source
         )  # routes that are not bettered in flight
         port, self.seat = free_port(), free_port()

@@ -35,7 +35,7 @@ def lost(memory: PersistedState) -> PersistedState:
 def test_the_notice_says_what_was_taken_up_and_how_to_begin_clean():
     run, effects = restarted(lost)
     run.run(AT_S + 4.5)
-    (text,) = [e.text for e in effects if isinstance(e, Notice) and "takes up where it was" in e.text]
+    (text,) = [e.text for e in effects if isinstance(e, Notice) and "continues from its state" in e.text]
     assert "missions of agents 2, 3, 4" in text
     assert "agent 1 lost" in text
     assert "closed areas fire" in text

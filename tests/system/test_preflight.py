@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.config import parse, read_text
+from gcs.config.key_overrides import override_keys
 from gcs.io.zenoh.discovery import running_services
 from gcs.io.zenoh.session import free_endpoint
-from gcs.settings import with_settings
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 FENCE = 'fence.areas=[{kind="exclusion", circle=[33.2, -87.57, 50.0]}]'
@@ -42,7 +42,7 @@ def field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     links = [f'links.mavlink="udpin:127.0.0.1:{port}"', 'name="field"', FENCE, RALLY]
     links.append(f'links.forward=[{{endpoint="udpin:127.0.0.1:{free_port()}", access="full"}}]')
     links += [f'links.zenoh="{free_endpoint()}"', 'planning.retask="confirm"']
-    text = with_settings(read_text("prescribed")[0], links, "prescribed")
+    text = override_keys(read_text("prescribed")[0], links, "prescribed")
     for system_id in (3, 4):
         start = text.index(f"[[agents]]\nsystem_id = {system_id}")
         ends = [at for at in (text.find("[[", start + 2), text.find("\n[", start + 2)) if at > 0]

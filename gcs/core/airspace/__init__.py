@@ -1,1 +1,1 @@
-"""Obstacles, no-fly zones and the fence, and what is held against them."""
+"""Obstacles, no-fly zones and the fence, and checks against them."""

@@ -1,10 +1,9 @@
-"""Who is about to fly into an area that was closed, by the mission that it holds.
+"""Warnings of incursions: onboard missions that lead into a no-fly zone.
 
-Closing an area changes no mission by itself: routes are planned around it, and each vehicle flies its last
-good mission until the next one is verified on board. Where there is no other way, or nobody confirms one, or
-it cannot be delivered, that mission leads into the area. Then nothing is done to the vehicle unasked: a place
-to circle is no safer than its mission, for all we know here. The operator is told who it is, where and when
-it enters, once when the area is closed and once more shortly before, and holds it or calls it back.
+After a zone is closed, a vehicle flies its verified mission until a new one is on board. If there is no other
+route, or it is not confirmed or not uploaded, the vehicle enters the zone. It is not held automatically: a
+loiter circle may be no safer than the mission. The operator is warned when the zone is closed, and again
+shortly before the incursion.
 """
 
 from __future__ import annotations
@@ -21,61 +20,65 @@ from gcs.model import Notice, VehicleState
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 
-SOON_S = 20.0
-_SLOW_M_S = 1.0
+WARNING_S = 20.0
+"""Time before an incursion at which the warning is repeated."""
+_MIN_SPEED_M_S = 1.0
 _HALVINGS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class Incursion:
-    """Where a vehicle enters a closed area."""
+    """Predicted incursion of one vehicle."""
 
     vehicle: int
-    area: str
+    zone: str
     item: int
-    """Of the mission that it holds: the one that it flies to then."""
+    """Mission item that it flies to then."""
     after_s: float
-    """0 when it is inside."""
+    """Time until then, in seconds; 0: it is inside."""
 
     @property
     def text(self) -> str:
-        """In words, without who it is."""
+        """Incursion in words, without the vehicle."""
         if self.after_s == 0.0:
-            return f"is inside no-fly zone {self.area}: hold it, or call it back"
+            return f"is inside no-fly zone {self.zone}: hold it, or return it"
         return (
-            f"would fly through no-fly zone {self.area}: in {self.after_s:.0f} s, on its way to item "
+            f"would fly through no-fly zone {self.zone}: in {self.after_s:.0f} s, on its way to item "
             f"{self.item} of the mission that it holds"
         )
 
 
 class IncursionWarnings:
-    """What vehicles hold, against the closed areas.
+    """Predicts incursions of onboard missions.
 
     Parameters
     ----------
-    tasking : Tasking
-        Knows what vehicles hold.
+    tasking : UploadManager
+        Onboard missions.
     """
 
     def __init__(self, tasking: UploadManager) -> None:
         self._tasking = tasking
         self._warned: dict[tuple[int, str], float] = {}
-        """At how many seconds to go each was last told of."""
+        """Time to each incursion at the last check, by vehicle and zone."""
 
-    def entries(self, states: Iterable[VehicleState], areas: Mapping[str, Grid]) -> list[Incursion]:
-        """Who enters which area; one that comes to several is told of the first."""
+    def entries(self, states: Iterable[VehicleState], zones: Mapping[str, Grid]) -> list[Incursion]:
+        """Return the first predicted incursion of each vehicle; `zones` have the closed cells of each."""
+        grids = list(zones.values())
+        if not grids:
+            return []
+        blocked = np.logical_or.reduce([grid.blocked for grid in grids])
+        union = Grid(grids[0].origin_m, grids[0].spacing_m, blocked)  # one check for vehicles clear of all
         found = []
-        together = _together(areas)
         for state in states:
-            if together is None or self._entry(state, "", together) is None:
-                continue
-            ways = [entry for name, closed in areas.items() if (entry := self._entry(state, name, closed))]
-            found += sorted(ways, key=lambda entry: entry.after_s)[:1]
+            if self._entry(state, "", union) is not None:
+                ones = [one for name, closed in zones.items() if (one := self._entry(state, name, closed))]
+                found += sorted(ones, key=lambda one: one.after_s)[:1]
         return found
 
-    def look(self, t_ns: int, states: Iterable[VehicleState], areas: Mapping[str, Grid]) -> list[Notice]:
-        """Say who is about to enter, and who has: each once, until it is out of danger."""
-        due = {(e.vehicle, e.area): e for e in self.entries(states, areas) if e.after_s <= SOON_S}
+    def check(self, t_ns: int, states: Iterable[VehicleState], zones: Mapping[str, Grid]) -> list[Notice]:
+        """Return alarms of imminent and actual incursions, each once until it is over."""
+        due = {(e.vehicle, e.zone): e for e in self.entries(states, zones) if e.after_s <= WARNING_S}
         self._warned = {key: after_s for key, after_s in self._warned.items() if key in due}
         notices = []
         for key, entry in due.items():
@@ -86,33 +89,24 @@ class IncursionWarnings:
         return notices
 
     def _entry(self, state: VehicleState, name: str, closed: Grid) -> Incursion | None:
-        place, points = (state.east_m, state.north_m), self._tasking.points_ahead(state.system_id)
-        if not line_of_sight(closed, place, place):
+        position, points = (state.east_m, state.north_m), self._tasking.points_ahead(state.system_id)
+        if not line_of_sight(closed, position, position):
             return Incursion(state.system_id, name, state.mission_seq, 0.0)
         flown_m = 0.0
-        for number, (start, end) in enumerate(pairwise((place, *points))):
+        for number, (start, end) in enumerate(pairwise((position, *points))):
             if not line_of_sight(closed, start, end):
                 flown_m += _clear_m(closed, start, end)
-                after_s = flown_m / max(state.ground_speed_m_s, _SLOW_M_S)
+                after_s = flown_m / max(state.ground_speed_m_s, _MIN_SPEED_M_S)
                 return Incursion(state.system_id, name, state.mission_seq + number, max(after_s, 0.1))
             flown_m += math.dist(start, end)
         return None
 
 
-def _together(areas: Mapping[str, Grid]) -> Grid | None:
-    """Return the cells that any area blocks, so that a vehicle clear of all is looked at once."""
-    grids = list(areas.values())
-    if not grids:
-        return None
-    blocked = np.logical_or.reduce([grid.blocked for grid in grids])
-    return Grid(grids[0].origin_m, grids[0].spacing_m, blocked)
-
-
 def _clear_m(closed: Grid, start: Point, end: Point) -> float:
-    """How far a leg is clear, by halving."""
+    """Return the clear length of a leg, by bisection."""
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
-        share = 0.5 * (low + high)
-        there = (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
-        low, high = (share, high) if line_of_sight(closed, start, there) else (low, share)
+        middle = 0.5 * (low + high)
+        point = (start[0] + middle * (end[0] - start[0]), start[1] + middle * (end[1] - start[1]))
+        low, high = (middle, high) if line_of_sight(closed, start, point) else (low, middle)
     return low * math.dist(start, end)

@@ -1,6 +1,6 @@
-"""Areas that an operator closes while the mission flies: discs and polygons on top of the mission's map.
+"""No-fly zones: discs and polygons that an operator closes in flight.
 
-An area blocks every cell of the grid that it overlaps, as the map's own obstacles do.
+A zone blocks every grid cell that it overlaps, like an obstacle of the map.
 """
 
 from __future__ import annotations
@@ -11,44 +11,52 @@ import numpy.typing as npt
 from gcs.model import NoFlyZone
 from gcs.planning.map.grid import Grid
 
-_MAX_AREAS = 100
+_MAX_ZONES = 100
 
 
 class NoFlyZones:
-    """The closed areas and the grid with them.
+    """Closed zones, and the map with them.
 
     Parameters
     ----------
     grid : Grid
         The mission's own map.
+
+    Attributes
+    ----------
+    areas : dict of str to NoFlyZone
+        Closed zones by name.
+    closed : dict of str to Grid
+        Cells that each zone blocks.
+    grid : Grid
+        The current map.
     """
 
     def __init__(self, grid: Grid) -> None:
         self.areas: dict[str, NoFlyZone] = {}
         self.closed: dict[str, Grid] = {}
-        """What each area blocks."""
         self.grid = grid
         self._open = grid
 
-    def refusal(self, area: NoFlyZone) -> str:
-        """Say why an area cannot be taken; empty when it can."""
-        if area.disc_m is None and not area.polygon_m:
-            if area.name in self.areas:
+    def refusal(self, zone: NoFlyZone) -> str:
+        """Return why a zone cannot be closed or opened; empty if it can."""
+        if zone.disc_m is None and not zone.polygon_m:
+            if zone.name in self.areas:
                 return ""
-            return f"no no-fly zone is called {area.name}; there are: {', '.join(self.areas) or 'none'}"
-        if area.name not in self.areas and len(self.areas) >= _MAX_AREAS:
-            return f"there are {_MAX_AREAS} no-fly zones already; open some first"
-        return "" if closed_cells(self._open, area).any() else "it lies outside the map"
+            return f"no no-fly zone is called {zone.name}; there are: {', '.join(self.areas) or 'none'}"
+        if zone.name not in self.areas and len(self.areas) >= _MAX_ZONES:
+            return f"there are {_MAX_ZONES} no-fly zones already; open some first"
+        return "" if closed_cells(self._open, zone).any() else "it lies outside the map"
 
-    def take(self, area: NoFlyZone) -> Grid:
-        """Close or open an area; return the grid of what is newly blocked."""
+    def change(self, zone: NoFlyZone) -> Grid:
+        """Close or open a zone; return the cells that are newly blocked."""
         before = self.grid
-        self.areas.pop(area.name, None)
-        self.closed.pop(area.name, None)
-        if area.disc_m is not None or area.polygon_m:
-            self.areas[area.name] = area
-            cells = closed_cells(self._open, area)
-            self.closed[area.name] = Grid(before.origin_m, before.spacing_m, cells)
+        self.areas.pop(zone.name, None)
+        self.closed.pop(zone.name, None)
+        if zone.disc_m is not None or zone.polygon_m:
+            self.areas[zone.name] = zone
+            cells = closed_cells(self._open, zone)
+            self.closed[zone.name] = Grid(before.origin_m, before.spacing_m, cells)
         blocked = self._open.blocked
         for one in self.closed.values():
             blocked = blocked | one.blocked
@@ -56,9 +64,9 @@ class NoFlyZones:
         return Grid(before.origin_m, before.spacing_m, blocked & ~before.blocked)
 
 
-def closed_cells(grid: Grid, area: NoFlyZone) -> npt.NDArray[np.bool_]:
-    """Cells of a grid that an area overlaps, (rows, cols)."""
+def closed_cells(grid: Grid, zone: NoFlyZone) -> npt.NDArray[np.bool_]:
+    """Return a mask of the cells that a zone overlaps, (rows, cols)."""
     free = Grid(grid.origin_m, grid.spacing_m, np.zeros(grid.shape, dtype=np.bool_))
-    if area.disc_m is not None:
-        return free.with_obstacles(discs_m=[area.disc_m]).blocked
-    return free.with_obstacles(polygons_m=[[area.polygon_m]]).blocked
+    if zone.disc_m is not None:
+        return free.with_obstacles(discs_m=[zone.disc_m]).blocked
+    return free.with_obstacles(polygons_m=[[zone.polygon_m]]).blocked

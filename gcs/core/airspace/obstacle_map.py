@@ -1,4 +1,4 @@
-"""The obstacle map of a mission: what file, GeoJSON and fence say, and what a seed adds at random."""
+"""Obstacle map of a mission: obstacles of its file, GeoJSON and fence, and random ones."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs.fence import drawn_areas
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 
 _PURPOSE = 0x6D6170
-"""Keeps the map's random numbers apart from those of anything else with the same seed."""
+"""Separates the map's random numbers from others with the same seed."""
 
 
 def mission_grid(config: Config, seed: int) -> Grid:
@@ -28,7 +28,7 @@ def mission_grid(config: Config, seed: int) -> Grid:
     for fenced in drawn_areas(config, config.name):
         ring = fenced.outline_m(config.local_frame)
         grid = grid.within([[ring]]) if fenced.stay_in else grid.with_obstacles(polygons_m=[[ring]])
-    places = [(agent.east_m, agent.north_m) for agent in config.agents]
-    places += [(birth.east_m, birth.north_m) for birth in config.births]
+    kept_clear = [(agent.east_m, agent.north_m) for agent in config.agents]
+    kept_clear += [(birth.east_m, birth.north_m) for birth in config.births]
     rng = np.random.default_rng([seed, _PURPOSE])
-    return random_obstacles(grid, area.random_threshold, rng, places, area.keep_clear_m)
+    return random_obstacles(grid, area.random_threshold, rng, kept_clear, area.keep_clear_m)

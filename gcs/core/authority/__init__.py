@@ -1,1 +1,1 @@
-"""Who controls a vehicle, and what others wrote to it."""
+"""Control authority: overrides by pilots, failsafes and other ground stations; onboard mission audits."""

@@ -1,8 +1,7 @@
-"""Tells of vehicles in modes that are not ours, and of targets that nobody is sent to.
+"""Operator notices about overridden vehicles and unattended targets.
 
-What a vehicle does by somebody else's choice (a pilot, a failsafe, another ground station) is left alone
-(`gcs.mavlink.fleet.mode_authority`). The operator is told when it begins, also of what a service finds at its
-start, with what to do, and when it ends.
+A vehicle whose mode a pilot, a failsafe or another ground station chose is left alone
+(`gcs.core.authority.overrides`). A notice tells when that begins, with the remedy, and when it ends.
 """
 
 from __future__ import annotations
@@ -17,48 +16,48 @@ from gcs.model import Effect, Label, Notice, target_name, vehicle_name
 
 _PERIOD_NS: Final = ns(1.0)
 _MAX_NAMED: Final = 8
-"""Vehicles of one mode that are named one by one."""
+"""Maximum number of vehicles listed by name."""
 
 
 class OverrideNotices:
-    """Modes that somebody else chose, as the operator was told of them."""
+    """Notices about overridden vehicles."""
 
     def __init__(self) -> None:
-        self._told: dict[int, str] = {}
-        self._next_look_t_ns = 0
+        self._reported: dict[int, str] = {}
+        self._next_check_t_ns = 0
 
-    def poll(self, t_ns: int, taken: Mapping[int, str], ordered: Container[int]) -> list[Effect]:
-        """Look once a second.
+    def poll(self, t_ns: int, modes: Mapping[int, str], silent: Container[int]) -> list[Effect]:
+        """Check once a second.
 
         Parameters
         ----------
-        taken
-            The mode that somebody else chose, by vehicle.
-        ordered
-            Vehicles that are in their modes by an operator's order here, or have yet to tell why.
+        modes
+            Overriding modes, by vehicle.
+        silent
+            Vehicles without a notice: their mode follows an order here, or its reason is not known yet.
         """
-        if t_ns < self._next_look_t_ns:
+        if t_ns < self._next_check_t_ns:
             return []
-        self._next_look_t_ns = t_ns + _PERIOD_NS
-        now = {vehicle: mode for vehicle, mode in taken.items() if vehicle not in ordered}
+        self._next_check_t_ns = t_ns + _PERIOD_NS
+        now = {vehicle: mode for vehicle, mode in modes.items() if vehicle not in silent}
         effects: list[Effect] = []
         for vehicle, mode in sorted(now.items()):
-            if self._told.get(vehicle) != mode:
-                effects.append(Notice(t_ns, "warning", _words(vehicle, mode), vehicle))
-        free = sorted(self._told.keys() - taken.keys())
+            if self._reported.get(vehicle) != mode:
+                effects.append(Notice(t_ns, "warning", _text(vehicle, mode), vehicle))
+        free = sorted(self._reported.keys() - modes.keys())
         effects += [Notice(t_ns, "info", "is ours to task again", vehicle) for vehicle in free]
-        self._told = now
+        self._reported = now
         return effects
 
 
-class Unattended:
-    """Targets that appear after the mission has ended, as the operator was told of them."""
+class UnattendedTargets:
+    """Notices about targets that appear after the mission has ended."""
 
     def __init__(self) -> None:
         self._known: set[Label] = set()
 
-    def look(self, t_ns: int, targets: Collection[Label], *, ended: bool) -> list[Effect]:
-        """Take the targets that need somebody; after the end say which of them are new."""
+    def check(self, t_ns: int, targets: Collection[Label], *, ended: bool) -> list[Effect]:
+        """Process the open targets; return a notice about new ones after the end."""
         if not ended:
             self._known = set(targets)
             return []
@@ -73,25 +72,25 @@ class Unattended:
         return [Notice(t_ns, "warning", text + "sent there; start the service with --no-resume to fly on")]
 
 
-def overridden_text(taken: Mapping[int, str]) -> str:
-    """Say in one line which vehicles are in modes that somebody else chose, and what to do; else empty."""
+def overridden_text(modes: Mapping[int, str]) -> str:
+    """Return one line about overridden vehicles, with the remedy; empty if there are none."""
     by_mode: dict[str, list[int]] = {}
-    for vehicle, mode in sorted(taken.items()):
+    for vehicle, mode in sorted(modes.items()):
         by_mode.setdefault(mode, []).append(vehicle)
     parts = []
     for mode, vehicles in sorted(by_mode.items(), key=lambda one: (one[0] in PILOTED, one[0])):
         names = [vehicle_name(vehicle) for vehicle in vehicles]
-        whom = ", ".join(names) if len(names) <= _MAX_NAMED else f"{len(names)} agents"
+        listed = ", ".join(names) if len(names) <= _MAX_NAMED else f"{len(names)} agents"
         remedy = f"gcs order resume {' '.join(names) if len(names) <= _MAX_NAMED else '--all'}"
-        remedy = "whoever flies gives it back" if mode in PILOTED else remedy
-        parts.append(f"{whom} in {mode}: {remedy}")
+        remedy = "the pilot gives it back" if mode in PILOTED else remedy
+        parts.append(f"{listed} in {mode}: {remedy}")
     return f"not ours: {'; '.join(parts)}" if parts else ""
 
 
-def _words(vehicle: int, mode: str) -> str:
+def _text(vehicle: int, mode: str) -> str:
     back = f"`gcs order resume --vehicle {vehicle_name(vehicle)}`"
     why = {
-        LOITER: "an operator or another station stopped it",
-        RTL: "it returns by a failsafe, by its mission's end, or by somebody's order",
-    }.get(mode, "somebody chose that mode")
+        LOITER: "an operator or another station chose that mode",
+        RTL: "a failsafe, its mission's end, or another station's order",
+    }.get(mode, "a pilot or another station chose that mode")
     return f"is in {mode}, not by this service: {why}. It is left alone until {back}, or until it is in AUTO"

@@ -1,1 +1,1 @@
-"""An operator's commands, approvals of plans, and the replies to both."""
+"""Orders of an operator, approval of plans, and replies."""

@@ -1,16 +1,15 @@
-"""Plans that wait for an operator's word: `planning.retask = "confirm"`.
+"""Plans that wait for an operator's approval (`planning.retask = "confirm"`).
 
-A plan is shown under a number that counts up. Nothing of it is uploaded before it is confirmed, whole or for
-some vehicles. Until then every vehicle flies the mission that it has.
+Each proposal has a number. Nothing is uploaded before it is confirmed, as a whole or for some vehicles. Until
+then every vehicle flies its present mission.
 
-A number stays as long as its assignment does (who flies to which target). Its routes are planned anew from
-where the vehicles are, every `RENEW_S`, and once more when it is confirmed: what is flown begins where the
-vehicles are then. A plan that became another one gets another number (`gcs.core.operator.plan_figures` says
-when), but not before a person could read the last one, unless it is urgent: a vehicle was lost or set aside,
-an area was closed, somebody would hit something. Confirmed meanwhile, it is refused with the reason and
-proposed again.
+A number stays while the assignment stays. Its routes are planned again from the current positions every
+`RENEWAL_S`, and at the confirmation. A changed plan (`gcs.core.operator.plan_figures`) gets a new number, but
+not before an operator could read the last one, unless it is urgent: a vehicle was lost or suspended, a zone
+was closed, a vehicle would hit an obstacle. A confirmation of a plan that has changed meanwhile is refused,
+and the new plan is proposed.
 
-What was rejected is not proposed again before something changes (`Replanner.proposed` remembers it).
+A rejected plan is not proposed again before something changes (`Replanner.proposed` keeps it).
 """
 
 from __future__ import annotations
@@ -39,26 +38,26 @@ from gcs.model import (
 )
 
 MIN_READING_S = 20.0
-"""Between two numbers, unless the newer one is urgent: to read a plan and to type its number."""
-RENEW_S = 5.0
-"""Routes of a plan that waits are planned anew so often."""
+"""Minimum time between two numbers, unless the newer one is urgent."""
+RENEWAL_S = 5.0
+"""Interval at which the routes of a proposal are planned again."""
 
 
 class PlanApproval:
-    """The plan that waits, and the orders about it that are being carried out.
+    """The proposal that waits, and its confirmations in progress.
 
     Parameters
     ----------
     config : Config
         The mission.
     replanner : Replanner
-        Who flies what, and what was put to the operator.
+        Flown and proposed routes.
     """
 
     def __init__(self, config: Config, replanner: Replanner) -> None:
         self.pending: Proposal | None = None
         self.count = 0
-        """The last plan's number."""
+        """Number of the last proposal."""
         self._replanner, self._figures = replanner, PlanFigures(config)
         self._plan: Plan | None = None
         self._shown: dict[int, RouteFigures] = {}
@@ -69,58 +68,58 @@ class PlanApproval:
         self._declined: dict[int, Route] = {}
         self._confirmed: dict[int, OrderInProgress] = {}
 
-    # ------------------------------------------------------------ what is shown
+    # ------------------------------------------------------------ proposals
 
     def hurry(self) -> None:
-        """Let the next plan be shown at once: a vehicle was lost."""
+        """Propose the next plan at once: a vehicle was lost."""
         self._is_urgent = True
 
-    def look(self, inputs: PlanningInputs) -> list[Effect]:
-        """Propose what the inputs asks for, and keep what waits up to date."""
+    def check(self, inputs: PlanningInputs) -> list[Effect]:
+        """Propose a new plan if there is a trigger, and renew the proposal that waits."""
         t_ns = inputs.t_ns
         effects = self._withdraw(inputs)
         plan = self._replanner.check(inputs, urgent_only=self._is_early(t_ns) and not self._is_urgent)
         self._is_urgent = False
         if plan is not None:
             return effects + self._propose(plan, inputs)
-        if self.pending is None or t_ns - self._renewed_t_ns < RENEW_S * NS_PER_S:
+        if self.pending is None or t_ns - self._renewed_t_ns < RENEWAL_S * NS_PER_S:
             return effects
         renewed = self._renew(self.pending.routes, inputs)
         return effects + self._show(tuple(renewed[r.vehicle] for r in self.pending.routes), inputs)
 
     def refresh(self, t_ns: int, untaskable: Container[int] = ()) -> list[Effect]:
-        """Take out of the plan that waits whoever died, was held or taken over since."""
+        """Remove lost, suspended and overridden vehicles from the proposal."""
         if self.pending is None:
             return []
         shown = self._replanner.proposed
         left = tuple(
             r for r in self.pending.routes if shown.get(r.vehicle) is r and r.vehicle not in untaskable
         )
-        return [] if len(left) == len(self.pending.routes) else self._left(t_ns, left)
+        return [] if len(left) == len(self.pending.routes) else self._keep(t_ns, left)
 
     def _withdraw(self, inputs: PlanningInputs) -> list[Effect]:
-        """Take out of the plan that waits whoever is about to reach a target by the route that it flies."""
+        """Remove vehicles that are about to reach a target on their flown routes."""
         self._replanner.withdraw_arriving(inputs)
         return self.refresh(inputs.t_ns)
 
     def _is_early(self, t_ns: int) -> bool:
-        """Whether nobody can have read the last plan yet."""
+        """Return True if the last proposal is too new to have been read."""
         return self._numbered_t_ns is not None and t_ns - self._numbered_t_ns < MIN_READING_S * NS_PER_S
 
-    def _propose(self, plan: Plan, inputs: PlanningInputs, *, anew: bool = False) -> list[Effect]:
-        """Show a plan in place of the one before: under its number where who flies where is the same."""
+    def _propose(self, plan: Plan, inputs: PlanningInputs, *, new_number: bool = False) -> list[Effect]:
+        """Propose a plan; it keeps the number of the last one with the same assignment."""
         shown, self._plan = self._replanner.proposed, plan
         self._declined = {v: route for v, route in self._declined.items() if shown.get(v) is route}
         waiting = tuple(route for v, route in sorted(shown.items()) if v not in self._declined)
         if not waiting:
-            return self._none_waits(plan.t_ns, plan.reason)
+            return self._withdraw_all(plan.t_ns, plan.reason)
         before = self.pending.routes if self.pending is not None else ()
-        if anew or not _assignment(waiting) <= _assignment(before):
+        if new_number or not _assignment(waiting) <= _assignment(before):
             return self._number(waiting, plan.reason, inputs)
         return self._show(waiting, inputs)
 
     def _number(self, routes: tuple[Route, ...], reason: str, inputs: PlanningInputs) -> list[Effect]:
-        """Show routes under a new number."""
+        """Propose routes under a new number."""
         self.count += 1
         self._numbered_t_ns = self._renewed_t_ns = inputs.t_ns
         figures = self._figures_of(routes, inputs, {})
@@ -129,7 +128,7 @@ class PlanApproval:
         return [self.pending]
 
     def _show(self, routes: tuple[Route, ...], inputs: PlanningInputs) -> list[Effect]:
-        """Show routes under the number that waits, or under another where they became other routes."""
+        """Propose renewed routes under the same number, or under a new one if they have changed."""
         assert self.pending is not None
         figures = self._figures_of(routes, inputs, self._shown)
         changes = self._changes(routes, figures)
@@ -140,7 +139,7 @@ class PlanApproval:
         return [self.pending]
 
     def _renew(self, routes: Iterable[Route], inputs: PlanningInputs) -> dict[int, Route]:
-        """Plan routes to the same targets anew; a route stays as it is where there is no newer one."""
+        """Plan routes to the same targets again; without a path the old route stays."""
         old = {route.vehicle: route for route in routes}
         return old | self._replanner.renew({v: route.target for v, route in old.items()}, inputs)
 
@@ -148,27 +147,27 @@ class PlanApproval:
         self, routes: Sequence[Route], inputs: PlanningInputs, shown: dict[int, RouteFigures]
     ) -> tuple[RouteFigures, ...]:
         replanner = self._replanner
-        places = {vehicle: place_of(track) for vehicle, track in inputs.agents.items()}
+        positions = {vehicle: place_of(track) for vehicle, track in inputs.agents.items()}
         apart_m = replanner.separation_m(inputs)
-        return self._figures.of(routes, shown, replanner.grid, places, apart_m, replanner.short)
+        return self._figures.of(routes, shown, replanner.grid, positions, apart_m, replanner.short)
 
     def _changes(self, routes: Sequence[Route], figures: Sequence[RouteFigures]) -> list[str]:
-        """Say what makes the routes others than those that were shown."""
+        """Return the changes of routes since they were first shown, in words."""
         pairs = zip(routes, figures, strict=True)
         found = [self._figures.change(r, now, self._shown[r.vehicle]) for r, now in pairs]
         return [text for text in found if text]
 
-    # ------------------------------------------------------------ an operator's word
+    # ------------------------------------------------------------ orders
 
-    def tell(self, order: Order) -> list[Effect]:
-        """Answer which plan waits."""
+    def answer(self, order: Order) -> list[Effect]:
+        """Answer an order that asks for the proposal."""
         if self.pending is None:
             return [OrderInProgress(order).answer(order.t_ns, "refused", "no plan waits")]
         self.pending = replace(self.pending, t_ns=order.t_ns)
         return [OrderInProgress(order).showing(self.pending)]
 
-    def take(self, order: Order, inputs: PlanningInputs) -> tuple[list[Effect], list[Route]]:
-        """Carry out a confirm or reject; returns what to tell, and the routes to send as missions."""
+    def decide(self, order: Order, inputs: PlanningInputs) -> tuple[list[Effect], list[Route]]:
+        """Confirm or reject a proposal; return effects, and the routes to upload."""
         effects = self._withdraw(inputs)
         refusal = self._refusal(order)
         if refusal:
@@ -181,12 +180,12 @@ class PlanApproval:
         self._declined |= {route.vehicle: route for route in chosen}
         text = f"plan {pending.plan_id} rejected for {named(r.vehicle for r in chosen)}"
         left = tuple(route for route in pending.routes if route not in chosen)
-        return [OrderInProgress(order).answer(order.t_ns, "done", text), *self._left(order.t_ns, left)], []
+        return [OrderInProgress(order).answer(order.t_ns, "done", text), *self._keep(order.t_ns, left)], []
 
     def _confirm(
         self, order: Order, chosen: list[Route], inputs: PlanningInputs
     ) -> tuple[list[Effect], list[Route]]:
-        """Adopt routes to the targets confirmed, as they are from here and now; refuse what became other."""
+        """Adopt the confirmed routes, from the current positions; refuse a plan that has changed."""
         pending = self.pending
         assert pending is not None
         vehicles = [route.vehicle for route in chosen]
@@ -205,10 +204,10 @@ class PlanApproval:
         left = tuple(route for route in routes if route.vehicle not in vehicles)
         plan = self._adopt(order, flown, inputs, whole=not left)
         effects.append(ongoing.answer(order.t_ns, "accepted", f"missions go to {named(ongoing.waiting)}"))
-        return [*effects, *self._left(order.t_ns, left), plan], flown
+        return [*effects, *self._keep(order.t_ns, left), plan], flown
 
     def _problems(self, routes: Sequence[Route], inputs: PlanningInputs) -> list[str]:
-        """Say why routes to the targets that were confirmed are not what the operator saw."""
+        """Return why confirmed routes differ from those that were shown, in words."""
         found = []
         for route in routes:
             if route.vehicle not in inputs.agents:
@@ -222,26 +221,26 @@ class PlanApproval:
         return found or self._changes(routes, self._figures_of(routes, inputs, self._shown))
 
     def _refused(self, order: Order, problems: list[str], inputs: PlanningInputs) -> list[Effect]:
-        """Refuse a plan that became another one, and propose that."""
+        """Refuse a plan that has changed, and propose the new one."""
         text = "; ".join(problems)
         plan = self._replanner.plan_anew(inputs, text)
-        effects = self._propose(plan, inputs, anew=True)
+        effects = self._propose(plan, inputs, new_number=True)
         again = "no plan waits now" if self.pending is None else f"plan {self.pending.plan_id} waits instead"
         detail = f"plan {order.plan_id} is not the plan that was shown any more: {text}; {again}"
         return [OrderInProgress(order).answer(order.t_ns, "refused", detail), *effects]
 
     def uploaded(self, report: UploadReport) -> list[OrderAnswer]:
-        """Answer for a vehicle whose mission was confirmed, now that its transfer has ended."""
+        """Answer a confirmation after the upload to a vehicle."""
         ongoing = self._confirmed.pop(report.vehicle, None)
         if ongoing is None:
             return []
         text = f"mission {report.detail}" if report.ok else f"mission transfer failed: {report.detail}"
         return [ongoing.answer(report.t_ns, "done" if report.ok else "failed", text, report.vehicle)]
 
-    def end(self, vehicle: int, t_ns: int, why: str) -> list[OrderAnswer]:
+    def end(self, vehicle: int, t_ns: int, reason: str) -> list[OrderAnswer]:
         """Answer that a confirmed mission will not be flown."""
         ongoing = self._confirmed.pop(vehicle, None)
-        return [] if ongoing is None else [ongoing.answer(t_ns, "failed", why, vehicle)]
+        return [] if ongoing is None else [ongoing.answer(t_ns, "failed", reason, vehicle)]
 
     def _refusal(self, order: Order) -> str:
         if self.pending is None:
@@ -255,7 +254,7 @@ class PlanApproval:
         return f"nothing waits for {named(missing)} in plan {order.plan_id}" if missing else ""
 
     def _adopt(self, order: Order, chosen: list[Route], inputs: PlanningInputs, *, whole: bool) -> Plan:
-        """Make routes the ones that are flown, and say so as a plan."""
+        """Make routes the flown ones; return them as a plan."""
         plan, replanner = self._plan, self._replanner
         assert plan is not None
         assert self.pending is not None
@@ -273,16 +272,16 @@ class PlanApproval:
             changed=tuple(route.vehicle for route in chosen),
         )
 
-    def _left(self, t_ns: int, left: tuple[Route, ...]) -> list[Effect]:
+    def _keep(self, t_ns: int, left: tuple[Route, ...]) -> list[Effect]:
         assert self.pending is not None
         if not left:
-            return self._none_waits(t_ns, self.pending.reason)
+            return self._withdraw_all(t_ns, self.pending.reason)
         vehicles = {route.vehicle for route in left}
         figures = tuple(one for one in self.pending.figures if one.vehicle in vehicles)
         self.pending = replace(self.pending, t_ns=t_ns, routes=left, figures=figures)
         return [self.pending]
 
-    def _none_waits(self, t_ns: int, reason: str) -> list[Effect]:
+    def _withdraw_all(self, t_ns: int, reason: str) -> list[Effect]:
         before, self.pending = self.pending, None
         return [] if before is None else [Proposal(t_ns, before.plan_id, (), reason, before.shown_t_ns)]
 

@@ -1,8 +1,7 @@
-"""What an operator judges a proposed plan by, and when it is no longer the plan that was shown.
+"""Figures of proposed routes, and the changes that make a plan a different one.
 
-A number stands for vehicles, their targets, and routes about as long and as far apart as when it was first
-shown. Routes are planned anew underneath while vehicles fly on. What differs by more than is said here is
-another plan: it gets another number, and a confirmation of the old one is refused.
+A number identifies an assignment, with routes of about the length and separation first shown. Routes are
+planned again while vehicles fly on. A larger change makes it another plan, with another number.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 
 LONGER_FRACTION = 0.25
-"""A route that is longer by less is about as long; by less than a full turn, too."""
+"""Maximum increase of a route's length, as a fraction; a full turn is allowed, too."""
 NEARER_M = 5.0
-"""A distance that is less by no more is about the same."""
+"""Maximum decrease of a distance."""
 _HALVINGS = 6
 
 
@@ -31,7 +30,7 @@ class PlanFigures:
     Parameters
     ----------
     config : Config
-        The mission: airspeeds, and the separation and clearance that it asks for.
+        The mission: airspeeds, separation and clearance.
     """
 
     def __init__(self, config: Config) -> None:
@@ -45,7 +44,7 @@ class PlanFigures:
         routes: Sequence[Route],
         shown: Mapping[int, RouteFigures],
         grid: Grid,
-        places: Mapping[int, Point],
+        positions: Mapping[int, Point],
         separation_m: Mapping[int, float],
         short: Container[int],
     ) -> tuple[RouteFigures, ...]:
@@ -54,11 +53,11 @@ class PlanFigures:
         Parameters
         ----------
         shown
-            Those of each vehicle when the number of the plan was first shown; none for a new number.
-        places
-            Where vehicles are, east and north in metres.
+            Figures of each vehicle when the number was first shown; none for a new number.
+        positions
+            Positions of vehicles, east and north in metres.
         separation_m
-            Least distance of each vehicle to another of its altitude layer.
+            Minimum distance of each vehicle to another of its altitude layer.
         short
             Vehicles whose routes end before their targets.
         """
@@ -73,32 +72,32 @@ class PlanFigures:
                     before.shown_length_m if before is not None else route.length_m,
                     route.length_m / self._speeds_m_s[vehicle],
                     apart_m if math.isfinite(apart_m) else None,
-                    self._kept_m(grid, route, places.get(vehicle)),
+                    self._clear_m(grid, route, positions.get(vehicle)),
                     vehicle in short,
                 )
             )
         return tuple(found)
 
-    def _kept_m(self, grid: Grid, route: Route, place: Point | None) -> float | None:
-        """Return how far a route stays from obstacles, up to the clearance asked for."""
+    def _clear_m(self, grid: Grid, route: Route, position: Point | None) -> float | None:
+        """Return the clearance of a route from obstacles, at most the required one."""
         if self._clearance_m <= 0.0:
             return None
         points = [(float(east_m), float(north_m)) for east_m, north_m in route.flown_m]
-        points = [place or points[0], *points]
+        points = [position or points[0], *points]
 
-        def is_kept(metres: float) -> bool:
+        def is_clear(metres: float) -> bool:
             return all(line_of_sight(grid, a, b, metres) for a, b in pairwise(points))
 
         low_m, high_m = 0.0, self._clearance_m
-        if is_kept(high_m):
+        if is_clear(high_m):
             return high_m
         for _ in range(_HALVINGS):
             middle_m = 0.5 * (low_m + high_m)
-            low_m, high_m = (middle_m, high_m) if is_kept(middle_m) else (low_m, middle_m)
+            low_m, high_m = (middle_m, high_m) if is_clear(middle_m) else (low_m, middle_m)
         return float(np.round(low_m))
 
     def change(self, route: Route, now: RouteFigures, shown: RouteFigures) -> str:
-        """Say what makes a route another one than the one that was shown; empty: it is about the same."""
+        """Return how a route differs from the one shown; empty if it is about the same."""
         agent = f"agent {vehicle_name(now.vehicle)}"
         if now.is_short and not shown.is_short:
             return f"no clear way leads {agent} past target {target_name(route.target)} any more"
@@ -112,7 +111,7 @@ class PlanFigures:
         return ""
 
 
-def _is_nearer(now_m: float | None, shown_m: float | None, asked_m: float) -> bool:
-    if now_m is None or now_m >= asked_m:
+def _is_nearer(now_m: float | None, shown_m: float | None, required_m: float) -> bool:
+    if now_m is None or now_m >= required_m:
         return False
     return shown_m is None or now_m < shown_m - NEARER_M

@@ -1,4 +1,4 @@
-"""The answers to one order, as they come in vehicle by vehicle."""
+"""Replies to one order, vehicle by vehicle."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from gcs.model import AnswerState, Order, OrderAnswer, Proposal, vehicle_name
 
 
 class OrderInProgress:
-    """An order of which some vehicles' answers are still to come."""
+    """An order with outstanding results of some vehicles."""
 
     def __init__(self, order: Order, waiting: Iterable[int] = ()) -> None:
         self.order = order
         self.waiting = set(waiting)
 
     def answer(self, t_ns: int, state: AnswerState, detail: str, vehicle: int | None = None) -> OrderAnswer:
-        """Answer for one vehicle, which is final, or for the order as a whole."""
+        """Return the reply for one vehicle, which is final, or for the whole order."""
         if vehicle is not None:
             self.waiting.discard(vehicle)
         order = self.order
@@ -25,12 +25,12 @@ class OrderInProgress:
         )
 
     def showing(self, proposal: Proposal) -> OrderAnswer:
-        """Answer with the plan that waits."""
+        """Return the reply with the plan that waits."""
         detail = f"plan {proposal.plan_id} waits to be confirmed: {proposal.reason}"
         return replace(self.answer(proposal.t_ns, "done", detail), proposal=proposal)
 
 
 def named(vehicles: Iterable[int]) -> str:
-    """Vehicles in words: ``agents 1, 3``."""
+    """Return vehicles in words: ``agents 1, 3``."""
     ids = sorted(vehicles)
     return f"agent{'s' if len(ids) != 1 else ''} {', '.join(map(vehicle_name, ids))}"

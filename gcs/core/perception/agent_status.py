@@ -1,13 +1,11 @@
-"""What became of each agent: flying, arrived or dead, decided from the pictures alone.
+"""Agent status: active, arrived or lost, from tracks and position reports.
 
-Death has hysteresis, against the weakness that the paper names (a clutter point near a dead agent revives
-it for a scan): an agent dies when the existence probability of its track falls below `lost_existence`, and
-it lives again only when a track above `REVIVE_EXISTENCE` is tied to it and it reports over its link once
-more.
+An agent is lost when the existence probability of its track falls below `lost_existence`. It is active again
+only when it reports and is associated with a track above `REVIVE_EXISTENCE`: clutter near a lost agent does
+not revive it.
 
-Arrival takes two moments in a row within the capture radius, with the agent surely there: one that dies on
-its last metres has not arrived. It is latched: an agent that reached its target has done its work, whatever
-happens later.
+An agent has arrived after two consecutive epochs within the capture radius with a confirmed track. Arrival is
+final.
 """
 
 from __future__ import annotations
@@ -21,23 +19,23 @@ from gcs.core.perception.epochs import ConsecutiveEpochs
 from gcs.model import NS_PER_S, AgentStatus, Label, Track
 
 REVIVE_EXISTENCE = 0.9
-ARRIVAL_MOMENTS = 2
-"""In a row; sensors that measure at the same moment are one."""
+ARRIVAL_EPOCHS = 2
+"""Consecutive epochs within the capture radius."""
 UNSEEN_S = 5.0
-"""An agent that was there and has had neither track nor report for this long is taken for dead."""
+"""An agent without track and report for this long is lost."""
 NEVER_SEEN_S = 20.0
-"""One that never showed up is given this long."""
+"""The same for an agent that was never seen."""
 
 
 class AgentStatusMonitor:
-    """The agents' statuses over time.
+    """Statuses of all agents.
 
     Parameters
     ----------
     vehicles : sequence of int
         System ids of all agents of the mission.
     capture_radius_m : float
-        An agent this near to its target has reached it.
+        Distance at which an agent has reached its target.
     """
 
     def __init__(self, vehicles: Sequence[int], capture_radius_m: float) -> None:
@@ -51,21 +49,21 @@ class AgentStatusMonitor:
         }
 
     def active(self) -> list[int]:
-        """Vehicles that are neither dead nor arrived, in order."""
+        """Return the active agents, in the order of the mission file."""
         return [vehicle for vehicle, status in self.by_vehicle.items() if status.status == "active"]
 
     def arrived(self) -> frozenset[int]:
-        """Vehicles that have done their work."""
+        """Return the agents that have arrived."""
         return frozenset(vehicle for vehicle, status in self.by_vehicle.items() if status.status == "arrived")
 
     def lost(self) -> frozenset[int]:
-        """Vehicles that are lost."""
+        """Return the lost agents."""
         return frozenset(vehicle for vehicle, status in self.by_vehicle.items() if status.status == "lost")
 
     def at_targets(self) -> Counter[Label]:
-        """How many agents arrived at each target that one arrived at."""
+        """Return the number of arrived agents by target."""
         statuses = self.by_vehicle.values()
-        return Counter(f.target for f in statuses if f.status == "arrived" and f.target is not None)
+        return Counter(s.target for s in statuses if s.status == "arrived" and s.target is not None)
 
     def update(
         self,
@@ -77,16 +75,16 @@ class AgentStatusMonitor:
         assigned: Mapping[int, Label],
         reporting: set[int],
     ) -> list[AgentStatus]:
-        """Judge every agent after one scan; return the statuses that changed.
+        """Update all statuses after one scan; return those that changed.
 
         Parameters
         ----------
         t_ns, measured_t_ns
-            When the scan came, and of when it is.
+            Arrival and measurement time of the scan.
         labels
-            Track label of each tied vehicle.
+            Track label of each associated vehicle.
         assigned
-            Target that each vehicle is tasked to.
+            Target of each tasked vehicle.
         reporting
             Vehicles with a fresh position report.
         """
@@ -102,7 +100,7 @@ class AgentStatusMonitor:
             is_lost = label is not None and agents.is_lost(label)
             after = None
             if before.status == "active":
-                after = self._judge_active(t_ns, measured_t_ns, vehicle, track, target, is_lost)
+                after = self._update_active(t_ns, measured_t_ns, vehicle, track, target, is_lost)
             elif before.status == "lost" and track is not None and vehicle in reporting:
                 after = self._revived(t_ns, vehicle, track)
             if after is not None:
@@ -110,7 +108,7 @@ class AgentStatusMonitor:
                 changed.append(after)
         return changed
 
-    def _judge_active(
+    def _update_active(
         self,
         t_ns: int,
         measured_t_ns: int,
@@ -121,8 +119,8 @@ class AgentStatusMonitor:
     ) -> AgentStatus | None:
         position = self._last_position_m.get(vehicle)
         near = track is not None and target is not None and self._is_at(track, target)
-        moments = self._at_target.take(vehicle, measured_t_ns, holds=near)
-        if target is not None and moments >= ARRIVAL_MOMENTS:
+        epochs = self._at_target.count(vehicle, measured_t_ns, holds=near)
+        if target is not None and epochs >= ARRIVAL_EPOCHS:
             return AgentStatus(t_ns, vehicle, "arrived", target.label, position)
         is_gone = is_lost or self._is_unseen(t_ns, vehicle)
         return AgentStatus(t_ns, vehicle, "lost", None, position) if is_gone else None

@@ -1,24 +1,27 @@
-"""What was so for several moments in a row: sensors that measure at the same moment count once."""
+"""Counts of consecutive epochs; sensors that measure at the same time share an epoch."""
 
 from __future__ import annotations
 
 
 class ConsecutiveEpochs:
-    """Counts, for each key, the moments in a row at which something was so; the last look at one decides."""
+    """Counts, for each key, the consecutive epochs at which a condition held.
+
+    Of several measurements at one epoch the last one counts.
+    """
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[int, int, int]] = {}
-        """By key: the last moment, the row up to it, and the row before it."""
+        self._counts: dict[int, tuple[int, int, int]] = {}
+        """Last epoch, count up to it, and count before it, by key."""
 
-    def take(self, key: int, measured_t_ns: int, *, holds: bool) -> int:
-        """Return how long the row is with what was seen at `measured_t_ns`, 0 when it does not hold."""
-        moment_t_ns, row, before = self._known.get(key, (-1, 0, 0))
-        if measured_t_ns > moment_t_ns:
-            before = row
-        row = before + 1 if holds else 0
-        self._known[key] = (measured_t_ns, row, before)
-        return row
+    def count(self, key: int, measured_t_ns: int, *, holds: bool) -> int:
+        """Return the number of consecutive epochs up to `measured_t_ns`; 0 if the condition does not hold."""
+        epoch_t_ns, count, before = self._counts.get(key, (-1, 0, 0))
+        if measured_t_ns > epoch_t_ns:
+            before = count
+        count = before + 1 if holds else 0
+        self._counts[key] = (measured_t_ns, count, before)
+        return count
 
     def forget(self, key: int) -> None:
-        """Begin anew."""
-        self._known.pop(key, None)
+        """Restart the count of a key."""
+        self._counts.pop(key, None)

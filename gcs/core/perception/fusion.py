@@ -1,25 +1,19 @@
-"""The two GLMB filters and what they are given: every scan, births at known places, and agents' own reports.
+"""Two GLMB filters, for agents and targets, fed with scans of all sensors and with position reports.
 
-Both filters get all detections of a sensor, as in the paper: the other kind's objects are clutter to each.
-We say how much: the clutter intensity at a detection is the sensor's plus that of the other kind's tracks
-there. With a uniform intensity an agent that dies beside its target lives on in the target's detections,
-and an agent that loiters at a place of birth looks like a target born there. MAVLink position reports are a
-second sensor of the agents, used at the moment of each scan: detections without clutter to speak of, seen
-only where a vehicle reports. A vehicle that reports where no track and no place of birth is gets a birth
-there, so that an agent lost by mistake comes back.
+Both filters get all detections. For each, objects of the other kind are clutter: the clutter intensity at a
+detection is that of the sensor plus that of the other kind's tracks. With a uniform intensity, a lost agent
+near its target would live on in the target's detections.
 
-A place gives birth with `birth_probability` each scan until an object of it is believed, and with
-`birth_again_probability` from then on: one object is expected of each, and clutter near a place that has
-given its own must not look like another.
+Position reports are a second sensor of agents, used at the time of each scan. A vehicle that reports away
+from all tracks and birth components gets a birth there.
 
-Where `tracking.<kind>.anywhere` gives a rate, objects are also born at detections that neither filter
-explains (see `tracking.births`).
+A birth component has `birth_probability` until its object is confirmed, then `birth_again_probability`. With
+a rate in `tracking.<kind>.anywhere`, objects are also born at detections that no track explains
+(`gcs.tracking.models.adaptive_birth`).
 
-Scans come from outside, of any number of sensors, each with its own word on noise, clutter, detection and
-field of view; `tracking.calibration` holds the stream against that word. One that is late, repeated or ahead
-of its time is refused (`MultiSensorTracker.refusal`): worked in, it would count as one more scan of what is
-known already, and a single time stamp hours ahead would outlive every track. A sensor that announces no noise
-at all is not believed to the last millimetre.
+Each sensor announces its own noise, clutter, detection probability and field of view;
+`gcs.tracking.models.sensor_estimation` compares its scans with them. Late, repeated and future scans are
+refused.
 """
 
 from __future__ import annotations
@@ -34,7 +28,7 @@ import numpy.typing as npt
 from gcs.config import Config
 from gcs.config.tables import KindTracking
 from gcs.core.perception.confirmation import TrackConfirmation
-from gcs.core.perception.untracked_detections import Untracked
+from gcs.core.perception.untracked_detections import UntrackedDetections
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
 from gcs.tracking.glmb.filter import Birth, DetectionSummary, Glmb, GlmbParams
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
@@ -44,21 +38,21 @@ from gcs.tracking.models.sensor_estimation import Finding, SensorEstimation
 from gcs.tracking.models.sensors import clutter_per_m2, covers, noise_m2
 
 _NEAR_STD = 5.0
-"""A report within this many standard deviations of a track or a place of birth is taken for that object."""
+"""Gate, in standard deviations, between a report and a track or birth component."""
 _MAX_AHEAD_S = 1.0
-"""A scan that says it was measured longer after its arrival than clocks may differ is refused."""
-_LEAST_VARIANCE_M2 = 1e-4
-"""Of a detection: without any, covariances become singular."""
-_LEAST_BEARING_STD_RAD = 1e-5
-_MOST_SENSORS = 100
-"""Whose word is held against their stream."""
+"""Maximum time from arrival to measurement: clocks may differ this much."""
+_MIN_VARIANCE_M2 = 1e-4
+"""Minimum variance of a detection: keeps covariances regular."""
+_MIN_BEARING_STD_RAD = 1e-5
+_MAX_SENSORS = 100
+"""Maximum number of sensors whose models are estimated."""
 
 
 class ClassTracker:
-    """One filter with its places of birth and what is believed of its tracks."""
+    """One filter with its birth components and confirmed tracks."""
 
     def __init__(
-        self, kind: Kind, config: Config, table: KindTracking, places: list[Birth], seed: int
+        self, kind: Kind, config: Config, table: KindTracking, births: list[Birth], seed: int
     ) -> None:
         tracking, accel_std_m_s2 = config.tracking, math.sqrt(table.accel_psd_m2_s3)
         params = GlmbParams(
@@ -73,7 +67,7 @@ class ClassTracker:
         self.confirmation = TrackConfirmation(tracking.lost_existence)
         self.kind = kind
         self.picture: Picture | None = None
-        self.places = places
+        self.births = births
         self._born_t_ns = -1
         self._accel_std_m_s2 = accel_std_m_s2
         self._turn_rate_std_rad_s = math.radians(table.turn_rate_std_deg_s)
@@ -87,37 +81,37 @@ class ClassTracker:
     def update(
         self, t_ns: int, z_m: FloatArray, sensor: Sensor, others: FloatArray, births: Sequence[Birth] = ()
     ) -> DetectionSummary:
-        """Work one scan, with births at the known places and at those given.
+        """Process one scan, with births in addition to the birth components.
 
-        `others` (m,) is the intensity of the other kind's detections at each detection, per m2: clutter to
-        this kind. Returns what this kind's tracks make of the detections.
+        `others` (m,) is the intensity of the other kind's objects at each detection, per m2.
         """
         clutter = clutter_per_m2(sensor, z_m) + others
-        places = self._places_now(t_ns, sensor)
-        self._filter.update(t_ns, z_m, sensor, [*places, *births, *self.unknown.births(t_ns)], clutter)
+        components = self._components(t_ns, sensor)
+        self._filter.update(t_ns, z_m, sensor, [*components, *births, *self.unknown.births(t_ns)], clutter)
         assert self._filter.detection_summary is not None
         return self._filter.detection_summary
 
-    def _places_now(self, t_ns: int, sensor: Sensor) -> list[Birth]:
-        """Places give birth once a moment, and where somebody looks: else what is never missed would add up.
+    def _components(self, t_ns: int, sensor: Sensor) -> list[Birth]:
+        """Return the birth components of a scan: once per epoch, where the sensor covers them.
 
-        Reports come from everywhere, so agents are looked at everywhere. The other places keep their numbers.
+        Without coverage unmissed births would add up. Position reports cover agents everywhere. The other
+        components get probability 0, so that labels keep their indices.
         """
-        means = np.reshape([place.mean[:2] for place in self.places], (-1, 2))
-        looked_at = covers(sensor, means) | (self.kind == "agents")
-        looked_at &= t_ns > self._born_t_ns
+        means = np.reshape([birth.mean[:2] for birth in self.births], (-1, 2))
+        is_open = covers(sensor, means) | (self.kind == "agents")
+        is_open &= t_ns > self._born_t_ns
         self._born_t_ns = t_ns
         return [
-            place if is_open else replace(place, probability=0.0)
-            for place, is_open in zip(self.places, looked_at, strict=True)
+            birth if open_now else replace(birth, probability=0.0)
+            for birth, open_now in zip(self.births, is_open, strict=True)
         ]
 
     def update_again(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> None:
-        """Work another sensor's scan of the same moment: nothing is born in between."""
+        """Process another sensor's scan of the same epoch, without births."""
         self._filter.update(t_ns, z_m, sensor)
 
     def expected(self, t_ns: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the tracks of the last picture, moved on to `t_ns`.
+        """Return the tracks of the last picture, predicted to `t_ns`.
 
         Positions (n, 2), their covariances (n, 2, 2), existence probabilities (n,).
         """
@@ -126,40 +120,39 @@ class ClassTracker:
         F, Q = transition(dt_s), process_noise(dt_s, self._accel_std_m_s2)
         means = np.reshape([track.mean for track in tracks], (-1, 4)) @ F.T
         covs = F @ np.reshape([track.cov for track in tracks], (-1, 4, 4)) @ F.T + Q
-        # The picture does not say who is turning: a turn's offset from straight ahead adds to the spread.
+        # The picture has no turn rates: the offset of a turn adds to the covariance.
         offset_m = 0.5 * dt_s**2 * self._turn_rate_std_rad_s * np.hypot(means[:, 2], means[:, 3])
         covs[:, [0, 1], [0, 1]] += np.square(offset_m)[:, None]
         existence = np.array([track.existence for track in tracks])
         return np.ascontiguousarray(means[:, :2]), np.ascontiguousarray(covs[:, :2, :2]), existence
 
     def intensity(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> FloatArray:
-        """Intensity of detections of this kind's objects at each of `z_m` (m, 2), per m2."""
+        """Return the intensity of this kind's detections at each of `z_m` (m, 2), per m2."""
         means, covs, existence = self.expected(t_ns)
-        places, noise = np.array(z_m, order="C"), np.array(noise_m2(sensor, z_m), order="C")
-        seen = intensity_per_m2(means, covs, existence, places, noise)
-        return np.asarray(sensor.detection_probability * seen)
+        points, noise = np.array(z_m, order="C"), np.array(noise_m2(sensor, z_m), order="C")
+        intensity = intensity_per_m2(means, covs, existence, points, noise)
+        return np.asarray(sensor.detection_probability * intensity)
 
-    def look(self, t_ns: int, sensor: Sensor | None) -> Picture:
-        """Return the picture, and follow what it says about confirmation and places.
+    def extract(self, t_ns: int, sensor: Sensor | None) -> Picture:
+        """Return the picture after a scan; update confirmation and birth probabilities.
 
-        `sensor` is the only one that looked; None when everything was looked at, as reports come from
-        everywhere.
+        `sensor` is the sensor of the scan; None: position reports came too, which cover everything.
         """
         self.picture = self._filter.picture(t_ns)
         self.confirmation.update(self.picture, sensor)
         for _, index in self.confirmation.tracks:
-            if index < len(self.places):
-                self.places[index] = replace(self.places[index], probability=self._again_probability)
+            if index < len(self.births):
+                self.births[index] = replace(self.births[index], probability=self._again_probability)
         return self.picture
 
 
 class MultiSensorTracker:
-    """Agents' and targets' filters, updated scan by scan.
+    """Filters of agents and targets.
 
     Parameters
     ----------
     config : Config
-        Gives the models, the agents' starts and the targets' places of birth.
+        The mission: models, starts of agents, birth components of targets.
     """
 
     def __init__(self, config: Config) -> None:
@@ -174,7 +167,7 @@ class MultiSensorTracker:
             )
             for agent in config.agents
         ]
-        places = [
+        births = [
             _birth(
                 (birth.east_m, birth.north_m, birth.v_east_m_s, birth.v_north_m_s),
                 birth.std_m,
@@ -186,35 +179,36 @@ class MultiSensorTracker:
         self._target_table = tracking.targets
         self._report_birth_probability = tracking.agents.birth_probability
         self._measured_t_ns = -1
-        self._sensors_then: set[str] = set()
+        self._sensors_at_epoch: set[str] = set()
         self._reports_t_ns = -1
-        self._calibrations: dict[str, SensorEstimation] = {}
-        self._corrects = tracking.correct_sensors
+        self._estimations: dict[str, SensorEstimation] = {}
+        self._corrects_sensors = tracking.correct_sensors
         self.findings: list[Finding] = []
-        """News of the last scan about whether its sensor is what it says."""
-        self.untracked = Untracked(config)
+        """Findings of the last scan about the model of its sensor."""
+        self.untracked = UntrackedDetections(config)
         self.agents = ClassTracker("agents", config, tracking.agents, starts, tracking.seed)
-        self.targets = ClassTracker("targets", config, tracking.targets, places, tracking.seed + 1)
+        self.targets = ClassTracker("targets", config, tracking.targets, births, tracking.seed + 1)
 
     def expect(self, targets: Sequence[Track], age_s: float) -> dict[int, Label]:
-        """Expect targets where they were believed to be `age_s` ago, before anything was seen.
+        """Expect targets that were confirmed `age_s` ago, before the first scan.
 
-        Returns the label that each had by the second part of the label that it will have.
+        Returns the former label of each, by the second part of its future label.
         """
         table, tracker = self._target_table, self.targets
         gave_birth = {index for _, index in (track.label for track in targets)}
-        tracker.places = [
-            replace(place, probability=table.birth_again_probability) if index in gave_birth else place
-            for index, place in enumerate(tracker.places)
+        tracker.births = [
+            replace(birth, probability=table.birth_again_probability) if index in gave_birth else birth
+            for index, birth in enumerate(tracker.births)
         ]
-        first = len(tracker.places)
-        tracker.places += [
-            Birth(track.mean, track.cov, table.birth_probability) for track in self.moved_on(targets, age_s)
+        first = len(tracker.births)
+        tracker.births += [
+            Birth(track.mean, track.cov, table.birth_probability)
+            for track in self.predict_targets(targets, age_s)
         ]
         return {first + number: track.label for number, track in enumerate(targets)}
 
-    def moved_on(self, targets: Sequence[Track], age_s: float) -> tuple[Track, ...]:
-        """Return targets as they should be `age_s` later, unseen."""
+    def predict_targets(self, targets: Sequence[Track], age_s: float) -> tuple[Track, ...]:
+        """Return targets predicted by `age_s`."""
         F, Q = transition(age_s), process_noise(age_s, math.sqrt(self._target_table.accel_psd_m2_s3))
         return tuple(
             replace(track, mean=read_only(F @ track.mean), cov=read_only(F @ track.cov @ F.T + Q))
@@ -222,67 +216,66 @@ class MultiSensorTracker:
         )
 
     def refusal(self, scan: Scan) -> str:
-        """Say why a scan cannot be worked in; empty when it can."""
+        """Return why a scan cannot be processed; empty if it can."""
         ahead_s = (scan.measured_t_ns - scan.t_ns) / NS_PER_S
         if ahead_s > _MAX_AHEAD_S:
             return f"measured {ahead_s:.1f} s after it arrived"
         if scan.measured_t_ns < self._measured_t_ns:
             behind_s = (self._measured_t_ns - scan.measured_t_ns) / NS_PER_S
             return f"measured {behind_s:.3f} s before the last one"
-        if scan.measured_t_ns == self._measured_t_ns and scan.sensor.name in self._sensors_then:
+        if scan.measured_t_ns == self._measured_t_ns and scan.sensor.name in self._sensors_at_epoch:
             return "came twice"
         return ""
 
     def scan(self, scan: Scan, states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
-        """Work one scan that is not refused into both filters; return the pictures of agents and targets."""
+        """Process one scan that is not refused; return the pictures of agents and targets."""
         t_ns = scan.measured_t_ns
         if t_ns > self._measured_t_ns:
-            self._measured_t_ns, self._sensors_then = t_ns, set()
-        self._sensors_then.add(scan.sensor.name)
-        calibration = self._calibration(scan.sensor.name)
+            self._measured_t_ns, self._sensors_at_epoch = t_ns, set()
+        self._sensors_at_epoch.add(scan.sensor.name)
+        estimation = self._estimation(scan.sensor.name)
         sensor = _with_noise(scan.sensor)
-        if self._corrects:
-            sensor = calibration.corrected(sensor)
-        newcomers, reports = self._reports(t_ns, states)
+        if self._corrects_sensors:
+            sensor = estimation.corrected(sensor)
+        report_births, reports = self._reports(t_ns, states)
         of_targets = self.targets.intensity(t_ns, scan.z_m, sensor)
-        ours = self.agents.update(t_ns, scan.z_m, sensor, of_targets, newcomers)
+        ours = self.agents.update(t_ns, scan.z_m, sensor, of_targets, report_births)
         if reports is not None:
             self.agents.update_again(t_ns, reports, self._telemetry_sensor())
-        agents = self.agents.look(scan.t_ns, sensor if reports is None else None)
+        agents = self.agents.extract(scan.t_ns, sensor if reports is None else None)
         of_agents = self.agents.intensity(t_ns, scan.z_m, sensor)
         theirs = self.targets.update(t_ns, scan.z_m, sensor, of_agents)
         explained = 1.0 - (1.0 - ours.explained) * (1.0 - theirs.explained)
         for kind in (self.agents, self.targets):
             kind.unknown.add_scan(t_ns, scan.z_m, sensor, explained)
-        self.untracked.take(t_ns, scan.z_m, sensor, explained)
+        self.untracked.add_scan(t_ns, scan.z_m, sensor, explained)
         detected, in_view = ours.detected + theirs.detected, ours.in_view + theirs.in_view
-        calibration.add_scan(float((1.0 - explained).sum()), detected, in_view)
-        self.findings = calibration.findings(scan.sensor)
-        return agents, self.targets.look(scan.t_ns, sensor)
+        estimation.add_scan(float((1.0 - explained).sum()), detected, in_view)
+        self.findings = estimation.findings(scan.sensor)
+        return agents, self.targets.extract(scan.t_ns, sensor)
 
-    def _calibration(self, sensor: str) -> SensorEstimation:
-        """Return what is known of a sensor; a stream of invented names does not fill the memory."""
-        known = self._calibrations.pop(sensor, None) or SensorEstimation()
-        self._calibrations[sensor] = known
-        if len(self._calibrations) > _MOST_SENSORS:
-            del self._calibrations[next(iter(self._calibrations))]
-        return known
+    def _estimation(self, sensor: str) -> SensorEstimation:
+        """Return the estimated model of a sensor; the number of sensors is bounded."""
+        found = self._estimations.pop(sensor, None) or SensorEstimation()
+        self._estimations[sensor] = found
+        if len(self._estimations) > _MAX_SENSORS:
+            del self._estimations[next(iter(self._estimations))]
+        return found
 
     def _reports(self, t_ns: int, states: Sequence[VehicleState]) -> tuple[list[Birth], FloatArray | None]:
-        """Births of vehicles that report from where nobody is known, and where the others say they are.
+        """Return births of vehicles that report away from all tracks, and the positions of the others.
 
-        None in place of those when it is too soon for new reports: with several sensors, a report that was
-        used a moment ago is no second measurement.
+        The positions are None until a report period has passed: a report is used once.
         """
         period_ns = NS_PER_S / self._telemetry.rate_hz
         if self._reports_t_ns >= 0 and t_ns - self._reports_t_ns < 0.9 * period_ns:
             return [], None
         self._reports_t_ns = t_ns
         fresh = [s for s in states if abs(t_ns - s.t_ns) <= self._telemetry.max_age_s * NS_PER_S]
-        places = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
-        known = self._are_known(places, t_ns)
-        newcomers = [self._report_birth(fresh[i], places[i]) for i in np.flatnonzero(~known)]
-        return newcomers, places[known]
+        positions = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
+        is_known = self._are_known(positions, t_ns)
+        births = [self._report_birth(fresh[i], positions[i]) for i in np.flatnonzero(~is_known)]
+        return births, positions[is_known]
 
     def _telemetry_sensor(self) -> Sensor:
         t = self._telemetry
@@ -295,55 +288,55 @@ class MultiSensorTracker:
             infinite,
         )
 
-    def _report_birth(self, state: VehicleState, place: FloatArray) -> Birth:
+    def _report_birth(self, state: VehicleState, position: FloatArray) -> Birth:
         std_m = 2.0 * self._telemetry.noise_std_m
-        mean = (float(place[0]), float(place[1]), *velocity_m_s(state))
+        mean = (float(position[0]), float(position[1]), *velocity_m_s(state))
         return _birth(mean, std_m, 2.0, self._report_birth_probability)
 
-    def _are_known(self, places: FloatArray, t_ns: int) -> npt.NDArray[np.bool_]:
-        """Whether each report falls onto a track or a place of birth: then it needs no birth of its own."""
+    def _are_known(self, positions: FloatArray, t_ns: int) -> npt.NDArray[np.bool_]:
+        """Return a mask of the reports near a track or a birth component."""
         means, covs, _ = self.agents.expected(t_ns)
-        births = self.agents.places
+        births = self.agents.births
         means = np.concatenate([means, [birth.mean[:2] for birth in births]])
         covs = np.concatenate([covs, [birth.cov[:2, :2] for birth in births]])
         S = covs + np.eye(2) * self._telemetry.noise_std_m**2
-        return np.asarray((squared_distances(places, means, S) <= _NEAR_STD**2).any(axis=1))
+        return np.asarray((squared_distances(positions, means, S) <= _NEAR_STD**2).any(axis=1))
 
 
 def at_time(state: VehicleState, t_ns: int) -> tuple[float, float]:
-    """East and north of a vehicle at `t_ns`, from its last report and its reported velocity."""
+    """Return east and north of a vehicle at `t_ns`, from its report and reported velocity."""
     dt_s = (t_ns - state.t_ns) / NS_PER_S
     v_east, v_north = velocity_m_s(state)
     return state.east_m + v_east * dt_s, state.north_m + v_north * dt_s
 
 
 def velocity_m_s(state: VehicleState) -> tuple[float, float]:
-    """East and north velocity that a vehicle reports."""
+    """Return the reported east and north velocity."""
     return (
         state.ground_speed_m_s * math.sin(state.course_rad),
         state.ground_speed_m_s * math.cos(state.course_rad),
     )
 
 
-def squared_distances(places: FloatArray, means: FloatArray, S: FloatArray) -> FloatArray:
-    """Squared Mahalanobis distances (m, n) of places (m, 2) from means (n, 2) under S (n, 2, 2)."""
-    x, y = places[:, :1] - means[:, 0], places[:, 1:] - means[:, 1]
+def squared_distances(points: FloatArray, means: FloatArray, S: FloatArray) -> FloatArray:
+    """Return squared Mahalanobis distances (m, n) of points (m, 2) from means (n, 2) under S (n, 2, 2)."""
+    x, y = points[:, :1] - means[:, 0], points[:, 1:] - means[:, 1]
     s00, s01, s11 = S[:, 0, 0], S[:, 0, 1], S[:, 1, 1]
-    with np.errstate(invalid="ignore", over="ignore"):  # NaN for what is nowhere: near to nothing
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN positions are near nothing
         return np.asarray((s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / (s00 * s11 - s01 * s01))
 
 
 def _with_noise(sensor: Sensor) -> Sensor:
-    """Return the sensor with a noise that can be inverted."""
+    """Return the sensor with an invertible noise."""
     if sensor.polar is not None:
-        range_std_m = max(sensor.polar.range_std_m, math.sqrt(_LEAST_VARIANCE_M2))
-        bearing_std_rad = max(sensor.polar.bearing_std_rad, _LEAST_BEARING_STD_RAD)
+        range_std_m = max(sensor.polar.range_std_m, math.sqrt(_MIN_VARIANCE_M2))
+        bearing_std_rad = max(sensor.polar.bearing_std_rad, _MIN_BEARING_STD_RAD)
         return replace(
             sensor, polar=replace(sensor.polar, range_std_m=range_std_m, bearing_std_rad=bearing_std_rad)
         )
-    if np.linalg.eigvalsh(sensor.noise_cov_m2)[0] >= _LEAST_VARIANCE_M2:
+    if np.linalg.eigvalsh(sensor.noise_cov_m2)[0] >= _MIN_VARIANCE_M2:
         return sensor
-    return replace(sensor, noise_cov_m2=read_only(sensor.noise_cov_m2 + np.eye(2) * _LEAST_VARIANCE_M2))
+    return replace(sensor, noise_cov_m2=read_only(sensor.noise_cov_m2 + np.eye(2) * _MIN_VARIANCE_M2))
 
 
 def _birth(

@@ -1,11 +1,7 @@
-"""Scans in the order in which they were measured: a bounded wait for those that are on their way.
+"""Out-of-sequence buffer: scans in the order of measurement, within a bounded delay.
 
-Sensors differ in how long they take to publish, so scans arrive out of order. A tracker cannot take back what
-it has worked, so each scan is held until `window_s` have passed since it was measured; what arrives within
-that is put in its place. What is later still is refused by the trackers, counted and shown. Waiting makes
-the picture older by the window; 0 works every scan as it comes.
-
-Time is that of the events alone: the same events give the same order.
+Each scan is held until `window_s` after its measurement, and processed in order. Trackers refuse later ones.
+The window delays the picture; 0 processes each scan at once.
 """
 
 from __future__ import annotations
@@ -15,17 +11,17 @@ from dataclasses import replace
 
 from gcs.model import NS_PER_S, Scan
 
-_MOST_HELD = 10_000
-"""Then the oldest go at once: a sensor that runs wild must not fill the memory."""
+_MAX_HELD = 10_000
+"""Beyond this number the oldest scans are processed at once."""
 
 
 class OutOfSequenceBuffer:
-    """Scans that wait.
+    """Scans that wait for earlier ones.
 
     Parameters
     ----------
     window_s : float
-        How long after its measurement a scan is worked.
+        Time from the measurement of a scan to its processing.
     """
 
     def __init__(self, window_s: float) -> None:
@@ -33,16 +29,16 @@ class OutOfSequenceBuffer:
         self._held: list[tuple[int, str, int, Scan]] = []
         self._count = 0
 
-    def hold(self, scan: Scan) -> None:
-        """Take a scan that has arrived."""
+    def add(self, scan: Scan) -> None:
+        """Add a scan that has arrived."""
         self._count += 1
         heapq.heappush(self._held, (scan.measured_t_ns, scan.sensor.name, self._count, scan))
 
     def due(self, t_ns: int) -> list[Scan]:
-        """Return the scans whose time has come by `t_ns`, oldest measurement first, as if they came now."""
+        """Return the scans that are due at `t_ns`, oldest measurement first, with this arrival time."""
         found = []
         while self._held and (
-            self._held[0][0] + self._window_ns <= t_ns or len(self._held) > _MOST_HELD or not self._window_ns
+            self._held[0][0] + self._window_ns <= t_ns or len(self._held) > _MAX_HELD or not self._window_ns
         ):
             scan = heapq.heappop(self._held)[-1]
             found.append(replace(scan, t_ns=max(t_ns, scan.t_ns)))

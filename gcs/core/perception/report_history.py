@@ -1,8 +1,4 @@
-"""Position reports of the last seconds: where each vehicle was when a scan was measured.
-
-A scan may arrive seconds after it was measured. The reports that belong to it are those of its own time, not
-the newest ones, so reports are kept for some seconds and interpolated.
-"""
+"""Position reports of the last seconds, interpolated to the measurement times of scans."""
 
 from __future__ import annotations
 
@@ -13,9 +9,9 @@ from dataclasses import replace
 from gcs.model import NS_PER_S, VehicleState
 
 KEEP_NS = 8 * NS_PER_S
-"""More than the age at which scans are refused (`gcs.core.perception.scan_timing`)."""
+"""More than the maximum age of scans (`gcs.core.perception.scan_timing`)."""
 SAMPLE_NS = NS_PER_S // 4
-"""Reports closer together than this need not all be kept: in a quarter of a second a turn bends by 0.2 m."""
+"""Minimum time between kept reports: a turn deviates by 0.2 m in it."""
 _MAX_GAP_NS = 2 * NS_PER_S
 """Reports farther apart than this are not interpolated."""
 
@@ -27,8 +23,8 @@ class ReportHistory:
         self._reports: dict[int, deque[VehicleState]] = {}
         self._sampled_t_ns = 0
 
-    def take(self, t_ns: int, states: Sequence[VehicleState]) -> None:
-        """Keep the newest reports."""
+    def add(self, t_ns: int, states: Sequence[VehicleState]) -> None:
+        """Add the newest reports."""
         self._sampled_t_ns = t_ns
         for state in states:
             reports = self._reports.setdefault(state.system_id, deque())
@@ -38,15 +34,15 @@ class ReportHistory:
                 reports.popleft()
 
     def is_due(self, t_ns: int) -> bool:
-        """Return True if reports should be taken again."""
+        """Return True if reports should be added again."""
         return t_ns - self._sampled_t_ns >= SAMPLE_NS
 
     def at(self, t_ns: int, states: Sequence[VehicleState]) -> list[VehicleState]:
         """Return the state of each vehicle at `t_ns`.
 
-        A vehicle that has not reported since then keeps its newest report. For the others east, north and
-        altitude are interpolated between the reports before and after; mode and mission item are those of
-        now. Where the reports are too far apart, the nearer one is returned with its own time.
+        Position and altitude are interpolated; mode and mission item are current. A vehicle that has not
+        reported since then keeps its newest report. With a gap in the reports, the nearer one is returned
+        with its own time.
         """
         return [state if state.t_ns <= t_ns else self._before(t_ns, state) for state in states]
 
@@ -61,19 +57,19 @@ class ReportHistory:
 
 def _between(earlier: VehicleState, later: VehicleState, t_ns: int, newest: VehicleState) -> VehicleState:
     gap_ns = later.t_ns - earlier.t_ns
-    part = (t_ns - earlier.t_ns) / gap_ns
+    fraction = (t_ns - earlier.t_ns) / gap_ns
     if gap_ns > _MAX_GAP_NS:
-        nearer = earlier if part < 0.5 else later
+        nearer = earlier if fraction < 0.5 else later
         return _as_of(nearer, nearer.t_ns, newest)
     between = replace(
         later,
-        east_m=earlier.east_m + part * (later.east_m - earlier.east_m),
-        north_m=earlier.north_m + part * (later.north_m - earlier.north_m),
-        alt_msl_m=earlier.alt_msl_m + part * (later.alt_msl_m - earlier.alt_msl_m),
+        east_m=earlier.east_m + fraction * (later.east_m - earlier.east_m),
+        north_m=earlier.north_m + fraction * (later.north_m - earlier.north_m),
+        alt_msl_m=earlier.alt_msl_m + fraction * (later.alt_msl_m - earlier.alt_msl_m),
     )
     return _as_of(between, t_ns, newest)
 
 
 def _as_of(state: VehicleState, t_ns: int, newest: VehicleState) -> VehicleState:
-    """Return a state of the past with the mode, arming and mission item of now."""
+    """Return a past state with the current mode, arming state and mission item."""
     return replace(state, t_ns=t_ns, mode=newest.mode, armed=newest.armed, mission_seq=newest.mission_seq)

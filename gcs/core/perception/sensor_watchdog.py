@@ -1,7 +1,6 @@
-"""Sensors whose scans are not processed: silent ones, and those whose scans are all refused.
+"""Watchdog of sensors: no scan processed, or no vehicle associated with a track.
 
-Agents are seen to be lost, and targets to move, by processed scans alone. A scan that arrives and is refused
-keeps nobody informed, so the time-out counts from the last scan that was *processed*, for each sensor.
+The timeout of a sensor counts from its last processed scan. Refused scans do not reset it.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from dataclasses import dataclass
 from gcs.model import NS_PER_S, Effect, Notice
 
 BLIND_AFTER_NS = 5 * NS_PER_S
-"""Without a processed scan; at least three periods of a slow sensor."""
+"""Timeout of a sensor; `_PERIODS` periods if that is longer."""
 UNASSOCIATED_AFTER_NS = 10 * NS_PER_S
 _PERIODS = 3
 _MAX_SENSORS = 256
@@ -20,31 +19,31 @@ _MAX_SENSORS = 256
 
 @dataclass(slots=True)
 class _Sensor:
-    """One sensor that was heard."""
+    """State of one sensor."""
 
     first_t_ns: int
     processed_t_ns: int | None = None
     period_ns: int = 0
-    """Longest time lately between two scans that were processed."""
+    """Longest recent time between two processed scans."""
     refused: int = 0
-    """Scans refused since the last one that was processed."""
+    """Number of scans refused since the last processed one."""
     reason: str = ""
     alarmed: bool = False
 
 
 class SensorWatchdog:
-    """Raises an alarm once for each sensor, and for all of them together, and tells when it is over."""
+    """Raises one alarm per silent sensor, and one if there is none at all, each with an all-clear."""
 
     def __init__(self) -> None:
         self.scan_t_ns: int | None = None
-        """When the last scan was processed; None before the first."""
+        """Arrival time of the last processed scan; None before the first."""
         self._sensors: dict[str, _Sensor] = {}
         self._start_t_ns: int | None = None
         self._blind = self._is_unassociated = False
         self._unassociated_t_ns: int | None = None
 
     def processed(self, sensor: str, t_ns: int) -> list[Effect]:
-        """Note that a scan was processed; the first one after an alarm ends it."""
+        """Note a processed scan; return the all-clear after an alarm."""
         effects: list[Effect] = []
         entry = self._entry(sensor, t_ns)
         if entry.processed_t_ns is not None and not entry.alarmed:
@@ -62,13 +61,13 @@ class SensorWatchdog:
         return effects
 
     def refused(self, sensor: str, t_ns: int, reason: str) -> None:
-        """Note that a scan arrived and could not be processed."""
+        """Note a refused scan."""
         entry = self._entry(sensor, t_ns)
         entry.refused += 1
         entry.reason = reason
 
     def poll(self, t_ns: int) -> list[Effect]:
-        """Let time pass; return the alarms that are due."""
+        """Return the alarms that are due."""
         if self._start_t_ns is None:
             self._start_t_ns = t_ns
         effects: list[Effect] = []
@@ -86,15 +85,15 @@ class SensorWatchdog:
         return effects
 
     def associated(self, t_ns: int, reporting: Collection[int], associated: Container[int]) -> list[Effect]:
-        """Return an alarm when no vehicle that reports has been associated with a track for long."""
+        """Return an alarm, or its all-clear, if no reporting vehicle is associated with a track."""
         is_lost = bool(reporting) and not any(vehicle in associated for vehicle in reporting)
-        was_told, since_t_ns = self._is_unassociated, self._unassociated_t_ns
+        was_alarmed, since_t_ns = self._is_unassociated, self._unassociated_t_ns
         if not is_lost:
             self._unassociated_t_ns, self._is_unassociated = None, False
-            return [Notice(t_ns, "info", "vehicles are associated with tracks again")] if was_told else []
+            return [Notice(t_ns, "info", "vehicles are associated with tracks again")] if was_alarmed else []
         if since_t_ns is None:
             self._unassociated_t_ns = t_ns
-        elif not was_told and t_ns - since_t_ns >= UNASSOCIATED_AFTER_NS:
+        elif not was_alarmed and t_ns - since_t_ns >= UNASSOCIATED_AFTER_NS:
             self._is_unassociated = True
             since_s = (t_ns - since_t_ns) / NS_PER_S
             text = (
@@ -107,7 +106,7 @@ class SensorWatchdog:
 
     def _entry(self, sensor: str, t_ns: int) -> _Sensor:
         entry = self._sensors.setdefault(sensor, _Sensor(t_ns))
-        if len(self._sensors) > _MAX_SENSORS:  # invented names do not fill the memory
+        if len(self._sensors) > _MAX_SENSORS:  # the number of sensors is bounded
             del self._sensors[next(iter(self._sensors))]
         return entry
 

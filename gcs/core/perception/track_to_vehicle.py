@@ -1,23 +1,23 @@
-"""Which track is which vehicle: gated assignment over time.
+"""Track-to-vehicle association: gated assignment over time.
 
-A sensor does not say whom it sees, a MAVLink report does. A vehicle is tied to the agent track that its
-reports fall onto. A tie holds through silence; it breaks when the vehicle's reports stay outside its
-track's gate for several moments, as they do after two tracks swapped their objects.
+A vehicle is associated with the agent track that its position reports match. The association holds while the
+vehicle is silent. It ends when reports stay outside the track's gate for several epochs, as after two tracks
+swapped their objects.
 
-Vehicles that take off from one place have tracks that lie on one another for minutes, and the labels come
-apart in any order. So what counts is that there is a track for every vehicle that reports, not which one:
+Vehicles that take off from one place have tracks on top of each other for minutes, with interchangeable
+labels. So every reporting vehicle needs a track, not a particular one:
 
-* A vehicle whose tie breaks may take the track of another whose reports are outside that track as well, if
-  there is one for that vehicle, too.
-* A vehicle that reports while its own track dies takes a track that is free; or that of a vehicle that is
-  silent, which gets the dead one instead: of two that cannot be told apart the silent one is gone.
-* A vehicle that reports beside any track is not called dead, and is seen there until it is tied. After some
-  moments it takes the track of a silent vehicle, which is unseen from then on.
+* A vehicle whose reports leave the gate may exchange tracks with another such vehicle.
+* A reporting vehicle whose track is lost gets a free track, or that of a silent vehicle, which gets the lost
+  one.
+* A reporting vehicle near any existing track is not lost; it is planned for with that track
+  (`unassociated`). After some epochs it gets the track of a silent vehicle.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -27,26 +27,29 @@ from gcs.core.perception.epochs import ConsecutiveEpochs
 from gcs.core.perception.fusion import at_time, squared_distances
 from gcs.model import NS_PER_S, FloatArray, Label, Track, VehicleState
 
+Positions: TypeAlias = Mapping[int, tuple[float, float]]
+"""Reported east and north, by vehicle."""
+
 _FORBIDDEN = 1e9
-_STAYS = -1.0
-"""Less than any distance: nobody is robbed for nothing."""
+_KEEP_COST = -1.0
+"""Cost of the present track; less than any distance."""
 LIKELY_EXISTENCE = 0.5
-"""A track of less says little about a vehicle that reports beside it."""
+"""Minimum existence probability of a track near an unassociated vehicle."""
 
 
 class TrackVehicleAssociation:
-    """Vehicle to track label, kept over time.
+    """Labels of the vehicles' tracks.
 
     Parameters
     ----------
     gate_chi2 : float
-        Squared Mahalanobis distance within which a report belongs to a track.
+        Gate on the squared Mahalanobis distance of a report from a track.
     noise_std_m : float
         Standard deviation of a report.
     max_age_s : float
-        Older reports say nothing.
+        Maximum age of a report.
     break_after : int
-        Moments in a row with the report outside the gate that break a tie.
+        Consecutive epochs with the report outside the gate that end an association.
     """
 
     def __init__(
@@ -62,167 +65,148 @@ class TrackVehicleAssociation:
         self._break_after = break_after
         self._labels: dict[int, Label] = {}
         self._outside, self._waiting = ConsecutiveEpochs(), ConsecutiveEpochs()
-        self._last_look: set[int] = set()
-        """Vehicles whose track was dead at the last update."""
-        self.beside: dict[int, Track] = {}
-        """Vehicles that are not tied and report beside a track that exists, whoever is tied to it."""
+        self._lost_before: set[int] = set()
+        """Vehicles whose track was lost at the last update."""
+        self.unassociated: dict[int, Track] = {}
+        """Nearest existing track of each reporting vehicle without an association."""
 
     @property
     def labels(self) -> Mapping[int, Label]:
-        """Label of the track of each tied vehicle."""
+        """Track label of each associated vehicle."""
         return self._labels
 
     def update(self, confirmation: TrackConfirmation, t_ns: int, states: Sequence[VehicleState]) -> None:
-        """Check the ties against the believed tracks at `t_ns`, break those that fail, and tie the rest."""
+        """Check all associations at `t_ns`, end those that fail, and associate the other vehicles."""
         tracks = confirmation.tracks
-        places = {
+        positions = {
             state.system_id: at_time(state, t_ns)
             for state in states
             if abs(t_ns - state.t_ns) <= self._max_age_ns
         }
-        held: list[tuple[int, Track]] = []
-        dying: list[int] = []
+        tracked: list[tuple[int, Track]] = []
+        losing: list[int] = []
         for vehicle, label in list(self._labels.items()):
             if label not in tracks:
-                # Of a dead track its agent dies, once: after that look, whoever reports is tied anew. Of one
-                # that is not dead another label has the object by now.
-                reports_on = vehicle in self._last_look and vehicle in places
+                # An agent is lost with its track, once; from the next update on, a reporting vehicle is
+                # associated again. If the track still exists, another label has the object by now.
+                reports_on = vehicle in self._lost_before and vehicle in positions
                 if reports_on or not confirmation.is_lost(label):
                     self.forget(vehicle)
-                elif vehicle in places:
-                    dying.append(vehicle)
-            elif vehicle in places:
-                held.append((vehicle, tracks[label]))
-        outside = self._check(t_ns, held, places)
-        self._assign(tracks, places, outside, dying)
-        self._find_beside(confirmation, places, dying)
-        self._replace_silent(tracks, t_ns, places)
-        self._last_look |= {v for v, label in self._labels.items() if label not in tracks}
+                elif vehicle in positions:
+                    losing.append(vehicle)
+            elif vehicle in positions:
+                tracked.append((vehicle, tracks[label]))
+        outside = self._check(t_ns, tracked, positions)
+        self._assign(tracks, positions, outside, losing)
+        self._find_unassociated(confirmation, positions, losing)
+        self._replace_silent(tracks, t_ns, positions)
+        self._lost_before |= {v for v, label in self._labels.items() if label not in tracks}
 
     def forget(self, vehicle: int) -> None:
-        """Untie a vehicle."""
+        """End the association of a vehicle."""
         self._labels.pop(vehicle, None)
         self._outside.forget(vehicle)
-        self._last_look.discard(vehicle)
+        self._lost_before.discard(vehicle)
 
-    def _check(
-        self, t_ns: int, held: Sequence[tuple[int, Track]], places: Mapping[int, tuple[float, float]]
-    ) -> set[int]:
-        """Untie vehicles whose reports were outside their tracks' gates for too long.
-
-        Returns those whose reports are outside now, and that are still tied.
-        """
-        if not held:
+    def _check(self, t_ns: int, tracked: Sequence[tuple[int, Track]], positions: Positions) -> set[int]:
+        """End associations with reports outside the gate for too long; return the others outside."""
+        if not tracked:
             return set()
-        means, S = self._seen([track for _, track in held])
-        reported = np.array([places[vehicle] for vehicle, _ in held])
+        means, S = self._expected_reports([track for _, track in tracked])
+        reported = np.array([positions[vehicle] for vehicle, _ in tracked])
         is_outside = ~(squared_distances(reported, means, S).diagonal() <= self._gate_chi2)
         outside = set()
-        for (vehicle, _), holds in zip(held, is_outside.tolist(), strict=True):
-            if self._outside.take(vehicle, t_ns, holds=holds) >= self._break_after:
+        for (vehicle, _), holds in zip(tracked, is_outside.tolist(), strict=True):
+            if self._outside.count(vehicle, t_ns, holds=holds) >= self._break_after:
                 self.forget(vehicle)
             elif holds:
                 outside.add(vehicle)
         return outside
 
     def _assign(
-        self,
-        tracks: Mapping[Label, Track],
-        places: Mapping[int, tuple[float, float]],
-        outside: set[int],
-        dying: Sequence[int],
+        self, tracks: Mapping[Label, Track], positions: Positions, outside: set[int], losing: Sequence[int]
     ) -> None:
-        """Tie vehicles that report to free tracks, or to those of vehicles that find another."""
-        free = [vehicle for vehicle in places if vehicle not in self._labels]
-        loose = sorted({*free, *dying})
-        if loose:
-            own = {self._labels[vehicle]: vehicle for vehicle in outside}
-            taken = set(self._labels.values()) - own.keys()
-            candidates = [track for label, track in tracks.items() if label not in taken]
-            tied = self._nearest([*loose, *sorted(outside)], candidates, places, stay=own)
-            for vehicle in tied:
+        """Assign free tracks, those of `outside`, and those of silent vehicles to reporting vehicles."""
+        vehicles = sorted({*(v for v in positions if v not in self._labels), *losing})
+        if vehicles:
+            present = {self._labels[vehicle]: vehicle for vehicle in outside}
+            occupied = set(self._labels.values()) - present.keys()
+            candidates = [track for label, track in tracks.items() if label not in occupied]
+            assigned = self._nearest([*vehicles, *sorted(outside)], candidates, positions, present)
+            for vehicle in assigned:
                 self.forget(vehicle)
-            self._labels |= tied
-        self._swap(tracks, places, [vehicle for vehicle in dying if self._labels[vehicle] not in tracks])
-
-    def _swap(
-        self,
-        tracks: Mapping[Label, Track],
-        places: Mapping[int, tuple[float, float]],
-        dying: Sequence[int],
-    ) -> None:
-        """Give vehicles that report the tracks of silent ones, and those the dead tracks."""
-        silent = self._silent(tracks, places)
-        for vehicle, label in self._nearest(dying, [tracks[label] for label in silent], places).items():
+            self._labels |= assigned
+        silent = self._silent(tracks, positions)
+        losing = [vehicle for vehicle in losing if self._labels[vehicle] not in tracks]
+        for vehicle, label in self._nearest(losing, [tracks[label] for label in silent], positions).items():
             self._labels[silent[label]], self._labels[vehicle] = self._labels[vehicle], label
 
-    def _silent(
-        self, tracks: Mapping[Label, Track], places: Mapping[int, tuple[float, float]]
-    ) -> dict[Label, int]:
-        """Vehicles that do not report, by the believed tracks that they are tied to."""
-        return {label: v for v, label in self._labels.items() if v not in places and label in tracks}
+    def _silent(self, tracks: Mapping[Label, Track], positions: Positions) -> dict[Label, int]:
+        """Return the silent vehicles, by their confirmed tracks."""
+        return {label: v for v, label in self._labels.items() if v not in positions and label in tracks}
 
-    def _replace_silent(
-        self, tracks: Mapping[Label, Track], t_ns: int, places: Mapping[int, tuple[float, float]]
-    ) -> None:
-        """Give the tracks of silent vehicles to those that have reported beside them for some moments."""
-        silent = self._silent(tracks, places)
-        patient = [
+    def _replace_silent(self, tracks: Mapping[Label, Track], t_ns: int, positions: Positions) -> None:
+        """Give tracks of silent vehicles to vehicles that have reported near them for some epochs."""
+        silent = self._silent(tracks, positions)
+        waiting = [
             vehicle
-            for vehicle in places
-            if self._waiting.take(vehicle, t_ns, holds=vehicle in self.beside) >= self._break_after
+            for vehicle in positions
+            if self._waiting.count(vehicle, t_ns, holds=vehicle in self.unassociated) >= self._break_after
         ]
-        for vehicle, label in self._nearest(patient, [tracks[label] for label in silent], places).items():
+        for vehicle, label in self._nearest(waiting, [tracks[label] for label in silent], positions).items():
             self.forget(silent[label])
             self._labels[vehicle] = label
-            del self.beside[vehicle]
+            del self.unassociated[vehicle]
 
-    def _find_beside(
-        self, confirmation: TrackConfirmation, places: Mapping[int, tuple[float, float]], dying: Sequence[int]
+    def _find_unassociated(
+        self, confirmation: TrackConfirmation, positions: Positions, losing: Sequence[int]
     ) -> None:
-        """Find the tracks that untied vehicles report beside; one whose own track died is untied by it."""
-        lost = [vehicle for vehicle in dying if self._labels[vehicle] not in confirmation.tracks]
-        untied = [vehicle for vehicle in places if vehicle not in self._labels] + lost
-        tracks = [track for track in confirmation.alive if track.existence >= LIKELY_EXISTENCE]
-        self.beside = {}
-        if not untied or not tracks:
+        """Find the existing tracks near vehicles without a confirmed track; end their associations."""
+        lost = [vehicle for vehicle in losing if self._labels[vehicle] not in confirmation.tracks]
+        vehicles = [vehicle for vehicle in positions if vehicle not in self._labels] + lost
+        tracks = [track for track in confirmation.existing if track.existence >= LIKELY_EXISTENCE]
+        self.unassociated = {}
+        if not vehicles or not tracks:
             return
-        costs = squared_distances(np.array([places[v] for v in untied]), *self._seen(tracks))
-        costs[~(costs <= self._gate_chi2)] = _FORBIDDEN
-        for vehicle, row in zip(untied, costs, strict=True):
+        for vehicle, row in zip(vehicles, self._costs(vehicles, tracks, positions), strict=True):
             nearest = int(row.argmin())
             if row[nearest] < _FORBIDDEN:
                 self.forget(vehicle)
-                self.beside[vehicle] = tracks[nearest]
+                self.unassociated[vehicle] = tracks[nearest]
 
     def _nearest(
         self,
         vehicles: Sequence[int],
         tracks: Sequence[Track],
-        places: Mapping[int, tuple[float, float]],
-        stay: Mapping[Label, int] | None = None,
+        positions: Positions,
+        present: Mapping[Label, int] | None = None,
     ) -> dict[int, Label]:
-        """Tracks for vehicles, so that the whole lies nearest, within the gates; no two get one track.
+        """Return the assignment of tracks to vehicles with the least total distance, within the gates.
 
-        Those in `stay` keep the track that they have, and are not returned, unless they get another.
+        Vehicles in `present` prefer the track that they have; they are returned only with another one.
         """
         if not vehicles or not tracks:
             return {}
-        reported = np.array([places[vehicle] for vehicle in vehicles])
-        costs = squared_distances(reported, *self._seen(tracks))
-        costs[~(costs <= self._gate_chi2)] = _FORBIDDEN
-        keeps = {(vehicle, label) for label, vehicle in (stay or {}).items()}
-        numbers = {track.label: column for column, track in enumerate(tracks)}
-        for label, vehicle in (stay or {}).items():
-            costs[vehicles.index(vehicle), numbers[label]] = _STAYS
-        without = np.full((len(vehicles), len(vehicles)), _FORBIDDEN)
+        present = present or {}
+        costs = self._costs(vehicles, tracks, positions)
+        columns = {track.label: column for column, track in enumerate(tracks)}
+        for label, vehicle in present.items():
+            costs[vehicles.index(vehicle), columns[label]] = _KEEP_COST
+        unassigned = np.full((len(vehicles), len(vehicles)), _FORBIDDEN)
         found: dict[int, Label] = {}
-        for row, column in zip(*linear_sum_assignment(np.hstack((costs, without))), strict=True):
+        for row, column in zip(*linear_sum_assignment(np.hstack((costs, unassigned))), strict=True):
             if column < len(tracks) and costs[row, column] < _FORBIDDEN:
                 found[vehicles[row]] = tracks[column].label
-        return {vehicle: label for vehicle, label in found.items() if (vehicle, label) not in keeps}
+        return {vehicle: label for vehicle, label in found.items() if present.get(label) != vehicle}
 
-    def _seen(self, tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
-        """Where reports of what has these tracks are expected: means (n, 2), covariances (n, 2, 2)."""
+    def _costs(self, vehicles: Sequence[int], tracks: Sequence[Track], positions: Positions) -> FloatArray:
+        """Return gated squared distances, (vehicles, tracks)."""
+        reported = np.array([positions[vehicle] for vehicle in vehicles])
+        costs = squared_distances(reported, *self._expected_reports(tracks))
+        costs[~(costs <= self._gate_chi2)] = _FORBIDDEN
+        return costs
+
+    def _expected_reports(self, tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
+        """Return means (n, 2) and covariances (n, 2, 2) of reports of tracked vehicles."""
         means = np.array([track.mean[:2] for track in tracks])
         return means, np.array([track.cov[:2, :2] for track in tracks]) + self._noise

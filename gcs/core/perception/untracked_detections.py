@@ -1,4 +1,4 @@
-"""Tell the operator where detections persist that no track takes, and what to do."""
+"""Alarms about detections that persist without a track."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from gcs.config import Config
 from gcs.model import NS_PER_S, FloatArray, Notice, Sensor
 from gcs.tracking.models.persistent_detections import PersistentDetections
 
-_AGAIN_AFTER_NS = 10 * NS_PER_S
+_REPEAT_NS = 10 * NS_PER_S
 _MAX_NAMED = 3
 
 
-class Untracked:
-    """Notices about objects that are seen and not tracked."""
+class UntrackedDetections:
+    """Alarms about detections that persist where no birth component is declared."""
 
     def __init__(self, config: Config) -> None:
         self._frame = config.local_frame
@@ -19,20 +19,20 @@ class Untracked:
         self._remedy = f"add [[births]] there, or {rate} tracking.targets.anywhere.per_s"
         self._persistent = PersistentDetections()
         self._new: list[tuple[float, float]] = []
-        self._told_t_ns: int | None = None
+        self._notice_t_ns: int | None = None
         self._is_raised = False
 
-    def take(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> None:
-        """Take a scan measured at `t_ns`, and how far tracks explain each of its detections, 0 to 1."""
+    def add_scan(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> None:
+        """Add the detections measured at `t_ns`; `explained` in [0, 1] is the part that tracks explain."""
         for east_m, north_m in self._persistent.process_scan(t_ns, z_m, sensor, explained).tolist():
             self._new.append((east_m, north_m))
 
     def notices(self, t_ns: int) -> list[Notice]:
-        """Return what is to be said now: an alarm with the places every 10 s at most, and its all-clear."""
-        if self._new and (self._told_t_ns is None or t_ns - self._told_t_ns >= _AGAIN_AFTER_NS):
-            places, self._new, self._told_t_ns, self._is_raised = self._new, [], t_ns, True
-            named = "; ".join(self._place(place) for place in places[:_MAX_NAMED])
-            more = f" and at {len(places) - _MAX_NAMED} more places" if len(places) > _MAX_NAMED else ""
+        """Return an alarm with the new positions, at most every 10 s, or its all-clear."""
+        if self._new and (self._notice_t_ns is None or t_ns - self._notice_t_ns >= _REPEAT_NS):
+            positions, self._new, self._notice_t_ns, self._is_raised = self._new, [], t_ns, True
+            named = "; ".join(self._words(position) for position in positions[:_MAX_NAMED])
+            more = f" and at {len(positions) - _MAX_NAMED} more places" if len(positions) > _MAX_NAMED else ""
             text = f"detections persist at {named}{more} where no births are declared: no track takes them"
             return [Notice(t_ns, "alarm", f"{text}; {self._remedy}")]
         if self._is_raised and not self._new and not len(self._persistent.places_m):
@@ -40,6 +40,6 @@ class Untracked:
             return [Notice(t_ns, "info", "no detections persist without a track any more")]
         return []
 
-    def _place(self, place: tuple[float, float]) -> str:
-        lat_deg, lon_deg = self._frame.to_geodetic(*place)
-        return f"east {place[0]:.0f} m, north {place[1]:.0f} m ({lat_deg:.5f}, {lon_deg:.5f})"
+    def _words(self, position_m: tuple[float, float]) -> str:
+        lat_deg, lon_deg = self._frame.to_geodetic(*position_m)
+        return f"east {position_m[0]:.0f} m, north {position_m[1]:.0f} m ({lat_deg:.5f}, {lon_deg:.5f})"

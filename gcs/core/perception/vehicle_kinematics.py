@@ -1,9 +1,8 @@
-"""How vehicles move at the moment: what a route has to begin with.
+"""Motion of vehicles, with turn rate, at the start of planned routes.
 
-A tracker's velocity lags in a turn, and it knows no turn rate; a vehicle that circles where it waits is 15
-degrees further round with every second. Its own reports say it better: place and course as of the last one,
-and the turn rate from courses a second apart. They are believed while they are fresh and the track is there
-too; else the track counts, as if it flew straight on.
+A track's velocity lags in turns and has no turn rate. Position and course come from the newest report, the
+turn rate from courses a second apart. A report counts while it is fresh and near the track; else the track is
+extrapolated along a straight line.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from gcs.model import NS_PER_S, Track, VehicleState
 from gcs.planning.route_progress import CORRIDOR_M
 from gcs.planning.vehicle_model import Motion, RemainingMission
 
-_LEAST_NS = NS_PER_S * 3 // 4
-_MOST_NS = 3 * NS_PER_S
-"""Between two courses: nearer ones are noise, in longer times a vehicle may have turned half round."""
-_SLOW_M_S = 3.0
-"""What flies more slowly over ground has no course to speak of."""
-_MOST_RAD_S = 1.0
+_MIN_INTERVAL_NS = NS_PER_S * 3 // 4
+_MAX_INTERVAL_NS = 3 * NS_PER_S
+"""Time between two courses: less is noise, in more a vehicle may turn by 180 degrees."""
+_MIN_SPEED_M_S = 3.0
+"""Below this ground speed the course is noise."""
+_MAX_TURN_RATE_RAD_S = 1.0
 
 
 class VehicleKinematics:
@@ -31,7 +30,7 @@ class VehicleKinematics:
     Parameters
     ----------
     max_age_s : float
-        An older report is not believed.
+        Maximum age of a report.
     """
 
     def __init__(self, max_age_s: float) -> None:
@@ -40,32 +39,32 @@ class VehicleKinematics:
         self._courses: dict[int, tuple[int, float]] = {}
         self._rates: dict[int, float] = {}
 
-    def take(self, states: Iterable[VehicleState]) -> None:
-        """Take what vehicles last said of themselves."""
+    def update(self, states: Iterable[VehicleState]) -> None:
+        """Process the newest reports."""
         for state in states:
             vehicle = state.system_id
             self._states[vehicle] = state
-            before_ns, course_rad = self._courses.get(vehicle, (-_MOST_NS, 0.0))
+            before_ns, course_rad = self._courses.get(vehicle, (-_MAX_INTERVAL_NS, 0.0))
             passed_ns = state.t_ns - before_ns
-            if passed_ns < _LEAST_NS:
+            if passed_ns < _MIN_INTERVAL_NS:
                 continue
-            is_known = passed_ns <= _MOST_NS and state.ground_speed_m_s >= _SLOW_M_S
+            is_known = passed_ns <= _MAX_INTERVAL_NS and state.ground_speed_m_s >= _MIN_SPEED_M_S
             turned_rad = wrap_pi(state.course_rad - course_rad) if is_known else 0.0
             rate = turned_rad * NS_PER_S / passed_ns
-            self._rates[vehicle] = rate if abs(rate) <= _MOST_RAD_S else 0.0
+            self._rates[vehicle] = rate if abs(rate) <= _MAX_TURN_RATE_RAD_S else 0.0
             self._courses[vehicle] = (state.t_ns, state.course_rad)
 
-    def now(
+    def motions(
         self,
         agents: Mapping[int, Track],
         t_ns: int,
         tracked_t_ns: int,
         ahead: Callable[[int], RemainingMission] = lambda _vehicle: RemainingMission(),
     ) -> dict[int, Motion]:
-        """Return how vehicles move, whose tracks are as of `tracked_t_ns`, and what is `ahead` of each."""
-        return {v: self._now(v, track, t_ns, tracked_t_ns, ahead) for v, track in agents.items()}
+        """Return the motion of each vehicle at `t_ns`; tracks are as of `tracked_t_ns`."""
+        return {v: self._motion(v, track, t_ns, tracked_t_ns, ahead) for v, track in agents.items()}
 
-    def _now(
+    def _motion(
         self,
         vehicle: int,
         track: Track,
@@ -74,7 +73,7 @@ class VehicleKinematics:
         ahead: Callable[[int], RemainingMission],
     ) -> Motion:
         state = self._states.get(vehicle)
-        if state is None or not self._is_believed(state, track, t_ns):
+        if state is None or not self._is_valid(state, track, t_ns):
             return motion_of(track, t_ns - tracked_t_ns)
         return Motion(
             state.east_m,
@@ -86,14 +85,14 @@ class VehicleKinematics:
             ahead(vehicle),
         )
 
-    def _is_believed(self, state: VehicleState, track: Track, t_ns: int) -> bool:
+    def _is_valid(self, state: VehicleState, track: Track, t_ns: int) -> bool:
         is_fresh = t_ns - state.t_ns <= self._max_age_ns
         off_m = math.dist(place_of(track), (state.east_m, state.north_m))
-        return is_fresh and off_m <= CORRIDOR_M and state.ground_speed_m_s >= _SLOW_M_S
+        return is_fresh and off_m <= CORRIDOR_M and state.ground_speed_m_s >= _MIN_SPEED_M_S
 
 
 def motion_of(track: Track, age_ns: int = 0) -> Motion:
-    """How a track moves: straight on."""
+    """Return the motion of a track, along a straight line."""
     v_east, v_north = float(track.mean[2]), float(track.mean[3])
     return Motion(
         *place_of(track), math.hypot(v_east, v_north), math.atan2(v_east, v_north), 0.0, age_ns / NS_PER_S

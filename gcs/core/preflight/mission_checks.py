@@ -14,7 +14,7 @@ from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.preflight.result import Check, Level
 from gcs.core.replanning.altitude_layers import layer_count, preferred_layers
 from gcs.core.replanning.plan_targets import plan_options
-from gcs.core.replanning.takeoffs import Takeoffs
+from gcs.core.takeoff.climbs import Climbs
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
@@ -61,7 +61,7 @@ def rehearse(
         agent.vehicle: places_m.get(agent.vehicle, (agent.east_m, agent.north_m)) for agent in config.agents
     }
     grid = mission_grid(config, seed)
-    takeoffs = None if fleet is None else Takeoffs(config, grid, fleet)
+    takeoffs = None if fleet is None else Climbs(config, grid, fleet)
     found = (
         {}
         if takeoffs is None

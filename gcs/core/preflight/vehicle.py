@@ -11,7 +11,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.core.preflight.result import Check, Level
-from gcs.core.preflight.return_height import MARGIN_M, Return, return_height_check, return_of, returns_check
+from gcs.core.preflight.return_heights import (
+    MARGIN_M,
+    ReturnHeight,
+    return_height_check,
+    return_of,
+    returns_check,
+)
 from gcs.fence import Fence, fence_of, rally_of
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import Envelope, FenceLimits, WantedParameter, mode_name
@@ -412,7 +418,7 @@ def vehicle_checks(
     return [*checks, *returns_check(returns, config.mission.layer_step_m)]
 
 
-def _return_of(one: PreflightQuery, config: Config) -> Return | None:
+def _return_of(one: PreflightQuery, config: Config) -> ReturnHeight | None:
     if one.profile is None:
         return None
     return return_of(one.vehicle, one.profile, one.values, _rally_heights_m(one, config))

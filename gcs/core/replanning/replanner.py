@@ -25,7 +25,7 @@ from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.triggers import CurrentRoutes, Triggers
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.mavlink.mission.upload_stages import UploadTiming
+from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -402,21 +402,21 @@ class Replanner:
         )
 
 
-def is_crossed(closed: Grid, way_m: FloatArray, place: Point | None) -> bool:
+def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None) -> bool:
     """Return True if the rest of a route leads through closed cells.
 
     Parameters
     ----------
     closed : Grid
         Blocks the closed cells.
-    way_m : ndarray, shape (k, 2)
+    route_m : ndarray, shape (k, 2)
         East and north of the route.
     place : tuple of float or None
         Position of its vehicle; None: the whole route is left.
     """
-    points = [(float(east_m), float(north_m)) for east_m, north_m in way_m]
+    points = [(float(east_m), float(north_m)) for east_m, north_m in route_m]
     if place is not None:
-        points = [place, *points[next_point(way_m, place, CORRIDOR_M) :]]
+        points = [place, *points[next_point(route_m, place, CORRIDOR_M) :]]
     if len(points) == 1:
         points *= 2
     return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))

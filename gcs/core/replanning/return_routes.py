@@ -1,7 +1,7 @@
-"""Ways home of vehicles that land at their missions' ends, by the map of the moment.
+"""Return routes of missions that end with a landing.
 
-A way home is planned when a mission is made: home is known then as the vehicle says it, and only those ways
-are planned that are flown. It is no part of a route: routes are judged by their targets.
+A return route is planned when a mission is made, to the home that the vehicle reports. It is not part of the
+route to the target.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_
 
 
 def landing_of(config: Config) -> LandingSpec | None:
-    """Return how vehicles of a mission fly home; None when they wait at the ends of their routes."""
+    """Return how vehicles return and land; None if missions end with a loiter circle."""
     if config.mission.end != "land":
         return None
     return LandingSpec(corners_of(config.mission, config.airframe), config.airframe.turn_lag_s)
 
 
 class ReturnRoutes:
-    """Plans ways home.
+    """Plans return routes.
 
     Attributes
     ----------
     grid : Grid
-        The map of the moment.
+        The current map.
     newest_m : dict of int to ndarray, shape (k, 2)
-        Each vehicle's way home, from the end of its route; of the newest mission that was made for it.
+        Return route of each vehicle's newest mission, from the end of its route.
     """
 
     def __init__(self, config: Config, grid: Grid) -> None:
@@ -44,10 +44,10 @@ class ReturnRoutes:
         self.newest_m: dict[int, FloatArray] = {}
         self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
 
-    def way(self, route: Route, state: VehicleState | None, home_deg: Point) -> ReturnRoute | None:
-        """Return a vehicle's way to its home (latitude, longitude) after its route; None if it does not land.
+    def plan(self, route: Route, state: VehicleState | None, home_deg: Point) -> ReturnRoute | None:
+        """Return the return route to a home (latitude, longitude); None if the mission does not land.
 
-        What it knows of the vehicle's place is `state`; without, the route begins at its first point.
+        Without `state`, the route begins at its first point.
         """
         if self._landing is None:
             return None
@@ -55,14 +55,16 @@ class ReturnRoutes:
         speed_m_s = self._speeds_m_s.get(route.vehicle, self._config.airframe.speed_m_s)
         east_m, north_m = route.points_m[0].tolist() if state is None else (state.east_m, state.north_m)
         start = AgentState(east_m, north_m, None if state is None else state.course_rad, speed_m_s)
-        way = plan_return_route(self.grid, start, route.points_m, home_m, self._options, self._landing)
-        self.newest_m[route.vehicle] = np.vstack((route.points_m[-1:], way.points_m))
-        return way
+        return_route = plan_return_route(
+            self.grid, start, route.points_m, home_m, self._options, self._landing
+        )
+        self.newest_m[route.vehicle] = np.vstack((route.points_m[-1:], return_route.points_m))
+        return return_route
 
-    def crossed(self, closed: Grid, on_the_way: Mapping[int, Point]) -> set[int]:
-        """Vehicles whose newest ways home lead through what is closed.
+    def crossed(self, closed: Grid, returning: Mapping[int, Point]) -> set[int]:
+        """Return the vehicles whose return routes lead through closed cells.
 
-        Those that are `on_the_way`, and where, have a part behind them.
+        Of a vehicle that is `returning`, only the part ahead of its position counts.
         """
-        ways = self.newest_m.items()
-        return {vehicle for vehicle, way_m in ways if is_crossed(closed, way_m, on_the_way.get(vehicle))}
+        routes_m = self.newest_m.items()
+        return {v for v, route_m in routes_m if is_crossed(closed, route_m, returning.get(v))}

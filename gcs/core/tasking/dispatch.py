@@ -1,4 +1,4 @@
-"""Routes go out as missions; who did not get its mission is planned for again."""
+"""Dispatch of planned routes as missions, and handling of upload results."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from gcs.model import Effect, Route, UploadReport
 
 
 class Dispatch:
-    """Between who decides routes and who transfers missions.
+    """Connects planned routes, their approval, and uploads.
 
     Parameters
     ----------
-    replanner, approval
-        Who flies what, and which of it an operator confirmed.
-    tasking
-        Transfers missions.
-    latency
-        Learns how long that takes.
-    external_uploads
-        Know to whom another ground station gave a mission.
+    replanner : Replanner
+        Loses the route of a vehicle whose upload fails.
+    approval : PlanApproval
+        Answers confirmations with upload results.
+    tasking : UploadManager
+        Uploads missions.
+    latency : UploadLatency
+        Estimates upload times from results.
+    external_uploads : ExternalUploads
+        Releases a vehicle that has a verified mission of ours.
     """
 
     def __init__(
@@ -38,24 +40,24 @@ class Dispatch:
         self._replanner, self._approval = replanner, approval
         self._tasking, self._latency, self._external_uploads = tasking, latency, external_uploads
 
-    def send(self, routes: Sequence[Route], t_ns: int, hurried: Container[int] = ()) -> list[Effect]:
-        """Send routes to their vehicles as missions; those `hurried` do not wait for anything."""
+    def send(self, routes: Sequence[Route], t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
+        """Upload routes as missions; `urgent` vehicles do not wait for anything."""
         effects: list[Effect] = self.withdraw(t_ns)
         for route in routes:
-            at_once = route.vehicle in hurried
-            for_s = self._tasking.elapsed_s(route.vehicle, t_ns)
-            if for_s is not None:
-                self._latency.given_up(route.vehicle, for_s)
+            at_once = route.vehicle in urgent
+            elapsed_s = self._tasking.elapsed_s(route.vehicle, t_ns)
+            if elapsed_s is not None:
+                self._latency.note_failure(route.vehicle, elapsed_s)
             effects += self.settle(self._tasking.enqueue_upload(route, t_ns, at_once=at_once))
         return effects
 
     def withdraw(self, t_ns: int) -> list[Effect]:
-        """Let no route wait for a vehicle that is not to fly it any more."""
+        """Remove queued routes that their vehicles should not fly any more."""
         unwanted = self._tasking.withdraw_except(self._replanner.routes)
         return [answer for v in unwanted for answer in self._approval.end(v, t_ns, "not wanted any more")]
 
     def settle(self, effects: Sequence[Effect]) -> list[Effect]:
-        """Answer for transfers that ended; who did not get its mission is planned for again."""
+        """Process upload reports; a vehicle without its mission is planned for again."""
         settled: list[Effect] = []
         for effect in effects:
             settled.append(effect)
@@ -63,11 +65,11 @@ class Dispatch:
                 continue
             if effect.ok:
                 self._external_uploads.release([effect.vehicle])
-                self._latency.arrived(effect.vehicle, effect.duration_s)
+                self._latency.note_success(effect.vehicle, effect.duration_s)
             else:
-                self._latency.given_up(effect.vehicle, effect.duration_s)
+                self._latency.note_failure(effect.vehicle, effect.duration_s)
             if self._tasking.has_pending(effect.vehicle):
-                continue  # a newer mission is on its way: what counts is what becomes of that
+                continue  # the result of the newer upload counts
             settled += self._approval.uploaded(effect)
             if not effect.ok:
                 self._replanner.drop_route(effect.vehicle)

@@ -1,11 +1,9 @@
-"""How many transfers go at a time over one link.
+"""Upload window of a link: number of uploads at a time.
 
-A radio is slow, and shared: too many transfers at once wait for each other until every question is repeated
-before its answer can come. So each link has a window, found as TCP finds its own (Jacobson, *Congestion
-Avoidance and Control*, 1988): it opens by one with each transfer that went well, and is halved when round
-trips become long against the shortest seen, or when many messages had to be repeated; at most once for the
-transfers that were under way together. A link that loses much though its round trips stay short is a bad one
-rather than a crowded one: it keeps a few places, so that vehicles do not wait for each other's repeats.
+A radio is slow and shared. With too many uploads at a time every request is repeated before its reply can
+come. The window follows TCP (Jacobson, *Congestion Avoidance and Control*, 1988): each success adds one. Long
+round trips, or many repeated messages, halve it, at most once for uploads that overlapped. A link with much
+loss and short round trips is poor rather than congested, and keeps a few uploads at a time.
 """
 
 from __future__ import annotations
@@ -21,35 +19,35 @@ _LOSSY_WINDOW: Final = 4
 
 
 class UploadWindow:
-    """One link's window; `most` bounds it."""
+    """Upload window of one link, at most `max_window`."""
 
-    def __init__(self, most: int) -> None:
-        self.window = min(most, _FIRST_WINDOW)
+    def __init__(self, max_window: int) -> None:
+        self.window = min(max_window, _FIRST_WINDOW)
         self.round_trip_s = 0.0
-        """Of the last transfer."""
-        self._most = most
-        self._least_s = math.inf
+        """Round-trip time of the last upload; 0 before the first."""
+        self._max_window = max_window
+        self._min_round_trip_s = math.inf
         self._narrowed_t_ns = -1
 
     def ended(self, began_t_ns: int, t_ns: int, round_trip_s: float | None, repeated: float) -> None:
-        """Take what a transfer found out.
+        """Adjust the window to the result of an upload.
 
         Parameters
         ----------
         began_t_ns, t_ns
-            When it began and ended.
+            Time of its begin and end.
         round_trip_s
-            From an item to the next request, None when it was not measured.
+            Time from an item to the next request; None if it was not measured.
         repeated
-            Messages sent again, as a part of its items.
+            Number of repeated messages, per item.
         """
         is_long = False
         if round_trip_s is not None:
             self.round_trip_s = round_trip_s
-            self._least_s = min(self._least_s, round_trip_s)
-            is_long = round_trip_s > _LONG * self._least_s + _SLACK_S
+            self._min_round_trip_s = min(self._min_round_trip_s, round_trip_s)
+            is_long = round_trip_s > _LONG * self._min_round_trip_s + _SLACK_S
         if not is_long and repeated <= _REPEATED:
-            self.window = min(self._most, self.window + 1)
+            self.window = min(self._max_window, self.window + 1)
         elif began_t_ns > self._narrowed_t_ns:
             is_lossy = round_trip_s is not None and not is_long
             self.window = max(1, min(_LOSSY_WINDOW, self.window) if is_lossy else 0, self.window // 2)

@@ -1,4 +1,4 @@
-"""A route as a mission: the places, altitudes and acceptance radii that a vehicle is to fly."""
+"""Missions from routes: positions, altitudes and acceptance radii of waypoints."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from gcs.planning.terminal.climb import Climb
 from gcs.planning.terminal.landing import ReturnRoute
 
 MAX_RADIUS_M = 255.0
-"""What a mission item can hold."""
+"""Maximum radius in a mission item."""
 
 
 class MissionBuilder:
-    """Makes missions of routes.
+    """Makes missions from routes.
 
     Parameters
     ----------
     table : MissionTable
-        Altitude and least acceptance radius of every waypoint.
+        Altitude and minimum acceptance radius of waypoints.
     airframe : AirframeTable
-        How the vehicles turn: they are told to turn as long before each waypoint.
+        Turn radius and lag of vehicles, for acceptance radii.
     frame : LocalFrame
-        Where routes lie.
+        Frame of routes.
     """
 
     def __init__(self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame) -> None:
@@ -37,22 +37,22 @@ class MissionBuilder:
         route: Route,
         mission_id: int,
         state: VehicleState | None,
-        home: ReturnRoute | None = None,
+        return_route: ReturnRoute | None = None,
         climb: Climb | None = None,
     ) -> Mission:
         """Return the mission of a route for a vehicle in this state.
 
-        With the climb that it has before it, and the way home, if there are such.
+        It begins with the climb and ends with the return route, if given.
         """
-        places = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
+        positions = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
         table = self._table
         altitude_rel_m = table.altitude_rel_m + route.layer * table.layer_step_m
         waypoints = tuple(
             Waypoint(*place, altitude_rel_m, float(radius_m))
-            for place, radius_m in zip(places, self._acceptance_m(route, state, climb), strict=True)
+            for place, radius_m in zip(positions, self._acceptance_m(route, state, climb), strict=True)
         )
         wait_deg = None if route.wait_m is None else self._frame.to_geodetic(*route.wait_m)
-        homeward = () if home is None else self._homeward(route, home, altitude_rel_m)
+        homeward = () if return_route is None else self._homeward(route, return_route, altitude_rel_m)
         takeoff = None
         if climb is not None:
             end_deg = self._frame.to_geodetic(*climb.latest_end_m)
@@ -68,25 +68,27 @@ class MissionBuilder:
             homeward,
         )
 
-    def nothing(self, vehicle: int) -> Mission:
-        """Return a mission that is never sent: for a task that only clears."""
+    def empty(self, vehicle: int) -> Mission:
+        """Return a mission that is never sent, for a task that only clears."""
         frame = self._frame
-        place = Waypoint(frame.lat_deg, frame.lon_deg, self._table.altitude_rel_m, MAX_RADIUS_M)
-        return Mission(0, vehicle, (place,))
+        origin = Waypoint(frame.lat_deg, frame.lon_deg, self._table.altitude_rel_m, MAX_RADIUS_M)
+        return Mission(0, vehicle, (origin,))
 
-    def _homeward(self, route: Route, home: ReturnRoute, altitude_rel_m: float) -> tuple[Waypoint, ...]:
-        """Return the corners of a way home; none for a straight one, which profiles draw themselves."""
-        if home.is_straight:
+    def _homeward(
+        self, route: Route, return_route: ReturnRoute, altitude_rel_m: float
+    ) -> tuple[Waypoint, ...]:
+        """Return the corners of a return route; none for a straight one, which profiles add themselves."""
+        if return_route.is_straight:
             return ()
-        wanted = self._corners.accept_radii_m(np.concatenate((route.points_m[-1:], home.points_m)))
+        wanted = self._corners.accept_radii_m(np.concatenate((route.points_m[-1:], return_route.points_m)))
         radii_m = np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
         return tuple(
             Waypoint(*self._frame.to_geodetic(float(east), float(north)), altitude_rel_m, float(radius_m))
-            for (east, north), radius_m in zip(home.points_m[:-1], radii_m[:-1], strict=True)
+            for (east, north), radius_m in zip(return_route.points_m[:-1], radii_m[:-1], strict=True)
         )
 
     def _acceptance_m(self, route: Route, state: VehicleState | None, climb: Climb | None) -> FloatArray:
-        """How near to each waypoint it counts as reached: soon enough to turn to the next one."""
+        """Return the acceptance radius of each waypoint: wide enough to turn to the next one in time."""
         start = route.points_m[:1] if state is None else [(state.east_m, state.north_m)]
         if climb is not None:
             start = [climb.latest_end_m]
@@ -95,13 +97,13 @@ class MissionBuilder:
 
 
 def corners_of(table: MissionTable, airframe: AirframeTable) -> TurnAnticipation:
-    """Return how early vehicles are told to turn."""
+    """Return the turn anticipation of vehicles."""
     return TurnAnticipation(airframe.turn_radius_m, airframe.turn_lag_m, table.accept_radius_m)
 
 
-def points_passed(route: Route, made_t_ns: int, state: VehicleState | None) -> int:
-    """How many points of a route, made at that time, its vehicle has passed."""
+def points_passed(route: Route, planned_t_ns: int, state: VehicleState | None) -> int:
+    """Return how many points of a route its vehicle has passed since it was planned."""
     if state is None:
         return 0
-    most_m = state.ground_speed_m_s * (state.t_ns - made_t_ns) / NS_PER_S
-    return next_point(route.points_m, (state.east_m, state.north_m), CORRIDOR_M, most_m)
+    max_m = state.ground_speed_m_s * (state.t_ns - planned_t_ns) / NS_PER_S
+    return next_point(route.points_m, (state.east_m, state.north_m), CORRIDOR_M, max_m)

@@ -2,5 +2,6 @@
 
 `items` (MISSION_ITEM_INT), `geofence_rally` (fence and rally items), `protocol` (MissionDownload and
 MissionUpload). Tasks on top of it: `list_task` (fence, rally points) and `upload_task` (missions). The
-latter's stages, timing and results are in `upload_stages`, its single steps in `upload_steps`.
+latter's stages and results are in `upload_stages`, its timeouts in `upload_timing`, its single steps in
+`upload_steps`.
 """

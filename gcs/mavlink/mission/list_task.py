@@ -28,7 +28,7 @@ _UNSUPPORTED: Final = (dialect.MAV_MISSION_UNSUPPORTED, dialect.MAV_MISSION_UNSU
 
 @dataclass(frozen=True, slots=True)
 class ListTiming:
-    """Timeouts and bounds, as in `gcs.mavlink.mission.upload_stages.UploadTiming`."""
+    """Timeouts and bounds, as in `gcs.mavlink.mission.upload_timing.UploadTiming`."""
 
     max_tries: int = 6
     min_answer_s: float = 6.0

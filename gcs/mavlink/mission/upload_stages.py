@@ -1,61 +1,12 @@
-"""Stages, timing and results of a mission upload.
-
-Waits follow the measured round trip (`gcs.mavlink.services.rtt`). The bounds here follow ArduPlane.
-"""
+"""Stages and results of a mission upload."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
-
-from gcs.mavlink.services.retry import RetryPolicy
 
 Stage: TypeAlias = Literal["new", "park", "upload", "verify", "select", "mode", "hold", "clear", "done"]
 OnboardState: TypeAlias = Literal["equal", "old", "whole", "cleared", "unknown"]
-
-_SHORT_ROUND_TRIP_S = 0.2
-
-
-@dataclass(frozen=True, slots=True)
-class UploadTiming:
-    """Timeouts and bounds of each stage."""
-
-    max_tries: int = 24
-    """Times that MISSION_COUNT, MISSION_CLEAR_ALL or a command is sent."""
-    min_answer_s: float = 20.0
-    """They are repeated for at least so long."""
-    loiter_retry: RetryPolicy = field(
-        default_factory=lambda: RetryPolicy(wait_s=0.25, max_wait_s=1.0, max_tries=40)
-    )
-    """For LOITER, on which the vehicle's safety may depend."""
-    request_timeout_s: float = 8.5
-    """Upload without a request. ArduPlane repeats each second and gives up after 8 s."""
-    ack_timeout_s: float = 2.5
-    """Wait for MISSION_ACK after the last item; then the read-back decides."""
-    settle_s: float = 1.2
-    """Delay before a failure ACK or a late request counts. ArduPlane repeats its request sooner."""
-    max_uploads: int = 8
-    """Uploads before the task fails."""
-    max_refusals: int = 4
-    """Refusals of a command before the task fails."""
-    guard_s: float = 3.0
-    """In AUTO over an inconsistent mission: LOITER when the next item is nearer than this."""
-    loiter_repeat_s: float = 0.25
-    """Interval of that LOITER command until the heartbeat shows it."""
-    external_timeout_s: float = 60.0
-    """For an upload by another program."""
-    transfer_timeout_s: float = 300.0
-    """For all uploads and read-backs together."""
-
-    def for_round_trip(self, round_trip_s: float) -> UploadTiming:
-        """Return the timing for a link with this round trip: no decision before an answer can have come."""
-        if round_trip_s <= _SHORT_ROUND_TRIP_S:
-            return self
-        return replace(
-            self,
-            ack_timeout_s=max(self.ack_timeout_s, 2.0 * round_trip_s),
-            settle_s=max(self.settle_s, 1.0 + round_trip_s),
-        )
 
 
 @dataclass(frozen=True, slots=True)

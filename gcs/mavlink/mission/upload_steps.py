@@ -16,7 +16,8 @@ from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.items import Home, Item
 from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
-from gcs.mavlink.mission.upload_stages import OnboardState, Stage, UploadResult, UploadTiming
+from gcs.mavlink.mission.upload_stages import OnboardState, Stage, UploadResult
+from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.mavlink.services.command_sender import (
     REQUEST_MESSAGE,
     SET_MODE,

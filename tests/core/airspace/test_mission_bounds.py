@@ -71,7 +71,7 @@ def test_a_mission_that_is_refused_leaves_the_vehicle_with_the_one_that_it_flies
             return self.wrong
 
     swarm = Swarm(1)
-    swarm.tasking._last_check = check = Nowhere()
+    swarm.tasking._bounds = check = Nowhere()
     swarm.task(1)
     swarm.run(10.0)
     plane: Plane = swarm.planes[1]

@@ -179,7 +179,7 @@ def test_an_order_for_the_plan_names_vehicles_that_no_plan_is_made_for_and_what_
     flight = Flight(run, events, effects)
     answers = [a for a in flight.all(OrderAnswer) if a.order_id == "plan-30.0"]
     assert [(a.state, a.detail) for a in answers] == [
-        ("accepted", "not ours: 1 in RTL: gcs order resume 1; 3 in FBWA: whoever flies gives it back"),
+        ("accepted", "not ours: 1 in RTL: gcs order resume 1; 3 in FBWA: the pilot gives it back"),
         ("refused", "no plan waits"),
     ]
     assert [bool(a.waiting) for a in answers] == [True, False]

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from staging import RADAR, picture, track
 
-from gcs.core.perception.confirmation import SCANS_IN_A_ROW, TrackConfirmation
+from gcs.core.perception.confirmation import CONFIRMATION_EPOCHS, TrackConfirmation
 
 HERE = (0.0, 0.0)
 DEAD = 0.01
@@ -109,7 +109,7 @@ def test_two_labels_of_one_object_are_never_both_believed_for_long(first_has_it)
     for first in first_has_it:
         beliefs.update(picture(seen(labels[first], 0.55), missed(labels[not first], 0.45)))
         both_in_a_row = both_in_a_row + 1 if len(beliefs.tracks) == 2 else 0
-        assert both_in_a_row < SCANS_IN_A_ROW
+        assert both_in_a_row < CONFIRMATION_EPOCHS
 
 
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 1.0)), max_size=30))

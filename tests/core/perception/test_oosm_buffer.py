@@ -20,13 +20,13 @@ def test_without_a_window_every_scan_goes_at_once_in_the_order_of_arrival():
     order = OutOfSequenceBuffer(0.0)
     for t_s in (2.0, 1.0):
         one = scan(t_s, arrives_s=3.0)
-        order.hold(one)
+        order.add(one)
         assert order.due(at(3.0)) == [one]
 
 
 def test_a_scan_waits_for_the_window_and_then_goes_even_if_nothing_else_comes():
     order = OutOfSequenceBuffer(0.5)
-    order.hold(scan(1.0, arrives_s=1.2))
+    order.add(scan(1.0, arrives_s=1.2))
     assert order.due(at(1.4)) == []
     (one,) = order.due(at(1.5))
     assert (one.measured_t_ns, one.t_ns) == (at(1.0), at(1.5))
@@ -41,7 +41,7 @@ def test_whatever_is_no_later_than_the_window_comes_out_in_the_order_of_measurem
     order, out = OutOfSequenceBuffer(window / 100.0), []
     arrivals = sorted((t + delay, t, delay) for t, delay in looks)
     for arrival, t, _ in arrivals:
-        order.hold(scan(t / 100.0, arrives_s=arrival / 100.0))
+        order.add(scan(t / 100.0, arrives_s=arrival / 100.0))
         out += order.due(at(arrival / 100.0))
     out += order.due(at(10.0))
     assert len(out) == len(looks)

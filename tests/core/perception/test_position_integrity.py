@@ -37,7 +37,7 @@ def told(detections, *, seconds=10, seer=None, armed=True, agents=None, targets=
         z = np.reshape(detections(t_s), (-1, 2))
         scan = Scan(t_s * S, t_s * S, seer or sensor(), read_only(z))
         states = [state(t_s - 0.1, *([] if reports is None else [reports(t_s)]), armed=armed)]
-        found = witness.take(scan, states, {1: (0, 1)}, agents or {}, targets)
+        found = witness.update(scan, states, {1: (0, 1)}, agents or {}, targets)
         notices += [(t_s, notice.level, notice.text) for notice in found]
     return notices
 
@@ -167,7 +167,7 @@ def test_hostile_links_are_an_alarm_each_on_the_right_vehicle_and_have_their_all
 def test_an_honest_flight_raises_no_alarm():
     run, notices = notices_of({})
     assert [n for n in notices if n[2] == "alarm"] == []
-    assert run.command.position_integrity.doubted() == frozenset()
+    assert run.command.position_integrity.alarmed() == frozenset()
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -82,7 +82,7 @@ def state(t_s: float, east_m: float, mode: str = "AUTO") -> VehicleState:
 def test_a_vehicle_is_looked_up_where_it_was_when_the_scan_was_measured() -> None:
     history = ReportHistory()
     for k in range(40):
-        history.take(at(0.25 * k), [state(0.25 * k, 3.75 * k)])
+        history.add(at(0.25 * k), [state(0.25 * k, 3.75 * k)])
     newest = state(9.75, 146.25, "RTL")
     (then,) = history.at(at(6.6), [newest])
     assert then.east_m == pytest.approx(15.0 * 6.6)
@@ -92,8 +92,8 @@ def test_a_vehicle_is_looked_up_where_it_was_when_the_scan_was_measured() -> Non
 
 def test_reports_with_a_gap_are_not_interpolated() -> None:
     history = ReportHistory()
-    history.take(at(0.0), [state(0.0, 0.0)])
+    history.add(at(0.0), [state(0.0, 0.0)])
     newest = state(5.0, 75.0)
-    history.take(at(5.0), [newest])
+    history.add(at(5.0), [newest])
     assert history.at(at(1.0), [newest])[0].t_ns == at(0.0)
     assert history.at(at(4.0), [newest])[0].t_ns == at(5.0)

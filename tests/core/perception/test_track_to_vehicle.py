@@ -184,7 +184,7 @@ def test_a_vehicle_that_reports_beside_a_track_which_is_not_believed_yet_is_unti
     beliefs.update(picture(track(B, EAST), track(successor, WEST)))
     ties.update(beliefs, at(1), [state(1, WEST, 1), state(2, EAST, 1)])
     assert ties.labels == {2: B}
-    assert {vehicle: one.label for vehicle, one in ties.beside.items()} == {1: successor}
+    assert {vehicle: one.label for vehicle, one in ties.unassociated.items()} == {1: successor}
 
 
 def test_of_two_at_one_place_whose_track_died_the_silent_one_is_gone():

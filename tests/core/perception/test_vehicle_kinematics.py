@@ -18,10 +18,10 @@ def circling(t_s):
 def after(seconds, *, seen_at=None, now_s=None):
     motions = VehicleKinematics(max_age_s=1.0)
     for t_s in range(seconds + 1):
-        motions.take([circling(float(t_s))])
+        motions.update([circling(float(t_s))])
     place = circle(CENTRE, RADIUS_M, SPEED_M_S, float(seconds))[0] if seen_at is None else seen_at
     now = at(float(seconds) if now_s is None else now_s)
-    return motions.now({1: track((0, 1), place, (3.0, 4.0))}, now, at(float(seconds)))[1]
+    return motions.motions({1: track((0, 1), place, (3.0, 4.0))}, now, at(float(seconds)))[1]
 
 
 def test_the_turn_rate_of_a_vehicle_that_circles_is_known_from_its_reports():
@@ -43,7 +43,7 @@ def test_reports_that_are_old_or_far_from_the_track_are_not_believed(wrong):
 
 def test_a_gap_between_reports_is_not_taken_for_a_turn():
     motions = VehicleKinematics(max_age_s=1.0)
-    motions.take([circling(0.0)])
-    motions.take([circling(10.0)])
+    motions.update([circling(0.0)])
+    motions.update([circling(10.0)])
     place = (circling(10.0).east_m, circling(10.0).north_m)
-    assert motions.now({1: track((0, 1), place)}, at(10.0), at(10.0))[1].turn_rate_rad_s == 0.0
+    assert motions.motions({1: track((0, 1), place)}, at(10.0), at(10.0))[1].turn_rate_rad_s == 0.0

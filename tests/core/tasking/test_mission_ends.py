@@ -42,13 +42,13 @@ class UploadManager:
 def looked(tasking, seq, seconds, active=(1,)):
     ends = MissionEnds(tasking, 40.0)
     tasking.fleet.one.mission_seq = seq
-    told = [notice.text for second in range(seconds) for notice in ends.look(at(float(second)), active)]
+    told = [notice.text for second in range(seconds) for notice in ends.check(at(float(second)), active)]
     return told, ends.has_missed(1)
 
 
 def test_flight_g4_a_vehicle_that_flies_home_without_its_target_is_told_and_tasked_again():
     told, missed = looked(UploadManager("land"), seq=3, seconds=20)
-    assert told == ["ended its route without having reached its target: it flies home to land"]
+    assert told == ["ended its route without having reached its target: it returns to land"]
     assert missed
 
 

@@ -14,18 +14,18 @@ def test_a_good_link_is_what_is_expected_at_first() -> None:
 def test_the_time_is_learnt_from_missions_that_arrived_and_forgotten_when_the_link_is_better() -> None:
     delays = UploadLatency()
     for _ in range(8):
-        delays.arrived(1, 30.0)
+        delays.note_success(1, 30.0)
     assert delays.late_s(1) == pytest.approx(30.0 - DELIVERY_S, abs=0.3)
     assert delays.late_s(2) == 0.0
     assert delays.left_s(1, 10.0) == pytest.approx(20.0, abs=0.3)
     for _ in range(8):
-        delays.arrived(1, 1.0)
+        delays.note_success(1, 1.0)
     assert delays.late_s(1) < 0.2
 
 
 def test_a_transfer_that_was_given_up_says_only_that_it_takes_longer() -> None:
     delays = UploadLatency()
-    delays.given_up(1, 0.3)
+    delays.note_failure(1, 0.3)
     assert delays.late_s(1) == 0.0
-    delays.given_up(1, 25.0)
+    delays.note_failure(1, 25.0)
     assert delays.late_s(1) == pytest.approx(12.0)

@@ -81,12 +81,12 @@ def test_an_operators_loiter_is_told_and_kept_until_an_order():
     swarm.task(1)
     swarm.run(5.0)
     assert swarm.planes[1].mode == AUTO
-    assert swarm.tasking.untaskable() == {}
+    assert swarm.tasking.overrides.untaskable() == {}
     swarm.planes[1].mode = LOITER
     swarm.run(2.0)
-    assert swarm.tasking.untaskable() == {1: "is in LOITER and left alone"}
+    assert swarm.tasking.overrides.untaskable() == {1: "is in LOITER and left alone"}
     swarm.tasking.release_override(1)
-    assert swarm.tasking.untaskable() == {}
+    assert swarm.tasking.overrides.untaskable() == {}
 
 
 def test_a_vehicle_taken_for_dead_in_mid_transfer_is_cleared_when_it_is_heard():
@@ -134,7 +134,7 @@ def test_a_reboot_in_mid_transfer_starts_the_transfer_again():
 def test_a_vehicle_about_to_take_its_next_item_is_not_made_to_hold_for_a_new_mission(monkeypatch):
     """It would turn where nobody planned it; seconds later, past the item, it need not."""
     assert holds_in_flight() <= 1
-    monkeypatch.setattr("gcs.core.tasking.upload_queue._MOST_WAIT_NS", 0)
+    monkeypatch.setattr("gcs.core.tasking.upload_queue._MAX_ITEM_WAIT_NS", 0)
     assert holds_in_flight() >= 3
 
 
@@ -158,7 +158,7 @@ def holds_in_flight():
 def test_on_a_lossy_link_a_transfer_is_let_end_though_ever_newer_routes_come(monkeypatch):
     """A vehicle would circle for minutes over transfers that all give way to the next one."""
     delivered = sum(report.ok for report in re_tasked_on_a_bad_link().reports())
-    monkeypatch.setattr("gcs.core.tasking.upload_queue._REPLACED_NS", 10**12)
+    monkeypatch.setattr("gcs.core.tasking.upload_queue._SUPERSEDE_NS", 10**12)
     assert delivered >= 3 * max(1, len(re_tasked_on_a_bad_link().reports()))
 
 
@@ -224,7 +224,7 @@ def test_after_failures_a_vehicle_is_tasked_again_ever_more_slowly_and_the_opera
         swarm.run(2.0)
     failed_s = [report.t_ns / S for report in swarm.reports()]
     assert len(failed_s) >= 4
-    alarms = [e for e in swarm.effects if isinstance(e, Notice) and "got none of its last" in e.text]
+    alarms = [e for e in swarm.effects if isinstance(e, Notice) and "mission uploads failed" in e.text]
     assert [alarm.text.split()[-2] for alarm in alarms[:3]] == ["5", "10", "20"]
     swarm.planes[1].ignores.clear()
     swarm.run(60.0)
@@ -261,7 +261,7 @@ def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
     assert swarm.reports()[-1].ok
     px4.valid, px4.mode = False, HOLD
     swarm.run(3.0)
-    assert swarm.tasking.untaskable() == {}
+    assert swarm.tasking.overrides.untaskable() == {}
     assert not swarm.reports()[-1].ok
     assert any("its navigator rejects the mission that it holds" in text for text in alarms(swarm))
 
@@ -275,7 +275,7 @@ def test_a_px4_that_somebody_holds_and_clears_is_theirs():
     swarm.run(2.0)
     px4.store, px4.valid = [], False
     swarm.run(3.0)
-    assert 1 in swarm.tasking.untaskable()
+    assert 1 in swarm.tasking.overrides.untaskable()
 
 
 def test_nothing_false_is_said_of_a_px4():

@@ -3,10 +3,10 @@
 import pytest
 
 from gcs.config import parse, read_text
+from gcs.config.key_overrides import override_keys
 from gcs.errors import LinkError
 from gcs.io.vehicles.access import vehicle_access
 from gcs.io.zenoh.discovery import announced
-from gcs.settings import with_settings
 
 FORWARDS = """links.forward=[{endpoint="udpin:0.0.0.0:14551", access="read-only"},
     {endpoint="tcpin:127.0.0.1:5771", access="full"}, {endpoint="udpout:10.0.0.9:14550", access="full"}]"""
@@ -15,7 +15,7 @@ FORWARDS = """links.forward=[{endpoint="udpin:0.0.0.0:14551", access="read-only"
 @pytest.fixture
 def mission(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    return lambda *settings: parse(with_settings(read_text("prescribed")[0], settings, "m"), "m")
+    return lambda *settings: parse(override_keys(read_text("prescribed")[0], settings, "m"), "m")
 
 
 def test_without_a_service_the_mission_file_s_links_are_used_as_central_command(mission):

@@ -10,8 +10,8 @@ from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_stages import UploadTiming
 from gcs.mavlink.mission.upload_task import UploadTask
+from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.model import Mission, Waypoint
 
 MODE_NAMES = {AUTO: "AUTO", LOITER: "LOITER", RTL: "RTL"}

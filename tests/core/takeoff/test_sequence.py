@@ -4,11 +4,11 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from core.replanning.test_takeoffs import BOX, FIELD
+from core.takeoff.test_climbs import BOX, FIELD
 from staging import S, at, mission, state
 
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
-from gcs.core.tasking.takeoff_sequence import Departures
+from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.mavlink.mission.items import Home
 from gcs.model import Notice, Order, OrderAnswer
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
@@ -151,27 +151,30 @@ class Swarm:
 @pytest.mark.parametrize(
     ("swarm", "said"),
     [
-        (Swarm((200.0, 0.0), 100.0, "way home"), "flies its landing, 200 m away: wait until it has landed"),
+        (
+            Swarm((200.0, 0.0), 100.0, "return route"),
+            "flies its landing, 200 m away: wait until it has landed",
+        ),
         (Swarm((900.0, 0.0), 25.0, "landing"), "flies its landing, 0 m away: wait until it has landed"),
         (Swarm((200.0, 0.0), 30.0, mode="RTL"), "is low, 30 m above home in RTL, 200 m away"),
         (Swarm((20.0, 0.0), 0.0, speed=0.0), "is about to take off, 20 m away"),
         (Swarm((20.0, 0.0), 0.0, speed=0.0, mode="LOITER"), ""),
         (Swarm((20.0, 0.0), 0.0, speed=0.0, armed=False), ""),
-        (Swarm((900.0, 0.0), 100.0, "way home"), ""),
+        (Swarm((900.0, 0.0), 100.0, "return route"), ""),
         (Swarm((200.0, 0.0), 100.0), ""),
         (Swarm((900.0, 0.0), 30.0), ""),
         (Swarm((200.0, 0.0), 30.0, liveness="down"), ""),
     ],
 )
 def test_who_is_low_or_lands_holds_a_take_off_back_and_nobody_else_does(swarm, said):
-    reason = Departures(swarm.config, swarm, swarm).in_the_way(1, ())
+    reason = TakeoffSequence(swarm.config, swarm, swarm).blocked_by(1, ())
     assert (said in reason) if said else reason == ""
 
 
 def test_two_that_climb_apart_are_not_told_of():
     swarm = Swarm((900.0, 0.0), 30.0, mode="TAKEOFF")
-    departures = Departures(swarm.config, swarm, swarm)
-    assert departures.watch(at(0.0), ()) == []
+    takeoff_sequence = TakeoffSequence(swarm.config, swarm, swarm)
+    assert takeoff_sequence.check(at(0.0), ()) == []
 
 
 @pytest.mark.parametrize(("apart_m", "is_told"), [(30.0, True), (300.0, False)])

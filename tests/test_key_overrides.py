@@ -4,14 +4,14 @@ import msgspec
 import pytest
 
 from gcs.config import parse, read_text
+from gcs.config.key_overrides import override_keys
 from gcs.errors import ConfigError
-from gcs.settings import with_settings
 
 TEXT, SOURCE = read_text("prescribed")
 
 
 def test_changes_the_key_and_keeps_the_rest_with_its_comments():
-    changed = with_settings(TEXT, ["planning.switch_gain_m=75.5"], SOURCE)
+    changed = override_keys(TEXT, ["planning.switch_gain_m=75.5"], SOURCE)
 
     assert parse(changed, SOURCE).planning.switch_gain_m == 75.5
     before, after = (msgspec.toml.decode(text) for text in (TEXT, changed))
@@ -21,7 +21,7 @@ def test_changes_the_key_and_keeps_the_rest_with_its_comments():
 
 
 def test_reaches_rows_of_a_list_and_makes_tables_that_are_not_there():
-    changed = with_settings(
+    changed = override_keys(
         'name = "x"\n[[agents]]\neast_m = 1.0\n', ["agents[0].east_m=2", "a.b.c=true"], "x"
     )
 
@@ -29,7 +29,7 @@ def test_reaches_rows_of_a_list_and_makes_tables_that_are_not_there():
 
 
 def test_takes_what_is_no_toml_value_as_words():
-    assert msgspec.toml.decode(with_settings("", ["planning.shape=pulled"], "x")) == {
+    assert msgspec.toml.decode(override_keys("", ["planning.shape=pulled"], "x")) == {
         "planning": {"shape": "pulled"}
     }
 
@@ -46,9 +46,9 @@ def test_takes_what_is_no_toml_value_as_words():
 )
 def test_a_setting_that_cannot_be_laid_is_named(setting: str, told: str):
     with pytest.raises(ConfigError, match=told.replace("[", r"\[")):
-        with_settings(TEXT, [setting], SOURCE)
+        override_keys(TEXT, [setting], SOURCE)
 
 
 def test_an_unknown_key_is_caught_by_validation():
     with pytest.raises(ConfigError, match="swich_gain_m"):
-        parse(with_settings(TEXT, ["planning.swich_gain_m=1"], SOURCE), SOURCE)
+        parse(override_keys(TEXT, ["planning.swich_gain_m=1"], SOURCE), SOURCE)

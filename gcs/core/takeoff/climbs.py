@@ -1,8 +1,8 @@
-"""Vehicles that have yet to climb out: where their climbs lead, and whether these are clear.
+"""Climbs after take-off: where they lead, and whether they are clear of obstacles.
 
-A vehicle on the ground flies its climb first, and so does one in the take-off of the mission that it holds.
-Their routes are planned from the end of the climb. A mission from the ground is not uploaded unless its climb
-and its first turn are clear. A vehicle in its climb gets no other mission before the end of that.
+Routes of vehicles on the ground, or in their take-off, are planned from the end of the climb. A mission from
+the ground is uploaded only if its climb and its first turn are clear. A climbing vehicle gets no other
+mission.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from gcs.model import FloatArray, Notice
 from gcs.planning.map.grid import Grid
 from gcs.planning.terminal.climb import Climb, climb_problem, turn_problem
 
-_ASTRAY_RAD = math.radians(15.0)
-"""A vehicle whose nose points farther off the runway than this stands wrong."""
+_MAX_HEADING_ERROR_RAD = math.radians(15.0)
+"""Maximum angle between nose and runway."""
 _HYSTERESIS_M = 10.0
-"""A take-off that was not clear must be clear by so much more: reports of place and heading are noisy."""
+"""Added clearance that ends a blocked take-off: reported positions and headings are noisy."""
 _REMEDY = "lower takeoff.altitude_rel_m, or take off from elsewhere or in another direction"
 
 
-class Takeoffs:
+class Climbs:
     """Climbs of vehicles on the ground, or in their take-off.
 
     Parameters
     ----------
     config : Config
-        The mission: how vehicles climb, and what they keep clear of.
+        The mission: climb and clearance.
     grid : Grid
         Its map.
     fleet : Fleet
-        Where vehicles are.
+        States of vehicles.
 
     Attributes
     ----------
     grid : Grid
-        The map of the moment.
+        The current map.
     blocked : dict of int to str
-        Vehicles on the ground whose climbs are not clear, and why: they get no mission.
+        Vehicles on the ground whose climbs are not clear, with the reason: they get no mission.
     """
 
     def __init__(self, config: Config, grid: Grid, fleet: Fleet) -> None:
@@ -52,7 +52,7 @@ class Takeoffs:
         self._config, self._options, self._fleet = config, plan_options(config), fleet
 
     def climb(self, vehicle: int, layer: int, *, in_takeoff: bool = False) -> Climb | None:
-        """Return the climb that a vehicle has before it; None when it flies.
+        """Return the climb before a vehicle's route; None in flight.
 
         Parameters
         ----------
@@ -80,16 +80,8 @@ class Takeoffs:
         length_m = table.length_m(left_m) - table.ground_run_m
         return Climb(place_m, course_rad, 0.0, length_m, altitude_rel_m, speed_m_s)
 
-    def watch(self, climbs: Mapping[int, Climb], t_ns: int) -> list[Notice]:
-        """Judge the climbs of vehicles on the ground; tell which are not clear, and which are clear again.
-
-        Parameters
-        ----------
-        climbs : mapping of int to Climb
-            Of all vehicles that might get a mission.
-        t_ns : int
-            Now.
-        """
+    def check(self, climbs: Mapping[int, Climb], t_ns: int) -> list[Notice]:
+        """Check the climbs of all vehicles that may get a mission; return alarms and all-clears."""
         standing = {
             v: climb for v, climb in climbs.items() if is_on_ground(self._fleet.state(v), self._fleet.home(v))
         }
@@ -106,24 +98,24 @@ class Takeoffs:
         clear = [v for v in before if v in standing and v not in self.blocked]
         return notices + [Notice(t_ns, "info", "its take-off is clear again", v) for v in clear]
 
-    def problem(self, vehicle: int, climb: Climb, points_m: FloatArray | None, more_m: float = 0.0) -> str:
-        """Say what stands against a take-off: what, where, and what to do; empty when it is clear.
+    def problem(self, vehicle: int, climb: Climb, points_m: FloatArray | None, extra_m: float = 0.0) -> str:
+        """Return what obstructs a take-off, where, and the remedy; empty if it is clear.
 
         Parameters
         ----------
         points_m : ndarray, shape (k, 2), or None
-            East and north of the route that follows; None: the climb alone is judged.
-        more_m : float
-            Distance to keep beyond the clearance.
+            East and north of the route that follows; None: only the climb is checked.
+        extra_m : float
+            Distance beyond the clearance.
         """
         options, state = self._options, self._fleet.state(vehicle)
         course_rad = climb.heading_rad if state is None else state.course_rad
-        if abs(wrap_pi(course_rad - climb.heading_rad)) > _ASTRAY_RAD:
+        if abs(wrap_pi(course_rad - climb.heading_rad)) > _MAX_HEADING_ERROR_RAD:
             return (
                 f"its nose points to {math.degrees(course_rad) % 360.0:.0f} degrees, takeoff.heading_deg is "
                 f"{math.degrees(climb.heading_rad):.0f}; turn it along the runway, or correct the key"
             )
-        problem = climb_problem(self.grid, climb, options.clearance_m + more_m)
+        problem = climb_problem(self.grid, climb, options.clearance_m + extra_m)
         if not problem and points_m is not None:
             points = [(east_m, north_m) for east_m, north_m in points_m.tolist()]
             problem = turn_problem(self.grid, climb, points, options.turn_radius_m, options.clearance_m)

@@ -1,12 +1,11 @@
-"""Take-offs one after another: which vehicles are in the way of a take-off.
+"""Take-off sequence: one vehicle after another.
 
-Before a vehicle is in its altitude layer nothing keeps it from others that are low. So a take-off waits while
-another vehicle is near and about to take off, below the lowest layer (it climbs, or comes in to land), or in
-its mission's landing. Near is the length of the climb to the lowest layer and the separation of routes. An
-order to arm is refused meanwhile, and a mission for a vehicle that is armed on the ground waits.
+Below the altitude layers nothing separates vehicles. A take-off waits while another vehicle nearby is about
+to take off, is below the lowest layer, or lands. Nearby means: within the climb to the lowest layer plus the
+separation of routes. Meanwhile orders to arm are refused, and missions for armed vehicles on the ground wait.
 
-A vehicle that is not heard any more holds nobody back. One that somebody else arms is not ours to stop: the
-operator is told when two climb beside each other.
+A vehicle whose link is down blocks no take-off. Vehicles that were armed elsewhere are not stopped: an alarm
+tells when two climb near each other.
 """
 
 from __future__ import annotations
@@ -24,48 +23,48 @@ from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState, vehicle_name
 
 SELF_LAUNCHING: Final = frozenset({AUTO, "TAKEOFF"})
-"""Armed on the ground in one of these a vehicle takes off at once."""
-_BELOW_M: Final = 10.0
-"""A vehicle that is not so much below the lowest layer has reached it: altitudes are held to some metres."""
-_APART: Final = 1.1
-"""Two that climb beside each other do not any more when they are so many times the distance apart."""
+"""Modes in which an armed vehicle on the ground takes off at once."""
+_ALTITUDE_TOLERANCE_M: Final = 10.0
+"""A vehicle this little below the lowest layer has reached it."""
+_HYSTERESIS: Final = 1.1
+"""Multiple of the distance that ends an alarm of two climbing vehicles."""
 _PERIOD_NS: Final = ns(1.0)
 
 
-class Departures:
-    """Vehicles that are low, or about to take off.
+class TakeoffSequence:
+    """Separation of take-offs.
 
     Parameters
     ----------
     config : Config
         The mission: altitude layers, climbs and separation.
     fleet : Fleet
-        Where vehicles are.
-    tasking : Tasking
-        In which parts of their missions they are, and which missions are on their way.
+        States of vehicles.
+    tasking : UploadManager
+        Mission phases of vehicles, and uploads in progress.
     """
 
     def __init__(self, config: Config, fleet: Fleet, tasking: UploadManager) -> None:
         self._config, self._fleet, self._tasking = config, fleet, tasking
-        self._low_m = config.mission.altitude_rel_m - _BELOW_M
+        self._low_m = config.mission.altitude_rel_m - _ALTITUDE_TOLERANCE_M
         climb_m = config.takeoff.length_m(config.mission.altitude_rel_m)
         self.distance_m = climb_m + config.planning.separation_m
-        """Within which two vehicles do not take off together, in metres."""
-        self._stood: set[int] = set()
+        """Distance within which two vehicles must not take off together."""
+        self._grounded: set[int] = set()
         self._climbing: set[int] = set()
-        self._told: set[tuple[int, int]] = set()
+        self._alarmed: set[tuple[int, int]] = set()
         self._waiting: set[int] = set()
-        self._next_look_t_ns = 0
+        self._next_check_t_ns = 0
 
-    def in_the_way(self, vehicle: int, starting: Container[int]) -> str:
-        """Say who is in the way of a take-off, and until when to wait; empty when nobody is.
+    def blocked_by(self, vehicle: int, starting: Container[int]) -> str:
+        """Return which vehicle blocks a take-off, and how long to wait; empty if none does.
 
         Parameters
         ----------
         vehicle : int
-            Stands on the ground.
+            Vehicle on the ground.
         starting : container of int
-            Vehicles that are being armed, and take off at once when they are.
+            Vehicles that are being armed and will take off at once.
         """
         state = self._fleet.state(vehicle)
         if state is None:
@@ -76,13 +75,13 @@ class Departures:
             if health.system_id == vehicle or health.liveness == "down" or other is None:
                 continue
             away_m = _distance_m(state, other)
-            what, until = self._obstructs(other, is_starting=health.system_id in starting)
+            activity, until = self._obstructs(other, is_starting=health.system_id in starting)
             if self._tasking.terminal_phase(health.system_id) == "landing" and health.home is not None:
                 home_m = self._config.local_frame.to_local(health.home.lat_deg, health.home.lon_deg)
                 away_m = min(away_m, math.dist(home_m, (state.east_m, state.north_m)))
-            if what and away_m <= self.distance_m:
+            if activity and away_m <= self.distance_m:
                 found.append(
-                    (away_m, f"agent {vehicle_name(health.system_id)} {what}, {away_m:.0f} m away", until)
+                    (away_m, f"agent {vehicle_name(health.system_id)} {activity}, {away_m:.0f} m away", until)
                 )
         if not found:
             return ""
@@ -91,14 +90,14 @@ class Departures:
         return f"{nearest}{more}: wait until it {until}"
 
     def holds_back(self, vehicle: int, starting: Container[int]) -> str:
-        """Say why a vehicle, armed on the ground, gets no mission yet, which would start it; else empty."""
+        """Return why an armed vehicle on the ground must not start yet; empty if it may."""
         state = self._fleet.state(vehicle)
         if state is None or not state.armed or not is_on_ground(state, self._fleet.home(vehicle)):
             return ""
-        return self.in_the_way(vehicle, starting)
+        return self.blocked_by(vehicle, starting)
 
     def _obstructs(self, state: VehicleState, *, is_starting: bool) -> tuple[str, str]:
-        """Say what a vehicle does that holds take-offs back, and what ends that; empty when it does not."""
+        """Return why a vehicle blocks take-offs, and what ends that; both empty if it does not."""
         if not (state.armed or is_starting):
             return "", ""
         vehicle, home = state.system_id, self._fleet.home(state.system_id)
@@ -109,7 +108,7 @@ class Departures:
                 return "is about to take off", f"{above}, or is disarmed"
             return "", ""
         ending = self._tasking.terminal_phase(vehicle)
-        if ending in ("way home", "landing"):
+        if ending in ("return route", "landing"):
             return "flies its landing", "has landed and is disarmed"
         height_m = self._height_m(state)
         if height_m >= self._low_m:
@@ -118,14 +117,14 @@ class Departures:
             return f"climbs out, {height_m:.0f} m above home", above
         return f"is low, {height_m:.0f} m above home in {state.mode}", f"{above}, or is disarmed"
 
-    def watch(self, t_ns: int, starting: Container[int]) -> list[Effect]:
-        """Look once a second which take-offs wait, and which vehicles climb out beside each other."""
-        if t_ns < self._next_look_t_ns:
+    def check(self, t_ns: int, starting: Container[int]) -> list[Effect]:
+        """Check once a second which take-offs wait, and which vehicles climb near each other."""
+        if t_ns < self._next_check_t_ns:
             return []
-        self._next_look_t_ns = t_ns + _PERIOD_NS
-        return self._watch_waiting(t_ns, starting) + self._watch_climbs(t_ns)
+        self._next_check_t_ns = t_ns + _PERIOD_NS
+        return self._check_waiting(t_ns, starting) + self._check_climbs(t_ns)
 
-    def _watch_waiting(self, t_ns: int, starting: Container[int]) -> list[Effect]:
+    def _check_waiting(self, t_ns: int, starting: Container[int]) -> list[Effect]:
         held = {
             vehicle: why
             for vehicle, stage in self._tasking.stages.items()
@@ -135,15 +134,15 @@ class Departures:
         self._waiting = set(held)
         return [Notice(t_ns, "warning", f"its take-off waits: {held[v]}", v) for v in sorted(new)]
 
-    def _watch_climbs(self, t_ns: int) -> list[Effect]:
+    def _check_climbs(self, t_ns: int) -> list[Effect]:
         climbing = []
         for state in self._fleet.states():
             vehicle = state.system_id
             if is_on_ground(state, self._fleet.home(vehicle)):
-                self._stood.add(vehicle)
+                self._grounded.add(vehicle)
                 self._climbing.discard(vehicle)
-            elif vehicle in self._stood:
-                self._stood.discard(vehicle)
+            elif vehicle in self._grounded:
+                self._grounded.discard(vehicle)
                 self._climbing.add(vehicle)
             if self._height_m(state) >= self._low_m:
                 self._climbing.discard(vehicle)
@@ -154,7 +153,7 @@ class Departures:
             for i, one in enumerate(climbing)
             for other in climbing[i + 1 :]
         }
-        still = {pair for pair in self._told if near.get(pair, math.inf) <= _APART * self.distance_m}
+        still = {pair for pair in self._alarmed if near.get(pair, math.inf) <= _HYSTERESIS * self.distance_m}
         new = {pair for pair, away_m in near.items() if away_m <= self.distance_m} - still
         effects: list[Effect] = []
         for first, second in sorted(new):
@@ -164,10 +163,10 @@ class Departures:
                 "height yet. Watch both; if they close, let a pilot take one over"
             )
             effects.append(Notice(t_ns, "alarm", text, first))
-        for first, second in sorted(self._told - still):
+        for first, second in sorted(self._alarmed - still):
             text = f"no longer climbs out beside agent {vehicle_name(second)}"
             effects.append(Notice(t_ns, "info", text, first))
-        self._told = still | new
+        self._alarmed = still | new
         return effects
 
     def _climbs(self, vehicle: int) -> bool:
@@ -177,7 +176,7 @@ class Departures:
         return vehicle in self._climbing or self._tasking.is_in_takeoff(vehicle) or state.mode == "TAKEOFF"
 
     def _height_m(self, state: VehicleState) -> float:
-        """Height above home; above the mission's origin for a vehicle that has not told its home."""
+        """Return the height above home; above the mission's origin if home is unknown."""
         home = self._fleet.home(state.system_id)
         return state.alt_msl_m - (self._config.frame.alt_msl_m if home is None else home.alt_msl_m)
 

@@ -1,0 +1,62 @@
+"""Vehicles that must not be tasked, for any reason: orders, overrides, other ground stations, take-offs."""
+
+from __future__ import annotations
+
+from gcs.core.authority.external_uploads import ExternalUploads
+from gcs.core.authority.onboard_audit import OnboardAudit
+from gcs.core.operator.vehicle_orders import Orders
+from gcs.core.takeoff.climbs import Climbs
+from gcs.core.tasking.mission_ends import MissionEnds
+from gcs.core.tasking.upload_manager import UploadManager
+from gcs.mavlink.fleet.fleet import Fleet
+
+_TASKABLE_MODES = ("", "AUTO", "LOITER")
+"""Before the first heartbeat, on a mission, and waiting for one."""
+
+
+class Taskability:
+    """Combines all reasons not to task a vehicle.
+
+    Parameters
+    ----------
+    fleet, tasking, orders, external_uploads, onboard_audit, mission_ends, climbs
+        Stages of the engine that know such reasons.
+    """
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        tasking: UploadManager,
+        orders: Orders,
+        external_uploads: ExternalUploads,
+        onboard_audit: OnboardAudit,
+        mission_ends: MissionEnds,
+        climbs: Climbs,
+    ) -> None:
+        self._fleet, self._tasking, self._orders = fleet, tasking, orders
+        self._external_uploads, self._onboard_audit = external_uploads, onboard_audit
+        self._mission_ends, self._climbs = mission_ends, climbs
+
+    def untaskable(self) -> dict[int, str]:
+        """Return the vehicles that are not ours to task, with the reason in words."""
+        modes = {
+            state.system_id: f"is in {state.mode} and left alone"
+            for state in self._fleet.states()
+            if state.mode not in _TASKABLE_MODES and not self._missed_in_rtl(state.system_id)
+        }
+        others = self._external_uploads.untaskable() | self._onboard_audit.untaskable()
+        return modes | self._tasking.overrides.untaskable() | others | self._orders.untaskable()
+
+    def without_missions(self) -> dict[int, str]:
+        """Return the vehicles that get no mission now: untaskable, or without a clear take-off."""
+        blocked = dict.fromkeys(self._climbs.blocked, "stands where its take-off is not clear")
+        return blocked | self.untaskable()
+
+    def overridden(self) -> dict[int, str]:
+        """Return the overriding modes by vehicle, except modes that orders here asked for."""
+        modes = self._tasking.overrides.modes()
+        return {v: mode for v, mode in modes.items() if not self._orders.has_ordered(v, mode)}
+
+    def _missed_in_rtl(self, vehicle: int) -> bool:
+        """Return True if a vehicle completed its mission, into RTL, without having reached its target."""
+        return self._tasking.overrides.has_completed(vehicle) and self._mission_ends.has_missed(vehicle)

@@ -1,0 +1,183 @@
+"""Return heights of vehicles: below the fence's ceiling, and a layer step apart.
+
+A return that climbs through the ceiling breaches the fence; PX4 then goes from RTL to Hold (GF_ACTION 2).
+Altitude layers end where RTL begins: vehicles that return together fly at the heights that their autopilots
+are set to.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+from gcs.config import Config
+from gcs.core.preflight.result import Check
+from gcs.mavlink.autopilots import AutopilotProfile
+from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.services.parameters import decode_value
+from gcs.model import vehicle_name
+
+MARGIN_M: Final = 15.0
+"""Minimum height between planned flight and a ceiling; an ArduPlane overshoots its take-off altitude by up to
+11.3 m."""
+_UNITS_PER_M: Final = {"RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0, "RTL_RETURN_ALT": 1.0}
+"""Parameters that set a return height, with their units per metre."""
+_TOLERANCE_M: Final = 0.5
+_MAX_NAMED: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ReturnHeight:
+    """Return height of one vehicle."""
+
+    vehicle: int
+    height_m: float
+    """Height above home."""
+    source: str
+    """The parameter or rally point that sets the height, in words."""
+    parameter: str
+    """Name of that parameter; empty if a rally point alone sets the height."""
+    value: float
+    """Value of the parameter, in its own unit."""
+
+    @property
+    def words(self) -> str:
+        """Vehicle, height and source, in words."""
+        return f"{vehicle_name(self.vehicle)} at {self.height_m:g} m ({self.source})"
+
+    def raised_to(self, height_m: float) -> str:
+        """Return the command that sets another return height."""
+        value = self.value + (height_m - self.height_m) * _UNITS_PER_M[self.parameter]
+        return f"gcs param set CONFIG {self.parameter} {value:g} -v {vehicle_name(self.vehicle)}"
+
+
+def return_of(
+    vehicle: int, profile: AutopilotProfile, values: Mapping[str, float], rally_m: Sequence[float]
+) -> ReturnHeight | None:
+    """Return the return height of a vehicle; None if its parameters do not give it.
+
+    Of several rally points the highest counts, as if it were the nearest.
+    """
+    heights_m = profile.return_heights(values, rally_m)
+    if not heights_m:
+        return None
+    source, height_m = next(iter(heights_m.items()))  # a rally point goes before what counts without one
+    parameter = next((name for name in _UNITS_PER_M if name in values and name in source), "")
+    return ReturnHeight(vehicle, height_m, source, parameter, values.get(parameter, 0.0))
+
+
+def _too_close(heights: Sequence[ReturnHeight], step_m: float) -> list[ReturnHeight]:
+    """Return the heights that are nearer to another one than `step_m`, the lowest first."""
+    near: list[ReturnHeight] = []
+    for lower, upper in pairwise(sorted(heights, key=lambda one: (one.height_m, one.vehicle))):
+        if upper.height_m - lower.height_m < step_m - _TOLERANCE_M:
+            near += [one for one in (lower, upper) if one not in near]
+    return near
+
+
+class ReturnHeightMonitor:
+    """Return heights of vehicles in flight, from the parameters that were heard.
+
+    Nothing is requested from a vehicle in flight. Parameters are heard when `gcs preflight`, `gcs param` or
+    another ground station requests them through the service.
+
+    Parameters
+    ----------
+    config : Config
+        The mission: its rally points, and the step between its altitude layers.
+    fleet : Fleet
+        Firmwares and states of vehicles.
+    """
+
+    def __init__(self, config: Config, fleet: Fleet) -> None:
+        self._fleet, self._step_m = fleet, config.mission.layer_step_m
+        self._rally_m = [float(point.alt_rel_m) for point in config.rally]
+        self._values: defaultdict[int, dict[str, float]] = defaultdict(dict)
+
+    def receive(self, vehicle: int, message: Message) -> None:
+        """Process a message of a vehicle: keep the parameters that set its return height."""
+        if message.get_type() == "PARAM_VALUE" and message.param_id in _UNITS_PER_M:
+            self._values[vehicle][message.param_id] = decode_value(message, self._fleet.is_atomic(vehicle))
+
+    def warning(self, vehicles: Collection[int]) -> str:
+        """Return a warning of vehicles that would return nearer in height than a layer step; else empty."""
+        near = _too_close([one for v in sorted(vehicles) if (one := self._of(v)) is not None], self._step_m)
+        if not near:
+            return ""
+        named = ", ".join(one.words for one in near)
+        return (
+            f"agents {named} return less than {self._step_m:g} m apart in height: hold one until the other "
+            "is down, or watch them"
+        )
+
+    def _of(self, vehicle: int) -> ReturnHeight | None:
+        profile = self._fleet.profile(vehicle)
+        if profile is None or is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
+            return None
+        return return_of(vehicle, profile, self._values[vehicle], self._rally_m)
+
+
+def returns_check(heights: Sequence[ReturnHeight], step_m: float) -> Iterator[Check]:
+    """Warn of vehicles whose return heights are nearer to each other than altitude layers.
+
+    Parameters
+    ----------
+    step_m : float
+        Height between altitude layers; 0: there is one layer, and no check.
+    """
+    if step_m <= 0.0 or len(heights) < 2:
+        return
+    wanted, near = f"{step_m:g} m between them", _too_close(heights, step_m)
+    if not near:
+        listed = ", ".join(f"{one.height_m:g}" for one in heights[:_MAX_NAMED])
+        yield Check(None, "return heights", "ok", f"{listed} m")
+        return
+    shown = [one.words for one in near[:_MAX_NAMED]]
+    more = f" and {len(near) - _MAX_NAMED} more" if len(near) > _MAX_NAMED else ""
+    remedy = "sent home together they meet at one height: return them one after another"
+    if all(one.parameter for one in near):
+        commands, height_m = [], near[0].height_m
+        for one in near[1:_MAX_NAMED]:
+            height_m = max(height_m + step_m, one.height_m)
+            if height_m > one.height_m:
+                commands.append(one.raised_to(height_m))
+        remedy += f", or {', '.join(commands)} (below the ceiling)"
+    else:
+        remedy += ", or fly without rally points: then RTL_ALTITUDE of each counts"
+    yield Check(None, "return heights", "warning", f"agents {', '.join(shown)}{more}", wanted, remedy)
+
+
+def return_height_check(
+    vehicle: int,
+    profile: AutopilotProfile,
+    values: Mapping[str, float],
+    rally_m: Sequence[float],
+    ceiling_m: float,
+) -> Iterator[Check]:
+    """Check the maximum return height of a vehicle; nothing if its parameters do not give it.
+
+    Parameters
+    ----------
+    rally_m : sequence of float
+        Heights above home of the rally points: the vehicle's, and those of the mission file.
+    ceiling_m : float
+        Ceiling of the mission file, above home; 0 for none.
+    """
+    heights_m = profile.return_heights(values, rally_m)
+    if not heights_m:
+        return
+    name, height_m = max(heights_m.items(), key=lambda item: item[1])
+    value, limits = f"{height_m:g} m ({name})", profile.fence_limits(values)
+    ceilings_m = [limits.max_alt_rel_m] if limits.is_on and limits.max_alt_rel_m else []
+    ceilings_m += [ceiling_m] if ceiling_m else []
+    if not ceilings_m or height_m <= (highest_m := min(ceilings_m) - MARGIN_M):
+        yield Check(vehicle, "return height", "ok", value)
+        return
+    wanted = f"at most {highest_m:g} m, {MARGIN_M:g} m below the ceiling"
+    remedy = "RTL would climb into the ceiling: lower it, or the rally points, or raise the ceiling"
+    yield Check(vehicle, "return height", "refused", value, wanted, remedy)

@@ -1,0 +1,1 @@
+"""Take-offs: clear climbs, and one vehicle after another."""

@@ -1,0 +1,213 @@
+"""Uploads in progress, one per vehicle.
+
+Each is an `UploadTask`: send, read back, compare, start. Its result updates the onboard mission of the
+vehicle (`gcs.core.tasking.onboard_missions`), or marks that mission as possibly inconsistent. A vehicle with
+an inconsistent mission is held and cleared, unless a new mission replaces it first.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Final
+
+from gcs.core.authority.overrides import Overrides
+from gcs.core.tasking.first_legs import FirstLegs
+from gcs.core.tasking.link_window import UploadWindow
+from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions
+from gcs.core.tasking.upload_queue import UploadQueue
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.upload_task import UploadTask
+from gcs.model import NS_PER_S, Effect, Notice, Upload, UploadAnswer
+
+_MAX_ITEMS_IN_FLIGHT: Final = 12
+"""Per link; each upload has at least one."""
+
+
+@dataclass(slots=True)
+class _ActiveUpload:
+    task: UploadTask
+    link: str
+    began_t_ns: int
+    mission: OnboardMission | None
+    """Onboard mission after success; None while an inconsistent mission is cleared."""
+
+
+class ActiveUploads:
+    """Uploads in progress.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        Addresses and links of vehicles.
+    onboard : OnboardMissions
+        Verified missions, updated by results.
+    overrides : Overrides
+        Control authority over vehicles.
+    first_legs : FirstLegs
+        Monitor of the first leg of each new mission.
+    queue : UploadQueue
+        Receives results, for its retry policy.
+    max_parallel : int
+        Maximum number of uploads at a time over one link.
+
+    Attributes
+    ----------
+    inconsistent : set of int
+        Vehicles whose onboard mission may be inconsistent.
+    """
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        onboard: OnboardMissions,
+        overrides: Overrides,
+        first_legs: FirstLegs,
+        queue: UploadQueue,
+        max_parallel: int,
+    ) -> None:
+        self.inconsistent: set[int] = set()
+        self._fleet, self._onboard, self._overrides = fleet, onboard, overrides
+        self._first_legs, self._queue = first_legs, queue
+        self._uploads: dict[int, _ActiveUpload] = {}
+        self._windows: defaultdict[str, UploadWindow] = defaultdict(lambda: UploadWindow(max_parallel))
+        self._counts: defaultdict[str, int] = defaultdict(int)
+
+    def __contains__(self, vehicle: int) -> bool:
+        """Return True if an upload to a vehicle is in progress, or its mission is being cleared."""
+        return vehicle in self._uploads
+
+    @property
+    def stages(self) -> dict[int, str]:
+        """Stage of each upload, by vehicle."""
+        return {vehicle: upload.task.stage for vehicle, upload in self._uploads.items()}
+
+    def elapsed_s(self, vehicle: int, t_ns: int) -> float | None:
+        """Return the time since an upload began; None if there is none."""
+        upload = self._uploads.get(vehicle)
+        return None if upload is None else (t_ns - upload.began_t_ns) / NS_PER_S
+
+    def has_mission(self, vehicle: int) -> bool:
+        """Return True if a mission is being uploaded to a vehicle, and not merely cleared."""
+        upload = self._uploads.get(vehicle)
+        return upload is not None and upload.mission is not None
+
+    def has_room(self, vehicle: int) -> bool:
+        """Return True if an upload to a vehicle may begin; clearing makes room for a mission."""
+        link = self._fleet.link(vehicle)
+        if vehicle in self._uploads:
+            return not self.has_mission(vehicle)
+        return self._counts[link] < self._windows[link].window
+
+    def may_be_inconsistent(self, vehicle: int) -> bool:
+        """Return True if the onboard mission may be inconsistent; never where uploads are atomic."""
+        is_unsure = vehicle in self._uploads or vehicle in self.inconsistent
+        return is_unsure and not self._fleet.is_atomic(vehicle)
+
+    def mark_inconsistent(self, vehicle: int) -> None:
+        """Mark an onboard mission as inconsistent: the vehicle is held and cleared when it is heard."""
+        self.inconsistent.add(vehicle)
+        self._fleet.forward_next_heartbeat(vehicle)
+
+    def round_trip_s(self, link: str) -> float:
+        """Return the round-trip time that the last upload over a link measured; 0 if there was none."""
+        return self._windows[link].round_trip_s
+
+    def max_items_in_flight(self, link: str) -> int:
+        """Return the number of items that one upload over a link may have in flight."""
+        return max(1, _MAX_ITEMS_IN_FLIGHT // self._counts[link])
+
+    def start(self, task: UploadTask, mission: OnboardMission, t_ns: int) -> list[Effect]:
+        """Start the upload of a mission."""
+        vehicle = mission.route.vehicle
+        self._add(vehicle, task, mission, t_ns)
+        self._queue.began(vehicle, t_ns)
+        return self._progress(vehicle, task.start(t_ns))
+
+    def clear(self, vehicle: int, task: UploadTask, t_ns: int) -> list[Effect]:
+        """Hold a vehicle and clear its inconsistent mission."""
+        self._add(vehicle, task, None, t_ns)
+        return self._progress(vehicle, task.start_clearing(t_ns))
+
+    def _add(self, vehicle: int, task: UploadTask, mission: OnboardMission | None, t_ns: int) -> None:
+        self.inconsistent.discard(vehicle)
+        self._first_legs.end(vehicle)
+        link = self._fleet.link(vehicle)
+        self._uploads[vehicle] = _ActiveUpload(task, link, t_ns, mission)
+        self._counts[link] += 1
+
+    def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
+        """Process a message of a vehicle."""
+        upload = self._uploads.get(vehicle)
+        return [] if upload is None else self._progress(vehicle, upload.task.receive(message, t_ns))
+
+    def poll(self, t_ns: int) -> list[Effect]:
+        """Run the timers."""
+        uploads = list(self._uploads.items())
+        return [one for v, upload in uploads for one in self._progress(v, upload.task.poll(t_ns))]
+
+    def add_answer(self, answer: UploadAnswer) -> list[Effect]:
+        """Process the result of the external uploader."""
+        upload = self._uploads.get(answer.vehicle)
+        if upload is None or upload.task.mission.mission_id != answer.mission_id:
+            return []
+        frames = upload.task.add_external_result(answer.ok, answer.begun, answer.detail, answer.t_ns)
+        return self._progress(answer.vehicle, frames)
+
+    def restart(self, vehicle: int, t_ns: int) -> list[Effect]:
+        """Restart an upload after a reboot of its vehicle."""
+        return self._progress(vehicle, self._uploads[vehicle].task.restart(t_ns))
+
+    def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
+        """End an upload safely: the vehicle keeps a whole mission, or is held and cleared."""
+        return self._progress(vehicle, self._uploads[vehicle].task.abandon(reason, t_ns))
+
+    def supersede(self, vehicle: int, t_ns: int) -> list[Effect]:
+        """End an upload without a report, for a newer one."""
+        if vehicle not in self._uploads:
+            return []
+        frames = self._uploads[vehicle].task.supersede(t_ns)
+        self._remove(vehicle)
+        return [*self._fleet.address_frames(vehicle, frames)]
+
+    def _remove(self, vehicle: int) -> None:
+        """Remove an ended upload and keep its result."""
+        upload = self._uploads.pop(vehicle)
+        self._counts[upload.link] -= 1
+        task, result, mission = upload.task, upload.task.result, upload.mission
+        assert result is not None
+        if task.uploads:
+            self._onboard.select(vehicle, selected=result.selected)
+        if task.is_inconsistent:
+            self.mark_inconsistent(vehicle)
+        elif result.onboard == "equal" and mission is not None:
+            self._onboard.note(mission)
+            if result.ok:
+                self._first_legs.begin(mission, task.first_seq, task.leg_t_ns, result.t_ns)
+        elif result.onboard != "old":
+            self._onboard.forget(vehicle)
+
+    def _progress(self, vehicle: int, frames: list[bytes]) -> list[Effect]:
+        """Send the frames of a task; report its result if it has ended."""
+        upload = self._uploads[vehicle]
+        task, result = upload.task, upload.task.result
+        effects: list[Effect] = [*self._fleet.address_frames(vehicle, frames)]
+        external_frames = task.take_external_frames()
+        if external_frames:
+            effects.append(Upload(vehicle, task.mission.mission_id, external_frames))
+        if result is None:
+            self._fleet.forward_next_heartbeat(vehicle)
+            return effects
+        self._remove(vehicle)
+        window, repeated = self._windows[upload.link], result.retries / len(task.items)
+        window.ended(upload.began_t_ns, result.t_ns, task.round_trip_s, repeated)
+        if upload.mission is not None:
+            effects.append(task.report())
+            effects += self._queue.ended(vehicle, result.t_ns, ok=result.ok)
+        is_cleared, override = result.onboard == "cleared", self._overrides.of(vehicle).override
+        if result.ok or not (result.was_held or override or upload.mission is None or is_cleared):
+            return effects
+        state = "was set to LOITER" if result.was_held else "is overridden"
+        state = "holds no mission now" if is_cleared else state
+        return [*effects, Notice(result.t_ns, "alarm", f"{state}: {result.detail}", vehicle)]
