@@ -1,0 +1,269 @@
+"""A reader would type a command, set a key or follow a link of the documentation that does not exist."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+import pytest
+import typer
+
+from gcs.cli import app as gcs
+from gcs.config import Config, Table
+from sim_vehicles.cli import app as sim_vehicles
+from sim_vehicles.world.scenario import Simulation
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+APPS = {"gcs": typer.main.get_command(gcs), "sim-vehicles": typer.main.get_command(sim_vehicles)}
+COMMAND = re.compile(r"(gcs|sim-vehicles) [a-z]")
+SPAN = re.compile(r"`([^`]+)`")
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return [text for name, text in FENCE.findall(text_of(page)) if name == language]
+
+
+def spans(page: Path) -> list[str]:
+    """Return the inline code of a page."""
+    return [" ".join(span.split()) for span in SPAN.findall(FENCE.sub("", text_of(page)))]
+
+
+def words_of(line: str) -> list[str]:
+    """Split a command as a shell does, without its prompt and comment."""
+    return shlex.split(line.strip().removeprefix("$ "), comments=True)
+
+
+def command_of(words: list[str]) -> tuple[Any, Any, list[str]]:
+    """Return the command that the first words name, its context, and the other words."""
+    command, rest = APPS[words[0]], words[1:]
+    context = command.context_class(command, info_name=words[0])
+    while hasattr(command, "resolve_command"):
+        name, command, rest = command.resolve_command(context, rest)
+        context = command.context_class(command, parent=context, info_name=name)
+    return command, context, rest
+
+
+def check_call(line: str) -> None:
+    """Raise a usage error for a command that the command line would refuse. Files need not exist."""
+    command, context, rest = command_of(words_of(line))
+    values, extra, _ = command.make_parser(context).parse_args(rest)
+    assert not extra, f"{line}: unexpected {extra}"
+    for param in command.params:
+        try:
+            param.handle_parse_result(context, values, [])
+        except Exception as error:
+            if "does not exist" not in str(error):
+                raise
+
+
+def options_of(words: list[str]) -> set[str]:
+    """Return the options of a command, or of all commands below a group or an unfinished name."""
+    command = APPS[words[0]]
+    for word in words[1:]:
+        if not hasattr(command, "commands") or word not in command.commands:
+            break
+        command = loaded(words[0], command, word)
+    params = [param for one in leaves(words[0], command) for param in one.params]
+    return {"-h", "--help"} | {opt for param in params for opt in [*param.opts, *param.secondary_opts]}
+
+
+def loaded(program: str, group: Any, name: str) -> Any:
+    return group.resolve_command(group.context_class(group, info_name=program), [name])[1]
+
+
+def leaves(program: str, command: Any) -> Iterator[Any]:
+    if not hasattr(command, "commands"):
+        yield command
+        return
+    yield command
+    for name in command.commands:
+        yield from leaves(program, loaded(program, command, name))
+
+
+def shown_commands(page: Path) -> list[str]:
+    """Return the commands in code blocks, fenced without a language or indented."""
+    lines = [line for block in blocks(page, "") for line in block.splitlines()]
+    lines += re.findall(r"^    (\S.*)$", FENCE.sub("", text_of(page)), re.MULTILINE)
+    parts = [part.strip().removeprefix("$ ") for line in lines for part in line.split(" && ")]
+    return [part for part in parts if COMMAND.match(part)]
+
+
+@each_page
+def test_every_command_in_a_code_block_is_accepted_by_the_command_line(page: Path) -> None:
+    for line in shown_commands(page):
+        check_call(line)
+
+
+def test_commands_are_found_in_fenced_and_indented_blocks() -> None:
+    assert len(shown_commands(ROOT / "docs" / "field-guide.md")) > 20
+    assert len(shown_commands(ROOT / "docs" / "recordings.md")) >= 8
+    assert "gcs demo" in shown_commands(ROOT / "README.md")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "gcs fly prescribed",
+        "gcs demo --sped 8",
+        "gcs demo --speed fast",
+        "gcs run",
+        "gcs order hold --every",
+        "gcs track set.npz --estimator best",
+        "sim-vehicles world CONFIG --links tcp:127.0.0.1:5762",
+    ],
+)
+def test_a_wrong_command_is_noticed(line: str) -> None:
+    with pytest.raises((Exception, SystemExit)):
+        check_call(line)
+
+
+@each_page
+def test_every_command_named_in_the_text_exists_with_its_options(page: Path) -> None:
+    wrong = []
+    for span in spans(page):
+        words = span.replace("\\|", " ").replace("|", " ").split()
+        if COMMAND.match(span):
+            known = options_of(words)
+            first = words[1]
+            if first not in APPS[words[0]].commands:
+                wrong.append(span)
+        elif span.startswith("--") and span != "--":
+            known = EVERY_OPTION
+        else:
+            continue
+        wrong += [f"{span}: {word}" for word in words if re.match("--?[a-z]", word) and word not in known]
+    assert wrong == []
+
+
+SCRIPTS = [*(ROOT / "tests" / "bench").glob("*.py"), ROOT / "tests" / "recordings" / "renew.py"]
+EVERY_OPTION = {"--release", "--install-completion"}.union(
+    *(options_of([program]) for program in APPS),
+    *(re.findall(r'"(--[a-z-]+)"', text_of(script)) for script in SCRIPTS),
+)
+
+
+@each_page
+def test_every_benchmark_named_exists_with_its_options(page: Path) -> None:
+    for span in [*spans(page), *(line for block in blocks(page, "") for line in block.splitlines())]:
+        match = re.match(r"(?:python )?((?:tests/[\w/]*)?bench_\w+\.py|tests/[\w/]+\.py)(.*)", span.strip())
+        if match is None:
+            continue
+        path = ROOT / match[1] if "/" in match[1] else ROOT / "tests" / "bench" / match[1]
+        assert path.is_file(), span
+        for option in re.findall(r"(?<=\s)--[a-z-]+", match[2].partition(" # ")[0]):
+            assert f'"{option}"' in path.read_text(encoding="utf-8"), f"{span}: {option}"
+
+
+@each_page
+def test_every_link_and_anchor_exists(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", text_of(page))):
+        if re.match(r"https?:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        path = (page.parent / name).resolve() if name else page
+        assert path.exists(), target
+        if anchor:
+            assert anchor in anchors(path), target
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, formed as GitHub forms them."""
+    titles = re.findall(r"^#+ (.*)$", FENCE.sub("", text_of(page)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@each_page
+def test_every_path_of_the_project_named_exists(page: Path) -> None:
+    for span in spans(page):
+        if re.fullmatch(r"(gcs|sim_vehicles|tests|docs|config)/[\w./-]*", span):
+            assert (ROOT / span).exists(), span
+
+
+def tables(struct: type[Table], path: str) -> dict[str, set[str]]:
+    """Map the path of each table of a mission file to its keys."""
+    found = {path: {field.encode_name for field in msgspec.structs.fields(struct)}}
+    for field in msgspec.structs.fields(struct):
+        outer = [field.type, *get_args(field.type)]
+        for part in [*outer, *(inner for kind in outer for inner in get_args(kind))]:
+            if isinstance(part, type) and issubclass(part, Table):
+                found |= tables(part, f"{path}.{field.encode_name}".lstrip("."))
+    return found
+
+
+TABLES = {**tables(Config, ""), **tables(Simulation, "simulation")}
+PLACES = {"agents", "births", "simulation.targets"}
+TABLES |= {path: TABLES[path] | {"lat_deg", "lon_deg"} for path in PLACES}
+PATHS = {f"{path}.{key}".lstrip(".") for path, keys in TABLES.items() for key in keys}
+OTHER_TOML = {"tracking.md": "the trackers' model", "signing.md": "the key file"}
+
+
+def keys_of(value: Any, path: str) -> Iterator[str]:
+    """Return the paths of all keys of a table that TOML has read."""
+    for key, inner in value.items():
+        name = f"{path}.{key}".lstrip(".")
+        yield name
+        for part in inner if isinstance(inner, list) else [inner]:
+            if isinstance(part, dict) and name in TABLES:
+                yield from keys_of(part, name)
+
+
+@each_page
+def test_every_key_of_a_mission_file_is_one(page: Path) -> None:
+    named = set()
+    if page.name not in OTHER_TOML:
+        for block in blocks(page, "toml"):
+            named |= set(keys_of(tomllib.loads(re.sub(r"^# (?=\w+ = )", "", block, flags=re.MULTILINE)), ""))
+    for span in spans(page):
+        table = re.fullmatch(r"\[\[?([a-z_.]+)\]\]?(?: ([a-z_0-9]+)(?: = .*)?)?", span)
+        key = re.fullmatch(r"([a-z_]+)(?:\[\d*\])?\.([a-z_0-9.]+)(?: ?= ?.*)?", span)
+        if table and not (page.name in OTHER_TOML and table[1] not in PATHS):
+            named |= {".".join(part for part in table.groups() if part)}
+        elif key and f"{key[1]}" in PATHS and key[2] != "toml":
+            named |= {f"{key[1]}.{key[2]}"}
+    assert named - PATHS == set()
+
+
+@pytest.mark.parametrize("key", ["planning.switch_gain", "tracking.targets.anywhere.rate", "fences"])
+def test_a_wrong_key_is_noticed(key: str) -> None:
+    assert key not in PATHS
+    assert "planning.switch_gain_m" in PATHS
+    assert "fence.areas.circle" in PATHS
+
+
+def run(code: str, page: str) -> str:
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(code, page, "exec"), {})
+    return printed.getvalue()
+
+
+def test_the_example_of_the_readme_tracks_a_data_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (code,) = blocks(ROOT / "README.md", "python")
+    rows = [f"{k},{400 + 5 * k},-600" for k in range(1, 7)]
+    (tmp_path / "set.csv").write_text("\n".join(["k,x,y", *rows]))
+    monkeypatch.chdir(tmp_path)
+    last = run(code, "README.md").splitlines()[-1]
+    assert re.fullmatch(r"6 \[\[0 0\]\] \[\[ *430\.\d+ +-600\. *\]\]", last), last
+
+
+def test_the_example_of_the_recordings_page_lists_plans() -> None:
+    (code,) = blocks(ROOT / "docs" / "recordings.md", "python")
+    recording = ROOT / "tests" / "recordings" / "death.mcap"
+    lines = run(code.replace('"runs/prescribed-1"', repr(str(recording))), "recordings.md").splitlines()
+    assert lines
+    assert "first plan" in lines[0]
