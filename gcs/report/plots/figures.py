@@ -46,14 +46,14 @@ def draw_run(
     from matplotlib.figure import Figure
 
     timeline = gather(values)
-    figure = Figure(figsize=(15.0, 9.0), dpi=130, facecolor="white")
+    figure = Figure(figsize=(12.5, 7.5), dpi=156, facecolor="white")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
-        3, 2, width_ratios=(1.5, 1.0), height_ratios=(1.0, 0.8, 1.2),
-        left=0.045, right=0.985, top=0.93 if title else 0.97, bottom=0.1, wspace=0.14, hspace=0.16,
+        3, 2, width_ratios=(1.38, 1.0), height_ratios=(1.0, 0.8, 1.2),
+        left=0.055, right=0.985, top=0.92 if title else 0.96, bottom=0.14, wspace=0.16, hspace=0.16,
     )  # fmt: skip
     if title:
-        figure.suptitle(title, x=0.045, ha="left", fontsize=15, fontweight="bold", color=INK)
+        figure.suptitle(title, x=0.055, ha="left", fontsize=15, fontweight="bold", color=INK)
     _draw_map(figure.add_subplot(grid[:, 0]), timeline, ground)
     top = figure.add_subplot(grid[0, 1])
     middle = figure.add_subplot(grid[1, 1], sharex=top)
@@ -81,7 +81,8 @@ def _draw_map(axes: Axes, timeline: Timeline, ground: Ground | None) -> None:
         axes.plot(*points.T, ls=(0, (4, 3)), lw=0.8, color=colour.get(vehicle, INK), alpha=0.75, zorder=3)
     truth_until(axes, timeline, timeline.duration_s)
     draw_some_estimates(axes, timeline, timeline.duration_s)
-    legend_below(axes, legend_entries(timeline, obstacles=ground is not None, everything=True), 0.06)
+    entries = legend_entries(timeline, obstacles=ground is not None, everything=True)
+    legend_below(axes, entries, 0.08, rows=2)
 
 
 def _draw_ospa(axes: Axes, timeline: Timeline) -> None:

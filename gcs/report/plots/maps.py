@@ -25,6 +25,7 @@ from gcs.report.plots.style import (
     RED,
     TARGETS,
     annotate,
+    clear_names,
     colours,
     dots,
     heading,
@@ -148,6 +149,8 @@ def truth_until(axes: Axes, timeline: Timeline, until_s: float) -> None:
     size = size_for(len(timeline.paths["agents"]))
     agent_colours = colours(timeline.paths["agents"])
     ends: list[FloatArray] = []
+    names: list[Annotation] = []
+    paths_m: list[FloatArray] = []
     for kind, paths in reversed(timeline.paths.items()):  # Agents last, on top.
         shown = {n: path.until(until_s) for n, path in paths.items()}
         shown = {n: path for n, path in shown.items() if len(path.t_s)}
@@ -156,12 +159,15 @@ def truth_until(axes: Axes, timeline: Timeline, until_s: float) -> None:
             width = (2.3 if kind == "agents" else 1.6) * size
             axes.plot(*_thin(path.points_m).T, color=colour, lw=width, zorder=5, solid_capstyle="round")
             text = str(number) if kind == "agents" else f"target {number}"
-            _name(axes, text, path.points_m[0 if kind == "agents" else -1], shown, colour)
+            if len(shown) <= LABELLED:
+                names.append(annotate(axes, text, path.points_m[0 if kind == "agents" else -1], colour))
+            paths_m.append(_thin(path.points_m))
         starts = np.reshape([path.points_m[0] for path in shown.values()], (-1, 2))
         dots(axes, starts, s=58 * size**2, facecolors="none", edgecolors=RED, linewidths=1.9 * size, zorder=8)
         ends += [path.points_m[-1] for path in shown.values() if not path.dies]
         deaths = np.reshape([path.points_m[-1] for path in shown.values() if path.dies], (-1, 2))
         dots(axes, deaths, marker="X", s=140 * size, color=INK, edgecolors="white", linewidths=1.2, zorder=9)
+    clear_names(axes, names, paths_m)
     end_points = np.reshape(ends, (-1, 2))
     dots(axes, end_points, marker="x", s=60 * size**2, color=RED, linewidths=2.2 * size, zorder=8)
 
@@ -186,7 +192,8 @@ def _reported_until(axes: Axes, timeline: Timeline, flights: Mapping[int, Flight
         points = flight.points_m[flight.t_s <= until_s]
         if len(points):
             axes.plot(*_thin(points).T, color=flown[vehicle], lw=2.0 * size, zorder=4)
-            _name(axes, str(vehicle), points[0], flights, flown[vehicle])
+            if len(flights) <= LABELLED:
+                annotate(axes, str(vehicle), points[0], flown[vehicle])
             dots(
                 axes, points[:1], s=58 * size**2, facecolors="none", edgecolors=RED, linewidths=1.9, zorder=8
             )
@@ -209,12 +216,6 @@ def _thin(points_m: FloatArray) -> FloatArray:
     """Return a line with at most the visible number of points, including its ends."""
     step = -(-len(points_m) // _MOST_POINTS)
     return points_m if step <= 1 else np.vstack([points_m[:-1:step], points_m[-1:]])
-
-
-def _name(axes: Axes, text: str, at_m: FloatArray, among: Mapping[Any, object], colour: str) -> None:
-    """Write the name of an object next to it, unless there are many."""
-    if len(among) <= LABELLED:
-        annotate(axes, text, at_m, colour)
 
 
 def draw_obstacles(axes: Axes, ground: Ground | None, alpha: float = 1.0) -> None:

@@ -146,7 +146,7 @@ def draw_lanes(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> None:
     axes.set_yticks([lane_of[v] for v in shown], [f"agent {v}" for v in shown])
     tidy(axes)
     axes.grid(visible=False, axis="y")
-    heading(axes, "agents: ▾ new route  ▬ upload (red: failed)  ★ arrived  ✖ true loss  ○ detected loss")
+    heading(axes, "▾ re-task  ▬ upload (red: failed)  ★ arrived  ✖ lost  ○ detected")
 
 
 def times_figure(timeline: Timeline, work_ms: Mapping[str, Sequence[float]]) -> Figure:

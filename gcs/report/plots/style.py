@@ -11,12 +11,16 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from gcs.model import Cause, FloatArray, Kind
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Annotation
+    from matplotlib.transforms import Bbox
 
 AGENTS = (
     "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7a5cc0", "#8c6d31", "#1b9e9e",
@@ -42,6 +46,8 @@ TRIGGERS: Final[dict[Cause, str]] = {
     "approved plan changed": "#b7950b",
 }
 """Colour of each trigger of plans, in the order of rows."""
+_CORNERS = ((9, 7), (9, -16), (-9, 7), (-9, -16))
+"""Places of a name next to its object, in points, the preferred one first."""
 LABELLED = 12
 """Up to this number, objects of a kind are named and drawn in full size."""
 _VARIABLES = {
@@ -111,13 +117,29 @@ def tidy(axes: Axes) -> None:
         spine.set_visible(side in ("left", "bottom"))
 
 
-def annotate(axes: Axes, text: str, at_m: Sequence[float] | FloatArray, colour: str) -> None:
+def annotate(axes: Axes, text: str, at_m: Sequence[float] | FloatArray, colour: str) -> Annotation:
     """Write the name of an object next to it."""
-    axes.annotate(
-        text, (float(at_m[0]), float(at_m[1])), xytext=(9, 7), textcoords="offset points", fontsize=11,
+    return axes.annotate(
+        text, (float(at_m[0]), float(at_m[1])), xytext=_CORNERS[0], textcoords="offset points", fontsize=10,
         fontweight="bold", color=colour, zorder=10,
         bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.75},
     )  # fmt: skip
+
+
+def clear_names(axes: Axes, names: Sequence[Annotation], paths_m: Sequence[FloatArray]) -> None:
+    """Move each name to the corner of its object where it covers the least of paths and other names."""
+    axes.apply_aspect()
+    points_px = axes.transData.transform(np.concatenate([np.empty((0, 2)), *paths_m]))
+    boxes: list[Bbox] = []
+    for name in names:
+
+        def covered(corner: tuple[int, int], name: Annotation = name) -> int:
+            name.set(position=corner, horizontalalignment="left" if corner[0] > 0 else "right")
+            box = name.get_window_extent()
+            return box.count_contains(points_px) + 1000 * box.count_overlaps(boxes)
+
+        covered(min(_CORNERS, key=covered))
+        boxes.append(name.get_window_extent())
 
 
 def sample(label: str, **style: Any) -> Artist:
@@ -137,9 +159,9 @@ def legend(axes: Axes, **options: Any) -> None:
     axes.legend(**{"frameon": False, "fontsize": 9, "handletextpad": 0.5, "columnspacing": 1.3, **options})
 
 
-def legend_below(axes: Axes, handles: Sequence[Artist], offset: float) -> None:
-    """Draw a legend in one row below axes; the offset is a fraction of their height."""
+def legend_below(axes: Axes, handles: Sequence[Artist], offset: float, rows: int = 1) -> None:
+    """Draw a legend below axes; the offset is a fraction of their height."""
     legend(
-        axes, handles=handles, loc="upper center", bbox_to_anchor=(0.5, -offset), ncol=len(handles),
+        axes, handles=handles, loc="upper center", bbox_to_anchor=(0.5, -offset), ncol=-(-len(handles) // rows),
         borderaxespad=0.0,
     )  # fmt: skip

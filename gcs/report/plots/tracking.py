@@ -51,12 +51,12 @@ def draw_tracking(drawing: TrackingDrawing, out: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(15.0, 9.0), dpi=130, facecolor="white")
+    figure = Figure(figsize=(12.5, 7.5), dpi=156, facecolor="white")
     FigureCanvasAgg(figure)
-    figure.suptitle(drawing.title, x=0.05, ha="left", fontsize=15, fontweight="bold", color=INK)
+    figure.suptitle(drawing.title, x=0.06, ha="left", fontsize=15, fontweight="bold", color=INK)
     grid = figure.add_gridspec(
-        4, 2, width_ratios=(1.25, 1.0), left=0.05, right=0.985, top=0.915, bottom=0.105, wspace=0.12,
-        hspace=0.26,
+        4, 2, width_ratios=(1.25, 1.0), left=0.06, right=0.985, top=0.91, bottom=0.13, wspace=0.15,
+        hspace=0.32,
     )  # fmt: skip
     found, true = _paths(drawing.found), _paths(drawing.true)
     colour = {label: AGENTS[n % len(AGENTS)] for n, label in enumerate(sorted(found))}
@@ -127,7 +127,7 @@ def _draw_place(
     ]
     if true:
         handles.insert(0, sample("ground truth", color="black", ls="-", lw=0.8))
-    legend_below(axes, handles, 0.055)
+    legend_below(axes, handles, 0.075)
 
 
 def _draw_ospa(axes: Axes, ospa_m: Mapping[int, float]) -> None:
