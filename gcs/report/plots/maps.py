@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Annotation
 
 _MAX_CLUTTER = 5000
 _MAX_OUTLINED = 3000

@@ -63,7 +63,7 @@ def new_figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    layout = ConstrainedLayoutEngine(h_pad=0.12, w_pad=0.08)  # inches, so that no heading is cut
+    layout = ConstrainedLayoutEngine(h_pad=0.16, w_pad=0.08)  # inches, so that no heading is cut
     figure = Figure(figsize=(width, height), dpi=130, facecolor="white", layout=layout)
     FigureCanvasAgg(figure)
     return figure
@@ -128,6 +128,7 @@ def annotate(axes: Axes, text: str, at_m: Sequence[float] | FloatArray, colour: 
 
 def clear_names(axes: Axes, names: Sequence[Annotation], paths_m: Sequence[FloatArray]) -> None:
     """Move each name to the corner of its object where it covers the least of paths and other names."""
+    place = axes.get_position()
     axes.apply_aspect()
     points_px = axes.transData.transform(np.concatenate([np.empty((0, 2)), *paths_m]))
     boxes: list[Bbox] = []
@@ -140,6 +141,8 @@ def clear_names(axes: Axes, names: Sequence[Annotation], paths_m: Sequence[Float
 
         covered(min(_CORNERS, key=covered))
         boxes.append(name.get_window_extent())
+    axes.set_position(place)
+    axes.set_in_layout(True)
 
 
 def sample(label: str, **style: Any) -> Artist:
@@ -161,7 +164,8 @@ def legend(axes: Axes, **options: Any) -> None:
 
 def legend_below(axes: Axes, handles: Sequence[Artist], offset: float, rows: int = 1) -> None:
     """Draw a legend below axes; the offset is a fraction of their height."""
+    columns = -(-len(handles) // rows)
     legend(
-        axes, handles=handles, loc="upper center", bbox_to_anchor=(0.5, -offset), ncol=-(-len(handles) // rows),
+        axes, handles=handles, loc="upper center", bbox_to_anchor=(0.5, -offset), ncol=columns,
         borderaxespad=0.0,
     )  # fmt: skip

@@ -142,9 +142,12 @@ class Traffic:
                 if found and len(found[0]) > len(sender.firmware):
                     sender.firmware = found[0]
             case "MISSION_ACK":
-                transfer = self._under_way.pop((message.target_system, frame.system_id), None)
+                pair = message.target_system, frame.system_id
+                transfer = self._under_way.get(pair)
                 if transfer is not None:
                     transfer.result = _enum("MAV_MISSION", message.type, "MAV_MISSION_RESULT")
+                    if message.type != dialect.MAV_MISSION_INVALID_SEQUENCE:  # ArduPilot continues then
+                        del self._under_way[pair]
             case "MISSION_COUNT":
                 self._begin(t_ns, frame.system_id, message)
             case _:

@@ -56,6 +56,9 @@ def a_log() -> list[bytes]:
     for seq in range(2):
         item = mavlink2.MAVLink_mission_item_int_message(1, 1, seq, 3, 16, 0, 1, 0, 0, 0, 0, 1, 2, 3.0)
         log.say(60.2 + seq / 10, item, 255, 190)
+        log.say(
+            60.25 + seq / 10, mavlink2.MAVLink_mission_ack_message(255, 190, 13), 1
+        )  # ArduPilot: a repeated item
     log.say(60.5, mavlink2.MAVLink_mission_ack_message(255, 190, 0), 1)
     return log.entries
 
