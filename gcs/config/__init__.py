@@ -1,11 +1,10 @@
 """Mission files: TOML in, validated settings out.
 
-One file describes a mission: where it lies on Earth, the map, the agents, where targets may appear, how to
-track, plan and link. The same file may carry a `[simulation]` table, which only the simulated world reads:
-central command keeps it unread, since it holds the truth.
+One file describes a mission: frame, map, agents, birth components, tracking, planning and links. Its
+`[simulation]` table is for the simulated world only; central command does not read it.
 
-Every mistake raises `ConfigError` with the file, the dotted key and what was expected. The shipped
-scenarios are in `gcs/scenarios`; `config/reference.toml` shows every key with its unit, range and default.
+Each mistake raises `ConfigError` with the file, the dotted key and the expected value. Shipped scenarios are
+in `gcs/scenarios`. `config/reference.toml` lists every key with its unit, range and default.
 """
 
 from __future__ import annotations
@@ -39,10 +38,10 @@ def parse(text: str, source: str) -> Config:
     Raises
     ------
     ConfigError
-        For broken TOML, unknown or missing keys, values out of range, and contradictions between keys.
+        For invalid TOML, unknown or missing keys, values out of range, and contradictions between keys.
     """
     try:
-        raw = _shown(decode_toml(text, source))
+        raw = _printable(decode_toml(text, source))
     except RecursionError:
         raise ConfigError(source, "", "is nested too deeply") from None
     local, mistakes = with_local_places(raw, source)
@@ -56,15 +55,15 @@ def parse(text: str, source: str) -> Config:
     return config
 
 
-def _shown(value: Any) -> Any:
-    """Return plain data whose texts hold no control characters: TOML's escapes would reach terminals."""
+def _printable(value: Any) -> Any:
+    """Return plain data without control characters in texts, which would reach terminals."""
     match value:
         case str():
             return printable(value, keep="\n\t")
         case dict():
-            return {printable(key): _shown(item) for key, item in value.items()}
+            return {printable(key): _printable(item) for key, item in value.items()}
         case list():
-            return [_shown(item) for item in value]
+            return [_printable(item) for item in value]
     return value
 
 

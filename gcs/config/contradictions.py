@@ -1,4 +1,4 @@
-"""What no single key can tell: keys of a mission file that contradict each other."""
+"""Contradictions between keys of a mission file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gcs.model import vehicle_name
 
 
 def check(config: Config, source: str) -> None:
-    """Raise `ConfigError` with every contradiction."""
+    """Raise `ConfigError` with all contradictions."""
     found = list(_contradictions(config, source))
     if found:
         raise ConfigError.of_all(found)
@@ -37,11 +37,11 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
     for index, corners in enumerate(area.polygons_m):
         if len({tuple(corner) for corner in corners}) < 3:
             yield ConfigError(source, f"map.polygons_m[{index}]", "expected at least three different corners")
-    places: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [
+    lists: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [
         ("agents", config.agents),
         ("births", config.births),
     ]
-    for name, rows in places:
+    for name, rows in lists:
         for index, row in enumerate(rows):
             if not (0.0 <= row.east_m <= area.width_m and 0.0 <= row.north_m <= area.height_m):
                 yield ConfigError(
@@ -90,7 +90,7 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
 
 
 def _links(config: Config, source: str) -> Iterator[ConfigError]:
-    """Read every connection string, and see that networks and endpoints fit together."""
+    """Parse all connection strings; check that networks have endpoints."""
     links: list[tuple[str, Link]] = []
     for key, entry in config.links.entries():
         try:

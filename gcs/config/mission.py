@@ -1,4 +1,4 @@
-"""A whole mission file as one value."""
+"""The mission file as one value."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ZONES = "the GeoJSON of the map"
 
 
 class Config(Table, frozen=True, kw_only=True):
-    """A whole mission file."""
+    """A mission file."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
     description: str = ""
@@ -54,27 +54,27 @@ class Config(Table, frozen=True, kw_only=True):
 
     @property
     def mavlink_links(self) -> tuple[Link, ...]:
-        """Every MAVLink endpoint: those of vehicles first, then those of other ground stations."""
+        """All MAVLink endpoints: those of vehicles, then those of other ground stations."""
         return tuple(link_of(entry) for _, entry in self.links.entries())
 
     @property
     def local_frame(self) -> LocalFrame:
-        """The frame that all east/north of this mission refer to."""
+        """Local frame of all east/north coordinates."""
         return LocalFrame(self.frame.lat_deg, self.frame.lon_deg, self.frame.alt_msl_m)
 
     def speed_m_s(self, vehicle: int) -> float:
-        """How fast a vehicle flies: its own speed, or that of the airframe."""
+        """Return the airspeed of a vehicle: its own, or that of the airframe."""
         own = next((agent.speed_m_s for agent in self.agents if agent.vehicle == vehicle), None)
         return own or self.airframe.speed_m_s
 
     def takeoff_altitude_rel_m(self, layer: int) -> float:
-        """Altitude above home that a vehicle of an altitude layer climbs to before it turns."""
+        """Return the altitude above home at the end of the climb, for an altitude layer."""
         mission = self.mission
         return self.takeoff.altitude_rel_m or mission.altitude_rel_m + layer * mission.layer_step_m
 
     @property
     def agents_per_target(self) -> int:
-        """How many agents may end at one target."""
+        """Maximum number of agents at one target."""
         if self.planning.surplus == "double":
             return len(self.agents)
         return max((birth.agents for birth in self.births), default=1)

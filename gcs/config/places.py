@@ -1,6 +1,6 @@
-"""Places of a mission file by latitude and longitude, put into the local frame before tables are validated.
+"""Positions in degrees, converted to the local frame before validation.
 
-A place is `east_m` and `north_m`, or `lat_deg` and `lon_deg`; every table behind this module has metres.
+A position is `east_m` and `north_m`, or `lat_deg` and `lon_deg`. All tables have metres.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from gcs.geo import LocalFrame
 
 _DEGREES, _METRES = ("lat_deg", "lon_deg"), ("east_m", "north_m")
 _MAX_DISTANCE_M = 100_000.0
-"""From the origin: a tangent plane is no map of what lies farther."""
+"""Maximum distance from the origin; a tangent plane is inaccurate beyond."""
 _DIGITS = 3
-"""Millimetres: a corner of the map is not outside of it by rounding."""
+"""Rounding to millimetres keeps a corner of the map inside it."""
 
 
 class _Degrees(Table, frozen=True, kw_only=True):
@@ -26,13 +26,13 @@ class _Degrees(Table, frozen=True, kw_only=True):
 
 
 def with_local_places(raw: object, source: str) -> tuple[object, list[ConfigError]]:
-    """Return the plain data of a mission file with agents and births in metres, and what is wrong with them.
+    """Return the plain data of a mission file with positions in metres, and the mistakes in them.
 
-    A mistake is a place that is given in both ways or in half of one, is none, or lies far from the frame's
-    origin. Such a place becomes the origin, so that the rest of its row can be judged.
+    A mistake is a position given in both ways or in part, an invalid one, or one far from the frame's origin.
+    It is replaced by the origin, so that the rest of its row can be validated.
     """
     if not isinstance(raw, dict) or not isinstance(raw.get("frame"), dict):
-        return raw, []  # which the tables refuse
+        return raw, []  # validation refuses this
     rows = {name: raw[name] for name in ("agents", "births") if isinstance(raw.get(name), list)}
     if not any(_is_in_degrees(row) for some in rows.values() for row in some):
         return raw, []
@@ -40,7 +40,7 @@ def with_local_places(raw: object, source: str) -> tuple[object, list[ConfigErro
         table = convert(raw["frame"], FrameTable, source, "frame")
         frame = LocalFrame(table.lat_deg, table.lon_deg, table.alt_msl_m)
     except ConfigError:
-        frame = None  # which the tables refuse
+        frame = None  # validation refuses this
     mistakes: list[ConfigError] = []
     local = {name: _all_local(some, frame, source, name, mistakes) for name, some in rows.items()}
     return raw | local, mistakes
@@ -52,7 +52,7 @@ def local_places(rows: list[Any], frame: LocalFrame, source: str, key: str) -> l
     Raises
     ------
     ConfigError
-        For the mistakes that `with_local_places` names.
+        For the mistakes of `with_local_places`.
     """
     mistakes: list[ConfigError] = []
     local = _all_local(rows, frame, source, key, mistakes)

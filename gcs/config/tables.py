@@ -1,4 +1,4 @@
-"""The tables of a mission file, each with its keys, units, ranges and defaults."""
+"""Tables of a mission file: keys, units, ranges and defaults."""
 
 from __future__ import annotations
 
@@ -49,11 +49,10 @@ class MapTable(Table, frozen=True, kw_only=True):
     polygons_m: list[Annotated[list[Point2], Meta(min_length=3)]] = []
     geojson: str = ""
     random_threshold: Annotated[float, Meta(ge=0.0, le=0.6)] = 0.0
-    keep_clear_m: NotNegative = 120.0
 
 
 class AgentTable(Table, frozen=True, kw_only=True):
-    """One agent: its MAVLink network and system id, and where it starts."""
+    """One agent: MAVLink network, system id and start."""
 
     system_id: SystemId
     network: Network = 0
@@ -64,12 +63,12 @@ class AgentTable(Table, frozen=True, kw_only=True):
 
     @property
     def vehicle(self) -> int:
-        """What the vehicle is called everywhere (`gcs.model.vehicle_id`)."""
+        """Number of the vehicle (`gcs.model.vehicle_id`)."""
         return vehicle_id(self.network, self.system_id)
 
 
 class BirthTable(Table, frozen=True, kw_only=True):
-    """A place where targets may appear: a Gaussian on position and on velocity."""
+    """Birth component of targets: Gaussian in position and velocity."""
 
     east_m: float
     north_m: float
@@ -82,7 +81,7 @@ class BirthTable(Table, frozen=True, kw_only=True):
 
 
 class AnywhereTable(Table, frozen=True, kw_only=True):
-    """Births where no place of birth is known: at detections that nothing explains."""
+    """Adaptive birth: at detections that no track explains."""
 
     per_s: NotNegative = 0.0
     speed_std_m_s: Positive = 10.0
@@ -93,28 +92,21 @@ class KindTracking(Table, frozen=True, kw_only=True):
     """Tracking of one kind of object."""
 
     accel_psd_m2_s3: Positive
-    birth_probability: InnerProbability = 0.03
-    birth_again_probability: InnerProbability = 1e-4
     turn_rate_std_deg_s: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
-    turn_time_s: Positive = 10.0
     anywhere: AnywhereTable = AnywhereTable()
 
 
 class TrackingTable(Table, frozen=True, kw_only=True):
-    """The two GLMB filters and how their output is read."""
+    """The two GLMB filters, and the evaluation of their output."""
 
     agents: KindTracking = KindTracking(accel_psd_m2_s3=16.0)
     targets: KindTracking = KindTracking(accel_psd_m2_s3=0.25)
-    survival_probability_per_s: InnerProbability = 0.99
     max_hypotheses: Annotated[int, Meta(ge=10, le=100_000)] = 200
     gate_chi2: Annotated[float, Meta(ge=4.0, le=100.0)] = 32.2
     lost_existence: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.01
     lost_std_m: Positive = 500.0
     reorder_window_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
     correct_sensors: bool = False
-    agent_birth_std_m: Positive = 10.0
-    agent_birth_speed_std_m_s: Positive = 10.0
-    seed: Annotated[int, Meta(ge=0)] = 0
 
 
 class TelemetryTable(Table, frozen=True, kw_only=True):
@@ -123,12 +115,11 @@ class TelemetryTable(Table, frozen=True, kw_only=True):
     rate_hz: Annotated[float, Meta(gt=0.0, le=50.0)] = 4.0
     noise_std_m: Positive = 3.0
     detection_probability: InnerProbability = 0.9
-    clutter_density_per_m2: Positive = 1e-6
     max_age_s: Positive = 1.0
 
 
 class AirframeTable(Table, frozen=True, kw_only=True):
-    """How the vehicles turn: what routes and waypoints are made for."""
+    """Turning flight of vehicles, for routes and acceptance radii."""
 
     speed_m_s: Positive = 15.0
     bank_deg: Annotated[float, Meta(ge=5.0, le=70.0)] = 30.0
@@ -137,22 +128,22 @@ class AirframeTable(Table, frozen=True, kw_only=True):
 
     @property
     def turn_radius_m(self) -> float:
-        """Radius over ground of a level turn, V^2 / (g tan bank), at its widest: with the wind."""
+        """Maximum radius over ground of a level turn: V^2 / (g tan bank), downwind."""
         return (self.speed_m_s + self.wind_m_s) ** 2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
 
     @property
     def max_ground_speed_m_s(self) -> float:
-        """What a report may say at most: a dive at three times the airspeed, with a strong wind behind."""
+        """Maximum plausible ground speed: a dive at three times the airspeed, downwind in strong wind."""
         return 3.0 * self.speed_m_s + max(self.wind_m_s, _STRONG_WIND_M_S)
 
     @property
     def turn_lag_m(self) -> float:
-        """How far a vehicle flies before a turn is taken up."""
+        """Distance flown before a turn begins."""
         return (self.speed_m_s + self.wind_m_s) * self.turn_lag_s
 
     @property
     def planned_radius_m(self) -> float:
-        """Radius that routes are planned for: that of the turn, widened by its lag."""
+        """Turn radius of planned routes: with the lag."""
         return math.hypot(self.turn_radius_m, self.turn_lag_m)
 
 
@@ -177,7 +168,7 @@ class PlanningTable(Table, frozen=True, kw_only=True):
 
 
 class MissionTable(Table, frozen=True, kw_only=True):
-    """What is written into the missions."""
+    """Content of missions."""
 
     altitude_rel_m: Positive = 100.0
     layer_step_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 20.0
@@ -195,7 +186,7 @@ class MissionTable(Table, frozen=True, kw_only=True):
 
 
 class TakeoffTable(Table, frozen=True, kw_only=True):
-    """The climb after take-off: straight along the runway, until the take-off altitude is reached."""
+    """Climb after take-off, straight along the runway to the take-off altitude."""
 
     altitude_rel_m: NotNegative = 0.0
     heading_deg: Annotated[float, Meta(ge=0.0, lt=360.0)] | None = None
@@ -203,12 +194,12 @@ class TakeoffTable(Table, frozen=True, kw_only=True):
     climb_deg: Annotated[float, Meta(ge=2.0, le=60.0)] = 20.0
 
     def length_m(self, altitude_rel_m: float) -> float:
-        """Distance over ground from where a vehicle stands to where it reaches an altitude."""
+        """Return the distance over ground from the start to an altitude."""
         return self.ground_run_m + altitude_rel_m / math.tan(math.radians(self.climb_deg))
 
 
 class FenceAreaTable(Table, frozen=True, kw_only=True):
-    """An area of the fence: either corners, or a circle."""
+    """Area of the fence: a polygon or a circle."""
 
     kind: Literal["inclusion", "exclusion"]
     corners_deg: list[LatLon] = []
@@ -216,7 +207,7 @@ class FenceAreaTable(Table, frozen=True, kw_only=True):
 
 
 class FenceTable(Table, frozen=True, kw_only=True):
-    """Where vehicles may be; `gcs fence upload` brings it to them (`gcs.fence`)."""
+    """Geofence (`gcs.fence`)."""
 
     from_map: bool = True
     max_alt_rel_m: NotNegative = 0.0
@@ -224,7 +215,7 @@ class FenceTable(Table, frozen=True, kw_only=True):
 
 
 class RallyTable(Table, frozen=True, kw_only=True):
-    """A place to return to instead of home."""
+    """Rally point."""
 
     lat_deg: Latitude
     lon_deg: Longitude
@@ -236,20 +227,20 @@ class RecordingTable(Table, frozen=True, kw_only=True):
 
     rotate_mb: Annotated[float, Meta(ge=1.0, le=1e6)] = 500.0
     max_gb: Annotated[float, Meta(ge=0.01, le=1e5)] = 100.0
-    """Of a run, all parts together: then the recording ends and the flight goes on."""
+    """Maximum size of a run; then the recording ends and the flight goes on."""
     min_free_mb: Annotated[float, Meta(ge=0.0, le=1e7)] = 200.0
-    """What a recording leaves free on its disk, for the journal and others."""
+    """Free disk space that a recording leaves."""
 
 
 class EndpointTable(Table, frozen=True, kw_only=True):
-    """Where vehicles are, of a MAVLink network other than the first."""
+    """Endpoint of vehicles, with its MAVLink network."""
 
     endpoint: str
     network: Network = 0
 
 
 class ForwardTable(Table, frozen=True, kw_only=True):
-    """Where another ground station connects, and what it may do."""
+    """Endpoint of another ground station, and its access."""
 
     endpoint: str
     access: Literal["read-only", "full"] = "read-only"
@@ -258,7 +249,7 @@ class ForwardTable(Table, frozen=True, kw_only=True):
 
 
 class LinksTable(Table, frozen=True, kw_only=True):
-    """Where central command finds vehicles, sensors and other ground stations."""
+    """Endpoints of vehicles, sensors and other ground stations."""
 
     mavlink: str | EndpointTable | Annotated[list[str | EndpointTable], Meta(min_length=1)] = (
         "udpin:0.0.0.0:14550"
@@ -270,11 +261,11 @@ class LinksTable(Table, frozen=True, kw_only=True):
     max_parallel_uploads: Annotated[int, Meta(ge=1, le=1000)] = 32
 
     def key_file(self, source: str) -> Path | None:
-        """Where the signing keys are: beside the mission file `source`; None when nothing is signed."""
+        """Return the file of signing keys, relative to the mission file `source`; None: nothing is signed."""
         return Path(source).parent / self.keys if self.keys else None
 
     def entries(self) -> list[tuple[str, str | EndpointTable | ForwardTable]]:
-        """Every MAVLink endpoint with its key: those of vehicles first."""
+        """Return all MAVLink endpoints with their keys, those of vehicles first."""
         entries: list[tuple[str, str | EndpointTable | ForwardTable]] = (
             [("links.mavlink", self.mavlink)]
             if not isinstance(self.mavlink, list)
@@ -284,12 +275,12 @@ class LinksTable(Table, frozen=True, kw_only=True):
 
 
 def link_of(entry: str | EndpointTable | ForwardTable) -> Link:
-    """Read an entry's connection string.
+    """Return the link of an entry.
 
     Raises
     ------
     LinkError
-        When it is not one.
+        For an invalid connection string.
     """
     match entry:
         case str():

@@ -1,4 +1,4 @@
-"""Where the text of a mission comes from: shipped scenarios, files, and the GeoJSON beside them."""
+"""Texts of missions: shipped scenarios, files, and the GeoJSON that they name."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ _GEOJSON = re.compile(
     re.MULTILINE,
 )
 _MAX_BYTES: Final = 16_000_000
-"""Of a file. The largest shipped mission has 10 kB; a GeoJSON of 100,000 corners has 4 MB."""
+"""Maximum size of a file; a GeoJSON of 100,000 corners has 4 MB."""
 _MAX_DEPTH: Final = 50
-_WORD: Final = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
-_PLACE: Final = re.compile(r"at line (\d+), column \d+\)$")
-_SHOWN: Final = 100
-"""Characters of a line that are shown."""
-_DEEP_KEY: Final = re.compile(rf"(?:{_WORD}\.[ \t]*+){{{_MAX_DEPTH}}}")
-"""A dotted key of so many words: reading it takes time with the square of their number."""
+_KEY_WORD: Final = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_POSITION: Final = re.compile(r"at line (\d+), column \d+\)$")
+_MAX_QUOTED: Final = 100
+"""Maximum number of characters of a quoted line."""
+_DEEP_KEY: Final = re.compile(rf"(?:{_KEY_WORD}\.[ \t]*+){{{_MAX_DEPTH}}}")
+"""A dotted key of this many words: parsing takes quadratic time."""
 
 
 def scenario_names() -> list[str]:
-    """Names of the shipped scenarios, in the order in which they build on one another."""
+    """Return the names of the shipped scenarios, the simplest first."""
     order = ["deterministic", "prescribed", "random-obstacles", "random-targets", "radars", "swarm-50"]
     found = [
         f.name.removesuffix(".toml")
@@ -43,13 +43,12 @@ def scenario_names() -> list[str]:
 def read_text(scenario: str) -> tuple[str, str]:
     """Return (text, source name) of a shipped scenario or of a file.
 
-    A GeoJSON file that the mission file names is read as well, and its content put in place of its name: what
-    is recorded of a run holds everything.
+    The name of a GeoJSON file is replaced by its content, so that a recording has everything.
 
     Raises
     ------
     ConfigError
-        When there is neither a scenario nor a readable file of that name.
+        When there is no scenario or readable file of that name.
     """
     if re.fullmatch(r"[A-Za-z0-9_-]+", scenario):
         shipped = resources.files("gcs") / "scenarios" / f"{scenario}.toml"
@@ -73,12 +72,12 @@ def _text_of(path: Path) -> str:
 
 
 def decode_toml(text: str, source: str) -> dict[str, Any]:
-    """Return what a TOML text says, as plain data.
+    """Return the plain data of a TOML text.
 
     Raises
     ------
     ConfigError
-        When it is no TOML, or longer or nested deeper than what this project reads.
+        For invalid TOML, or a text that is too long or nested too deeply.
     """
     if len(text) > 3 * _MAX_BYTES:  # of a file and the GeoJSON that it names
         raise ConfigError(source, "", f"expected less than {3 * _MAX_BYTES / 1e6:.0f} MB of TOML")
@@ -94,13 +93,13 @@ def decode_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def _with_line(problem: str, text: str) -> str:
-    """Say what is wrong with a TOML text, and show the line where reading ended."""
+    """Return a parser's error with the line where parsing ended."""
     problem = problem.replace(r"Illegal character '\n'", "expected a closing quote before the line ends")
     lines = text.splitlines() or [""]
-    where = _PLACE.search(problem)
+    where = _POSITION.search(problem)
     number = min(int(where[1]), len(lines)) if where else len(lines)
     line = lines[number - 1].strip()
-    return f"{problem}: `{line[:_SHOWN]}{'...' if len(line) > _SHOWN else ''}`"
+    return f"{problem}: `{line[:_MAX_QUOTED]}{'...' if len(line) > _MAX_QUOTED else ''}`"
 
 
 def _with_zones(text: str, path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Plain data into tables, and what is wrong with it in words for somebody who edits TOML."""
+"""Conversion of plain data to tables, with mistakes in the words of TOML."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WORDS = {
     "bool": "true or false",
     "array": "a list",
 }
-"""What msgspec calls types, and what somebody does who edits TOML."""
+"""Type names of msgspec, in the words of TOML."""
 _RENAMED = {
     "accel_std_m_s2": "accel_psd_m2_s3",
     "dead_existence": "lost_existence",
@@ -45,7 +45,7 @@ def convert(raw: object, to: type[T], source: str, prefix: str = "") -> T:
     Raises
     ------
     ConfigError
-        With every mistake: the dotted key and what was expected there.
+        With all mistakes: the dotted key and the expected value of each.
     """
     try:
         return msgspec.convert(raw, to)
@@ -57,7 +57,7 @@ def convert(raw: object, to: type[T], source: str, prefix: str = "") -> T:
 
 
 def _mistakes(raw: Any, to: Any, key: str) -> Iterator[tuple[str, str]]:
-    """Yield the dotted key and the words of each mistake: of every field by itself, where it is a table."""
+    """Yield the dotted key and description of each mistake; of a table, field by field."""
     to = _without_none(to)
     if isinstance(to, type) and issubclass(to, msgspec.Struct) and isinstance(raw, dict):
         fields = {field.encode_name: field for field in msgspec.structs.fields(to)}
@@ -97,7 +97,7 @@ def _bare(to: Any) -> Any:
 
 
 def _without_none(to: Any) -> Any:
-    """Return the type that there is beside None: TOML has none."""
+    """Return the type of an optional value: TOML has no null."""
     if get_origin(to) in (Union, types.UnionType):
         kinds = [kind for kind in get_args(to) if kind is not type(None)]
         return kinds[0] if len(kinds) == 1 else to
@@ -105,7 +105,7 @@ def _without_none(to: Any) -> Any:
 
 
 def _unknown(name: str, known: list[str]) -> str:
-    """Say of an unknown key which one may be meant."""
+    """Return the error of an unknown key, with a suggestion."""
     near = [_RENAMED[name]] if _RENAMED.get(name) in known else get_close_matches(name, known, 1)
     hint = f"did you mean `{near[0]}`?" if near else "misspelt, or in the wrong table?"
     if name == "accel_std_m_s2" and near == ["accel_psd_m2_s3"]:
@@ -114,14 +114,14 @@ def _unknown(name: str, known: list[str]) -> str:
 
 
 def _plain(problem: str) -> str:
-    """Put msgspec's wording into words for somebody who edits TOML."""
+    """Return an error of msgspec in the words of TOML."""
     problem = re.sub(r"Object missing required field `(\w+)`", r"the key `\1` is missing here", problem)
     problem = re.sub(
         r"Object contains unknown field `(\w+)`",
         r"unknown key `\1`: misspelt, or in the wrong table?",
         problem,
     )
-    problem = problem.replace(" | null`", "`")  # TOML has none: it is what a key without a value gets
+    problem = problem.replace(" | null`", "`")  # TOML has no null
     for word, plain in _WORDS.items():
         problem = problem.replace(f"`{word}`", plain)
     return problem.replace("Expected", "expected")

@@ -10,6 +10,8 @@ from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 
 _PURPOSE = 0x6D6170
 """Separates the map's random numbers from others with the same seed."""
+_KEEP_CLEAR_M = 120.0
+"""Minimum distance of random obstacles from starts and birth components."""
 
 
 def mission_grid(config: Config, seed: int) -> Grid:
@@ -31,4 +33,4 @@ def mission_grid(config: Config, seed: int) -> Grid:
     kept_clear = [(agent.east_m, agent.north_m) for agent in config.agents]
     kept_clear += [(birth.east_m, birth.north_m) for birth in config.births]
     rng = np.random.default_rng([seed, _PURPOSE])
-    return random_obstacles(grid, area.random_threshold, rng, kept_clear, area.keep_clear_m)
+    return random_obstacles(grid, area.random_threshold, rng, kept_clear, _KEEP_CLEAR_M)

@@ -7,7 +7,7 @@ near its target would live on in the target's detections.
 Position reports are a second sensor of agents, used at the time of each scan. A vehicle that reports away
 from all tracks and birth components gets a birth there.
 
-A birth component has `birth_probability` until its object is confirmed, then `birth_again_probability`. With
+A birth component has `BIRTH_PROBABILITY` until its object is confirmed, then `BIRTH_AGAIN_PROBABILITY`. With
 a rate in `tracking.<kind>.anywhere`, objects are also born at detections that no track explains
 (`gcs.tracking.models.adaptive_birth`).
 
@@ -28,9 +28,17 @@ import numpy.typing as npt
 from gcs.config import Config
 from gcs.config.tables import KindTracking
 from gcs.core.perception.confirmation import TrackConfirmation
+from gcs.core.perception.tracking_model import (
+    BIRTH_AGAIN_PROBABILITY,
+    BIRTH_PROBABILITY,
+    agent_births,
+    birth,
+    glmb_params,
+    target_births,
+)
 from gcs.core.perception.untracked_detections import UntrackedDetections
 from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
-from gcs.tracking.glmb.filter import Birth, DetectionSummary, Glmb, GlmbParams
+from gcs.tracking.glmb.filter import Birth, DetectionSummary, Glmb
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 from gcs.tracking.models.clutter import intensity_per_m2
 from gcs.tracking.models.constant_velocity import process_noise, transition
@@ -39,6 +47,8 @@ from gcs.tracking.models.sensors import clutter_per_m2, covers, noise_m2
 
 _NEAR_STD = 5.0
 """Gate, in standard deviations, between a report and a track or birth component."""
+_REPORT_CLUTTER_PER_M2 = 1e-6
+"""Clutter density of position reports."""
 _MAX_AHEAD_S = 1.0
 """Maximum time from arrival to measurement: clocks may differ this much."""
 _MIN_VARIANCE_M2 = 1e-4
@@ -55,15 +65,7 @@ class ClassTracker:
         self, kind: Kind, config: Config, table: KindTracking, births: list[Birth], seed: int
     ) -> None:
         tracking, accel_std_m_s2 = config.tracking, math.sqrt(table.accel_psd_m2_s3)
-        params = GlmbParams(
-            survival_probability_per_s=tracking.survival_probability_per_s,
-            accel_std_m_s2=accel_std_m_s2,
-            turn_rate_std_rad_s=math.radians(table.turn_rate_std_deg_s),
-            turn_time_s=table.turn_time_s,
-            max_hypotheses=tracking.max_hypotheses,
-            gate_chi2=tracking.gate_chi2,
-            lost_std_m=tracking.lost_std_m,
-        )
+        params = glmb_params(tracking, table.accel_psd_m2_s3, table.turn_rate_std_deg_s)
         self.confirmation = TrackConfirmation(tracking.lost_existence)
         self.kind = kind
         self.picture: Picture | None = None
@@ -71,7 +73,6 @@ class ClassTracker:
         self._born_t_ns = -1
         self._accel_std_m_s2 = accel_std_m_s2
         self._turn_rate_std_rad_s = math.radians(table.turn_rate_std_deg_s)
-        self._again_probability = table.birth_again_probability
         self._filter = Glmb(kind, params, seed, summarise_detections=True)
         anywhere = table.anywhere
         self.unknown = AdaptiveBirth(
@@ -142,7 +143,7 @@ class ClassTracker:
         self.confirmation.update(self.picture, sensor)
         for _, index in self.confirmation.tracks:
             if index < len(self.births):
-                self.births[index] = replace(self.births[index], probability=self._again_probability)
+                self.births[index] = replace(self.births[index], probability=BIRTH_AGAIN_PROBABILITY)
         return self.picture
 
 
@@ -158,26 +159,7 @@ class MultiSensorTracker:
     def __init__(self, config: Config) -> None:
         tracking = config.tracking
         self._telemetry = config.telemetry
-        starts = [
-            _birth(
-                (agent.east_m, agent.north_m, 0.0, 0.0),
-                tracking.agent_birth_std_m,
-                tracking.agent_birth_speed_std_m_s,
-                tracking.agents.birth_probability,
-            )
-            for agent in config.agents
-        ]
-        births = [
-            _birth(
-                (birth.east_m, birth.north_m, birth.v_east_m_s, birth.v_north_m_s),
-                birth.std_m,
-                birth.speed_std_m_s,
-                tracking.targets.birth_probability,
-            )
-            for birth in config.births
-        ]
         self._target_table = tracking.targets
-        self._report_birth_probability = tracking.agents.birth_probability
         self._measured_t_ns = -1
         self._sensors_at_epoch: set[str] = set()
         self._reports_t_ns = -1
@@ -186,24 +168,23 @@ class MultiSensorTracker:
         self.findings: list[Finding] = []
         """Findings of the last scan about the model of its sensor."""
         self.untracked = UntrackedDetections(config)
-        self.agents = ClassTracker("agents", config, tracking.agents, starts, tracking.seed)
-        self.targets = ClassTracker("targets", config, tracking.targets, births, tracking.seed + 1)
+        self.agents = ClassTracker("agents", config, tracking.agents, agent_births(config), 0)
+        self.targets = ClassTracker("targets", config, tracking.targets, target_births(config), 1)
 
     def expect(self, targets: Sequence[Track], age_s: float) -> dict[int, Label]:
         """Expect targets that were confirmed `age_s` ago, before the first scan.
 
         Returns the former label of each, by the second part of its future label.
         """
-        table, tracker = self._target_table, self.targets
+        tracker = self.targets
         gave_birth = {index for _, index in (track.label for track in targets)}
         tracker.births = [
-            replace(birth, probability=table.birth_again_probability) if index in gave_birth else birth
-            for index, birth in enumerate(tracker.births)
+            replace(one, probability=BIRTH_AGAIN_PROBABILITY) if index in gave_birth else one
+            for index, one in enumerate(tracker.births)
         ]
         first = len(tracker.births)
         tracker.births += [
-            Birth(track.mean, track.cov, table.birth_probability)
-            for track in self.predict_targets(targets, age_s)
+            Birth(track.mean, track.cov, BIRTH_PROBABILITY) for track in self.predict_targets(targets, age_s)
         ]
         return {first + number: track.label for number, track in enumerate(targets)}
 
@@ -283,7 +264,7 @@ class MultiSensorTracker:
         return Sensor(
             "telemetry",
             t.detection_probability,
-            t.clutter_density_per_m2,
+            _REPORT_CLUTTER_PER_M2,
             read_only(np.eye(2) * t.noise_std_m**2),
             infinite,
         )
@@ -291,7 +272,7 @@ class MultiSensorTracker:
     def _report_birth(self, state: VehicleState, position: FloatArray) -> Birth:
         std_m = 2.0 * self._telemetry.noise_std_m
         mean = (float(position[0]), float(position[1]), *velocity_m_s(state))
-        return _birth(mean, std_m, 2.0, self._report_birth_probability)
+        return birth(mean, std_m, 2.0)
 
     def _are_known(self, positions: FloatArray, t_ns: int) -> npt.NDArray[np.bool_]:
         """Return a mask of the reports near a track or a birth component."""
@@ -337,10 +318,3 @@ def _with_noise(sensor: Sensor) -> Sensor:
     if np.linalg.eigvalsh(sensor.noise_cov_m2)[0] >= _MIN_VARIANCE_M2:
         return sensor
     return replace(sensor, noise_cov_m2=read_only(sensor.noise_cov_m2 + np.eye(2) * _MIN_VARIANCE_M2))
-
-
-def _birth(
-    mean: tuple[float, float, float, float], std_m: float, speed_std_m_s: float, probability: float
-) -> Birth:
-    cov = np.diag([std_m**2, std_m**2, speed_std_m_s**2, speed_std_m_s**2])
-    return Birth(read_only(mean), read_only(cov), probability)

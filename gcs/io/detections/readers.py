@@ -25,6 +25,13 @@ import numpy.typing as npt
 
 from gcs.config import parse
 from gcs.config.tables import AnywhereTable
+from gcs.core.perception.tracking_model import (
+    BIRTH_AGAIN_PROBABILITY,
+    agent_births,
+    birth,
+    glmb_params,
+    target_births,
+)
 from gcs.errors import ConfigError, RecordingError
 from gcs.io.detections.columns import find_columns, sensor_of_rows
 from gcs.io.detections.model_file import MAX_SCANS, ModelTable, npz_model, read_model, sensors_of
@@ -237,10 +244,10 @@ def _motion(model: ModelTable) -> tuple[GlmbParams, tuple[Birth, ...]]:
         survival_probability_per_s=model.survival_probability ** (1.0 / model.dt_s),
     )
     births = (
-        _birth((b.x_m, b.y_m, b.vx_m_s, b.vy_m_s), b.std_m, b.speed_std_m_s, b.probability)
+        birth((b.x_m, b.y_m, b.vx_m_s, b.vy_m_s), b.std_m, b.speed_std_m_s, b.probability)
         for b in model.births
     )
-    return params, tuple(_moved_since_birth(birth, model.dt_s) for birth in births)
+    return params, tuple(_moved_since_birth(one, model.dt_s) for one in births)
 
 
 def _load_recording(
@@ -279,34 +286,12 @@ def _load_recording(
         raise RecordingError(str(path), "holds no scan" + "".join(f": {text}" for text in remarks))
     tracking = config.tracking
     kinds = (tracking.agents, tracking.targets)
-    turning = max(kinds, key=lambda kind: kind.turn_rate_std_deg_s)
-    params = GlmbParams(
-        accel_std_m_s2=math.sqrt(max(kind.accel_psd_m2_s3 for kind in kinds)),
-        turn_rate_std_rad_s=math.radians(turning.turn_rate_std_deg_s),
-        turn_time_s=turning.turn_time_s,
-        survival_probability_per_s=tracking.survival_probability_per_s,
-        max_hypotheses=tracking.max_hypotheses,
-        gate_chi2=tracking.gate_chi2,
-        lost_std_m=tracking.lost_std_m,
+    params = glmb_params(
+        tracking,
+        max(kind.accel_psd_m2_s3 for kind in kinds),
+        max(kind.turn_rate_std_deg_s for kind in kinds),
     )
-    births = [
-        _birth(
-            (agent.east_m, agent.north_m, 0.0, 0.0),
-            tracking.agent_birth_std_m,
-            tracking.agent_birth_speed_std_m_s,
-            tracking.agents.birth_probability,
-        )
-        for agent in config.agents
-    ]
-    births += [
-        _birth(
-            (b.east_m, b.north_m, b.v_east_m_s, b.v_north_m_s),
-            b.std_m,
-            b.speed_std_m_s,
-            tracking.targets.birth_probability,
-        )
-        for b in config.births
-    ]
+    births = agent_births(config) + target_births(config)
     numbers = {t_ns: k for k, t_ns in enumerate(sorted({scan.t_ns for scan in scans}), 1)}
     if truth is None:
         true = _recorded_truth(truths, numbers)
@@ -317,7 +302,7 @@ def _load_recording(
         params,
         tuple(births),
         max((kind.anywhere for kind in kinds), key=lambda anywhere: anywhere.per_s),
-        max(kind.birth_again_probability for kind in kinds),
+        BIRTH_AGAIN_PROBABILITY,
         tuple(scans),
         numbers,
         true,
@@ -334,13 +319,6 @@ def _recorded_truth(truths: list[Truth], numbers: Mapping[int, int]) -> dict[int
         for truth in truths
         if truth.t_ns in numbers
     }
-
-
-def _birth(
-    mean: tuple[float, float, float, float], std_m: float, speed_std_m_s: float, probability: float
-) -> Birth:
-    cov = np.diag([std_m**2, std_m**2, speed_std_m_s**2, speed_std_m_s**2])
-    return Birth(read_only(mean), read_only(cov), probability)
 
 
 def _moved_since_birth(birth: Birth, dt_s: float) -> Birth:

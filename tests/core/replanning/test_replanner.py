@@ -368,7 +368,7 @@ def test_who_is_not_in_changed_flies_exactly_what_it_was_last_told(history):
 
 
 def test_a_seed_means_one_map_and_keeps_starts_and_births_clear():
-    config = mission(tables="[map]\nrandom_threshold = 0.2\nkeep_clear_m = 130.0\n")
+    config = mission(tables="[map]\nrandom_threshold = 0.2\n")
     maps = [mission_grid(config, seed) for seed in (1, 1, 2)]
     assert np.array_equal(maps[0].blocked, maps[1].blocked)
     assert not np.array_equal(maps[0].blocked, maps[2].blocked)
@@ -376,7 +376,7 @@ def test_a_seed_means_one_map_and_keeps_starts_and_births_clear():
     for row, col in np.argwhere(maps[0].blocked).tolist():
         place = maps[0].point_of((row, col))
         for thing in (*config.agents, *config.births):
-            assert math.dist(place, (thing.east_m, thing.north_m)) > 130.0
+            assert math.dist(place, (thing.east_m, thing.north_m)) > 120.0
 
 
 def test_obstacles_placed_by_hand_are_on_the_map_where_the_file_says():
