@@ -2,14 +2,14 @@
 
 In reading order:
 
-- `vehicle`: one vehicle. `airframe` and `guidance` fly it, `link` and `telemetry` are its MAVLink side,
-  `failsafe`, `fence`, `parameters` and `commands` behave as the autopilots do.
+- `vehicle`: one vehicle: `airframe` and `guidance`; `link` and `telemetry` for MAVLink; `failsafe`, `fence`,
+  `parameters` and `commands` of the autopilots.
 - `autopilots`: ArduPlane and PX4 (`personality`, `arduplane`, `px4`), their mission protocols, and real
   firmware in the loop (`firmware`, `firmware_process`).
 - `world`: `scenario` (the `[simulation]` table), targets, sensors, ground truth, and their process.
 - `campaign`: whole missions on virtual time. `virtual_run` flies one, `campaign` many.
 - `cli`, `supervisor`, `process`: the ``sim-vehicles`` command and its processes in real time.
 
-Vehicles and sensors have no clock and no sockets: time and bytes are arguments. So they fly the same in
-real time and on virtual time.
+Vehicles and sensors have no clock and no sockets: time and bytes are arguments. So they behave alike in real
+time and on virtual time.
 """

@@ -1,4 +1,4 @@
-"""Messages on standard error that never block a vehicle."""
+"""Messages on standard error that never block."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _writer: threading.Thread | None = None
 
 
 def print_message(text: str) -> None:
-    """Write a line to standard error on a thread; drop it if the last line is not written yet."""
+    """Write a line to standard error on a thread; drop it while the last one is written."""
     global _writer
     if _writer is None or not _writer.is_alive():
         _writer = threading.Thread(target=_write, args=(f"{text}\n".encode(),), daemon=True)

@@ -2,13 +2,13 @@
 
 ``python -m sim_vehicles.process --frame-json ... --spec-json ... [--spec-json ...] --gcs 127.0.0.1:14550``
 prints ``ready``, reads one JSON line ``{"epoch_ns": ..., "start_t_ns": ..., "speed": ...}`` and flies: at the
-wall time `epoch_ns` (Unix) the run's clock says `start_t_ns`, and from there it goes at `speed`. It ends
-cleanly when standard input closes, and on SIGTERM or SIGINT.
+Unix time `epoch_ns` the run time is `start_t_ns`, and it advances at `speed`. It ends when standard input
+closes, and on SIGTERM or SIGINT.
 
-Each vehicle has its own UDP socket; it exchanges datagrams with the ground station's address only.
-With ``--truth`` it also sends its true state to the simulated world while it lives, ten times a second of
-run time: SYSTEM_TIME and SIM_STATE in one datagram, and a HEARTBEAT once a ground station is there.
-``--loss`` drops ground-station datagrams at random, each way.
+Each vehicle has its own UDP socket and exchanges datagrams with the ground station's address only. With
+``--truth`` it sends its true state to the simulated world ten times a second of run time: SYSTEM_TIME and
+SIM_STATE in one datagram, and a HEARTBEAT after ground contact. ``--loss`` drops datagrams of the ground
+station at random, each way.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Address = tuple[str, int]
 GROUND_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
     mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
 )
-"""Sent to the simulated world once a ground station is connected."""
+"""Sent to the simulated world after ground contact."""
 _TRUTH_PERIOD_NS = NS_PER_S // 10
 _MIN_SLEEP_S = 0.001
 _MAX_SLEEP_S = 0.05
@@ -92,7 +92,7 @@ class Host:
                 self._send_truth(time_message, state_message, *heartbeats)
                 self._truth_ns += _TRUTH_PERIOD_NS
             else:
-                # A time without a state: the world does not wait for a dead vehicle.
+                # A time without a state: the vehicle is lost.
                 self._send_truth(time_message)
                 self._truth_ns = NEVER_NS
         for data in self.vehicle.datagrams_to_send(t_ns):
@@ -124,7 +124,7 @@ def fly(hosts: list[Host], clock: RunClock) -> None:
         last_message_s = 0.0
         while True:
             due_ns = min(host.due_ns for host in hosts)
-            # Actions happen at the end of a step: a sleep of no length would spin.
+            # At least a millisecond: due times may have passed.
             ready = selector.select(min(max(clock.wall_s_until(due_ns), _MIN_SLEEP_S), _MAX_SLEEP_S))
             t_ns = clock.now_ns()
             for key, _ in ready:
@@ -167,13 +167,11 @@ def add_vehicle_arguments(parser: argparse.ArgumentParser) -> None:
         required=True,
         action="append",
         type=VehicleSpec.from_json,
-        help="one vehicle; repeat for a pack",
+        help="one vehicle; repeatable",
     )
     parser.add_argument("--gcs", required=True, type=address_of, help="host:port of the ground station")
     parser.add_argument("--truth", type=address_of, help="host:port of the simulated world")
-    parser.add_argument(
-        "--loss", type=_probability, default=0.0, help="chance that a datagram is lost, each way"
-    )
+    parser.add_argument("--loss", type=_probability, default=0.0, help="fraction of datagrams lost, each way")
 
 
 def clock_of(line: bytes) -> RunClock:
@@ -183,7 +181,7 @@ def clock_of(line: bytes) -> RunClock:
 
 
 def _key(spec: VehicleSpec) -> bytes | None:
-    """Signing key of a vehicle: its own, else the one for all."""
+    """Return the signing key of a vehicle: its own, or the default."""
     if not spec.key_file:
         return None
     keys = read_keys(Path(spec.key_file))

@@ -1,7 +1,7 @@
 """Supervisor of the processes of a simulated world: one for each vehicle or pack, one for the world.
 
 Each child prints ``ready``, waits for one JSON line with the common clock, and ends when its standard input
-closes. So no process stays behind when the supervisor is killed.
+closes, also when the supervisor is killed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from sim_vehicles.world.specs import vehicle_specs
 
 _READY_TIMEOUT_S = 60.0
 _AIRBORNE_TIMEOUT_S = 180.0
-"""For real firmware, in wall time."""
+"""Wall time for real firmware."""
 _STOP_TIMEOUT_S = 3.0
 _HEAD_START_S = 0.3
 """Time for the children to read the clock before time zero."""
@@ -35,7 +35,7 @@ _HEAD_START_S = 0.3
 
 @dataclass(slots=True)
 class Child:
-    """One process and its vehicles (none: the world)."""
+    """One process and its vehicles; without vehicles, the world."""
 
     process: subprocess.Popen[str]
     system_ids: tuple[int, ...] = ()
@@ -59,7 +59,7 @@ class SimulationPlan:
     waits_for_ground: bool = False
     """True if targets and losses start when a ground station is heard."""
     sitl: Mapping[str, Path] = field(default_factory=dict)
-    """Programs of real firmware by name (`autopilots.firmware`); empty: simulated autopilots."""
+    """Programs of real firmware by name; empty for simulated autopilots."""
     folder: Path | None = None
     """Folder for the firmware's files; None: a temporary one."""
     truth_links: Sequence[str] = ()
@@ -89,7 +89,7 @@ class Supervisor:
         SimulationError
             When a process does not start; its messages are on standard error.
         """
-        world = self._spawn(["-m", "sim_vehicles.world.process", *self._world_arguments()])
+        world = self._spawn("world.process", self._world_arguments())
         truth_port = self._await_ready(world).split()[1]
         specs = [
             replace(spec, waits_for_ground=self.plan.waits_for_ground)
@@ -97,23 +97,15 @@ class Supervisor:
         ]
         if self.plan.truth_links:
             for link in self.plan.truth_links:
-                self._spawn(
-                    [
-                        "-m",
-                        "sim_vehicles.world.truth_link",
-                        "--link",
-                        link,
-                        "--truth",
-                        f"127.0.0.1:{truth_port}",
-                    ]
-                )
+                arguments = ["--link", link, "--truth", f"127.0.0.1:{truth_port}"]
+                self._spawn("world.truth_link", arguments)
         elif self.plan.sitl:
             self._spawn_firmware(specs, truth_port)
         else:
             packs = [specs[i : i + self.plan.pack] for i in range(0, len(specs), self.plan.pack)]
             for pack in packs:
-                arguments = ["-m", "sim_vehicles.process", *self._vehicle_arguments(truth_port, pack)]
-                self._spawn(arguments, tuple(spec.system_id for spec in pack))
+                arguments = self._vehicle_arguments(truth_port, pack)
+                self._spawn("process", arguments, tuple(spec.system_id for spec in pack))
         for child in self.children[1:]:
             self._await_ready(child, _AIRBORNE_TIMEOUT_S if self.plan.sitl else _READY_TIMEOUT_S)
             for system_id in child.system_ids:
@@ -135,37 +127,21 @@ class Supervisor:
             if name not in sitl:
                 (name,) = sitl
             spec = replace(spec, autopilot="px4" if name == "px4" else "ardupilot")
-            arguments = [
-                "-m",
-                "sim_vehicles.autopilots.firmware_process",
-                *self._vehicle_arguments(truth_port, [spec]),
-            ]
+            arguments = self._vehicle_arguments(truth_port, [spec])
             arguments += ["--firmware", name, "--binary", str(sitl[name]), "--instance", str(instance)]
-            arguments += [
-                "--speed",
-                str(self.plan.speed),
-                "--folder",
-                str(folder / f"{name}-{spec.system_id}"),
-            ]
-            self._spawn(arguments, (spec.system_id,))
+            own_folder = folder / f"{name}-{spec.system_id}"
+            arguments += ["--speed", str(self.plan.speed), "--folder", str(own_folder)]
+            self._spawn("autopilots.firmware_process", arguments, (spec.system_id,))
 
     def _world_arguments(self) -> list[str]:
         plan = self.plan
-        return [
-            "--scenario",
-            plan.scenario.source,
-            "--seed",
-            str(plan.seed),
-            "--zenoh",
-            plan.zenoh,
-            "--zenoh-role",
-            plan.zenoh_role,
-            *(["--wait-for-ground"] if plan.waits_for_ground else []),
-        ]
+        arguments = ["--scenario", plan.scenario.source, "--seed", str(plan.seed)]
+        arguments += ["--zenoh", plan.zenoh, "--zenoh-role", plan.zenoh_role]
+        return [*arguments, *(["--wait-for-ground"] if plan.waits_for_ground else [])]
 
-    def _spawn(self, arguments: list[str], system_ids: tuple[int, ...] = ()) -> Child:
+    def _spawn(self, module: str, arguments: list[str], system_ids: tuple[int, ...] = ()) -> Child:
         process = subprocess.Popen(  # noqa: S603  our own modules, no shell
-            [sys.executable, "-P", *arguments],
+            [sys.executable, "-P", "-m", f"sim_vehicles.{module}", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -189,7 +165,7 @@ class Supervisor:
         return line
 
     def _send_clock(self) -> None:
-        # Whole milliseconds: true states are stamped in microseconds, and scans fall on the same grid.
+        # Whole milliseconds: true states are stamped in microseconds.
         epoch_ns = (time.time_ns() + int(_HEAD_START_S * NS_PER_S)) // 1_000_000 * 1_000_000
         clock = {"epoch_ns": epoch_ns, "start_t_ns": epoch_ns, "speed": self.plan.speed}
         line = json.dumps(clock) + "\n"

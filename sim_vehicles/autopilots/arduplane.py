@@ -1,24 +1,24 @@
-"""The autopilot: modes, arming, mission execution and failsafe, after ArduPlane.
+"""ArduPlane's autopilot: modes, arming, mission execution and failsafe.
 
-What it shares with ArduPlane, because ground stations trip over it:
+Behaviour of ArduPlane that ground stations must handle:
 
-- The active item is cached. An item that is replaced while it is flown keeps being flown as it was, until the
-  mission moves on, AUTO is entered anew, or ``DO_SET_MISSION_CURRENT`` reads it again.
+- The active item is cached. A replaced item is flown as it was, until the next item, a new entry into AUTO,
+  or ``DO_SET_MISSION_CURRENT``.
 - ``set_current(0)`` means item 1; an index outside the mission is refused.
 - A mission that ends goes to RTL, and so does AUTO without a mission.
 - Entering AUTO resumes at the current item (from the first, when the mission had been completed or shortened
   below it).
-- A leg begins at the waypoint before, and its line is followed (`sim_vehicles.vehicle.legs`). An item that
-  ``DO_SET_MISSION_CURRENT`` selects in flight begins at the OLD waypoint; by the second such command, or by
-  ``MISSION_SET_CURRENT``, it begins where the vehicle is.
-- A waypoint is passed within its radius, or beyond the finish line of its leg, however far off.
+- A leg begins at the waypoint before, and its line is followed (`sim_vehicles.vehicle.guidance.Legs`). An
+  item that ``DO_SET_MISSION_CURRENT`` selects in flight begins at the OLD waypoint; after the second such
+  command, or after ``MISSION_SET_CURRENT``, it begins at the vehicle.
+- A waypoint is passed within its radius, or beyond the finish line of its leg.
 - A take-off holds the heading of the runway up to its altitude.
 - Arming is refused for a while after boot, while a pre-arm check fails, and in RTL.
 
 Guidance and checks run at 10 Hz, as ArduPlane's do; the airframe runs at 100 Hz.
 
-What it leaves out: stick input (MANUAL, FBWA and their like hold heading and altitude), glide slopes between
-items, and any item but waypoint, unlimited loiter, take-off, landing and return.
+Not simulated: stick input (MANUAL, FBWA and similar modes hold heading and altitude), glide slopes between
+items, and items other than waypoint, unlimited loiter, take-off, landing and return.
 
 Positions are local east/north metres; altitudes are metres above the local frame's origin.
 """
@@ -37,8 +37,7 @@ from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.failsafe import Failsafe, PlaneFailsafe
 from sim_vehicles.vehicle.fence import FenceGuard
 from sim_vehicles.vehicle.geodesy import Geodesy
-from sim_vehicles.vehicle.guidance import Circle, Goal, Straight, ToPoint, Tuning, density_ratio
-from sim_vehicles.vehicle.legs import Legs
+from sim_vehicles.vehicle.guidance import Circle, Goal, Legs, Straight, ToPoint, Tuning, density_ratio
 from sim_vehicles.vehicle.parameters import Parameters
 
 _CHECK_NS = NS_PER_S // 10
@@ -59,12 +58,9 @@ class Autopilot:
     Parameters
     ----------
     airframe : Airframe
-        What it flies; `step` moves it.
     airborne : bool
-        True: armed, circling where it is, ready at once. False: disarmed on the ground, as after switching
-        on.
+        True to start armed and circling; False to start disarmed on the ground.
     boot_t_ns : int
-        When it was switched on.
     """
 
     _widens_circles = True
@@ -94,7 +90,7 @@ class Autopilot:
         self.mode = Mode.MANUAL
         self.armed = self.flying = airborne
         self.seq = 0
-        """Item that is flown, 0 before any; as ArduPlane reports it, even beyond a shortened mission."""
+        """Current item, 0 before the first; as in ArduPlane, maybe beyond a shortened mission."""
         self.goal: Goal = Straight(airframe.heading_rad)
         self.alt_command_m = airframe.alt_rel_m
         self._command = 0.0
@@ -105,7 +101,7 @@ class Autopilot:
         self._item: Item | None = None
         self._landing = False
         self._check_ns = boot_t_ns
-        # An airborne start has its ground checks behind it.
+        # An airborne start has passed the ground checks.
         self._checks_done_ns = (
             boot_t_ns if airborne else boot_t_ns + int(parameters["ARMING_DELAY_S"] * NS_PER_S)
         )
@@ -115,7 +111,7 @@ class Autopilot:
     # ------------------------------------------------------------ requests of the ground station
 
     def set_mode(self, mode: Mode) -> None:
-        """Change mode; nothing happens when it is the present one."""
+        """Change the mode, if it is another one."""
         if mode is self.mode:
             return
         self._mission_running = False
@@ -136,11 +132,11 @@ class Autopilot:
                 Straight(airframe.heading_rad),
                 max(self.home.alt_m + self.parameters["TKOFF_ALT"], airframe.alt_rel_m),
             )
-        else:  # LOITER, CIRCLE, GUIDED without a target: round the place where it was entered
+        else:  # LOITER, CIRCLE, GUIDED without a target.
             self._circle_here()
 
     def prearm_failure(self, t_ns: int) -> str | None:
-        """Return the reason against arming, in ArduPilot's words."""
+        """Return the reason against arming, as ArduPilot's text; None if it may arm."""
         if self.mode in _NOT_ARMABLE:
             return f"{self.mode.name} mode not armable"
         if int(self.parameters["ARMING_CHECK"]) == 0 or t_ns >= self._checks_done_ns:
@@ -148,14 +144,14 @@ class Autopilot:
         return "Gyros inconsistent"
 
     def report_prearm_failure(self, t_ns: int) -> bool:
-        """Say as a status text why it cannot arm now; return True if there is a reason."""
+        """Send the reason against arming as a status text; return True if there is one."""
         failure = self.prearm_failure(t_ns)
         if failure is not None:
-            self.tell(mavlink.MAV_SEVERITY_CRITICAL, f"PreArm: {failure}")
+            self.notify(mavlink.MAV_SEVERITY_CRITICAL, f"PreArm: {failure}")
         return failure is not None
 
     def is_position_known(self, t_ns: int) -> bool:
-        """Whether there is a fix and an origin: half-way through the start-up checks."""
+        """Return True from half the start-up checks on: there is a fix and an origin."""
         return t_ns >= (self.boot_t_ns + self._checks_done_ns) // 2
 
     def arm(self, t_ns: int, force: bool = False) -> bool:
@@ -166,7 +162,7 @@ class Autopilot:
             return False
         self.armed = True
         self.home = Home(self.airframe.east_m, self.airframe.north_m, self.airframe.alt_rel_m)
-        self.tell(mavlink.MAV_SEVERITY_INFO, "Throttle armed")
+        self.notify(mavlink.MAV_SEVERITY_INFO, "Throttle armed")
         return True
 
     def disarm(self) -> bool:
@@ -175,17 +171,16 @@ class Autopilot:
             return False
         if self.armed:
             self.armed = False
-            self.tell(mavlink.MAV_SEVERITY_INFO, "Throttle disarmed")
+            self.notify(mavlink.MAV_SEVERITY_INFO, "Throttle disarmed")
         return True
 
     def set_current(self, seq: int, by_message: bool = False) -> bool:
-        """Fly item `seq` as it is stored now (in AUTO at once, else next time); False when there is none.
+        """Select item `seq` as it is stored now; return False if there is none.
 
         Parameters
         ----------
-        by_message
-            True if ``MISSION_SET_CURRENT`` said so, not the command ``DO_SET_MISSION_CURRENT``. See the
-            module's docstring for what the difference is in flight.
+        by_message : bool
+            True for ``MISSION_SET_CURRENT``, False for ``DO_SET_MISSION_CURRENT`` (see the module).
         """
         seq = max(seq, self._first)
         if by_message:
@@ -201,13 +196,13 @@ class Autopilot:
         return True
 
     def mission_cleared(self) -> None:
-        """The mission was cleared: nothing of it is remembered."""
+        """Reset the mission state after MISSION_CLEAR_ALL."""
         self.seq = 0
         self._item = None
         self._mission_complete = False
 
     def mission_replaced(self, first: int | None) -> None:
-        """Another mission is stored as a whole: begin at item `first`, or go on with the same number."""
+        """Begin a mission that was replaced as a whole at item `first`; None keeps the number."""
         self._mission_complete = False
         self.seq = first if first is not None else self.seq if self.seq < len(self.mission) else self._first
         if self._mission_running:
@@ -215,20 +210,20 @@ class Autopilot:
             self._start_item(self.seq)
 
     def guide_to(self, east_m: float, north_m: float, alt_m: float | None, radius_m: float = 0.0) -> bool:
-        """In GUIDED: go to a place and circle it. False in any other mode."""
+        """Fly to a place and circle it; return False in other modes than GUIDED."""
         if self.mode is not Mode.GUIDED:
             return False
         self._fly(self._circle(east_m, north_m, radius_m), self.alt_command_m if alt_m is None else alt_m)
         return True
 
     def note_gcs_heartbeat(self, system_id: int, t_ns: int) -> None:
-        """Take a ground station's heartbeat."""
+        """Pass the heartbeat of the own ground station to the failsafe."""
         if system_id == int(self.parameters["SYSID_MYGCS"]):
             self.failsafe.note_heartbeat(t_ns)
 
     @property
     def is_landing(self) -> bool:
-        """True if the item that is flown is a landing."""
+        """True if the current item is a landing."""
         item = self._item
         return self._mission_running and item is not None and item.command == mavlink.MAV_CMD_NAV_LAND
 
@@ -278,7 +273,7 @@ class Autopilot:
         self._command = self.airframe.command_for(self.goal, tuning)
 
     def _is_launching(self) -> bool:
-        """True if an armed vehicle leaves the ground by itself: for a take-off alone."""
+        """Return True if an armed vehicle takes off by itself."""
         if self.mode is Mode.TAKEOFF:
             return True
         if self.mode is not Mode.AUTO or self._item is None:
@@ -286,7 +281,7 @@ class Autopilot:
         return bool(self._item.command == mavlink.MAV_CMD_NAV_TAKEOFF)
 
     def _approach_fraction(self) -> float:
-        """Approach speed as a fraction of the cruising speed: ArduPlane's mean of cruise and minimum."""
+        """Return ArduPlane's approach speed as a fraction of the cruising speed."""
         return 0.5 + 0.5 * min(self.parameters["AIRSPEED_MIN"] / self.parameters["AIRSPEED_CRUISE"], 1.0)
 
     def _is_alt_reached(self) -> bool:
@@ -298,7 +293,7 @@ class Autopilot:
             return
         if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             if self._is_alt_reached():
-                self.tell(mavlink.MAV_SEVERITY_INFO, f"Takeoff complete at {airframe.alt_rel_m:.2f}m")
+                self.notify(mavlink.MAV_SEVERITY_INFO, f"Takeoff complete at {airframe.alt_rel_m:.2f}m")
                 airframe.is_climbing_out = False
                 self.legs.leave()
                 self._next_item()
@@ -316,7 +311,7 @@ class Autopilot:
             self._fly(Straight(self.airframe.heading_rad), self.home.alt_m)
             return
         word = "Reached" if distance_m <= goal.accept_radius_m else "Passed"
-        self.tell(mavlink.MAV_SEVERITY_INFO, f"{word} waypoint #{self.seq} dist {distance_m:.0f}m")
+        self.notify(mavlink.MAV_SEVERITY_INFO, f"{word} waypoint #{self.seq} dist {distance_m:.0f}m")
         self._next_item()
 
     def _landed(self) -> None:
@@ -336,7 +331,7 @@ class Autopilot:
     def _end_mission(self) -> None:
         self._mission_complete = True
         mode = self.personality.ends_in
-        self.tell(mavlink.MAV_SEVERITY_INFO, f"Mission complete, changing mode to {mode.name}")
+        self.notify(mavlink.MAV_SEVERITY_INFO, f"Mission complete, changing mode to {mode.name}")
         self.set_mode(mode)
 
     def _resume_mission(self) -> None:
@@ -353,7 +348,7 @@ class Autopilot:
         airframe = self.airframe
         east_m, north_m = self._place(item)
         alt_m = self._alt_m(item)
-        self.tell(mavlink.MAV_SEVERITY_INFO, f"Mission: {seq} {ITEM_NAMES[item.command]}")
+        self.notify(mavlink.MAV_SEVERITY_INFO, f"Mission: {seq} {ITEM_NAMES[item.command]}")
         if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
             leg = self.legs.begin(east_m, north_m, 0.0)
             self._fly(self._circle(east_m, north_m, item.param3, leg), alt_m)
@@ -363,18 +358,18 @@ class Autopilot:
         elif item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self.set_mode(Mode.RTL)
         else:
-            # A landing glides down from wherever it is.
+            # A landing starts its glide at the present height.
             is_landing = item.command == mavlink.MAV_CMD_NAV_LAND
             radius_m = 0.0 if is_landing else item.param2
             leg = self.legs.begin(east_m, north_m, radius_m or self.parameters["WP_RADIUS"])
             self._fly(leg, airframe.alt_rel_m if is_landing else alt_m)
 
     def _climb_goal(self, _item: Item) -> Goal:
-        """Where a take-off goes: along the runway, whatever place it names."""
+        """Return the goal of a take-off: the heading of the runway."""
         return Straight(self.airframe.heading_rad)
 
     def _place(self, item: Item) -> tuple[float, float]:
-        if item.x == 0 and item.y == 0:  # ArduPilot takes this as "here"
+        if item.x == 0 and item.y == 0:  # ArduPilot: the present position.
             return self.airframe.east_m, self.airframe.north_m
         return self.geodesy.to_local(item.x * 1e-7, item.y * 1e-7)
 
@@ -384,7 +379,7 @@ class Autopilot:
         return self.home.alt_m + item.z
 
     def mission_home(self) -> Item:
-        """Home as item 0 of the mission: latitude, longitude, altitude above sea level."""
+        """Return home as item 0 of the mission, with its altitude above sea level."""
         lat_deg, lon_deg = self.geodesy.to_geodetic(self.home.east_m, self.home.north_m)
         alt_msl_m = round(self.geodesy.frame.alt_msl_m + self.home.alt_m, 2)
         return Item(
@@ -398,7 +393,7 @@ class Autopilot:
     def _return(self) -> None:
         altitude_m = self.parameters["RTL_ALTITUDE"]
         radius_m = self.parameters["RTL_RADIUS"]
-        rally = self.fence.returns_to((self.airframe.east_m, self.airframe.north_m))
+        rally = self.fence.return_point((self.airframe.east_m, self.airframe.north_m))
         if rally is not None:
             self._fly(self._circle(rally[0], rally[1], radius_m), self.home.alt_m + rally[2])
             return
@@ -415,7 +410,7 @@ class Autopilot:
     def _circle(
         self, east_m: float, north_m: float, radius_m: float = 0.0, leg: ToPoint | None = None
     ) -> Circle:
-        """Return a circle; ArduPlane widens its radius as the air grows thin."""
+        """Return a circle; ArduPlane widens its radius in thin air."""
         radius_m = radius_m or self.parameters["WP_LOITER_RAD"]
         if self._widens_circles:
             radius_m /= density_ratio(self.geodesy.frame.alt_msl_m + self.airframe.alt_rel_m)
@@ -430,10 +425,10 @@ class Autopilot:
         fence = self.fence
         text, reaction = fence.check(place, home_m, airframe.alt_rel_m - home.alt_m), fence.reaction
         if text:
-            self.tell(mavlink.MAV_SEVERITY_WARNING, text)
+            self.notify(mavlink.MAV_SEVERITY_WARNING, text)
             if fence.is_breached and reaction is not None:
                 self.set_mode(reaction)
 
-    def tell(self, severity: int, text: str) -> None:
-        """Say something to the ground."""
+    def notify(self, severity: int, text: str) -> None:
+        """Queue a status text."""
         self.notices.append(StatusText(severity, text))

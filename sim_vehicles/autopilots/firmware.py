@@ -1,9 +1,9 @@
-"""Real autopilot firmware in the loop: how each is started, and how it is brought into the air.
+"""Real autopilot firmware in the loop: command lines, and launch into the air.
 
-A firmware binary (ArduPlane's SITL, or PX4 with its SIH aeroplane) takes the place of one simulated vehicle.
-It starts on the ground at the scenario's place. `Launch` then brings it to where a simulated vehicle begins:
-armed, in the air, and circling near its start. Its true position comes from the firmware's own simulation:
-SIMSTATE of ArduPilot, HIL_STATE_QUATERNION of PX4.
+A firmware (ArduPlane's SITL, or PX4 with its SIH aeroplane) replaces one simulated vehicle. It starts on the
+ground at the scenario's position. `Launch` brings it to the start of a simulated vehicle: armed, in the air,
+and circling. Its true position comes from its own simulation: SIMSTATE of ArduPilot, HIL_STATE_QUATERNION of
+PX4.
 
 Sources: ArduPilot's SITL command line (https://ardupilot.org/dev/docs/sitl-parameters.html), PX4's SIH
 (https://docs.px4.io/main/en/sim_sih/).
@@ -47,7 +47,7 @@ def parse_sitl(text: str) -> tuple[str, Path]:
     Raises
     ------
     SimulationError
-        The form is another, or there is no program at that path.
+        The text has another form, or there is no program at that path.
     """
     name, separator, path = text.partition("=")
     if not separator or name not in FIRMWARES or not path:
@@ -134,28 +134,27 @@ def px4_command(
 
 
 class Stage(Enum):
-    """How far a launch has come."""
+    """Stage of a launch."""
 
     WAITING = auto()
-    """For a position, and for the checks before arming."""
+    """Waiting for a position, and for the checks before arming."""
     TAKING_OFF = auto()
     RETURNING = auto()
-    """To the start, at altitude."""
+    """Flying to the start, at altitude."""
     LOITERING = auto()
     DONE = auto()
 
 
 class Launch:
-    """Bring one vehicle from its start on the ground into LOITER (PX4's Hold) above it. Sans-I/O.
+    """Brings one vehicle from the ground into LOITER (PX4's Hold) above its start. Sans-I/O.
 
-    Takes the vehicle's messages, gives commands to send. Commands are repeated each second until the
-    vehicle's heartbeat shows their effect.
+    Commands are repeated each second until the vehicle's heartbeat shows their effect.
     """
 
     def __init__(self, spec: VehicleSpec, frame: LocalFrame) -> None:
         self.stage = Stage.WAITING
         self.last_status = ""
-        """The vehicle's last STATUSTEXT: the reason, when it does not come further."""
+        """The vehicle's last STATUSTEXT, for the error of a failed launch."""
         self._spec, self._frame = spec, frame
         self._personality = PERSONALITIES[spec.autopilot]
         self._is_ready = self._armed = False
@@ -163,7 +162,7 @@ class Launch:
         self._again_ns = 0
 
     def receive(self, message: Any) -> None:
-        """Take one message of the vehicle."""
+        """Process one message of the vehicle."""
         match message.get_type():
             case "HEARTBEAT" if message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1:
                 self._armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -232,7 +231,7 @@ class Launch:
 
 
 def true_place(message: Any) -> tuple[float, float] | None:
-    """Return the true latitude and longitude (degrees) that a message of the simulation tells, or None."""
+    """Return the true latitude and longitude in degrees of a simulation's message, or None."""
     match message.get_type():
         case "SIMSTATE":
             return message.lat * 1e-7, message.lng * 1e-7
@@ -242,7 +241,7 @@ def true_place(message: Any) -> tuple[float, float] | None:
 
 
 def truth_messages(t_ns: int, place: tuple[float, float] | None) -> list[Any]:
-    """Return what `sim_vehicles.world.process` takes for a true state; without a place, for a death."""
+    """Return the messages of a true state for `sim_vehicles.world.process`; without a place, of a loss."""
     messages = [mavlink.MAVLink_system_time_message(t_ns // 1000, t_ns // 1_000_000 & 0xFFFFFFFF)]
     if place is not None:
         lat_deg, lon_deg = place

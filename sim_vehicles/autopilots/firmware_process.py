@@ -1,15 +1,13 @@
-"""The process around one real firmware: starts it, flies it to its start, and carries its bytes.
+"""Process around one real firmware: starts and launches it, and forwards its frames.
 
 ``python -m sim_vehicles.autopilots.firmware_process --firmware arduplane --binary PATH --instance 0 --folder
-DIR
---frame-json ... --spec-json ... --gcs 127.0.0.1:14550 --truth 127.0.0.1:PORT`` starts the firmware in `DIR`,
-brings the vehicle into LOITER above its start, prints ``ready``, reads the clock as one JSON line, and then
-stands between the firmware and the ground station as `sim_vehicles.process` stands for a simulated vehicle:
-one UDP socket towards the ground station, the true state towards the simulated world ten times a second of
-run time, and an end when standard input closes. A vehicle that dies by the scenario has its firmware killed.
+DIR --frame-json ... --spec-json ... --gcs 127.0.0.1:14550 --truth 127.0.0.1:PORT`` starts the firmware in
+`DIR` and brings the vehicle into LOITER above its start. Then it behaves as `sim_vehicles.process`: one UDP
+socket to the ground station, and the true state to the simulated world. The firmware of a lost vehicle is
+killed.
 
-Run time is wall time scaled; the firmware keeps up with it as the machine allows. When it falls behind by
-more than a tenth, a line on standard error says so: figures of such a run are not to be trusted.
+A firmware that is slower than nine tenths of the run's speed causes a warning on standard error: results of
+such a run are not valid.
 """
 
 from __future__ import annotations
@@ -53,23 +51,23 @@ from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.ground import GroundContact
 
 _LAUNCH_WITHIN_S = 150.0
-"""Wall time; some 20 s on an idle machine."""
+"""Wall time."""
 _NAP_S = 0.05
 _PR_SET_PDEATHSIG = 1
 _LAUNCH_SYSTEM_ID = 250
-"""Of the commands that bring the vehicle into the air: no failsafe waits for a heartbeat of this one."""
+"""System id of the launch commands; no failsafe waits for its heartbeat."""
 _LAG_PART = 0.1
 _LAG_CHECK_NS = 20 * NS_PER_S
 
 
 def _die_with_parent() -> None:
-    """Have the kernel kill the firmware when its host is killed (Linux)."""
+    """Have Linux kill the firmware when its host is killed."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 class _Port:
-    """A UDP socket towards the firmware, which speaks first and is answered where it spoke from."""
+    """UDP socket to the firmware, which sends first; its address is the sender's."""
 
     def __init__(self, port: int = 0, peer: Address | None = None) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -79,7 +77,7 @@ class _Port:
         self.peer = peer
 
     def receive_all(self) -> list[bytes]:
-        """Every datagram that waits."""
+        """Return all waiting datagrams."""
         datagrams: list[bytes] = []
         while True:
             try:
@@ -96,7 +94,7 @@ class _Port:
 
 
 class FirmwareHost:
-    """One firmware, its two ports, and the sockets towards the ground station and the world."""
+    """One firmware, its two ports, and the sockets to the ground station and the world."""
 
     def __init__(self, arguments: argparse.Namespace, spec: VehicleSpec) -> None:
         self.spec = spec
@@ -135,7 +133,7 @@ class FirmwareHost:
     # ------------------------------------------------------------ before the clock starts
 
     def bring_up(self) -> bool:
-        """Start and launch the vehicle; False when standard input closed before it was in the air.
+        """Launch the vehicle; return False if standard input closed before.
 
         Raises
         ------
@@ -168,7 +166,7 @@ class FirmwareHost:
         return True
 
     def set_speed(self, speed: float) -> None:
-        """Let ArduPlane's simulation run at the run's speed; PX4's has run at it from the start."""
+        """Set the speed of ArduPlane's simulation; PX4's has it from the start."""
         name = b"SIM_SPEEDUP"
         parameter = mavlink.MAVLink_param_set_message(
             self.spec.system_id, 1, name, speed, mavlink.MAV_PARAM_TYPE_REAL32
@@ -177,12 +175,12 @@ class FirmwareHost:
             self._truth_port.send(self._commands.encode(parameter))
 
     def begin(self, t_ns: int) -> None:
-        """Count time from here, and deaths unless they wait for a ground station."""
+        """Start the run time, and losses unless they wait for ground contact."""
         self._start_ns = t_ns
         if not self.spec.waits_for_ground:
-            self._count_deaths_from(t_ns)
+            self._start_losses(t_ns)
 
-    def _count_deaths_from(self, t_ns: int) -> None:
+    def _start_losses(self, t_ns: int) -> None:
         self._deaths_from_ns = t_ns
         self._death_check_ns = t_ns + int(self.spec.death_check_period_s * NS_PER_S)
 
@@ -190,27 +188,27 @@ class FirmwareHost:
 
     @property
     def sockets(self) -> list[socket.socket]:
-        """What may have something to read."""
+        """Sockets to read."""
         ports = {self._ground.socket, self._truth_port.socket, self._towards_gcs}
         return sorted(ports, key=lambda one: one.fileno())
 
     def work(self, t_ns: int) -> None:
-        """Carry what waits, both ways, and let the vehicle die when it is time."""
+        """Forward waiting datagrams both ways, and end the vehicle when it is lost."""
         if self.process.poll() is not None:
             return
         if self._dies(t_ns):
             self.stop()
-            self._tell_world(t_ns, None)  # a time without a state: it has died
+            self._send_truth(t_ns, None)  # A time without a state: the vehicle is lost.
             return
         for data in self._ground.receive_all():
             if not self._is_lost():
                 with contextlib.suppress(OSError):  # No receiver, or a full buffer.
                     self._towards_gcs.sendto(data, self._gcs)
             if self._truth_port is self._ground:
-                self._take_truth(data, t_ns)
+                self._forward_truth(data, t_ns)
         if self._truth_port is not self._ground:
             for data in self._truth_port.receive_all():
-                self._take_truth(data, t_ns)
+                self._forward_truth(data, t_ns)
         while True:
             try:
                 data, sender = self._towards_gcs.recvfrom(4096)
@@ -220,7 +218,7 @@ class FirmwareHost:
                 continue
             if sender == self._gcs and not self._is_lost():
                 if self._ground_contact.hear(t_ns) and self.spec.waits_for_ground:
-                    self._count_deaths_from(t_ns)
+                    self._start_losses(t_ns)
                 self._ground.send(data)
 
     def _dies(self, t_ns: int) -> bool:
@@ -235,15 +233,15 @@ class FirmwareHost:
                 return True
         return False
 
-    def _take_truth(self, data: bytes, t_ns: int) -> None:
+    def _forward_truth(self, data: bytes, t_ns: int) -> None:
         for message in self._reader.messages(data):
             place = true_place(message)
             if place is not None:
-                self._tell_world(t_ns, place)
+                self._send_truth(t_ns, place)
             elif message.get_type() == "SYSTEM_TIME":
                 self._watch_lag(message.time_boot_ms, t_ns)
 
-    def _tell_world(self, t_ns: int, place: tuple[float, float] | None) -> None:
+    def _send_truth(self, t_ns: int, place: tuple[float, float] | None) -> None:
         for message in truth_messages(t_ns, place):
             self._truths.send(message)
         if place is not None and self._ground_contact.began_t_ns is not None:
@@ -279,7 +277,7 @@ class FirmwareHost:
 
 
 def fly(host: FirmwareHost, clock: RunClock) -> None:
-    """Carry bytes until standard input closes."""
+    """Forward datagrams until standard input closes."""
     with selectors.DefaultSelector() as selector:
         selector.register(sys.stdin, selectors.EVENT_READ, "stdin")
         for one in host.sockets:
@@ -299,9 +297,9 @@ def main(argv: list[str] | None = None) -> int:
     add_vehicle_arguments(parser)
     parser.add_argument("--firmware", choices=FIRMWARES, required=True)
     parser.add_argument("--binary", type=Path, required=True, help="the firmware's program")
-    parser.add_argument("--instance", type=int, required=True, help="its number: ports follow from it")
-    parser.add_argument("--speed", type=float, required=True, help="run time for each second of wall time")
-    parser.add_argument("--folder", type=Path, required=True, help="where it runs and keeps its files")
+    parser.add_argument("--instance", type=int, required=True, help="number; sets the ports")
+    parser.add_argument("--speed", type=float, required=True, help="run time per wall time")
+    parser.add_argument("--folder", type=Path, required=True, help="folder for its files")
     arguments = parser.parse_args(argv)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: sys.exit(0))

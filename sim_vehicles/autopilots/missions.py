@@ -1,18 +1,18 @@
-"""The vehicle's store of missions, fences and rally points, and its side of the MAVLink mission protocol.
+"""Storage of missions, fences and rally points, and ArduPlane's side of the MAVLink mission protocol.
 
-As ArduPlane does it, which is not as the guide (https://mavlink.io/en/services/mission.html) would have it:
+ArduPlane differs from the guide (https://mavlink.io/en/services/mission.html):
 
-- Item 0 of a mission is home. What an upload says there is acknowledged and forgotten.
-- An upload is in place: ``MISSION_COUNT`` truncates at once, each item replaces what stood there, and an
-  upload that is abandoned or refused half-way leaves a mixture.
-- Items are asked for with ``MISSION_REQUEST``, again after 1 s, and given up after 8 s with ACK 15. The item
-  whose turn it is, is taken though its request was lost; any other gets ACK 13 and the transfer goes on.
-- Meanwhile another ground station is denied its upload, everybody a read-back, and nothing is cleared.
-- A read-back has no state: whatever item is asked for is sent.
-- What is read back is normalised: frame 6 becomes 3, a NaN parameter 0, autocontinue 1, radii are capped at
-  255 m, altitudes are whole centimetres, and ``NAV_WAYPOINT`` has lost its hold time.
+- Item 0 of a mission is home. An uploaded item 0 is acknowledged and dropped.
+- An upload is in place: ``MISSION_COUNT`` truncates at once, and each item replaces the one before. A broken
+  upload leaves an inconsistent mission.
+- Items are requested with ``MISSION_REQUEST``, again after 1 s, and given up after 8 s with ACK 15. The next
+  item is stored without a request; any other gets ACK 13, and the transfer continues.
+- During an upload, uploads of other ground stations, read-backs and clearing are refused.
+- A read-back has no state: any requested item is sent.
+- A read-back is normalised: frame 6 becomes 3, a NaN parameter 0, autocontinue 1. Radii are at most 255 m,
+  altitudes are whole centimetres, and ``NAV_WAYPOINT`` loses its hold time.
 
-Fence and rally are lists of their own under the same protocol (without a home).
+Fence and rally points are lists under the same protocol, without home.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _WITHOUT_PLACE = frozenset({mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH})
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One item as it is stored: normalised, with latitude and longitude in 1e-7 degrees."""
+    """One stored item, normalised, with latitude and longitude in 1e-7 degrees."""
 
     command: int
     frame: int = 3
@@ -62,7 +62,7 @@ class Item:
     z: float = 0.0
 
 
-class Refused(Exception):  # noqa: N818  the reason in a MISSION_ACK, caught in this module
+class Refused(Exception):  # noqa: N818  caught in this module
     """An item cannot be stored; ``result`` is a MAV_MISSION_RESULT."""
 
     def __init__(self, result: int) -> None:
@@ -71,12 +71,12 @@ class Refused(Exception):  # noqa: N818  the reason in a MISSION_ACK, caught in 
 
 
 def normalised(message: Any, mission_type: int) -> Item:
-    """The stored part of a MISSION_ITEM_INT or MISSION_ITEM.
+    """Return the stored part of a MISSION_ITEM_INT or MISSION_ITEM.
 
     Raises
     ------
     Refused
-        For a frame, command or parameter that the vehicle does not take.
+        For an unsupported frame, command or parameter.
     """
     frame = _FRAMES.get(message.frame)
     if frame is None:
@@ -96,17 +96,17 @@ def normalised(message: Any, mission_type: int) -> Item:
 
 
 def accepted_commands(mission_type: int) -> frozenset[int]:
-    """MAV_CMDs that a store of this type takes."""
+    """Return the MAV_CMDs of a mission type."""
     return _COMMANDS[mission_type]
 
 
 def stored_position(message: Any) -> tuple[int, int]:
-    """Latitude and longitude of an item in 1e-7 degrees, whichever message brought it.
+    """Return latitude and longitude of an item of either message, in 1e-7 degrees.
 
     Raises
     ------
     Refused
-        There is no such place.
+        The position is not on Earth.
     """
     if message.command in _WITHOUT_PLACE:
         return 0, 0
@@ -122,7 +122,7 @@ def stored_position(message: Any) -> tuple[int, int]:
 
 
 def _as_ardupilot_packs(item: Item) -> Item:
-    """Apply what is lost when ArduPilot packs an item into its 15 bytes of storage."""
+    """Return the item as ArduPilot's 15 bytes of storage keep it."""
     if item.command == mavlink.MAV_CMD_NAV_WAYPOINT:
         accept, pass_by = (float(min(max(int(p), 0), 255)) for p in (item.param2, item.param3))
         return replace(item, param1=0.0, param2=accept, param3=pass_by, param4=0.0)
@@ -137,7 +137,7 @@ def _as_ardupilot_packs(item: Item) -> Item:
 def to_message(
     item: Item, seq: int, mission_type: int, current: bool, peer: tuple[int, int], as_int: bool
 ) -> Any:
-    """The item as it is read back: MISSION_ITEM_INT, or MISSION_ITEM when `as_int` is false."""
+    """Return the MISSION_ITEM_INT of an item, or the MISSION_ITEM if `as_int` is False."""
     head = (*peer, seq, item.frame, item.command, int(current), 1)
     params = (item.param1, item.param2, item.param3, item.param4)
     if as_int:
@@ -148,7 +148,7 @@ def to_message(
 
 
 class MissionStore:
-    """The stored items of one mission type. Index 0 of a mission is always home."""
+    """Stored items of one mission type. Index 0 of a mission is always home."""
 
     def __init__(self, mission_type: int, home: Callable[[], Item] | None = None) -> None:
         self.mission_type = mission_type
@@ -171,17 +171,11 @@ class MissionStore:
         del self._items[count:]
 
     def replace(self, items: list[Item]) -> None:
-        """Hold these items instead."""
+        """Replace all items."""
         self._items = list(items)
 
     def put(self, index: int, item: Item) -> None:
-        """Replace an item, or append it when it comes next.
-
-        Raises
-        ------
-        Refused
-            When it would leave a gap.
-        """
+        """Replace an item, or append the next one; raises `Refused` for a gap."""
         if index > len(self._items):
             raise Refused(mavlink.MAV_MISSION_ERROR)
         self._items[index : index + 1] = [item]
@@ -191,27 +185,27 @@ class MissionStore:
 class _Upload:
     peer: tuple[int, int]
     mission_type: int
-    wanted: int
+    next: int
     last: int
     heard_ns: int
-    asked_ns: int
+    requested_ns: int
 
 
 class MissionServer:
-    """Bytes aside, the vehicle's mission protocol: messages in, messages out, time an argument.
+    """Vehicle's side of the mission protocol: messages in, messages out, time an argument.
 
     Parameters
     ----------
     stores : dict
-        One `MissionStore` for each mission type.
+        Store of each mission type.
     send : callable
         Takes one MAVLink message.
     may_clear : callable
-        Whether the mission may be cleared now; ArduPlane refuses while it flies one.
+        Returns True if the mission may be cleared now; ArduPlane refuses in AUTO.
     cleared : callable
-        Told when the mission has been cleared.
+        Called when the mission has been cleared.
     current : callable
-        Index of the item that is flown, for the `current` flag of what is read back.
+        Returns the index of the current item.
     """
 
     RE_REQUEST_NS = 1_000_000_000
@@ -234,28 +228,28 @@ class MissionServer:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a conversation keeps the vehicle from selecting an item: never, on ArduPlane."""
+        """True if a transfer blocks the selection of an item: never on ArduPlane."""
         return False
 
     @property
     def due_ns(self) -> int:
-        """When `handle_timer` is next wanted."""
+        """Time of the next action of `handle_timer`."""
         if self._upload is None:
             return NEVER_NS
-        return min(self._upload.asked_ns + self.RE_REQUEST_NS, self._upload.heard_ns + self.GIVE_UP_NS)
+        return min(self._upload.requested_ns + self.RE_REQUEST_NS, self._upload.heard_ns + self.GIVE_UP_NS)
 
     def handle_timer(self, t_ns: int) -> None:
-        """Ask again for an item that does not come, or give up."""
+        """Request a missing item again, or give up."""
         upload = self._upload
         if upload is None or t_ns < self.due_ns:
             return
         if t_ns >= upload.heard_ns + self.GIVE_UP_NS:
             self._give_up(upload)
         else:
-            self._ask(upload, t_ns)
+            self._request_item(upload, t_ns)
 
     def handle(self, message: Any, t_ns: int) -> None:
-        """Take one message of the mission protocol that is addressed to this vehicle."""
+        """Process one message of the mission protocol for this vehicle."""
         peer = (message.get_srcSystem(), message.get_srcComponent())
         kind = message.get_type()
         if kind == "MISSION_ACK":
@@ -267,11 +261,11 @@ class MissionServer:
         elif kind == "MISSION_WRITE_PARTIAL_LIST":
             self._begin_partial(peer, message, t_ns)
         elif kind in ("MISSION_ITEM_INT", "MISSION_ITEM"):
-            self._take(peer, message, t_ns)
+            self._receive_item(peer, message, t_ns)
         elif kind == "MISSION_REQUEST_LIST":
             self._list(peer, message, t_ns)
         elif kind in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
-            self._give(peer, message, t_ns)
+            self._answer_request(peer, message, t_ns)
         elif kind == "MISSION_CLEAR_ALL":
             self._clear(peer, message.mission_type)
 
@@ -292,7 +286,7 @@ class MissionServer:
             self._ack(peer, mavlink.MAV_MISSION_ACCEPTED, message.mission_type)
             return
         self._upload = _Upload(peer, message.mission_type, 0, message.count - 1, t_ns, t_ns)
-        self._ask(self._upload, t_ns)
+        self._request_item(self._upload, t_ns)
 
     def _prepare(self, store: MissionStore, count: int) -> bool:
         """Start an upload of `count` items; return False if the storage is too small."""
@@ -302,7 +296,7 @@ class MissionServer:
         return True
 
     def _end(self, peer: tuple[int, int], message: Any) -> None:
-        """Take a ground station's MISSION_ACK: nothing ends here, since a read-back has no state."""
+        """Ignore a ground station's MISSION_ACK: a read-back has no state."""
 
     def _begin_partial(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
         if self._upload is not None and self._upload.peer != peer:
@@ -313,14 +307,14 @@ class MissionServer:
             self._ack(peer, mavlink.MAV_MISSION_ERROR, message.mission_type)
             return
         self._upload = _Upload(peer, message.mission_type, first, last, t_ns, t_ns)
-        self._ask(self._upload, t_ns)
+        self._request_item(self._upload, t_ns)
 
-    def _take(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
+    def _receive_item(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
         upload = self._upload
         if upload is None or upload.mission_type != message.mission_type:
             self._ack(peer, mavlink.MAV_MISSION_ERROR, message.mission_type)
             return
-        if message.seq != upload.wanted:
+        if message.seq != upload.next:
             self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, message.mission_type)
             return
         if peer != upload.peer:
@@ -333,18 +327,18 @@ class MissionServer:
             self._ack(peer, refused.result, message.mission_type)
             return
         upload.heard_ns = t_ns
-        upload.wanted += 1
-        if upload.wanted > upload.last:
+        upload.next += 1
+        if upload.next > upload.last:
             self._upload = None
             self._ack(peer, mavlink.MAV_MISSION_ACCEPTED, message.mission_type)
         else:
-            self._ask(upload, t_ns)
+            self._request_item(upload, t_ns)
 
-    def _ask(self, upload: _Upload, t_ns: int) -> None:
-        upload.asked_ns = t_ns
-        self._send(self._ask_for(upload.peer, upload.wanted, upload.mission_type))
+    def _request_item(self, upload: _Upload, t_ns: int) -> None:
+        upload.requested_ns = t_ns
+        self._send(self._request_message(upload.peer, upload.next, upload.mission_type))
 
-    def _ask_for(self, peer: tuple[int, int], seq: int, mission_type: int) -> Any:
+    def _request_message(self, peer: tuple[int, int], seq: int, mission_type: int) -> Any:
         """Return the request for an item."""
         return mavlink.MAVLink_mission_request_message(*peer, seq, mission_type)
 
@@ -354,7 +348,7 @@ class MissionServer:
         else:
             self._ack(peer, mavlink.MAV_MISSION_DENIED, message.mission_type)
 
-    def _give(self, peer: tuple[int, int], message: Any, _t_ns: int) -> None:
+    def _answer_request(self, peer: tuple[int, int], message: Any, _t_ns: int) -> None:
         if self._upload is not None and message.get_type() == "MISSION_REQUEST_INT":
             self._ack(peer, mavlink.MAV_MISSION_DENIED, message.mission_type)
         elif message.seq >= len(self._stores[message.mission_type]):

@@ -1,8 +1,8 @@
 """Differences between ArduPlane and PX4 as a ground station sees them.
 
 Sources: ArduPlane's `Mode::Number`; PX4's `px4_custom_mode.h` (main mode in bits 16-23 of `custom_mode`, sub
-mode in bits 24-31), `mavlink_mission.cpp` and `navigator`; what both were seen to do. Modes are kept by
-ArduPlane's names inside; parameters stay ArduPlane's on both.
+mode in bits 24-31), `mavlink_mission.cpp` and `navigator`; observations of both. Modes have ArduPlane's names
+inside, and parameters are ArduPlane's on both.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 
 class Mode(IntEnum):
-    """ArduPlane's custom modes that exist here."""
+    """Simulated custom modes of ArduPlane."""
 
     MANUAL = 0
     CIRCLE = 1
@@ -50,34 +50,34 @@ _POSITION_CONTROL: Final = (3, 0)
 
 @dataclass(frozen=True, slots=True)
 class Personality:
-    """One autopilot, as a ground station tells it from others."""
+    """Differences of one autopilot that a ground station sees."""
 
     name: str
     mav_autopilot: int
     home_items: int
     """1: item 0 of a mission is home."""
     atomic: bool
-    """Whether a mission is replaced as a whole, and then flown from where it says, at once."""
+    """True if a mission is replaced as a whole, and then flown from its marked item at once."""
     ends_in: Mode
-    """After the last item."""
+    """Mode after the last item."""
     has_set_current_command: bool
-    """DO_SET_MISSION_CURRENT."""
+    """True if it accepts DO_SET_MISSION_CURRENT."""
 
     def custom_mode(self, mode: Mode) -> int:
-        """`custom_mode` of a HEARTBEAT."""
+        """Return the `custom_mode` of a HEARTBEAT."""
         if self is not PX4:
             return int(mode)
         main, sub = _PX4_MODES.get(mode, _POSITION_CONTROL)
         return main << 16 | sub << 24
 
     def mode_of_numbers(self, main: int, sub: int) -> Mode | None:
-        """Mode of DO_SET_MODE's parameters 2 and 3; None when there is none."""
+        """Return the mode of DO_SET_MODE's parameters 2 and 3; None if there is none."""
         if self is PX4:
             return _PX4_MODE_OF.get((main, sub))
         return Mode(main) if main in Mode._value2member_map_ else None
 
     def mode_of_custom(self, custom_mode: int) -> Mode | None:
-        """Mode of SET_MODE's `custom_mode`; None when there is none."""
+        """Return the mode of SET_MODE's `custom_mode`; None if there is none."""
         if self is PX4:
             return self.mode_of_numbers(custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF)
         return self.mode_of_numbers(custom_mode, 0)

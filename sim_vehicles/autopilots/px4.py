@@ -1,12 +1,12 @@
 """PX4's autopilot, where it differs from ArduPlane's.
 
-Seen on PX4 1.17-dev (SIH airplane), and read in its navigator:
+Observed on PX4 1.17-dev (SIH airplane), and read in its navigator:
 
-- A mission is judged when it is stored, by MIS_TKO_LAND_REQ, in the air too; the MISSION_ACK says nothing of
-  it. One that is rejected while it is flown: "No valid mission available, loitering", Hold, and
+- A mission is checked when it is stored, by MIS_TKO_LAND_REQ, also in the air; the MISSION_ACK does not show
+  it. A mission rejected in flight leads to "No valid mission available, loitering", Hold, and
   ``mission_state`` NO_MISSION. AUTO is TEMPORARILY_REJECTED then, and arming in AUTO is refused.
-- Armed on the ground in AUTO, it takes off with its stored mission from item 0, landed before or not.
-- A mission that is stored in AUTO is flown at once, from where the vehicle is.
+- Armed on the ground in AUTO, it takes off with its stored mission from item 0, even after a landing.
+- A mission that is stored in AUTO is flown at once, from the present position.
 - A take-off flies towards its place while it climbs.
 - It returns at RTL_RETURN_ALT above its rally point or home, and no lower than it is.
 """
@@ -33,22 +33,22 @@ class Px4Autopilot(Autopilot):
 
     @property
     def mission_problem(self) -> str:
-        """Why the navigator rejects the stored mission; empty while it does not."""
+        """Reason of the navigator to reject the stored mission; empty if it is valid."""
         if not len(self.mission):
             return "no mission"
         commands = [item.command for item in self.mission]
         takes_off = mavlink.MAV_CMD_NAV_TAKEOFF in commands
         lands = mavlink.MAV_CMD_NAV_LAND in commands
-        wants = int(self.parameters["MIS_TKO_LAND_REQ"])
-        if wants == _LANDING_IN_AIR:
-            wants = _LANDING if self.flying else _BOTH_OR_NEITHER
-        if wants == _TAKE_OFF and not takes_off:
+        required = int(self.parameters["MIS_TKO_LAND_REQ"])
+        if required == _LANDING_IN_AIR:
+            required = _LANDING if self.flying else _BOTH_OR_NEITHER
+        if required == _TAKE_OFF and not takes_off:
             return "Takeoff waypoint required."
-        if wants == _LANDING and not lands:
+        if required == _LANDING and not lands:
             return "Landing waypoint/pattern required."
-        if wants == _BOTH and not (takes_off and lands):
+        if required == _BOTH and not (takes_off and lands):
             return "Takeoff or Landing item missing."
-        if wants == _BOTH_OR_NEITHER and takes_off != lands:
+        if required == _BOTH_OR_NEITHER and takes_off != lands:
             return "Add Takeoff and Landing or remove both."
         return ""
 
@@ -61,32 +61,32 @@ class Px4Autopilot(Autopilot):
         """Check a stored mission as a whole; in AUTO, fly it at once, or hold."""
         problem = self.mission_problem
         if problem:
-            self.tell(mavlink.MAV_SEVERITY_CRITICAL, f"Mission rejected: {problem}")
+            self.notify(mavlink.MAV_SEVERITY_CRITICAL, f"Mission rejected: {problem}")
         if self.flying and self.mode is Mode.AUTO and problem:
-            self.tell(mavlink.MAV_SEVERITY_CRITICAL, "No valid mission available, loitering")
+            self.notify(mavlink.MAV_SEVERITY_CRITICAL, "No valid mission available, loitering")
             self.set_mode(Mode.LOITER)
         super().mission_replaced(first)
 
     def mission_cleared(self) -> None:
-        """Forget the mission; in AUTO, hold."""
+        """Reset the mission state; in AUTO, hold."""
         super().mission_cleared()
         if self.flying and self.mode is Mode.AUTO:
-            self.tell(mavlink.MAV_SEVERITY_CRITICAL, "No valid mission available, loitering")
+            self.notify(mavlink.MAV_SEVERITY_CRITICAL, "No valid mission available, loitering")
             self.set_mode(Mode.LOITER)
 
     def prearm_failure(self, t_ns: int) -> str | None:
-        """Why it cannot arm now."""
+        """Return the reason against arming."""
         if self.mode is Mode.AUTO and self.mission_problem:
             return "No valid mission available"
         return super().prearm_failure(t_ns)
 
     def arm(self, t_ns: int, force: bool = False) -> bool:
-        """Arm; on the ground in AUTO, begin the mission anew."""
+        """Arm; on the ground in AUTO, restart the mission."""
         was_armed = self.armed
         if not super().arm(t_ns, force):
             return False
         if not was_armed and not self.flying and self.mode is Mode.AUTO:
-            self.tell(mavlink.MAV_SEVERITY_INFO, "Executing Mission")
+            self.notify(mavlink.MAV_SEVERITY_INFO, "Executing Mission")
             self._mission_complete = True
             self._resume_mission()
         return True
@@ -98,7 +98,7 @@ class Px4Autopilot(Autopilot):
         return self.mode is Mode.TAKEOFF or (self.mode is Mode.AUTO and self._mission_running)
 
     def _return(self) -> None:
-        rally = self.fence.returns_to((self.airframe.east_m, self.airframe.north_m))
+        rally = self.fence.return_point((self.airframe.east_m, self.airframe.north_m))
         east_m, north_m, height_m = rally or (self.home.east_m, self.home.north_m, 0.0)
         alt_m = self.home.alt_m + height_m + self.parameters["RTL_RETURN_ALT"]
         self._fly(self._circle(east_m, north_m), max(self.airframe.alt_rel_m, alt_m))

@@ -1,16 +1,16 @@
 """PX4's side of the MAVLink mission protocol, where it differs from ArduPlane's.
 
-- An upload goes to a second store, which takes the first one's place when its last item is in: a mission is
-  whole at any time. The same items again change nothing.
-- Items are asked for with ``MISSION_REQUEST_INT``, again after 250 ms; after 5 s without an item it is given
-  up without a word. An item whose turn it is not is ignored; the last one, come twice, is acknowledged twice.
+- An upload goes to a second store, which replaces the first after the last item: a mission is always whole.
+  The same items again change nothing.
+- Items are requested with ``MISSION_REQUEST_INT``, again after 250 ms, and given up after 5 s without a
+  message. An item out of turn is ignored; a repeated last item is acknowledged again.
 - ``current`` on an item makes the new mission begin there.
-- Parameters are kept as floats, NaN too, but not all of them: of a take-off the heading alone, and not its
-  pitch. The others read back as 0. What is read back has the frames of MISSION_ITEM_INT.
-- One conversation at a time, whatever it is about. A ``MISSION_COUNT`` in the midst of one gets ACK 1 and
-  changes nothing; ``MISSION_ACK`` 15 ends an upload; clearing and ``MISSION_SET_CURRENT`` are not heard.
+- Some parameters are kept, as floats including NaN: of a take-off the heading only. Others read back as 0.
+  Frames read back are those of MISSION_ITEM_INT.
+- One transfer at a time. A ``MISSION_COUNT`` during one gets ACK 1; ``MISSION_ACK`` 15 ends an upload;
+  clearing and ``MISSION_SET_CURRENT`` are ignored.
 - A read-back goes in order: the next item, or the last one again. Any other ends it with ACK 1, and 5 s of
-  silence end it without a word; then nothing is answered until it is begun anew.
+  silence end it without a message. After that, requests are ignored until a new start.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _KEPT = {
     mavlink.MAV_CMD_NAV_TAKEOFF: (4,),
     mavlink.MAV_CMD_NAV_LAND: (2, 4),
 }
-"""Parameters that are stored, of those that an item brings; fences keep the first."""
+"""Numbers of the parameters that are stored; fences keep the first."""
 
 
 @dataclass(slots=True)
@@ -55,7 +55,7 @@ class _Download:
 
 
 class Px4MissionServer(MissionServer):
-    """As `MissionServer`; `replaced` is told that a mission is new, and the item that was marked current."""
+    """PX4's mission server; `replaced` is called with the item marked current of a new mission."""
 
     RE_REQUEST_NS = 250_000_000
     GIVE_UP_NS = 5_000_000_000
@@ -75,16 +75,16 @@ class Px4MissionServer(MissionServer):
         self._download: _Download | None = None
         self._partner = (0, 0)
         self._seq = 0
-        """Item that comes next in the conversation under way, or would have in the one before."""
+        """Next item of the present or last transfer."""
 
     @property
     def is_busy(self) -> bool:
-        """Whether a conversation keeps the vehicle from selecting an item."""
+        """True if a transfer blocks the selection of an item."""
         return self._upload is not None or self._download is not None
 
     @property
     def due_ns(self) -> int:
-        """When `handle_timer` is next wanted."""
+        """Time of the next action of `handle_timer`."""
         ends_ns = NEVER_NS if self._download is None else self._download.heard_ns + self.GIVE_UP_NS
         return min(super().due_ns, ends_ns)
 
@@ -107,8 +107,8 @@ class Px4MissionServer(MissionServer):
         upload = self._upload
         if upload is not None:
             upload.heard_ns = t_ns
-        if upload is not None and upload.peer == peer and upload.wanted == 0:
-            self._ask(upload, t_ns)  # Treated as a repeated COUNT, whatever its count.
+        if upload is not None and upload.peer == peer and upload.next == 0:
+            self._request_item(upload, t_ns)  # Treated as a repeated COUNT, whatever its count.
         elif self.is_busy:
             self._ack(peer, mavlink.MAV_MISSION_ERROR, message.mission_type)
         else:
@@ -121,10 +121,10 @@ class Px4MissionServer(MissionServer):
             store.truncate(0)
         return count <= _CAPACITY
 
-    def _ask_for(self, peer: tuple[int, int], seq: int, mission_type: int) -> Any:
+    def _request_message(self, peer: tuple[int, int], seq: int, mission_type: int) -> Any:
         return mavlink.MAVLink_mission_request_int_message(*peer, seq, mission_type)
 
-    def _take(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
+    def _receive_item(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
         upload = self._upload
         if peer != self._partner:
             return
@@ -137,7 +137,7 @@ class Px4MissionServer(MissionServer):
             self._ack(peer, mavlink.MAV_MISSION_ERROR, message.mission_type)
             return
         upload.heard_ns = t_ns
-        if message.seq != upload.wanted:
+        if message.seq != upload.next:
             return
         try:
             self._staged.append(_stored(message))
@@ -147,10 +147,10 @@ class Px4MissionServer(MissionServer):
             return
         if message.current:
             self._marked = message.seq
-        upload.wanted += 1
-        self._seq = upload.wanted
-        if upload.wanted <= upload.last:
-            self._ask(upload, t_ns)
+        upload.next += 1
+        self._seq = upload.next
+        if upload.next <= upload.last:
+            self._request_item(upload, t_ns)
             return
         self._upload = None
         store = self._stores[message.mission_type]
@@ -161,28 +161,28 @@ class Px4MissionServer(MissionServer):
         self._ack(peer, mavlink.MAV_MISSION_ACCEPTED, message.mission_type)
 
     def _list(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
-        store, going = self._stores[message.mission_type], self._download
-        if self._seq == len(store):  # all of it was sent or taken: what is left of a conversation is over
-            self._upload = going = self._download = None
-        theirs = going is not None and (going.peer, going.mission_type) == (peer, message.mission_type)
-        if self._upload is not None or (going is not None and not theirs):
+        store, download = self._stores[message.mission_type], self._download
+        if self._seq == len(store):  # Complete: the transfer has ended.
+            self._upload = download = self._download = None
+        key = peer, message.mission_type
+        is_repeated = download is not None and (download.peer, download.mission_type) == key
+        if self._upload is not None or (download is not None and not is_repeated):
             return
         self._partner, self._seq = peer, 0
         self._download = _Download(peer, message.mission_type, 0, t_ns)
         self._send_count(peer, message.mission_type)
 
-    def _give(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
-        going = self._download
-        if going is None or (going.peer, going.mission_type) != (peer, message.mission_type):
+    def _answer_request(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
+        download = self._download
+        if download is None or (download.peer, download.mission_type) != (peer, message.mission_type):
             return
-        going.heard_ns = t_ns
-        if message.seq not in (going.next, going.next - 1) or message.seq >= len(
-            self._stores[message.mission_type]
-        ):
+        download.heard_ns = t_ns
+        is_in_order = message.seq in (download.next, download.next - 1)
+        if not is_in_order or message.seq >= len(self._stores[message.mission_type]):
             self._download = None
             self._ack(peer, mavlink.MAV_MISSION_ERROR, message.mission_type)
             return
-        going.next = self._seq = message.seq + 1
+        download.next = self._seq = message.seq + 1
         self._send_item(peer, message)
 
     def _clear(self, peer: tuple[int, int], mission_type: int) -> None:
@@ -206,4 +206,4 @@ def _stored(message: Any) -> Item:
 
 
 def _equal(a: list[Item], b: list[Item]) -> bool:
-    return [repr(item) for item in a] == [repr(item) for item in b]  # NaN is equal to itself here
+    return [repr(item) for item in a] == [repr(item) for item in b]  # NaN equals NaN.

@@ -27,7 +27,7 @@ class MissionState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class StatusText:
-    """Something to tell the ground; `severity` is a MAV_SEVERITY."""
+    """Text for the ground station; `severity` is a MAV_SEVERITY."""
 
     severity: int
     text: str
@@ -42,7 +42,7 @@ class ItemReached:
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """Where RTL returns to."""
+    """Destination of RTL."""
 
     east_m: float
     north_m: float

@@ -1,8 +1,7 @@
 """Campaigns: many missions on virtual time, over seeds, settings and planners, in many processes.
 
-A campaign is a list of jobs; a job is all that one mission needs, as plain data, and gives one row. Rows are
-appended to ``runs.jsonl`` in the campaign's folder as they come: a campaign that was interrupted goes on
-where it was, and one with more seeds or values adds to what is there.
+A campaign is a list of jobs. A job is the plain data of one mission and gives one row. Rows are appended to
+``runs.jsonl`` in the campaign's folder: an interrupted campaign continues, and more seeds or values add rows.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from sim_vehicles.world.scenario import parse_scenario
 
 ROWS_NAME = "runs.jsonl"
 Planner = Literal["own", "truth"]
-"""Whose picture plans: the trackers' own, or the truth."""
+"""Input of the planner: the tracks, or the ground truth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,20 +43,19 @@ class Job:
     """One mission to fly."""
 
     text: str
-    """The mission file, settings laid over it."""
+    """Mission file with the settings."""
     scenario: str
     value: str
-    """Of the key that is swept; empty without a sweep."""
+    """Value of the swept key; empty without a sweep."""
     seed: int
     planner: Planner
     loss: float
 
     @property
     def digest(self) -> str:
-        """Of everything that the outcome depends on, but for the versions of software."""
-        return hashlib.sha256(f"{self.text}\0{self.seed}\0{self.planner}\0{self.loss}".encode()).hexdigest()[
-            :16
-        ]
+        """Digest of all inputs except software versions."""
+        inputs = f"{self.text}\0{self.seed}\0{self.planner}\0{self.loss}"
+        return hashlib.sha256(inputs.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +72,12 @@ class Campaign:
     planners: tuple[Planner, ...] = ("own", "truth")
 
     def jobs(self) -> list[Job]:
-        """All jobs, seed by seed, so that early results cover everything.
+        """Return all jobs, seed by seed, so that early results cover all scenarios.
 
         Raises
         ------
         ConfigError
-            When a scenario, a setting or a value is wrong: before anything is flown.
+            When a scenario, a setting or a value is wrong.
         """
         texts = []
         for scenario in self.scenarios:
@@ -98,12 +96,12 @@ class Campaign:
 
 
 def warm_up() -> None:
-    """Load the compiled kernels, in a process that shows nothing."""
+    """Load the compiled kernels without output."""
     load_kernels(Console(quiet=True), TRACKING, PLANNING, LINKS)
 
 
 def fly(job: Job) -> Row:
-    """Fly and evaluate one mission, in any process with this project installed."""
+    """Fly and evaluate one mission."""
     scenario = parse_scenario(job.text, job.scenario)
     config = scenario.config
     evaluator = evaluator_of(config)
@@ -135,12 +133,12 @@ def fly(job: Job) -> Row:
 
 
 class Store:
-    """The rows of a campaign, in its folder.
+    """Rows of a campaign, in its folder.
 
     Raises
     ------
     RecordingError
-        When the folder holds a campaign that was flown with other software, or cannot be written to.
+        When the folder has a campaign of other software versions, or cannot be written.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -155,13 +153,13 @@ class Store:
             raise RecordingError(str(folder), f"cannot be written to: {error}") from None
 
     def add(self, row: Row) -> None:
-        """Append a row; it survives whatever happens to this process afterwards."""
+        """Append a row and flush it."""
         self.rows[row.digest] = row
         self._file.write(msgspec.json.encode(row) + b"\n")
         self._file.flush()
 
     def close(self) -> None:
-        """Write everything through to the disk."""
+        """Write all rows to the disk."""
         os.fsync(self._file.fileno())
         self._file.close()
 
@@ -180,7 +178,7 @@ class Store:
         path.write_text(json.dumps(now, indent=1) + "\n", encoding="utf-8")
 
     def _read(self) -> None:
-        """Read the rows that are there; a last line that was cut off is flown again."""
+        """Read the stored rows; a truncated last line is removed."""
         if not self._path.exists():
             return
         whole = 0
@@ -198,7 +196,7 @@ class Store:
 
 
 def fly_all(jobs: Sequence[Job], workers: int) -> Iterator[Row]:
-    """Fly jobs in `workers` processes; yield rows as they come. With one worker, in this process."""
+    """Fly jobs in `workers` processes, or in this one; yield rows as they come."""
     if workers == 1:
         warm_up()
         yield from map(fly, jobs)
@@ -213,7 +211,7 @@ def fly_all(jobs: Sequence[Job], workers: int) -> Iterator[Row]:
 
 
 def fly_on_dask(jobs: Sequence[Job], address: str, timeout_s: float = 10.0) -> Iterator[Row]:
-    """Fly jobs on a Dask cluster whose workers have this project installed; yield rows as they come.
+    """Fly jobs on a Dask cluster with this project installed; yield rows as they come.
 
     Raises
     ------

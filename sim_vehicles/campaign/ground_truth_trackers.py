@@ -18,7 +18,7 @@ _COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
 
 
 class GroundTruthConfirmation:
-    """Confirmation of tracks by the truth, without delay."""
+    """Confirmation of tracks by the ground truth, without delay."""
 
     def __init__(self) -> None:
         self.tracks: Mapping[Label, Track] = {}
@@ -71,7 +71,7 @@ class GroundTruthTrackers:
         self.truth: Truth | None = None
         self.agents, self.targets = GroundTruthClass("agents"), GroundTruthClass("targets")
         self.findings: tuple[tuple[bool, str], ...] = ()
-        """No findings: the truth contradicts no sensor."""
+        """Sanity warnings: none."""
         self.untracked = UntrackedDetections(config)
         """No untracked detections."""
 

@@ -1,8 +1,7 @@
-"""A whole mission in one process on virtual time: no sockets, no sleep, the same outcome for the same seed.
+"""Mission in one process on virtual time: no sockets, no sleep, the same outcome for the same seed.
 
-The same modules as in a real-time run (airframe, autopilot, vehicle link, sensor, central command) are joined
-in memory: MAVLink bytes pass between vehicles and central command as they would over UDP, one step of 50 ms
-late. Only the transport of bytes and the clock differ from a real-time run.
+The modules are those of a real-time run. MAVLink bytes pass between vehicles and central command in memory,
+delayed by one step of 50 ms. Only the transport and the clock differ.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ LINK = "virtual"
 
 @dataclass(slots=True)
 class Timings:
-    """Wall time that central command took, for the summary."""
+    """CPU time of central command, for the summary."""
 
     scan_ms: list[float] = field(default_factory=list)
     plan_ms: list[float] = field(default_factory=list)
@@ -58,18 +57,16 @@ class VirtualRun:
 
     Parameters
     ----------
-    on_event, on_effect, on_truth
-        Called with everything that goes into and comes out of central command, and with the truth at each
-        scan.
+    on_event, on_effect, on_truth : callable, optional
+        Called with each event, each effect, and the ground truth at each scan.
     loss : float
-        Probability that a datagram is lost, each way, drawn from the run's own generator.
+        Probability that a datagram is lost, each way.
     kills : dict
-        Vehicles whose process is taken to be killed: system id to seconds from the start.
+        Vehicles whose process is killed: system id to seconds from the start.
     orders : sequence of Order
-        An operator's, each given when its time has come.
-    tamper : callable
-        What becomes of a vehicle's datagram on a hostile link: run time, peer and bytes in; out comes what
-        arrives, and from whom.
+        An operator's orders, each at its time.
+    tamper : callable, optional
+        Hostile link: from run time, peer and bytes of a vehicle's datagram to the (peer, bytes) that arrive.
     """
 
     scenario: Scenario
@@ -90,9 +87,9 @@ class VirtualRun:
     _scan_index: int = field(init=False, default=0)
     _orders: deque[Order] = field(init=False)
     _to_vehicles: deque[Send] = field(init=False, default_factory=deque)
-    _told_t_ns: int = field(init=False, default=-1)
+    _published_t_ns: int = field(init=False, default=-1)
     _delayed: list[tuple[int, int, Scan]] = field(init=False, default_factory=list)
-    """Scans that were measured and have not arrived: (arrival, number, scan)."""
+    """Scans that have not arrived: (arrival, number, scan)."""
     _loss_rng: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
@@ -110,11 +107,11 @@ class VirtualRun:
         }
 
     def order(self, order: Order) -> None:
-        """Let an operator give an order when its time has come: now, if that has passed."""
+        """Add an operator's order, at its time or now."""
         self._orders = deque(sorted([*self._orders, order], key=lambda one: one.t_ns))
 
     def run(self, max_duration_s: float | None = None) -> float:
-        """Fly on until the mission ends or time is up; return the run time in seconds."""
+        """Fly until the mission or the time limit ends; return the run time in seconds."""
         limit_s = max_duration_s or self.scenario.config.mission.max_duration_s
         end_ns = START_T_NS + int(limit_s * NS_PER_S)
         while not self.ended and self.t_ns <= end_ns:
@@ -174,9 +171,9 @@ class VirtualRun:
 
     def _scan(self, index: int) -> None:
         truth = self._world.truth(self._world.scan_t_ns(index), self._agents())
-        if self.on_truth is not None and truth.t_ns > self._told_t_ns:
+        if self.on_truth is not None and truth.t_ns > self._published_t_ns:
             self.on_truth(truth)
-            self._told_t_ns = truth.t_ns
+            self._published_t_ns = truth.t_ns
         scan = self._world.scan(index, truth)
         heapq.heappush(self._delayed, (self._world.arrival_t_ns(index), index, scan))
 

@@ -4,14 +4,13 @@ Theory. The state is ``x = (v, p, r, phi, psi)``: sideslip velocity, roll rate, 
 the inputs are aileron and rudder. ``x' = A x + B w`` is discretised by zero-order hold at 100 Hz to ``x+ = F
 x + G w``. The regulator minimises the sum of ``x'Qx + w'Rw`` with Q and R identities, so ``K = (R + G'PG)^-1
 G'PF`` where P solves the discrete algebraic Riccati equation. With the desired state ``(0, 0, 0, 0, heading
-command)`` the loop closes to ``x+ = (F - GK) x + GK x_des``. What these numbers make of a turn is written
-down in ``docs/airframe.md``.
+command)`` the loop closes to ``x+ = (F - GK) x + GK x_des``. ``docs/airframe.md`` describes its turns.
 
-Both F, G and P are computed here from A and B with numpy alone (a Taylor series with scaling and squaring;
-the structured doubling algorithm of Chu, Fan and Lin, 2005): scipy would cost every vehicle process 21 MB and
-0.3 s. The tests hold them against scipy's.
+F, G and P are computed from A and B with numpy alone (a Taylor series with scaling and squaring; the
+structured doubling algorithm of Chu, Fan and Lin, 2005), since scipy would slow the start of each vehicle
+process. The tests compare them with scipy's.
 
-The model is linear and unlimited, as in the paper: no control surface saturates, no bank is cut off.
+The model is linear and unlimited, as in the paper: no control surface and no bank saturates.
 
 Source: Hill, Thomas and Larson, "Autonomous Situational Awareness for Robotic Swarms in High-Risk
 Environments", and the first author's public simulation (arXiv:2104.08904) for the matrices.
@@ -47,14 +46,13 @@ A = read_only(
 B = read_only([[0.0, -7.41], [-36.3, -688.0], [-0.673, -68.0], [0.0, 0.0], [0.0, 0.0]])
 
 TURN_TIME_S = 2.8347
-"""Heading error per turn rate in a steady turn, in seconds: a command this far ahead of the heading holds a
-rate."""
+"""Heading error per turn rate in a steady turn."""
 
 ALT_TIME_S = 2.0
 """Time constant of the altitude hold."""
 CLIMB_LIMIT_M_S = 5.0
 ACCELERATION_M_S2 = 5.0
-"""How fast the forward speed follows its command: only take-off and landing show it."""
+"""Rate at which the forward speed follows its command."""
 
 _PI = math.pi
 _TAU = 2.0 * math.pi
@@ -76,7 +74,7 @@ class ClosedLoop(NamedTuple):
 
 
 def discretise(a: FloatArray, b: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:
-    """Zero-order hold: ``exp([[a, b], [0, 0]] step) = [[F, G], [0, I]]``."""
+    """Return F and G by zero-order hold: ``exp([[a, b], [0, 0]] step) = [[F, G], [0, I]]``."""
     n, m = b.shape
     block = np.zeros((n + m, n + m))
     block[:n, :n], block[:n, n:] = a * step_s, b * step_s
@@ -92,10 +90,9 @@ def discretise(a: FloatArray, b: FloatArray, step_s: float) -> tuple[FloatArray,
 
 
 def riccati(f: FloatArray, g: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
-    """Stabilising solution P of the discrete algebraic Riccati equation, by structured doubling.
+    """Return the stabilising solution P of the discrete algebraic Riccati equation, by structured doubling.
 
-    Each pass doubles the horizon of the finite-horizon problem, so that a loop with time constant T converges
-    in about log2(T / step) + 4 passes.
+    Each pass doubles the horizon of the finite-horizon problem.
     """
     eye = np.eye(f.shape[0])
     transition, reach, cost = f, g @ np.linalg.solve(r, g.T), q
@@ -113,7 +110,7 @@ def riccati(f: FloatArray, g: FloatArray, q: FloatArray, r: FloatArray) -> Float
 
 @cache
 def closed_loop() -> ClosedLoop:
-    """Design the loop once per process (about 1 ms)."""
+    """Return the closed loop."""
     f, g = discretise(A, B, STEP_S)
     p = riccati(f, g, np.eye(5), np.eye(2))
     gain = np.linalg.solve(np.eye(2) + g.T @ p @ g, g.T @ p @ f)
@@ -125,9 +122,9 @@ class Airframe:
     """One vehicle's motion.
 
     The heading enters the closed loop only by its error: psi is an integrator of the open loop, so the last
-    columns of ``transition`` and of ``G K`` add up to (0, 0, 0, 0, 1), and ``x+ = (F - GK) x + GK x_des``
-    with ``psi_des = psi + error`` is what `step` computes, term by term, in plain floats. The heading is
-    never wrapped inside; its error always is, so that the vehicle turns the short way round.
+    columns of ``transition`` and of ``G K`` add up to (0, 0, 0, 0, 1). `step` computes ``x+ = (F - GK) x + GK
+    x_des`` with ``psi_des = psi + error``, term by term, in plain floats. The heading is not wrapped; its
+    error is, so that the vehicle takes the shorter turn.
     """
 
     __slots__ = (
@@ -160,17 +157,17 @@ class Airframe:
         self.speed_m_s = speed_m_s
         """Forward body velocity u; regulated elsewhere, as in the paper."""
         self.wind_east_m_s = self.wind_north_m_s = 0.0
-        """How the air moves that it flies in."""
+        """Velocity of the air."""
         self.climb_m_s = 0.0
         self.is_climbing_out = False
-        """True during a take-off; the paper's model knows no full power."""
+        """True during a take-off; ignored by the paper's model."""
         self.sideslip_m_s = 0.0
         self.roll_rate_rad_s = 0.0
         self.yaw_rate_rad_s = 0.0
         self.roll_rad = 0.0
 
     def step(self, heading_error_rad: float, alt_command_m: float, speed_command_m_s: float) -> None:
-        """Advance by 10 ms towards a heading `heading_error_rad` (any size; wrapped) to the right."""
+        """Advance by 10 ms; a positive heading error (wrapped here) is to the right."""
         (
             vv, vp, vr, vf,
             pv, pp, pr, pf,
@@ -204,11 +201,11 @@ class Airframe:
 
     def command_for(self, goal: Goal, tuning: Tuning) -> float:
         """Return the next command of `step`: here a heading error."""
-        del tuning  # of ArduPlane's controller; the paper's needs none
+        del tuning
         return goal.heading_error_rad(self)
 
     def rest(self) -> None:
-        """Stand still on the ground, whatever the wind."""
+        """Stand still on the ground."""
         self.wind_east_m_s = self.wind_north_m_s = 0.0
         self.speed_m_s = self.climb_m_s = 0.0
         self.sideslip_m_s = self.roll_rate_rad_s = self.yaw_rate_rad_s = self.roll_rad = 0.0
@@ -223,14 +220,14 @@ class Airframe:
 
     @property
     def drift_rad(self) -> float:
-        """By how much the wind turns the course from the heading; 0 in calm air."""
+        """Angle from the heading to the course, caused by wind."""
         if self.wind_east_m_s == 0.0 and self.wind_north_m_s == 0.0:
             return 0.0
         return (self.course_rad - self.heading_rad + _PI) % _TAU - _PI
 
     @property
     def course_rad(self) -> float:
-        """Direction over ground, clockwise from north, in [0, 2 pi); the heading when standing still."""
+        """Direction over ground, clockwise from north, in [0, 2 pi); the heading at rest."""
         east, north = self.velocity_m_s
         if east == 0.0 and north == 0.0:
             return self.heading_rad % _TAU

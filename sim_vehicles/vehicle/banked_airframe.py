@@ -1,12 +1,12 @@
-"""An airframe that turns by banking, fitted to ArduPlane's simulated plane as it was recorded.
+"""Airframe that turns by banking, fitted to recorded flights of ArduPlane's simulated plane.
 
-The commands are bank angles. Bank follows its command as a first-order lag with a limited rate. The plane
-turns at ``efficiency (g + climb acceleration) tan(bank) / airspeed``. It slips outwards: the recorded plane
-turns by a quarter less than a balanced turn would, and by more in a steep one. Take-off is at full power:
-the plane rolls, rotates, climbs steeply, and slows down to its cruising speed once it is level.
+Commands are bank angles. Bank follows its command as a first-order lag with a limited rate. The plane turns
+at ``efficiency (g + climb acceleration) tan(bank) / airspeed``; the efficiency is below 1 since it slips
+outwards. Take-off is at full power: the plane rolls, rotates, climbs steeply, and slows to cruising speed
+once level.
 
-All figures are fits to the sixteen recorded flights of `tests/sim_vehicles/recorded.py`; speeds are fractions
-of the cruising speed.
+Constants are fits to the flights of `tests/sim_vehicles/recorded_flights.py`. Speeds are fractions of the
+cruising speed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ G_M_S2 = 9.80665
 TURN_EFFICIENCY = 0.75
 STEEP_RAD = 0.65
 STEEP_LOSS_PER_RAD = 0.12
-"""By how much the efficiency falls beyond a bank of STEEP_RAD."""
+"""Decrease of the efficiency beyond a bank of STEEP_RAD."""
 BANK_TIME_S = 0.35
 MAX_BANK_RATE_RAD_S = math.radians(90.0)
 MAX_BANK_RAD = math.radians(65.0)
@@ -33,7 +33,7 @@ FULL_POWER_SPEED = 1.25
 FULL_POWER_TIME_S = 2.3
 ROTATION_SPEED = 0.8
 STARTING_S = 0.75
-"""From full power to the first movement."""
+"""Time from full power to the first movement."""
 CLIMB_GRADIENT = 0.355
 """Climb rate at full power per airspeed."""
 ROTATION_TIME_S = 0.4
@@ -41,7 +41,7 @@ CLIMB_TIME_S = 0.7
 CLIMB_ACCELERATION_M_S2 = 4.0
 SLOWING_M_S2 = 1.85
 _LEVEL_M_S = 3.0
-"""Climbing faster than this, a plane does not slow down."""
+"""Climb rate above which the plane does not slow down."""
 
 
 class BankedAirframe(Airframe):
@@ -56,7 +56,7 @@ class BankedAirframe(Airframe):
         self._power_s = 0.0
 
     def command_for(self, goal: Goal, tuning: Tuning) -> float:
-        """Return the bank angle of a balanced turn with the wanted lateral acceleration, within the limit."""
+        """Return the bank angle of a balanced turn with the lateral acceleration, within the limit."""
         bank = math.atan(goal.lateral_m_s2(self, tuning) / G_M_S2)
         return min(max(bank, -MAX_BANK_RAD), MAX_BANK_RAD)
 
@@ -109,6 +109,6 @@ class BankedAirframe(Airframe):
         return True
 
     def rest(self) -> None:
-        """Stand still on the ground, whatever the wind."""
+        """Stand still on the ground."""
         super().rest()
         self._power_s = 0.0

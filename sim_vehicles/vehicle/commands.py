@@ -1,7 +1,7 @@
-"""MAV_CMDs that the vehicle takes, from COMMAND_LONG and COMMAND_INT alike; each answers with a MAV_RESULT.
+"""MAV_CMDs of the vehicle by COMMAND_LONG and COMMAND_INT, each answered by a MAV_RESULT.
 
-Semantics: https://mavlink.io/en/services/command.html and ArduPlane's answers where they differ. What is not
-in the table is UNSUPPORTED.
+Semantics: https://mavlink.io/en/services/command.html, and ArduPlane's answers where they differ. Other
+commands are UNSUPPORTED.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _RELATIVE_FRAMES = frozenset({3, 6, 10, 11})
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command, whichever message brought it."""
+    """One command, from either message."""
 
     id: int
     p1: float
@@ -42,7 +42,7 @@ class Command:
     lon_deg: float
     alt_m: float
     is_alt_relative: bool
-    """Above home; otherwise above sea level."""
+    """True if `alt_m` is above home; False if above sea level."""
 
     @classmethod
     def from_message(cls, m: Any) -> Command:
@@ -56,7 +56,7 @@ class Command:
 
 
 def _whole(value: float) -> int:
-    """A parameter that stands for an integer; -1 when it is none."""
+    """Return an integer parameter; -1 if it is not finite."""
     return round(value) if math.isfinite(value) else -1
 
 
@@ -66,7 +66,7 @@ class Commands:
     Parameters
     ----------
     send : callable
-        Takes one MAVLink message; called for what a command asks for, after its ACK.
+        Takes one MAVLink message: the ACK, then the requested messages.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Commands:
         self._ack(message, command.id, result)
 
     def handle_set_mode(self, message: Any) -> None:
-        """SET_MODE, the older form; acknowledged with the message's id in place of a command's."""
+        """Process SET_MODE, the older form; its ACK has the message id as command."""
         has_custom = bool(message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         mode = self._autopilot.personality.mode_of_custom(message.custom_mode)
         result = self._mode(mode) if has_custom else _DENIED
@@ -124,7 +124,7 @@ class Commands:
         if mode is None:
             return _FAILED
         if mode is Mode.AUTO and autopilot.personality.atomic and autopilot.mission_state is _NO_MISSION:
-            # PX4 does not enter a mission that is not there, or that it rejects; ArduPlane returns home.
+            # PX4 refuses AUTO without a valid mission; ArduPlane returns home.
             return _TEMPORARILY_REJECTED
         autopilot.set_mode(mode)
         return _ACCEPTED
@@ -178,7 +178,7 @@ class Commands:
         return _ACCEPTED
 
     def _alt_m(self, command: Command) -> float | None:
-        """Altitude above the local frame's origin; None when the command names none."""
+        """Return the altitude above the local frame's origin; None if the command has none."""
         if not math.isfinite(command.alt_m):
             return None
         if command.is_alt_relative:
@@ -215,7 +215,7 @@ class Commands:
         if message_id not in self._telemetry or not math.isfinite(command.p2):
             return _FAILED
         if self._autopilot.personality is PX4 and message_id == mavlink.MAVLINK_MSG_ID_MISSION_CURRENT:
-            return _FAILED  # it comes once a second whatever is asked
+            return _FAILED  # Its interval is fixed.
         self._streams.set_interval(message_id, round(command.p2), t_ns)
         return _ACCEPTED
 

@@ -1,10 +1,9 @@
-"""The vehicle's fence and rally points in the air: where it may be, and where it returns to.
+"""Fence and rally points of the vehicle.
 
-As ArduPlane with FENCE_ACTION 1: a breach of an enabled fence changes the mode to RTL, once, and is told. Of
-the kinds of fence (FENCE_TYPE) there are the greatest height (bit 0), the circle round home (bit 1) and the
-uploaded areas (bit 2). PX4 has no switch: it watches GF_MAX_VER_DIST, GF_MAX_HOR_DIST and uploaded areas, and
-a breach does what GF_ACTION says (2 Hold, 3 return). RTL goes to the nearest rally point within
-RALLY_LIMIT_KM; home counts as one of them only when there is no other.
+ArduPlane with FENCE_ACTION 1: a breach of an enabled fence changes the mode to RTL, once, with a text.
+Simulated kinds (FENCE_TYPE): greatest height (bit 0), circle round home (bit 1), uploaded areas (bit 2). PX4
+always watches GF_MAX_VER_DIST, GF_MAX_HOR_DIST and uploaded areas; GF_ACTION sets the reaction (2 Hold, 3
+return). RTL goes to the nearest rally point within RALLY_LIMIT_KM, or home if there is none.
 """
 
 from __future__ import annotations
@@ -58,18 +57,15 @@ class FenceGuard:
 
     @property
     def reaction(self) -> Mode | None:
-        """Mode that a breach changes to; None for none."""
+        """Mode after a breach; None for no change."""
         if self._px4:
             return _PX4_REACTIONS.get(int(self._parameters["GF_ACTION"]))
         return Mode.RTL if int(self._parameters["FENCE_ACTION"]) == _RTL else None
 
     def breach(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
-        """Say which kind of fence is breached; empty while none is, or when the fence is off.
+        """Return the kind of fence that is breached; empty if none is, or the fence is off.
 
-        Parameters
-        ----------
-        alt_m
-            Above home.
+        `alt_m` is above home.
         """
         parameters = self._parameters
         if self._px4:
@@ -100,8 +96,8 @@ class FenceGuard:
         point, frame = np.array([place_m]), self._geodesy.frame
         return any(bool(area.contains(point, frame)[0]) != area.stay_in for area in self._areas)
 
-    def returns_to(self, place_m: tuple[float, float]) -> tuple[float, float, float] | None:
-        """Nearest rally point: east, north, height above home; None when home it is."""
+    def return_point(self, place_m: tuple[float, float]) -> tuple[float, float, float] | None:
+        """Return the rally point for RTL: east, north, height above home; None for home."""
         points = [(*self._geodesy.to_local(i.x * 1e-7, i.y * 1e-7), i.z) for i in self.stores[RALLY]]
         return _nearest(points, place_m, 1000.0 * self._parameters["RALLY_LIMIT_KM"])
 

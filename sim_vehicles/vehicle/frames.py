@@ -1,8 +1,12 @@
-"""MAVLink frames of a vehicle: out of a datagram, and into datagrams.
+"""MAVLink frames of a vehicle, read from datagrams and written to datagrams, and their signatures.
 
-A frame starts with 0xFD (MAVLink 2) or 0xFE (MAVLink 1), then comes the payload's length
-(https://mavlink.io/en/guide/serialization.html). Each datagram is read from empty: what it breaks off in is
-never joined with the next, and bytes that make no valid frame are stepped over one at a time.
+A frame starts with 0xFD (MAVLink 2) or 0xFE (MAVLink 1) and the payload's length
+(https://mavlink.io/en/guide/serialization.html). A frame never continues in the next datagram. Bytes outside
+valid frames are skipped one at a time.
+
+Signing uses pymavlink's own code, as an independent peer of central command. As on an ArduPilot telemetry
+port, a vehicle with a key signs everything, and rejects unsigned frames except RADIO_STATUS. SETUP_SIGNING
+with a key of zeros ends signing.
 """
 
 from __future__ import annotations
@@ -14,6 +18,32 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 MAX_DATAGRAM_BYTES = 1400
 _SIGNED = 0x01
+_EPOCH_S = 1_420_070_400
+_NS_PER_TICK = 10_000
+_UNSIGNED_IDS = (mavlink.MAVLINK_MSG_ID_RADIO_STATUS, mavlink.MAVLINK_MSG_ID_RADIO)
+
+
+class Signing:
+    """Signing state that the vehicle's reader and outbox share."""
+
+    def __init__(self, key: bytes | None = None) -> None:
+        self.state: Any = mavlink.MAVLink(None).signing
+        self.state.allow_unsigned_callback = lambda _mav, message_id: message_id in _UNSIGNED_IDS
+        if key is not None:
+            self.set_up(key, 0)
+
+    def set_up(self, key: bytes, timestamp: int) -> None:
+        """Sign and check with a key from now on; end signing if it is all zeros."""
+        state = self.state
+        state.secret_key = key if any(key) else None
+        state.sign_outgoing = any(key)
+        state.timestamp = max(state.timestamp, timestamp)
+        state.stream_timestamps.clear()
+
+    def advance_time(self, t_ns: int) -> None:
+        """Advance the signing time; received timestamps advance it too."""
+        now = t_ns // _NS_PER_TICK - _EPOCH_S * 100_000
+        self.state.timestamp = max(self.state.timestamp, now)
 
 
 class FrameReader:
@@ -28,7 +58,7 @@ class FrameReader:
         self.bad_bytes = 0
 
     def messages(self, data: bytes) -> Iterator[Any]:
-        """Yield every message whose checksum holds and whose id is known."""
+        """Yield every message with a valid checksum and a known id."""
         at, end = 0, len(data)
         while at < end:
             length = _frame_length(data, at)
@@ -49,7 +79,7 @@ class FrameReader:
 
 
 def _frame_length(data: bytes, at: int) -> int:
-    """Bytes of the frame that starts here by its own header; 0 when none does."""
+    """Return the length of the frame that starts here by its header; 0 for none."""
     magic = data[at]
     if magic == 0xFD and len(data) - at >= 12:
         return data[at + 1] + 12 + (13 if data[at + 2] & _SIGNED else 0)
@@ -59,7 +89,7 @@ def _frame_length(data: bytes, at: int) -> int:
 
 
 class Outbox:
-    """Frames that wait to be sent, of one system id and component 1, numbered in order."""
+    """Queue of frames of one system id and component 1, numbered in order."""
 
     def __init__(self, system_id: int, signing: Any = None) -> None:
         self._codec = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
@@ -76,14 +106,12 @@ class Outbox:
             datagrams.append(bytearray(frame))
 
     def encode(self, message: Any) -> bytes:
-        """One frame, with the next sequence number."""
+        """Return one frame with the next sequence number."""
         frame: bytes = message.pack(self._codec)
         self._codec.seq = (self._codec.seq + 1) & 0xFF
         return frame
 
     def pop_datagrams(self) -> list[bytes]:
-        """Everything queued, as datagrams of at most 1400 bytes."""
-        if not self._datagrams:
-            return []
+        """Return everything queued, as datagrams of at most 1400 bytes."""
         datagrams, self._datagrams = [bytes(d) for d in self._datagrams], []
         return datagrams

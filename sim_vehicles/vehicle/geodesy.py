@@ -1,9 +1,8 @@
-"""Positions to latitude and longitude, fast enough for every report of every vehicle.
+"""Fast conversion of positions to latitude and longitude.
 
-`gcs.geo` converts exactly, at about 90 microseconds a call. A vehicle moves little between two reports, so
-the exact map is replaced near an anchor by its second-order Taylor polynomial, whose derivatives are taken by
-central differences of the exact map. What is left is of third order, about ``d^3 tan^2(lat) / R^2``: with
-anchors renewed every `REACH_M` it stays below a centimetre up to 85 degrees of latitude.
+Near an anchor, the exact map of `gcs.geo` is replaced by its second-order Taylor polynomial, with derivatives
+by central differences. The error is of third order, about ``d^3 tan^2(lat) / R^2``. With a new anchor every
+`REACH_M` it stays below a centimetre up to 85 degrees of latitude.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ _H_M = 500.0
 
 
 class Geodesy:
-    """A local frame with a fast way out of it; the way in is exact, since only missions need it."""
+    """Local frame with a fast conversion to geodetic positions, and an exact one back."""
 
     def __init__(self, frame: LocalFrame) -> None:
         self.frame = frame

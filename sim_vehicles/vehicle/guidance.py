@@ -1,48 +1,47 @@
-"""Path following: along a leg, round a circle, on a heading. Two laws, one for each kind of airframe.
+"""Path following along a leg, round a circle, or on a heading: one law for each kind of airframe.
 
-A leg that is tracked runs from where it began to its point, and its line is followed. One that is not is
-flown straight to its point, from wherever the vehicle is. A point is passed within its acceptance radius, or
-beyond the finish line: the line through the point, across the leg, however far off. ArduPlane does the same.
+A tracked leg runs from its start to its point, and its line is followed. Another leg is flown straight to its
+point. A point is passed within its acceptance radius, or beyond the finish line: the line through the point,
+across the leg. ArduPlane does the same.
 
-**Heading** (the paper's airframe). The heading command is the bearing of a point: the waypoint itself, as in
-the paper, or on a tracked leg the reference point, `REFERENCE_S` ahead. In wind it is the course that is
-brought on to the bearing. Round a circle: a vector field. At distance d from the centre of a circle of radius
-R the wanted course is the tangent, turned inwards by ``atan((d - R) / (u tau))``. The heading loop follows a
-turning command only with a lag: a turn at rate w takes a heading error of ``TURN_TIME_S * w``. So the rate at
-which the field itself turns along the flight path is fed forward, and the circle is held at R, not outside.
+**Heading** (the paper's airframe). The heading command is the bearing of the waypoint, as in the paper, or on
+a tracked leg of the reference point, `REFERENCE_S` ahead. In wind the course is turned to the bearing. Round
+a circle: a vector field. At distance d from the centre of a circle of radius R the desired course is the
+tangent, turned inwards by ``atan((d - R) / (u tau))``. The heading loop lags: a turn at rate w needs a
+heading error of ``TURN_TIME_S * w``. So the turn rate of the field along the flight path is fed forward.
 
-**Lateral acceleration** (`sim_vehicles.vehicle.banked_airframe`). L1 guidance as ArduPlane flies it (S. Park,
-J. Deyst and J. How, "A new nonlinear guidance logic for trajectory tracking", AIAA 2004; NAVL1_PERIOD,
-NAVL1_DAMPING). The ground velocity is turned on to a reference point ``L1 = damping period speed / pi``
-ahead. A circle is a damped oscillator in the distance from it, with the centripetal acceleration fed forward;
-from outside, the centre is headed for until the circle asks for more.
+**Lateral acceleration** (`sim_vehicles.vehicle.banked_airframe`). L1 guidance as in ArduPlane (S. Park, J.
+Deyst and J. How, "A new nonlinear guidance logic for trajectory tracking", AIAA 2004; NAVL1_PERIOD,
+NAVL1_DAMPING). The ground velocity is turned to a reference point ``L1 = damping period speed / pi`` ahead. A
+circle is a damped oscillator in the distance from it, with the centripetal acceleration fed forward. From
+outside, the vehicle flies to the centre until the circle needs more acceleration.
 
-Both catch a path at no more than 45 degrees.
+Both laws meet a path at no more than 45 degrees.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sim_vehicles.vehicle.airframe import TURN_TIME_S, Airframe
 
 REFERENCE_S = 6.0
 """Reference point of the heading law, in seconds of flight: its loop is then damped at 0.7."""
 CONVERGENCE_S = 5.0
-"""tau: how fast the field brings a vehicle onto the circle."""
+"""tau: time constant of the approach to the circle."""
 MAX_LEAD_RAD = 1.6
 MIN_RADIUS_PER_SPEED_S = TURN_TIME_S / 1.5
-"""The tightest circle asked of the paper's airframe, in metres per m/s: 28 m at 15 m/s."""
+"""Least radius of the paper's airframe, in metres per m/s: 28 m at 15 m/s."""
 
 _PI = math.pi
 _TAU = 2.0 * math.pi
 _CATCHING = math.sqrt(0.5)
-"""Sine of the greatest angle at which a path is caught."""
+"""Sine of the greatest angle to a path."""
 _LONG_PAST_S = 3.0
-"""Flown beyond a tracked leg's end for so long, a vehicle turns back to its point."""
+"""Time beyond a tracked leg's end after which a vehicle turns back to its point."""
 _TRACKS_FROM_RADII = 3.0
-"""A circle nearer than this many radii is flown to straight; ArduPlane's number."""
+"""A circle within this many radii is flown to straight, as in ArduPlane."""
 _MIN_SPEED_M_S = 1.0
 
 
@@ -54,23 +53,23 @@ class Tuning:
     damping: float = 0.75
 
     def l1_m(self, speed_m_s: float) -> float:
-        """Distance to the reference point."""
+        """Return the distance to the reference point."""
         return self.damping * self.period_s / _PI * speed_m_s
 
     def lateral_m_s2(self, speed_m_s: float, error_rad: float) -> float:
-        """Lateral acceleration that turns the velocity by an angle; the angle is cut off at 90 degrees."""
+        """Return the lateral acceleration that turns the velocity by an angle of at most 90 degrees."""
         error_rad = min(max(error_rad, -_PI / 2.0), _PI / 2.0)
         gain = 4.0 * self.damping * self.damping
         return gain * speed_m_s * speed_m_s / self.l1_m(speed_m_s) * math.sin(error_rad)
 
 
 def density_ratio(alt_msl_m: float) -> float:
-    """Density of the air relative to that at sea level, in the standard atmosphere below 11 km."""
+    """Return the air density relative to sea level, in the standard atmosphere below 11 km."""
     return math.pow(1.0 - 2.25577e-5 * alt_msl_m, 4.25588)
 
 
 def _ground_velocity(airframe: Airframe) -> tuple[float, float, float]:
-    """East, north and speed over ground; along the heading while there is next to none."""
+    """Return east, north and speed over ground; along the heading when nearly at rest."""
     east, north = airframe.velocity_m_s
     speed = math.hypot(east, north)
     sin_heading, cos_heading = math.sin(airframe.heading_rad), math.cos(airframe.heading_rad)
@@ -80,7 +79,7 @@ def _ground_velocity(airframe: Airframe) -> tuple[float, float, float]:
 
 
 def _angle(east_1: float, north_1: float, east_2: float, north_2: float) -> float:
-    """Angle from the first direction to the second, positive to the right."""
+    """Return the angle from the first direction to the second, positive to the right."""
     return math.atan2(north_1 * east_2 - east_1 * north_2, north_1 * north_2 + east_1 * east_2)
 
 
@@ -91,11 +90,11 @@ class Straight:
     heading_rad: float
 
     def heading_error_rad(self, airframe: Airframe) -> float:
-        """Heading error, any size."""
+        """Return the heading error, not wrapped."""
         return self.heading_rad - airframe.heading_rad
 
     def lateral_m_s2(self, airframe: Airframe, tuning: Tuning) -> float:
-        """Lateral acceleration, positive to the right."""
+        """Return the lateral acceleration, positive to the right."""
         _, _, speed = _ground_velocity(airframe)
         error = (self.heading_rad - airframe.heading_rad + _PI) % _TAU - _PI
         error = min(max(error, -_PI / 2.0), _PI / 2.0)
@@ -104,7 +103,7 @@ class Straight:
 
 @dataclass(frozen=True, slots=True)
 class ToPoint:
-    """Fly to a point; `leg_east_m`, `leg_north_m` lead from where the leg began to the point."""
+    """Fly to a point; `leg_east_m`, `leg_north_m` lead from the leg's start to the point."""
 
     east_m: float
     north_m: float
@@ -115,25 +114,25 @@ class ToPoint:
     """True if the vehicle follows the leg's line; otherwise it flies straight to the point."""
 
     def heading_error_rad(self, airframe: Airframe) -> float:
-        """Heading error, any size."""
+        """Return the heading error, not wrapped."""
         bearing = self.bearing_rad(airframe, REFERENCE_S * airframe.speed_m_s)
         return bearing - airframe.heading_rad - airframe.drift_rad
 
     def lateral_m_s2(self, airframe: Airframe, tuning: Tuning) -> float:
-        """Lateral acceleration, positive to the right."""
+        """Return the lateral acceleration, positive to the right."""
         v_east, v_north, speed = _ground_velocity(airframe)
         error, line_rad = self._aim(airframe, v_east, v_north, speed, tuning.l1_m(speed))
         return tuning.lateral_m_s2(speed, error + line_rad)
 
     def bearing_rad(self, airframe: Airframe, reference_m: float) -> float:
-        """Wanted course over ground."""
+        """Return the desired course over ground."""
         error, line_rad = self._aim(airframe, 0.0, 1.0, airframe.speed_m_s, reference_m)
         return error + line_rad
 
     def _aim(
         self, airframe: Airframe, v_east: float, v_north: float, speed: float, reference_m: float
     ) -> tuple[float, float]:
-        """Angle from a direction to the line or point that is flown, and from that to the reference point."""
+        """Return the angle from a direction to the line or point, and from there to the reference point."""
         east, north = self.east_m - airframe.east_m, self.north_m - airframe.north_m
         leg_east, leg_north = self.leg_east_m, self.leg_north_m
         length = math.hypot(leg_east, leg_north)
@@ -151,7 +150,7 @@ class ToPoint:
         return _angle(v_east, v_north, leg_east, leg_north), math.asin(sine)
 
     def cross_track_m(self, airframe: Airframe) -> float:
-        """Distance off the leg's line, positive to the left of it; 0 for a leg that is not tracked."""
+        """Return the distance from the leg's line, positive to its left; 0 for an untracked leg."""
         length = math.hypot(self.leg_east_m, self.leg_north_m)
         if not self.is_tracked or length == 0.0:
             return 0.0
@@ -159,18 +158,18 @@ class ToPoint:
         return (north * self.leg_east_m - east * self.leg_north_m) / length
 
     def distance_m(self, airframe: Airframe) -> float:
-        """Distance left to the point."""
+        """Return the distance to the point."""
         return math.hypot(self.east_m - airframe.east_m, self.north_m - airframe.north_m)
 
     def is_reached(self, airframe: Airframe) -> bool:
-        """True if within the acceptance radius, or past the finish line (at once, for a leg of no length)."""
+        """Return True within the acceptance radius, or past the finish line."""
         east, north = self.east_m - airframe.east_m, self.north_m - airframe.north_m
         if east * east + north * north <= self.accept_radius_m * self.accept_radius_m:
             return True
         return self.is_past(airframe)
 
     def is_past(self, airframe: Airframe) -> bool:
-        """True if past the finish line."""
+        """Return True past the finish line."""
         east, north = self.east_m - airframe.east_m, self.north_m - airframe.north_m
         return east * self.leg_east_m + north * self.leg_north_m <= 0.0
 
@@ -186,15 +185,15 @@ class Circle:
     """Leg to the centre, followed from afar."""
 
     def distance_m(self, airframe: Airframe) -> float:
-        """Distance from the centre."""
+        """Return the distance from the centre."""
         return math.hypot(airframe.east_m - self.east_m, airframe.north_m - self.north_m)
 
     def cross_track_m(self, airframe: Airframe) -> float:
-        """Distance outside the circle; negative inside."""
+        """Return the distance from the circle; negative inside."""
         return self.distance_m(airframe) - abs(self.radius_m)
 
     def bearing_rad(self, airframe: Airframe, reference_m: float) -> float:
-        """Bearing of the centre, or of the reference point on the leg to it."""
+        """Return the bearing of the centre, or of the reference point on the leg to it."""
         leg = self._followed(airframe)
         if leg is not None:
             return leg.bearing_rad(airframe, reference_m)
@@ -207,7 +206,7 @@ class Circle:
         return leg if self.distance_m(airframe) > _TRACKS_FROM_RADII * abs(self.radius_m) else None
 
     def heading_error_rad(self, airframe: Airframe) -> float:
-        """Heading error, any size."""
+        """Return the heading error, not wrapped."""
         leg = self._followed(airframe)
         if leg is not None:
             return leg.heading_error_rad(airframe)
@@ -225,11 +224,11 @@ class Circle:
         field_rate = u * math.sin(inwards) * cos_in * cos_in / reach
         lead = min(max(TURN_TIME_S * (round_rate - field_rate), -MAX_LEAD_RAD), MAX_LEAD_RAD)
         error = bearing + side * (math.pi / 2.0 + inwards) - airframe.heading_rad - airframe.drift_rad
-        # Flying against the field, a lead would wrap the error over 180 degrees and hold the wrong way round.
+        # Against the field, a lead would wrap the error over 180 degrees and keep the wrong direction.
         return error + side * lead * max(0.0, math.cos(error))
 
     def lateral_m_s2(self, airframe: Airframe, tuning: Tuning) -> float:
-        """Lateral acceleration, positive to the right."""
+        """Return the lateral acceleration, positive to the right."""
         leg = self._followed(airframe)
         if leg is not None:
             return leg.lateral_m_s2(airframe, tuning)
@@ -240,7 +239,7 @@ class Circle:
         distance = math.hypot(east, north)
         if distance > 0.1:
             east, north = east / distance, north / distance
-        else:  # over the centre there is no bearing: fly straight on, outwards
+        else:  # Over the centre: fly straight on, outwards.
             east, north = v_east / speed, v_north / speed
         outwards = v_east * east + v_north * north
         round_m_s = side * (v_east * north - v_north * east)
@@ -248,7 +247,7 @@ class Circle:
         rate = _TAU / tuning.period_s
         correction = (distance - radius) * rate * rate + outwards * 2.0 * tuning.damping * rate
         if outwards > 0.0 and round_m_s < 0.0:
-            correction = max(correction, 0.0)  # flying the wrong way round, it would turn away
+            correction = max(correction, 0.0)  # In the wrong direction it would turn away.
         circling = side * (correction + round_m_s * round_m_s / max(0.5 * radius, distance))
         if distance > radius and side * heading_in < side * circling:
             return heading_in
@@ -256,3 +255,33 @@ class Circle:
 
 
 Goal = Straight | ToPoint | Circle
+
+
+class Legs:
+    """Starts of legs, as ArduPlane chooses them.
+
+    Usually a leg starts where the last one ended, and its line is tracked. After a mode change or a take-off
+    it starts at the vehicle. Each new leg sets the flag `do_join` again. ``DO_SET_MISSION_CURRENT`` clears it
+    after it has started the item, ``MISSION_SET_CURRENT`` before.
+    """
+
+    def __init__(self, airframe: Airframe) -> None:
+        self._airframe = airframe
+        self._point = (airframe.east_m, airframe.north_m)
+        self.do_join = False
+        """True if the next leg starts where the last one ended; False if at the vehicle."""
+
+    def begin(self, east_m: float, north_m: float, accept_radius_m: float) -> ToPoint:
+        """Return the leg to a point."""
+        here = self._airframe.east_m, self._airframe.north_m
+        is_tracked, self.do_join = self.do_join, True
+        begin = self._point if is_tracked else here
+        leg = ToPoint(east_m, north_m, east_m - begin[0], north_m - begin[1], accept_radius_m, is_tracked)
+        if leg.is_past(self._airframe):  # It would end at once.
+            leg = replace(leg, leg_east_m=east_m - here[0], leg_north_m=north_m - here[1])
+        self._point = east_m, north_m
+        return leg
+
+    def leave(self) -> None:
+        """Start the next leg at the vehicle."""
+        self._point, self.do_join = (self._airframe.east_m, self._airframe.north_m), False

@@ -1,8 +1,8 @@
-"""The vehicle's side of its MAVLink link: bytes in, bytes out, time an argument.
+"""MAVLink link of a vehicle: bytes in, bytes out, time an argument.
 
-It listens to whatever is addressed to its system id (or to all) and to component 1 (or to all), from any
-ground station, and never to itself. Parameters are listed a few at a time, so that a slow link is not
-flooded. There is no file transfer: FTP requests are answered, with a refusal, so that clients go on at once.
+It processes frames for its system id and component 1, or for all, from any ground station. Parameters are
+listed a few at a time, so that a slow link is not flooded. FTP requests are refused, so that clients continue
+at once.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from sim_vehicles.autopilots.personality import PX4, Mode
 from sim_vehicles.autopilots.px4_missions import Px4MissionServer
 from sim_vehicles.autopilots.state import ItemReached, StatusText
 from sim_vehicles.vehicle.commands import Commands
-from sim_vehicles.vehicle.frames import FrameReader, Outbox
-from sim_vehicles.vehicle.signing import Signing
+from sim_vehicles.vehicle.frames import FrameReader, Outbox, Signing
 from sim_vehicles.vehicle.telemetry import Streams, Telemetry
 
 _LISTING_NS = 40_000_000
@@ -50,11 +49,11 @@ class VehicleLink:
     system_id : int
         MAVLink system id; the component is always 1.
     start_t_ns : int
-        When telemetry begins.
+        Start of telemetry.
     rng : numpy.random.Generator
-        Draws the noise of reported positions.
+        Generator of the position noise.
     key : bytes, optional
-        Signing key that it holds from the start.
+        Signing key at the start.
     """
 
     def __init__(
@@ -98,12 +97,12 @@ class VehicleLink:
 
     @property
     def due_ns(self) -> int:
-        """When `handle_timer` is next wanted."""
+        """Time of the next action of `handle_timer`."""
         return min(self._streams.due_ns, self._missions.due_ns, self._list_due_ns)
 
     def handle_timer(self, t_ns: int) -> None:
         """Send the messages that are due."""
-        self.signing.tell_time(t_ns)
+        self.signing.advance_time(t_ns)
         for message_id in self._streams.pop_due(t_ns):
             message = self._telemetry.build(message_id, t_ns)
             if message is not None:
@@ -114,7 +113,7 @@ class VehicleLink:
 
     def receive_datagram(self, data: bytes, t_ns: int) -> None:
         """Process one datagram; skip invalid bytes without an error."""
-        self.signing.tell_time(t_ns)
+        self.signing.advance_time(t_ns)
         for message in self._reader.messages(data):
             if message.get_srcSystem() == self.system_id:
                 continue
@@ -126,9 +125,9 @@ class VehicleLink:
             if handler is not None:
                 handler(message, t_ns)
 
-    def tell_notices(self, t_ns: int) -> None:
+    def send_notices(self, t_ns: int) -> None:
         """Send the notices of the autopilot."""
-        self.signing.tell_time(t_ns)
+        self.signing.advance_time(t_ns)
         notices = self._autopilot.notices
         while notices:
             notice = notices.popleft()
@@ -136,10 +135,10 @@ class VehicleLink:
                 self.outbox.send(mavlink.MAVLink_mission_item_reached_message(notice.seq))
                 self.outbox.send(self._telemetry.mission_current(t_ns))
             else:
-                self._tell(notice)
+                self._send_text(notice)
 
-    def _tell(self, notice: StatusText) -> None:
-        """Send a text: ArduPlane's is cut off, PX4's goes in chunks that bear one id."""
+    def _send_text(self, notice: StatusText) -> None:
+        """Send a STATUSTEXT: ArduPlane truncates it, PX4 sends chunks with one id."""
         if self._autopilot.personality is not PX4:
             text = notice.text[:_CHUNK].encode("ascii")
             self.outbox.send(mavlink.MAVLink_statustext_message(notice.severity, text))
@@ -160,9 +159,7 @@ class VehicleLink:
 
     def _mission(self, message: Any, t_ns: int) -> None:
         is_item = message.get_type() in ("MISSION_ITEM_INT", "MISSION_ITEM")
-        if (
-            is_item and message.current == 2
-        ):  # ArduPilot's "guided" item: a place to go to, not part of a mission
+        if is_item and message.current == 2:  # ArduPilot's guided item, not part of a mission.
             self._guided_item(message)
         else:
             self._missions.handle(message, t_ns)
@@ -184,7 +181,7 @@ class VehicleLink:
 
     def _guide(self, lat_deg: float, lon_deg: float, alt_m: float, frame: int) -> bool:
         autopilot = self._autopilot
-        if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(alt_m) < 1e5):  # also false for NaN
+        if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(alt_m) < 1e5):  # False for NaN too.
             return False
         if frame in _RELATIVE_FRAMES:
             alt_m += autopilot.home.alt_m
@@ -193,14 +190,14 @@ class VehicleLink:
         return autopilot.guide_to(*autopilot.geodesy.to_local(lat_deg, lon_deg), alt_m)
 
     def _setup_signing(self, message: Any, _t_ns: int) -> None:
-        if self._autopilot.armed:  # as ArduPlane
+        if self._autopilot.armed:  # As ArduPlane.
             text = b"ERROR: Won't setup signing when armed"
             self.outbox.send(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, text))
         else:
             self.signing.set_up(bytes(message.secret_key), message.initial_timestamp)
 
     def _set_current(self, message: Any, t_ns: int) -> None:
-        # No ACK, and no word of a failure; the number is said as it was sent: as ArduPlane.
+        # As ArduPlane: no ACK, no failure, and the number as it was sent.
         if not self._missions.is_busy and self._autopilot.set_current(message.seq, by_message=True):
             answer = self._telemetry.mission_current(t_ns)
             answer.seq = message.seq
@@ -254,7 +251,7 @@ class VehicleLink:
         )
 
     def _ping(self, message: Any, _t_ns: int) -> None:
-        if message.target_system == 0:  # a request; one with a target is an answer
+        if message.target_system == 0:  # A message with a target is an answer.
             peer = message.get_srcSystem(), message.get_srcComponent()
             self.outbox.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *peer))
 

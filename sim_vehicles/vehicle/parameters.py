@@ -1,9 +1,9 @@
-"""The vehicle's parameters: ArduPlane's names, types and defaults, as far as ground stations use them.
+"""Parameters of the vehicle: ArduPlane's names, types and defaults.
 
 Names and meanings follow ArduPlane 4.6 (https://ardupilot.org/plane/docs/parameters.html). Only those marked
-as used change what the vehicle does; the others are there to be listed, read, set and read back. Departures
-from ArduPlane's defaults: WP_RADIUS is the mission's 10 m, not 90 m. ARMING_DELAY_S is this simulator's own:
-how long after boot a vehicle refuses to arm.
+as used change the vehicle's behaviour; the others can be listed, read, set and read back. WP_RADIUS is the
+mission's 10 m, not ArduPlane's 90 m. ARMING_DELAY_S is this simulator's own: time after boot in which arming
+is refused.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ _PX4_TABLE: tuple[tuple[str, Kind, float], ...] = (
     ("NAV_ACC_RAD", Kind.REAL32, 10),
     ("NAV_LOITER_RAD", Kind.REAL32, 80),
 )
-"""What a vehicle that plays PX4 has beside them: to be listed, read, set and read back. None is used."""
+"""Additional parameters of a simulated PX4."""
 _READ_ONLY = frozenset({"FORMAT_VERSION", "SYSID_THISMAV", "MIS_TOTAL", "FENCE_TOTAL", "RALLY_TOTAL"})
 
 
@@ -131,7 +131,7 @@ def _as_float32(value: float) -> float:
 
 
 class Parameters:
-    """Named values in a fixed order; each is one that its type, and a float32 on the wire, can hold."""
+    """Named values in a fixed order, each rounded to its type and to float32."""
 
     def __init__(self, px4: bool = False, **values: float) -> None:
         table = _TABLE + _PX4_TABLE if px4 else _TABLE
@@ -154,28 +154,28 @@ class Parameters:
         return iter(self._names)
 
     def name(self, index: int) -> str:
-        """Name at a place in the list; IndexError outside it."""
+        """Return the name at an index; raises IndexError outside the list."""
         if index < 0:
             raise IndexError(index)
         return self._names[index]
 
     def index(self, name: str) -> int:
-        """Place in the list."""
+        """Return the index of a name."""
         return self._names.index(name)
 
     def kind(self, name: str) -> Kind:
-        """Type on the wire."""
+        """Return the MAVLink type."""
         return self._kinds[name]
 
     def request(self, name: str, value: float) -> bool:
-        """What a ground station may do: as `store`, but read-only values stay. True when taken."""
+        """Set a parameter for a ground station; return False if it is unknown or read-only."""
         if name not in self._values or name in _READ_ONLY or not math.isfinite(value):
             return False
         self.store(name, value)
         return True
 
     def store(self, name: str, value: float) -> None:
-        """Set a known parameter; integers are rounded and kept within their type, as ArduPilot does."""
+        """Set a known parameter; integers are rounded and clipped, as by ArduPilot."""
         kind = self._kinds[name]
         if kind is not Kind.REAL32:
             low, high = _INTEGER_RANGE[kind]

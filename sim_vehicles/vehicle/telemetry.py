@@ -1,11 +1,10 @@
-"""Telemetry of the vehicle: one builder for each message, and its schedule.
+"""Telemetry of the vehicle: one builder for each message, and the schedule.
 
 Message definitions: https://mavlink.io/en/messages/common.html and ardupilotmega.html. Default rates are
 ArduPlane's, about 1 Hz; the groups of REQUEST_DATA_STREAM follow ArduPlane's ``SR*`` streams.
 
-Positions carry white Gaussian noise of `gps_noise_std_m` on each axis, drawn anew for each report; velocities
-and attitude are exact. Before the position is known (a ground start, for the first seconds) reports look as
-ArduPlane's do: near latitude and longitude zero, not at it, and without a fix.
+Positions have white Gaussian noise of `gps_noise_std_m` on each axis; velocities and attitude are exact.
+Before the position is known, reports are as ArduPlane's: near latitude and longitude zero, without a fix.
 """
 
 from __future__ import annotations
@@ -98,14 +97,14 @@ class Telemetry:
         return message_id in self._builders
 
     def build(self, message_id: int, t_ns: int) -> Any | None:
-        """Return the message as of `t_ns`; None when there is nothing to say yet."""
+        """Return the message at `t_ns`; None if it has no content yet."""
         return self._builders[message_id](t_ns)
 
     def _boot_ms(self, t_ns: int) -> int:
         return (t_ns - self._autopilot.boot_t_ns) // 1_000_000 & 0xFFFFFFFF
 
     def _lat_lon_alt(self, t_ns: int) -> tuple[int, int, int]:
-        """1e-7 degrees, 1e-7 degrees and millimetres above sea level, with noise."""
+        """Return 1e-7 degrees, 1e-7 degrees and millimetres above sea level, with noise."""
         airframe = self._airframe
         alt_mm = round((self._geodesy.frame.alt_msl_m + airframe.alt_rel_m) * 1e3)
         if not self._autopilot.is_position_known(t_ns):
@@ -117,7 +116,7 @@ class Telemetry:
         return round(lat * 1e7), round(lon * 1e7), alt_mm
 
     def heartbeat(self, _t_ns: int) -> Any:
-        """Type, mode and whether it is armed."""
+        """Return type, mode and arming."""
         autopilot = self._autopilot
         base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _MODE_BITS.get(autopilot.mode, 0)
         if autopilot.mode is Mode.MANUAL:
@@ -129,13 +128,10 @@ class Telemetry:
         status = mavlink.MAV_STATE_ACTIVE if autopilot.flying else mavlink.MAV_STATE_STANDBY
         if autopilot.failsafe.is_on:
             status = mavlink.MAV_STATE_CRITICAL
+        personality = autopilot.personality
+        custom_mode = personality.custom_mode(autopilot.mode)
         return mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_FIXED_WING,
-            autopilot.personality.mav_autopilot,
-            base,
-            autopilot.personality.custom_mode(autopilot.mode),
-            status,
-            3,
+            mavlink.MAV_TYPE_FIXED_WING, personality.mav_autopilot, base, custom_mode, status, 3
         )
 
     def _battery_percent(self, t_ns: int) -> int:
@@ -146,7 +142,7 @@ class Telemetry:
         return 10_500 + 21 * self._battery_percent(t_ns)
 
     def sys_status(self, t_ns: int) -> Any:
-        """Sensors present, enabled and healthy; battery."""
+        """Return the sensors present, enabled and healthy, and the battery."""
         known = self._autopilot.is_position_known(t_ns)
         ready = self._autopilot.prearm_failure(t_ns) is None
         present = _SENSORS | _GPS | _PREARM
@@ -159,28 +155,15 @@ class Telemetry:
             | (_GPS if known else 0)
             | (_PREARM if ready else 0)
         )
-        return mavlink.MAVLink_sys_status_message(
-            present,
-            enabled,
-            health,
-            180,
-            self._battery_mv(t_ns),
-            1200,
-            self._battery_percent(t_ns),
-            0,
-            0,
-            0,
-            0,
-            0,
-            0,
-        )
+        battery = self._battery_mv(t_ns), 1200, self._battery_percent(t_ns)
+        return mavlink.MAVLink_sys_status_message(present, enabled, health, 180, *battery, *[0] * 6)
 
     def system_time(self, t_ns: int) -> Any:
-        """The run's clock."""
+        """Return the run time."""
         return mavlink.MAVLink_system_time_message(t_ns // 1000, self._boot_ms(t_ns))
 
     def gps_raw_int(self, t_ns: int) -> Any:
-        """The receiver's fix."""
+        """Return the receiver's fix."""
         if not self._autopilot.is_position_known(t_ns):
             return mavlink.MAVLink_gps_raw_int_message(
                 t_ns // 1000, mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0, 9999, 9999, 0, 0, 0
@@ -196,7 +179,7 @@ class Telemetry:
         )  # fmt: skip
 
     def attitude(self, t_ns: int) -> Any:
-        """Bank, heading and their rates; pitch is not modelled."""
+        """Return bank, heading and their rates; pitch is not simulated."""
         a = self._airframe
         yaw = (a.heading_rad + math.pi) % (2.0 * math.pi) - math.pi
         return mavlink.MAVLink_attitude_message(
@@ -204,7 +187,7 @@ class Telemetry:
         )
 
     def global_position_int(self, t_ns: int) -> Any:
-        """Position and velocity over ground."""
+        """Return position and velocity over ground."""
         a = self._airframe
         lat, lon, alt_mm = self._lat_lon_alt(t_ns)
         east, north = a.velocity_m_s
@@ -215,7 +198,7 @@ class Telemetry:
         )  # fmt: skip
 
     def mission_current(self, _t_ns: int) -> Any:
-        """Item that is flown; `total` does not count home."""
+        """Return the current item; `total` excludes home."""
         autopilot = self._autopilot
         return mavlink.MAVLink_mission_current_message(
             autopilot.seq, max(len(autopilot.mission) - autopilot.personality.home_items, 0),
@@ -224,7 +207,7 @@ class Telemetry:
         )  # fmt: skip
 
     def nav_controller_output(self, _t_ns: int) -> Any:
-        """Wanted course, bearing and distance of the waypoint, distance off the path."""
+        """Return desired course, bearing and distance of the waypoint, and cross-track error."""
         a, goal = self._airframe, self._autopilot.goal
         nav_deg, point_deg, distance_m, off_m = 0.0, 0.0, 0.0, 0.0
         if isinstance(goal, Straight):
@@ -239,7 +222,7 @@ class Telemetry:
         )  # fmt: skip
 
     def vfr_hud(self, _t_ns: int) -> Any:
-        """Speeds, heading, altitude and climb."""
+        """Return speeds, heading, altitude and climb."""
         a = self._airframe
         speed = math.hypot(a.speed_m_s, a.sideslip_m_s)
         return mavlink.MAVLink_vfr_hud_message(
@@ -248,7 +231,7 @@ class Telemetry:
         )  # fmt: skip
 
     def battery_status(self, t_ns: int) -> Any:
-        """One battery that lasts an hour."""
+        """Return a battery that lasts an hour."""
         percent = self._battery_percent(t_ns)
         return mavlink.MAVLink_battery_status_message(
             0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 2500,
@@ -256,25 +239,25 @@ class Telemetry:
         )  # fmt: skip
 
     def ekf_status_report(self, t_ns: int) -> Any:
-        """Whether position and attitude can be trusted."""
+        """Return the state of the position estimate (ArduPilot)."""
         flags = _EKF_READY if self._autopilot.is_position_known(t_ns) else mavlink.EKF_ATTITUDE
         return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, 0.05, 0.0)
 
     def estimator_status(self, t_ns: int) -> Any:
-        """As PX4 says the same."""
+        """Return the state of the position estimate (PX4)."""
         ready = self._autopilot.is_position_known(t_ns)
         flags = (_EKF_READY if ready else 0) | mavlink.ESTIMATOR_ATTITUDE
         ratios = [0.05] * 6
         return mavlink.MAVLink_estimator_status_message(t_ns // 1000, flags, *ratios, 1.0, 1.0)
 
     def extended_sys_state(self, _t_ns: int) -> Any:
-        """On the ground or in the air."""
+        """Return the landed state."""
         in_air = self._autopilot.flying
         state = mavlink.MAV_LANDED_STATE_IN_AIR if in_air else mavlink.MAV_LANDED_STATE_ON_GROUND
         return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
 
     def autopilot_version(self, _t_ns: int) -> Any:
-        """Capabilities and version, as ArduPlane 4.6.0 and PX4 1.15.0 give them (no FTP)."""
+        """Return capabilities and version of ArduPlane 4.6.0 or PX4 1.15.0, without FTP."""
         capabilities = (
             mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
             | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
@@ -297,22 +280,13 @@ class Telemetry:
         )
 
     def home_position(self, t_ns: int) -> Any | None:
-        """Where RTL returns to; nothing before there is an origin."""
+        """Return the destination of RTL; None before there is an origin."""
         if not self._autopilot.is_position_known(t_ns):
             return None
         home = self._autopilot.mission_home()
+        no_turn = [1.0, 0.0, 0.0, 0.0]
         return mavlink.MAVLink_home_position_message(
-            home.x,
-            home.y,
-            round(home.z * 1e3),
-            0.0,
-            0.0,
-            0.0,
-            [1.0, 0.0, 0.0, 0.0],
-            0.0,
-            0.0,
-            0.0,
-            t_ns // 1000,
+            home.x, home.y, round(home.z * 1e3), 0.0, 0.0, 0.0, no_turn, 0.0, 0.0, 0.0, t_ns // 1000
         )
 
 
@@ -341,7 +315,7 @@ _DEFAULT_PERIOD_NS = dict.fromkeys(
 
 
 class Streams:
-    """When each message is due; the first of each at the start."""
+    """Schedule of the messages; the first of each is due at the start."""
 
     def __init__(self, start_t_ns: int) -> None:
         self._period_ns = dict(_DEFAULT_PERIOD_NS)
@@ -349,7 +323,7 @@ class Streams:
         self.due_ns = start_t_ns
 
     def pop_due(self, t_ns: int) -> list[int]:
-        """Message ids due at `t_ns`; each is put off by its period, and missed turns are not made up."""
+        """Return the message ids due at `t_ns`, and schedule their next ones; missed ones are skipped."""
         if t_ns < self.due_ns:
             return []
         due = [message_id for message_id, at_ns in self._due_ns.items() if at_ns <= t_ns]
@@ -360,7 +334,7 @@ class Streams:
         return due
 
     def set_interval(self, message_id: int, interval_us: int, t_ns: int) -> None:
-        """As SET_MESSAGE_INTERVAL: microseconds, 0 for the default, negative to stop."""
+        """Apply SET_MESSAGE_INTERVAL: microseconds, 0 for the default, negative to stop."""
         period_ns = interval_us * 1000 if interval_us else _DEFAULT_PERIOD_NS.get(message_id, -1)
         if period_ns < 0:
             self._period_ns.pop(message_id, None)
@@ -371,12 +345,12 @@ class Streams:
         self.due_ns = min(self._due_ns.values(), default=NEVER_NS)
 
     def interval_us(self, message_id: int) -> int:
-        """As MESSAGE_INTERVAL reports it: -1 when it is not sent."""
+        """Return the interval for MESSAGE_INTERVAL; -1 if it is not sent."""
         period_ns = self._period_ns.get(message_id)
         return -1 if period_ns is None else period_ns // 1000
 
     def set_group(self, stream_id: int, rate_hz: int, is_on: bool, t_ns: int) -> None:
-        """As REQUEST_DATA_STREAM; an unknown stream is ignored."""
+        """Apply REQUEST_DATA_STREAM; ignore an unknown stream."""
         interval_us = 1_000_000 // rate_hz if is_on and rate_hz > 0 else -1
         for message_id in _GROUPS.get(stream_id, ()):
             self.set_interval(message_id, interval_us, t_ns)

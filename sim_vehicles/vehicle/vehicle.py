@@ -1,11 +1,9 @@
-"""One simulated vehicle: airframe, autopilot and link on one clock, and the chance to die.
+"""One simulated vehicle: airframe, autopilot and link on one clock.
 
-The same object flies in virtual time and in a process of its own: whoever holds it carries its bytes and
-moves its clock. What it does depends on the times it is given, not on how often it is called.
+It flies in virtual time and in a process of its own alike: time and bytes are arguments.
 
-Death: at each check (`death_check_period_s`) a uniform number is drawn; when it exceeds the survival
-probability, the vehicle dies. A dead vehicle stops everything, silently: no telemetry, no answers, its
-position frozen.
+Loss: at each check (`death_check_period_s`) a uniform number is drawn. The vehicle is lost if it exceeds the
+survival probability: it sends no telemetry and no answers, and its position stays.
 """
 
 from __future__ import annotations
@@ -45,48 +43,45 @@ class VehicleSpec:
     course_rad: float
     """Clockwise from north."""
     alt_rel_m: float
-    """Above the local frame's origin; a vehicle that starts on the ground stands at 0."""
+    """Above the local frame's origin; 0 for a vehicle that starts on the ground."""
     forward_speed_m_s: float
     airborne: bool = True
-    """True: armed, circling at its start. False: disarmed on the ground, as after switching on."""
+    """True if it starts armed and circling; False if disarmed on the ground."""
     survival_probability: float = 1.0
     """At each check."""
     death_check_period_s: float = 1.0
     dies_at_s: float | None = None
-    """Seconds from the start, or from when a ground station is there; None leaves it to chance."""
+    """Seconds from the start, or from ground contact; None for a random loss."""
     waits_for_ground: bool = False
-    """True if deaths count from when a ground station is there (`GroundContact`), not from the start."""
+    """True if losses start with ground contact (`GroundContact`), not at the start."""
     seed: int = 0
     accept_radius_m: float = 10.0
-    """Of waypoints that name none."""
+    """Of waypoints without an own radius."""
     gps_noise_std_m: float = 1.0
     airframe: str = "paper"
     """Airframe: "paper" (`sim_vehicles.vehicle.airframe`) or "banked" (`banked_airframe`)."""
     autopilot: str = "ardupilot"
-    """Which one it plays: "ardupilot" or "px4"."""
+    """Simulated autopilot: "ardupilot" or "px4"."""
     wind_east_m_s: float = 0.0
-    """As the air moves."""
+    """Direction to which the air moves."""
     wind_north_m_s: float = 0.0
     gust_std_m_s: float = 0.0
     gust_time_s: float = 5.0
     arming_delay_s: float = 20.0
-    """How long after a start on the ground arming is refused."""
+    """Time after a start on the ground in which arming is refused."""
     key_file: str = ""
-    """Of signing keys, in which a process finds this vehicle's; empty for none."""
+    """File of signing keys; empty for none."""
     parameters: dict[str, float] = field(default_factory=dict)
     """Values other than the defaults."""
 
     def to_json(self) -> str:
-        """One line of JSON."""
+        """Return one line of JSON."""
         return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str) -> VehicleSpec:
-        """Read `to_json`'s form; TypeError or ValueError when it is not that."""
-        raw = json.loads(text)
-        if not isinstance(raw, dict):
-            raise ValueError("a vehicle specification is a JSON object")
-        return cls(**raw)
+        """Return the specification in a JSON object; raises TypeError or ValueError for another text."""
+        return cls(**json.loads(text))
 
 
 def _generator(spec: VehicleSpec, purpose: str) -> np.random.Generator:
@@ -94,18 +89,16 @@ def _generator(spec: VehicleSpec, purpose: str) -> np.random.Generator:
 
 
 class SimVehicle:
-    """A vehicle from `start_t_ns` on.
+    """A vehicle from its boot on.
 
     Parameters
     ----------
     spec : VehicleSpec
     frame : LocalFrame
-        Where the local frame lies on Earth.
     start_t_ns : int
-        Its first moment: it boots, telemetry begins; its chances of death are counted from here unless it
-        waits for a ground station.
+        Boot time; telemetry begins.
     key : bytes, optional
-        Signing key that it holds.
+        Signing key.
     """
 
     def __init__(
@@ -160,10 +153,10 @@ class SimVehicle:
         self._check_period_ns = max(int(spec.death_check_period_s * NS_PER_S), STEP_NS)
         self._death_check_ns = self._dies_ns = NEVER_NS
         if not spec.waits_for_ground:
-            self._count_deaths_from(start_t_ns)
+            self._start_losses(start_t_ns)
         self._stepped_ns = start_t_ns
 
-    def _count_deaths_from(self, t_ns: int) -> None:
+    def _start_losses(self, t_ns: int) -> None:
         if self.spec.survival_probability < 1.0:
             self._death_check_ns = t_ns + self._check_period_ns
         if self.spec.dies_at_s is not None:
@@ -200,13 +193,13 @@ class SimVehicle:
         return min(self._link.due_ns, self._death_check_ns, self._dies_ns) if self.alive else NEVER_NS
 
     def advance(self, t_ns: int) -> None:
-        """Fly every 10 ms step that ends at or before `t_ns`, and send what falls due on the way."""
+        """Fly every 10 ms step that ends by `t_ns`, and send the messages due until then."""
         while self.alive and self._stepped_ns <= t_ns:
             due_ns = self.due_ns
             if due_ns <= self._stepped_ns:
                 self._handle_due(self._stepped_ns)
                 continue
-            # Steps are counted up to the first that is not due, or that ends when something else is.
+            # Fly up to the next due time.
             until_ns = min(due_ns + STEP_NS - 1, t_ns)
             if self._stepped_ns + STEP_NS > until_ns:
                 return
@@ -221,7 +214,7 @@ class SimVehicle:
                 wind.blow(self.airframe, now_ns)
             step(now_ns)
             if notices:
-                self._link.tell_notices(now_ns)
+                self._link.send_notices(now_ns)
 
     def _handle_due(self, t_ns: int) -> None:
         if self._dies_ns <= t_ns:
@@ -235,21 +228,21 @@ class SimVehicle:
         self._link.handle_timer(t_ns)
 
     def receive_datagram(self, data: bytes, t_ns: int) -> None:
-        """Take one datagram from the ground, after flying up to `t_ns`. Bad bytes are stepped over."""
+        """Process one datagram from the ground, after flying up to `t_ns`; invalid bytes are skipped."""
         self.advance(t_ns)
         if self.alive and t_ns >= self._start_t_ns:
             if self.ground.hear(t_ns) and self.spec.waits_for_ground:
-                self._count_deaths_from(t_ns)
+                self._start_losses(t_ns)
             self._link.receive_datagram(data, t_ns)
-            self._link.tell_notices(t_ns)
+            self._link.send_notices(t_ns)
 
     def datagrams_to_send(self, t_ns: int) -> list[bytes]:
-        """Whatever was queued up to `t_ns`: whole frames, at most 1400 bytes a datagram."""
+        """Return the datagrams queued up to `t_ns`: whole frames, at most 1400 bytes each."""
         self.advance(t_ns)
         return self._link.outbox.pop_datagrams()
 
     def truth_messages(self, t_ns: int) -> tuple[Any, Any]:
-        """SYSTEM_TIME and SIM_STATE: the true state, for the simulated world alone."""
+        """Return SYSTEM_TIME and SIM_STATE: the true state, for the simulated world only."""
         airframe = self.airframe
         lat_deg, lon_deg = self.geodesy.to_geodetic(airframe.east_m, airframe.north_m)
         east_m_s, north_m_s = airframe.velocity_m_s

@@ -1,10 +1,10 @@
-"""Wind: a steady part, the same everywhere, and gusts that each vehicle meets by itself.
+"""Wind: a steady part, and gusts of each vehicle.
 
 Gusts are a first-order Gauss-Markov process on each of east and north: ``g+ = a g + s sqrt(1 - a^2) n``,
 with ``a = exp(-dt / T)``; s is their standard deviation and T their correlation time. This is Dryden's
 longitudinal spectrum (MIL-F-8785C) at a fixed airspeed. They are stepped at 10 Hz.
 
-Near the ground there is less wind: it grows linearly with height up to 60 m, as in ArduPlane's simulation.
+The wind grows linearly with height up to 60 m, as in ArduPlane's simulation.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _WHOLE_ABOVE_M = 60.0
 
 
 class Wind:
-    """The wind that one vehicle flies in.
+    """Wind at one vehicle.
 
     Parameters
     ----------
     east_m_s, north_m_s : float
-        Steady part, as the air moves.
+        Steady velocity of the air.
     gust_std_m_s, gust_time_s : float
-        Of the gusts; no gusts with a deviation of 0.
+        Standard deviation and correlation time of the gusts.
     rng : Generator
     start_t_ns : int
     """
@@ -52,7 +52,7 @@ class Wind:
         self._next_ns = start_t_ns
 
     def blow(self, airframe: Airframe, t_ns: int) -> None:
-        """Set the airframe's wind as it is at `t_ns`, which never runs backwards."""
+        """Set the airframe's wind at `t_ns`, which never decreases."""
         while t_ns >= self._next_ns:
             self._next_ns += _STEP_NS
             if len(self._drawn) < 2:

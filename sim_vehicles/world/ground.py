@@ -1,13 +1,13 @@
-"""When a simulated world begins to move: with the first ground station that stays."""
+"""Ground contact: the start of a simulated world with the first ground station that stays."""
 
 from __future__ import annotations
 
 from gcs.model import NS_PER_S
 
 _STAYS_NS = 10 * NS_PER_S
-"""`gcs preflight` and `gcs fence` come, ask, and are gone before."""
+"""Longer than a session of `gcs preflight` or `gcs fence`."""
 _GAP_NS = 10 * NS_PER_S
-"""Of run time: heartbeats come once a second of wall time, at any speed of the run."""
+"""Run time; heartbeats come once a second of wall time."""
 
 
 class GroundContact:
@@ -16,7 +16,7 @@ class GroundContact:
     Attributes
     ----------
     began_t_ns : int or None
-        When it had been heard for 10 s without a gap of 10 s; None before.
+        Time when it was heard for 10 s without a gap of 10 s; None before.
     """
 
     def __init__(self) -> None:
@@ -24,7 +24,7 @@ class GroundContact:
         self._since_t_ns = self._last_t_ns = -_GAP_NS
 
     def hear(self, t_ns: int) -> bool:
-        """Note a datagram; return True if the ground station has now stayed for the first time."""
+        """Note a datagram; return True at the start of ground contact."""
         if t_ns - self._last_t_ns >= _GAP_NS:
             self._since_t_ns = t_ns
         self._last_t_ns = t_ns

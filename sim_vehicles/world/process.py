@@ -1,15 +1,14 @@
-"""Process of the world: receives the vehicles' true states, publishes scans and truth on zenoh.
+"""Process of the world: receives true states of vehicles, publishes scans and ground truth on zenoh.
 
 Vehicles send their true state ten times a second of run time (SYSTEM_TIME and SIM_STATE in one datagram).
-At each scan time the world waits until it knows where every living agent was, interpolates, and publishes.
-An agent whose truth stops is dead: the sensor sees nothing there, whether it died by the scenario or its
-process was killed.
+At each scan time the world waits for the states of all living agents, interpolates, and publishes. An agent
+without further states is lost, by the scenario or since its process was killed.
 
-With ``--wait-for-ground`` targets stand until a vehicle has a ground station: it adds a HEARTBEAT to its
-true states then.
+With ``--wait-for-ground`` targets stand until a vehicle has ground contact, shown by a HEARTBEAT beside its
+true state.
 
-Run as ``python -m sim_vehicles.world.process``: prints ``ready PORT`` (where truth is to be sent), reads
-the clock as one JSON line, and ends when its standard input closes.
+``python -m sim_vehicles.world.process`` prints ``ready PORT`` (of the true states), reads the clock as one
+JSON line, and ends when its standard input closes.
 """
 
 from __future__ import annotations
@@ -38,18 +37,18 @@ from sim_vehicles.autopilots.missions import NEVER_NS
 from sim_vehicles.world.scenario import Scenario, load
 from sim_vehicles.world.world import World
 
-_PATIENCE_S = 0.25
-"""Wall time that a scan waits for an agent's truth: jitter of a busy machine is no death."""
+_MAX_WAIT_S = 0.25
+"""Wall time that a scan waits for an agent's state."""
 
 
 @dataclass(slots=True)
 class AgentTruth:
-    """The newest true states of one agent, enough to interpolate between."""
+    """Newest true states of one agent."""
 
     states: list[tuple[int, float, float]]
-    """(t_ns, east_m, north_m), oldest first; the scenario's start before anything is heard."""
+    """(t_ns, east_m, north_m), oldest first; at first the scenario's start."""
     silent: bool = False
-    """Nothing newer came for a whole wait: it is not waited for again until it speaks."""
+    """True after a wait without a newer state: scans do not wait for it."""
 
     def add(self, t_ns: int, east_m: float, north_m: float) -> None:
         """Add a state; ignore it if it is older than the newest."""
@@ -59,21 +58,20 @@ class AgentTruth:
             self.silent = False
 
     def at(self, t_ns: int) -> tuple[float, float]:
-        """East and north at `t_ns` by straight interpolation, clamped to what is known."""
+        """Return east and north at `t_ns`, interpolated, and clamped to the known states."""
         previous = self.states[0]
         for state in self.states:
             if state[0] >= t_ns:
                 span_ns = state[0] - previous[0]
                 part = (t_ns - previous[0]) / span_ns if span_ns > 0 else 1.0
-                return previous[1] + part * (state[1] - previous[1]), previous[2] + part * (
-                    state[2] - previous[2]
-                )
+                east_m = previous[1] + part * (state[1] - previous[1])
+                return east_m, previous[2] + part * (state[2] - previous[2])
             previous = state
         return previous[1], previous[2]
 
 
 class TruthReceiver:
-    """The agents' true states as they arrive on a UDP socket."""
+    """Receives the agents' true states on a UDP socket."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._frame: LocalFrame = scenario.frame
@@ -91,7 +89,7 @@ class TruthReceiver:
         readable, _, _ = select.select([self._socket, sys.stdin], [], [], max(0.0, timeout_s))
         if self._socket in readable:
             for data in self._datagrams():
-                self._take(data)
+                self._add_datagram(data)
         return sys.stdin in readable and not os.read(sys.stdin.fileno(), 1024)
 
     def _datagrams(self) -> Iterator[bytes]:
@@ -101,7 +99,7 @@ class TruthReceiver:
             except (BlockingIOError, ConnectionError):
                 return
 
-    def _take(self, data: bytes) -> None:
+    def _add_datagram(self, data: bytes) -> None:
         try:
             messages = mavlink.MAVLink(None).parse_buffer(bytearray(data)) or []
         except mavlink.MAVError:
@@ -112,7 +110,7 @@ class TruthReceiver:
         if time_message is None or agent is None:
             return
         if state is None:
-            agent.silent = True  # its last word: it has died
+            agent.silent = True  # Lost.
         else:
             place = self._frame.to_local(state.lat_int * 1e-7, state.lon_int * 1e-7)
             agent.add(time_message.time_unix_usec * 1000, *place)
@@ -120,7 +118,7 @@ class TruthReceiver:
             self.ground_t_ns = time_message.time_unix_usec * 1000
 
     def agents_at(self, t_ns: int) -> list[TruthObject] | None:
-        """All agents at `t_ns`; None while the truth of a living one is still to come."""
+        """Return all agents at `t_ns`; None while the state of a living one is missing."""
         if any(a.states[-1][0] < t_ns and not a.silent for a in self.agents.values()):
             return None
         return [
@@ -129,7 +127,7 @@ class TruthReceiver:
         ]
 
     def give_up(self, t_ns: int) -> None:
-        """Stop waiting for agents that have not spoken since `t_ns`."""
+        """Stop waiting for agents without a state since `t_ns`."""
         for agent in self.agents.values():
             agent.silent = agent.silent or agent.states[-1][0] < t_ns
 
@@ -137,7 +135,7 @@ class TruthReceiver:
 def fly(world: World, receiver: TruthReceiver, bus: ZenohSession, clock: RunClock) -> None:
     """Publish scan after scan until standard input closes."""
     mission = world.scenario.config.name
-    index, told_t_ns = 0, -1
+    index, published_t_ns = 0, -1
     delayed: list[tuple[int, int, Scan]] = []
     while True:
         t_ns = world.scan_t_ns(index)
@@ -148,7 +146,7 @@ def fly(world: World, receiver: TruthReceiver, bus: ZenohSession, clock: RunCloc
             scan = heapq.heappop(delayed)[-1]
             bus.publish(scan_key(mission, scan.sensor.name), encode_scan(scan, world.scenario.frame))
             continue
-        give_up_s = time.monotonic() + _PATIENCE_S
+        give_up_s = time.monotonic() + _MAX_WAIT_S
         while (agents := receiver.agents_at(t_ns)) is None:
             left_s = give_up_s - time.monotonic()
             if left_s <= 0:
@@ -158,9 +156,9 @@ def fly(world: World, receiver: TruthReceiver, bus: ZenohSession, clock: RunCloc
         if receiver.ground_t_ns is not None:
             world.moves_from_t_ns = min(world.moves_from_t_ns, receiver.ground_t_ns)
         truth = world.truth(t_ns, agents)
-        if t_ns > told_t_ns:
+        if t_ns > published_t_ns:
             bus.publish(truth_key(mission), encode(truth))
-            told_t_ns = t_ns
+            published_t_ns = t_ns
         heapq.heappush(delayed, (world.arrival_t_ns(index), index, world.scan(index, truth)))
         index += 1
 
@@ -172,9 +170,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--zenoh", required=True, help="endpoint, such as tcp/127.0.0.1:7447")
     parser.add_argument("--zenoh-role", choices=["listen", "connect"], required=True)
-    parser.add_argument(
-        "--wait-for-ground", action="store_true", help="targets stand until a ground station is there"
-    )
+    parser.add_argument("--wait-for-ground", action="store_true", help="targets stand until ground contact")
     arguments = parser.parse_args()
     scenario = load(arguments.scenario)
     receiver = TruthReceiver(scenario)

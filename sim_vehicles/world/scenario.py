@@ -1,8 +1,7 @@
-"""Simulation part of a mission file: the validated `[simulation]` table, and its random draws by seed.
+"""Simulation part of a mission file: the validated `[simulation]` table, and random generators by seed.
 
-Central command never reads this table: it has the truth (positions and motion of targets, deaths of
-agents, true sensor parameters). Everything random here is drawn from generators seeded by
-(seed, purpose), so that a seed means the same world in every process and at every speed.
+Central command never reads this table, which has the ground truth. Generators are seeded by (seed, purpose),
+so that a seed gives the same world in every process and at every speed.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from sim_vehicles.vehicle.parameters import Parameters
 
 
 class SensorTable(Table, frozen=True, kw_only=True):
-    """One sensor of the world: field of view, detection probability, noise, clutter."""
+    """One sensor of the world."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "radar"
     kind: Literal["position", "range_bearing"] = "position"
@@ -47,14 +46,14 @@ class SensorTable(Table, frozen=True, kw_only=True):
 
 
 class PrescribedDeath(Table, frozen=True, kw_only=True):
-    """An agent that dies at a given time."""
+    """Loss of an agent at a prescribed time."""
 
     system_id: SystemId
     at_s: NotNegative
 
 
 class DeathTable(Table, frozen=True, kw_only=True):
-    """The death process of the agents."""
+    """Losses of agents."""
 
     survival_probability: Probability = 1.0
     check_period_s: Annotated[float, Meta(ge=0.01)] = 1.0
@@ -72,9 +71,9 @@ class TargetTable(Table, frozen=True, kw_only=True):
 
 
 class GaussianTargets(Table, frozen=True, kw_only=True):
-    """Targets whose places and velocities are drawn: place i from `births[i]`, velocity from a Gaussian.
+    """Targets with random positions (target i by `births[i]`) and Gaussian velocities.
 
-    A velocity that would take its target off the map within `inside_for_s` is drawn again.
+    A velocity that leads off the map within `inside_for_s` is drawn again.
     """
 
     speed_std_m_s: NotNegative
@@ -84,7 +83,7 @@ class GaussianTargets(Table, frozen=True, kw_only=True):
 
 
 class WindTable(Table, frozen=True, kw_only=True):
-    """The wind: a steady part and gusts (see `sim_vehicles.vehicle.wind`)."""
+    """Wind: a steady part and gusts (`sim_vehicles.vehicle.wind`)."""
 
     east_m_s: Annotated[float, Meta(ge=-30.0, le=30.0)] = 0.0
     north_m_s: Annotated[float, Meta(ge=-30.0, le=30.0)] = 0.0
@@ -110,13 +109,13 @@ class Simulation(Table, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A mission file as the simulated world sees it."""
+    """A mission file with its simulated world."""
 
     config: Config
     simulation: Simulation
     source: str
     text: str
-    """The file as it was read, for recordings."""
+    """Text of the file, for recordings."""
 
     @property
     def sensors(self) -> list[SensorTable]:
@@ -141,13 +140,13 @@ def load(scenario: str) -> Scenario:
 
 
 def parse_scenario(text: str, source: str) -> Scenario:
-    """Validate the text of a mission file, its world included; raises as `load` does."""
+    """Validate the text of a mission file and its world; raises as `load`."""
     config = parse(text, source)
     if not config.simulation:
         raise ConfigError(
             source,
             "simulation",
-            "the table is missing: this file describes a mission, but no world to simulate",
+            "the table is missing: this file has no world to simulate",
         )
     raw = dict(config.simulation)
     if isinstance(raw.get("targets"), list):
@@ -183,7 +182,7 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
                 f"({target.east_m}, {target.north_m}) lies outside the map: {width_m} m x {height_m} m",
             )
     if simulation.targets and simulation.gaussian_targets:
-        raise ConfigError(source, "simulation", "give either `targets` or `gaussian_targets`, not both")
+        raise ConfigError(source, "simulation", "expected either `targets` or `gaussian_targets`, not both")
     if simulation.gaussian_targets and not config.births:
         raise ConfigError(source, "simulation.gaussian_targets", "needs `[[births]]` to draw the places from")
 

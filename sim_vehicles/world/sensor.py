@@ -1,12 +1,12 @@
-"""The world's sensors: truth and a random generator in, one scan out.
+"""Simulated sensors: ground truth and a random generator in, one scan out.
 
-Each object inside the field of view is detected with probability p_D where it is, plus Gaussian noise on what
-the sensor measures: east and north, or range and bearing. Clutter is Poisson in number and uniform over the
-field of view in the same coordinates. All points come in random order and without
-identity: the standard multi-object observation model (Vo & Vo 2013, section III-C).
+Each object inside the field of view is detected with probability p_D, with Gaussian noise on east and north,
+or on range and bearing. Clutter is Poisson in number and uniform over the field of view in the same
+coordinates. Detections are in random order: the standard multi-object observation model (Vo & Vo 2013,
+section III-C).
 
-Every scan has a generator of its own, and draws for every object whether or not it is there, so that one
-agent's death does not change what is seen of the others.
+Each scan has its own generator and draws for every object, so that a loss does not change the detections of
+other objects.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from sim_vehicles.world.scenario import Scenario, SensorTable, generator
 
 
 def make_sensors(scenario: Scenario) -> list[Sensor]:
-    """Return the sensor models that the scenario's sensors publish: the true ones."""
+    """Return the true sensor models of a scenario."""
     return [_make_sensor(table, scenario.config.map) for table in scenario.sensors]
 
 
@@ -65,7 +65,7 @@ def observe(
     t_ns: int,
     purpose: str = "scan",
 ) -> Scan:
-    """One scan of `objects` at `t_ns`. `objects` lists everything, the dead with alive False."""
+    """Return one scan of all objects at `t_ns`, including those that are not alive."""
     rng = generator(seed, purpose, scan_index)
     detected, noise = np.empty(len(objects), np.bool_), np.empty((len(objects), 2))
     for i in range(len(objects)):
@@ -82,7 +82,7 @@ def observe(
 
 
 def _positions(sensor: Sensor, places: FloatArray, noise: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Detections of a sensor that reports positions, and its clutter."""
+    """Return detections and clutter of a sensor that reports positions."""
     east_min, north_min, east_max, north_max = sensor.field_of_view_m
     points = places + np.sqrt(np.diag(sensor.noise_cov_m2)) * noise
     count = rng.poisson(expected_clutter(sensor))
@@ -92,7 +92,7 @@ def _positions(sensor: Sensor, places: FloatArray, noise: FloatArray, rng: np.ra
 def _ranges_and_bearings(
     sensor: Sensor, polar: Polar, places: FloatArray, noise: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Detections, as east/north, of a sensor that reports range and bearing, and its clutter."""
+    """Return detections and clutter of a sensor that reports range and bearing, as east/north."""
     z = sensor_coordinates(sensor, places) + noise * (polar.range_std_m, polar.bearing_std_rad)
     count = rng.poisson(expected_clutter(sensor))
     centre_rad, half_rad = polar.bearing_rad

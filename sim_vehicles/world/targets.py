@@ -1,8 +1,7 @@
-"""Targets: two-dimensional double integrators without input, so each keeps its velocity (paper, III).
+"""Targets: two-dimensional double integrators without input, with constant velocity (paper, III).
 
-With no acceleration the 100 Hz integration of the paper has a closed form, which is exact at any time. A
-target that reaches the border of the map turns back, so that it stays where the mission can reach it;
-obstacles do not stop it.
+Without acceleration the paper's 100 Hz integration has an exact closed form. Targets are reflected at the
+border of the map; obstacles do not stop them.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ _DRAWS = 1000
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One target: where it appears, when, and how it moves."""
+    """Position, velocity and appearance of one target."""
 
     id: int
     east_m: float
@@ -28,7 +27,7 @@ class Target:
     appears_s: float
 
     def position_m(self, t_s: float, width_m: float, height_m: float) -> tuple[float, float] | None:
-        """East and north at scenario time `t_s`; None before it appears."""
+        """Return east and north at scenario time `t_s`; None before it appears."""
         if t_s < self.appears_s:
             return None
         moved_s = t_s - self.appears_s
@@ -39,13 +38,13 @@ class Target:
 
 
 def _reflect(x_m: float, size_m: float) -> float:
-    """Fold a coordinate back into [0, size] as a mirror at both borders does."""
+    """Reflect a coordinate into [0, size]."""
     x_m %= 2.0 * size_m
     return x_m if x_m <= size_m else 2.0 * size_m - x_m
 
 
 def make_targets(scenario: Scenario, seed: int) -> list[Target]:
-    """All targets of a scenario for a seed."""
+    """Return all targets of a scenario for a seed."""
     simulation = scenario.simulation
     drawn = simulation.gaussian_targets
     if drawn is None:
@@ -71,7 +70,7 @@ def _velocity(
     size_m: tuple[float, float],
     rng: np.random.Generator,
 ) -> tuple[float, float]:
-    """Draw a velocity with which a target stays on the map long enough; none if there is none to be had."""
+    """Draw a velocity with which a target stays on the map long enough; zero if none is found."""
     for _ in range(_DRAWS):
         velocity = rng.normal(0.0, drawn.speed_std_m_s, 2)
         speed = float(np.hypot(*velocity))

@@ -1,12 +1,12 @@
-"""True positions of vehicles that fly already, from a link to their simulation, for the simulated world.
+"""True positions of running vehicles, from a link to their simulation, for the simulated world.
 
-``python -m sim_vehicles.world.truth_link --link tcp:127.0.0.1:5762 --truth 127.0.0.1:PORT`` connects to the
-endpoint, asks each vehicle that it hears for SIMSTATE (ArduPilot's SITL) and HIL_STATE_QUATERNION (PX4), and
-sends the true positions to the world process. It prints ``ready``, reads the clock as one JSON line, and
-ends when standard input closes. It sends no heartbeat: no vehicle takes it for a ground station.
+``python -m sim_vehicles.world.truth_link --link tcp:127.0.0.1:5762 --truth 127.0.0.1:PORT`` requests SIMSTATE
+(ArduPilot's SITL) and HIL_STATE_QUATERNION (PX4) from each vehicle on the endpoint, and sends the true
+positions to the world process. It prints ``ready``, reads the clock as one JSON line, and ends when standard
+input closes. It sends no heartbeat, so that vehicles do not treat it as a ground station.
 
-A vehicle that tells no true position within some seconds has its reported one (GLOBAL_POSITION_INT) taken
-instead, with a line on standard error: its errors are then the sensor's too.
+If a vehicle sends no true position within some seconds, its reported one (GLOBAL_POSITION_INT) is used, with
+a line on standard error.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import sys
 import time
 from typing import Any
 
-os.environ.setdefault("MAVLINK20", "1")  # read by mavutil when it is imported
+os.environ.setdefault("MAVLINK20", "1")  # Read by mavutil at import.
 
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -37,7 +37,7 @@ _SYSTEM_ID = 250
 _AGAIN_S = 2.0
 _REPORTED_AFTER_S = 8.0
 _RATE_HZ = 10.0
-_ASKED = (
+_REQUESTED = (
     mavlink.MAVLINK_MSG_ID_SIMSTATE,
     mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
@@ -45,28 +45,28 @@ _ASKED = (
 
 
 class TruthSource:
-    """One vehicle on the link: what to ask it for, and the position to take."""
+    """Requests to one vehicle, and its position."""
 
     def __init__(self, system_id: int, now_s: float) -> None:
         self.system_id = system_id
         self._has_truth = self._is_reported = False
-        self._heard_s, self._asked_s = now_s, -_AGAIN_S
+        self._heard_s, self._requested_s = now_s, -_AGAIN_S
 
     def requests(self, now_s: float) -> list[Any]:
         """Return the requests that are due, until a true position comes."""
-        if self._has_truth or now_s - self._asked_s < _AGAIN_S:
+        if self._has_truth or now_s - self._requested_s < _AGAIN_S:
             return []
-        self._asked_s = now_s
+        self._requested_s = now_s
         command, interval_us = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 1e6 / _RATE_HZ
         return [
             mavlink.MAVLink_command_long_message(
                 self.system_id, 1, command, 0, number, interval_us, 0, 0, 0, 0, 0
             )
-            for number in _ASKED
+            for number in _REQUESTED
         ]
 
     def place(self, message: Any, now_s: float) -> tuple[float, float] | None:
-        """Return the latitude and longitude (degrees) to take from a message, or None."""
+        """Return latitude and longitude in degrees of a message, or None."""
         place = true_place(message)
         if place is not None:
             self._has_truth = True
@@ -77,14 +77,14 @@ class TruthSource:
         if not self._is_reported:
             self._is_reported = True
             print_message(
-                f"vehicle {self.system_id} tells no true position (SIMSTATE, HIL_STATE_QUATERNION): "
+                f"vehicle {self.system_id} sends no true position (SIMSTATE, HIL_STATE_QUATERNION): "
                 "its reported position is used instead"
             )
         return message.lat * 1e-7, message.lon * 1e-7
 
 
-def carry(link: Any, clock: RunClock, world: Address) -> None:
-    """Carry true states from the link to the world until standard input closes."""
+def forward_truth(link: Any, clock: RunClock, world: Address) -> None:
+    """Forward true states from the link to the world until standard input closes."""
     sources: dict[int, TruthSource] = {}
     outboxes: dict[int, Outbox] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as towards_world:
@@ -106,7 +106,7 @@ def carry(link: Any, clock: RunClock, world: Address) -> None:
             for truth in truth_messages(clock.now_ns(), place):
                 outbox.send(truth)
             for data in outbox.pop_datagrams():
-                with contextlib.suppress(OSError):  # the buffer is full: the next one comes soon
+                with contextlib.suppress(OSError):  # Full buffer.
                     towards_world.sendto(data, world)
 
 
@@ -122,7 +122,7 @@ def main(argv: list[str] | None = None) -> int:
         endpoint, _, rate = endpoint.rpartition(":")
         baud = int(rate)
     try:
-        with contextlib.redirect_stdout(sys.stderr):  # mavutil prints there; the supervisor reads ours
+        with contextlib.redirect_stdout(sys.stderr):  # mavutil prints; the supervisor reads stdout.
             link = mavutil.mavlink_connection(
                 endpoint, baud=baud, source_system=_SYSTEM_ID, autoreconnect=True, retries=_RETRIES
             )
@@ -134,7 +134,7 @@ def main(argv: list[str] | None = None) -> int:
     line = sys.stdin.buffer.readline()
     if line.strip():
         with contextlib.redirect_stdout(sys.stderr):
-            carry(link, clock_of(line), arguments.truth)
+            forward_truth(link, clock_of(line), arguments.truth)
     return 0
 
 

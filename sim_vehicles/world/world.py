@@ -13,31 +13,30 @@ from sim_vehicles.world.sensor import make_sensors, observe
 from sim_vehicles.world.targets import Target, make_targets
 
 _MAX_SCANS_KEPT = 10_000
-"""More than are ever on their way: an index farther back is an error."""
+"""More than are delayed at a time."""
 
 
 class _DueScan(NamedTuple):
-    """A scan to be made, ordered by time."""
+    """Scan to be made, ordered by time."""
 
     t_ns: int
     sensor: int
     number: int
-    """How many scans this sensor made before."""
+    """Number of this sensor's scans before."""
 
 
 @dataclass(slots=True)
 class World:
-    """Targets and sensors of a scenario for one seed; the agents' true states come from outside.
+    """Targets and sensors of a scenario for one seed; true states of agents are arguments.
 
-    The sensors' scans are numbered together, in the order in which they are measured; at the same moment, in
-    the order of the scenario.
+    The scans of all sensors are numbered in order of measurement; at one epoch, in order of the scenario.
     """
 
     scenario: Scenario
     seed: int
     start_t_ns: int
     moves_from_t_ns: int = -1
-    """When targets begin to move and to appear; until then they stand at their starts. -1: `start_t_ns`."""
+    """Time at which targets start to move and to appear; -1 for `start_t_ns`."""
     targets: list[Target] = field(init=False)
     sensors: list[Sensor] = field(init=False)
     _scans: deque[_DueScan] = field(init=False, default_factory=lambda: deque(maxlen=_MAX_SCANS_KEPT))
@@ -49,32 +48,32 @@ class World:
             self.moves_from_t_ns = self.start_t_ns
         self.targets = make_targets(self.scenario, self.seed)
         self.sensors = make_sensors(self.scenario)
-        self._next_scans = [self._look(sensor, 0) for sensor in range(len(self.sensors))]
+        self._next_scans = [self._due_scan(sensor, 0) for sensor in range(len(self.sensors))]
 
-    def _look(self, sensor: int, count: int) -> _DueScan:
+    def _due_scan(self, sensor: int, count: int) -> _DueScan:
         table = self.scenario.sensors[sensor]
         t_ns = self.start_t_ns + round(table.offset_s * NS_PER_S) + count * round(table.period_s * NS_PER_S)
         return _DueScan(t_ns, sensor, count)
 
     def _numbered(self, index: int) -> _DueScan:
         while self._scans_made <= index:
-            look = min(self._next_scans)
-            self._next_scans[look.sensor] = self._look(look.sensor, look.number + 1)
-            self._scans.append(look)
+            due = min(self._next_scans)
+            self._next_scans[due.sensor] = self._due_scan(due.sensor, due.number + 1)
+            self._scans.append(due)
             self._scans_made += 1
-        return self._scans[index - self._scans_made]  # counted from the newest
+        return self._scans[index - self._scans_made]  # From the newest.
 
     def scan_t_ns(self, index: int) -> int:
-        """When scan `index` is measured."""
+        """Return the measurement time of scan `index`."""
         return self._numbered(index).t_ns
 
     def arrival_t_ns(self, index: int) -> int:
-        """When scan `index` is published: later by its sensor's delay."""
-        look = self._numbered(index)
-        return look.t_ns + round(self.scenario.sensors[look.sensor].delay_s * NS_PER_S)
+        """Return the time at which scan `index` is published, after its sensor's delay."""
+        due = self._numbered(index)
+        return due.t_ns + round(self.scenario.sensors[due.sensor].delay_s * NS_PER_S)
 
     def truth(self, t_ns: int, agents: Iterable[TruthObject]) -> Truth:
-        """Everything there is at `t_ns`; a target that has not appeared yet is not alive."""
+        """Return the ground truth at `t_ns`; a target that has not appeared is not alive."""
         area = self.scenario.config.map
         objects = sorted(agents, key=lambda agent: agent.id)
         for target in self.targets:
@@ -86,7 +85,7 @@ class World:
 
     def scan(self, index: int, truth: Truth) -> Scan:
         """Return the detections of a sensor at scan `index`."""
-        look = self._numbered(index)
-        sensor = self.sensors[look.sensor]
-        purpose = f"scan {sensor.name}" if look.sensor else "scan"
-        return observe(sensor, truth.objects, self.seed, look.number, truth.t_ns, purpose)
+        due = self._numbered(index)
+        sensor = self.sensors[due.sensor]
+        purpose = f"scan {sensor.name}" if due.sensor else "scan"
+        return observe(sensor, truth.objects, self.seed, due.number, truth.t_ns, purpose)

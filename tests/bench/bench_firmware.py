@@ -21,6 +21,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from flown_clearance import distance_to_obstacle_m
 
 from gcs.config import parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
@@ -28,7 +29,6 @@ from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, AgentStatus, Datagram, FloatArray, Plan, Truth, UploadReport
 from gcs.planning.map.grid import Grid
-from sim_vehicles.campaign.flown import distance_to_obstacle_m
 
 SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")
 FIRST_LEG_NS = (1.0 * NS_PER_S, 3.0 * NS_PER_S)

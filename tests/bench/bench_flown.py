@@ -13,10 +13,10 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
 import numpy as np
+from flown_clearance import Nearest, ReturnFlight, flown_home, in_wind, landing, nearest
 
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
-from sim_vehicles.campaign.flown import Nearest, ReturnFlight, flown_home, in_wind, landing, nearest
 from sim_vehicles.world.scenario import Scenario, WindTable, load
 
 SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")

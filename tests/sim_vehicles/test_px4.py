@@ -165,8 +165,8 @@ def test_a_mission_in_the_air_is_judged_by_what_it_must_have(ground, item, wants
 
 
 def test_a_long_text_comes_in_chunks_that_bear_one_id(px4):
-    px4.vehicle.autopilot.tell(6, "Airspeed sensor Nr. 1 ASPD_SCALE updated: 1.0000 --> 1.0020")
-    px4.vehicle.autopilot.tell(6, "Takeoff detected")
+    px4.vehicle.autopilot.notify(6, "Airspeed sensor Nr. 1 ASPD_SCALE updated: 1.0000 --> 1.0020")
+    px4.vehicle.autopilot.notify(6, "Takeoff detected")
     texts = [m for m in px4.fly(0.1) if m.get_type() == "STATUSTEXT"]
     assert [(m.id, m.chunk_seq) for m in texts] == [(1, 0), (1, 1), (2, 0)]
     assert [len(m.text) for m in texts] == [50, 10, 17]

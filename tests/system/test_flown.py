@@ -7,8 +7,8 @@ looked at until its vehicle is within twice the capture radius of the end of its
 from __future__ import annotations
 
 import pytest
+from flown_clearance import flown_home, in_wind, landing, nearest
 
-from sim_vehicles.campaign.flown import flown_home, in_wind, landing, nearest
 from sim_vehicles.world.scenario import WindTable, load
 
 WIND = WindTable(east_m_s=2.0, north_m_s=-2.5, gust_std_m_s=0.8)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from flown_clearance import landing
 
 from gcs.model import AgentStatus, NoFlyZone, Notice, Order, Plan, UploadReport
 from gcs.planning.map.line_of_sight import line_of_sight
-from sim_vehicles.campaign.flown import landing
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
 

@@ -37,7 +37,7 @@ def test_a_reported_position_is_taken_only_while_no_true_one_comes(monkeypatch: 
     assert len(source.requests(0.0)) == 3
     assert source.place(reported(33.0), 1.0) is None  # the true one may still come
     assert source.place(reported(33.0), 9.0) == pytest.approx((33.0, 0.0))
-    assert "vehicle 1 tells no true position" in said[0]
+    assert "vehicle 1 sends no true position" in said[0]
     assert source.place(simstate(34.0), 9.1) == pytest.approx((34.0, 0.0))
     assert source.place(reported(33.0), 9.2) is None
     assert source.requests(20.0) == []
