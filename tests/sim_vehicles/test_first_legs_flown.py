@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gcs.mavlink.mission import upload_steps
-from gcs.mavlink.services import commands
+from gcs.mavlink.services import command_sender
 from gcs.model import AgentStatus, Notice
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.vehicle.guidance import ToPoint
@@ -14,7 +14,7 @@ from sim_vehicles.world.scenario import load
 
 def by_one_command(vehicle, profile, item):
     """As the service selected once: DO_SET_MISSION_CURRENT, sent once."""
-    return commands.command_long(vehicle, 224, max(item, profile.home_items))
+    return command_sender.command_long(vehicle, 224, max(item, profile.home_items))
 
 
 def flown(seconds=300.0):
