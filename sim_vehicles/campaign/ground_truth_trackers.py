@@ -24,7 +24,7 @@ class GroundTruthConfirmation:
         self.tracks: Mapping[Label, Track] = {}
 
     @property
-    def alive(self) -> Collection[Track]:
+    def existing(self) -> Collection[Track]:
         """Tracks of living objects: all."""
         return self.tracks.values()
 
