@@ -140,6 +140,14 @@ LinkOption = Annotated[
         "[default: the links of the mission file]",
     ),
 ]
+MissionOption = Annotated[
+    str | None,
+    typer.Option(help="Mission of the service.  [default: the one service on this machine]"),
+]
+ZenohOption = Annotated[
+    str | None,
+    typer.Option(help="zenoh endpoint of the service, such as tcp/10.0.0.5:7447.  [default: this machine]"),
+]
 RecordedSeedOption = Annotated[
     int | None, typer.Option(min=0, help="Seed of the random obstacles.  [default: the recorded seed]")
 ]

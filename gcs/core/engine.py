@@ -29,6 +29,7 @@ from gcs.core.authority.taskability import Taskability
 from gcs.core.operator.no_fly_zone_orders import NoFlyZoneOrders
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.operator.replies import OrderInProgress
+from gcs.core.operator.status_report import StatusReport
 from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
@@ -194,6 +195,18 @@ class Engine:
             self.replanner,
             self.restart,
         )
+        self.status_report = StatusReport(
+            self.fleet,
+            self.trackers,
+            self.association,
+            self.agent_status,
+            self.position_integrity,
+            self.sensor_watchdog,
+            self.replanner,
+            self.approval,
+            self.tasking,
+            self.taskability,
+        )
         self._expected_targets = len(config.births)
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._ended = False
@@ -277,6 +290,8 @@ class Engine:
     def _order(self, event: Order) -> list[Effect]:
         effects: list[Effect]
         match event.action:
+            case "status":
+                return [self.status_report.build(event.t_ns, event.order_id, has_ended=self._ended)]
             case "confirm" | "reject":
                 inputs = self.planning_inputs.build(event.t_ns, self._measured_t_ns)
                 effects, routes = self.approval.decide(event, inputs)

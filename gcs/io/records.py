@@ -35,6 +35,7 @@ from gcs.model import (
     Resumed,
     Scan,
     Send,
+    SwarmStatus,
     Tick,
     Truth,
     Upload,
@@ -67,6 +68,7 @@ TOPICS: Final[dict[type, str]] = {
     AgentStatus: "/effect/agent_status",
     MissionEnded: "/effect/ended",
     OrderAnswer: "/effect/answer",
+    SwarmStatus: "/effect/status",
     Proposal: "/effect/proposal",
     Truth: "/truth",
 }

@@ -6,7 +6,7 @@ State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 
 Events go into `gcs.core`, effects come out. Both are plain data, so a recording is a list of them. In reading
 order: `basics` (labels, time), `scans`, `picture` (tracks, vehicle states), `plans`, `orders`, `memory`
-(persisted state), `events`, `effects`, `truth` (simulations), `names` (how vehicles are called).
+(persisted state), `status` (of the swarm), `events`, `effects`, `truth` (simulations), `names`.
 """
 
 from gcs.model.basics import NS_PER_S, FloatArray, Kind, Label, Level, read_only
@@ -18,14 +18,17 @@ from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer,
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
 from gcs.model.scans import Polar, Scan, Sensor
+from gcs.model.status import AgentRecord, Authority, SensorRecord, SwarmStatus, TargetRecord
 from gcs.model.truth import Truth, TruthObject
 
 __all__ = [
     "APPROACH_M",
     "NS_PER_S",
     "Action",
+    "AgentRecord",
     "AgentStatus",
     "AnswerState",
+    "Authority",
     "BadInput",
     "Cause",
     "ClockStep",
@@ -57,7 +60,10 @@ __all__ = [
     "Scan",
     "Send",
     "Sensor",
+    "SensorRecord",
     "Suspension",
+    "SwarmStatus",
+    "TargetRecord",
     "Tick",
     "Track",
     "Truth",

@@ -9,6 +9,7 @@ from gcs.model.basics import Label, Level
 from gcs.model.orders import OrderAnswer, Proposal
 from gcs.model.picture import Picture
 from gcs.model.plans import Plan
+from gcs.model.status import SwarmStatus
 from gcs.safe_text import printable
 
 
@@ -97,4 +98,5 @@ Effect: TypeAlias = (
     | MissionEnded
     | OrderAnswer
     | Proposal
+    | SwarmStatus
 )

@@ -10,7 +10,7 @@ from gcs.model.plans import Route
 from gcs.safe_text import printable
 
 Action: TypeAlias = Literal[
-    "hold", "resume", "return", "arm", "disarm", "plan", "confirm", "reject", "no-fly-zone"
+    "hold", "resume", "return", "arm", "disarm", "plan", "confirm", "reject", "no-fly-zone", "status"
 ]
 
 

@@ -20,15 +20,17 @@ from rich.console import Console
 from gcs.cli.arguments import (
     YES_HELP,
     JsonOption,
+    MissionOption,
     VehicleOption,
     YesOption,
+    ZenohOption,
     command_app,
     confirm_or_abort,
     parse_vehicle,
     vehicles_text,
 )
 from gcs.cli.errors import print_error
-from gcs.errors import GcsError, LinkError
+from gcs.errors import GcsError
 from gcs.io.console import console_for
 
 if TYPE_CHECKING:
@@ -47,14 +49,6 @@ VehiclesArgument = Annotated[
     ),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="All vehicles of the mission.")]
-MissionOption = Annotated[
-    str | None,
-    typer.Option(help="Mission of the service.  [default: the one service on this machine]"),
-]
-ZenohOption = Annotated[
-    str | None,
-    typer.Option(help="zenoh endpoint of the service, such as tcp/10.0.0.5:7447.  [default: this machine]"),
-]
 TimeoutOption = Annotated[float, typer.Option(min=1.0, help="Timeout in seconds.")]
 PlanArgument = Annotated[int, typer.Argument(min=1, help="Number of the proposed plan.", metavar="PLAN")]
 
@@ -291,15 +285,11 @@ def _print_result(
 
 def _collect(order: OrderMessage, service: _Service, console: Console, answers: list[OrderAnswer]) -> None:
     from gcs.cli.operator_lines import answer_line, proposal_title, route_lines
-    from gcs.io.zenoh.discovery import find_service
+    from gcs.io.zenoh.discovery import choose_service
     from gcs.io.zenoh.order_client import send_order
 
-    mission, zenoh, timeout_s, _ = service
-    if zenoh is None:
-        found = find_service(mission)
-        mission, zenoh = found.mission, found.zenoh
-    elif mission is None:
-        raise LinkError(zenoh, "name the mission of its service with --mission")
+    timeout_s = service.timeout_s
+    mission, zenoh = choose_service(service.mission, service.zenoh)
     for answer in send_order(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):
         answers.append(answer)
         text, level = answer_line(answer)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.operator.vehicle_orders import Orders
@@ -9,7 +11,13 @@ from gcs.core.takeoff.climbs import Climbs
 from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.model import Authority, Suspension
 
+_AUTHORITY_OF: Final[dict[Suspension, Authority]] = {
+    "hold": "held",
+    "return": "returning",
+    "found": "other station",
+}
 _TASKABLE_MODES = ("", "AUTO", "LOITER")
 """Before the first heartbeat, on a mission, and waiting for one."""
 
@@ -46,6 +54,21 @@ class Taskability:
         }
         others = self._external_uploads.untaskable() | self._onboard_audit.untaskable()
         return modes | self._tasking.overrides.untaskable() | others | self._orders.untaskable()
+
+    def authority(self, vehicle: int) -> Authority:
+        """Return who controls a vehicle."""
+        suspension = self._orders.suspensions.get(vehicle)
+        if vehicle not in self.untaskable():
+            return "grounded" if vehicle in self._climbs.blocked else "ours"
+        if vehicle in self._orders.untaskable():
+            return "ours" if suspension is None else _AUTHORITY_OF[suspension]
+        if vehicle in self._onboard_audit.untaskable():
+            return "unverified"
+        if vehicle in self._external_uploads.untaskable():
+            return "other station"
+        if self._fleet.link(vehicle) and self._fleet.profile(vehicle) is None:
+            return "unsupported"
+        return "landing" if self._tasking.terminal_phase(vehicle) == "landing" else "overridden"
 
     def without_missions(self) -> dict[int, str]:
         """Return the vehicles that get no mission now: untaskable, or without a clear take-off."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Container
 from dataclasses import dataclass
 
-from gcs.model import NS_PER_S, Effect, Notice
+from gcs.model import NS_PER_S, Effect, Notice, SensorRecord
 
 BLIND_AFTER_NS = 5 * NS_PER_S
 """Timeout of a sensor; `_PERIODS` periods if that is longer."""
@@ -65,6 +65,17 @@ class SensorWatchdog:
         entry = self._entry(sensor, t_ns)
         entry.refused += 1
         entry.reason = reason
+
+    def records(self, t_ns: int) -> tuple[SensorRecord, ...]:
+        """Return the age of each sensor's last processed scan."""
+        return tuple(
+            SensorRecord(
+                name,
+                None if one.processed_t_ns is None else (t_ns - one.processed_t_ns) / NS_PER_S,
+                one.refused,
+            )
+            for name, one in self._sensors.items()
+        )
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Return the alarms that are due."""

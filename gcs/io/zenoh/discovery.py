@@ -86,6 +86,22 @@ def find_service(mission: str | None) -> ServiceInfo:
     )
 
 
+def choose_service(mission: str | None, zenoh: str | None) -> tuple[str, str]:
+    """Return mission and zenoh endpoint of a service: those given, else of the one on this machine.
+
+    Raises
+    ------
+    LinkError
+        There is none, or more than one, or an endpoint is given without a mission.
+    """
+    if zenoh is None:
+        found = find_service(mission)
+        return found.mission, found.zenoh
+    if mission is None:
+        raise LinkError(zenoh, "name the mission of its service with --mission")
+    return mission, zenoh
+
+
 def _folder() -> Path:
     return Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"swarm-gcs-{os.getuid()}"
 

@@ -10,6 +10,7 @@
 ``swarm/<mission>/ended``                      `MissionEnded`
 ``swarm/<mission>/order``                      an operator's order (``docs/orders.md``), heard by the service
 ``swarm/<mission>/answer``                     `OrderAnswer`
+``swarm/<mission>/status``                     `SwarmStatus`, the answer to the order ``status``
 ``swarm/<mission>/proposal``                   `Proposal`, a plan that waits for confirmation
 ``swarm/<mission>/truth``                      `Truth`, from a simulated world alone
 =============================================  ==================================================
@@ -31,6 +32,7 @@ from gcs.model import (
     Picture,
     Plan,
     Proposal,
+    SwarmStatus,
     UploadReport,
 )
 
@@ -41,6 +43,7 @@ _EFFECT_KEYS: Final[dict[type, str]] = {
     Notice: "notice",
     MissionEnded: "ended",
     OrderAnswer: "answer",
+    SwarmStatus: "status",
     Proposal: "proposal",
 }
 
@@ -74,6 +77,11 @@ def order_key(mission: str) -> str:
 def answer_key(mission: str) -> str:
     """Return the key of answers to orders."""
     return f"swarm/{mission}/answer"
+
+
+def status_key(mission: str) -> str:
+    """Return the key of answers to the order ``status``."""
+    return f"swarm/{mission}/status"
 
 
 def effect_key(mission: str, effect: Effect) -> str:

@@ -6,16 +6,18 @@ order id once.
 
 from __future__ import annotations
 
+import contextlib
 import queue
+import secrets
 import time
 from collections.abc import Iterator
 
 from gcs.errors import LinkError, WireError
 from gcs.io.records import decode
-from gcs.io.zenoh.keys import answer_key, order_key
+from gcs.io.zenoh.keys import answer_key, order_key, status_key
 from gcs.io.zenoh.order_messages import OrderMessage, encode_order
 from gcs.io.zenoh.session import ZenohSession
-from gcs.model import OrderAnswer
+from gcs.model import OrderAnswer, SwarmStatus
 
 _REPEAT_S = 0.5
 
@@ -71,3 +73,34 @@ def send_order(
             yield answer
             if not answer.waiting:
                 return
+
+
+def request_status(endpoint: str, mission: str, timeout_s: float) -> SwarmStatus:
+    """Return the status of a running service.
+
+    Raises
+    ------
+    LinkError
+        There is no answer in time.
+    """
+    order_id = f"status-{secrets.token_hex(6)}"
+    replies: queue.Queue[SwarmStatus] = queue.Queue()
+
+    def heard(key: str, payload: bytes) -> None:
+        with contextlib.suppress(WireError):
+            reply = decode(key, payload, SwarmStatus)
+            if reply.order_id.startswith(order_id):
+                replies.put(reply)
+
+    began_s, number = time.monotonic(), 0
+    with ZenohSession(connect=endpoint) as bus:
+        bus.subscribe(status_key(mission), heard)
+        while time.monotonic() - began_s < timeout_s:
+            number += 1
+            bus.publish(
+                order_key(mission),
+                encode_order(OrderMessage(order_id=f"{order_id}-{number}", action="status")),
+            )
+            with contextlib.suppress(queue.Empty):
+                return replies.get(timeout=_REPEAT_S)
+    raise LinkError(endpoint, f"no service of the mission {mission} answers here: is it running?")

@@ -101,6 +101,17 @@ def test_an_order_reaches_the_service_once_and_its_answer_comes_back(taken: list
     assert [order.action for order in taken] == ["no-fly-zone", "hold"]
 
 
+def test_the_status_of_a_service_is_printed(serving: Events) -> None:
+    done = CliRunner().invoke(app, ["status"], env={"COLUMNS": "160"})
+    assert done.exit_code == 0
+    assert "prescribed: agents 4 active, 0 arrived, 0 lost; 0 targets" in done.output
+    assert done.output.count("never") == 4
+    found = json.loads(CliRunner().invoke(app, ["status", "--json"]).stdout)
+    assert [agent["vehicle"] for agent in found["agents"]] == [1, 2, 3, 4]
+    assert {agent["authority"] for agent in found["agents"]} == {"ours"}
+    assert [order.action for order in serving.orders] == ["status", "status"]
+
+
 def test_confirm_without_a_number_prints_the_plan_and_confirms_that_one(serving: Events) -> None:
     none = CliRunner().invoke(app, ["order", "confirm"])
     assert (none.exit_code, "no plan waits" in none.output) == (1, True)

@@ -1,0 +1,56 @@
+"""`gcs status`: the agents, targets and sensors of a running service, at one look."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gcs.cli.arguments import JsonOption, MissionOption, ZenohOption, command_app
+from gcs.cli.errors import exit_on_error
+from gcs.io.console import console_for
+
+if TYPE_CHECKING:
+    from gcs.model import SwarmStatus
+
+app = command_app()
+
+
+@app.command()
+def status(
+    watch: Annotated[
+        float | None,
+        typer.Option(metavar="S", min=0.5, help="Print again every S seconds, until Ctrl-C."),
+    ] = None,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: Annotated[float, typer.Option(min=1.0, help="Timeout in seconds.")] = 5.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Print the agents, targets and sensors of a running service.
+
+    A `gcs run` or `gcs demo` on this machine is found without further options. Agents that need attention
+    come first. Nothing is changed or sent to a vehicle.
+    """
+    from gcs.io.zenoh.discovery import choose_service
+    from gcs.io.zenoh.order_client import request_status
+
+    with exit_on_error():
+        mission, zenoh = choose_service(mission, zenoh)
+        while True:
+            _print(request_status(zenoh, mission, timeout), mission, as_json=as_json)
+            if watch is None:
+                return
+            time.sleep(watch)
+
+
+def _print(found: SwarmStatus, mission: str, *, as_json: bool) -> None:
+    from gcs.cli.status_tables import status_tables
+    from gcs.io.records import encode
+
+    if as_json:
+        print(encode(found).decode(), flush=True)  # noqa: T201  the output of --json
+        return
+    console = console_for()
+    console.print(*status_tables(found, mission), sep="\n")

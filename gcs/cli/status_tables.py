@@ -1,0 +1,146 @@
+"""Tables of the swarm's status: agents, targets and sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+from rich import box
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, target_name, vehicle_name
+
+_STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
+_FIX_NAMES: Final = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK", 7: "static"}
+_MAX_SILENT_S: Final = 2.5
+_LOW_BATTERY_PERCENT: Final = 30
+
+
+def status_tables(status: SwarmStatus, mission: str) -> Iterator[RenderableType]:
+    """Yield a head line, and the tables of agents, targets and sensors."""
+    yield _head(status, mission)
+    yield _agents(sorted(status.agents, key=attention))
+    if status.targets:
+        yield _targets(status.targets)
+    if status.sensors:
+        yield _sensors(status.sensors)
+
+
+def attention(agent: AgentRecord) -> tuple[int, int]:
+    """Return a sort key: agents that need attention first, the others by number."""
+    if agent.is_position_doubted:
+        rank = 0
+    elif agent.status == "lost":
+        rank = 1
+    elif agent.status == "arrived":
+        rank = 5
+    elif agent.authority != "ours":
+        rank = 2
+    elif agent.track is None or agent.heard_age_s is None or agent.heard_age_s > _MAX_SILENT_S:
+        rank = 3
+    else:
+        rank = 4
+    return rank, agent.vehicle
+
+
+def _head(status: SwarmStatus, mission: str) -> Text:
+    counts = [
+        f"{sum(agent.status == name for agent in status.agents)} {name}"
+        for name in ("active", "arrived", "lost")
+    ]
+    head = Text.assemble((mission, "bold"), f": agents {', '.join(counts)}; {len(status.targets)} targets")
+    if status.has_ended:
+        head.append("; the mission has ended", style="green")
+    if status.plan_id is not None:
+        head.append(f"; plan {status.plan_id} waits: gcs order plan", style="bold yellow")
+    return head
+
+
+def _agents(agents: list[AgentRecord]) -> Table:
+    table = _table("Agents")
+    for name in ("id", "status", "authority", "mode", "armed"):
+        table.add_column(name, no_wrap=True)
+    for name in ("alt m", "m/s", "battery", "fix", "heard", "loss", "target", "to go m", "ETA s"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("mission")
+    for agent in agents:
+        table.add_row(*_agent_cells(agent))
+    return table
+
+
+def _agent_cells(agent: AgentRecord) -> list[str | Text]:
+    is_low = agent.battery_percent is not None and agent.battery_percent < _LOW_BATTERY_PERCENT
+    is_late = agent.heard_age_s is None or agent.heard_age_s > _MAX_SILENT_S
+    target = agent.target or agent.proposed_target
+    return [
+        vehicle_name(agent.vehicle),
+        Text("position doubted", style="bold red")
+        if agent.is_position_doubted
+        else Text(agent.status, style=_STATUS_STYLE[agent.status]),
+        Text(agent.authority, style="" if agent.authority == "ours" else "bold yellow"),
+        agent.mode,
+        "armed" if agent.armed else "",
+        _number(agent.alt_rel_m, ".0f"),
+        _number(agent.ground_speed_m_s, ".1f"),
+        Text(_number(agent.battery_percent, "d", " %"), style="bold red" if is_low else ""),
+        _FIX_NAMES.get(agent.fix_type, "") if agent.fix_type is not None else "",
+        Text(_number(agent.heard_age_s, ".1f", " s") or "never", style="bold red" if is_late else ""),
+        f"{100.0 * agent.loss:.1f} %",
+        (target_name(target) if target else "") + ("?" if agent.target is None and target else ""),
+        _number(agent.to_go_m, ".0f"),
+        _number(agent.eta_s, ".0f"),
+        _mission(agent),
+    ]
+
+
+def _mission(agent: AgentRecord) -> str | Text:
+    """Return why an agent is not ours, else the stage of its upload or the state of its mission."""
+    if agent.reason:
+        return Text(agent.reason, style="yellow")
+    if agent.upload:
+        return f"upload: {agent.upload}"
+    return "verified" if agent.is_verified else ""
+
+
+def _targets(targets: tuple[TargetRecord, ...]) -> Table:
+    table = _table("Targets")
+    for name in ("target", "existence", "east m", "north m", "m/s"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("agents on their way")
+    table.add_column("reached by")
+    for target in targets:
+        east_m, north_m = target.position_m
+        table.add_row(
+            target_name(target.label),
+            f"{target.existence:.2f}",
+            f"{east_m:.0f}",
+            f"{north_m:.0f}",
+            f"{target.speed_m_s:.1f}",
+            ", ".join(map(vehicle_name, target.agents)),
+            Text(", ".join(map(vehicle_name, target.reached_by)), style="green"),
+        )
+    return table
+
+
+def _sensors(sensors: tuple[SensorRecord, ...]) -> Table:
+    table = _table("Sensors")
+    table.add_column("sensor")
+    table.add_column("last scan", justify="right")
+    table.add_column("refused since", justify="right")
+    for sensor in sensors:
+        age = "never" if sensor.scan_age_s is None else f"{sensor.scan_age_s:.1f} s ago"
+        table.add_row(sensor.name, age, str(sensor.refused or ""))
+    return table
+
+
+def _table(title: str) -> Table:
+    return Table(
+        title=title, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0)
+    )
+
+
+def _number(value: float | None, form: str, unit: str = "") -> str:
+    return "" if value is None or not math.isfinite(value) else f"{value:{form}}{unit}"

@@ -1,0 +1,112 @@
+"""Status of the swarm: what an operator needs to know of each agent, target and sensor at one time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from gcs.model.basics import Label
+
+Authority: TypeAlias = Literal[
+    "ours",
+    "held",
+    "returning",
+    "overridden",
+    "landing",
+    "other station",
+    "unverified",
+    "grounded",
+    "unsupported",
+]
+"""Who controls a vehicle; only one that is "ours" gets missions.
+
+- "held", "returning": an order to this service.
+- "overridden": a mode that a pilot, another station or a failsafe chose. "landing": the end of its mission.
+- "other station": a mission of another ground station. "unverified": its onboard mission is not known.
+- "grounded": its take-off is not clear. "unsupported": its firmware is not known here.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentRecord:
+    """One agent."""
+
+    vehicle: int
+    status: Literal["active", "arrived", "lost"]
+    authority: Authority
+    reason: str
+    """Why it is not ours, in words; empty if it is."""
+    heard_age_s: float | None
+    """Time since its last frame; None: never heard."""
+    loss: float
+    """Fraction of its frames that did not arrive."""
+    mode: str
+    armed: bool
+    battery_percent: int | None
+    fix_type: int | None
+    """GPS_FIX_TYPE."""
+    position_m: tuple[float, float] | None
+    """Reported east and north; None before its first position."""
+    alt_rel_m: float | None
+    """Reported height above its home."""
+    ground_speed_m_s: float | None
+    is_position_doubted: bool
+    """True if an integrity warning about its reports is open."""
+    track: Label | None
+    """Label of its track."""
+    existence: float
+    """Existence probability of its track; 0 without one."""
+    layer: int
+    """Altitude layer of its route."""
+    target: Label | None
+    """Target that it flies to, or that it reached."""
+    to_go_m: float | None
+    """Length of the rest of its route."""
+    eta_s: float | None
+    """Flight time of the rest of its route, at its ground speed."""
+    upload: str
+    """Stage of its upload: empty for none, else such as "waiting" or "read-back"."""
+    is_verified: bool
+    """True if its onboard mission is known, and read back equal."""
+    proposed_target: Label | None = None
+    """Target of the route that waits for approval."""
+
+
+@dataclass(frozen=True, slots=True)
+class TargetRecord:
+    """One confirmed target."""
+
+    label: Label
+    existence: float
+    position_m: tuple[float, float]
+    speed_m_s: float
+    agents: tuple[int, ...]
+    """Agents on their way to it."""
+    reached_by: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorRecord:
+    """One sensor."""
+
+    name: str
+    scan_age_s: float | None
+    """Time since its last processed scan; None: no scan was processed."""
+    refused: int
+    """Scans refused since then."""
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmStatus:
+    """Status of all agents, targets and sensors; the answer to the command `status`."""
+
+    t_ns: int
+    order_id: str
+    agents: tuple[AgentRecord, ...]
+    """Ordered by vehicle."""
+    targets: tuple[TargetRecord, ...]
+    sensors: tuple[SensorRecord, ...]
+    plan_id: int | None
+    """Number of the plan that waits for approval; None: no plan waits."""
+    has_ended: bool
+    """True after the end of the mission."""

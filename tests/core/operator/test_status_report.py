@@ -1,0 +1,81 @@
+"""An operator would task, or wait for, a vehicle that is lost or in other hands."""
+
+from gcs.model import NS_PER_S, AgentRecord, Order, SwarmStatus
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import load
+
+
+def asked(run: VirtualRun, order_id: str = "status-1") -> SwarmStatus:
+    (status,) = run.command.step(Order(run.t_ns, order_id, "status", None))
+    assert isinstance(status, SwarmStatus)
+    assert (status.t_ns, status.order_id) == (run.t_ns, order_id)
+    return status
+
+
+def agent(status: SwarmStatus, vehicle: int) -> AgentRecord:
+    return next(one for one in status.agents if one.vehicle == vehicle)
+
+
+def test_the_status_tells_who_flies_where_and_who_is_lost() -> None:
+    run = VirtualRun(load("prescribed"), 1)
+    before = asked(run)
+    assert [one.heard_age_s for one in before.agents] == [None] * 4
+    assert not before.targets
+    run.run(60.0)
+    status = asked(run)
+    assert [one.vehicle for one in status.agents] == [1, 2, 3, 4]
+    assert {one.status for one in status.agents if one.vehicle != 2} == {"active"}
+    lost = agent(status, 2)
+    assert lost.status == "lost"
+    assert lost.heard_age_s is not None
+    assert lost.heard_age_s > 5.0
+    assert lost.target is None
+    assert len(status.targets) == 5
+    for one in status.agents:
+        if one.vehicle == 2:
+            continue
+        truth = run.vehicles[f"vehicle:{one.vehicle}"]
+        assert one.position_m is not None
+        assert abs(one.position_m[0] - truth.east_m) < 20.0
+        assert one.authority == "ours"
+        assert one.mode == "AUTO"
+        assert one.is_verified
+        assert one.existence > 0.9
+        assert one.to_go_m is not None
+        assert one.eta_s is not None
+        assert abs(one.eta_s - one.to_go_m / 15.0) < 3.0
+        (target,) = [t for t in status.targets if t.label == one.target]
+        assert one.vehicle in target.agents
+    (radar,) = status.sensors
+    assert radar.scan_age_s is not None
+    assert radar.scan_age_s < 1.5
+    run.run(80.0)
+    assert all(
+        (agent(asked(run), v).to_go_m or 0.0) < (agent(status, v).to_go_m or 0.0) - 150.0 for v in (1, 3, 4)
+    )
+
+
+def test_the_status_names_who_controls_a_vehicle_and_why() -> None:
+    run = VirtualRun(load("prescribed"), 1)
+    run.run(30.0)
+    for action, vehicle in (("hold", 1), ("return", 3)):
+        run.order(Order(run.t_ns, action, action, (vehicle,)))  # type: ignore[arg-type]
+    run.run(35.0)
+    status = asked(run)
+    held, returning, ours = (agent(status, vehicle) for vehicle in (1, 3, 4))
+    assert (held.authority, held.reason, held.mode) == ("held", "is held by order", "LOITER")
+    assert (returning.authority, returning.mode) == ("returning", "RTL")
+    assert (ours.authority, ours.reason) == ("ours", "")
+
+
+def test_asking_for_the_status_changes_nothing() -> None:
+    runs = [VirtualRun(load("prescribed"), 2) for _ in range(2)]
+    for second in range(5, 45, 5):
+        for run in runs:
+            run.run(float(second))
+        asked(runs[0], f"status-{second}")
+    assert runs[0].command.memory(runs[0].t_ns) is not None
+    times = [run.t_ns for run in runs]
+    assert times[0] == times[1] >= 40 * NS_PER_S
+    positions = [[(v.east_m, v.north_m) for v in run.vehicles.values()] for run in runs]
+    assert positions[0] == positions[1]
