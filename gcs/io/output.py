@@ -42,12 +42,12 @@ class Writer:
         Maximum number of queued jobs, including the one in progress.
     level : Level
         Level of the notice that a job takes long.
-    tells_error : bool
+    reports_error : bool
         False if the user of the writer reports the error.
     """
 
     def __init__(
-        self, name: str, max_waiting: int, level: Level = "warning", *, tells_error: bool = True
+        self, name: str, max_waiting: int, level: Level = "warning", *, reports_error: bool = True
     ) -> None:
         self.name = name
         self.error: Exception | None = None
@@ -59,8 +59,8 @@ class Writer:
         """The first one is in progress."""
         self._changed = threading.Condition()
         self._began_s = 0.0
-        self._error_told, self._stuck_told = not tells_error, False
-        self._told: deque[tuple[Level, str]] = deque()
+        self._is_error_reported, self._is_stuck_reported = not reports_error, False
+        self._messages: deque[tuple[Level, str]] = deque()
         threading.Thread(target=self._work, name=f"write {name}", daemon=True).start()
 
     @property
@@ -69,7 +69,7 @@ class Writer:
         return not self._jobs
 
     def put(self, job: Callable[[], None]) -> bool:
-        """Queue a job; return False if there is no room, or an error ended the output."""
+        """Queue a job; return False if the queue is full, or an error ended the output."""
         with self._changed:
             if self.error is not None or len(self._jobs) >= self._max_waiting:
                 self.dropped += 1
@@ -92,26 +92,26 @@ class Writer:
             while len(self._jobs) > 1:  # the first one is in progress
                 self._jobs.pop()
 
-    def tell(self, level: Level, text: str) -> None:
-        """Add an operator notice; for jobs."""
-        self._told.append((level, text))
+    def notify(self, level: Level, text: str) -> None:
+        """Add an operator notice, from a job."""
+        self._messages.append((level, text))
 
     def news(self) -> tuple[Level, str] | None:
         """Return the next operator notice, if any."""
-        if self._told:
-            return self._told.popleft()
+        if self._messages:
+            return self._messages.popleft()
         with self._changed:
             error, stuck_s = self.error, monotonic() - self._began_s if self._jobs else 0.0
         if error is not None:
-            if self._error_told:
+            if self._is_error_reported:
                 return None
-            self._error_told = True
+            self._is_error_reported = True
             reason = (error.strerror if isinstance(error, OSError) else None) or error
             return "alarm", f"cannot be written any more ({reason}); the flight goes on without it"
-        if (stuck_s > _STUCK_S) is self._stuck_told:
+        if (stuck_s > _STUCK_S) is self._is_stuck_reported:
             return None
-        self._stuck_told = not self._stuck_told
-        if self._stuck_told:
+        self._is_stuck_reported = not self._is_stuck_reported
+        if self._is_stuck_reported:
             return self._level, f"takes nothing for {stuck_s:.0f} s: what is written waits, then is lost"
         return "info", f"takes what is written again; {self.dropped} pieces were lost so far"
 
@@ -124,7 +124,7 @@ class Writer:
             error: Exception | None = None
             try:
                 job()
-            except Exception as raised:  # whatever it is, the flight goes on, and the operator is told
+            except Exception as raised:  # The flight continues; the operator gets a notice.
                 error = raised
             with self._changed:
                 self._jobs.popleft()
@@ -188,14 +188,14 @@ class QueuedText(io.TextIOBase):
 
 
 def is_busy(console: Console) -> bool:
-    """Return True if a console's last frame is not written yet, or none will be any more."""
+    """Return True if a console's last frame is not written, or its output has ended."""
     file = console.file
     return isinstance(file, QueuedText) and (not file.writer.is_idle or file.writer.error is not None)
 
 
 @contextmanager
 def off_loop(console: Console) -> Iterator[QueuedText]:
-    """Have a console print on a thread; at the end wait for it, 5 s at most."""
+    """Let a console print on a thread; at the end wait for it, 5 s at most."""
     before = console.file
     text = QueuedText(cast(TextIO, before))
     console.file = cast(TextIO, text)

@@ -2,7 +2,8 @@
 
 The JSON (RFC 8259, UTF-8) is the same on zenoh, in recordings and in the journal. Records are objects with
 the record's field names; arrays are (nested) lists of numbers, bytes are base64 text, tuples are lists.
-Floats are written with the shortest digits that give the same double, so a record is read back bit for bit.
+Floats are written with the shortest digits that give the same double, so that records are read back bit for
+bit.
 
 Only scans and orders on zenoh have forms of their own (`gcs.io.zenoh.scans`, `gcs.io.zenoh.order_messages`).
 """

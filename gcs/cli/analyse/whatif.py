@@ -1,7 +1,7 @@
 """Comparison of a recording with its replay under other settings.
 
-The recorded vehicles do not react to other plans, and uploads of other missions go unanswered. So the first
-plan that differs is exact. Later ones are the decisions of the service for the recorded flight.
+The recorded vehicles do not react to other plans. So the first plan that differs is exact; later ones are
+decisions of the service for the recorded flight.
 """
 
 from __future__ import annotations

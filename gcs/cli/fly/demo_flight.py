@@ -1,8 +1,7 @@
 """Flight of `gcs demo`: the service, with simulated vehicles in other processes.
 
-The service runs in this process. Vehicles and the world run in others (``python -m sim_vehicles``) and talk
-to it by MAVLink over UDP and by zenoh, as from another machine. They end when their standard input closes,
-however this process ends.
+Vehicles and the world run in other processes (``python -m sim_vehicles``) and use MAVLink over UDP and zenoh,
+as from another machine. They end when their standard input closes.
 """
 
 from __future__ import annotations

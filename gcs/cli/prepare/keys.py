@@ -10,15 +10,15 @@ import json
 import secrets
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
-from gcs.cli.arguments import JsonOption, command_app
-from gcs.cli.errors import print_error
-from gcs.errors import ConfigError, GcsError
+from gcs.cli.arguments import JsonOption, VehicleOption, command_app
+from gcs.cli.errors import exit_on_error
+from gcs.errors import ConfigError
 from gcs.io.console import console_for
 
 if TYPE_CHECKING:
@@ -39,10 +39,6 @@ EndpointArgument = Annotated[
         help="Link to the vehicles, such as serial:/dev/ttyACM0:115200 or udpin:0.0.0.0:14550.",
         metavar="ENDPOINT",
     ),
-]
-VehicleOption = Annotated[
-    list[str] | None,
-    typer.Option("--vehicle", "-v", help="System id of a vehicle, or 2:3 on network 2. Can be repeated."),
 ]
 YesOption = Annotated[bool, typer.Option("--yes", help="Confirm that the link is secure; do not ask.")]
 TimeoutOption = Annotated[float, typer.Option(min=0.5, help="Timeout in seconds.")]
@@ -67,10 +63,12 @@ def new(
 
     Without `--vehicle` or `--link`: one key for all vehicles. An existing key is kept; `rotate` replaces it.
     """
+    from gcs.io.signing.keystore import KeyFile, read_keys
+
     console = console_for(stderr=True)
-    try:
-        keys = _read_or_create(file)
-        vehicles, links = _vehicles(vehicle), _endpoints(link)
+    with exit_on_error():
+        keys = read_keys(file) if file.exists() else KeyFile(file)
+        vehicles, links = sorted({*(vehicle or ())}), _endpoints(link)
         there = [_name(v) for v in vehicles if v in keys.vehicles] + [n for n in links if n in keys.links]
         if not vehicles and not links and keys.default is not None:
             there = ["all vehicles"]
@@ -83,8 +81,6 @@ def new(
         if not vehicles and not links:
             keys.default = _make_key(phrase)
         keys.save()
-    except GcsError as error:
-        _fail(console, error)
     _print(keys, secret=False)
     console.print(
         f"written to {file}, for you alone. Next: gcs keys install {file} ENDPOINT", highlight=False
@@ -102,10 +98,8 @@ def show(
     """List the keys of a file by their fingerprints."""
     from gcs.io.signing.keystore import read_keys
 
-    try:
+    with exit_on_error():
         keys = read_keys(file)
-    except GcsError as error:
-        _fail(console_for(stderr=True), error)
     if as_json:
         print(json.dumps({"keys": _rows(keys, secret=secret)}))  # noqa: T201  the output of --json
     else:
@@ -123,18 +117,14 @@ def install(
 ) -> None:
     """Send vehicles their keys from the file, and check that they sign with them.
 
-    Keys are sent unencrypted: use a link that nobody else can hear. Vehicles must be disarmed. Without
+    Keys are sent unencrypted: use a link that no one else can hear. Vehicles must be disarmed. Without
     `--vehicle`: all vehicles with a key of their own.
     """
-    from gcs.io.signing.keystore import read_keys
     from gcs.io.signing.provisioning import KeyInstallation
 
     console = console_for(stderr=True)
-    try:
-        keys = read_keys(file)
-        vehicles = _vehicles(vehicle) or sorted(keys.vehicles)
-        if not vehicles:
-            raise ConfigError(str(file), "", "no vehicle has a key of its own: name some with --vehicle")
+    with exit_on_error():
+        keys, vehicles = _keys_and_vehicles(file, vehicle)
         waiting = [_name(v) for v in vehicles if v in keys.pending]
         if waiting:
             problem = f"gcs keys rotate was not finished for {', '.join(waiting)}: run it again"
@@ -142,8 +132,6 @@ def install(
         wanted = [KeyInstallation(v, _key_of(keys, v, endpoint), None) for v in vehicles]
         _confirm(console, endpoint, yes=yes)
         results = _install(keys, endpoint, wanted, timeout, console)
-    except GcsError as error:
-        _fail(console, error)
     _finish(results, as_json=as_json)
 
 
@@ -165,15 +153,11 @@ def rotate(
     command finishes an interrupted rotation. Stop the service first and start it afterwards: it reads its
     keys once.
     """
-    from gcs.io.signing.keystore import read_keys
     from gcs.io.signing.provisioning import KeyInstallation
 
     console = console_for(stderr=True)
-    try:
-        keys = read_keys(file)
-        vehicles = _vehicles(vehicle) or sorted(keys.vehicles)
-        if not vehicles:
-            raise ConfigError(str(file), "", "no vehicle has a key of its own: name some with --vehicle")
+    with exit_on_error():
+        keys, vehicles = _keys_and_vehicles(file, vehicle)
         old = {v: _key_of(keys, v, endpoint) for v in vehicles}
         _confirm(console, endpoint, yes=yes)
         common = secrets.token_bytes(32)
@@ -182,8 +166,6 @@ def rotate(
         keys.save()
         wanted = [KeyInstallation(v, keys.pending[v], old[v]) for v in vehicles]
         results = _install(keys, endpoint, wanted, timeout, console)
-    except GcsError as error:
-        _fail(console, error)
     unsure = [_name(result.vehicle) for result in results if not result.ok]
     if unsure:
         console.print(
@@ -193,22 +175,15 @@ def rotate(
     _finish(results, as_json=as_json)
 
 
-def _read_or_create(file: Path) -> KeyFile:
-    from gcs.io.signing.keystore import KeyFile, read_keys
+def _keys_and_vehicles(file: Path, vehicles: list[int] | None) -> tuple[KeyFile, list[int]]:
+    """Return the keys of a file, and the named vehicles or all with a key of their own."""
+    from gcs.io.signing.keystore import read_keys
 
-    return read_keys(file) if file.exists() else KeyFile(file)
-
-
-def _vehicles(names: list[str] | None) -> list[int]:
-    from gcs.io.signing.keystore import vehicle_of
-
-    found = []
-    for name in names or []:
-        vehicle = vehicle_of(name)
-        if vehicle is None:
-            raise ConfigError("--vehicle", name, "expected a system id from 1 to 250, or 2:3 on network 2")
-        found.append(vehicle)
-    return sorted(set(found))
+    keys = read_keys(file)
+    chosen = sorted((vehicles and {*vehicles}) or keys.vehicles)
+    if not chosen:
+        raise ConfigError(str(file), "", "no vehicle has a key of its own: name some with --vehicle")
+    return keys, chosen
 
 
 def _endpoints(names: list[str] | None) -> list[str]:
@@ -319,7 +294,3 @@ def _print(keys: KeyFile, *, secret: bool) -> None:
     for row in rows:
         line = f"{row['of']:<{width}}  {row['fingerprint']}  {row.get('key', '')}  {row['state']}"
         console_for().print(line.rstrip(), highlight=False, markup=False, soft_wrap=True)
-
-
-def _fail(console: Console, error: GcsError) -> NoReturn:
-    raise typer.Exit(print_error(error, console)) from None

@@ -1,9 +1,8 @@
 """All MAVLink endpoints of a run, and the routes between vehicles and other ground stations (*clients*).
 
 Vehicles' frames go to central command unchanged, except those that a signed link rejects, and to clients by
-`gcs.mavlink.router.router`. Clients' frames go to vehicles, as far as their access allows. What was sent on
-goes to central command as well. Routing happens before the event queue, so that a ground station's command
-does not wait behind scans.
+`gcs.mavlink.router.router`. Clients' frames go to vehicles, as far as their access allows, and then to
+central command as well. Routing is done before the event queue, so that commands do not wait behind scans.
 """
 
 from __future__ import annotations
@@ -231,10 +230,10 @@ class _Port:
         link: Link,
         handler: LinkHandler,
         router: Router | None,
-        send_on: Callable[[Mapping[Address, bytearray]], None],
+        forward: Callable[[Mapping[Address, bytearray]], None],
         signing: Signing,
     ) -> None:
-        self._handler, self._router, self._forward = handler, router, send_on
+        self._handler, self._router, self._forward = handler, router, forward
         self._name, self._is_for_clients = link.name, link.role != "vehicles"
         self._admit = signing.gate.accept_frames
 

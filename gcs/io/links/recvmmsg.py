@@ -42,7 +42,7 @@ _PAUSE_MS: Final = 10
 """Pause between reads of a flooded socket: a wake-up costs more than a datagram."""
 _RETRY_MS: Final = 1000
 _MAX_WAIT_S: Final = 2.0
-"""Datagrams that the loop has not taken by then are dropped: they would pass for new."""
+"""Datagrams that wait longer are dropped: they would count as new."""
 
 
 class _IoVector(ctypes.Structure):
@@ -91,7 +91,7 @@ class SingleReader:
             except (BlockingIOError, InterruptedError):
                 break
             except OSError:
-                continue  # an ICMP error of an earlier send: the peer is gone, its silence will tell
+                continue  # An ICMP error of an earlier send.
             heard.append((f"{host}:{port}", data))
         return len(heard), heard
 
@@ -101,9 +101,7 @@ class BatchReader:
 
     def __init__(self) -> None:
         self._recvmmsg = ctypes.CDLL(None, use_errno=True).recvmmsg
-        self._slots = np.zeros(
-            (SLOTS, _SLOT_BYTES), np.uint8
-        )  # the system gives a page when it is written to
+        self._slots = np.zeros((SLOTS, _SLOT_BYTES), np.uint8)
         self._names = np.zeros((SLOTS, 2), np.int64)
         """sockaddr_in: family, port and address fill the first eight bytes."""
         self._vectors = (_IoVector * SLOTS)()
@@ -122,7 +120,7 @@ class BatchReader:
         """Read up to `SLOTS` datagrams."""
         count = self._recvmmsg(source.fileno(), self._headers, SLOTS, socket.MSG_DONTWAIT, None)
         if count <= 0:
-            return 0, []  # empty, or an ICMP error of an earlier send, which this call has taken away
+            return 0, []  # Empty, or an ICMP error of an earlier send.
         lengths, senders = self._lengths[:count].astype(np.int64), self._names[:count, 0].copy()
         if count < FLOOD:
             parts: Iterable[tuple[int, bytes]] = enumerate(
@@ -271,7 +269,7 @@ class _ReaderThread:
             self._on_loop(self._deliver)
 
     def _on_loop(self, callback: Callable[[], None]) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended
+        with contextlib.suppress(RuntimeError):  # The loop has ended.
             self._loop.call_soon_threadsafe(callback)
 
     def _report_failure(self, reason: str) -> None:

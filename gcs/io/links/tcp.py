@@ -167,7 +167,7 @@ class TcpIn:
         while True:
             try:
                 connection, _ = await loop.sock_accept(self._socket)
-            except OSError:  # gone before it was accepted, or no more file descriptors
+            except OSError:  # Closed already, or no file descriptors left.
                 await asyncio.sleep(0.1)
                 continue
             if len(self._streams) >= _MAX_CONNECTIONS and not self._close_longest_idle(loop.time(), listener):
@@ -204,7 +204,7 @@ class TcpIn:
         if not idle:
             return False
         longest_idle = min(idle, key=lambda s: (s.has_sent_frame.done(), -hosts[_host(s)], s.heard_s))
-        self._end(longest_idle, listener, "closed: idle, and there is no room for another")
+        self._end(longest_idle, listener, "closed: idle, and the port is full")
         return True
 
     def _end(self, stream: _Stream, listener: Listener, why: str) -> None:

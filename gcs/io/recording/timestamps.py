@@ -2,9 +2,9 @@
 
 A raw stream has no stamps. Vehicles report the time since boot (``time_boot_ms`` of ATTITUDE,
 GLOBAL_POSITION_INT and others: https://mavlink.io/en/messages/common.html) several times a second. All
-vehicles share one time line, which begins with the first such message. A vehicle that is heard later, or that
+vehicles share one time line, which begins with the first such message. A vehicle that appears later, or that
 rebooted, joins at the current time of the line. Time does not advance between two such messages, so the line
-is good to a fraction of a second. Periods in which all vehicles were silent are lost.
+has an error of a fraction of a second. Periods without any message are lost.
 """
 
 from __future__ import annotations

@@ -35,9 +35,9 @@ class RecorderThread:
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self.writer = Writer("recording", _MAX_WAITING_RECORDS, "alarm", tells_error=False)
+        self.writer = Writer("recording", _MAX_WAITING_RECORDS, "alarm", reports_error=False)
         self._recorder = recorder
-        recorder.notify = self.writer.tell
+        recorder.notify = self.writer.notify
         self._batch: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
         self._hand_over_at_s = monotonic()
         self._handed_over_count = self._written_count = 0

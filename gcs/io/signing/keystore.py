@@ -1,4 +1,4 @@
-"""The file of signing keys, and the file beside it with the signing time that was reached.
+"""File of signing keys, and the file of signing times next to it.
 
 A key file is TOML, for its owner alone (mode 600), and is replaced whole and atomically::
 
@@ -11,11 +11,11 @@ A key file is TOML, for its owner alone (mode 600), and is replaced whole and at
     3 = "..."                              # system id; "2:3" on network 2
 
     [pending]
-    3 = "..."                              # on its way to that vehicle: it may hold this one already
+    3 = "..."                              # new key of a rotation; the vehicle may have it already
 
-The time beside it (``keys.toml.time``) must never go back, or vehicles refuse what we sign. It is written
-ahead of the time in use, so that a crash loses nothing. The streams' times are those of the Unix time beside
-them; after a crash they are taken to have run on since (`TimeFile.read`).
+The signing time (``keys.toml.time``) must never decrease, or vehicles reject our frames. It is written ahead
+of the time in use, so that a crash loses nothing. Stream times belong to the Unix time beside them; after a
+crash they are advanced (`TimeFile.read`).
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from gcs.endpoints import parse_endpoint
 from gcs.errors import ConfigError, LinkError
 from gcs.files import read_bytes, read_text
 from gcs.mavlink.frames.signing import KEY_BYTES, NS_PER_TICK, Keys
-from gcs.model import NS_PER_S, vehicle_id, vehicle_name
+from gcs.model import NS_PER_S, vehicle_name, vehicle_of
 
 MAX_ADVANCE_NS: Final = 30 * NS_PER_S
-"""How far the streams' times are moved on after a crash at most: three times the time between two savings."""
+"""Greatest advance of the stream times after a crash: three save periods."""
 
 _MAX_BYTES: Final = 4_000_000
-_HEAD: Final = "# MAVLink signing keys: secret. Whoever has one can command the vehicles that hold it.\n"
+_HEAD: Final = "# MAVLink signing keys: secret. They allow to command the vehicles.\n"
 
 
 class _KeyTable(Table, frozen=True, kw_only=True):
@@ -58,7 +58,7 @@ class _TimeTable(Table, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class KeyFile:
-    """What a key file says."""
+    """Content of a key file."""
 
     path: Path
     default: bytes | None = field(default=None, repr=False)
@@ -72,7 +72,7 @@ class KeyFile:
         return Keys(dict(self.vehicles), dict(self.links), self.default)
 
     def save(self) -> None:
-        """Replace the file; raises `ConfigError` when it cannot be written."""
+        """Replace the file; raises `ConfigError` if it cannot be written."""
         parts = [_HEAD]
         if self.default is not None:
             parts.append(f'default = "{self.default.hex()}"\n')
@@ -93,7 +93,7 @@ def read_keys(path: Path) -> KeyFile:
     Raises
     ------
     ConfigError
-        When it cannot be read, others may read it, or something in it is no key; no key is in the text.
+        When it cannot be read, is readable by others, or has an invalid key. The text has no key.
     """
     source = str(path)
     try:
@@ -110,7 +110,7 @@ def read_keys(path: Path) -> KeyFile:
         raise ConfigError(source, "", "not valid TOML") from None
     try:
         raw = decode_toml(text, source)
-    except ConfigError:  # its text would show the line, which holds a key
+    except ConfigError:  # Its text would show a key.
         raise ConfigError(source, "", "not valid TOML") from None
     table = convert(raw, _KeyTable, source)
     return KeyFile(
@@ -125,20 +125,13 @@ def read_keys(path: Path) -> KeyFile:
 def _vehicle_keys(source: str, table: str, entries: Mapping[str, str]) -> dict[int, bytes]:
     found = {}
     for name, value in entries.items():
-        vehicle = vehicle_of(name)
-        if vehicle is None:
-            raise ConfigError(source, f"{table}.{name}", 'expected a system id, or "network:system id"')
+        try:
+            vehicle = vehicle_of(name)
+        except ValueError:
+            problem = 'expected a system id, or "network:system id"'
+            raise ConfigError(source, f"{table}.{name}", problem) from None
         found[vehicle] = _key(source, f"{table}.{name}", value)
     return found
-
-
-def vehicle_of(name: str) -> int | None:
-    """Read what `gcs.model.vehicle_name` writes; None when it is no vehicle."""
-    network, _, system = name.rpartition(":")
-    if not (system.isdecimal() and (network.isdecimal() or not network)):
-        return None
-    numbers = int(network or 0), int(system)
-    return vehicle_id(*numbers) if 1 <= numbers[1] <= 250 and numbers[0] < 256 else None
 
 
 def _link_name(source: str, name: str) -> str:
@@ -159,7 +152,7 @@ def _key(source: str, where: str, text: str) -> bytes:
 
 
 def write_secret(path: Path, data: bytes) -> None:
-    """Replace a file that only its owner may read, atomically."""
+    """Replace a file atomically, with mode 600."""
     beside = path.with_name(f"{path.name}.{os.getpid()}.new")
     beside.unlink(missing_ok=True)
     descriptor = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -171,17 +164,17 @@ def write_secret(path: Path, data: bytes) -> None:
 
 
 class TimeFile:
-    """The signing time that was reached, and that of every stream."""
+    """File of the signing time, and that of each stream."""
 
     def __init__(self, keys: Path) -> None:
         self.path = keys.with_name(keys.name + ".time")
 
     def read(self, unix_ns: int) -> tuple[int, dict[str, int]]:
-        """Return the signing time to begin with, and the streams'; zero and none when there is no file.
+        """Return the first signing time, and those of the streams; zero and none without a file.
 
-        After a crash the streams' times are moved on by the time since they were written: whatever was
-        accepted before the crash is older than that, and what a vehicle signs from now on is newer. They are
-        moved by `MAX_ADVANCE_NS` at most, and by that much when the clock was set back meanwhile.
+        After a crash the stream times advance by the time since they were written, at most by
+        `MAX_ADVANCE_NS`, and by that much if the clock was set back: frames accepted before the crash are
+        older, and new frames are later.
 
         Parameters
         ----------
@@ -191,7 +184,7 @@ class TimeFile:
         Raises
         ------
         ConfigError
-            When it is damaged: going on with the clock alone may be refused by vehicles, so it is said.
+            When it is damaged.
         """
         try:
             table = msgspec.json.decode(read_bytes(self.path, _MAX_BYTES), type=_TimeTable)
@@ -209,16 +202,16 @@ class TimeFile:
         return table.timestamp, {stream: time + advance for stream, time in table.streams.items()}
 
     def write(self, timestamp: int, streams: Mapping[str, int], unix_ns: int = 0) -> None:
-        """Replace it; raises `OSError`.
+        """Replace the file; raises `OSError`.
 
         Parameters
         ----------
         timestamp : int
-            Signing time to begin with after a restart.
+            First signing time after a restart.
         streams : mapping
             Signing time of each stream.
         unix_ns : int
-            Unix time now, nanoseconds; 0 at the end of a run, when the streams' times are final.
+            Unix time now in nanoseconds; 0 at the end of a run, for final stream times.
         """
         table = _TimeTable(timestamp=timestamp, streams=dict(streams), unix_ns=unix_ns)
         write_secret(self.path, msgspec.json.encode(table))

@@ -1,22 +1,22 @@
 """Keys on zenoh; those of a mission begin with ``swarm/<mission>``.
 
 =============================================  ==================================================
-``swarm/<mission>/sensor/<name>/scan``         a sensor's scan (see ``docs/sensors.md``); heard by the service
+``swarm/<mission>/sensor/<name>/scan``         a sensor's scan (``docs/sensors.md``), for the service
 ``swarm/<mission>/picture/agents``, ``targets``  `Picture`, after each scan
 ``swarm/<mission>/plan``                       `Plan`
 ``swarm/<mission>/upload``                     `UploadReport`
 ``swarm/<mission>/agent_status``               `AgentStatus`
 ``swarm/<mission>/notice``                     `Notice`
 ``swarm/<mission>/ended``                      `MissionEnded`
-``swarm/<mission>/order``                      an operator's order (``docs/orders.md``), heard by the service
+``swarm/<mission>/order``                      an operator's order (``docs/orders.md``), for the service
 ``swarm/<mission>/answer``                     `OrderAnswer`
 ``swarm/<mission>/status``                     `SwarmStatus`, the answer to the order ``status``
 ``swarm/<mission>/proposal``                   `Proposal`, a plan that waits for confirmation
-``swarm/<mission>/truth``                      `Truth`, from a simulated world alone
+``swarm/<mission>/truth``                      `Truth`, from a simulated world only
 =============================================  ==================================================
 
-Payloads are the JSON of `gcs.io.records`, but for scans and orders, which have forms of their own:
-`gcs.io.zenoh.scans` and `gcs.io.zenoh.order_messages`.
+Payloads are the JSON of `gcs.io.records`; scans and orders have own forms (`gcs.io.zenoh.scans`,
+`gcs.io.zenoh.order_messages`).
 """
 
 from __future__ import annotations

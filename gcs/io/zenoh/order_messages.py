@@ -1,4 +1,4 @@
-"""Orders on zenoh: what an operator's program publishes (``docs/orders.md``).
+"""Orders on zenoh, as an operator's program publishes them (``docs/orders.md``).
 
 Unlike the record `Order`, a message may give areas in degrees, and always names its vehicles: a list of
 system ids, or ``all``. The receiver adds sender and time. Unknown fields are refused: a misspelt key may

@@ -1,8 +1,7 @@
-"""Scans on zenoh: what sensors of any maker publish, read with disbelief.
+"""Scans that sensors publish on zenoh, read with all checks.
 
-A scan's JSON differs from the record (see ``docs/sensors.md``): it names the origin of its local frame and
-not the time of arrival, which only the receiver knows; and a sensor that measures range and bearing sends
-these, which become east/north here. It is believed only after every check below.
+A scan's JSON differs from the record (``docs/sensors.md``): it has the origin of its local frame and no time
+of arrival, and a range-bearing sensor sends ranges and bearings, which become east/north here.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from gcs.tracking.models.sensors import map_coordinates, polar_sensor, sensor_co
 
 MAX_DETECTIONS = 20_000
 MAX_ORIGIN_OFFSET_M = 1.0
-"""How far a sensor's origin may lie from the mission's."""
+"""Greatest distance of a sensor's origin from the mission's."""
 
 _NAME = r"^[A-Za-z0-9_-]{1,64}$"
 _SCAN_KEY = re.compile(r"swarm/[^/]+/sensor/(?P<sensor>[^/]+)/scan")
@@ -40,14 +39,14 @@ _Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 
 
 class OriginMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """Where on WGS84 the sensor's east/north begin."""
+    """WGS84 origin of the sensor's east/north."""
 
     lat_deg: Annotated[float, Meta(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Meta(ge=-180.0, le=180.0)]
 
 
 class SensorMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """What a sensor that reports positions says of itself, in each of its scans."""
+    """Sensor model of a position sensor, in each of its scans."""
 
     name: _Name
     detection_probability: _Probability
@@ -57,7 +56,7 @@ class SensorMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ScanMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """Its scan. Fields that are not known here are passed over."""
+    """Scan of a position sensor. Unknown fields are ignored."""
 
     sensor: SensorMessage
     origin: OriginMessage
@@ -66,7 +65,7 @@ class ScanMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PolarSensorMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """What a sensor that reports range and bearing says of itself."""
+    """Sensor model of a range-bearing sensor."""
 
     name: _Name
     detection_probability: _Probability
@@ -81,7 +80,7 @@ class PolarSensorMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PolarScanMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """Its scan."""
+    """Scan of a range-bearing sensor."""
 
     sensor: PolarSensorMessage
     origin: OriginMessage
@@ -103,7 +102,7 @@ _polar_scan_decoder = msgspec.json.Decoder(PolarScanMessage)
 
 
 def encode_scan(scan: Scan, frame: LocalFrame) -> bytes:
-    """Write a scan as a sensor publishes it; `frame` is the one that its east/north refer to."""
+    """Return a scan as a sensor publishes it, with the origin of `frame`."""
     origin = OriginMessage(lat_deg=frame.lat_deg, lon_deg=frame.lon_deg)
     message: dict[str, Any] = {"origin": origin, "measured_t_ns": scan.measured_t_ns}
     sensor, polar = scan.sensor, scan.sensor.polar
@@ -135,21 +134,21 @@ def encode_scan(scan: Scan, frame: LocalFrame) -> bytes:
 
 
 def decode_scan(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Scan:
-    """Read what somebody published as a scan; believe nothing.
+    """Return the scan of a payload, after all checks.
 
     Parameters
     ----------
-    key
-        The key it was published on.
-    t_ns
-        When it arrived.
-    frame
-        The mission's local frame: a scan of another one is refused.
+    key : str
+        Key on which it was published.
+    t_ns : int
+        Time of arrival.
+    frame : LocalFrame
+        Frame of the mission; a scan of another one is refused.
 
     Raises
     ------
     WireError
-        When it does not have the form of ``docs/sensors.md``; the text says which field is at fault and why.
+        The payload does not have the form of ``docs/sensors.md``.
     """
     if decode_json(key, payload, _kind_decoder).sensor.kind == "range_bearing":
         polar_message = decode_json(key, payload, _polar_scan_decoder)

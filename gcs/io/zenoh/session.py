@@ -1,13 +1,11 @@
-"""zenoh (https://zenoh.io) as this project uses it: peers, explicit TCP endpoints, no router, no multicast.
+"""zenoh (https://zenoh.io) sessions: peers with explicit TCP endpoints, no router, no multicast.
 
-One side of a mission listens, all others connect to it: peers hear the listener and are heard by it, but two
-peers that only connect do not hear each other. A peer that connects keeps trying: the listener may come up
-later, or restart.
+One side of a mission listens, all others connect to it. Two peers that only connect do not reach each other.
+A peer that connects keeps trying, so that the listener may start later or restart.
 
-Everything is published reliably with congestion control BLOCK: zenoh's default drops messages when a link is
-saturated, and a dropped scan would look like a missed detection of everything. The price: a peer that is
-connected but no longer reads holds up `publish`, once, for 5 s when the buffers in between are full
-(measured: after 4 MB), until zenoh gives that peer up.
+Messages are reliable with congestion control BLOCK: zenoh's default drops messages on a saturated link, and a
+dropped scan would look like missed detections. A connected peer that no longer reads blocks `publish` once
+for 5 s, when the buffers are full, until zenoh closes it.
 """
 
 from __future__ import annotations
@@ -37,13 +35,13 @@ class ZenohSession:
     Raises
     ------
     LinkError
-        When the endpoint is not one, or cannot be listened on. A listener that is not there yet is no error.
+        When the endpoint is invalid, or cannot be listened on. A missing listener is no error.
     """
 
     def __init__(self, *, listen: str | None = None, connect: str | None = None) -> None:
         self.endpoint = connect or listen or ""
         if not self.endpoint:
-            raise ValueError("a bus listens or connects")
+            raise ValueError("a session listens or connects")
         try:
             self._session = zenoh.open(_config(listen, connect))
         except zenoh.ZError as error:
@@ -52,12 +50,12 @@ class ZenohSession:
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Publish to whoever is subscribed now; nobody is no error.
+        """Publish to the present subscribers, if any.
 
         Raises
         ------
         LinkError
-            When the key is malformed or the bus is closed.
+            When the key is malformed or the session is closed.
         """
         try:
             publisher = self._publishers.get(key)
@@ -73,14 +71,12 @@ class ZenohSession:
             raise LinkError(self.endpoint, f"cannot publish on `{key}`: {_first_sentence(error)}") from None
 
     def subscribe(self, key_expr: str, callback: Callable[[str, bytes], None]) -> None:
-        """Call `callback(key, payload)` for every message on matching keys until the bus is closed.
-
-        It runs on a thread of zenoh's, one call at a time: do nothing there but hand the message to a loop.
+        """Call `callback(key, payload)` for each message on matching keys, on a thread of zenoh.
 
         Raises
         ------
         LinkError
-            When the key expression is malformed or the bus is closed.
+            When the key expression is malformed or the session is closed.
         """
 
         def handle(sample: zenoh.Sample) -> None:
@@ -94,7 +90,7 @@ class ZenohSession:
             ) from None
 
     def close(self) -> None:
-        """End the session; what was published before has been handed to the system."""
+        """End the session; published messages were handed to the system."""
         self._session.close()  # type: ignore[no-untyped-call]  # zenoh leaves its return type out
 
     def __enter__(self) -> Self:
@@ -108,26 +104,23 @@ class ZenohSession:
 
 @contextlib.contextmanager
 def service_bus(role: Literal["listen", "connect"], endpoint: str) -> Iterator[tuple[ZenohSession, str]]:
-    """Open a service's bus; gives it, and the endpoint at which it hears orders.
+    """Open a service's session; yield it, and the endpoint for orders.
 
-    One that connects to a sensor's endpoint is not heard by others who connect there, so it listens at an
-    endpoint of its own on this machine besides.
+    A service that connects to a sensor's endpoint also listens at its own endpoint on this machine, since two
+    peers that only connect do not reach each other.
 
     Raises
     ------
     LinkError
         As `ZenohSession`.
     """
-    door = endpoint if role == "listen" else free_endpoint()
-    with ZenohSession(listen=door, connect=None if role == "listen" else endpoint) as bus:
-        yield bus, door
+    own_endpoint = endpoint if role == "listen" else free_endpoint()
+    with ZenohSession(listen=own_endpoint, connect=None if role == "listen" else endpoint) as bus:
+        yield bus, own_endpoint
 
 
 def free_endpoint() -> str:
-    """Return a TCP endpoint on this machine that nobody listens on now.
-
-    zenoh can listen on port 0 but does not tell which port it got.
-    """
+    """Return a free TCP endpoint on this machine; zenoh does not report the port that it got for port 0."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -138,7 +131,7 @@ def _config(listen: str | None, connect: str | None) -> zenoh.Config:
     settings: dict[str, object] = {
         "mode": "peer",
         "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,  # nobody is told of endpoints that are not named to him
+        "scouting/gossip/enabled": False,  # Endpoints are explicit only.
         "listen/endpoints": [listen] if listen else [],
         "listen/exit_on_failure": True,
         "connect/endpoints": [connect] if connect else [],
@@ -160,5 +153,5 @@ def _what_to_do(error: zenoh.ZError, *, listening: bool) -> str:
 
 
 def _first_sentence(error: zenoh.ZError) -> str:
-    """Return zenoh's message without the place in its source code."""
+    """Return zenoh's message without its source position."""
     return str(error).split(" at /", 1)[0]

@@ -231,7 +231,7 @@ class Fleet:
         return accepted
 
     def _accept_frame(self, vehicle: Vehicle, frame: Frame, address: Address, t_ns: int) -> Message | None:
-        """Check a frame's sender and apply it; return None if nobody needs its message."""
+        """Check a frame's sender and apply it; return its message if it is needed."""
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
             self.links[address[0]].ignored += 1
             return None

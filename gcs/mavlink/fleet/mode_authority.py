@@ -3,7 +3,7 @@
 A mode alone does not tell who chose it. Each change of mode is classified:
 
 =====================================================  ==============================================
-AUTO                                                   ours, whoever chose it
+AUTO                                                   ours, also by an operator
 LOITER that we commanded, and no other mode since      ours
 LOITER before the first AUTO or task                   ours: the vehicle waits for its first mission
 LOITER at the mission's end, where that is the mode    ours
@@ -80,10 +80,10 @@ class ModeAuthority:
         self._commanded, self._tasked = memory.ordered, memory.tasked
 
     def note_reboot(self) -> None:
-        """Forget the mode: the mode after a boot is nobody's choice."""
+        """Forget the mode: the mode after a boot is no override."""
         self.mode = self._previous = self._commanded = ""
         self.has_ended = False
 
     def release(self) -> None:
-        """Take control back, on an operator's order."""
+        """End an override, on an operator's order."""
         self.override, self._tasked = "", False

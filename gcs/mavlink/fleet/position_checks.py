@@ -38,25 +38,20 @@ MIN_ALT_M: Final = -1_000.0
 MAX_ALT_M: Final = 50_000.0
 _BOOT_WRAP_MS: Final = 1 << 32
 _NS_PER_MS: Final = 1_000_000
+_CONFIRM_NS: Final = ns(2.0)
+_MIN_JUMP_NS: Final = ns(5.0)
+_MAX_JITTER_NS: Final = ns(1.0)
 
 
 class BootClock:
     """A vehicle's time since boot: detects late reports and reboots.
 
-    Reports behind the latest one form a *run* while their clock and ours advance alike, within `jitter_s`. A
-    run of `confirm_s` whose clock is at least `jump_s` behind is a reboot. A link that became slower by less
-    is not.
+    Reports behind the latest one form a *run* while their clock and ours advance alike, within
+    `_MAX_JITTER_NS`. A run of `_CONFIRM_NS` whose clock is at least `_MIN_JUMP_NS` behind is a reboot. A link
+    that became slower by less is not.
     """
 
-    def __init__(
-        self,
-        record: VehicleRecord | None = None,
-        *,
-        confirm_s: float = 2.0,
-        jump_s: float = 5.0,
-        jitter_s: float = 1.0,
-    ) -> None:
-        self._confirm_ns, self._jump_ns, self._jitter_ns = ns(confirm_s), ns(jump_s), ns(jitter_s)
+    def __init__(self, record: VehicleRecord | None = None) -> None:
         self._record = new_record() if record is None else record
         self._run = (0, 0, 0)
         """First arrival, its offset between our clock and the vehicle's, and the number of reports."""
@@ -68,23 +63,20 @@ class BootClock:
         ahead_ms = 1 if latest_ms == NONE else (boot_ms - latest_ms) % _BOOT_WRAP_MS
         if 0 < ahead_ms < _BOOT_WRAP_MS // 2:
             return self._set_latest(boot_ms, offset_ns, "new")
-        if offset_ns - latest_offset_ns < self._jump_ns:
+        if offset_ns - latest_offset_ns < _MIN_JUMP_NS:
             return "late"
-        if not self._record[IN_LATE_RUN] or abs(offset_ns - self._run[1]) > self._jitter_ns:
+        if not self._record[IN_LATE_RUN] or abs(offset_ns - self._run[1]) > _MAX_JITTER_NS:
             self._run = (t_ns, offset_ns, 0)
             self._record[IN_LATE_RUN] = True
         began_t_ns, run_offset_ns, reports = self._run
         self._run = (began_t_ns, run_offset_ns, reports + 1)
-        if reports >= 2 and t_ns - began_t_ns >= self._confirm_ns:
+        if reports >= 2 and t_ns - began_t_ns >= _CONFIRM_NS:
             return self._set_latest(boot_ms, offset_ns, "rebooted")
         return "late"
 
     def _set_latest(self, boot_ms: int, offset_ns: int, order: ReportOrder) -> ReportOrder:
-        self._record[BOOT_MS], self._record[BOOT_OFFSET_NS], self._record[IN_LATE_RUN] = (
-            boot_ms,
-            offset_ns,
-            False,
-        )
+        self._record[BOOT_MS], self._record[BOOT_OFFSET_NS] = boot_ms, offset_ns
+        self._record[IN_LATE_RUN] = False
         return order
 
 

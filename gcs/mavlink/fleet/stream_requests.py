@@ -15,7 +15,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.fleet.telemetry_table import DUE_NS, VehicleRecord, new_record
-from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.frames.codec import Message, is_for
 from gcs.mavlink.services.command_sender import MESSAGE_INTERVAL, REQUEST_MESSAGE, command_long
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
 
@@ -134,8 +134,7 @@ class StreamRequests:
         """
         number, result = ack.command, ack.result
         request, timer = self._in_flight.get(number, (None, None))
-        ours = ack.target_system in (0, self._own[0]) and ack.target_component in (0, self._own[1])
-        if request is None or not ours or result == dialect.MAV_RESULT_IN_PROGRESS:
+        if request is None or not is_for(ack, self._own) or result == dialect.MAV_RESULT_IN_PROGRESS:
             return ""
         if timer is not None and number == MESSAGE_INTERVAL:
             took_s = timer.round_trip_s(t_ns)

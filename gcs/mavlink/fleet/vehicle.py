@@ -49,7 +49,7 @@ from gcs.model import NS_PER_S, Level, VehicleState
 Address: TypeAlias = tuple[str, str]
 """(link, peer)."""
 Liveness: TypeAlias = Literal["waiting", "alive", "stale", "down"]
-"""Not heard yet, heard, silent for a moment, or silent for so long that another address may take over."""
+"""Not heard yet, heard, silent, or silent for so long that another address may be its own."""
 Notify: TypeAlias = Callable[[Level, str], None]
 """Takes level and text of a notice about this vehicle."""
 
@@ -179,15 +179,14 @@ class Vehicle:
     def poll(self, t_ns: int) -> list[Message]:
         """Return the requests to it that are due."""
         if t_ns >= self.stream_requests.idle_until_ns and self.record[POSITIONS]:
-            self.stream_requests.heard(
-                "GLOBAL_POSITION_INT", self.record.item(POSITION_NS)
-            )  # the kernel stores it only
+            # The kernel only stores it.
+            self.stream_requests.heard("GLOBAL_POSITION_INT", self.record.item(POSITION_NS))
         return self.stream_requests.poll(t_ns)
 
     def apply_message(self, message: Message, t_ns: int, notify: Notify) -> None:
         """Apply one message to the state."""
         name = message.get_type()
-        if name != "HOME_POSITION":  # met by one that can be believed
+        if name != "HOME_POSITION":  # Noted there, if it is plausible.
             self.stream_requests.heard(name, t_ns)
         handler = self._handlers.get(name)
         if handler is not None:

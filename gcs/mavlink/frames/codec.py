@@ -294,6 +294,11 @@ def _target_offsets() -> dict[int, tuple[int, int | None]]:
 _TARGET_OFFSETS: Final = _target_offsets()
 
 
+def is_for(message: Message, own: tuple[int, int]) -> bool:
+    """Return True if a message with a target is for our system and component id, or for all."""
+    return message.target_system in (0, own[0]) and message.target_component in (0, own[1])
+
+
 def target_of(frame: Frame) -> tuple[int, int] | None:
     """Return the target (system, component) of a frame, 0 meaning all; None if its message has no target.
 

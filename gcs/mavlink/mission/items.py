@@ -49,39 +49,17 @@ class Item(NamedTuple):
         mission_type: int = dialect.MAV_MISSION_TYPE_MISSION,
     ) -> Message:
         """Return the MISSION_ITEM_INT of this item as number `seq` of a list."""
-        return dialect.MAVLink_mission_item_int_message(
-            target_system,
-            target_component,
-            seq,
-            self.frame,
-            self.command,
-            int(current),
-            self.autocontinue,
-            self.param1,
-            self.param2,
-            self.param3,
-            self.param4,
-            self.x,
-            self.y,
-            self.z_m,
-            mission_type,
-        )
+        head = target_system, target_component, seq, self.frame, self.command, int(current), self.autocontinue
+        params = self.param1, self.param2, self.param3, self.param4
+        position = self.x, self.y, self.z_m
+        return dialect.MAVLink_mission_item_int_message(*head, *params, *position, mission_type)
 
 
 def item_of(message: Message) -> Item:
     """Return the item of a MISSION_ITEM_INT."""
-    return Item(
-        message.command,
-        message.frame,
-        message.x,
-        message.y,
-        message.z,
-        message.param1,
-        message.param2,
-        message.param3,
-        message.param4,
-        message.autocontinue,
-    )
+    m = message
+    params = m.param1, m.param2, m.param3, m.param4
+    return Item(m.command, m.frame, m.x, m.y, m.z, *params, m.autocontinue)
 
 
 def first_item_difference(

@@ -12,7 +12,7 @@ from typing import Final, Literal, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message, is_for
 from gcs.mavlink.mission.geofence_rally import LIST_NAMES, list_difference
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
@@ -25,18 +25,13 @@ Stage: TypeAlias = Literal["clear", "upload", "read", "done"]
 _ACCEPTED: Final = dialect.MAV_MISSION_ACCEPTED
 _UNSUPPORTED: Final = (dialect.MAV_MISSION_UNSUPPORTED, dialect.MAV_MISSION_UNSUPPORTED_FRAME)
 
-
-@dataclass(frozen=True, slots=True)
-class ListTiming:
-    """Timeouts and bounds, as in `gcs.mavlink.mission.upload_timing.UploadTiming`."""
-
-    max_tries: int = 6
-    min_answer_s: float = 6.0
-    """A request is repeated for at least so long."""
-    request_timeout_s: float = 8.5
-    ack_timeout_s: float = 2.5
-    settle_s: float = 1.2
-    max_uploads: int = 4
+# Timeouts and bounds, as in `gcs.mavlink.mission.upload_timing.UploadTiming`.
+_MAX_TRIES: Final = 6
+_MIN_ANSWER_S: Final = 6.0
+_REQUEST_TIMEOUT_S: Final = 8.5
+_ACK_TIMEOUT_S: Final = 2.5
+_SETTLE_S: Final = 1.2
+_MAX_UPLOADS: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +65,11 @@ class ListTask:
         items: Sequence[Item] | None,
         encode: Callable[[Message], bytes],
         t_ns: int,
-        timing: ListTiming | None = None,
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
         self.result: ListResult | None = None
         self.vehicle, self.mission_type = vehicle, mission_type
         self._items, self._encode, self._own = items, encode, own
-        self._timing = timing or ListTiming()
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
         self._rtt = RttEstimator()
         self._mission_upload = MissionUpload(items or (), self._to, self._rtt, mission_type=mission_type)
@@ -104,7 +97,7 @@ class ListTask:
             if self._mission_upload.is_all_sent:
                 self._start_download(t_ns)
             else:
-                self._retry_upload(f"it stopped timer at item {self._mission_upload.sent_count}", t_ns)
+                self._retry_upload(f"it stopped asking at item {self._mission_upload.sent_count}", t_ns)
         elif any(one is not None and one.is_exhausted(t_ns) for one in (self._timer, self._download)):
             if self.stage == "read" and self._items is not None:
                 self._retry_upload("no answer to the read-back", t_ns)
@@ -118,7 +111,7 @@ class ListTask:
         """Process a message of the vehicle; return the frames to send."""
         handler = _HANDLERS.get(message.get_type())
         from_it = (message.get_srcSystem(), message.get_srcComponent()) == self._to
-        if handler is None or self.stage == "done" or not from_it or not self._is_for_us(message):
+        if handler is None or self.stage == "done" or not from_it or not is_for(message, self._own):
             return []
         handler(self, message, t_ns)
         return self._take_due_frames(t_ns)
@@ -143,16 +136,14 @@ class ListTask:
         self._download = MissionDownload(self._to, self._rtt, t_ns, mission_type=self.mission_type)
 
     def _start_request(self, request: Message, t_ns: int) -> None:
-        self._timer = RetryTimer(
-            request, self._rtt.retry_policy(self._timing.max_tries, self._timing.min_answer_s), t_ns
-        )
+        self._timer = RetryTimer(request, self._rtt.retry_policy(_MAX_TRIES, _MIN_ANSWER_S), t_ns)
 
     def _retry_upload(self, reason: str, t_ns: int) -> None:
-        if self._uploads >= self._timing.max_uploads:
+        if self._uploads >= _MAX_UPLOADS:
             self._end(False, f"{reason}, {self._uploads} uploads tried; what it holds now is not known")
         else:
             self._rtt.retransmissions += 1
-            cancelled = dialect.MAV_MISSION_OPERATION_CANCELLED  # PX4 takes no COUNT while it receives a list
+            cancelled = dialect.MAV_MISSION_OPERATION_CANCELLED  # PX4 refuses a COUNT during a transfer.
             self._outbox.append(dialect.MAVLink_mission_ack_message(*self._to, cancelled, self.mission_type))
             self._start(t_ns)
 
@@ -161,17 +152,12 @@ class ListTask:
         self._pending_failure = self._deadline_t_ns = self._timer = self._download = None
         self.result = ListResult(ok, detail, self._onboard_items, self._rtt.retransmissions)
 
-    # ------------------------------------------------------------ what the vehicle says
-
-    def _is_for_us(self, message: Message) -> bool:
-        target = (message.target_system, message.target_component)
-        is_ours = all(got in (0, own) for got, own in zip(target, self._own, strict=True))
-        return is_ours and message.mission_type == self.mission_type
+    # ------------------------------------------------------------ messages of the vehicle
 
     def _on_request(self, message: Message, t_ns: int) -> None:
         download = self._download
         if download is not None and self._items and not self._mission_upload.acked and download.count is None:
-            self.stage, self._download = "upload", None  # it never had the last item: the upload goes on
+            self.stage, self._download = "upload", None  # It lacks the last item: continue.
         if self.stage != "upload" or (self._timer is not None and not self._timer.sent):
             return
         items = self._mission_upload.answer_request(message.seq, t_ns)
@@ -180,9 +166,7 @@ class ListTask:
         if self._timer is not None:
             self._rtt.add_sample(self._timer.round_trip_s(t_ns))
         self._timer = self._pending_failure = None
-        wait_s = (
-            self._timing.ack_timeout_s if self._mission_upload.is_all_sent else self._timing.request_timeout_s
-        )
+        wait_s = _ACK_TIMEOUT_S if self._mission_upload.is_all_sent else _REQUEST_TIMEOUT_S
         self._deadline_t_ns = t_ns + ns(wait_s)
         self._outbox += items
 
@@ -193,7 +177,7 @@ class ListTask:
             return
         is_all_sent = self.stage == "upload" and self._mission_upload.is_all_sent
         if is_all_sent and message.type == dialect.MAV_MISSION_ERROR:
-            self._start_download(t_ns)  # it receives no more, as when the last item came twice
+            self._start_download(t_ns)  # It has all items.
         elif message.type == _ACCEPTED:
             if self.stage == "clear" or is_all_sent:
                 self._mission_upload.acked = True
@@ -204,7 +188,7 @@ class ListTask:
             if message.type in _UNSUPPORTED:
                 self._end(False, f"the vehicle does not take it: {said}")
             else:
-                self._pending_failure = (t_ns + ns(self._timing.settle_s), f"the vehicle answered {said}")
+                self._pending_failure = (t_ns + ns(_SETTLE_S), f"the vehicle answered {said}")
 
     def _on_count(self, message: Message, t_ns: int) -> None:
         if self._download is not None:

@@ -322,9 +322,8 @@ class UploadSteps:
             if self.stage == "upload":
                 self._note_upload_begun()
             if self.stage == "select" and self._profile.atomic:
-                self._outbox.append(
-                    self._ack(dialect.MAV_MISSION_ACCEPTED)
-                )  # without it PX4 would not hear the request for 5 s
+                # Without it PX4 ignores the selection for 5 s.
+                self._outbox.append(self._ack(dialect.MAV_MISSION_ACCEPTED))
             copies = self._rtt.copies if self._timer.sent > 1 else 1
             self._outbox += [self._timer.request] * copies
             if self.stage == "select":
@@ -333,8 +332,6 @@ class UploadSteps:
             self._outbox += self._download.poll(t_ns)
         out, self._outbox = self._outbox, []
         if any(message.get_type() == "COMMAND_LONG" and message.command == SET_MODE for message in out):
-            heartbeat = (
-                dialect.MAVLINK_MSG_ID_HEARTBEAT
-            )  # which tells the mode, and is due once a second only
+            heartbeat = dialect.MAVLINK_MSG_ID_HEARTBEAT  # Shows the mode; otherwise once a second.
             out.append(command_long(self.mission.vehicle, REQUEST_MESSAGE, heartbeat))
         return [self._encode(message) for message in out]

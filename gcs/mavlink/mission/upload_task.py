@@ -34,7 +34,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
-from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.frames.codec import Message, is_for
 from gcs.mavlink.mission.upload_steps import UploadSteps
 from gcs.mavlink.services.command_sender import SET_MODE
 from gcs.mavlink.services.retry import ns
@@ -242,14 +242,14 @@ class UploadTask(UploadSteps):
             self._loiter_t_ns = t_ns
             self._outbox.append(self._mode_command(LOITER))
 
-    # ------------------------------------------------------------ what the vehicle says
+    # ------------------------------------------------------------ messages of the vehicle
 
     def _on_request(self, message: Message, t_ns: int) -> None:
         if self._delegated or not self._is_for_us(message):
             return
         upload, seq = self._mission_upload, message.seq
         if self.stage == "verify" and not upload.acked and seq < upload.sent_count:
-            self.stage, self._download = "upload", None  # it never had the last item: the upload goes on
+            self.stage, self._download = "upload", None  # It lacks the last item: continue.
         if self.stage != "upload":
             asks_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
             if asks_late and self.stage in ("verify", "select", "mode"):
@@ -273,7 +273,7 @@ class UploadTask(UploadSteps):
         accepted, upload = message.type == _ACCEPTED, self._mission_upload
         if self.stage == "upload" and not self._delegated:
             if upload.is_all_sent and message.type in (_ACCEPTED, _ERROR):
-                upload.acked = accepted  # an error: it receives no more, as when the last item came twice
+                upload.acked = accepted  # On an error it has all items.
                 self._start_verify(t_ns)
             elif not accepted and message.type != _INVALID_SEQUENCE and not self._is_pausing():
                 said = _name("MAV_MISSION_RESULT", message.type)
@@ -352,8 +352,7 @@ class UploadTask(UploadSteps):
         return self._profile.atomic or seq != self._current_before or is_late
 
     def _on_command_ack(self, message: Message, t_ns: int) -> None:
-        is_ours = message.target_system in (0, self._own[0]) and message.target_component in (0, self._own[1])
-        if not is_ours or self.stage != "mode" or message.command != SET_MODE:
+        if not is_for(message, self._own) or self.stage != "mode" or message.command != SET_MODE:
             return
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             return
@@ -370,19 +369,19 @@ class UploadTask(UploadSteps):
         self._authority.observe_mode(
             self._profile.mode_name(message.custom_mode), at_end=self._is_at_mission_end()
         )
-        mode, taken = self._authority.mode, bool(self._authority.override)
+        mode, is_overridden = self._authority.mode, bool(self._authority.override)
         if self.stage == "park" and mode != AUTO:
             if self._onboard == "equal":
                 self._start_select(t_ns)
-            elif taken:
+            elif is_overridden:
                 self._end_overridden(t_ns)
             else:
                 self._start_upload(t_ns)
-        elif self.stage == "mode" and taken and self._profile.atomic and mode == LOITER:
-            if self._unexplained_mode_t_ns is None:  # is it that the mission was rejected?
+        elif self.stage == "mode" and is_overridden and self._profile.atomic and mode == LOITER:
+            if self._unexplained_mode_t_ns is None:  # Maybe the mission was rejected.
                 self._unexplained_mode_t_ns = t_ns
                 self._outbox.append(self._request_mission_current())
-        elif self.stage == "mode" and taken:
+        elif self.stage == "mode" and is_overridden:
             self._end_overridden(t_ns)
         elif self.stage == "mode" and mode == AUTO and self._timer is not None and self._timer.sent:
             self._finish(ok=self._onboard == "equal", t_ns=t_ns)

@@ -42,6 +42,7 @@ from gcs.mavlink.services.retry import ns
 Id: TypeAlias = tuple[int, int]
 """(system, component)."""
 
+_OWN: Final[Id] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
 _HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _MAX_RECENT_FRAMES: Final = 4096
 _EXPIRE_EVERY_NS: Final = ns(0.5)
@@ -120,8 +121,6 @@ class Router:
         System ids of our vehicles there.
     is_busy : callable
         Returns True during our mission transfer to the vehicle of a system id.
-    own : (int, int)
-        Our system and component id.
     is_keyed : callable
         Returns True for a link's name and a system id if their signatures are checked.
     """
@@ -133,14 +132,12 @@ class Router:
         is_busy: Callable[[int], bool] = lambda _: False,
         settings: RoutingSettings | None = None,
         *,
-        own: Id = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
         is_keyed: Callable[[str, int], bool] = lambda _, __: False,
     ) -> None:
         self._is_keyed = is_keyed
         self._links = {link.name: link for link in links}
         self._vehicles = frozenset(vehicles)
         self._is_busy = is_busy
-        self._own = own
         self._settings = settings or RoutingSettings()
         self._routes: dict[Id, _VehicleRoute] = {}
         self._clients: dict[Address, _Client] = {}
@@ -196,7 +193,7 @@ class Router:
     def _from_client(self, t_ns: int, address: Address, frame: Frame, link: Link) -> Routed:
         if frame.system_id in self._vehicles:
             return Routed((), "uses a vehicle's system id")
-        if (frame.system_id, frame.component_id) == self._own:
+        if (frame.system_id, frame.component_id) == _OWN:
             return Routed((), "uses central command's ids")
         refusal = self._update_client(t_ns, address, frame)
         if refusal:
@@ -205,7 +202,7 @@ class Router:
             return Routed(())
         system, component = target_of(frame) or (0, 0)
         if system and system not in self._vehicles:
-            return Routed((), "" if system == self._own[0] else "for an unknown target")
+            return Routed((), "" if system == _OWN[0] else "for an unknown target")
         refusal = access_policy.refusal(
             link.role, frame, system, is_busy=bool(system) and self._is_busy(system)
         )
@@ -340,7 +337,7 @@ class Router:
             self._expire(t_ns)
         if system == 0:
             return tuple(self._clients)
-        if (system, component) == self._own:
+        if (system, component) == _OWN:
             return ()
         known = [*self._clients.items(), *self._candidates.items()]
         exact = tuple(a for a, client in known if (system, component) in client.ids)

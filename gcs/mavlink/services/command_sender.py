@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
-from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message, is_for
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.model import system_of
 from gcs.safe_text import printable
@@ -26,6 +26,7 @@ REQUEST_MESSAGE: Final[int] = dialect.MAV_CMD_REQUEST_MESSAGE
 COMMAND_RETRY_POLICY: Final = RetryPolicy(wait_s=1.0, max_wait_s=3.0, max_tries=10)
 _MAX_REFUSALS: Final = 3
 _MIN_CONFIRMATIONS: Final = 2
+_OWN: Final = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
 _ARMED: Final[int] = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _WARNING: Final[int] = dialect.MAV_SEVERITY_WARNING
 
@@ -91,13 +92,12 @@ class CommandSender:
         is_done: Callable[[HeartbeatState], bool],
         encode: Callable[[Message], bytes],
         t_ns: int,
-        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
         self.outcome: tuple[bool, str] | None = None
         """(True if done, detail or reason), once it has ended."""
         self._vehicle: int = request.target_system
         self._command: int = request.command
-        self._is_done, self._encode, self._own = is_done, encode, own
+        self._is_done, self._encode = is_done, encode
         self._timer = RetryTimer(request, COMMAND_RETRY_POLICY, t_ns)
         self._confirmations = self._refusals = 0
         self._statustext = self._rejection = ""
@@ -136,7 +136,7 @@ class CommandSender:
             self.outcome = (True, f"{shown.mode}, {'armed' if shown.armed else 'disarmed'}")
 
     def _on_ack(self, message: Message) -> None:
-        is_ours = message.target_system in (0, self._own[0]) and message.target_component in (0, self._own[1])
+        is_ours = is_for(message, _OWN)
         if not is_ours or message.command != self._command:
             return
         if message.result == dialect.MAV_RESULT_TEMPORARILY_REJECTED:

@@ -1,11 +1,11 @@
-"""Detection of losses: central command's rule beside a plain threshold, on the same pictures.
+"""Detection of losses: central command's rule and a plain threshold, on the same pictures.
 
-The plain rule is the paper's: an agent is alive while the existence probability of its track reaches a
-threshold, scan by scan and without memory. Clutter near a dead agent revives it, and one missed detection may
-kill a living one. Central command's rule has hysteresis (`gcs.core.perception.agent_status`).
+The plain rule is the paper's: an agent is active while the existence probability of its track reaches a
+threshold at each scan. Clutter near a lost agent makes it active again, and a missed detection may make it
+lost. Central command's rule has hysteresis (`gcs.core.perception.agent_status`).
 
-The track of an agent comes from the ground truth: the nearest within `NEAR_M` while the agent lives, and the
-same label after its death. Both rules are evaluated until the agent arrives.
+The track of an agent follows from the ground truth: the nearest within `NEAR_M`, and after its loss the same
+label. Both rules are evaluated until the agent arrives.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class DeathCount:
     """Result of one rule."""
 
     delays_s: tuple[float, ...]
-    """Delay from each detected death to its detection."""
+    """Delay of the detection of each loss."""
     false_deaths: int
-    """Number of times a living agent was declared dead."""
+    """Number of false detections."""
     revivals: int
-    """Number of times a dead agent was declared alive again."""
+    """Number of lost agents that became active again."""
 
 
 @dataclass(slots=True)
@@ -77,7 +77,7 @@ class DeathWatch:
                     self._agents[effect.vehicle].arrived |= effect.status == "arrived"
             case Picture(kind="agents"):
                 for agent in self._ground_truth.get(effect.scan_t_ns, ()):
-                    self._look(agent, effect)
+                    self._apply_plain_rule(agent, effect)
 
     @property
     def agent_hours(self) -> float:
@@ -113,7 +113,7 @@ class DeathWatch:
                 revivals += 1
         return DeathCount(tuple(delays), false_deaths, revivals)
 
-    def _look(self, agent: TruthObject, picture: Picture) -> None:
+    def _apply_plain_rule(self, agent: TruthObject, picture: Picture) -> None:
         watched = self._agents[agent.id]
         if watched.arrived:
             return

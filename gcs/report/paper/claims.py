@@ -1,8 +1,8 @@
-"""What the paper says of its results, claim by claim, beside what is seen in runs of the same missions.
+"""Claims of the paper about its results, and measurements in runs of the same missions.
 
 Hill, Thomas & Larson, "Autonomous Situational Awareness for Robotic Swarms in High-Risk Environments",
-sections "Simulation Results" and "Conclusions". Every number is measured on the runs that are given; a
-verdict follows from a rule that stands beside it, and comes out otherwise when the numbers do.
+sections "Simulation Results" and "Conclusions". All numbers are measured on the runs; each verdict follows
+from the rule of its claim.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _RIGHT_PERCENT: Final = 95.0
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One sentence of the paper, and what became of it."""
+    """One sentence of the paper, and its verdict."""
 
     where: str
     says: str
@@ -59,18 +59,18 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """What the claims are held against."""
+    """Runs to check the claims."""
 
     flown: Mapping[str, Flown]
     """By scenario."""
     faster: Flown | None = None
-    """The mission of Figures 4 and 5 again, looked at once a second instead of every five seconds."""
+    """Mission of Figures 4 and 5, planned every second instead of every five seconds."""
     swarm: Summary | None = None
-    """Of fifty agents and sixty targets."""
+    """Mission of fifty agents and sixty targets."""
 
 
 def claims(runs: Runs) -> tuple[Claim, ...]:
-    """Hold every claim against the runs."""
+    """Check every claim."""
     found = [
         _functional(runs.flown[FIGURE_3]),
         _handed_over(runs),
@@ -101,29 +101,30 @@ def _functional(flown: Flown) -> Claim:
         f"{summary.targets_reached} of {summary.targets_total} targets reached in "
         f"{summary.duration_s:.0f} s, {summary.retasks} re-tasks, {inside_m:.0f} m flown inside obstacle "
         "cells.",
-        "complete, and nobody inside an obstacle",
+        "complete, and no agent inside an obstacle",
         "holds" if good else "holds in part" if summary.outcome == "complete" else "does not hold",
     )
 
 
 def _handed_over(runs: Runs) -> Claim:
-    parts, deaths, taken, nearer = [], 0, 0, 0
+    parts, deaths, replaced, nearer = [], 0, 0, 0
     for name in _CLUTTERED:
         flown = runs.flown[name]
         deaths += flown.summary.deaths
         found = {one.lost: one for one in handovers(flown)}
-        taken += len(found)
+        replaced += len(found)
         for lost, path in flown.timeline.paths["agents"].items():
             one = found.get(lost)
             if one is not None:
                 nearer += math.isnan(one.former_m) or one.new_m <= one.former_m
                 parts.append(
-                    f"{name}: agent {lost} dies, {one.after_s:.1f} s later agent {one.taker} is sent to its "
-                    f"target, {one.new_m:.0f} m away as the crow flies (former target: {one.former_m:.0f} m)"
+                    f"{name}: agent {lost} dies, {one.after_s:.1f} s later agent {one.successor} is sent "
+                    f"to its target, {one.new_m:.0f} m away in a straight line (former target: "
+                    f"{one.former_m:.0f} m)"
                 )
             elif path.dies:
                 within = f"within {RE_ROUTED_WITHIN_S:.0f} s"
-                parts.append(f"{name}: agent {lost} dies, nobody is sent to its target {within}")
+                parts.append(f"{name}: agent {lost} dies, no agent is sent to its target {within}")
     return Claim(
         "Figures 4, 5",
         "When an agent is disabled, another is re-routed to its target, which is now the closest to it.",
@@ -131,7 +132,7 @@ def _handed_over(runs: Runs) -> Claim:
         + ". With more targets than agents, the assignment by the least total way around the "
         "obstacles decides which ones are left out.",
         "after every death a survivor gets the target, nearer than its former one; in part after some",
-        "does not hold" if not taken else "holds" if taken == nearer == deaths else "holds in part",
+        "does not hold" if not replaced else "holds" if replaced == nearer == deaths else "holds in part",
     )
 
 
@@ -231,7 +232,7 @@ def _dense(runs: Runs) -> Claim:
         "Figures 6, 7",
         "High obstacle density, with targets that move freely, is handled.",
         "; ".join(parts) + ".",
-        "complete, and nobody inside an obstacle; in part when an agent cuts a cell",
+        "complete, and no agent inside an obstacle; in part when an agent cuts a cell",
         "does not hold" if not complete else "holds" if worst_m == 0.0 else "holds in part",
     )
 

@@ -34,10 +34,10 @@ class Flown:
 
 @dataclass(frozen=True, slots=True)
 class Handover:
-    """A survivor that took over the target of a lost agent."""
+    """A survivor that got the target of a lost agent."""
 
     lost: int
-    taker: int
+    successor: int
     after_s: float
     """Time from the death to the plan."""
     new_m: float
@@ -61,7 +61,7 @@ def metres_in_obstacles(flown: Flown) -> float:
 
 
 def handovers(flown: Flown) -> tuple[Handover, ...]:
-    """Return the survivors that took over the target of each dead agent, in the first plan that did so."""
+    """Return the survivor that got the target of each lost agent, by the first plan after the loss."""
     timeline, found = flown.timeline, []
     for lost, path in timeline.paths["agents"].items():
         if not path.dies:
@@ -72,19 +72,19 @@ def handovers(flown: Flown) -> tuple[Handover, ...]:
         for decision in timeline.decisions:
             if not died_s < decision.t_s <= died_s + RE_ROUTED_WITHIN_S or target is None:
                 continue
-            takers = [v for v in decision.changed if decision.targets[v] == target and v != lost]
-            if takers:
-                found.append(_handover(timeline, lost, takers[0], decision, died_s))
+            successors = [v for v in decision.changed if decision.targets[v] == target and v != lost]
+            if successors:
+                found.append(_handover(timeline, lost, successors[0], decision, died_s))
                 break
     return tuple(found)
 
 
-def _handover(timeline: Timeline, lost: int, taker: int, decision: Decision, died_s: float) -> Handover:
-    here = _at(timeline.paths["agents"][taker], decision.t_s)
-    earlier = [d.ends_m[taker] for d in timeline.decisions if d.t_s < decision.t_s and taker in d.ends_m]
+def _handover(timeline: Timeline, lost: int, new: int, decision: Decision, died_s: float) -> Handover:
+    here = _at(timeline.paths["agents"][new], decision.t_s)
+    earlier = [d.ends_m[new] for d in timeline.decisions if d.t_s < decision.t_s and new in d.ends_m]
     former_m = float(np.hypot(*(here - np.array(earlier[-1])))) if earlier else math.nan
-    new_m = float(np.hypot(*(here - np.array(decision.ends_m[taker]))))
-    return Handover(lost, taker, decision.t_s - died_s, new_m, former_m)
+    new_m = float(np.hypot(*(here - np.array(decision.ends_m[new]))))
+    return Handover(lost, new, decision.t_s - died_s, new_m, former_m)
 
 
 def spurious(flown: Flown) -> tuple[int, int, int]:
@@ -158,17 +158,17 @@ def astray(flown: Flown) -> tuple[int, int]:
         living = [path for path in paths if _lives(path, decision.t_s)]
         for end in decision.ends_m.values():
             routes += 1
-            lost += all(_off_way_m(path, decision.t_s, np.array(end)) > NEAR_M for path in living)
+            lost += all(_distance_from_path_m(path, decision.t_s, np.array(end)) > NEAR_M for path in living)
     return routes, lost
 
 
-def _off_way_m(path: Path, t_s: float, point_m: FloatArray) -> float:
+def _distance_from_path_m(path: Path, t_s: float, point_m: FloatArray) -> float:
     """Return the distance of a point from the straight path of an object at constant velocity."""
     place = _at(path, t_s)
-    way = (place - _at(path, t_s - _HEADING_S)) * (_AHEAD_S / _HEADING_S)
-    length2 = float(way @ way)
-    share = min(max(float((point_m - place) @ way) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
-    return float(np.hypot(*(point_m - place - share * way)))
+    ahead = (place - _at(path, t_s - _HEADING_S)) * (_AHEAD_S / _HEADING_S)
+    length2 = float(ahead @ ahead)
+    share = min(max(float((point_m - place) @ ahead) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+    return float(np.hypot(*(point_m - place - share * ahead)))
 
 
 def speeds(flown: Flown) -> tuple[float, float]:

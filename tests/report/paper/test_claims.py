@@ -125,7 +125,7 @@ def test_a_way_through_an_obstacle_is_measured_in_metres() -> None:
 
 def test_who_takes_a_lost_agents_target_is_found() -> None:
     (one,) = handovers(a_run())
-    assert (one.lost, one.taker, one.after_s) == (2, 1, 5.0)
+    assert (one.lost, one.successor, one.after_s) == (2, 1, 5.0)
     assert one.former_m == pytest.approx(550.0)
     assert one.new_m == pytest.approx(np.hypot(550.0, 200.0))
     assert handovers(a_run(handed_over=False)) == ()
