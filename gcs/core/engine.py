@@ -157,7 +157,7 @@ class Engine:
             self.climbs,
             self.agent_status,
             self.incursions,
-            needs_approval=self._needs_approval,
+            self._needs_approval,
         )
         self.disarmed_in_auto = DisarmedInAuto(self.fleet, self.tasking, self.orders)
         self.onboard_audit = OnboardAudit(self.fleet, self.tasking, self.replanner, self.orders)
@@ -326,7 +326,7 @@ class Engine:
             case "arrived":
                 return "has reached its target and gets no other"
             case "lost":
-                return "is taken for lost, and gets a mission when it is seen again"
+                return "is lost; it gets a mission when it is tracked again"
         return "gets no mission, since the mission has ended" if self._ended else "waits for its next mission"
 
     def _release(self, vehicle: int) -> None:

@@ -175,7 +175,7 @@ def test_orders_that_change_nothing_say_so_and_are_refused() -> None:
     stage = airborne(ARDUPLANE, "AUTO")
     (answer,) = stage.order("resume")
     assert (answer.state, answer.detail) == (
-        "refused", "was not set aside, and is in AUTO: nothing was changed",
+        "refused", "is not suspended, and is in AUTO: nothing was changed",
     )  # fmt: skip
     (answer,) = stage.order("arm")
     assert (answer.state, answer.detail) == ("refused", "is armed: nothing was changed")
@@ -288,4 +288,4 @@ def test_targets_that_appear_after_the_missions_end_are_told_once_with_what_to_d
         effects += command.step(scan) + command.step(Tick(at(t_s)))
     assert any(isinstance(effect, MissionEnded) for effect in effects)
     (told,) = [e.text for e in effects if isinstance(e, Notice) and "after the mission ended" in e.text]
-    assert told.endswith("nobody is sent there; start the service with --no-resume to fly on")
+    assert told.endswith("no agent is sent there; start the service with --no-resume to fly on")

@@ -65,7 +65,7 @@ def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mod
         frames = [send.data for send in fleet.poll(now_ns) if isinstance(send, Send)]
         to_plane += frames + talk.poll(now_ns)
         t_ns += S // 20
-    ways = rehearse(config, 1, {}).ways_m[1]
+    ways = [rehearse(config, 1, {}).routes_m[1]]
     return {check.name: check for check in VehicleChecks(talk, fleet, config, ways, now_ns).checks()}
 
 
@@ -159,7 +159,7 @@ def test_a_mode_on_the_ground_that_is_not_ours_is_named_with_what_to_do(mode, wo
 def test_the_reason_of_a_failed_pre_arm_check_is_printed():
     rows = inspected(mission(), airborne=False, arming_delay_s=40.0, until_s=22.0, end_s=25.0)
     assert rows["sensors"].value == "pre-arm check not healthy"
-    assert rows["says"].value == "PreArm: Gyros inconsistent"
+    assert rows["message"].value == "PreArm: Gyros inconsistent"
 
 
 def test_a_vehicle_that_signs_without_a_key_here_is_refused():

@@ -76,7 +76,7 @@ def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive(
     flight = flight_with_a_restart(40.0, 6.0, 400.0, scenario=standing())
     for vehicle in (1, 2, 3, 4):
         assert not {m.get_type() for m in flight.told(vehicle, 46.0, 400.0)} & MISSION
-    assert sum("holds the mission that it was given" in n.text for n in flight.all(Notice)) == 4
+    assert sum("its onboard mission is verified" in n.text for n in flight.all(Notice)) == 4
     (ended,) = flight.all(MissionEnded)
     assert (ended.arrived, ended.lost) == ((1, 2, 3, 4), ())
 
@@ -112,7 +112,7 @@ def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed()
 
     flight = flight_with_a_restart(30.0, 4.0, 70.0, meanwhile=somebody_else)
     told = [n for n in flight.all(Notice) if n.vehicle == 3 and n.level == "alarm"]
-    assert any("holds another mission than the one it was given (item 1: z_m" in n.text for n in told)
+    assert any("its onboard mission is not the one it was given (item 1: z_m" in n.text for n in told)
     assert not {m.get_type() for m in flight.told(3, 34.0, 70.0)} & MISSION
     assert flight.mode(3) is Mode.AUTO
     assert flight.run.command.orders.suspensions == {3: "found"}
@@ -214,7 +214,7 @@ def test_a_mix_that_was_left_behind_is_cleared_after_a_restart_though_nobody_has
     assert len(run.vehicles["vehicle:4"].autopilot.mission) <= 1
     told = [(e.level, e.text) for _, e in effects if isinstance(e, Notice) and e.vehicle == 4]
     assert any("may be inconsistent" in text for _, text in told)
-    assert any(level == "alarm" and "holds no mission now" in text for level, text in told)
+    assert any(level == "alarm" and "has no onboard mission now" in text for level, text in told)
 
 
 def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_is_resumed() -> None:
@@ -273,7 +273,7 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
     run.restart(3.0, memory)
     stored = list(run.vehicles["vehicle:3"].autopilot.mission)
     run.run(60.0)
-    assert any("holds another mission than the one it was given" in text for text in alarms(effects, 3))
+    assert any("its onboard mission is not the one it was given" in text for text in alarms(effects, 3))
     assert list(run.vehicles["vehicle:3"].autopilot.mission) == stored
     assert run.command.orders.suspensions == {3: "found"}
 
@@ -297,7 +297,7 @@ def test_a_vehicle_that_was_not_heard_for_a_while_is_asked_what_it_holds(changed
     stored = list(run.vehicles["vehicle:2"].autopilot.mission)
     run.run(60.0)
     assert list(run.vehicles["vehicle:2"].autopilot.mission) == stored
-    told = any("holds another mission than the one it was given" in text for text in alarms(effects, 2))
+    told = any("its onboard mission is not the one it was given" in text for text in alarms(effects, 2))
     assert told is changed
     assert run.command.orders.suspensions == ({2: "found"} if changed else {})
     assert (2 in run.command.replanner.routes) is not changed
@@ -315,7 +315,7 @@ def test_a_vehicle_that_does_not_tell_what_it_holds_is_left_alone_until_it_does_
     run.restart(3.0, memory)
     run.run(65.0)
     for number in (1, 4):
-        assert "does not tell which mission it holds" in run.command.untaskable()[number]
+        assert "does not answer the download of its onboard mission" in run.command.untaskable()[number]
         assert any("does not tell" in text for text in alarms(effects, number))
     run.order(order(65.5, "resume", 4))
     dumb[0]._link._missions._list = given[0]

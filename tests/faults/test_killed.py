@@ -71,7 +71,7 @@ def test_killed_and_started_again_it_uploads_nothing_twice_and_all_arrive(run: R
     first.send_signal(signal.SIGKILL)
     first.wait()
     run.serve("second")
-    run.until("second", lambda said: said.count("holds the mission that it was given") == 4)
+    run.until("second", lambda said: said.count("its onboard mission is verified") == 4)
     order = [*GCS, "order", "resume", "-v", "2"]
     resumed = subprocess.run(order, capture_output=True, text=True, check=False, timeout=60)
     assert resumed.returncode == 0, resumed.stderr
@@ -101,7 +101,7 @@ def test_a_vehicle_that_another_ground_station_took_stays_theirs_when_the_servic
     first.send_signal(signal.SIGKILL)
     first.wait()
     run.serve("second")
-    said = run.until("second", lambda said: said.count("holds the mission that it was given") == 3)
+    said = run.until("second", lambda said: said.count("its onboard mission is verified") == 3)
     assert "has a mission of system 254" in said
     run.until("second", lambda said: "plan: taken up again" in said)
     assert GroundStation(run.seat).count(3) == 7

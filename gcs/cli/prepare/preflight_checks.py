@@ -155,7 +155,7 @@ async def _run_checks(
         queries,
         session.fleet,
         config,
-        lambda vehicle: rehearsal.ways_m.get(vehicle, ()),
+        lambda vehicle: [rehearsal.routes_m[vehicle]] if vehicle in rehearsal.routes_m else [],
         session.now_ns(),
         session.has_key,
     )
@@ -197,8 +197,8 @@ def print_checks(checks: list[Check], name: str, console: Console) -> None:
     subject = ""
     width = max((len(check.name) for check in checks), default=0)
     for check in checks:
-        if check.whom != subject:
-            subject = check.whom
+        if check.subject != subject:
+            subject = check.subject
             title = subject if check.vehicle is None else f"agent {subject}"
             console.print(title, style="bold", highlight=False, markup=False, soft_wrap=True)
         expected = f", expected: {check.wanted}" if check.wanted and check.level != "ok" else ""
@@ -217,9 +217,9 @@ def _table(checks: list[Check], name: str) -> Table:
         table.add_column(column, overflow="fold")
     subject = ""
     for check in checks:
-        if subject and check.whom != subject:
+        if subject and check.subject != subject:
             table.add_section()
-        is_first, subject = check.whom != subject, check.whom
+        is_first, subject = check.subject != subject, check.subject
         style = _STYLE[check.level]
         table.add_row(
             subject if is_first else "",

@@ -44,7 +44,7 @@ class Incursion:
             return f"is inside no-fly zone {self.zone}: hold it, or return it"
         return (
             f"would fly through no-fly zone {self.zone}: in {self.after_s:.0f} s, on its way to item "
-            f"{self.item} of the mission that it holds"
+            f"{self.item} of its onboard mission"
         )
 
 

@@ -81,7 +81,9 @@ class OnboardAudit:
     def untaskable(self) -> dict[int, str]:
         """Return the vehicles whose audit has timed out, with the reason in words."""
         return {
-            v: "does not tell which mission it holds" for v, audit in self._audits.items() if audit.is_late
+            v: "does not answer the download of its onboard mission"
+            for v, audit in self._audits.items()
+            if audit.is_late
         }
 
     def begin(
@@ -135,7 +137,8 @@ class OnboardAudit:
         for vehicle, audit in self._audits.items():
             if not audit.is_late and t_ns - audit.began_t_ns > _TIMEOUT_NS:
                 audit.is_late = True
-                text = f"does not tell which mission it holds: left alone {_until(vehicle)}, or until it does"
+                text = "does not answer the download of its onboard mission: left alone "
+                text += f"{_until(vehicle)}, or until it does"
                 effects.append(Notice(t_ns, "alarm", text, vehicle))
             if audit.download.is_exhausted(t_ns):
                 audit.begin(t_ns)
@@ -161,17 +164,17 @@ class OnboardAudit:
             self._tasking.forget_onboard(vehicle)
             self._tasking.overrides.note_mission_lost(vehicle, booted_t_ns)
             self._replanner.drop_route(vehicle)
-            text = "holds no mission since it rebooted: it stays ours, and gets a new one"
+            text = "lost its onboard mission at a reboot: it gets a new one"
             return [Notice(t_ns, "warning", text, vehicle)]
         if difference:
             self._orders.suspensions[vehicle] = "found"
             self._replanner.drop(vehicle)
             self._tasking.forget_onboard(vehicle)
-            text = f"holds another mission than the one it was given ({difference}): left alone "
+            text = f"its onboard mission is not the one it was given ({difference}): left alone "
             return [Notice(t_ns, "alarm", text + _until(vehicle), vehicle)]
         self._tasking.note_onboard(audit.mission)
         audit.then(audit.mission)
-        return [Notice(t_ns, "info", "holds the mission that it was given", vehicle)]
+        return [Notice(t_ns, "info", "its onboard mission is verified", vehicle)]
 
     def _end(self, vehicle: int) -> None:
         if self._audits.pop(vehicle, None) is not None:

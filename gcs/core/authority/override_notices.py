@@ -66,10 +66,9 @@ class UnattendedTargets:
         if not new:
             return []
         names = ", ".join(map(target_name, new))
-        text = (
-            f"{'targets' if len(new) > 1 else 'target'} {names} appeared after the mission ended: nobody is "
-        )
-        return [Notice(t_ns, "warning", text + "sent there; start the service with --no-resume to fly on")]
+        subject = f"target{'s' if len(new) > 1 else ''} {names}"
+        text = f"{subject} appeared after the mission ended: no agent is sent there; "
+        return [Notice(t_ns, "warning", text + "start the service with --no-resume to fly on")]
 
 
 def overridden_text(modes: Mapping[int, str]) -> str:

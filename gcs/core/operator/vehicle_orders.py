@@ -88,7 +88,7 @@ class Orders:
         """Return the vehicles that must not be tasked, with the reason in words."""
         routes = self._replanner.routes
         waiting = {
-            vehicle: "is told to wait for a mission"
+            vehicle: "is commanded to wait in LOITER"
             for vehicle, (_, ongoing) in self._commands.items()
             if ongoing.order.action == "resume" and vehicle not in routes
         }
@@ -183,7 +183,7 @@ class Orders:
             case "resume" if state.mode == LOITER and self._tasking.has_failed(vehicle):
                 return ""  # resume ends the pause after failed uploads
             case "resume" if vehicle not in untaskable:
-                return f"was not set aside, and is in {state.mode or 'a mode that it has not told'}"
+                return f"is not suspended, and is in {state.mode or 'an unknown mode'}"
             case "hold" | "return" if (self.suspensions.get(vehicle), state.mode) == (
                 order.action,
                 _MODES[order.action],
@@ -213,7 +213,7 @@ class Orders:
         if state is None:
             return ""
         if state.mode in PILOTED:
-            return f"is in {state.mode}: whoever flies it has to give it back"
+            return f"is in {state.mode}: its pilot has to give it back"
         height_m = self._tasking.height_m(state)
         low = height_m < min(MIN_RESUME_HEIGHT_M, 0.5 * self._tasking.altitude_rel_m)
         if state.mode == LOITER or _stands(state) or not low:
@@ -226,7 +226,7 @@ class Orders:
     def _cannot_arm(self, vehicle: int, state: VehicleState | None) -> str:
         """Return why arming would start an unwanted mission; empty if it would not."""
         if state is None or not state.mode:
-            return "has not told its mode and position yet"
+            return "has not reported its mode and position yet"
         if state.mode not in SELF_LAUNCHING or (state.mode == AUTO and self.may_fly(vehicle)):
             return ""
         return (

@@ -1,4 +1,4 @@
-"""What stands against a flight of the mission itself: its map, its routes, its fence, its sensors. Pure."""
+"""Pre-flight checks of a mission: map, routes, fence and sensors."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 import numpy as np
 
@@ -23,42 +24,43 @@ from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.planner_inputs import AgentState
 from gcs.planning.terminal.climb import Climb
 
-_MAX_CLOCK_S = 1.0
+_MAX_CLOCK_ERROR_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Rehearsal:
-    """Routes as they would be planned now, to the places where targets may appear."""
+    """Routes that would be planned now, to the birth components of targets."""
 
     plan: PlanResult
-    ways_m: Mapping[int, tuple[FloatArray, ...]]
-    """(n, 2) east/north of each vehicle's route, from where it is."""
+    routes_m: Mapping[int, FloatArray]
+    """(n, 2) east/north of each vehicle's route, from its position."""
     climbs: Mapping[int, Climb] = field(default_factory=dict)
-    """Climbs of vehicles that stand on the ground."""
+    """Climbs of vehicles on the ground."""
     refused: Mapping[int, str] = field(default_factory=dict)
-    """Vehicles whose take-offs are not clear, and why."""
+    """Vehicles whose take-offs are not clear, with the reason."""
 
 
 def rehearse(
-    config: Config, seed: int, places_m: Mapping[int, tuple[float, float]], fleet: Fleet | None = None
+    config: Config, seed: int, positions_m: Mapping[int, tuple[float, float]], fleet: Fleet | None = None
 ) -> Rehearsal:
-    """Plan from where vehicles are, or from the ends of their climbs.
+    """Plan from the positions of vehicles, or from the ends of their climbs.
 
-    A vehicle that has not told begins where the mission file says.
+    A vehicle without a reported position begins at its start in the mission file.
 
     Parameters
     ----------
     config : Config
         The mission.
     seed : int
-        Makes the random obstacles of its map.
-    places_m : mapping of int to (float, float)
-        East and north of vehicles.
+        Seed of the random obstacles of its map.
+    positions_m : mapping of int to (float, float)
+        Positions of vehicles, east and north.
     fleet : Fleet or None
-        Knows which of them stand on the ground; None: none does.
+        States of vehicles; None: none is on the ground.
     """
     starts = {
-        agent.vehicle: places_m.get(agent.vehicle, (agent.east_m, agent.north_m)) for agent in config.agents
+        agent.vehicle: positions_m.get(agent.vehicle, (agent.east_m, agent.north_m))
+        for agent in config.agents
     }
     grid = mission_grid(config, seed)
     takeoffs = None if fleet is None else Climbs(config, grid, fleet)
@@ -71,7 +73,7 @@ def rehearse(
     targets: dict[Label, tuple[float, float]] = {
         (0, index): (birth.east_m, birth.north_m) for index, birth in enumerate(config.births)
     }
-    if not targets:  # they may appear anywhere: to the middle, then
+    if not targets:  # they may appear anywhere: plan to the middle
         area = config.map
         targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
     agents = {v: AgentState(*place, None, config.speed_m_s(v)) for v, place in starts.items()}
@@ -79,27 +81,27 @@ def rehearse(
         turns = climb.motion
         agents[vehicle] = AgentState(*turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns)
     plan = plan_routes(grid, agents, targets, {}, plan_options(config))
-    ways, refused = {}, {}
+    routes_m, refused = {}, {}
     for route in plan.routes:
         vehicle, before = route.vehicle, [starts[route.vehicle]]
         if vehicle in climbs:
             before.append(climbs[vehicle].latest_end_m)
-        ways[vehicle] = (np.concatenate((before, route.flown_m)),)
+        routes_m[vehicle] = np.concatenate((before, route.flown_m))
     points = {route.vehicle: route.points_m for route in plan.routes}
     for vehicle, climb in climbs.items():
         problem = "" if takeoffs is None else takeoffs.problem(vehicle, climb, points.get(vehicle))
         if problem:
             refused[vehicle] = problem
-    return Rehearsal(plan, ways, climbs, refused)
+    return Rehearsal(plan, routes_m, climbs, refused)
 
 
 def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
-    """Judge the mission file, with routes from where the vehicles are.
+    """Check the mission with rehearsed routes.
 
     Raises
     ------
     ConfigError
-        When the fence makes no sense.
+        When the fence is invalid.
     """
     takeoffs = [_takeoff(vehicle, rehearsal) for vehicle in sorted(rehearsal.climbs)]
     rows = [*takeoffs, *_standing(config, rehearsal), _routes(rehearsal.plan), _separation(config, rehearsal)]
@@ -107,7 +109,7 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
 
 
 def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
-    """Say where a vehicle's climb leads, and whether it and the first turn are clear."""
+    """Check the climb of a vehicle and its first turn."""
     climb, problem = rehearsal.climbs[vehicle], rehearsal.refused.get(vehicle, "")
     (east_m, north_m), heading_deg = climb.end_m, math.degrees(climb.heading_rad) % 360.0
     value = (
@@ -116,18 +118,20 @@ def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
     )
     if not problem:
         return Check(vehicle, "take-off", "ok", value)
-    what, _, remedy = problem.rpartition("; ")
-    return Check(vehicle, "take-off", "refused", f"{value}; {what}", "a clear climb and first turn", remedy)
+    problem, _, remedy = problem.rpartition("; ")
+    return Check(
+        vehicle, "take-off", "refused", f"{value}; {problem}", "a clear climb and first turn", remedy
+    )
 
 
 def _standing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
-    """Say which vehicles stand so near each other that they must not take off together."""
+    """Warn of vehicles too near each other to take off together."""
     near_m = {
         (one, other): math.dist(rehearsal.climbs[one].start_m, rehearsal.climbs[other].start_m)
         for one, other in itertools.combinations(sorted(rehearsal.climbs), 2)
     }
-    least_m = config.planning.separation_m
-    near_m = {pair: away_m for pair, away_m in near_m.items() if away_m < least_m}
+    min_m = config.planning.separation_m
+    near_m = {pair: away_m for pair, away_m in near_m.items() if away_m < min_m}
     if not near_m:
         return
     first, second, *_ = together = sorted({vehicle for pair in near_m for vehicle in pair})
@@ -137,7 +141,7 @@ def _standing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
         f"arm them one after another: gcs order arm {vehicle_name(first)}, wait until it has climbed to its "
         f"altitude, then gcs order arm {vehicle_name(second)}"
     )
-    yield Check(None, "standing", "warning", value, f"{least_m:g} m apart", remedy)
+    yield Check(None, "standing", "warning", value, f"{min_m:g} m apart", remedy)
 
 
 def _routes(plan: PlanResult) -> Check:
@@ -146,17 +150,19 @@ def _routes(plan: PlanResult) -> Check:
     value = f"{len(plan.routes)} routes, the longest {longest_m:.0f} m"
     if stuck or not plan.routes:
         names = ", ".join(map(vehicle_name, stuck)) or "any vehicle"
-        return Check(None, "routes", "refused", f"no way for {names}", "a way for all", "; ".join(plan.notes))
+        return Check(
+            None, "routes", "refused", f"no route for {names}", "a route for all", "; ".join(plan.notes)
+        )
     level: Level = "warning" if plan.notes else "ok"
     return Check(None, "routes", level, value, "", "; ".join(plan.notes))
 
 
 def _separation(config: Config, rehearsal: Rehearsal) -> Check:
-    """Say which layers the first plan would use, and who would come near whom at one altitude."""
+    """Check the separation of the rehearsed routes in their altitude layers."""
     mission, own = config.mission, preferred_layers(config)
     flights = [
-        PlannedFlight(vehicle, way, config.speed_m_s(vehicle), own[vehicle])
-        for vehicle, (way,) in sorted(rehearsal.ways_m.items())
+        PlannedFlight(vehicle, route_m, config.speed_m_s(vehicle), own[vehicle])
+        for vehicle, route_m in sorted(rehearsal.routes_m.items())
     ]
     count = layer_count(config)
     layers, conflicts = assign_layers(flights, count, config.planning.separation_m)
@@ -176,7 +182,7 @@ def _fence(config: Config, rehearsal: Rehearsal) -> Check:
     if not fence.areas:
         level: Level = "ok" if fence.max_alt_rel_m else "warning"
         return Check(None, "fence", level, "no areas in the mission file", "[fence]", "docs/preflight.md")
-    beyond_m = {v: max(fence.beyond(way, frame) for way in ways) for v, ways in rehearsal.ways_m.items()}
+    beyond_m = {v: fence.beyond(route_m, frame) for v, route_m in rehearsal.routes_m.items()}
     leaving = [f"{vehicle_name(v)}: {metres:.0f} m" for v, metres in sorted(beyond_m.items()) if metres]
     if leaving:
         text = f"beyond the fence: {', '.join(leaving)}"
@@ -185,30 +191,19 @@ def _fence(config: Config, rehearsal: Rehearsal) -> Check:
 
 
 def sensor_checks(scans: Sequence[Scan], problems: Iterable[str], waited_s: float) -> list[Check]:
-    """Judge the scans that came in `waited_s` seconds: central command is blind without."""
+    """Check the scans that arrived within `waited_s` seconds."""
     rows = [Check(None, "scans", "refused", problem, "", "docs/sensors.md") for problem in problems]
     if not scans and not rows:
         text = f"none in {waited_s:.0f} s"
         return [Check(None, "scans", "refused", text, "scans", "do sensors publish to links.zenoh?")]
-    for name, some in itertools.groupby(sorted(scans, key=_name), key=_name):
+    by_name = attrgetter("sensor.name")
+    for name, some in itertools.groupby(sorted(scans, key=by_name), key=by_name):
         of_one = list(some)
         late_s = [(scan.t_ns - scan.measured_t_ns) / NS_PER_S for scan in of_one]
         worst_s = max(late_s, key=abs)
         detections = sum(len(scan.z_m) for scan in of_one) / len(of_one)
-        level: Level = "ok" if abs(worst_s) <= _MAX_CLOCK_S else "refused"
+        level: Level = "ok" if abs(worst_s) <= _MAX_CLOCK_ERROR_S else "refused"
         value = f"{len(of_one)} of {name}, {detections:.0f} detections each, {worst_s:+.2f} s old"
-        rows.append(
-            Check(
-                None,
-                "scans",
-                level,
-                value,
-                f"within {_MAX_CLOCK_S:.0f} s",
-                "" if level == "ok" else "clocks?",
-            )
-        )
+        remedy = "" if level == "ok" else "check the clocks"
+        rows.append(Check(None, "scans", level, value, f"within {_MAX_CLOCK_ERROR_S:.0f} s", remedy))
     return rows
-
-
-def _name(scan: Scan) -> str:
-    return scan.sensor.name

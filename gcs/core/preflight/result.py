@@ -1,7 +1,4 @@
-"""A row of a pre-flight check's table.
-
-"ok", "warning" (somebody should know) or "refused" (do not fly).
-"""
+"""Result of one pre-flight check: "ok", "warning", or "refused" (do not fly)."""
 
 from __future__ import annotations
 
@@ -18,15 +15,15 @@ class Check:
     """One row of the table."""
 
     vehicle: int | None
-    """None: about the mission."""
+    """None: the mission."""
     name: str
     level: Level
     value: str
     wanted: str = ""
     remedy: str = ""
-    """What to do, when it is not ok."""
+    """What to do, unless it is ok."""
 
     @property
-    def whom(self) -> str:
-        """Whom it is about, in a word."""
+    def subject(self) -> str:
+        """Name of the vehicle, or "mission"."""
         return "mission" if self.vehicle is None else vehicle_name(self.vehicle)

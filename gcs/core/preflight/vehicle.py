@@ -37,10 +37,10 @@ from gcs.model import NS_PER_S, FloatArray, vehicle_name
 
 _TASKABLE: Final = (AUTO, LOITER)
 _MIN_BATTERY: Final = (25, 50)
-"""Percent: below the first refused, below the second told."""
+"""Battery in percent: refused below the first, warning below the second."""
 _MAX_CLOCK_S: Final = 1.0
 _HOME_M: Final = 50.0
-"""A home farther than this from a vehicle on the ground is not where it stands."""
+"""Maximum distance of home from a vehicle on the ground."""
 _MIN_SATELLITES: Final = 8
 _SENSORS: Final = {
     dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
@@ -63,38 +63,38 @@ _POSITION_OF: Final = {
 
 
 def envelope_of(config: Config) -> Envelope:
-    """Return what the mission asks of its vehicles."""
+    """Return the flight envelope that the mission needs."""
     lands = config.mission.end == "land"
     return Envelope(config.airframe.speed_m_s, config.airframe.bank_deg, lands)
 
 
 class VehicleChecks:
-    """Judges one vehicle.
+    """Checks of one vehicle.
 
     Parameters
     ----------
-    ways_m : sequence of FloatArray
-        What the mission may ask it to fly: (n, 2) east/north each, from where it is.
+    routes_m : sequence of FloatArray
+        Routes that the mission may have, (n, 2) east/north each, from the vehicle's position.
     has_key : bool
-        True if there is a signing key for it here.
+        True if there is a signing key for the vehicle here.
     """
 
     def __init__(
         self,
-        inspection: PreflightQuery,
+        query: PreflightQuery,
         fleet: Fleet,
         config: Config,
-        ways_m: Sequence[FloatArray],
+        routes_m: Sequence[FloatArray],
         t_ns: int,
         *,
         has_key: bool = False,
     ) -> None:
         self._has_key = has_key
-        self._seen, self._config, self._ways_m, self._t_ns = inspection, config, ways_m, t_ns
-        self._vehicle = inspection.vehicle
+        self._query, self._config, self._routes_m, self._t_ns = query, config, routes_m, t_ns
+        self._vehicle = query.vehicle
         self._state = fleet.state(self._vehicle)
         self._health: Health = next(h for h in fleet.health() if h.system_id == self._vehicle)
-        self._messages = {name: message for name, (_, message) in inspection.messages.items()}
+        self._messages = {name: message for name, (_, message) in query.messages.items()}
 
     def checks(self) -> list[Check]:
         """Return all rows."""
@@ -111,14 +111,14 @@ class VehicleChecks:
         rows = [self._link(), self._firmware(), self._fix(), self._position(), self._home(), self._mode()]
         rows += [self._armed(), self._sensors(), *self._texts(), self._battery(), self._clock()]
         rows.append(self._signing())
-        if self._seen.profile is not None:
+        if self._query.profile is not None:
             rows += [*self._parameters(), *self._fence(), *self._rally(), *self._return_height()]
         return rows
 
     def _row(self, name: str, level: Level, value: str, wanted: str = "", remedy: str = "") -> Check:
         return Check(self._vehicle, name, level, value, wanted, "" if level == "ok" else remedy)
 
-    # ------------------------------------------------------------ its state
+    # ------------------------------------------------------------ state
 
     def _link(self) -> Check:
         health = self._health
@@ -133,7 +133,7 @@ class VehicleChecks:
         )
 
     def _firmware(self) -> Check:
-        profile, version = self._seen.profile, self._messages.get("AUTOPILOT_VERSION")
+        profile, version = self._query.profile, self._messages.get("AUTOPILOT_VERSION")
         if profile is None:
             number = self._messages["HEARTBEAT"].autopilot
             return self._row(
@@ -141,12 +141,10 @@ class VehicleChecks:
                 "refused",
                 f"MAV_AUTOPILOT {number}",
                 "ArduPlane or PX4",
-                "it would be tracked, never tasked",
+                "it is tracked, but never tasked",
             )
         if version is None:
-            return self._row(
-                "firmware", "warning", profile.name, "a version", "AUTOPILOT_VERSION is not given"
-            )
+            return self._row("firmware", "warning", profile.name, "a version", "no AUTOPILOT_VERSION")
         numbers = ".".join(str(version.flight_sw_version >> shift & 0xFF) for shift in (24, 16, 8))
         return self._row("firmware", "ok", f"{profile.name} {numbers}")
 
@@ -206,7 +204,7 @@ class VehicleChecks:
         if self._is_armed and mode not in _TASKABLE:
             remedy = f"it gets no mission in {mode}: gcs order resume {who}, when its pilot agrees"
         elif mode == AUTO and not self._is_armed:
-            remedy = f"armed in AUTO it takes off with the mission that it holds: gcs order hold {who}"
+            remedy = f"armed in AUTO it takes off with its onboard mission: gcs order hold {who}"
         elif mode == RTL:
             remedy = "a lost ground station puts it there, and it cannot be armed in RTL"
             remedy += f": gcs run, then gcs order hold {who}, or LOITER by the transmitter"
@@ -233,7 +231,7 @@ class VehicleChecks:
     def _sensors(self) -> Check:
         status = self._messages.get("SYS_STATUS")
         if status is None:
-            return self._row("sensors", "warning", "not reported", "healthy", "SYS_STATUS is not given")
+            return self._row("sensors", "warning", "not reported", "healthy", "no SYS_STATUS")
         enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
         ill = [n for bit, n in _SENSORS.items() if enabled & bit & ~status.onboard_control_sensors_health]
         return self._row(
@@ -241,30 +239,30 @@ class VehicleChecks:
             "refused" if ill else "ok",
             f"{', '.join(ill)} not healthy" if ill else "healthy",
             "healthy",
-            "its reasons stand below" if self._seen.texts else "it does not say why: look at it",
+            "see its messages below" if self._query.texts else "it gives no reason: inspect it",
         )
 
     def _texts(self) -> Iterator[Check]:
-        """Show what it said of itself while it was asked."""
-        for text in self._seen.texts:
-            yield self._row("says", "warning", text, "", "its own words (STATUSTEXT)")
+        """Yield the messages of the autopilot during the query."""
+        for text in self._query.texts:
+            yield self._row("message", "warning", text, "", "message of the autopilot (STATUSTEXT)")
 
     def _battery(self) -> Check:
         status = self._messages.get("SYS_STATUS")
         if status is None or not 0 <= status.battery_remaining <= 100:
             return self._row("battery", "warning", "not reported", "", "no battery monitor: watch it by hand")
         percent = status.battery_remaining
-        refused, told = _MIN_BATTERY
-        level: Level = "refused" if percent < refused else "warning" if percent < told else "ok"
+        refused, warned = _MIN_BATTERY
+        level: Level = "refused" if percent < refused else "warning" if percent < warned else "ok"
         volts = "" if status.voltage_battery in (0, 65535) else f", {status.voltage_battery / 1e3:.1f} V"
-        return self._row("battery", level, f"{percent} %{volts}", f"{told} %", "charge it")
+        return self._row("battery", level, f"{percent} %{volts}", f"{warned} %", "charge it")
 
     def _clock(self) -> Check:
         if "SYSTEM_TIME" not in self._messages or not self._messages["SYSTEM_TIME"].time_unix_usec:
             return self._row(
-                "clock", "warning", "not known to it", "GPS time", "its logs and signing lack the time"
+                "clock", "warning", "unknown to the vehicle", "GPS time", "its logs and signing lack the time"
             )
-        came_t_ns, message = self._seen.messages["SYSTEM_TIME"]
+        came_t_ns, message = self._query.messages["SYSTEM_TIME"]
         off_s = (message.time_unix_usec * 1000 - came_t_ns) / NS_PER_S
         return self._row(
             "clock",
@@ -277,7 +275,7 @@ class VehicleChecks:
     def _signing(self) -> Check:
         signed, wanted = self._health.signed, bool(self._config.links.keys)
         if signed and not self._has_key:
-            text = "it may ignore all that we send: put its key into links.keys (docs/signing.md)"
+            text = "it may ignore our messages: put its key into links.keys (docs/signing.md)"
             return self._row("signing", "refused", "signed, no key for it here", "its key", text)
         return self._row(
             "signing",
@@ -287,10 +285,10 @@ class VehicleChecks:
             "gcs keys install, if its link has a key",
         )
 
-    # ------------------------------------------------------------ its parameters
+    # ------------------------------------------------------------ parameters, fence and rally points
 
     def _parameters(self) -> Iterator[Check]:
-        profile, values = self._seen.profile, self._seen.values
+        profile, values = self._query.profile, self._query.values
         assert profile is not None
         if not values:
             yield self._row("parameters", "refused", "no answer", "", "is the link good enough both ways?")
@@ -302,7 +300,7 @@ class VehicleChecks:
         found = wish.found(values)
         if found is None:
             names = " or ".join(wish.all_names)
-            text = "this firmware has none of that name, or the answer was lost: look by hand"
+            text = "no such parameter in this firmware, or the reply was lost: check by hand"
             return self._row(names, "warning", "no answer", wish.wanted, text)
         wish, name = found
         level: Level = "ok" if wish.accepts(values[name]) else "refused" if wish.must else "warning"
@@ -313,13 +311,13 @@ class VehicleChecks:
         return self._row(name, level, value, wish.wanted, f"{remedy}: {wish.why}")
 
     def _fence(self) -> Iterator[Check]:
-        profile, config = self._seen.profile, self._config
+        profile, config = self._query.profile, self._config
         assert profile is not None
-        limits = profile.fence_limits(self._seen.values)
-        wanted, held = fence_of(config, config.name), self._seen.onboard_lists.get(FENCE)
-        yield self._fence_held(wanted, held)
-        if wanted.max_alt_rel_m and self._seen.values.get(profile.ceiling_parameter) != wanted.max_alt_rel_m:
-            value = self._seen.values.get(profile.ceiling_parameter)
+        limits = profile.fence_limits(self._query.values)
+        wanted, onboard = fence_of(config, config.name), self._query.onboard_lists.get(FENCE)
+        yield self._fence_on_board(wanted, onboard)
+        if wanted.max_alt_rel_m and self._query.values.get(profile.ceiling_parameter) != wanted.max_alt_rel_m:
+            value = self._query.values.get(profile.ceiling_parameter)
             yield self._row(
                 "ceiling",
                 "refused",
@@ -327,7 +325,7 @@ class VehicleChecks:
                 f"{wanted.max_alt_rel_m:g} m",
                 f"gcs fence upload sets {profile.ceiling_parameter}",
             )
-        problem = self._breach(limits, None if held is None else fence_from_items(held))
+        problem = self._breach(limits, None if onboard is None else fence_from_items(onboard))
         yield self._row(
             "mission in fence",
             "refused" if problem else "ok",
@@ -336,44 +334,50 @@ class VehicleChecks:
             "it would breach its fence on the way: change the mission or the fence",
         )
 
-    def _fence_held(self, wanted: Fence, held: Sequence[object] | None) -> Check:
+    def _fence_on_board(self, wanted: Fence, onboard: Sequence[object] | None) -> Check:
         items = fence_items(wanted)
-        text = "not told" if held is None else f"{len(held)} items" if held else "none"
-        if held is None:
+        text = "not reported" if onboard is None else f"{len(onboard)} items" if onboard else "none"
+        if onboard is None:
             return self._row(
-                "fence", "warning" if not items else "refused", text, "", "it does not give its fence"
+                "fence",
+                "warning" if not items else "refused",
+                text,
+                "",
+                "no reply to the download of its fence",
             )
         if not items:
             return self._row("fence", "ok", text, "none in the mission file")
-        if not list_difference(FENCE, items, self._seen.onboard_lists[FENCE] or ()):
+        if not list_difference(FENCE, items, self._query.onboard_lists[FENCE] or ()):
             return self._row("fence", "ok", text, "that of the mission file")
-        level: Level = "refused" if held or self._config.fence.areas else "warning"
+        level: Level = "refused" if onboard or self._config.fence.areas else "warning"
         return self._row("fence", level, text, "that of the mission file", "gcs fence upload")
 
     def _rally(self) -> Iterator[Check]:
-        items, held = rally_items(rally_of(self._config)), self._seen.onboard_lists.get(RALLY)
-        if held is None:
+        items, onboard = rally_items(rally_of(self._config)), self._query.onboard_lists.get(RALLY)
+        if onboard is None:
             if items:
-                yield self._row("rally", "refused", "not told", f"{len(items)} points", "gcs fence upload")
+                yield self._row(
+                    "rally", "refused", "not reported", f"{len(items)} points", "gcs fence upload"
+                )
             return
-        same = not list_difference(RALLY, items, held)
+        same = not list_difference(RALLY, items, onboard)
         yield self._row(
             "rally",
             "ok" if same else "refused" if items else "warning",
-            f"{len(held)} points" + ("" if same or not held else ", others"),
+            f"{len(onboard)} points" + ("" if same or not onboard else ", others"),
             f"{len(items)} points" if items else "none",
             "gcs fence upload",
         )
 
     def _return_height(self) -> Iterator[Check]:
-        assert self._seen.profile is not None
-        profile, values, ceiling_m = self._seen.profile, self._seen.values, self._config.fence.max_alt_rel_m
+        assert self._query.profile is not None
+        profile, values, ceiling_m = self._query.profile, self._query.values, self._config.fence.max_alt_rel_m
         yield from return_height_check(
-            self._vehicle, profile, values, _rally_heights_m(self._seen, self._config), ceiling_m
+            self._vehicle, profile, values, _rally_heights_m(self._query, self._config), ceiling_m
         )
 
-    def _breach(self, limits: FenceLimits, held: Fence | None) -> str:
-        """How the mission would breach the fence as the vehicle has it; empty when it would not."""
+    def _breach(self, limits: FenceLimits, onboard: Fence | None) -> str:
+        """Return how the mission would breach the vehicle's own fence; empty if it would not."""
         config, frame = self._config, self._config.local_frame
         if not limits.is_on:
             return ""
@@ -384,37 +388,37 @@ class VehicleChecks:
             )
         if limits.max_radius_m is not None and (far_m := self._farthest_m(frame)) > limits.max_radius_m:
             return f"{far_m:.0f} m from home, the fence ends at {limits.max_radius_m:g} m"
-        if limits.polygons and held is not None:
-            beyond_m = max((held.beyond(way, frame) for way in self._ways_m), default=0.0)
+        if limits.polygons and onboard is not None:
+            beyond_m = max((onboard.beyond(route, frame) for route in self._routes_m), default=0.0)
             if beyond_m:
                 return f"{beyond_m:.0f} m of a route lie beyond it"
         return ""
 
     def _farthest_m(self, frame: LocalFrame) -> float:
         home = self._health.home
-        if home is None or not self._ways_m:
+        if home is None or not self._routes_m:
             return 0.0
         home_m = np.array(frame.to_local(home.lat_deg, home.lon_deg))
-        return float(max(np.hypot(*(way - home_m).T).max() for way in self._ways_m))
+        return float(max(np.hypot(*(route - home_m).T).max() for route in self._routes_m))
 
 
 def vehicle_checks(
-    inspections: Sequence[PreflightQuery],
+    queries: Sequence[PreflightQuery],
     fleet: Fleet,
     config: Config,
-    ways_m: Callable[[int], Sequence[FloatArray]],
+    routes_m: Callable[[int], Sequence[FloatArray]],
     t_ns: int,
     has_key: Callable[[int], bool],
 ) -> list[Check]:
-    """Judge all vehicles; `has_key` returns True if there is a signing key for one here."""
+    """Check all vehicles; `has_key` returns True if there is a signing key for a vehicle here."""
     checks = [
         check
-        for one in inspections
+        for one in queries
         for check in VehicleChecks(
-            one, fleet, config, ways_m(one.vehicle), t_ns, has_key=has_key(one.vehicle)
+            one, fleet, config, routes_m(one.vehicle), t_ns, has_key=has_key(one.vehicle)
         ).checks()
     ]
-    returns = [found for one in inspections if (found := _return_of(one, config)) is not None]
+    returns = [found for one in queries if (found := _return_of(one, config)) is not None]
     return [*checks, *returns_check(returns, config.mission.layer_step_m)]
 
 
@@ -425,5 +429,5 @@ def _return_of(one: PreflightQuery, config: Config) -> ReturnHeight | None:
 
 
 def _rally_heights_m(one: PreflightQuery, config: Config) -> list[float]:
-    """Heights above home of the rally points that a vehicle has, and of those of the mission file."""
+    """Return the heights above home of the rally points on board and in the mission file."""
     return [point.z_m for point in (*rally_items(rally_of(config)), *(one.onboard_lists.get(RALLY) or ()))]

@@ -17,31 +17,31 @@ from gcs.planning.route_progress import CORRIDOR_M, next_point
 
 
 def layer_count(config: Config) -> int:
-    """How many layers a mission has."""
+    """Return the number of altitude layers."""
     return config.mission.layers if config.mission.layer_step_m > 0.0 else 1
 
 
 def preferred_layers(config: Config) -> dict[int, int]:
-    """The layer that each vehicle gets first, if it can: one after the other, in the order of the file."""
+    """Return the preferred layer of each vehicle, in the order of the mission file."""
     return {agent.vehicle: number % layer_count(config) for number, agent in enumerate(config.agents)}
 
 
 class AltitudeLayers:
-    """Assigns altitude layers: one for each vehicle while there are enough, and the same one if possible."""
+    """Assigns altitude layers: one per vehicle while there are enough, and a constant one if possible."""
 
     def __init__(self, config: Config) -> None:
         self._count = layer_count(config)
-        self._least_m = config.planning.separation_m
+        self._min_separation_m = config.planning.separation_m
         self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
-        self._lane = preferred_layers(config)
+        self._layer = preferred_layers(config)
         self._newest: dict[int, Route] = {}
         self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.layer_step_m
         self.other_vehicles: tuple[OtherVehicle, ...] = ()
-        """Vehicles in the air that have no route here: they keep the layer that they are in."""
+        """Vehicles in the air without a route here; they stay in their layer."""
 
     def of(self, vehicle: int) -> int:
-        """Layer that a vehicle has, or gets if it can."""
-        return self._lane.get(vehicle, 0)
+        """Return the layer of a vehicle, or its preferred one."""
+        return self._layer.get(vehicle, 0)
 
     def give(
         self,
@@ -50,20 +50,20 @@ class AltitudeLayers:
         agents: Mapping[int, Track],
         arrived: Collection[int],
     ) -> tuple[list[Route], list[str]]:
-        """Return the routes in their layers, and what an operator should know.
+        """Return the routes with their layers, and notes for the operator.
 
-        Routes of vehicles that are not in `changed` are flown already. Who has arrived circles where
-        its last route led it.
+        Routes of vehicles that are not in `changed` are flown already. Arrived vehicles circle at the ends
+        of their last routes.
         """
         flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
         flights += self._others(routes, arrived)
-        layers, conflicts = assign_layers(flights, self._count, self._least_m)
+        layers, conflicts = assign_layers(flights, self._count, self._min_separation_m)
         given = [
             replace(route, layer=layers[route.vehicle]) if route.vehicle in changed else route
             for route in routes
         ]
         self._newest |= {route.vehicle: route for route in given}
-        self._lane |= {route.vehicle: route.layer for route in given}
+        self._layer |= {route.vehicle: route.layer for route in given}
         return given, [_words(conflict) for conflict in conflicts]
 
     def separation_m(
@@ -73,7 +73,7 @@ class AltitudeLayers:
         agents: Mapping[int, Track],
         arrived: Collection[int],
     ) -> dict[int, float]:
-        """Return how near each vehicle comes to another of its layer, with routes in the layers they have."""
+        """Return the minimum distance of each vehicle to another of its layer."""
         flights = [
             replace(self._flight(r, agents[r.vehicle], r.vehicle not in proposed), layer=r.layer)
             for r in routes
@@ -81,29 +81,37 @@ class AltitudeLayers:
         return min_separation_m([*flights, *self._others(routes, arrived)])
 
     def _others(self, routes: Sequence[Route], arrived: Collection[int]) -> list[PlannedFlight]:
-        """What vehicles in the air without a route among these fly: they circle, or return."""
-        planned, aside = {route.vehicle for route in routes}, {one.vehicle for one in self.other_vehicles}
-        circling = [self._newest[v] for v in arrived if v in self._newest and v not in aside]
-        flights = [self._beside(one, layer) for one, layer in self._layers() if one.vehicle not in planned]
+        """Return the flights of vehicles without a route among these: they circle, or return."""
+        planned, others = {route.vehicle for route in routes}, {one.vehicle for one in self.other_vehicles}
+        circling = [self._newest[v] for v in arrived if v in self._newest and v not in others]
+        flights = [
+            self._other_flight(one, layer)
+            for one, layer in self._other_layers()
+            if one.vehicle not in planned
+        ]
         return flights + [self._circling(route) for route in circling]
 
     def is_clear(self, route: Route, routes: Sequence[Route], places: Mapping[int, Point]) -> bool:
-        """Return True if a route keeps clear, in its layer, of others that are flown from where these are."""
-        flights = [self._beside(one, layer) for one, layer in self._layers() if one.vehicle != route.vehicle]
+        """Return True if a route is separated, in its layer, from others flown from these positions."""
+        flights = [
+            self._other_flight(one, layer)
+            for one, layer in self._other_layers()
+            if one.vehicle != route.vehicle
+        ]
         flown = [one for one in (*routes, route) if one.vehicle in places]
         flights += [self._from(one, places[one.vehicle]) for one in flown]
-        _, conflicts = assign_layers(flights, self._count, self._least_m)
+        _, conflicts = assign_layers(flights, self._count, self._min_separation_m)
         return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
 
-    def _layers(self) -> Iterator[tuple[OtherVehicle, int]]:
-        """Yield vehicles aside whose heights lie in a layer, with that."""
+    def _other_layers(self) -> Iterator[tuple[OtherVehicle, int]]:
+        """Yield the other vehicles within a layer, with that layer."""
         for one in self.other_vehicles:
             layer = round((one.height_m - self._base_m) / self._step_m) if self._count > 1 else 0
             if 0 <= layer < self._count:
                 yield one, layer
 
-    def _beside(self, one: OtherVehicle, layer: int) -> PlannedFlight:
-        points_m = np.array((one.place_m, one.to_m))
+    def _other_flight(self, one: OtherVehicle, layer: int) -> PlannedFlight:
+        points_m = np.array((one.position_m, one.to_m))
         return PlannedFlight(one.vehicle, points_m, self._speeds_m_s[one.vehicle], layer, True)
 
     def _flight(self, route: Route, agent: Track, is_flown: bool) -> PlannedFlight:
@@ -114,7 +122,7 @@ class AltitudeLayers:
         return PlannedFlight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], layer)
 
     def _from(self, route: Route, place: Point) -> PlannedFlight:
-        """What is left of a route that is flown, from where its vehicle is."""
+        """Return the remaining flight on a route."""
         points_m = np.vstack((place, route.flown_m[next_point(route.flown_m, place, CORRIDOR_M) :]))
         return PlannedFlight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], route.layer, True)
 
@@ -125,6 +133,6 @@ class AltitudeLayers:
 
 
 def _words(conflict: Conflict) -> str:
-    """Say it without figures that change from look to look: it is said once."""
+    """Return a note without figures, which would make it new at every check."""
     first, second = (vehicle_name(vehicle) for vehicle in conflict.vehicles)
     return f"agents {first} and {second} will come near each other at one altitude: no layer is left"

@@ -1,4 +1,4 @@
-"""What a plan is made from, at one moment."""
+"""Inputs of a plan."""
 
 from __future__ import annotations
 
@@ -14,49 +14,49 @@ from gcs.planning.vehicle_model import Motion
 
 @dataclass(frozen=True, slots=True)
 class OtherVehicle:
-    """A vehicle in the air that is held, returns, or is flown by somebody else."""
+    """A vehicle in the air that is suspended or overridden."""
 
     vehicle: int
-    place_m: Point
+    position_m: Point
     to_m: Point
-    """Where it flies: home when it returns, else where it is."""
+    """Destination: home if it returns, else its position."""
     height_m: float
     """Above home."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlanningInputs:
-    """What a plan is made from, at one moment."""
+    """Inputs of a plan at one time."""
 
     t_ns: int
     picture_t_ns: int
     agents: Mapping[int, Track]
-    """Track of each flying vehicle that is tied to one."""
+    """Track of each active agent."""
     targets: Mapping[Label, Track]
-    """Believed targets that need somebody."""
+    """Confirmed targets that need more agents."""
     arrived: frozenset[int]
-    """Vehicles that have done their work."""
+    """Agents that have arrived."""
     at_targets: Mapping[Label, int] = field(default_factory=dict)
-    """How many of them are at each target that needs more."""
+    """Number of arrived agents, by target."""
     lost: frozenset[int] = frozenset()
-    """Vehicles whose status is lost."""
+    """Lost agents."""
     untaskable: Mapping[int, str] = field(default_factory=dict)
-    """Vehicles that fly but are not ours to task, and why, in words."""
+    """Vehicles that must not be tasked, with the reason in words."""
     motions: Mapping[int, Motion] = field(default_factory=dict)
-    """How agents move; who is not among them flies as its track does."""
+    """Motion of agents; without an entry that of the track."""
     late_s: Mapping[int, float] = field(default_factory=dict)
     """Upload time beyond that of a good link (`gcs.core.tasking.upload_latency`)."""
     left_s: Mapping[int, float] = field(default_factory=dict)
-    """Until vehicles fly the mission that is under way to them."""
+    """Remaining time of each upload in progress."""
     climbs: Mapping[int, Climb] = field(default_factory=dict)
-    """What agents on the ground, or in their take-off, fly before their routes."""
+    """Climbs of agents on the ground, or in their take-off."""
     other_vehicles: tuple[OtherVehicle, ...] = ()
-    """Vehicles in the air that are not planned for: routes of others keep clear of them."""
+    """Vehicles in the air that are not planned for; routes keep clear of them."""
     passed: frozenset[int] = frozenset()
-    """Vehicles that wait where their routes led them after they passed their targets."""
+    """Agents that have passed their targets without reaching them."""
 
     def motion(self, vehicle: int) -> Motion:
-        """How an agent moves; at the end of its climb, if it has one before it."""
+        """Return the motion of an agent, or that at the end of its climb."""
         if vehicle in self.climbs:
             return self.climbs[vehicle].motion
         return self.motions.get(vehicle) or motion_of(self.agents[vehicle], self.t_ns - self.picture_t_ns)

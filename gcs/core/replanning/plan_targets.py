@@ -1,4 +1,4 @@
-"""What is asked of the planner for each target, and how far a route is from what it should be by now."""
+"""Planner options, demands of targets, and tolerances of routes."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions, Tar
 from gcs.planning.route_progress import CORRIDOR_M, remaining_length_m
 from gcs.planning.vehicle_model import Motion
 
-LAST_M = 50.0
-"""An agent this near to its target, and closing in, keeps it, and its route."""
+ARRIVING_M = 50.0
+"""Distance to its target at which an approaching agent keeps its route."""
 _CLOSE_FRACTION = 0.25
 _UNKNOWN_RADIUS_M = 80.0
-"""Of circles that are left to autopilots: PX4's NAV_LOITER_RAD, more than ArduPlane's WP_LOITER_RAD of 60."""
+"""Loiter radius that the autopilot sets: PX4's NAV_LOITER_RAD; ArduPlane's WP_LOITER_RAD is 60."""
 _FAR_FRACTION = 0.1
-"""Of the way to go: a meeting that is off by less costs next to nothing to correct later."""
+"""Tolerated error of an intercept, as a fraction of the distance: correcting it later costs little."""
 
 
 def plan_options(config: Config) -> PlanOptions:
-    """Return how a mission is planned."""
+    """Return the planner options of a mission."""
     planning = config.planning
     return PlanOptions(
         clearance_m=planning.clearance_m,
@@ -41,7 +41,7 @@ def plan_options(config: Config) -> PlanOptions:
 
 
 def _loiter(config: Config) -> LoiterSpec | None:
-    """How agents circle at the ends of their routes; None when they go home instead."""
+    """Return the loiter circle at the ends of routes; None if missions end with a landing."""
     mission, airframe = config.mission, config.airframe
     if mission.end != "loiter":
         return None
@@ -54,7 +54,7 @@ def _loiter(config: Config) -> LoiterSpec | None:
 
 
 class PlanTargets:
-    """Starts of agents, terms of targets, and the tolerance for routes that end where a target is not."""
+    """Starts of agents, demands of targets, and tolerances of routes."""
 
     def __init__(self, config: Config) -> None:
         self._planning: PlanningTable = config.planning
@@ -64,61 +64,56 @@ class PlanTargets:
         self._ranks = [highest - birth.priority for birth in config.births]
         self._rank = highest
 
-    def start(self, vehicle: int, turns: Motion, takes_up: Motion, late_s: float) -> AgentState:
-        """Where an agent begins its route: how it moves when it turns, and when it takes the route up."""
-        return AgentState(*turns.place_m, turns.course_rad, self._speeds_m_s[vehicle], late_s, takes_up)
+    def start(self, vehicle: int, turns: Motion, captures: Motion, late_s: float) -> AgentState:
+        """Return the start of an agent: its motion at the first turn, and at the capture of the route."""
+        return AgentState(*turns.place_m, turns.course_rad, self._speeds_m_s[vehicle], late_s, captures)
 
-    def place(self, target: Track, ahead_s: float) -> Point:
-        """Where a target will be; with `planning.aim = "position"` where it is."""
+    def position(self, target: Track, ahead_s: float) -> Point:
+        """Return the predicted position of a target; with `planning.aim = "position"` the current one."""
         east_m, north_m = place_of(target)
         if self._planning.aim == "position":
             return east_m, north_m
         v_east, v_north = shrunk_velocity(target)
         return east_m + v_east * ahead_s, north_m + v_north * ahead_s
 
-    def terms(self, label: Label, track: Track, arrived: int) -> TargetDemand:
-        """What a target still needs, `arrived` agents being there."""
+    def demand(self, label: Label, track: Track, arrived: int) -> TargetDemand:
+        """Return the remaining demand of a target with `arrived` agents."""
         known = label[1] < len(self._births)
         rank, needed = (self._ranks[label[1]], self.needed(label)) if known else (self._rank, 1)
         return TargetDemand(shrunk_velocity(track), rank, max(1, needed - arrived))
 
     def needed(self, label: Label) -> int:
-        """How many agents a target needs."""
+        """Return the number of agents that a target needs."""
         return self._births[label[1]].agents if label[1] < len(self._births) else 1
 
     def off_m(self, vehicle: int, agent: Track, route: Route, target: Track, begins_s: float) -> float:
-        """How far a route, which is flown from in `begins_s` on, ends from where its target will be then."""
+        """Return the distance from a route's end to its target at arrival, if flown in `begins_s`."""
         to_go = remaining_length_m(route.points_m, place_of(agent), CORRIDOR_M)
         arrives_s = begins_s + to_go / self._speeds_m_s[vehicle]
-        place = self.place(target, min(arrives_s, self._planning.horizon_s))
-        return math.dist(place, route.points_m[-1])
+        position = self.position(target, min(arrives_s, self._planning.horizon_s))
+        return math.dist(position, route.points_m[-1])
 
     def tolerance_m(self, agent: Track, route: Route) -> float:
-        """How far off a route may end.
+        """Return the tolerated distance from a route's end to its target.
 
-        `target_moved_m` when the agent is far away, as in the paper, and less as it closes in: with a fixed
-        threshold an agent may wait at the end of its route while the target walks around just inside it.
+        It is `target_moved_m` far away, as in the paper, and less near the target: with a fixed threshold an
+        agent may wait at the end of its route while the target moves within it.
         """
         planning, (east_m, north_m) = self._planning, place_of(agent)
-        beeline_m = math.hypot(east_m - float(route.points_m[-1, 0]), north_m - float(route.points_m[-1, 1]))
-        most_m = planning.target_moved_m
+        distance_m = math.hypot(east_m - float(route.points_m[-1, 0]), north_m - float(route.points_m[-1, 1]))
+        max_m = planning.target_moved_m
         if planning.aim == "intercept":
-            most_m = max(most_m, _FAR_FRACTION * beeline_m)
-        return min(most_m, max(0.5 * planning.capture_radius_m, _CLOSE_FRACTION * beeline_m))
+            max_m = max(max_m, _FAR_FRACTION * distance_m)
+        return min(max_m, max(0.5 * planning.capture_radius_m, _CLOSE_FRACTION * distance_m))
 
 
 def is_arriving(agent: Track, target: Track) -> bool:
-    """Return True if an agent closes in on a target over its last `LAST_M`: no mission gets there in time."""
+    """Return True if an agent approaches its target within `ARRIVING_M`: a new mission would be late."""
     (east_m, north_m), (v_east, v_north) = target.mean[:2] - agent.mean[:2], agent.mean[2:4]
     is_closing = east_m * v_east + north_m * v_north > 0.0
-    return bool(is_closing and math.hypot(east_m, north_m) <= LAST_M)
+    return bool(is_closing and math.hypot(east_m, north_m) <= ARRIVING_M)
 
 
 def place_of(track: Track) -> Point:
-    """East and north of a track."""
+    """Return east and north of a track."""
     return float(track.mean[0]), float(track.mean[1])
-
-
-def course_of(track: Track) -> float:
-    """Course of a track over ground, in radians clockwise from north."""
-    return math.atan2(float(track.mean[2]), float(track.mean[3]))

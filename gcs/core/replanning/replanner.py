@@ -127,7 +127,7 @@ class Replanner:
         """Begin with routes that are flown already, and check at once."""
         self._current.flown = dict(routes)
         self._triggers.note_planned(routes, targets)
-        self._triggers.add(reasons.TAKEN_UP)
+        self._triggers.add(Reason("taken up again", "taken up again"))
         self._next_check_t_ns = t_ns
 
     def keep_only(self, vehicles: Collection[int]) -> None:
@@ -169,7 +169,7 @@ class Replanner:
         self._current.proposed = {
             v: r for v, r in self.proposed.items() if not is_crossed(closed, r.flown_m, places.get(v))
         }
-        self._triggers.add(reasons.map_changed(news))
+        self._triggers.add(Reason("map changed", news))
         self._next_check_t_ns = None if self._next_check_t_ns is None else t_ns
         return sorted(self.blocked)
 
@@ -203,7 +203,7 @@ class Replanner:
 
     def plan_anew(self, inputs: PlanningInputs, why: str) -> Plan:
         """Plan without a trigger: an operator confirmed a plan that cannot be flown as it was shown."""
-        return self._plan(inputs, [reasons.approved_changed(why)])
+        return self._plan(inputs, [Reason("approved plan changed", why)])
 
     def withdraw_arriving(self, inputs: PlanningInputs) -> None:
         """Drop the proposed routes of vehicles that are about to reach their targets on the flown ones."""
@@ -262,7 +262,7 @@ class Replanner:
         if not (is_complete or (waited and inputs.agents and inputs.targets)):
             return None
         self._next_check_t_ns = inputs.t_ns + self._period_ns
-        return self._plan(inputs, [reasons.FIRST_PLAN])
+        return self._plan(inputs, [Reason("first plan", "first plan")])
 
     def _plan(self, inputs: PlanningInputs, why: Sequence[Reason]) -> Plan:
         arriving = [
@@ -305,9 +305,9 @@ class Replanner:
             routes=tuple(kept),
             unassigned_vehicles=tuple(result.unassigned_vehicles),
             unassigned_targets=tuple(result.unassigned_targets),
-            reason=reasons.in_words(why),
+            reason="; ".join(reason.text for reason in why),
             changed=tuple(changed),
-            causes=reasons.kinds(why),
+            causes=tuple(dict.fromkeys(reason.cause for reason in why)),
         )
 
     def _routed(
@@ -323,7 +323,7 @@ class Replanner:
         targets = {label: inputs.targets[label] for label in labels}
         counts = Counter(flown.values())
         demands = {
-            label: self.plan_targets.terms(label, track, inputs.at_targets.get(label, 0))
+            label: self.plan_targets.demand(label, track, inputs.at_targets.get(label, 0))
             for label, track in targets.items()
         }
         if fixed:
@@ -374,7 +374,9 @@ class Replanner:
 
     def _place(self, target: Track, inputs: PlanningInputs) -> Point:
         """Return the position of a target at the time when agents begin routes that are planned now."""
-        return self.plan_targets.place(target, (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s)
+        return self.plan_targets.position(
+            target, (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s
+        )
 
     def _decide(self, kept: list[Route], inputs: PlanningInputs) -> None:
         """Make the routes of a plan the flown ones, or propose those that differ."""

@@ -18,7 +18,7 @@ from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, plan_options
 from gcs.core.replanning.reasons import Reason
-from gcs.model import NS_PER_S, Label, Route, Track
+from gcs.model import NS_PER_S, Label, Route, Track, target_name
 from gcs.planning.map.grid import Grid
 from gcs.planning.route_capture import simulate_until_blocked, turn_around_s
 
@@ -95,10 +95,13 @@ class Triggers:
         came_targets = set(inputs.targets) - self.planned_targets
         return [
             *news,
-            *(reasons.gone(v, inputs.untaskable.get(v), is_lost=v in inputs.lost) for v in sorted(gone)),
-            *(reasons.joined(v) for v in sorted(came)),
-            *(reasons.appeared(t) for t in sorted(came_targets)),
-            *(reasons.lost(t) for t in sorted(gone_targets)),
+            *(
+                reasons.agent_gone(v, inputs.untaskable.get(v), is_lost=v in inputs.lost)
+                for v in sorted(gone)
+            ),
+            *(reasons.of_agent("agent joined", v, "joined") for v in sorted(came)),
+            *(reasons.of_target("target appeared", t, "appeared") for t in sorted(came_targets)),
+            *(reasons.of_target("target lost", t, "is not tracked any more") for t in sorted(gone_targets)),
         ]
 
     def improvements(self, inputs: PlanningInputs, *, is_regular: bool) -> list[Reason]:
@@ -110,13 +113,25 @@ class Triggers:
         if is_regular:
             self._tried.clear()
         moved_m = self._moved_m(inputs, 1.0 if is_regular else _URGENT_FACTOR)
-        moved = [reasons.moved(*one) for one in moved_m.items() if one[0] not in self._tried]
+        moved = [
+            reasons.of_target("target moved", target, f"moved {far_m:.0f} m")
+            for target, far_m in moved_m.items()
+            if target not in self._tried
+        ]
         self._tried |= moved_m.keys()
         if not is_regular:
             return moved
         followed = list(self._followed(inputs))
-        endangered = [reasons.in_danger(v) for v, _, _ in followed if self.is_endangered(v, inputs)]
-        passed = [reasons.passed(v, r.target) for v, r, _ in followed if self.has_passed_target(v, inputs)]
+        endangered = [
+            reasons.of_agent("agent in danger", v, "would hit an obstacle")
+            for v, _, _ in followed
+            if self.is_endangered(v, inputs)
+        ]
+        passed = [
+            reasons.of_agent("agent passed its target", v, f"passed target {target_name(route.target)}")
+            for v, route, _ in followed
+            if self.has_passed_target(v, inputs)
+        ]
         return self._idle(inputs) + moved + endangered + passed
 
     def _idle(self, inputs: PlanningInputs) -> list[Reason]:
@@ -124,7 +139,8 @@ class Triggers:
         newest = self._routes.newest
         if self._surplus == "hold" and not self._is_needed(inputs):
             return []
-        return [reasons.idle(v) for v in sorted(set(inputs.agents) & self.planned_agents - set(newest))]
+        idle = sorted(set(inputs.agents) & self.planned_agents - set(newest))
+        return [reasons.of_agent("agent idle", v, "has no route") for v in idle]
 
     def _is_needed(self, inputs: PlanningInputs) -> bool:
         """Return True if a target has fewer agents on the way than it needs."""

@@ -164,7 +164,7 @@ class TakeoffSequence:
             )
             effects.append(Notice(t_ns, "alarm", text, first))
         for first, second in sorted(self._alarmed - still):
-            text = f"no longer climbs out beside agent {vehicle_name(second)}"
+            text = f"no longer climbs out near agent {vehicle_name(second)}"
             effects.append(Notice(t_ns, "info", text, first))
         self._alarmed = still | new
         return effects

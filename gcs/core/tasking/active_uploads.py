@@ -209,5 +209,5 @@ class ActiveUploads:
         if result.ok or not (result.was_held or override or upload.mission is None or is_cleared):
             return effects
         state = "was set to LOITER" if result.was_held else "is overridden"
-        state = "holds no mission now" if is_cleared else state
+        state = "has no onboard mission now" if is_cleared else state
         return [*effects, Notice(result.t_ns, "alarm", f"{state}: {result.detail}", vehicle)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
+from dataclasses import dataclass
 
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.operator.plan_approval import PlanApproval
@@ -12,49 +13,31 @@ from gcs.core.tasking.upload_manager import UploadManager
 from gcs.model import Effect, Route, UploadReport
 
 
+@dataclass(frozen=True, slots=True)
 class Dispatch:
-    """Connects planned routes, their approval, and uploads.
+    """Connects planned routes, their approval, and uploads."""
 
-    Parameters
-    ----------
-    replanner : Replanner
-        Loses the route of a vehicle whose upload fails.
-    approval : PlanApproval
-        Answers confirmations with upload results.
-    tasking : UploadManager
-        Uploads missions.
-    latency : UploadLatency
-        Estimates upload times from results.
-    external_uploads : ExternalUploads
-        Releases a vehicle that has a verified mission of ours.
-    """
-
-    def __init__(
-        self,
-        replanner: Replanner,
-        approval: PlanApproval,
-        tasking: UploadManager,
-        latency: UploadLatency,
-        external_uploads: ExternalUploads,
-    ) -> None:
-        self._replanner, self._approval = replanner, approval
-        self._tasking, self._latency, self._external_uploads = tasking, latency, external_uploads
+    replanner: Replanner
+    approval: PlanApproval
+    tasking: UploadManager
+    latency: UploadLatency
+    external_uploads: ExternalUploads
 
     def send(self, routes: Sequence[Route], t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
         """Upload routes as missions; `urgent` vehicles do not wait for anything."""
         effects: list[Effect] = self.withdraw(t_ns)
         for route in routes:
             at_once = route.vehicle in urgent
-            elapsed_s = self._tasking.elapsed_s(route.vehicle, t_ns)
+            elapsed_s = self.tasking.elapsed_s(route.vehicle, t_ns)
             if elapsed_s is not None:
-                self._latency.note_failure(route.vehicle, elapsed_s)
-            effects += self.settle(self._tasking.enqueue_upload(route, t_ns, at_once=at_once))
+                self.latency.note_failure(route.vehicle, elapsed_s)
+            effects += self.settle(self.tasking.enqueue_upload(route, t_ns, at_once=at_once))
         return effects
 
     def withdraw(self, t_ns: int) -> list[Effect]:
         """Remove queued routes that their vehicles should not fly any more."""
-        unwanted = self._tasking.withdraw_except(self._replanner.routes)
-        return [answer for v in unwanted for answer in self._approval.end(v, t_ns, "not wanted any more")]
+        unwanted = self.tasking.withdraw_except(self.replanner.routes)
+        return [answer for v in unwanted for answer in self.approval.end(v, t_ns, "not wanted any more")]
 
     def settle(self, effects: Sequence[Effect]) -> list[Effect]:
         """Process upload reports; a vehicle without its mission is planned for again."""
@@ -64,13 +47,13 @@ class Dispatch:
             if not isinstance(effect, UploadReport):
                 continue
             if effect.ok:
-                self._external_uploads.release([effect.vehicle])
-                self._latency.note_success(effect.vehicle, effect.duration_s)
+                self.external_uploads.release([effect.vehicle])
+                self.latency.note_success(effect.vehicle, effect.duration_s)
             else:
-                self._latency.note_failure(effect.vehicle, effect.duration_s)
-            if self._tasking.has_pending(effect.vehicle):
+                self.latency.note_failure(effect.vehicle, effect.duration_s)
+            if self.tasking.has_pending(effect.vehicle):
                 continue  # the result of the newer upload counts
-            settled += self._approval.uploaded(effect)
+            settled += self.approval.uploaded(effect)
             if not effect.ok:
-                self._replanner.drop_route(effect.vehicle)
+                self.replanner.drop_route(effect.vehicle)
         return settled

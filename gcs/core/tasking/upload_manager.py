@@ -263,7 +263,7 @@ class UploadManager:
             self.overrides.observe_completion(vehicle, profile, message, t_ns, is_changing=is_changing)
             if self.overrides.observe_rejection(vehicle, profile, message, is_uploading=is_uploading):
                 self._onboard.forget(vehicle)
-                text = "its navigator rejects the mission that it holds (no valid mission): it waits in Hold"
+                text = "its navigator rejects its onboard mission (no valid mission): it waits in Hold"
                 return [Notice(t_ns, "alarm", text, vehicle), *self._not_begun(vehicle, text, t_ns)]
         if message.get_type() != "HEARTBEAT":
             return []
@@ -360,7 +360,7 @@ class UploadManager:
         if self._bounds is not None:
             problem = self._bounds.problem(task.items[profile.home_items :], state)
             if problem:
-                return self._refused(vehicle, f"{problem}; the vehicle keeps what it holds", t_ns)
+                return self._refused(vehicle, f"{problem}; the vehicle keeps its onboard mission", t_ns)
         self._refusals.pop(vehicle, None)
         effects: list[Effect] = []
         before = self._return_problems.get(vehicle, "")

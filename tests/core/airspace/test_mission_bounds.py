@@ -83,5 +83,5 @@ def test_a_mission_that_is_refused_leaves_the_vehicle_with_the_one_that_it_flies
     assert plane.store == held
     assert len(plane.requests) == count
     alarms = [one.text for one in swarm.effects if isinstance(one, Notice) and "not uploaded" in one.text]
-    assert alarms == [f"its mission is not uploaded, {check.wrong}; the vehicle keeps what it holds"]
+    assert alarms == [f"its mission is not uploaded, {check.wrong}; the vehicle keeps its onboard mission"]
     assert not swarm.reports()[-1].ok

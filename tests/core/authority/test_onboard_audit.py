@@ -39,7 +39,7 @@ def flown(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[Virtua
 def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(restarts: bool) -> None:
     run, effects = flown(lambda run: emptied(run, reboots=True), restarts=restarts)
     told = [effect.text for effect in effects if isinstance(effect, Notice)]
-    assert "holds no mission since it rebooted: it stays ours, and gets a new one" in told
+    assert "lost its onboard mission at a reboot: it gets a new one" in told
     assert 3 not in run.command.untaskable()
     assert any(effect.ok for effect in effects if isinstance(effect, UploadReport))
     assert run.vehicles["vehicle:3"].autopilot.mode is Mode.AUTO
@@ -48,6 +48,6 @@ def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(re
 def test_a_vehicle_that_somebody_cleared_while_nobody_watched_is_left_alone() -> None:
     run, effects = flown(lambda run: emptied(run, reboots=False), restarts=True)
     told = [effect.text for effect in effects if isinstance(effect, Notice)]
-    assert any("holds another mission than the one it was given" in text for text in told)
+    assert any("its onboard mission is not the one it was given" in text for text in told)
     assert run.command.orders.suspensions == {3: "found"}
     assert not [effect for effect in effects if isinstance(effect, UploadReport)]

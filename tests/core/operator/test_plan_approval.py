@@ -256,7 +256,7 @@ def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_miss
     for notice in first:
         assert re.fullmatch(
             r"would fly through no-fly zone wall: in \d+ s, on its way to item \d+ "
-            r"of the mission that it holds: hold or return it",
+            r"of its onboard mission: hold or return it",
             notice.text,
         )
         assert f"agent {notice.vehicle} {notice.text}" in answer.detail

@@ -108,7 +108,7 @@ def test_two_that_somebody_else_arms_at_once_are_told_of():
     assert vehicle == 1
     assert text.startswith("climbs out ")
     assert "m from agent 2, which climbs out too" in text
-    assert (1, "no longer climbs out beside agent 2") in field.texts("info")
+    assert (1, "no longer climbs out near agent 2") in field.texts("info")
 
 
 class Swarm:

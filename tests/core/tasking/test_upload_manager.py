@@ -102,7 +102,7 @@ def test_a_vehicle_taken_for_dead_in_mid_transfer_is_cleared_when_it_is_heard():
     swarm.run(15.0)
     assert plane.store == []
     assert plane.mode == LOITER
-    assert any(isinstance(e, Notice) and "holds no mission now" in e.text for e in swarm.effects)
+    assert any(isinstance(e, Notice) and "has no onboard mission now" in e.text for e in swarm.effects)
 
 
 def test_a_firmware_that_is_not_known_gets_no_mission():
@@ -249,7 +249,7 @@ def test_a_refused_mission_that_is_taken_off_a_px4_is_told():
     swarm.task(1)
     swarm.run(60.0)
     assert swarm.planes[1].store == []
-    assert any(text.startswith("holds no mission now: read-back differs") for text in alarms(swarm))
+    assert any(text.startswith("has no onboard mission now: read-back differs") for text in alarms(swarm))
 
 
 def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
@@ -263,7 +263,7 @@ def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
     swarm.run(3.0)
     assert swarm.tasking.overrides.untaskable() == {}
     assert not swarm.reports()[-1].ok
-    assert any("its navigator rejects the mission that it holds" in text for text in alarms(swarm))
+    assert any("its navigator rejects its onboard mission" in text for text in alarms(swarm))
 
 
 def test_a_px4_that_somebody_holds_and_clears_is_theirs():
