@@ -316,7 +316,7 @@ def test_a_vehicle_that_does_not_tell_what_it_holds_is_left_alone_until_it_does_
     run.run(65.0)
     for number in (1, 4):
         assert "does not answer the download of its onboard mission" in run.command.untaskable()[number]
-        assert any("does not tell" in text for text in alarms(effects, number))
+        assert any("does not answer" in text for text in alarms(effects, number))
     run.order(order(65.5, "resume", 4))
     dumb[0]._link._missions._list = given[0]
     run.run(75.0)
