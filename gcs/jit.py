@@ -41,7 +41,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias, TypeVar, cast
 
 import numba
 import numpy as np
@@ -56,7 +56,12 @@ from numba.extending import intrinsic
 Call: TypeAlias = tuple[Any, ...]
 """A kernel and its arguments."""
 
-ZERO = cast(int, np.int64(0))
+FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
+
+int64 = cast(Callable[[Any], int], np.int64)
+"""numpy's int64, as what it is in kernels: a conversion to an integer."""
+
+ZERO = int64(0)
 """Start of a counter that is passed on: a literal 0 would compile its callees once more."""
 
 _COLLECT_AFTER = 100_000
@@ -165,24 +170,32 @@ def _unexecutable(library: Any, fndesc: Any, env: Any) -> Any:
     return _dynfunc.make_function(fndesc.lookup_module(), fndesc.qualname, "", 0, env, (library,))
 
 
-def kernel(function: Any) -> Any:
+def kernel(function: FunctionT) -> FunctionT:
     """Compile a function that Python calls, and cache it with all that it calls."""
     compiled = numba.njit(pipeline_class=_KernelCompiler, **_KERNEL_OPTIONS)(function)
     compiled._cache = _KernelCache(function)
-    return compiled
+    return cast(FunctionT, compiled)
 
 
-called = numba.njit(pipeline_class=_PartCompiler, **_PART_OPTIONS)
-"""Called from kernels only, in more than one place."""
+def called(function: FunctionT) -> FunctionT:
+    """Compile a function that only kernels call, in more than one place."""
+    return cast(FunctionT, numba.njit(pipeline_class=_PartCompiler, **_PART_OPTIONS)(function))
 
-leaf = numba.njit(_nrt=False, pipeline_class=_PartCompiler, **_PART_OPTIONS)
-"""Called from kernels only, makes no arrays: counts no references."""
 
-spliced = numba.njit(_nrt=False, pipeline_class=_PartCompiler, forceinline=True, **_PART_OPTIONS)
-"""A leaf that is called for each object: compiled once and inlined by LLVM."""
+def leaf(function: FunctionT) -> FunctionT:
+    """Compile a function that only kernels call and that makes no arrays: it counts no references."""
+    return cast(FunctionT, numba.njit(_nrt=False, pipeline_class=_PartCompiler, **_PART_OPTIONS)(function))
 
-inlined = numba.njit(inline="always", **_KERNEL_OPTIONS)
-"""Becomes part of the function that calls it, at every call."""
+
+def spliced(function: FunctionT) -> FunctionT:
+    """Compile a leaf that is called for each object: LLVM inlines it."""
+    options = {"_nrt": False, "forceinline": True, **_PART_OPTIONS}
+    return cast(FunctionT, numba.njit(pipeline_class=_PartCompiler, **options)(function))
+
+
+def inlined(function: FunctionT) -> FunctionT:
+    """Make a function part of each function that calls it, before compilation."""
+    return cast(FunctionT, numba.njit(inline="always", **_KERNEL_OPTIONS)(function))
 
 
 @intrinsic  # type: ignore[untyped-decorator]

@@ -9,7 +9,22 @@ order: `basics` (labels, time), `scans`, `picture` (tracks, vehicle states), `pl
 (persisted state), `status` (of the swarm), `events`, `effects`, `truth` (simulations), `names`.
 """
 
-from gcs.model.basics import NS_PER_S, FloatArray, Kind, Label, Level, read_only
+from gcs.model.basics import (
+    NS_PER_S,
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    Int16Array,
+    Int32Array,
+    IntArray,
+    KeyArray,
+    Kind,
+    Label,
+    Level,
+    UInt16Array,
+    UInt32Array,
+    read_only,
+)
 from gcs.model.effects import AgentStatus, Effect, MissionEnded, Notice, Send, Upload, UploadReport
 from gcs.model.events import BadInput, ClockStep, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
 from gcs.model.memory import ExternalMission, PersistedAuthority, PersistedState, PersistedVehicle, Suspension
@@ -30,6 +45,8 @@ __all__ = [
     "AnswerState",
     "Authority",
     "BadInput",
+    "BoolArray",
+    "ByteArray",
     "Cause",
     "ClockStep",
     "Datagram",
@@ -37,6 +54,10 @@ __all__ = [
     "Event",
     "ExternalMission",
     "FloatArray",
+    "Int16Array",
+    "Int32Array",
+    "IntArray",
+    "KeyArray",
     "Kind",
     "Label",
     "Level",
@@ -68,6 +89,8 @@ __all__ = [
     "Track",
     "Truth",
     "TruthObject",
+    "UInt16Array",
+    "UInt32Array",
     "Upload",
     "UploadAnswer",
     "UploadReport",

@@ -10,6 +10,15 @@ import numpy.typing as npt
 NS_PER_S = 1_000_000_000
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+Int32Array: TypeAlias = npt.NDArray[np.int32]
+UInt32Array: TypeAlias = npt.NDArray[np.uint32]
+Int16Array: TypeAlias = npt.NDArray[np.int16]
+UInt16Array: TypeAlias = npt.NDArray[np.uint16]
+ByteArray: TypeAlias = npt.NDArray[np.uint8]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+KeyArray: TypeAlias = npt.NDArray[np.uint64]
+"""Hash keys, or the state of a random generator."""
 
 Label: TypeAlias = tuple[int, int]
 """Identity of a track: (scan count at its birth, index within that scan); ordered."""

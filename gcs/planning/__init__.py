@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 __all__ = ["AgentState", "Grid", "LoiterSpec", "PlanOptions", "PlanResult", "TargetDemand", "plan_routes"]
 
 _MODULES = {
-    "AgentState": "options",
+    "AgentState": "planner_inputs",
     "Grid": "map.grid",
-    "LoiterSpec": "options",
-    "PlanOptions": "options",
+    "LoiterSpec": "planner_inputs",
+    "PlanOptions": "planner_inputs",
     "PlanResult": "planner",
-    "TargetDemand": "options",
+    "TargetDemand": "planner_inputs",
     "plan_routes": "planner",
 }
 

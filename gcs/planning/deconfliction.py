@@ -110,7 +110,7 @@ def _positions(flights: Sequence[PlannedFlight]) -> FloatArray:
 
 
 @kernel
-def _nearest(places, min_distance_m):  # type: ignore[no-untyped-def]
+def _nearest(places: FloatArray, min_distance_m: float) -> tuple[FloatArray, FloatArray]:
     """Return the least distance of each pair and when it falls below a minimum, (n, n) below the diagonal."""
     n = places.shape[0]
     distance_m, after_s = np.full((n, n), np.inf), np.full((n, n), np.inf)

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.jit import Call, kernel
-from gcs.model import FloatArray, Track, read_only
+from gcs.model import FloatArray, IntArray, Track, read_only
 from gcs.planning.map.grid import Grid, Point
 
 STEP_S = 5.0
@@ -103,7 +103,9 @@ def intercept_times(
 
 
 @kernel
-def _intercept_kernel(late_s, after_s, first):  # type: ignore[no-untyped-def]
+def _intercept_kernel(
+    late_s: FloatArray, after_s: FloatArray, first: IntArray
+) -> tuple[FloatArray, FloatArray]:
     """Return arrivals and intercepts of all pairs from the delay (n, k) of each agent at each position."""
     n, m = late_s.shape[0], first.size - 1
     arrivals, met = np.full((n, m), np.inf), np.zeros((n, m))

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.model import FloatArray, read_only
+from gcs.model import FloatArray, IntArray, read_only
 from gcs.planning.intercept import intercept_times, predict_targets
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import clear_leg
 from gcs.planning.path.shortcut import ShapedPath, connect_to_grid, shape_path
 from gcs.planning.path.turns import SHARP_CORNER, SHARP_START
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
-from gcs.planning.search.canonical_ordering import IntArray
 from gcs.planning.search.cost_matrix import Endpoints, PathLookup, metric_paths, paper_paths
 from gcs.planning.search.neighbours import SearchMap, cells, places, search_map
 
@@ -171,7 +170,10 @@ class RouteSearch:
         """
         waypoints = places(self.smap, nodes)
         for end, (x, y) in ((0, start_xy), (-1, goal_xy)):
-            if len(waypoints) and not clear_leg(self._grid.blocked, x, y, *waypoints[end].tolist(), 0.0, -1):
+            if not len(waypoints):
+                continue
+            to_x, to_y = waypoints[end].tolist()
+            if not clear_leg(self._grid.blocked, x, y, to_x, to_y, 0.0, -1):
                 waypoints[end] = cells(self.smap, nodes[[end]])
         is_new = np.append(True, (np.diff(waypoints, axis=0) != 0.0).any(axis=1))[: len(waypoints)]
         distinct: FloatArray = waypoints[is_new]

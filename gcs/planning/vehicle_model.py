@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.jit import Call, inlined, kernel
-from gcs.model import FloatArray
+from gcs.model import BoolArray, FloatArray
 from gcs.planning.map.grid import Grid, Point, free_grid
-from gcs.planning.map.line_of_sight import clear_leg
+from gcs.planning.map.line_of_sight import NO_CELL, clear_leg
 
 STEP_S = 0.2
 _MIN_LAG_S = 0.5
@@ -116,14 +116,16 @@ def simulate(
 
 
 @inlined
-def _is_reached(x, y, from_x, from_y, to_x, to_y, radius):  # type: ignore[no-untyped-def]
+def _is_reached(
+    x: float, y: float, from_x: float, from_y: float, to_x: float, to_y: float, radius: float
+) -> bool:
     """Return True within the acceptance radius, or past the end of the leg."""
     dx, dy = to_x - x, to_y - y
     return math.hypot(dx, dy) <= radius or dx * (to_x - from_x) + dy * (to_y - from_y) <= 0.0
 
 
 @inlined
-def _circle_error(x, y, course, speed, circle):  # type: ignore[no-untyped-def]
+def _circle_error(x: float, y: float, course: float, speed: float, circle: FloatArray) -> tuple[float, float]:
     """Return the course error to the vector field of a circle, and the turn rate of the field in flight."""
     dx, dy = x - circle[0], y - circle[1]
     gap = math.hypot(dx, dy)
@@ -138,7 +140,10 @@ def _circle_error(x, y, course, speed, circle):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def simulate_states(blocked, frame, motion, points, radii, circle, duration_s, lag_s, clearance):  # type: ignore[no-untyped-def]
+def simulate_states(
+    blocked: BoolArray, frame: FloatArray, motion: FloatArray, points: FloatArray, radii: FloatArray,
+    circle: FloatArray, duration_s: float, lag_s: float, clearance: float,
+) -> tuple[FloatArray, bool, float]:  # fmt: skip
     """Simulate the states of a flight: `SimulatedFlight.states`, `is_clear` and `max_bearing_error_rad`.
 
     `frame`: east and north of the grid origin and spacing, in metres. `motion`: east, north, course, turn
@@ -176,7 +181,7 @@ def simulate_states(blocked, frame, motion, points, radii, circle, duration_s, l
             (to_x - frame[0]) / frame[2],
             (to_y - frame[1]) / frame[2],
             clearance,
-            np.int64(-1),
+            NO_CELL,
         ):
             return states[:count], False, max_error
         x, y, course = to_x, to_y, course + 2.0 * half

@@ -11,19 +11,16 @@ positions on the map with the sensor's covariance there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from filterpy.kalman import KalmanFilter
 from scipy.optimize import linear_sum_assignment
 
-from gcs.model import NS_PER_S, FloatArray, Label, Sensor
+from gcs.model import NS_PER_S, FloatArray, IntArray, Label, Sensor
 from gcs.tracking.glmb.params import Birth, GlmbParams
 from gcs.tracking.models import constant_velocity
 from gcs.tracking.models.sensors import covers, noise_m2
-
-IntArray: TypeAlias = npt.NDArray[np.int64]
 
 _GATE_CHI2: Final = 4.0**2
 """Squared Mahalanobis distance up to which a detection may belong to a track."""

@@ -22,13 +22,11 @@ from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from gcs.model import FloatArray
+from gcs.model import FloatArray, IntArray
 
 LabelT = TypeVar("LabelT")
 IdT = TypeVar("IdT")
-IntArray: TypeAlias = npt.NDArray[np.int64]
 Tracks: TypeAlias = Mapping[LabelT, FloatArray]
 """Position (2,) by label at one time."""
 

@@ -59,11 +59,11 @@ class MavsdkUploader:
     Parameters
     ----------
     send : callable
-        Takes a vehicle's system id and a frame for it.
+        Called with a vehicle's system id and a frame for it.
     answer : callable
-        Takes the result of an upload.
-    tell : callable
-        Takes an operator notice.
+        Called with the result of an upload.
+    notify : callable
+        Called with an operator notice.
     now_ns : callable
         Clock of the run.
 
@@ -77,12 +77,12 @@ class MavsdkUploader:
         self,
         send: Callable[[int, bytes], None],
         answer: Callable[[UploadAnswer], object],
-        tell: Callable[[str], None],
+        notify: Callable[[str], None],
         now_ns: Callable[[], int],
     ) -> None:
         if problem := mavsdk_problem():
             raise LinkError("mavsdk", f"{problem}: {REMEDY}")
-        self._send, self._answer, self._tell, self._now_ns = send, answer, tell, now_ns
+        self._send, self._answer, self._notify, self._now_ns = send, answer, notify, now_ns
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind(("127.0.0.1", 0))
@@ -103,7 +103,7 @@ class MavsdkUploader:
                 began_s = loop.time()
                 code = await self._run_process()
                 wait_s = _FIRST_WAIT_S if loop.time() - began_s > _STABLE_S else min(2 * wait_s, _MAX_WAIT_S)
-                self._tell(f"MAVSDK's process ended with {code}; it is started again in {wait_s:.0f} s")
+                self._notify(f"MAVSDK's process ended with {code}; it is started again in {wait_s:.0f} s")
                 for vehicle in list(self._pending):
                     self._settle(vehicle, ok=False, detail=f"MAVSDK's process ended with {code}")
                 await asyncio.sleep(wait_s)

@@ -61,9 +61,10 @@ from gcs.mavlink.frames.fast_scan import (
     SEQUENCE,
     SIGNED,
     SYSTEM,
+    Bytes,
     Frames,
 )
-from gcs.model import network_of, system_of
+from gcs.model import FloatArray, Int32Array, IntArray, network_of, system_of
 
 _POSITION: Final[int] = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _SYS_STATUS: Final[int] = dialect.MAVLINK_MSG_ID_SYS_STATUS
@@ -90,28 +91,28 @@ _SURE_FRACTION: Final = 0.98
 
 
 @jit.leaf
-def _byte(data, begin, offset, size):  # type: ignore[no-untyped-def]
-    return np.int64(data[begin + offset]) if offset < size else np.int64(0)
+def _byte(data: Bytes, begin: int, offset: int, size: int) -> int:
+    return jit.int64(data[begin + offset]) if offset < size else jit.int64(0)
 
 
 @jit.leaf
-def _number(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
+def _number(data: Bytes, begin: int, offset: int, size: int, width: int) -> int:
     """Return a little-endian unsigned number."""
-    value = np.int64(0)
+    value = jit.int64(0)
     for k in range(width):
         value |= _byte(data, begin, offset + k, size) << 8 * k
     return value
 
 
 @jit.leaf
-def _signed(data, begin, offset, size, width):  # type: ignore[no-untyped-def]
+def _signed(data: Bytes, begin: int, offset: int, size: int, width: int) -> int:
     value = _number(data, begin, offset, size, width)
-    half = np.int64(1) << 8 * width - 1
+    half = jit.int64(1) << 8 * width - 1
     return (value ^ half) - half
 
 
 @jit.leaf
-def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
+def _is_near(lat: int, lon: int, origin: FloatArray) -> bool:
     """Return True if a position (1e-7 degrees) is well within reach (`position_checks.distance_m`).
 
     The sum of the way along the meridian and along the equator is an upper bound that mostly suffices.
@@ -126,7 +127,9 @@ def _is_near(lat, lon, origin):  # type: ignore[no-untyped-def]
 
 
 @jit.leaf
-def _is_plausible(record, boot_ms, t_ns, lat, lon, speed2, max_speed_m_s):  # type: ignore[no-untyped-def]
+def _is_plausible(
+    record: IntArray, boot_ms: int, t_ns: int, lat: int, lon: int, speed2: int, max_speed_m_s: float
+) -> bool:
     """Return True if a position surely continues the one before (`position_plausibility`).
 
     `speed2` is the square of the speed in cm/s. The distance east on the equator is an upper bound that
@@ -152,7 +155,9 @@ def _is_plausible(record, boot_ms, t_ns, lat, lon, speed2, max_speed_m_s):  # ty
 
 
 @jit.leaf
-def _apply_position(data, begin, size, t_ns, record, origin):  # type: ignore[no-untyped-def]
+def _apply_position(
+    data: Bytes, begin: int, size: int, t_ns: int, record: IntArray, origin: FloatArray
+) -> bool:
     """Store a position that is newer and plausible; return True if it was stored."""
     boot_ms = _number(data, begin, 0, size, 4)
     if record[BOOT_MS] != NONE:
@@ -179,7 +184,7 @@ def _apply_position(data, begin, size, t_ns, record, origin):  # type: ignore[no
 
 
 @jit.leaf
-def _count(record, sequence, t_ns):  # type: ignore[no-untyped-def]
+def _count(record: IntArray, sequence: int, t_ns: int) -> int:
     """Count a frame and the gap before it; return the change of `LOST`."""
     record[FRAMES] += 1
     record[HEARD_NS] = t_ns
@@ -197,7 +202,10 @@ def _count(record, sequence, t_ns):  # type: ignore[no-untyped-def]
 
 
 @jit.leaf
-def _apply_frames(data, frames, at, address, t_ns, lookup, table, origin):  # type: ignore[no-untyped-def]
+def _apply_frames(
+    data: Bytes, frames: Int32Array, at: int, address: int, t_ns: int, lookup: IntArray, table: IntArray,
+    origin: FloatArray,
+) -> tuple[int, int]:  # fmt: skip
     """Apply frames from row `at` on; stop at the first that is not routine.
 
     `lookup` holds the record number of each system id (`NONE` for unknown systems). For each message id it
@@ -220,7 +228,7 @@ def _apply_frames(data, frames, at, address, t_ns, lookup, table, origin):  # ty
         if message_id < _MESSAGE_IDS and lookup[_SYSTEM_IDS + message_id]:
             offset = frames[at, OFFSET]
             begin = offset + (6 if data[offset] == _V1 else 10)
-            size = np.int64(data[offset + 1])
+            size = jit.int64(data[offset + 1])
             if lookup[_SYSTEM_IDS + message_id] == _SLOW_PATH:
                 break
             if message_id == _POSITION:
@@ -247,7 +255,10 @@ def _apply_frames(data, frames, at, address, t_ns, lookup, table, origin):  # ty
 
 
 @jit.kernel
-def _apply_kernel(data, frames, at, address, t_ns, lookup, table, origin):  # type: ignore[no-untyped-def]
+def _apply_kernel(
+    data: Bytes, frames: Int32Array, at: int, address: int, t_ns: int, lookup: IntArray, table: IntArray,
+    origin: FloatArray,
+) -> tuple[int, int]:  # fmt: skip
     return _apply_frames(data, frames, at, address, t_ns, lookup, table, origin)
 
 

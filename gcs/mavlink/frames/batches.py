@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs import jit
-from gcs.mavlink.frames.fast_scan import CHECKED, CRC_EXTRAS, WIDTH, frame_at
+from gcs.mavlink.frames.fast_scan import CHECKED, CRC_EXTRAS, WIDTH, Bytes, frame_at
+from gcs.model import ByteArray, Int16Array, Int32Array, IntArray
 
 MAX_BYTES: Final = 1400
 _HASH_SLOTS: Final = 1024
@@ -21,7 +21,7 @@ _NO_GROUP: Final = -1
 
 
 @jit.leaf
-def _is_clean(data, end, extras, scratch):  # type: ignore[no-untyped-def]
+def _is_clean(data: Bytes, end: int, extras: Int16Array, scratch: Int32Array) -> bool:
     at = 0
     while at < end:
         length = frame_at(data, at, end, extras, scratch, 0)
@@ -32,7 +32,11 @@ def _is_clean(data, end, extras, scratch):  # type: ignore[no-untyped-def]
 
 
 @jit.leaf
-def _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, last_group, out, groups, ends):  # type: ignore[no-untyped-def]
+def _group(
+    slots: ByteArray, count: int, lengths: IntArray, senders: IntArray, extras: Int16Array,
+    scratch: Int32Array, group_of: IntArray, sizes: IntArray, last_group: IntArray, out: ByteArray,
+    groups: IntArray, ends: IntArray,
+) -> int:  # fmt: skip
     number = 0
     for i in range(count):
         slot = (senders[i] >> 16 ^ senders[i] >> 40) & _HASH_SLOTS - 1
@@ -62,7 +66,10 @@ def _group(slots, count, lengths, senders, extras, scratch, group_of, sizes, las
 
 
 @jit.kernel
-def _gather(slots, count, lengths, senders, extras, out, groups, ends):  # type: ignore[no-untyped-def]
+def _gather(
+    slots: ByteArray, count: int, lengths: IntArray, senders: IntArray, extras: Int16Array, out: ByteArray,
+    groups: IntArray, ends: IntArray,
+) -> int:  # fmt: skip
     """Copy datagrams, grouped, into `out`; return the number of groups.
 
     `groups` receives the index of a datagram of each group, `ends` the group's end in `out`.
@@ -84,9 +91,7 @@ class DatagramBatcher:
         self._groups = np.zeros(count, np.int64)
         self._ends = np.zeros(count, np.int64)
 
-    def gather(
-        self, slots: npt.NDArray[np.uint8], lengths: npt.NDArray[np.int64], senders: npt.NDArray[np.int64]
-    ) -> list[tuple[int, bytes]]:
+    def gather(self, slots: ByteArray, lengths: IntArray, senders: IntArray) -> list[tuple[int, bytes]]:
         """Return (index of a datagram of the sender, data) of each group, in order of their beginning.
 
         `slots` (n, max_bytes) holds the datagrams; `lengths` and `senders` are (n,).

@@ -11,16 +11,16 @@ Message ids and CRC_EXTRA are arguments of the kernel: numba's cache does not no
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs import jit
 from gcs.mavlink.frames.codec import Frame
+from gcs.model import ByteArray, Int16Array, Int32Array
 
-Ints = npt.NDArray[np.int32]
+Bytes: TypeAlias = bytes | ByteArray
 
 OFFSET, LENGTH, MESSAGE_ID, SYSTEM, COMPONENT, SEQUENCE, SIGNED, CHECKED, WIDTH = range(9)
 """Columns of a frame. CHECKED is 0 for a frame of an id that the dialect lacks."""
@@ -32,7 +32,7 @@ _MIN_FRAME_BYTES: Final = 8
 _MAX_FALSE_STARTS: Final = 64
 
 
-def _crc_steps() -> Ints:
+def _crc_steps() -> Int32Array:
     steps = np.zeros((4, 256), np.int32)
     for byte in range(256):
         crc = byte
@@ -47,7 +47,7 @@ def _crc_steps() -> Ints:
 CRC_TABLES: Final = _crc_steps()
 
 
-def _crc_extras() -> npt.NDArray[np.int16]:
+def _crc_extras() -> Int16Array:
     """Return CRC_EXTRA by message id; -1 for unknown ids."""
     extras = np.full(max(dialect.mavlink_map) + 1, -1, np.int16)
     for message_id, definition in dialect.mavlink_map.items():
@@ -59,22 +59,22 @@ CRC_EXTRAS: Final = _crc_extras()
 
 
 @jit.leaf
-def _uint16(data, at):  # type: ignore[no-untyped-def]
+def _uint16(data: Bytes, at: int) -> int:
     """Return two bytes as a signed integer: numba would make a float of signed and unsigned operands."""
-    return np.int64(data[at]) | np.int64(data[at + 1]) << 8
+    return jit.int64(data[at]) | jit.int64(data[at + 1]) << 8
 
 
 @jit.leaf
-def _message_id(data, at):  # type: ignore[no-untyped-def]
+def _message_id(data: Bytes, at: int) -> int:
     if data[at] == 0xFE:
-        return np.int64(data[at + 5])
-    return _uint16(data, at + 7) | np.int64(data[at + 9]) << 16
+        return jit.int64(data[at + 5])
+    return _uint16(data, at + 7) | jit.int64(data[at + 9]) << 16
 
 
 @jit.leaf
-def _crc(data, begin, end, extra):  # type: ignore[no-untyped-def]
+def _crc(data: Bytes, begin: int, end: int, extra: int) -> int:
     """Return the checksum of `data[begin:end]` and the CRC_EXTRA byte."""
-    crc = np.int64(0xFFFF)
+    crc = jit.int64(0xFFFF)
     at = begin
     while at + 4 <= end:
         crc ^= _uint16(data, at)
@@ -86,13 +86,13 @@ def _crc(data, begin, end, extra):  # type: ignore[no-untyped-def]
         )
         at += 4
     while at < end:
-        crc = crc >> 8 ^ CRC_TABLES[0, (crc ^ np.int64(data[at])) & 0xFF]
+        crc = crc >> 8 ^ CRC_TABLES[0, (crc ^ jit.int64(data[at])) & 0xFF]
         at += 1
     return crc >> 8 ^ CRC_TABLES[0, (crc ^ extra) & 0xFF]
 
 
 @jit.leaf
-def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def]
+def frame_at(data: Bytes, at: int, end: int, extras: Int16Array, frames: Int32Array, row: int) -> int:
     """Put the frame that may start at `at` into `frames[row]`.
 
     Returns its length; 0 when there is none to be told apart, and less than 0 when its checksum does not
@@ -101,14 +101,14 @@ def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def
     if data[at] == 0xFD:
         if at + 12 > end or data[at + 2] > 1:
             return 0
-        signed = np.int64(data[at + 2])
-        crc_at = at + 10 + np.int64(data[at + 1])
+        signed = jit.int64(data[at + 2])
+        crc_at = at + 10 + jit.int64(data[at + 1])
         sender = at + 4
     elif data[at] == 0xFE:
         if at + 8 > end:
             return 0
-        signed = np.int64(0)
-        crc_at = at + 6 + np.int64(data[at + 1])
+        signed = jit.int64(0)
+        crc_at = at + 6 + jit.int64(data[at + 1])
         sender = at + 2
     else:
         return 0
@@ -134,7 +134,9 @@ def frame_at(data, at, end, extras, frames, row):  # type: ignore[no-untyped-def
 
 
 @jit.leaf
-def _covers_good_frame(data, at, length, extras, frames, row, tries):  # type: ignore[no-untyped-def]
+def _covers_good_frame(
+    data: Bytes, at: int, length: int, extras: Int16Array, frames: Int32Array, row: int, tries: int
+) -> tuple[bool, int]:
     """Return True if a good frame starts within the one claimed at `at`, and the number of checksums left.
 
     As in `gcs.mavlink.frames.codec`; `frames[row]` is overwritten.
@@ -154,7 +156,7 @@ def _covers_good_frame(data, at, length, extras, frames, row, tries):  # type: i
 
 
 @jit.leaf
-def _scan_datagram(data, extras, frames):  # type: ignore[no-untyped-def]
+def _scan_datagram(data: Bytes, extras: Int16Array, frames: Int32Array) -> None:
     """Fill `frames` from its second row on, and the counters into its first."""
     count = bad_bytes = crc_errors = unknown = false_starts = 0
     tries = _MAX_FALSE_STARTS
@@ -190,7 +192,7 @@ def _scan_datagram(data, extras, frames):  # type: ignore[no-untyped-def]
 
 
 @jit.kernel
-def _scan_kernel(data, extras, frames):  # type: ignore[no-untyped-def]
+def _scan_kernel(data: Bytes, extras: Int16Array, frames: Int32Array) -> None:
     _scan_datagram(data, extras, frames)
 
 

@@ -13,16 +13,18 @@ from __future__ import annotations
 import numpy as np
 
 from gcs.jit import Call, kernel
+from gcs.model import BoolArray, ByteArray, FloatArray
 from gcs.planning.map.grid import free_grid
-from gcs.planning.map.line_of_sight import clear_leg, clearance_at, is_clear_at
+from gcs.planning.map.line_of_sight import NO_CELL, clear_leg, clearance_at, is_clear_at
 
-_NO_CELL = np.int64(-1)
 _MAX_CLEARANCE_BY_ENDS = 1.4
 """In cells: up to this clearance a diagonal move keeps it if both ends do."""
 
 
 @kernel
-def shifted_nodes(blocked, clearance, shift_rows, shift_cols):  # type: ignore[no-untyped-def]
+def shifted_nodes(
+    blocked: BoolArray, clearance: float, shift_rows: FloatArray, shift_cols: FloatArray
+) -> tuple[ByteArray, BoolArray]:
     """Return the shift index of each cell, (rows, cols), and the tight cells, for a clearance in cells.
 
     `shift_rows`, `shift_cols` (9,): shifts from the node; the first is zero.
@@ -47,7 +49,10 @@ def shifted_nodes(blocked, clearance, shift_rows, shift_cols):  # type: ignore[n
 
 
 @kernel
-def find_tight_moves(blocked, clearance, moves, tight, place, shift_rows, shift_cols):  # type: ignore[no-untyped-def]
+def find_tight_moves(
+    blocked: BoolArray, clearance: float, moves: ByteArray, tight: BoolArray, place: ByteArray,
+    shift_rows: FloatArray, shift_cols: FloatArray,
+) -> ByteArray:  # fmt: skip
     """Return the legal moves with too little clearance, as bits (rows, cols) like `moves`."""
     rows, cols = blocked.shape
     tight_moves = np.zeros((rows, cols), np.uint8)
@@ -69,7 +74,7 @@ def find_tight_moves(blocked, clearance, moves, tight, place, shift_rows, shift_
                 else:
                     x, y = col + shift_cols[a], row + shift_rows[a]
                     is_near = not clear_leg(
-                        blocked, x, y, c + shift_cols[b], r + shift_rows[b], clearance, _NO_CELL
+                        blocked, x, y, c + shift_cols[b], r + shift_rows[b], clearance, NO_CELL
                     )
                 if is_near:
                     tight_moves[row, col] |= np.uint8(1 << move)

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
-from gcs.model import FloatArray
+from gcs.model import BoolArray, FloatArray
 from gcs.planning.map.rasterize import cover
 
 Node: TypeAlias = tuple[int, int]
@@ -31,7 +30,6 @@ Point: TypeAlias = tuple[float, float]
 Polygon: TypeAlias = Sequence[Sequence[Sequence[float]]]
 """Rings of corners (east_m, north_m): the outline first, then the holes."""
 
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 TOUCH = 1e-9
 """In cells: a leg within this distance of a blocked cell touches it. Clearances are kept up to this."""

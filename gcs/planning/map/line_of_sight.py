@@ -11,24 +11,25 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from gcs.jit import inlined, kernel, leaf
+from gcs.jit import inlined, int64, kernel, leaf
+from gcs.model import BoolArray
 from gcs.planning.map.grid import TOUCH, Grid, Point
 
+NO_CELL = int64(-1)
+"""No ignored cell. A literal -1 would compile the callees once more."""
 _NO_LEG = 1e-100
 _HALF_SQUARE = 0.7072
 """Half the diagonal of a cell, rounded up: the extent of a square along any leg."""
 
 
 @inlined
-def _point_square(x, y, col, row):  # type: ignore[no-untyped-def]
+def _point_square(x: float, y: float, col: float, row: float) -> float:
     """Return the distance of a point from the square of a cell."""
     return math.hypot(max(abs(x - col) - 0.5, 0.0), max(abs(y - row) - 0.5, 0.0))
 
 
 @inlined
-def _leg_square(x0, y0, x1, y1, col, row):  # type: ignore[no-untyped-def]
+def _leg_square(x0: float, y0: float, x1: float, y1: float, col: float, row: float) -> float:
     """Return the distance of a leg from the square of a cell."""
     dx, dy = x1 - x0, y1 - y0
     # Clip the leg by the two slabs of the square.
@@ -52,7 +53,9 @@ def _leg_square(x0, y0, x1, y1, col, row):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def leg_clearance(blocked, x0, y0, x1, y1, clearance, ignored_cell):  # type: ignore[no-untyped-def]
+def leg_clearance(
+    blocked: BoolArray, x0: float, y0: float, x1: float, y1: float, clearance: float, ignored_cell: int
+) -> float:
     """Return the distance in cells of a leg from the nearest blocked cell, at most `clearance`.
 
     `ignored_cell` is a flat index, -1 for none.
@@ -77,7 +80,10 @@ def leg_clearance(blocked, x0, y0, x1, y1, clearance, ignored_cell):  # type: ig
 
 
 @leaf
-def blocking_cell(blocked, x0, y0, x1, y1, clearance, ignored_cell, guess):  # type: ignore[no-untyped-def]
+def blocking_cell(
+    blocked: BoolArray, x0: float, y0: float, x1: float, y1: float, clearance: float, ignored_cell: int,
+    guess: int,
+) -> int:  # fmt: skip
     """Return the flat index of a blocked cell nearer to a leg than `clearance`; -1 for none.
 
     `guess` is tested first: neighbouring legs often share their obstacle. `ignored_cell` does not count.
@@ -96,7 +102,7 @@ def blocking_cell(blocked, x0, y0, x1, y1, clearance, ignored_cell, guess):  # t
     per_row = 0.0 if abs(dy) < 1e-12 else 1.0 / dy
     first = max(0, math.ceil(min(y0, y1) - wide))
     last = min(rows - 1, math.floor(max(y0, y1) + wide))
-    row = first if guess < 0 or guess == ignored_cell else np.int64(-1)
+    row = first if guess < 0 or guess == ignored_cell else int64(-1)
     while row <= last:
         if row < 0:
             at = guess // cols
@@ -124,17 +130,19 @@ def blocking_cell(blocked, x0, y0, x1, y1, clearance, ignored_cell, guess):  # t
             elif _leg_square(x0, y0, x1, y1, col, at) < limit:
                 return at * cols + col
         row = first if row < 0 else row + 1
-    return np.int64(-1)
+    return int64(-1)
 
 
 @kernel
-def clear_leg(blocked, x0, y0, x1, y1, clearance, ignored_cell):  # type: ignore[no-untyped-def]
+def clear_leg(
+    blocked: BoolArray, x0: float, y0: float, x1: float, y1: float, clearance: float, ignored_cell: int
+) -> bool:
     """Return True if a leg keeps `clearance` cells from every blocked cell but `ignored_cell` (-1: none)."""
-    return blocking_cell(blocked, x0, y0, x1, y1, clearance, ignored_cell, np.int64(-1)) < 0
+    return blocking_cell(blocked, x0, y0, x1, y1, clearance, ignored_cell, NO_CELL) < 0
 
 
 @leaf
-def is_clear_at(blocked, x, y, clearance):  # type: ignore[no-untyped-def]
+def is_clear_at(blocked: BoolArray, x: float, y: float, clearance: float) -> bool:
     """Return True if a point keeps `clearance` cells from every blocked cell."""
     rows, cols = blocked.shape
     limit, wide = max(clearance - TOUCH, TOUCH), clearance + 0.5 + 2.0 * TOUCH
@@ -146,7 +154,7 @@ def is_clear_at(blocked, x, y, clearance):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def clearance_at(blocked, x, y, clearance):  # type: ignore[no-untyped-def]
+def clearance_at(blocked: BoolArray, x: float, y: float, clearance: float) -> float:
     """Return the distance in cells from a point to the nearest blocked cell, at most `clearance`."""
     rows, cols = blocked.shape
     best = clearance

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from gcs.model import FloatArray
+from gcs.model import FloatArray, Int32Array
 
 _TOUCH = 1e-9
 """In cells: an edge that enters a cell by less only touches it."""
@@ -36,7 +36,7 @@ def cover(
     return passed, np.cumsum(crossings, axis=1)[:, :-1] % 2 == 1
 
 
-def _follow(steps: npt.NDArray[np.int32], x0: float, y0: float, x1: float, y1: float) -> None:
+def _follow(steps: Int32Array, x0: float, y0: float, x1: float, y1: float) -> None:
     """Mark the cells that an edge enters."""
     last_col = steps.shape[1] - 1
     rows = _rows(min(y0, y1) - 0.5 + _TOUCH, max(y0, y1) + 0.5 - _TOUCH, steps.shape[0])
@@ -54,7 +54,7 @@ def _follow(steps: npt.NDArray[np.int32], x0: float, y0: float, x1: float, y1: f
     steps[rows[some], behind[some]] -= 1
 
 
-def _cross(crossings: npt.NDArray[np.int32], x0: float, y0: float, x1: float, y1: float) -> None:
+def _cross(crossings: Int32Array, x0: float, y0: float, x1: float, y1: float) -> None:
     """Mark the cells whose centre lies east of the edge in its row."""
     if y0 != y1:
         rows = _rows(min(y0, y1), max(y0, y1), crossings.shape[0])

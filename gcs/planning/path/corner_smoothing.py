@@ -20,7 +20,8 @@ import math
 import numpy as np
 
 from gcs.jit import called, inlined, leaf
-from gcs.planning.map.line_of_sight import blocking_cell
+from gcs.model import BoolArray, FloatArray
+from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell
 
 _SHORT_LEG_WEIGHT = 4.0
 """Cost of a length that turns lack of their leg."""
@@ -34,13 +35,12 @@ _MAX_STEP, _MIN_STEP = 0.2, 0.007
 """First and last step of a corner, in radii."""
 _DIRECTIONS = 4
 _SWEEPS = 40
-_NO_CELL = np.int64(-1)
 _MAX_HALF_ANGLE_TAN = math.tan(0.475 * math.pi)
 """Tangent of half the sharpest angle that is distinguished."""
 
 
 @leaf
-def half_angle_tan(points, i):  # type: ignore[no-untyped-def]
+def half_angle_tan(points: FloatArray, i: int) -> float:
     """Return the tangent of half the turn angle at corner i, positive to the left; 0 at the ends."""
     if i <= 0 or i >= points.shape[0] - 1:
         return 0.0
@@ -56,7 +56,10 @@ def half_angle_tan(points, i):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def clearance_shortfall(blocked, points, i, half, radius, clearance, own_cell):  # type: ignore[no-untyped-def]
+def clearance_shortfall(
+    blocked: BoolArray, points: FloatArray, i: int, half: float, radius: float, clearance: float,
+    own_cell: int,
+) -> float:  # fmt: skip
     """Return how much nearer than `clearance` the arc at corner i comes to an obstacle.
 
     `half`: its `half_angle_tan`. Its legs are clear.
@@ -104,7 +107,10 @@ def clearance_shortfall(blocked, points, i, half, radius, clearance, own_cell): 
 
 
 @leaf
-def cost(blocked, points, clearances, first, beyond, radius, own_cell, most):  # type: ignore[no-untyped-def]
+def cost(
+    blocked: BoolArray, points: FloatArray, clearances: FloatArray, first: int, beyond: int, radius: float,
+    own_cell: int, most: float,
+) -> float:  # fmt: skip
     """Return the cost of legs `first` to `beyond` - 1 and their corners; above `most` not in full."""
     first, beyond = max(first, 0), min(beyond, points.shape[0] - 1)
     total, half = 0.0, half_angle_tan(points, first)
@@ -120,7 +126,7 @@ def cost(blocked, points, clearances, first, beyond, radius, own_cell, most):  #
     for i in range(first + 1, beyond):
         if total >= most:
             break
-        margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else _NO_CELL
+        margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else NO_CELL
         half = half_angle_tan(points, i)
         near = clearance_shortfall(blocked, points, i, half, radius, margin, ignored_cell)
         total += _SHORTFALL_WEIGHT * near + math.sqrt(radius * near)
@@ -128,7 +134,7 @@ def cost(blocked, points, clearances, first, beyond, radius, own_cell, most):  #
 
 
 @leaf
-def leg_fits(points, leg, radius):  # type: ignore[no-untyped-def]
+def leg_fits(points: FloatArray, leg: int, radius: float) -> bool:
     """Return True if a leg is long enough for its turns, and no shorter than the radius between corners."""
     length = math.hypot(points[leg + 1, 0] - points[leg, 0], points[leg + 1, 1] - points[leg, 1])
     need = abs(half_angle_tan(points, leg)) + abs(half_angle_tan(points, leg + 1))
@@ -138,22 +144,27 @@ def leg_fits(points, leg, radius):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def turn_fits(blocked, points, clearances, i, radius, own_cell):  # type: ignore[no-untyped-def]
+def turn_fits(
+    blocked: BoolArray, points: FloatArray, clearances: FloatArray, i: int, radius: float, own_cell: int
+) -> bool:
     """Return True if the turn at corner i fits its legs and keeps their clearance."""
     if not (leg_fits(points, i - 1, radius) and leg_fits(points, i, radius)):
         return False
-    margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else _NO_CELL
+    margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else NO_CELL
     near = clearance_shortfall(blocked, points, i, half_angle_tan(points, i), radius, margin, ignored_cell)
     return near <= _SHORTFALL_TOLERANCE * radius
 
 
 @inlined
-def _move_corner(blocked, points, clearances, i, step, turned, radius, own_cell):  # type: ignore[no-untyped-def]
+def _move_corner(
+    blocked: BoolArray, points: FloatArray, clearances: FloatArray, i: int, step: float, turned: float,
+    radius: float, own_cell: int,
+) -> bool:  # fmt: skip
     """Move corner i by a step to where it costs least; return True if it moved."""
     x, y = points[i, 0], points[i, 1]
     least = cost(blocked, points, clearances, i - 2, i + 2, radius, own_cell, np.inf) - 1e-9
     best_x, best_y, moved = x, y, False
-    ignored_cell, hit, beyond = own_cell if i == 1 else _NO_CELL, _NO_CELL, _NO_CELL
+    ignored_cell, hit, beyond = own_cell if i == 1 else NO_CELL, NO_CELL, NO_CELL
     for k in range(_DIRECTIONS):
         angle = 2.0 * math.pi * (k + turned) / _DIRECTIONS
         points[i, 0], points[i, 1] = x + step * math.cos(angle), y + step * math.sin(angle)
@@ -166,7 +177,7 @@ def _move_corner(blocked, points, clearances, i, step, turned, radius, own_cell)
             hit = seen
             continue
         bx, by = points[i + 1, 0], points[i + 1, 1]
-        seen = blocking_cell(blocked, px, py, bx, by, clearances[i], _NO_CELL, beyond)
+        seen = blocking_cell(blocked, px, py, bx, by, clearances[i], NO_CELL, beyond)
         if seen >= 0:
             beyond = seen
             continue
@@ -176,7 +187,10 @@ def _move_corner(blocked, points, clearances, i, step, turned, radius, own_cell)
 
 
 @leaf
-def _compass_search(blocked, points, clearances, radius, own_cell, steps):  # type: ignore[no-untyped-def]
+def _compass_search(
+    blocked: BoolArray, points: FloatArray, clearances: FloatArray, radius: float, own_cell: int,
+    steps: FloatArray,
+) -> None:  # fmt: skip
     size = points.shape[0]
     for _ in range(_SWEEPS):
         busy = False
@@ -193,7 +207,10 @@ def _compass_search(blocked, points, clearances, radius, own_cell, steps):  # ty
 
 
 @called
-def smooth_corners(blocked, points, clearances, radius, own_cell, changed):  # type: ignore[no-untyped-def]
+def smooth_corners(
+    blocked: BoolArray, points: FloatArray, clearances: FloatArray, radius: float, own_cell: int,
+    changed: BoolArray,
+) -> None:  # fmt: skip
     """Move the `changed` (k,) corners whose turns do not fit, and their neighbours, in place; ends stay.
 
     `clearances` (k - 1,): clearance that each leg keeps, in cells.

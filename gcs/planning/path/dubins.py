@@ -36,14 +36,16 @@ class Pose(NamedTuple):
 
 
 @inlined
-def _swept(angle):  # type: ignore[no-untyped-def]
+def _swept(angle: float) -> float:
     """Return an arc in [0, 2 pi); 0 where rounding would make it a full circle."""
     turned = angle % _FULL
     return 0.0 if turned > _FULL - 1e-9 else turned
 
 
 @kernel
-def dubins_words(x0, y0, angle0, x1, y1, angle1, radius):  # type: ignore[no-untyped-def]
+def dubins_words(
+    x0: float, y0: float, angle0: float, x1: float, y1: float, angle1: float, radius: float
+) -> FloatArray:
     """Return the pieces of all six words, (6, 3): arcs in radians, lines in radii; inf if impossible.
 
     Angles are counter-clockwise from east. Rows as in `WORDS`.

@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from gcs.jit import called, kernel, leaf
+from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.grid import TOUCH
 from gcs.planning.map.line_of_sight import clear_leg, clearance_at
 from gcs.planning.path.dubins import WORD_TURNS, dubins_words
@@ -38,7 +39,10 @@ _JOINS = 5
 
 
 @leaf
-def arc_is_clear(blocked, clearance, x, y, angle, side, sweep, radius, own_cell):  # type: ignore[no-untyped-def]
+def arc_is_clear(
+    blocked: BoolArray, clearance: float, x: float, y: float, angle: float, side: float, sweep: float,
+    radius: float, own_cell: int,
+) -> bool:  # fmt: skip
     """Return True if an arc from a pose keeps `clearance`, tested by its chords."""
     count = max(1, math.ceil(sweep / _CHORD))
     step = sweep / count
@@ -55,7 +59,9 @@ def arc_is_clear(blocked, clearance, x, y, angle, side, sweep, radius, own_cell)
 
 
 @leaf
-def arc_to(x, y, angle, to_x, to_y, side, radius):  # type: ignore[no-untyped-def]
+def arc_to(
+    x: float, y: float, angle: float, to_x: float, to_y: float, side: float, radius: float
+) -> tuple[float, float]:
     """Return the sweep of the turn until a place lies straight ahead, and the length of the tangent to it.
 
     Both are inf for a place inside the turn.
@@ -73,7 +79,9 @@ def arc_to(x, y, angle, to_x, to_y, side, radius):  # type: ignore[no-untyped-de
 
 
 @leaf
-def turn_to(x, y, angle, to_x, to_y, radius):  # type: ignore[no-untyped-def]
+def turn_to(
+    x: float, y: float, angle: float, to_x: float, to_y: float, radius: float
+) -> tuple[float, float, float]:
     """Return side (+1 left, -1 right), sweep and length of the turn to a place with its tangent.
 
     The nearer side. Sweep and length are inf for a place inside the turn.
@@ -85,7 +93,10 @@ def turn_to(x, y, angle, to_x, to_y, radius):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def _turn_is_clear(blocked, clearance, x, y, angle, side, sweep, to_x, to_y, radius, own_cell):  # type: ignore[no-untyped-def]
+def _turn_is_clear(
+    blocked: BoolArray, clearance: float, x: float, y: float, angle: float, side: float, sweep: float,
+    to_x: float, to_y: float, radius: float, own_cell: int,
+) -> bool:  # fmt: skip
     """Return True if an arc and the straight leg from its end to a place keep `clearance`."""
     if not arc_is_clear(blocked, clearance, x, y, angle, side, sweep, radius, own_cell):
         return False
@@ -96,7 +107,10 @@ def _turn_is_clear(blocked, clearance, x, y, angle, side, sweep, to_x, to_y, rad
 
 
 @kernel
-def is_turn_clear(blocked, clearance, x, y, angle, to_x, to_y, radius, own_cell):  # type: ignore[no-untyped-def]
+def is_turn_clear(
+    blocked: BoolArray, clearance: float, x: float, y: float, angle: float, to_x: float, to_y: float,
+    radius: float, own_cell: int,
+) -> bool:  # fmt: skip
     """Return True if the turn to a place and its tangent keep `clearance`."""
     side, sweep, _ = turn_to(x, y, angle, to_x, to_y, radius)
     if sweep > MAX_ARC_RAD:
@@ -105,7 +119,10 @@ def is_turn_clear(blocked, clearance, x, y, angle, to_x, to_y, radius, own_cell)
 
 
 @kernel
-def is_turn_safe(blocked, clearance, x, y, angle, to_x, to_y, radius, own_cell):  # type: ignore[no-untyped-def]
+def is_turn_safe(
+    blocked: BoolArray, clearance: float, x: float, y: float, angle: float, to_x: float, to_y: float,
+    radius: float, own_cell: int,
+) -> bool:  # fmt: skip
     """Return True if the turn to a place keeps `clearance` as it may be flown: tighter, or to the other side.
 
     Against the wind, or with more bank, a vehicle turns on half the radius. Towards a place nearly astern it
@@ -127,13 +144,16 @@ def is_turn_safe(blocked, clearance, x, y, angle, to_x, to_y, radius, own_cell):
 
 
 @kernel
-def start_clearance(blocked, clearance, x, y):  # type: ignore[no-untyped-def]
+def start_clearance(blocked: BoolArray, clearance: float, x: float, y: float) -> float:
     """Return the clearance required of an initial turn: a share of the clearance, at most the current one."""
     return min(START_CLEARANCE_SHARE * clearance, max(clearance_at(blocked, x, y, clearance) - TOUCH, 0.0))
 
 
 @called
-def _trace_word(blocked, margin, x, y, angle, turns, pieces, radius, own_cell, corners):  # type: ignore[no-untyped-def]
+def _trace_word(
+    blocked: BoolArray, margin: float, x: float, y: float, angle: float, turns: IntArray,
+    pieces: FloatArray, radius: float, own_cell: int, corners: FloatArray,
+) -> int:  # fmt: skip
     """Write the corners of a Dubins word to `corners`; return their number, -1 if it is not clear."""
     count, last_x, last_y = 0, x, y
     for piece in range(3):
@@ -169,7 +189,9 @@ def _trace_word(blocked, margin, x, y, angle, turns, pieces, radius, own_cell, c
 
 
 @called
-def _candidate_turns(points, angle, radius):  # type: ignore[no-untyped-def]
+def _candidate_turns(
+    points: FloatArray, angle: float, radius: float
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return n turns on to the first leg: (n, 3) sides, (n, 3) pieces, (n,) rest of the leg, in radii."""
     count = 2 + 6 * _JOINS
     turns, pieces, left = np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros(count)
@@ -192,7 +214,9 @@ def _candidate_turns(points, angle, radius):  # type: ignore[no-untyped-def]
 
 
 @called
-def plan_initial_turn(blocked, points, margin, angle, radius, own_cell):  # type: ignore[no-untyped-def]
+def plan_initial_turn(
+    blocked: BoolArray, points: FloatArray, margin: float, angle: float, radius: float, own_cell: int
+) -> tuple[FloatArray, float]:
     """Return the points with the shortest clear turn on to the first leg; unchanged without one.
 
     Also returns the length of that turn up to the first corner.

@@ -24,9 +24,8 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from gcs.jit import called, inlined, kernel
-from gcs.model import FloatArray
-from gcs.planning.map.grid import BoolArray
-from gcs.planning.map.line_of_sight import clear_leg, clearance_at
+from gcs.model import BoolArray, FloatArray, IntArray
+from gcs.planning.map.line_of_sight import NO_CELL, clear_leg, clearance_at
 from gcs.planning.path.string_pulling import pull_string
 from gcs.planning.path.turns import FLYABLE, SHARP_CORNER, SHARP_START, make_flyable
 
@@ -35,17 +34,18 @@ Shape: TypeAlias = Literal["grid", "pulled", "flyable"]
 _MAX_DIRECT_CELLS = 1.5
 _MIN_FIRST_LEG_CELLS = 1.0
 _BEHIND_CELLS = 2.0
-_NO_CELL = np.int64(-1)
 
 
 @inlined
-def _cell(place, size):  # type: ignore[no-untyped-def]
+def _cell(place: float, size: int) -> int:
     """Return the column (or row), of `size`, of the cell that contains a position or is nearest to it."""
     return int(min(max(math.floor(place + 0.5), 0.0), size - 1.0))
 
 
 @kernel
-def connect_to_grid(blocked, largest_component, tight, stride, places):  # type: ignore[no-untyped-def]
+def connect_to_grid(
+    blocked: BoolArray, largest_component: BoolArray, tight: BoolArray, stride: int, places: FloatArray
+) -> tuple[IntArray, FloatArray, BoolArray]:
     """Connect places to grid nodes.
 
     `places` (n, 2). Returns flat nodes (n, 4), -1 for none; their distances (n, 4); and True for places
@@ -77,7 +77,7 @@ def connect_to_grid(blocked, largest_component, tight, stride, places):  # type:
                 if (
                     abs(x - c) < 1.0
                     and abs(y - r) < 1.0
-                    and clear_leg(blocked, x, y, float(c), float(r), 0.0, _NO_CELL)
+                    and clear_leg(blocked, x, y, float(c), float(r), 0.0, NO_CELL)
                 ):
                     nodes[i, found], gaps[i, found] = (r + 1) * stride + c + 1, math.hypot(x - c, y - r)
                     found += 1
@@ -91,7 +91,7 @@ def connect_to_grid(blocked, largest_component, tight, stride, places):  # type:
 
 
 @called
-def _end_clearance(blocked, clearance, ax, ay, bx, by):  # type: ignore[no-untyped-def]
+def _end_clearance(blocked: BoolArray, clearance: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Return the clearance that a leg must keep: the required one, at most that of its ends."""
     if clearance <= 0.0:
         return 0.0
@@ -99,30 +99,37 @@ def _end_clearance(blocked, clearance, ax, ay, bx, by):  # type: ignore[no-untyp
 
 
 @kernel
-def is_adjacent_and_visible(blocked, clearance, a, b):  # type: ignore[no-untyped-def]
+def is_adjacent_and_visible(blocked: BoolArray, clearance: float, a: FloatArray, b: FloatArray) -> bool:
     """Return True if two places are so close in line of sight that no node is needed between them."""
     if math.hypot(b[0] - a[0], b[1] - a[1]) > _MAX_DIRECT_CELLS:
         return False
     end_clearance = _end_clearance(blocked, clearance, a[0], a[1], b[0], b[1])
-    return clear_leg(blocked, a[0], a[1], b[0], b[1], end_clearance, _NO_CELL)
+    return clear_leg(blocked, a[0], a[1], b[0], b[1], end_clearance, NO_CELL)
 
 
 @called
-def _is_visible(blocked, clearance, points, i, j, own_cell):  # type: ignore[no-untyped-def]
+def _is_visible(
+    blocked: BoolArray, clearance: float, points: FloatArray, i: int, j: int, own_cell: int
+) -> bool:
     """Return True if point j is visible from point i. The own cell of point 0, the agent, is ignored."""
-    ignored_cell = own_cell if i == 0 else _NO_CELL
+    ignored_cell = own_cell if i == 0 else NO_CELL
     return clear_leg(blocked, points[i, 0], points[i, 1], points[j, 0], points[j, 1], clearance, ignored_cell)
 
 
 @called
-def _is_visible_from_ends(blocked, clearance, points, i, j, own_cell):  # type: ignore[no-untyped-def]
+def _is_visible_from_ends(
+    blocked: BoolArray, clearance: float, points: FloatArray, i: int, j: int, own_cell: int
+) -> bool:
     """Do the same with no more clearance than the two points have."""
     end_clearance = _end_clearance(blocked, clearance, points[i, 0], points[i, 1], points[j, 0], points[j, 1])
     return _is_visible(blocked, end_clearance, points, i, j, own_cell)
 
 
 @inlined
-def _trim_ends(blocked, clearance, points, kept, heading, ends_at_place, own_cell):  # type: ignore[no-untyped-def]
+def _trim_ends(
+    blocked: BoolArray, clearance: float, points: FloatArray, kept: IntArray, heading: FloatArray,
+    ends_at_place: bool, own_cell: int,
+) -> int:  # fmt: skip
     """Write the points to keep to `kept` and return their number; step 1 of the module."""
     first, size = 1, points.shape[0]
     kept[0] = 0
@@ -149,7 +156,7 @@ def _trim_ends(blocked, clearance, points, kept, heading, ends_at_place, own_cel
 
 
 @inlined
-def _merge_collinear(points, kept, n):  # type: ignore[no-untyped-def]
+def _merge_collinear(points: FloatArray, kept: IntArray, n: int) -> int:
     """Keep the ends and corners of the n points of `kept`; return their number."""
     count = 1
     for i in range(1, n - 1):
@@ -164,7 +171,9 @@ def _merge_collinear(points, kept, n):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _shortcut(blocked, clearance, points, kept, n, own_cell):  # type: ignore[no-untyped-def]
+def _shortcut(
+    blocked: BoolArray, clearance: float, points: FloatArray, kept: IntArray, n: int, own_cell: int
+) -> int:
     """Keep the ends and the corners after shortcuts; step 2 of the module."""
     count = 1
     for i in range(2, n):
@@ -189,7 +198,10 @@ def _shortcut(blocked, clearance, points, kept, n, own_cell):  # type: ignore[no
 
 
 @kernel
-def shorten(blocked, clearance, points, heading, own_cell, ends_at_place, pulled):  # type: ignore[no-untyped-def]
+def shorten(
+    blocked: BoolArray, clearance: float, points: FloatArray, heading: FloatArray, own_cell: int,
+    ends_at_place: bool, pulled: bool,
+) -> FloatArray:  # fmt: skip
     """Trim one path, then merge or shortcut it: steps 1 and 2 of the module.
 
     `clearance` in cells. `points` (k, 2): the agent, the nodes, then the target if `ends_at_place`. `heading`
@@ -211,7 +223,9 @@ def shorten(blocked, clearance, points, heading, own_cell, ends_at_place, pulled
 
 
 @kernel
-def keeps_clearance(blocked, clearance, points, own_cell, ends_at_place):  # type: ignore[no-untyped-def]
+def keeps_clearance(
+    blocked: BoolArray, clearance: float, points: FloatArray, own_cell: int, ends_at_place: bool
+) -> bool:
     """Return True if every leg keeps the clearance, as far as the positions of agent and target have it."""
     last = points.shape[0] - 2
     for i in range(last + 1 if clearance > 0.0 else 0):
@@ -224,7 +238,7 @@ def keeps_clearance(blocked, clearance, points, own_cell, ends_at_place):  # typ
 
 
 @kernel
-def legs_are_clear(blocked, points, own_cell):  # type: ignore[no-untyped-def]
+def legs_are_clear(blocked: BoolArray, points: FloatArray, own_cell: int) -> bool:
     """Return True if no leg touches an obstacle."""
     for i in range(points.shape[0] - 1):  # noqa: SIM110  numba compiles no generators
         if not _is_visible(blocked, 0.0, points, i, i + 1, own_cell):

@@ -24,8 +24,9 @@ import math
 import numpy as np
 
 from gcs.jit import called, inlined, kernel, leaf
+from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.grid import TOUCH
-from gcs.planning.map.line_of_sight import blocking_cell, clear_leg, leg_clearance
+from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell, clear_leg, leg_clearance
 from gcs.planning.path.initial_turn import is_turn_clear, start_clearance, turn_to
 from gcs.planning.path.tangent_points import E1X, E1Y, E2X, E2Y, X, Y, tangent_points
 
@@ -38,25 +39,27 @@ _CORNER_COST = 0.25
 _MIN_TIGHT_GAP = 3.0
 _SWEEPS = 4
 _HALVINGS = 7
-_NO_CELL = np.int64(-1)
 _ROUNDING_FACTOR = 1.0 - 1e-12
 """A square root times this is no longer than the leg in spite of rounding."""
 
 
 @inlined
-def _gap(points, i, j):  # type: ignore[no-untyped-def]
+def _gap(points: FloatArray, i: int, j: int) -> float:
     return math.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
 
 
 @inlined
-def _turn(ux, uy, u, vx, vy, v):  # type: ignore[no-untyped-def]
+def _turn(ux: float, uy: float, u: float, vx: float, vy: float, v: float) -> float:
     """Return the tangent of half the angle between two legs of lengths u and v; large for a reversal."""
     cos = (ux * vx + uy * vy) / max(u * v, 1e-12)
     return math.sqrt(max(1.0 - cos, 0.0) / max(1.0 + cos, 1e-4))
 
 
 @leaf
-def _start_cost(blocked, clearance, x, y, to_x, to_y, heading, radius, own_cell):  # type: ignore[no-untyped-def]
+def _start_cost(
+    blocked: BoolArray, clearance: float, x: float, y: float, to_x: float, to_y: float,
+    heading: FloatArray, radius: float, own_cell: int,
+) -> float:  # fmt: skip
     """Return the additional cost of a start on the vehicle's course over the straight line.
 
     That is the added length of the turn, or a full circle if the turn is blocked or cannot reach the place.
@@ -70,7 +73,10 @@ def _start_cost(blocked, clearance, x, y, to_x, to_y, heading, radius, own_cell)
 
 
 @leaf
-def _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, first, beyond, j, least):  # type: ignore[no-untyped-def]
+def _lower_bounds(
+    x: FloatArray, y: FloatArray, e1x: FloatArray, e1y: FloatArray, e2x: FloatArray, e2y: FloatArray,
+    cost: FloatArray, first: int, beyond: int, j: int, least: FloatArray,
+) -> None:  # fmt: skip
     """Bound the cost of candidate j over its predecessors from `first` on; inf if a leg is not tangent.
 
     Branch-free arithmetic, so that it is vectorised. A known vertex has no edges.
@@ -78,38 +84,24 @@ def _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, first, beyond, j, least):  # t
     for i in range(first, beyond):
         dx, dy = x[j] - x[i], y[j] - y[i]
         leaves = (dx * e1y[i] - dy * e1x[i]) * (dx * e2y[i] - dy * e2x[i]) >= -1e-9
-        connect_to_grid = (dx * e1y[j] - dy * e1x[j]) * (dx * e2y[j] - dy * e2x[j]) >= -1e-9
+        arrives = (dx * e1y[j] - dy * e1x[j]) * (dx * e2y[j] - dy * e2x[j]) >= -1e-9
         beeline = cost[i] + _ROUNDING_FACTOR * math.sqrt(dx * dx + dy * dy) + _CORNER_COST
-        least[i] = beeline if leaves & connect_to_grid else np.inf
+        least[i] = beeline if leaves & arrives else np.inf
 
 
 @leaf
-def _relax_candidates(  # type: ignore[no-untyped-def]
-    blocked,
-    clearance,
-    x,
-    y,
-    e1x,
-    e1y,
-    e2x,
-    e2y,
-    known,
-    heading,
-    radius,
-    own_cell,
-    cost,
-    came_from,
-    leg_in,
-    used_in,
-    least,
-):
+def _relax_candidates(
+    blocked: BoolArray, clearance: float, x: FloatArray, y: FloatArray, e1x: FloatArray, e1y: FloatArray,
+    e2x: FloatArray, e2y: FloatArray, known: BoolArray, heading: FloatArray, radius: float, own_cell: int,
+    cost: FloatArray, came_from: IntArray, leg_in: FloatArray, used_in: FloatArray, least: FloatArray,
+) -> None:  # fmt: skip
     """Find the cheapest string to each candidate and its predecessor; arguments as of `_cheapest_string`."""
     last_known = 0
     margin = start_clearance(blocked, clearance, x[0], y[0])
     cost[0], came_from[0] = 0.0, -1
     for j in range(1, x.size):
         cost[j], came_from[j] = np.inf, -1
-        first, hit = max(0, j - _WINDOW), _NO_CELL
+        first, hit = max(0, j - _WINDOW), NO_CELL
         _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, first, j, j, least)
         if last_known < first:
             _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, last_known, last_known + 1, j, least)
@@ -135,7 +127,7 @@ def _relax_candidates(  # type: ignore[no-untyped-def]
                     )
             if here >= cost[j]:
                 continue
-            ignored_cell = own_cell if i == 0 else _NO_CELL
+            ignored_cell = own_cell if i == 0 else NO_CELL
             seen = blocking_cell(blocked, x[i], y[i], x[j], y[j], clearance, ignored_cell, hit)
             if seen >= 0:
                 hit = seen
@@ -148,7 +140,10 @@ def _relax_candidates(  # type: ignore[no-untyped-def]
 
 
 @called
-def _cheapest_string(blocked, clearance, found, known, heading, radius, own_cell):  # type: ignore[no-untyped-def]
+def _cheapest_string(
+    blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, heading: FloatArray,
+    radius: float, own_cell: int,
+) -> IntArray:  # fmt: skip
     """Return the cheapest string through ordered candidates, from first to last: their indices, backwards."""
     size = known.size
     cost, came_from, least = np.empty(size), np.empty(size, np.int64), np.empty(size)
@@ -166,12 +161,15 @@ def _cheapest_string(blocked, clearance, found, known, heading, radius, own_cell
 
 
 @inlined
-def _slide_corner(blocked, clearance, vertices, i, aim_x, aim_y, least, own_cell):  # type: ignore[no-untyped-def]
+def _slide_corner(
+    blocked: BoolArray, clearance: float, vertices: FloatArray, i: int, aim_x: float, aim_y: float,
+    least: float, own_cell: int,
+) -> float:  # fmt: skip
     """Move corner i towards a place while it sees its neighbours; return the distance moved, in cells."""
     ax, ay, bx, by = vertices[i - 1, 0], vertices[i - 1, 1], vertices[i + 1, 0], vertices[i + 1, 1]
     x, y = vertices[i, 0], vertices[i, 1]
-    ignored_cell = own_cell if i == 1 else _NO_CELL
-    good, bad, step, hit, beyond = 0.0, 1.0, 1.0, _NO_CELL, _NO_CELL
+    ignored_cell = own_cell if i == 1 else NO_CELL
+    good, bad, step, hit, beyond = 0.0, 1.0, 1.0, NO_CELL, NO_CELL
     for _ in range(_HALVINGS):
         px, py = x + step * (aim_x - x), y + step * (aim_y - y)
         clear = math.hypot(px - ax, py - ay) >= least and math.hypot(px - bx, py - by) >= least
@@ -179,7 +177,7 @@ def _slide_corner(blocked, clearance, vertices, i, aim_x, aim_y, least, own_cell
             seen = blocking_cell(blocked, ax, ay, px, py, clearance, ignored_cell, hit)
             clear, hit = seen < 0, seen if seen >= 0 else hit
         if clear:
-            seen = blocking_cell(blocked, px, py, bx, by, clearance, _NO_CELL, beyond)
+            seen = blocking_cell(blocked, px, py, bx, by, clearance, NO_CELL, beyond)
             clear, beyond = seen < 0, seen if seen >= 0 else beyond
         if clear:
             good = step
@@ -193,7 +191,10 @@ def _slide_corner(blocked, clearance, vertices, i, aim_x, aim_y, least, own_cell
 
 
 @leaf
-def _slide_corners(blocked, clearance, vertices, count, least, own_cell, settled):  # type: ignore[no-untyped-def]
+def _slide_corners(
+    blocked: BoolArray, clearance: float, vertices: FloatArray, count: int, least: float, own_cell: int,
+    settled: BoolArray,
+) -> int:  # fmt: skip
     """Slide the corners of a string, and drop those whose neighbours see each other; return the count.
 
     `settled` (count,), all false: corners that did not move, and whose neighbours did not.
@@ -205,7 +206,7 @@ def _slide_corners(blocked, clearance, vertices, count, least, own_cell, settled
                 i += 1
                 continue
             ax, ay, bx, by = vertices[i - 1, 0], vertices[i - 1, 1], vertices[i + 1, 0], vertices[i + 1, 1]
-            if clear_leg(blocked, ax, ay, bx, by, clearance, own_cell if i == 1 else _NO_CELL):
+            if clear_leg(blocked, ax, ay, bx, by, clearance, own_cell if i == 1 else NO_CELL):
                 count -= 1
                 for k in range(i, count):
                     vertices[k, 0], vertices[k, 1], settled[k] = (
@@ -244,7 +245,10 @@ def _slide_corners(blocked, clearance, vertices, count, least, own_cell, settled
 
 
 @called
-def _pull_stretch(blocked, clearance, vertices, heading, radius, least, own_cell):  # type: ignore[no-untyped-def]
+def _pull_stretch(
+    blocked: BoolArray, clearance: float, vertices: FloatArray, heading: FloatArray, radius: float,
+    least: float, own_cell: int,
+) -> FloatArray:  # fmt: skip
     """Shorten a path of legs with one clearance; see `pull_string`."""
     found, known = tangent_points(blocked, clearance, vertices)
     path = _cheapest_string(blocked, clearance, found, known, heading, radius, own_cell)
@@ -258,12 +262,12 @@ def _pull_stretch(blocked, clearance, vertices, heading, radius, least, own_cell
 
 
 @called
-def _leg_clearances(blocked, clearance, vertices, own_cell):  # type: ignore[no-untyped-def]
+def _leg_clearances(blocked: BoolArray, clearance: float, vertices: FloatArray, own_cell: int) -> FloatArray:
     """Return the clearance of each leg, at most `clearance`. Legs between close tight legs count as tight."""
     legs = vertices.shape[0] - 1
     clearances = np.empty(legs)
     for i in range(legs):
-        ignored_cell = own_cell if i == 0 else _NO_CELL
+        ignored_cell = own_cell if i == 0 else NO_CELL
         clearances[i] = leg_clearance(
             blocked,
             vertices[i, 0],
@@ -286,7 +290,10 @@ def _leg_clearances(blocked, clearance, vertices, own_cell):  # type: ignore[no-
 
 
 @kernel
-def pull_string(blocked, clearance, vertices, heading, radius, least, own_cell):  # type: ignore[no-untyped-def]
+def pull_string(
+    blocked: BoolArray, clearance: float, vertices: FloatArray, heading: FloatArray, radius: float,
+    least: float, own_cell: int,
+) -> FloatArray:  # fmt: skip
     """Shorten a path to a taut string.
 
     `clearance` in cells. `vertices` (k, 2): vertices with both ends, each leg with the clearance or, where
@@ -313,7 +320,7 @@ def pull_string(blocked, clearance, vertices, heading, radius, least, own_cell):
             heading if first == 0 else unknown,
             radius,
             least,
-            own_cell if first == 0 else _NO_CELL,
+            own_cell if first == 0 else NO_CELL,
         )
         before, result = result, np.empty((size + part.shape[0] - 1, 2))
         for i in range(size - 1):

@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from gcs.jit import called, inlined, leaf
+from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.line_of_sight import is_clear_at
 
 _CORRIDOR_CELLS = 2.5
@@ -28,14 +29,17 @@ X, Y, ALONG, E1X, E1Y, E2X, E2Y, ROWS = 0, 1, 2, 3, 4, 5, 6, 7
 
 
 @inlined
-def _is_free(blocked, row, col):  # type: ignore[no-untyped-def]
+def _is_free(blocked: BoolArray, row: int, col: int) -> bool:
     """Return True if a cell is free or outside the map."""
     rows, cols = blocked.shape
     return not (0 <= row < rows and 0 <= col < cols and blocked[row, col])
 
 
 @inlined
-def _add(blocked, clearance, found, known, count, x, y, along, e1x, e1y, e2x, e2y):  # type: ignore[no-untyped-def]
+def _add(
+    blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, count: int, x: float,
+    y: float, along: float, e1x: float, e1y: float, e2x: float, e2y: float,
+) -> int:  # fmt: skip
     """Write a candidate if it is on the map and has the clearance; return the new count."""
     rows, cols = blocked.shape
     on_map = abs(x - 0.5 * (cols - 1)) <= 0.5 * cols and abs(y - 0.5 * (rows - 1)) <= 0.5 * rows
@@ -48,7 +52,10 @@ def _add(blocked, clearance, found, known, count, x, y, along, e1x, e1y, e2x, e2
 
 
 @leaf
-def _wrap(blocked, clearance, found, known, count, row, col, ax, ay, ux, uy, start_along):  # type: ignore[no-untyped-def]
+def _wrap(
+    blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, count: int, row: int,
+    col: int, ax: float, ay: float, ux: float, uy: float, start_along: float,
+) -> int:  # fmt: skip
     """Add the candidates of the convex corners of one cell; return the new count."""
     for corner in range(4):
         sx, sy = 2 * (corner >> 1) - 1, 2 * (corner & 1) - 1
@@ -76,7 +83,9 @@ def _wrap(blocked, clearance, found, known, count, row, col, ax, ay, ux, uy, sta
 
 
 @called
-def tangent_points(blocked, clearance, vertices):  # type: ignore[no-untyped-def]
+def tangent_points(
+    blocked: BoolArray, clearance: float, vertices: FloatArray
+) -> tuple[FloatArray, BoolArray]:
     """Return the candidates along a path in order, (`ROWS`, n), and True for vertices of the path."""
     rows, cols = blocked.shape
     size, wide = vertices.shape[0], clearance + _CORRIDOR_CELLS
@@ -141,7 +150,9 @@ def tangent_points(blocked, clearance, vertices):  # type: ignore[no-untyped-def
 
 
 @leaf
-def _sort(found, known, count, length, order, along):  # type: ignore[no-untyped-def]
+def _sort(
+    found: FloatArray, known: BoolArray, count: int, length: float, order: IntArray, along: FloatArray
+) -> int:
     """Sort the candidates between the ends along the path, by insertion since they are nearly sorted.
 
     Returns their number.

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.jit import called, inlined, kernel
-from gcs.model import FloatArray
-from gcs.planning.map.line_of_sight import clear_leg, leg_clearance
+from gcs.model import BoolArray, FloatArray
+from gcs.planning.map.line_of_sight import NO_CELL, clear_leg, leg_clearance
 from gcs.planning.path.corner_smoothing import cost, half_angle_tan, leg_fits, smooth_corners, turn_fits
 from gcs.planning.path.initial_turn import (
     MAX_TURN_RAD,
@@ -40,7 +40,6 @@ FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
 _CORNER_COST = 0.06
 """Cost that removing a corner may add, in cells."""
 _CLEARANCE_HALVINGS = 3
-_NO_CELL = np.int64(-1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +84,12 @@ class TurnAnticipation:
 
 
 @inlined
-def _leg(points, i):  # type: ignore[no-untyped-def]
+def _leg(points: FloatArray, i: int) -> tuple[float, float]:
     return points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
 
 
 @called
-def _angle(points, i):  # type: ignore[no-untyped-def]
+def _angle(points: FloatArray, i: int) -> float:
     """Return the turn angle at corner i, positive to the left, in (-pi, pi]."""
     ux, uy = _leg(points, i - 1)
     vx, vy = _leg(points, i)
@@ -98,21 +97,23 @@ def _angle(points, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _drop_corner(points, clearances, i):  # type: ignore[no-untyped-def]
+def _drop_corner(points: FloatArray, clearances: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
     """Return the points without i. The new leg has the lesser clearance of the two that it replaces."""
     size = points.shape[0]
-    fewer, fewer_rooms = np.empty((size - 1, 2)), np.empty(size - 2)
+    fewer, fewer_clearances = np.empty((size - 1, 2)), np.empty(size - 2)
     for k in range(size - 1):
         at = k if k < i else k + 1
         fewer[k, 0], fewer[k, 1] = points[at, 0], points[at, 1]
     for k in range(size - 2):
-        fewer_rooms[k] = clearances[k] if k < i else clearances[k + 1]
-    fewer_rooms[i - 1] = min(clearances[i - 1], clearances[i])
-    return fewer, fewer_rooms
+        fewer_clearances[k] = clearances[k] if k < i else clearances[k + 1]
+    fewer_clearances[i - 1] = min(clearances[i - 1], clearances[i])
+    return fewer, fewer_clearances
 
 
 @called
-def _join_corners(blocked, points, clearances, i, own_cell):  # type: ignore[no-untyped-def]
+def _join_corners(
+    blocked: BoolArray, points: FloatArray, clearances: FloatArray, i: int, own_cell: int
+) -> tuple[FloatArray, FloatArray]:
     """Join corners i and i + 1 where their outer legs meet; unchanged if that is not clear."""
     if i >= points.shape[0] - 2:
         return points, clearances
@@ -125,25 +126,27 @@ def _join_corners(blocked, points, clearances, i, own_cell):  # type: ignore[no-
     ahead, behind = (gx * vy - gy * vx) / across, (gx * uy - gy * ux) / across
     if ahead <= 0.0 or behind >= 0.0:
         return points, clearances
-    fewer, fewer_rooms = _drop_corner(points, clearances, i + 1)
+    fewer, fewer_clearances = _drop_corner(points, clearances, i + 1)
     fewer[i, 0], fewer[i, 1] = points[i, 0] + ahead * ux, points[i, 1] + ahead * uy
     for k in range(i - 1, i + 1):
-        ignored_cell = own_cell if k == 0 else _NO_CELL
+        ignored_cell = own_cell if k == 0 else NO_CELL
         if not clear_leg(
             blocked,
             fewer[k, 0],
             fewer[k, 1],
             fewer[k + 1, 0],
             fewer[k + 1, 1],
-            fewer_rooms[k],
+            fewer_clearances[k],
             ignored_cell,
         ):
             return points, clearances
-    return fewer, fewer_rooms
+    return fewer, fewer_clearances
 
 
 @called
-def _reduce_corners(blocked, points, clearances, radius, own_cell):  # type: ignore[no-untyped-def]
+def _reduce_corners(
+    blocked: BoolArray, points: FloatArray, clearances: FloatArray, radius: float, own_cell: int
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Join or drop corners where that is clear and costs no more than `_CORNER_COST`.
 
     Also returns the corners that changed.
@@ -151,19 +154,21 @@ def _reduce_corners(blocked, points, clearances, radius, own_cell):  # type: ign
     i, changed = 1, np.zeros(points.shape[0], np.bool_)
     while i < points.shape[0] - 1:
         most = cost(blocked, points, clearances, i - 2, i + 3, radius, own_cell, np.inf) + _CORNER_COST
-        fewer, fewer_rooms = _join_corners(blocked, points, clearances, i, own_cell)
+        fewer, fewer_clearances = _join_corners(blocked, points, clearances, i, own_cell)
         is_better = fewer.shape[0] < points.shape[0]
         is_better = (
-            is_better and cost(blocked, fewer, fewer_rooms, i - 2, i + 2, radius, own_cell, most) < most
+            is_better and cost(blocked, fewer, fewer_clearances, i - 2, i + 2, radius, own_cell, most) < most
         )
         if not is_better:
-            margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else _NO_CELL
+            margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else NO_CELL
             ax, ay, bx, by = points[i - 1, 0], points[i - 1, 1], points[i + 1, 0], points[i + 1, 1]
             if clear_leg(blocked, ax, ay, bx, by, margin, ignored_cell):
-                fewer, fewer_rooms = _drop_corner(points, clearances, i)
-                is_better = cost(blocked, fewer, fewer_rooms, i - 2, i + 2, radius, own_cell, most) < most
+                fewer, fewer_clearances = _drop_corner(points, clearances, i)
+                is_better = (
+                    cost(blocked, fewer, fewer_clearances, i - 2, i + 2, radius, own_cell, most) < most
+                )
         if is_better:
-            points, clearances = fewer, fewer_rooms
+            points, clearances = fewer, fewer_clearances
             for k in range(i, points.shape[0]):
                 changed[k] = changed[k + 1]
             changed[i - 1] = changed[i] = changed[i + 1] = True
@@ -174,7 +179,9 @@ def _reduce_corners(blocked, points, clearances, radius, own_cell):  # type: ign
 
 
 @called
-def _corners_are_clear(blocked, points, clearances, radius, own_cell):  # type: ignore[no-untyped-def]
+def _corners_are_clear(
+    blocked: BoolArray, points: FloatArray, clearances: FloatArray, radius: float, own_cell: int
+) -> bool:
     """Return True if every leg is long enough for its turns and every arc keeps its clearance."""
     for i in range(1, points.shape[0] - 1):
         if not turn_fits(blocked, points, clearances, i, radius, own_cell):
@@ -183,7 +190,7 @@ def _corners_are_clear(blocked, points, clearances, radius, own_cell):  # type: 
 
 
 @called
-def _split(blocked, points, clearances, radius):  # type: ignore[no-untyped-def]
+def _split(blocked: BoolArray, points: FloatArray, clearances: FloatArray, radius: float) -> FloatArray:
     """Split sharp corners in two around the same arc, where that is clear."""
     size = points.shape[0]
     result, count = np.empty((2 * size, 2)), 0
@@ -199,7 +206,7 @@ def _split(blocked, points, clearances, radius):  # type: ignore[no-untyped-def]
         u, v = back / math.hypot(ux, uy), back / math.hypot(vx, vy)
         ax, ay = points[i, 0] - u * ux, points[i, 1] - u * uy
         bx, by = points[i, 0] + v * vx, points[i, 1] + v * vy
-        if clear_leg(blocked, ax, ay, bx, by, min(clearances[i - 1], clearances[i]), _NO_CELL):
+        if clear_leg(blocked, ax, ay, bx, by, min(clearances[i - 1], clearances[i]), NO_CELL):
             result[count - 1, 0], result[count - 1, 1] = ax, ay
             result[count, 0], result[count, 1] = bx, by
             count += 1
@@ -207,7 +214,7 @@ def _split(blocked, points, clearances, radius):  # type: ignore[no-untyped-def]
 
 
 @called
-def _flown_length(points, radius):  # type: ignore[no-untyped-def]
+def _flown_length(points: FloatArray, radius: float) -> float:
     """Return the length along legs and arcs; along the legs alone where an arc does not fit."""
     length = 0.0
     for i in range(points.shape[0] - 1):
@@ -219,7 +226,10 @@ def _flown_length(points, radius):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def make_flyable(blocked, clearance, string, heading, radius, own_cell):  # type: ignore[no-untyped-def]
+def make_flyable(
+    blocked: BoolArray, clearance: float, string: FloatArray, heading: FloatArray, radius: float,
+    own_cell: int,
+) -> tuple[FloatArray, float, int]:  # fmt: skip
     """Add flyable turns to a taut string.
 
     `clearance` in cells. `string` (k, 2): the vehicle first. `heading` (2,): unit vector, zeros if unknown.
@@ -229,7 +239,7 @@ def make_flyable(blocked, clearance, string, heading, radius, own_cell):  # type
     legs = string.shape[0] - 1
     clearances, problem = np.empty(legs), FLYABLE
     for i in range(legs):
-        ignored_cell = own_cell if i == 0 else _NO_CELL
+        ignored_cell = own_cell if i == 0 else NO_CELL
         clearances[i] = leg_clearance(
             blocked, string[i, 0], string[i, 1], string[i + 1, 0], string[i + 1, 1], clearance, ignored_cell
         )

@@ -20,8 +20,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from gcs.jit import inlined, kernel, prefetch_row
-from gcs.model import FloatArray
+from gcs.jit import inlined, int64, kernel, prefetch_row
+from gcs.model import ByteArray, FloatArray, Int32Array, IntArray, UInt32Array
 from gcs.planning.map.grid import Grid
 from gcs.planning.search.canonical_ordering import (
     ARRIVAL_MASK,
@@ -31,8 +31,6 @@ from gcs.planning.search.canonical_ordering import (
     ROW_STEP,
     TIGHT_BIT,
     TIGHT_MOVE_COST,
-    ByteArray,
-    IntArray,
     move_length,
     octile,
 )
@@ -57,10 +55,11 @@ _ROW_STEPS, _COL_STEPS = np.array(ROW_STEP), np.array(COL_STEP)
 
 
 @kernel
-def astar(  # type: ignore[no-untyped-def]
-    move_lists, has_tight_moves, offsets, stride, nodes, costs, goals, goal_costs, reached, packed,
-    entries, path,
-):  # fmt: skip
+def astar(
+    move_lists: UInt32Array, has_tight_moves: bool, offsets: IntArray, stride: int, nodes: IntArray,
+    costs: FloatArray, goals: IntArray, goal_costs: FloatArray, reached: FloatArray, packed: UInt32Array,
+    entries: Int32Array, path: IntArray,
+) -> tuple[int, float, float, int]:  # fmt: skip
     """Search the shortest path between two places and write it to `path`, last node first.
 
     `nodes`, `costs` (j,) and `goals`, `goal_costs` (k,): nodes that connect the places to the grid (-1: none)
@@ -70,7 +69,7 @@ def astar(  # type: ignore[no-untyped-def]
     (inf: no path), the length from first to last node without clearance costs, and the number of expanded
     nodes.
     """
-    aim, slack = np.int64(-1), -np.inf
+    aim, slack = int64(-1), -np.inf
     for k in range(goals.size):
         aim = goals[k] if aim < 0 else aim
     if aim < 0:
@@ -106,16 +105,16 @@ def astar(  # type: ignore[no-untyped-def]
         entries[used, 0], entries[used, 1] = node, head[slot]
         head[slot] = used
         used, live = used + 1, live + 1
-    best, last, bucket, expanded = np.inf, np.int64(-1), 0, 0
+    best, last, bucket, expanded = np.inf, int64(-1), 0, 0
     full = entries.shape[0] - 8
     while live > 0 and used <= full and base + bucket / _BUCKETS_PER_CELL < best + slack:
         slot = bucket & ring
         while head[slot] >= 0 and used <= full:
             entry = head[slot]
-            node = np.int64(entries[entry, 0])
+            node = int64(entries[entry, 0])
             head[slot] = entries[entry, 1]
             live -= 1
-            word = np.int64(packed[node])
+            word = int64(packed[node])
             if word & _CLOSED_BIT:
                 continue
             packed[node] = word | _CLOSED_BIT
@@ -128,7 +127,7 @@ def astar(  # type: ignore[no-untyped-def]
                 for k in range(goals.size):
                     if goals[k] == node and here - 1.0 + goal_costs[k] < best:
                         best, last = here - 1.0 + goal_costs[k], node
-            left = np.int64(move_lists[word & LIST_MASK])
+            left = int64(move_lists[word & LIST_MASK])
             for k in range(left & 15):
                 move = (left >> (4 + 3 * k)) & 7
                 there = node + offsets[move]
@@ -160,7 +159,7 @@ def astar(  # type: ignore[no-untyped-def]
     while node >= 0:
         path[count] = node
         count += 1
-        move = np.int64(packed[node]) & ARRIVAL_MASK
+        move = int64(packed[node]) & ARRIVAL_MASK
         if move == NO_MOVE:
             break
         flown += move_length(move, False)
@@ -223,7 +222,7 @@ class GridSearch:
 
 
 @inlined
-def _precedes(f, g, node, heap, i):  # type: ignore[no-untyped-def]
+def _precedes(f: float, g: float, node: float, heap: FloatArray, i: int) -> bool:
     """Return True if an entry comes before another: least estimate, then greatest cost, then lowest index."""
     if f != heap[i, 0]:
         return f < heap[i, 0]
@@ -233,13 +232,13 @@ def _precedes(f, g, node, heap, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _set_entry(heap, i, f, g, node):  # type: ignore[no-untyped-def]
+def _set_entry(heap: FloatArray, i: int, f: float, g: float, node: float) -> None:
     heap[i, 0], heap[i, 1] = f, g
     heap[i, 2] = node
 
 
 @inlined
-def _push(heap, size, f, g, node):  # type: ignore[no-untyped-def]
+def _push(heap: FloatArray, size: int, f: float, g: float, node: float) -> None:
     """Add an entry to a heap of `size`."""
     i = size
     while i > 0:
@@ -252,7 +251,7 @@ def _push(heap, size, f, g, node):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _pop_first(heap, size):  # type: ignore[no-untyped-def]
+def _pop_first(heap: FloatArray, size: int) -> None:
     """Remove the first entry of a heap of `size`."""
     last = size - 1
     f, g, node = heap[last, 0], heap[last, 1], heap[last, 2]
@@ -270,7 +269,10 @@ def _pop_first(heap, size):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def astar_paper(moves, tight_moves, offsets, stride, start, goal, path):  # type: ignore[no-untyped-def]
+def astar_paper(
+    moves: ByteArray, tight_moves: ByteArray, offsets: IntArray, stride: int, start: int, goal: int,
+    path: IntArray,
+) -> tuple[int, int]:  # fmt: skip
     """Search a path by the paper's cost from node to node, and write it to `path`, goal first.
 
     Returns the number of nodes written (0: no path) and of expanded nodes.

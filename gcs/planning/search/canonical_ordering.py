@@ -26,15 +26,13 @@ node; only some hundred different rows occur.
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from gcs.jit import Call, inlined, kernel
-
-IntArray: TypeAlias = npt.NDArray[np.int64]
-ByteArray: TypeAlias = npt.NDArray[np.uint8]
+from gcs.jit import Call, inlined, int64, kernel
+from gcs.model import BoolArray, ByteArray, IntArray, UInt16Array, UInt32Array
 
 TIGHT_MOVE_COST = 8.0
 """Cost factor of a tight move."""
@@ -65,13 +63,13 @@ _TIE = 1e-9
 
 
 @inlined
-def move_length(move, tight):  # type: ignore[no-untyped-def]
+def move_length(move: int, tight: int) -> float:
     """Return the cost of a move in cells."""
     return (1.0 if move < 4 else DIAGONAL) * (TIGHT_MOVE_COST if tight else 1.0)
 
 
 @inlined
-def octile(rows, cols):  # type: ignore[no-untyped-def]
+def octile(rows: float, cols: float) -> float:
     """Return the octile distance in cells."""
     return max(rows, cols) + (DIAGONAL - 1.0) * min(rows, cols)
 
@@ -119,17 +117,17 @@ _BACK = np.array([_MOVE_OF[-r, -c] for r, c in _STEPS])
 
 
 @inlined
-def _has_move(moves, node, move):  # type: ignore[no-untyped-def]
+def _has_move(moves: ByteArray, node: int, move: int) -> int:
     return (moves[node] >> move) & 1
 
 
 @inlined
-def _cost(tight, node, move):  # type: ignore[no-untyped-def]
+def _cost(tight: ByteArray, node: int, move: int) -> float:
     return move_length(move, _has_move(tight, node, move))
 
 
 @inlined
-def _is_needed(moves, tight, offsets, p, x, d, e):  # type: ignore[no-untyped-def]
+def _is_needed(moves: ByteArray, tight: ByteArray, offsets: IntArray, p: int, x: int, d: int, e: int) -> bool:
     """Return True if move e from x remains when move d led from p to x."""
     last = _cost(tight, x, e)
     cost, needed = _cost(tight, p, d) + last, True
@@ -145,7 +143,9 @@ def _is_needed(moves, tight, offsets, p, x, d, e):  # type: ignore[no-untyped-de
 
 
 @kernel
-def prune_moves(moves, tight, mixed, offsets, answers, max_rows):  # type: ignore[no-untyped-def]
+def prune_moves(
+    moves: ByteArray, tight: ByteArray, mixed: BoolArray, offsets: IntArray, answers: ByteArray, max_rows: int
+) -> tuple[UInt16Array, ByteArray]:
     """Compute the remaining moves of each node: a row index (flat nodes,) and the table of rows, (k, 9).
 
     `mixed` nodes, with tight and other moves around them, are computed one by one. Others use `answers`,
@@ -159,7 +159,7 @@ def prune_moves(moves, tight, mixed, offsets, answers, max_rows):  # type: ignor
             table[k, d] = answers[k, d]
     slots, keys = np.zeros(_SLOTS, np.int32), np.empty(max_rows, np.uint64)
     for x in range(moves.size):
-        legal = np.int64(moves[x])
+        legal = int64(moves[x])
         order[x] = _UNIFORM + legal
         if legal == 0 or not mixed[x]:
             continue
@@ -173,7 +173,7 @@ def prune_moves(moves, tight, mixed, offsets, answers, max_rows):  # type: ignor
                     keep |= 1 << e
             key |= np.uint64(keep) << np.uint64(8 * d)
         hashed = key * np.uint64(0x9E3779B97F4A7C15) + np.uint64(legal) * np.uint64(0xC2B2AE3D27D4EB4F)
-        slot = np.int64(hashed >> np.uint64(47))
+        slot = int64(hashed >> np.uint64(47))
         while slots[slot] > 0 and (keys[slots[slot]] != key or table[slots[slot], NO_MOVE] != legal):
             slot = (slot + 1) & (_SLOTS - 1)
         if slots[slot] == 0:
@@ -188,12 +188,12 @@ def prune_moves(moves, tight, mixed, offsets, answers, max_rows):  # type: ignor
     return order, table[:size].copy()
 
 
-def pack_nodes(order: npt.NDArray[Any], tight: ByteArray) -> npt.NDArray[np.uint32]:
+def pack_nodes(order: npt.NDArray[Any], tight: ByteArray) -> UInt32Array:
     """Pack row indices and tight moves into the 32-bit words of nodes."""
     return order.astype(np.uint32) << np.uint32(ORDER_BIT) | tight.astype(np.uint32) << np.uint32(TIGHT_BIT)
 
 
-def list_moves(answers: ByteArray) -> npt.NDArray[np.uint32]:
+def list_moves(answers: ByteArray) -> UInt32Array:
     """Convert sets of moves (bits), (k, 9), to lists, (16 k,): a count and three bits for each move.
 
     The `LIST_MASK` bits of a packed word index the lists.

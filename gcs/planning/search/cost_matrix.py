@@ -17,11 +17,11 @@ from typing import TypeAlias
 import numpy as np
 
 from gcs.jit import Call, kernel
-from gcs.model import FloatArray
-from gcs.planning.map.grid import BoolArray, Grid, free_grid
+from gcs.model import BoolArray, ByteArray, FloatArray, IntArray
+from gcs.planning.map.grid import Grid, free_grid
 from gcs.planning.path.shortcut import is_adjacent_and_visible
 from gcs.planning.search.astar import astar, astar_paper, borrow_search
-from gcs.planning.search.canonical_ordering import NO_MOVE, IntArray, move_length
+from gcs.planning.search.canonical_ordering import NO_MOVE, move_length
 from gcs.planning.search.dijkstra import costs_at, dijkstra_buffers, one_to_all, trace_back
 from gcs.planning.search.neighbours import SearchMap, cells, flat_index, kernel_arrays, search_map
 
@@ -159,10 +159,11 @@ def _pairwise(
 
 
 @kernel
-def _path_ends(  # type: ignore[no-untyped-def]
-    blocked, clearance, near, near_inside, far, far_off, far_inside, costs, has_tight_moves, offsets, came_by,
-    near_nodes, near_off, far_nodes,
-):  # fmt: skip
+def _path_ends(
+    blocked: BoolArray, clearance: float, near: FloatArray, near_inside: BoolArray, far: FloatArray,
+    far_off: FloatArray, far_inside: BoolArray, costs: FloatArray, has_tight_moves: bool,
+    offsets: IntArray, came_by: ByteArray, near_nodes: IntArray, near_off: FloatArray, far_nodes: IntArray,
+) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """Return the path length in cells of all pairs, (n, m), and the index of the last connecting node."""
     n, m = near.shape[0], far.shape[0]
     lengths, via = np.empty((n, m)), np.empty((n, m), np.int64)

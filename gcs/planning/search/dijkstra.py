@@ -10,12 +10,10 @@ One search gives a row of the cost matrix. It ends when all goals have their fin
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-import numpy.typing as npt
 
-from gcs.jit import kernel, leaf, prefetch_row
+from gcs.jit import int64, kernel, leaf, prefetch_row
+from gcs.model import ByteArray, FloatArray, Int32Array, IntArray, UInt32Array
 from gcs.planning.search.canonical_ordering import (
     ARRIVAL_MASK,
     DIAGONAL,
@@ -27,23 +25,24 @@ from gcs.planning.search.canonical_ordering import (
 )
 from gcs.planning.search.neighbours import SearchMap
 
-IntArray32: TypeAlias = npt.NDArray[np.int32]
-
 _COSTS = np.array([1.0] * 4 + [DIAGONAL] * 4)
 _CHUNK = 2048
 """Nodes whose moves are listed at a time, so that the list stays in the first-level cache."""
 
 
 @leaf
-def _list_moves(move_lists, packed, stack, slot, first, beyond, low, field, edges):  # type: ignore[no-untyped-def]
+def _list_moves(
+    move_lists: UInt32Array, packed: UInt32Array, stack: Int32Array, slot: int, first: int, beyond: int,
+    low: float, field: FloatArray, edges: Int32Array,
+) -> int:  # fmt: skip
     """List the moves of the entries of a bucket as 8 times the node plus the move; return their number.
 
     Nearly branch-free: three moves are written even if there are fewer.
     """
     size = 0
     for entry in range(first, beyond):
-        node = np.int64(stack[slot, entry])
-        moves = np.int64(move_lists[packed[node] & LIST_MASK])
+        node = int64(stack[slot, entry])
+        moves = int64(move_lists[packed[node] & LIST_MASK])
         edges[size] = 8 * node + ((moves >> 4) & 7)
         edges[size + 1] = 8 * node + ((moves >> 7) & 7)
         edges[size + 2] = 8 * node + ((moves >> 10) & 7)
@@ -56,7 +55,10 @@ def _list_moves(move_lists, packed, stack, slot, first, beyond, low, field, edge
 
 
 @leaf
-def _relax_bucket(move_lists, offsets, stack, height, bucket, field, packed, edges):  # type: ignore[no-untyped-def]
+def _relax_bucket(
+    move_lists: UInt32Array, offsets: IntArray, stack: Int32Array, height: IntArray, bucket: int,
+    field: FloatArray, packed: UInt32Array, edges: Int32Array,
+) -> int:  # fmt: skip
     """Relax the moves of all nodes of a bucket; return the change in the number of queued nodes."""
     ring = height.size - 1
     slot, live = bucket & ring, 0
@@ -65,7 +67,7 @@ def _relax_bucket(move_lists, offsets, stack, height, bucket, field, packed, edg
         beyond = min(first + _CHUNK, count)
         size = _list_moves(move_lists, packed, stack, slot, first, beyond, float(bucket), field, edges)
         for k in range(size):
-            edge = np.int64(edges[k])
+            edge = int64(edges[k])
             node, move = edge >> 3, edge & 7
             there = node + offsets[move]
             factor = TIGHT_MOVE_COST if (packed[node] >> (TIGHT_BIT + move)) & 1 else 1.0
@@ -85,7 +87,10 @@ def _relax_bucket(move_lists, offsets, stack, height, bucket, field, packed, edg
 
 
 @leaf
-def _relax_uniform_bucket(move_lists, offsets, stack, height, bucket, field, packed, edges):  # type: ignore[no-untyped-def]
+def _relax_uniform_bucket(
+    move_lists: UInt32Array, offsets: IntArray, stack: Int32Array, height: IntArray, bucket: int,
+    field: FloatArray, packed: UInt32Array, edges: Int32Array,
+) -> int:  # fmt: skip
     """Do the same without tight moves, a quarter faster: a move leads to one of the next two buckets."""
     slot, next_slot, far_slot = bucket & 3, (bucket + 1) & 3, (bucket + 2) & 3
     count, near_height, far_height = height[slot], height[next_slot], height[far_slot]
@@ -94,7 +99,7 @@ def _relax_uniform_bucket(move_lists, offsets, stack, height, bucket, field, pac
         beyond = min(first + _CHUNK, count)
         size = _list_moves(move_lists, packed, stack, slot, first, beyond, low, field, edges)
         for k in range(size):
-            edge = np.int64(edges[k])
+            edge = int64(edges[k])
             node, move = edge >> 3, edge & 7
             there = node + offsets[move]
             cost, before = field[node] + _COSTS[move], field[there]
@@ -112,7 +117,7 @@ def _relax_uniform_bucket(move_lists, offsets, stack, height, bucket, field, pac
     return live
 
 
-def dijkstra_buffers(smap: SearchMap) -> tuple[IntArray32, IntArray32]:
+def dijkstra_buffers(smap: SearchMap) -> tuple[Int32Array, Int32Array]:
     """Return buckets and a list of moves as work space of `one_to_all`."""
     # The ring is longer than the most expensive move plus the spread of the connecting distances.
     buckets = 16 if smap.has_tight_moves else 4
@@ -120,9 +125,11 @@ def dijkstra_buffers(smap: SearchMap) -> tuple[IntArray32, IntArray32]:
 
 
 @kernel
-def one_to_all(  # type: ignore[no-untyped-def]
-    move_lists, has_tight_moves, offsets, nodes, costs, goals, field, came_by, packed, stack, edges
-):
+def one_to_all(
+    move_lists: UInt32Array, has_tight_moves: bool, offsets: IntArray, nodes: IntArray, costs: FloatArray,
+    goals: IntArray, field: FloatArray, came_by: ByteArray, packed: UInt32Array, stack: Int32Array,
+    edges: Int32Array,
+) -> float:  # fmt: skip
     """Fill `field` (flat nodes,) with the cost in cells from a place, and `came_by` with the arrival moves.
 
     `nodes`, `costs` (j,): nodes that connect the place to the grid (-1: none) and their distances, which
@@ -169,7 +176,7 @@ def one_to_all(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def trace_back(offsets, came_by, goal, path):  # type: ignore[no-untyped-def]
+def trace_back(offsets: IntArray, came_by: ByteArray, goal: int, path: IntArray) -> int:
     """Write the nodes from `goal` back to the start to `path`; return their number."""
     node, count = goal, 0
     while True:
@@ -181,7 +188,7 @@ def trace_back(offsets, came_by, goal, path):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def costs_at(field, nodes, costs):  # type: ignore[no-untyped-def]
+def costs_at(field: FloatArray, nodes: IntArray, costs: FloatArray) -> None:
     """Read a field at `nodes` (m, j) into `costs` (m, j); inf where a node is -1."""
     for i in range(nodes.shape[0]):
         for k in range(nodes.shape[1]):

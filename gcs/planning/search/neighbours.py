@@ -17,19 +17,16 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
-from gcs.model import FloatArray
+from gcs.model import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, UInt16Array, UInt32Array
 from gcs.planning.map.clearance_nodes import find_tight_moves, shifted_nodes
-from gcs.planning.map.grid import BoolArray, Grid, Node
+from gcs.planning.map.grid import Grid, Node
 from gcs.planning.search.canonical_ordering import (
     COL_STEP,
     MAX_TABLE_ROWS,
     ROW_STEP,
     UNIFORM_TABLE,
-    ByteArray,
-    IntArray,
     list_moves,
     pack_nodes,
     prune_moves,
@@ -46,15 +43,15 @@ class SearchMap(NamedTuple):
     """Bit d is set if move d is legal."""
     tight_moves: ByteArray
     """Bit d is set if move d has less than the required clearance."""
-    packed: npt.NDArray[np.uint32]
+    packed: UInt32Array
     """Packed words of the nodes; see `gcs.planning.search.canonical_ordering`."""
-    move_lists: npt.NDArray[np.uint32]
+    move_lists: UInt32Array
     """Lists of the remaining moves, indexed by the packed words."""
     tight_nodes: BoolArray
     """Nodes (with all their shifts) nearer to an obstacle than the clearance."""
     node_shift: ByteArray
     """Shift index of each node; see `places`."""
-    component: npt.NDArray[np.int32]
+    component: Int32Array
     """Connected component of each node; 0: blocked."""
     largest_component: BoolArray
     """Nodes of the largest connected component. A place inside an obstacle connects to these."""
@@ -104,7 +101,8 @@ def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False)
         else np.zeros_like(blocked)
     )
     offsets = np.array([r * stride + c for r, c in zip(ROW_STEP, COL_STEP, strict=True)], dtype=np.int64)
-    order, remaining = moves.ravel(), UNIFORM_TABLE
+    order: ByteArray | UInt16Array = moves.ravel()
+    remaining = UNIFORM_TABLE
     if has_tight_moves:
         mixed = _around(tight_moves > 0) & _around(~blocked & (tight_moves != moves))
         order, remaining = prune_moves(
@@ -126,7 +124,7 @@ def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False)
     )
 
 
-def kernel_arrays(smap: SearchMap) -> tuple[npt.NDArray[np.uint32], bool, IntArray]:
+def kernel_arrays(smap: SearchMap) -> tuple[UInt32Array, bool, IntArray]:
     """Return the first arguments of the search kernels."""
     return smap.move_lists, smap.has_tight_moves, smap.offsets
 

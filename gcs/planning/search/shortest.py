@@ -7,10 +7,10 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from gcs.model import FloatArray
+from gcs.model import FloatArray, IntArray
 from gcs.planning.map.grid import Grid, Node
 from gcs.planning.search.astar import astar_paper, borrow_search
-from gcs.planning.search.canonical_ordering import DIAGONAL, IntArray
+from gcs.planning.search.canonical_ordering import DIAGONAL
 from gcs.planning.search.neighbours import flat_index, search_map
 
 SearchCost: TypeAlias = Literal["metric", "paper"]

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.jit import Call, kernel, leaf
-from gcs.model import FloatArray
+from gcs.model import BoolArray, FloatArray
 from gcs.planning.map.grid import Grid, Point, free_grid
-from gcs.planning.map.line_of_sight import is_clear_at, leg_clearance, to_cells
+from gcs.planning.map.line_of_sight import NO_CELL, is_clear_at, leg_clearance, to_cells
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.route_capture import MIN_CLEARANCE_SHARE
@@ -262,18 +262,18 @@ def path_length_m(path_m: FloatArray) -> float:
 
 
 @leaf
-def _min_clearance(blocked, frame, flight, most):  # type: ignore[no-untyped-def]
+def _min_clearance(blocked: BoolArray, frame: FloatArray, flight: FloatArray, most: float) -> float:
     """Return the least clearance of a flight in cells, at most `most`."""
     margin = most
     for i in range(flight.shape[0] - 1):
         x, y = (flight[i, 0] - frame[0]) / frame[2], (flight[i, 1] - frame[1]) / frame[2]
         to_x, to_y = (flight[i + 1, 0] - frame[0]) / frame[2], (flight[i + 1, 1] - frame[1]) / frame[2]
-        margin = leg_clearance(blocked, x, y, to_x, to_y, margin, np.int64(-1))
+        margin = leg_clearance(blocked, x, y, to_x, to_y, margin, NO_CELL)
     return margin
 
 
 @leaf
-def _time_within(flight, reach_circle):  # type: ignore[no-untyped-def]
+def _time_within(flight: FloatArray, reach_circle: FloatArray) -> float:
     """Return how long a flight is within a distance of a place."""
     count = 0
     for i in range(flight.shape[0]):
@@ -282,27 +282,18 @@ def _time_within(flight, reach_circle):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def _is_open(blocked, frame, circle, clearance):  # type: ignore[no-untyped-def]
+def _is_open(blocked: BoolArray, frame: FloatArray, circle: FloatArray, clearance: float) -> bool:
     """Return True if a circle and its inside keep `clearance`: some vehicles fly it tighter."""
     x, y = (circle[0] - frame[0]) / frame[2], (circle[1] - frame[1]) / frame[2]
     return is_clear_at(blocked, x, y, circle[2] / frame[2] + clearance)
 
 
 @kernel
-def best_loiter_circle(  # type: ignore[no-untyped-def]
-    blocked,
-    frame,
-    motion,
-    points,
-    radii,
-    circles,
-    reach_circle,
-    min_reach_s,
-    times_s,
-    lags_s,
-    off_course,
-    thresholds,
-):
+def best_loiter_circle(
+    blocked: BoolArray, frame: FloatArray, motion: FloatArray, points: FloatArray, radii: FloatArray,
+    circles: FloatArray, reach_circle: FloatArray, min_reach_s: float, times_s: FloatArray,
+    lags_s: FloatArray, off_course: FloatArray, thresholds: FloatArray,
+) -> tuple[int, float, int]:  # fmt: skip
     """Return the index of the first circle with the most clearance or -1, that in cells, and the flights.
 
     `circles` (n, 3): east, north, radius. `reach_circle`: place to pass within a distance, for `min_reach_s`.

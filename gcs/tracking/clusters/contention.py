@@ -44,11 +44,12 @@ is_queued             (R,)            bool     True if the rival is in `queue`
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from gcs.jit import inlined, leaf
+from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.numerics.fast_math import exp_into
 
@@ -58,7 +59,7 @@ _MAX_ROUNDS = 64
 
 
 @inlined
-def find_root(parent: Any, i: int) -> int:
+def find_root(parent: IntArray, i: int) -> int:
     """Return the root of the tree with node i, with path compression."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -69,28 +70,28 @@ def find_root(parent: Any, i: int) -> int:
 class Contention(NamedTuple):
     """Arrays of the contention analysis (see the table above)."""
 
-    owner: Any
-    contested: Any
-    strongest_q: Any
-    second_q: Any
-    strongest_rival: Any
-    last_entry: Any
-    hyp_probability: Any
-    has_rivals: Any
-    track_probability: Any
-    track_cluster: Any
-    rival_cluster: Any
-    uncontested_weight: Any
-    begin: Any
-    meas: Any
-    rival: Any
-    previous_entry: Any
-    weight: Any
-    q: Any
-    scratch: Any
-    newly_contested: Any
-    queue: Any
-    is_queued: Any
+    owner: IntArray
+    contested: BoolArray
+    strongest_q: FloatArray
+    second_q: FloatArray
+    strongest_rival: IntArray
+    last_entry: IntArray
+    hyp_probability: FloatArray
+    has_rivals: BoolArray
+    track_probability: FloatArray
+    track_cluster: IntArray
+    rival_cluster: IntArray
+    uncontested_weight: FloatArray
+    begin: IntArray
+    meas: IntArray
+    rival: IntArray
+    previous_entry: IntArray
+    weight: FloatArray
+    q: FloatArray
+    scratch: FloatArray
+    newly_contested: IntArray
+    queue: IntArray
+    is_queued: BoolArray
 
 
 @inlined
@@ -123,7 +124,7 @@ def allocate_contention(n_hyps: int, n_tracks: int, n_options: int, n_detections
 
 
 @inlined
-def _find_owners(options: AssociationOptions, track_label: Any, contention: Contention) -> None:
+def _find_owners(options: AssociationOptions, track_label: IntArray, contention: Contention) -> None:
     """Fill `owner`."""
     start, meas, owner = options.start, options.meas, contention.owner
     for j in range(owner.size):
@@ -137,7 +138,7 @@ def _find_owners(options: AssociationOptions, track_label: Any, contention: Cont
 
 
 @inlined
-def _find_rivals(options: AssociationOptions, track_label: Any, contention: Contention) -> None:
+def _find_rivals(options: AssociationOptions, track_label: IntArray, contention: Contention) -> None:
     """Fill `has_rivals`."""
     start, meas, owner = options.start, options.meas, contention.owner
     first = 0
@@ -170,7 +171,7 @@ def _compute_track_probabilities(clusters: Clusters, contention: Contention) -> 
 
 
 @inlined
-def _list_rivals(options: AssociationOptions, track_label: Any, contention: Contention) -> int:
+def _list_rivals(options: AssociationOptions, track_label: IntArray, contention: Contention) -> int:
     """List the rivals and their entries; return the number of rivals."""
     start, meas, owner = options.start, options.meas, contention.owner
     count, n, t = 0, 0, 0
@@ -237,10 +238,10 @@ def _update_rival(r: int, max_conflict: float, n_newly_contested: int, contentio
 def find_contending_clusters(
     clusters: Clusters,
     options: AssociationOptions,
-    track_label: Any,
+    track_label: IntArray,
     max_conflict: float,
     contention: Contention,
-    parent: Any,
+    parent: IntArray,
 ) -> None:
     """Fill `parent` (clusters,) with the sets of clusters in conflict over detections, as trees."""
     for g in range(parent.size):

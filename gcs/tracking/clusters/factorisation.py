@@ -24,11 +24,12 @@ weight          (all hypotheses,)      float64  probability
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
+from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters, item_key, trim_clusters
 from gcs.tracking.glmb.params import Limits
 from gcs.tracking.numerics.fast_math import exp_into
@@ -43,7 +44,13 @@ from gcs.tracking.numerics.sorting import (
 
 @inlined
 def _number_tracks(
-    items: Any, begin: int, end: int, item_label: Any, number: Any, n_tracks: Any, example: Any
+    items: IntArray,
+    begin: int,
+    end: int,
+    item_label: IntArray,
+    number: IntArray,
+    n_tracks: IntArray,
+    example: IntArray,
 ) -> int:
     """Number the tracks of each label among items `begin` to `end` - 1, from 1.
 
@@ -61,15 +68,15 @@ def _number_tracks(
 
 @inlined
 def _is_dependent(
-    choice: Any,
+    choice: IntArray,
     n_hyps: int,
-    marginal: Any,
-    n_tracks: Any,
-    weight: Any,
+    marginal: FloatArray,
+    n_tracks: IntArray,
+    weight: FloatArray,
     low: int,
     p: int,
     q: int,
-    joint: Any,
+    joint: FloatArray,
     max_dependence: float,
 ) -> bool:
     """Return True if labels p and q are further than `max_dependence` from independence.
@@ -95,24 +102,24 @@ def _is_dependent(
 class _LabelNumbers(NamedTuple):
     """Output of `_number_labels`."""
 
-    item_label: Any
-    local: Any
+    item_label: IntArray
+    local: IntArray
 
 
 class _SplitBuffers(NamedTuple):
     """Buffers to split one cluster (see the table above)."""
 
-    n_tracks: Any
-    choice: Any
-    marginal: Any
-    example: Any
-    joint: Any
-    is_undecided: Any
-    set_of: Any
-    item_label: Any
-    local: Any
-    number: Any
-    weight: Any
+    n_tracks: IntArray
+    choice: IntArray
+    marginal: FloatArray
+    example: IntArray
+    joint: FloatArray
+    is_undecided: BoolArray
+    set_of: IntArray
+    item_label: IntArray
+    local: IntArray
+    number: IntArray
+    weight: FloatArray
     unique: UniqueBuffers
 
 
@@ -192,7 +199,7 @@ def _marginal_of_label(p: int, buffers: _SplitBuffers) -> int:
 
 
 @inlined
-def _marginal_of_set(clusters: Clusters, g: int, p: int, buffers: _SplitBuffers) -> Any:
+def _marginal_of_set(clusters: Clusters, g: int, p: int, buffers: _SplitBuffers) -> int:
     """Write the marginal of the labels of set p to `unique`, equal hypotheses merged.
 
     Returns the number of hypotheses.
@@ -208,7 +215,7 @@ def _marginal_of_set(clusters: Clusters, g: int, p: int, buffers: _SplitBuffers)
 
 
 @leaf
-def _number_labels(clusters: Clusters, g: int, track_label: Any, buffers: _SplitBuffers) -> Any:
+def _number_labels(clusters: Clusters, g: int, track_label: IntArray, numbers: _LabelNumbers) -> int:
     """Number the labels of cluster g; return how many."""
     items, begin, end = (
         clusters.items,
@@ -218,15 +225,17 @@ def _number_labels(clusters: Clusters, g: int, track_label: Any, buffers: _Split
     n = 0
     for i in range(begin, end):
         label = track_label[items[i]]
-        if buffers.local[label] < 0:
-            buffers.local[label] = n
+        if numbers.local[label] < 0:
+            numbers.local[label] = n
             n += 1
-        buffers.item_label[i] = buffers.local[label]
+        numbers.item_label[i] = numbers.local[label]
     return n
 
 
 @leaf
-def _measure_clusters(clusters: Clusters, track_label: Any, buffers: Any) -> Any:
+def _measure_clusters(
+    clusters: Clusters, track_label: IntArray, numbers: _LabelNumbers
+) -> tuple[int, int, int, int]:
     """Return the most labels and hypotheses of a cluster, tracks of a label, and the total hypotheses."""
     labels, hyps, tracks, run, capacity = 1, 1, 1, 0, 0
     for t in range(track_label.size):
@@ -235,14 +244,14 @@ def _measure_clusters(clusters: Clusters, track_label: Any, buffers: Any) -> Any
     for g in range(clusters.first.size - 1):
         count, n = (
             clusters.first[g + 1] - clusters.first[g],
-            _number_labels(clusters, g, track_label, buffers),
+            _number_labels(clusters, g, track_label, numbers),
         )
         labels, hyps, capacity = max(labels, n), max(hyps, count), capacity + n * count
     return labels, hyps, tracks, capacity
 
 
 @leaf
-def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out: Clusters) -> Any:
+def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out: Clusters) -> tuple[int, int]:
     """Fill `out` with the split clusters; return the number of clusters and hypotheses."""
     first, start, items = clusters.first, clusters.start, clusters.items
     count, n_hyps, size = 0, 0, 0
@@ -288,7 +297,7 @@ def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out:
 
 
 @kernel
-def split_clusters(clusters: Clusters, track_label: Any, n_labels: int, limits: Limits) -> Any:
+def split_clusters(clusters: Clusters, track_label: IntArray, n_labels: int, limits: Limits) -> Clusters:
     """Split each cluster into sets of dependent labels, without labels of too little existence."""
     item_label, local = np.empty(clusters.items.size, np.int64), np.empty(n_labels, np.int64)
     number, weight = np.zeros(track_label.size, np.int64), np.empty(clusters.logw.size)
@@ -317,13 +326,13 @@ def split_clusters(clusters: Clusters, track_label: Any, n_labels: int, limits: 
 
 
 @leaf
-def _renumber_items(old: Any, number: Any, n_tracks: Any, items: Any) -> int:
+def _renumber_items(old: IntArray, number: IntArray, used: IntArray, items: IntArray) -> int:
     for i in range(old.size):
         number[old[i]] = 1
     count = 0
     for o in range(number.size):
         if number[o]:
-            number[o], n_tracks[count] = count, o
+            number[o], used[count] = count, o
             count += 1
     for i in range(items.size):
         items[i] = number[old[i]]
@@ -331,9 +340,9 @@ def _renumber_items(old: Any, number: Any, n_tracks: Any, items: Any) -> int:
 
 
 @kernel
-def renumber(clusters: Clusters, n_options: int) -> tuple[Clusters, Any]:
+def renumber(clusters: Clusters, n_options: int) -> tuple[Clusters, IntArray]:
     """Renumber the used options 0, 1, 2 ... in their order; also return these options."""
-    number, n_tracks = np.zeros(n_options, np.int64), np.empty(n_options, np.int64)
+    number, used = np.zeros(n_options, np.int64), np.empty(n_options, np.int64)
     items = np.empty(clusters.items.size, np.int64)
-    count = _renumber_items(clusters.items, number, n_tracks, items)
-    return Clusters(clusters.first, clusters.start, items, clusters.logw), head(n_tracks, count)
+    count = _renumber_items(clusters.items, number, used, items)
+    return Clusters(clusters.first, clusters.start, items, clusters.logw), head(used, count)

@@ -11,11 +11,12 @@ on hypotheses. They are split again after the update (`factorisation`).
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
+from gcs.model import FloatArray, IntArray
 from gcs.tracking.clusters.contention import allocate_contention, find_contending_clusters, find_root
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, allocate_clusters, trim_clusters
 from gcs.tracking.glmb.params import Limits
@@ -23,7 +24,7 @@ from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_de
 
 
 @inlined
-def _max_size(start: Any, low: int, high: int) -> int:
+def _max_size(start: IntArray, low: int, high: int) -> int:
     """Return the most items of a hypothesis from `low` to `high` - 1."""
     max_size = 0
     for h in range(low, high):
@@ -34,9 +35,9 @@ def _max_size(start: Any, low: int, high: int) -> int:
 class _ProductBuffers(NamedTuple):
     """Buffers for pairs of hypotheses, and for two products of clusters."""
 
-    logw: Any
-    left: Any
-    right: Any
+    logw: FloatArray
+    left: IntArray
+    right: IntArray
     order: SortBuffers
     first_buffer: Clusters
     second_buffer: Clusters
@@ -44,9 +45,9 @@ class _ProductBuffers(NamedTuple):
 
 @spliced
 def _cluster_product(
-    start: Any,
-    items: Any,
-    logw: Any,
+    start: IntArray,
+    items: IntArray,
+    logw: FloatArray,
     low: int,
     high: int,
     clusters: Clusters,
@@ -100,7 +101,7 @@ def _max_pairs(rows: int, columns: int, max_pairs: int) -> int:
 
 
 @inlined
-def _is_single_label(clusters: Clusters, g: int, track_label: Any) -> bool:
+def _is_single_label(clusters: Clusters, g: int, track_label: IntArray) -> bool:
     """Return True if all tracks of cluster g have one label."""
     begin = clusters.start[clusters.first[g]]
     for i in range(begin, clusters.start[clusters.first[g + 1]]):
@@ -121,15 +122,17 @@ class _Unions(NamedTuple):
     ============  ==================================================================
     """
 
-    parent: Any
-    next_cluster: Any
-    last: Any
-    max_hyps: Any
-    max_size: Any
+    parent: IntArray
+    next_cluster: IntArray
+    last: IntArray
+    max_hyps: IntArray
+    max_size: IntArray
 
 
 @leaf
-def _link_unions(clusters: Clusters, track_label: Any, limits: Limits, out: _Unions, singletons: Any) -> Any:
+def _link_unions(
+    clusters: Clusters, track_label: IntArray, limits: Limits, out: _Unions, singletons: IntArray
+) -> tuple[int, int, int, int, int, int]:
     """Turn the trees in `out.parent` into chains, and list the singleton clusters.
 
     Returns the number of singletons, the hypotheses and items of all unions and of the largest one, and the
@@ -164,7 +167,7 @@ def _link_unions(clusters: Clusters, track_label: Any, limits: Limits, out: _Uni
 @leaf
 def _multiply_unions(
     clusters: Clusters, unions: _Unions, limits: Limits, buffers: _ProductBuffers, out: Clusters
-) -> Any:
+) -> tuple[int, int]:
     """Fill `out` with the product of each union; return the number of clusters and hypotheses."""
     first = clusters.first
     count, n = 0, 0
@@ -193,8 +196,8 @@ def _multiply_unions(
 
 @kernel
 def merge_clusters(
-    clusters: Clusters, options: AssociationOptions, track_label: Any, n_detections: int, limits: Limits
-) -> Any:
+    clusters: Clusters, options: AssociationOptions, track_label: IntArray, n_detections: int, limits: Limits
+) -> tuple[IntArray, Clusters]:
     """Merge the clusters whose labels compete for the same detections (`contention`).
 
     Returns the indices of the singleton clusters, and all other clusters, merged.

@@ -22,7 +22,7 @@ _Representatives     (K, ...)              tracks that represent similar ones (s
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from gcs.tracking.numerics.fast_math import log_in_place
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, head
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray
+    from gcs.model import BoolArray, FloatArray, IntArray
     from gcs.tracking.models.measurement import LinearisedMeasurement
 
 _ABSENT = -1
@@ -46,34 +46,34 @@ _PREFETCH_LABELS = 2
 class DetectionMarginals(NamedTuple):
     """Marginals summed over the clusters of a scan; empty if not requested."""
 
-    p_explained: Any
-    p_detected: Any
-    p_exists: Any
+    p_explained: FloatArray
+    p_detected: FloatArray
+    p_exists: FloatArray
 
 
 class Tracks(NamedTuple):
     """Tracks after a scan: option and predicted track of each, Gaussian, and hypotheses."""
 
     clusters: Clusters
-    parent: Any
-    option: Any
-    mean: Any
+    parent: IntArray
+    option: IntArray
+    mean: FloatArray
     """One row for each track, and spare rows behind them."""
-    cov: Any
+    cov: FloatArray
 
 
 class _Components(NamedTuple):
     """Posterior components of one label (see the table above)."""
 
-    option: Any
-    parent: Any
-    logw: Any
+    option: IntArray
+    parent: IntArray
+    logw: FloatArray
     order: SortBuffers
-    weight: Any
+    weight: FloatArray
 
 
 @inlined
-def _drop_tail(kept: int, share: float, components: Any) -> Any:
+def _drop_tail(kept: int, share: float, components: _Components) -> int:
     """Drop the least probable tracks that hold less than `share` of the existence of the label together.
 
     Their weight goes to the other tracks, so existence does not change. Returns the number of components
@@ -109,8 +109,8 @@ def _drop_tail(kept: int, share: float, components: Any) -> Any:
 
 @inlined
 def _weigh_components(
-    clusters: Clusters, g: int, options: AssociationOptions, limits: Limits, components: Any
-) -> Any:
+    clusters: Clusters, g: int, options: AssociationOptions, limits: Limits, components: _Components
+) -> int:
     """Fill the posterior components of cluster g; return the number kept."""
     start, items = clusters.start, clusters.items
     n, best, max_absent_logw, n_absent = 1, -np.inf, -np.inf, 0
@@ -177,18 +177,18 @@ def _merge_pair(mean: FloatArray, cov: FloatArray, a: int, b: int, share: float)
 class _Representatives(NamedTuple):
     """Scratch for merging (see the table above)."""
 
-    mean: Any
-    cholesky: Any
-    is_factored: Any
-    weight: Any
-    row: Any
+    mean: FloatArray
+    cholesky: FloatArray
+    is_factored: BoolArray
+    weight: FloatArray
+    row: IntArray
     order: SortBuffers
 
 
 @leaf
 def _compute_bounds(
-    clusters: Clusters, singletons: Any, options: AssociationOptions, max_hypotheses: int
-) -> Any:
+    clusters: Clusters, singletons: IntArray, options: AssociationOptions, max_hypotheses: int
+) -> tuple[int, int, int]:
     """Return bounds on all tracks and hypotheses, and on the components of one label."""
     n_tracks, n_hyps, max_components = 0, 0, 1
     for i in range(singletons.size):
@@ -207,16 +207,16 @@ def _compute_bounds(
 def _update_and_merge(
     n: int,
     kept: int,
-    components: Any,
-    reps: Any,
+    components: _Components,
+    reps: _Representatives,
     mean: FloatArray,
     cov: FloatArray,
     z: FloatArray,
-    meas: Any,
+    meas: IntArray,
     meas_model: LinearisedMeasurement,
     max_distance2: float,
-    out: Any,
-) -> Any:
+    out: Tracks,
+) -> tuple[int, int]:
     """Update the components of a label and merge similar tracks.
 
     Representatives are tracks n, n + 1 ... and the empty hypothesis. Returns their number and the number of
@@ -258,7 +258,7 @@ def _update_and_merge(
 
 @inlined
 def _add_marginals(
-    kept: int, components: Any, meas: Any, track_label: Any, marginals: DetectionMarginals
+    kept: int, components: _Components, meas: IntArray, track_label: IntArray, marginals: DetectionMarginals
 ) -> None:
     """Add the kept components of a label to the marginals."""
     for k in range(kept):
@@ -278,20 +278,20 @@ def _add_marginals(
 @leaf
 def _update_singletons(
     clusters: Clusters,
-    singletons: Any,
+    singletons: IntArray,
     options: AssociationOptions,
     mean: FloatArray,
     cov: FloatArray,
-    track_label: Any,
+    track_label: IntArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
     limits: Limits,
     max_distance2: float,
     marginals: DetectionMarginals,
-    components: Any,
-    reps: Any,
+    components: _Components,
+    reps: _Representatives,
     out: Tracks,
-) -> Any:
+) -> tuple[int, int, int]:
     """Update all singletons; return the number of clusters, hypotheses and tracks that are kept."""
     meas, first, start, items, logw = (
         options.meas,
@@ -343,11 +343,11 @@ def _update_singletons(
 @kernel
 def update_singletons(
     clusters: Clusters,
-    singletons: Any,
+    singletons: IntArray,
     options: AssociationOptions,
     mean: FloatArray,
     cov: FloatArray,
-    track_label: Any,
+    track_label: IntArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
     limits: Limits,

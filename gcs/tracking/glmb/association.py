@@ -18,7 +18,7 @@ cov               (>= n, 4, 4)   float64
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from gcs.tracking.glmb.params import Limits
 from gcs.tracking.glmb.ranked_assignment import update_clusters
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray
+    from gcs.model import FloatArray, IntArray, KeyArray
     from gcs.tracking.models.measurement import LinearisedMeasurement
 
 
@@ -42,11 +42,11 @@ class JointTracks(NamedTuple):
     """Tracks of clusters with several labels; items are rows of `kept`."""
 
     clusters: Clusters
-    parent: Any
-    option: Any
-    mean: Any
-    cov: Any
-    kept: Any
+    parent: IntArray
+    option: IntArray
+    mean: FloatArray
+    cov: FloatArray
+    kept: IntArray
     """Rows of the four arrays above that are kept."""
 
 
@@ -54,16 +54,18 @@ class PosteriorTracks(NamedTuple):
     """All tracks after a scan (see the table above)."""
 
     clusters: Clusters
-    parent: Any
-    option: Any
-    label: Any
-    kept_labels: Any
-    mean: Any
-    cov: Any
+    parent: IntArray
+    option: IntArray
+    label: IntArray
+    kept_labels: IntArray
+    mean: FloatArray
+    cov: FloatArray
 
 
 @leaf
-def _append_clusters(clusters: Clusters, g: int, h: int, size: int, first_item: int, out: Clusters) -> Any:
+def _append_clusters(
+    clusters: Clusters, g: int, h: int, size: int, first_item: int, out: Clusters
+) -> tuple[int, int, int]:
     """Append clusters behind g clusters, h hypotheses and `size` items of `out`; return the new numbers."""
     for i in range(clusters.items.size):
         out.items[size + i] = first_item + clusters.items[i]
@@ -75,7 +77,7 @@ def _append_clusters(clusters: Clusters, g: int, h: int, size: int, first_item: 
 
 
 @leaf
-def _concatenate(singletons: Tracks, joint: JointTracks, track_label: Any, out: PosteriorTracks) -> int:
+def _concatenate(singletons: Tracks, joint: JointTracks, track_label: IntArray, out: PosteriorTracks) -> int:
     """Fill `out`, and the spare rows of `singletons`; return the number of kept labels."""
     out.clusters.first[0] = out.clusters.start[0] = n_labels = ZERO
     g, h, size = _append_clusters(singletons.clusters, ZERO, ZERO, ZERO, ZERO, out.clusters)
@@ -100,7 +102,7 @@ def _concatenate(singletons: Tracks, joint: JointTracks, track_label: Any, out: 
 
 
 @inlined
-def concatenate(singletons: Tracks, joint: JointTracks, track_label: Any) -> PosteriorTracks:
+def concatenate(singletons: Tracks, joint: JointTracks, track_label: IntArray) -> PosteriorTracks:
     """Concatenate the tracks, with the Gaussians in the spare rows of `singletons`.
 
     Tracks of a label are adjacent in both.
@@ -126,7 +128,12 @@ def concatenate(singletons: Tracks, joint: JointTracks, track_label: Any) -> Pos
 
 @leaf
 def _look_up_options(
-    options: AssociationOptions, track_label: Any, option: Any, parent: Any, meas: Any, label: Any
+    options: AssociationOptions,
+    track_label: IntArray,
+    option: IntArray,
+    parent: IntArray,
+    meas: IntArray,
+    label: IntArray,
 ) -> None:
     """Fill track, detection and label of each of some ascending options."""
     t = 0
@@ -137,7 +144,9 @@ def _look_up_options(
 
 
 @leaf
-def _add_marginals(probability: FloatArray, meas: Any, label: Any, marginals: DetectionMarginals) -> None:
+def _add_marginals(
+    probability: FloatArray, meas: IntArray, label: IntArray, marginals: DetectionMarginals
+) -> None:
     """Add the probabilities of tracks to the marginals of their labels and detections."""
     for i in range(meas.size):
         marginals.p_exists[label[i]] += probability[i]
@@ -150,16 +159,16 @@ def _add_marginals(probability: FloatArray, meas: Any, label: Any, marginals: De
 def joint_update(
     clusters: Clusters,
     options: AssociationOptions,
-    track_label: Any,
+    track_label: IntArray,
     n_labels: int,
     mean: FloatArray,
     cov: FloatArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
     limits: Limits,
-    rng: Any,
+    rng: KeyArray,
     marginals: DetectionMarginals,
-) -> Any:
+) -> PosteriorTracks:
     """Return the `PosteriorTracks` of a scan.
 
     `rng` (1,) uint64 advances. `marginals` are added to, unless they are empty.

@@ -22,18 +22,18 @@ cardinality   (k,)          float64  probability of each number of objects
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from gcs.jit import ZERO, inlined, kernel, leaf
+from gcs.jit import ZERO, Call, inlined, kernel, leaf
 from gcs.tracking.glmb.hypotheses import Clusters
 from gcs.tracking.glmb.marginals import Marginals, compute_marginals
 from gcs.tracking.glmb.merging import cholesky4, within_gate
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray
+    from gcs.model import BoolArray, FloatArray, IntArray
 
 SAME_STATE_CHI2: Final = 13.28
 """99 % quantile of the chi-square distribution with four degrees of freedom."""
@@ -46,19 +46,19 @@ _MIN_SHARE: Final = 1e-3
 class Estimates(NamedTuple):
     """Estimates of the reported labels as arrays (see the table above)."""
 
-    label: Any
-    mean: Any
-    cov: Any
-    existence: Any
-    estimated: Any
-    cardinality: Any
+    label: IntArray
+    mean: FloatArray
+    cov: FloatArray
+    existence: FloatArray
+    estimated: BoolArray
+    cardinality: FloatArray
 
 
 @leaf
 def _average_states(
     probability: FloatArray,
-    track_label: Any,
-    extract_estimates: Any,
+    track_label: IntArray,
+    representative: IntArray,
     mean: FloatArray,
     cov: FloatArray,
     centre: FloatArray,
@@ -68,8 +68,8 @@ def _average_states(
     out_mean: FloatArray,
     out_cov: FloatArray,
 ) -> None:
-    for row in range(extract_estimates.size):
-        t = extract_estimates[row]
+    for row in range(representative.size):
+        t = representative[row]
         for i in range(4):
             centre[0, i], shift[i] = mean[t, i], 0.0
             for j in range(4):
@@ -109,18 +109,22 @@ def _average_states(
 
 @inlined
 def average_states(
-    probability: FloatArray, track_label: Any, extract_estimates: Any, mean: FloatArray, cov: FloatArray
+    probability: FloatArray,
+    track_label: IntArray,
+    representative: IntArray,
+    mean: FloatArray,
+    cov: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Return means (n, 4) and covariances (n, 4, 4) of labels with the tracks `representative` (n,).
 
     `probability` of each track is that of `marginals`; tracks of a label are adjacent.
     """
-    out_mean, out_cov = np.empty((extract_estimates.size, 4)), np.empty((extract_estimates.size, 4, 4))
+    out_mean, out_cov = np.empty((representative.size, 4)), np.empty((representative.size, 4, 4))
     centre, total_cov, cholesky = np.empty((1, 4)), np.empty((1, 4, 4)), np.empty((1, 4, 4))
     _average_states(
         probability,
         track_label,
-        extract_estimates,
+        representative,
         mean,
         cov,
         centre,
@@ -136,11 +140,11 @@ def average_states(
 @leaf
 def _select_labels(
     marginals: Marginals,
-    track_label: Any,
-    labels: Any,
+    track_label: IntArray,
+    labels: IntArray,
     min_existence: float,
-    estimated: Any,
-    key: Any,
+    estimated: BoolArray,
+    key: IntArray,
     order: SortBuffers,
 ) -> int:
     """Sort the labels to report by birth, and fill which are estimated; return how many to report."""
@@ -160,7 +164,12 @@ def _select_labels(
 
 @leaf
 def _fill_estimates(
-    marginals: Marginals, labels: Any, estimated: Any, order: SortBuffers, track: Any, out: Any
+    marginals: Marginals,
+    labels: IntArray,
+    estimated: BoolArray,
+    order: SortBuffers,
+    track: IntArray,
+    out: tuple[IntArray, FloatArray, BoolArray],
 ) -> None:
     label_out, existence_out, estimated_out = out
     for i in range(track.size):
@@ -172,7 +181,12 @@ def _fill_estimates(
 
 @kernel
 def extract_estimates(
-    clusters: Clusters, track_label: Any, labels: Any, mean: FloatArray, cov: FloatArray, min_existence: float
+    clusters: Clusters,
+    track_label: IntArray,
+    labels: IntArray,
+    mean: FloatArray,
+    cov: FloatArray,
+    min_existence: float,
 ) -> Estimates:
     """Return the estimates of labels in the MAP estimate or with an existence of at least `min_existence`."""
     marginals = compute_marginals(clusters, track_label, labels.shape[0])
@@ -187,7 +201,7 @@ def extract_estimates(
     return Estimates(out[0], means, covs, out[1], out[2], marginals.cardinality)
 
 
-def warm_up_calls() -> list[tuple[Any, ...]]:
+def warm_up_calls() -> list[Call]:
     """Return one call of every kernel, with the types of a tracker."""
     zeros, ids, clusters = np.zeros(1, np.int64), np.zeros((1, 2), np.int64), Clusters.example()
     return [(extract_estimates, clusters, zeros, ids, np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), 1e-3)]

@@ -26,7 +26,7 @@ per_unit       (s,)                   float64  guide entries per unit of the sec
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray
+    from gcs.model import FloatArray, Int32Array, IntArray
 
 MIN_P_IN_FOV = 1e-6
 """A track below this probability of being in the field of view cannot be detected."""
@@ -58,13 +58,15 @@ def _guide_entry(value: float, least: float, per_unit: float, n: int) -> int:
 class _StripSort(NamedTuple):
     """Scratch to sort m detections."""
 
-    row: Any
-    value: Any
+    row: IntArray
+    value: FloatArray
     order: SortBuffers
 
 
 @leaf
-def _sort_rows_ascending(z: FloatArray, axis: int, rows: Any, first: int, end: int, work: _StripSort) -> None:
+def _sort_rows_ascending(
+    z: FloatArray, axis: int, rows: IntArray, first: int, end: int, work: _StripSort
+) -> None:
     """Sort `rows[first]` to `rows[end - 1]` by a coordinate, the least first."""
     for i in range(first, end):
         work.row[i - first], work.value[i - first] = rows[i], -z[rows[i], axis]
@@ -74,7 +76,7 @@ def _sort_rows_ascending(z: FloatArray, axis: int, rows: Any, first: int, end: i
 
 
 @leaf
-def _sort_strips(z: FloatArray, rows: Any, work: _StripSort) -> None:
+def _sort_strips(z: FloatArray, rows: IntArray, work: _StripSort) -> None:
     _sort_rows_ascending(z, ZERO, rows, ZERO, rows.size, work)
     width = max(1, int(math.sqrt(rows.size)))
     for low in range(0, rows.size, width):
@@ -82,7 +84,7 @@ def _sort_strips(z: FloatArray, rows: Any, work: _StripSort) -> None:
 
 
 @inlined
-def sort_into_strips(z: FloatArray, rows: Any) -> None:
+def sort_into_strips(z: FloatArray, rows: IntArray) -> None:
     """Sort `rows` of detections `z` (m, 2) into the order that `association_options` needs.
 
     Strips of isqrt(m) detections are in the order of the first coordinate, detections of a strip in that of
@@ -94,7 +96,7 @@ def sort_into_strips(z: FloatArray, rows: Any) -> None:
 
 
 @inlined
-def _guide(value: Any, low: int, high: int, guide: Any, at: int, n: int) -> float:
+def _guide(value: FloatArray, low: int, high: int, guide: Int32Array, at: int, n: int) -> float:
     """Fill `guide[at]` to `guide[at + n]` with where each entry of ascending values begins.
 
     Returns the number of entries per unit of value.
@@ -114,7 +116,7 @@ def _guide(value: Any, low: int, high: int, guide: Any, at: int, n: int) -> floa
 
 
 @inlined
-def _bisect_left(value: Any, low: int, high: int, least: float) -> int:
+def _bisect_left(value: FloatArray, low: int, high: int, least: float) -> int:
     """Return the index of the first ascending value from `low` to `high` - 1 not below `least`."""
     while low < high:
         mid = (low + high) // 2
@@ -126,7 +128,7 @@ def _bisect_left(value: Any, low: int, high: int, least: float) -> int:
 
 
 @inlined
-def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
+def _sort_options(meas: IntArray, logw: FloatArray, start: int, end: int) -> None:
     """Sort options by weight, the best first, stable (insertion: the lists are short)."""
     for i in range(start + 1, end):
         m, w, j = meas[i], logw[i], i
@@ -137,7 +139,7 @@ def _sort_options(meas: Any, logw: Any, start: int, end: int) -> None:
 
 
 @inlined
-def _nth_best(logw: Any, start: int, end: int, best: Any) -> Any:
+def _nth_best(logw: FloatArray, start: int, end: int, best: FloatArray) -> float:
     """Return the n-th greatest of more than n weights; `best` (n,) is scratch."""
     n = best.size
     for i in range(start, end):
@@ -152,7 +154,9 @@ def _nth_best(logw: Any, start: int, end: int, best: Any) -> Any:
 
 
 @inlined
-def innovation_cov(cov: FloatArray, t: int, meas_model: LinearisedMeasurement, u: int) -> Any:
+def innovation_cov(
+    cov: FloatArray, t: int, meas_model: LinearisedMeasurement, u: int
+) -> tuple[float, float, float]:
     """Return the elements 00, 01 and 11 of A P A' + R of track t; u is the row of A and R."""
     p, q, r, s = meas_model.A[u, 0, 0], meas_model.A[u, 0, 1], meas_model.A[u, 1, 0], meas_model.A[u, 1, 1]
     x, xy, y = cov[t, 0, 0], cov[t, 0, 1], cov[t, 1, 1]
@@ -167,11 +171,11 @@ class _Strips(NamedTuple):
     """Detections in strips, with guides (see the table above)."""
 
     width: int
-    edge: Any
-    second: Any
-    entry: Any
-    inner: Any
-    per_unit: Any
+    edge: FloatArray
+    second: FloatArray
+    entry: Int32Array
+    inner: Int32Array
+    per_unit: FloatArray
 
 
 @leaf
@@ -199,8 +203,8 @@ def _fill_options(
     strip: _Strips,
     strips_per_unit: float,
     best: FloatArray,
-    start: Any,
-    meas: Any,
+    start: IntArray,
+    meas: IntArray,
     logw: FloatArray,
     t: int,
 ) -> int:
@@ -266,7 +270,7 @@ def _fill_options(
 
 
 @leaf
-def _copy(old: Any, n: int, to: Any) -> None:
+def _copy(old: FloatArray | IntArray, n: int, to: FloatArray | IntArray) -> None:
     """Copy the first n elements."""
     for i in range(n):
         to[i] = old[i]
@@ -281,7 +285,7 @@ def association_options(
     meas_model: LinearisedMeasurement,
     log_clutter: FloatArray,
     gate_chi2: float,
-) -> Any:
+) -> tuple[IntArray, IntArray, FloatArray]:
     """Return the association options of each predicted track: start, meas, logw.
 
     `z` (m, 2) is in sensor coordinates and in the order of `sort_into_strips`. `log_clutter` (m,) is the

@@ -22,11 +22,12 @@ AssociationOptions      .logw         float64  (O,) log eta, the best option of 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from gcs.jit import inlined
+from gcs.model import FloatArray, IntArray
 from gcs.tracking.numerics.sorting import head
 
 MISSED, DIED = -1, -2
@@ -36,10 +37,10 @@ MISSED, DIED = -1, -2
 class Clusters(NamedTuple):
     """Independent clusters of hypotheses (see the table above)."""
 
-    first: Any
-    start: Any
-    items: Any
-    logw: Any
+    first: IntArray
+    start: IntArray
+    items: IntArray
+    logw: FloatArray
 
     @classmethod
     def example(cls) -> Clusters:
@@ -50,13 +51,13 @@ class Clusters(NamedTuple):
 class AssociationOptions(NamedTuple):
     """Association options of each track (see `gating.association_options`)."""
 
-    start: Any
-    meas: Any
-    logw: Any
+    start: IntArray
+    meas: IntArray
+    logw: FloatArray
 
 
 @inlined
-def mix64(x: Any) -> Any:
+def mix64(x: np.uint64) -> np.uint64:
     """Scramble 64 bits, one to one (finaliser of SplitMix64, Steele et al. 2014)."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -64,7 +65,7 @@ def mix64(x: Any) -> Any:
 
 
 @inlined
-def item_key(item: Any) -> Any:
+def item_key(item: int) -> np.uint64:
     """Return a pseudo-random 64-bit key of an item; the key of a set is the sum of these.
 
     It is computed at every use: a table of keys costs more in cache misses.

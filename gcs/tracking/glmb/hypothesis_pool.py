@@ -18,11 +18,12 @@ order           SortBuffers                   scratch
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from gcs.jit import ZERO, inlined, leaf, spliced
+from gcs.jit import ZERO, inlined, int64, leaf, spliced
+from gcs.model import BoolArray, FloatArray, IntArray, KeyArray
 from gcs.tracking.glmb.hypotheses import DIED, AssociationOptions, item_key
 from gcs.tracking.glmb.params import Limits
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, power_of_two
@@ -31,12 +32,12 @@ from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_de
 class HypothesisPool(NamedTuple):
     """Distinct posterior components, found by key (see the table above)."""
 
-    logw: Any
-    key: Any
-    size: Any
-    items: Any
-    slot: Any
-    is_kept: Any
+    logw: FloatArray
+    key: KeyArray
+    size: IntArray
+    items: IntArray
+    slot: IntArray
+    is_kept: BoolArray
     order: SortBuffers
 
 
@@ -55,17 +56,17 @@ def allocate_pool(capacity: int, max_size: int) -> HypothesisPool:
 
 
 @inlined
-def _find_slot(slot: Any, slots: int, keys: Any, key: Any) -> Any:
+def _find_slot(slot: IntArray, slots: int, keys: KeyArray, key: np.uint64) -> int:
     """Return the slot of the component with `key`, or the free slot where it belongs."""
     mask = slots - 1
-    at = np.int64(key & np.uint64(mask))
+    at = int64(key & np.uint64(mask))
     while slot[at] >= 0 and keys[slot[at]] != key:
         at = (at + 1) & mask
     return at
 
 
 @leaf
-def _keep_best(pool: HypothesisPool, count: int, slots: int, max_kept: int) -> Any:
+def _keep_best(pool: HypothesisPool, count: int, slots: int, max_kept: int) -> tuple[int, float]:
     """Keep the `max_kept` best components; return their number and the worst log-weight of these."""
     argsort_descending(pool.logw, ZERO, count, pool.order)
     order, is_kept = pool.order.index, pool.is_kept
@@ -95,11 +96,11 @@ def add_candidate(
     count: int,
     floor: float,
     logw: float,
-    assignment: Any,
+    assignment: IntArray,
     n: int,
     options: AssociationOptions,
     limits: Limits,
-) -> Any:
+) -> tuple[int, float]:
     """Add the component in which track i of n takes option `assignment[i]`; dead tracks are left out.
 
     A known component gains the weight. A full pool keeps its best components alone, and `floor`, the

@@ -18,7 +18,7 @@ log_death         (n,)         float64  log(1 - p_S); of a birth log(1 - r_B)
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters
 from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray
+    from gcs.model import FloatArray, IntArray
     from gcs.tracking.glmb.params import BirthComponents
 
 
@@ -36,12 +36,12 @@ class Prediction(NamedTuple):
     """Predicted tracks and births (see the table above)."""
 
     clusters: Clusters
-    track_label: Any
-    labels: Any
-    mean: Any
-    cov: Any
-    log_survival: Any
-    log_death: Any
+    track_label: IntArray
+    labels: IntArray
+    mean: FloatArray
+    cov: FloatArray
+    log_survival: FloatArray
+    log_death: FloatArray
 
 
 class Survival(NamedTuple):
@@ -58,7 +58,13 @@ class Survival(NamedTuple):
 
 @leaf
 def predict_track(
-    mean: FloatArray, cov: FloatArray, t: int, dt_s: float, Q: FloatArray, mean_out: FloatArray, cov_out: Any
+    mean: FloatArray,
+    cov: FloatArray,
+    t: int,
+    dt_s: float,
+    Q: FloatArray,
+    mean_out: FloatArray,
+    cov_out: FloatArray,
 ) -> None:
     """Predict track t by `dt_s` at constant velocity, with process noise `Q` (`constant_velocity`)."""
     for i in range(2):
@@ -77,7 +83,7 @@ def predict_track(
 
 @leaf
 def _predict_tracks(
-    mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, survival: Survival, out: Any
+    mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, survival: Survival, out: Prediction
 ) -> None:
     for t in range(mean.shape[0]):
         predict_track(mean, cov, t, dt_s, Q, out.mean, out.cov)
@@ -88,7 +94,12 @@ def _predict_tracks(
 
 @leaf
 def _append_births(
-    clusters: Clusters, track_label: Any, labels: Any, scan: int, births: Any, out: Prediction
+    clusters: Clusters,
+    track_label: IntArray,
+    labels: IntArray,
+    scan: int,
+    births: BirthComponents,
+    out: Prediction,
 ) -> None:
     """Append the births to the predicted tracks, each with a cluster of its own."""
     n_clusters, n_hyps, n_items = clusters.first.size - 1, clusters.logw.size, clusters.items.size
@@ -122,8 +133,8 @@ def _append_births(
 @inlined
 def predict_with_births(
     clusters: Clusters,
-    track_label: Any,
-    labels: Any,
+    track_label: IntArray,
+    labels: IntArray,
     mean: FloatArray,
     cov: FloatArray,
     dt_s: float,
@@ -153,7 +164,7 @@ def predict_with_births(
 @inlined
 def _gain_row(
     x: float, y: float, meas_model: LinearisedMeasurement, u: int, a: float, b: float, c: float, det: float
-) -> Any:
+) -> tuple[float, float]:
     """Return a row of K = P H' S^-1 from two elements of that row of P, and S = [[a, b], [b, c]]."""
     e = x * meas_model.A[u, 0, 0] + y * meas_model.A[u, 0, 1]
     f = x * meas_model.A[u, 1, 0] + y * meas_model.A[u, 1, 1]
@@ -161,7 +172,9 @@ def _gain_row(
 
 
 @inlined
-def _residual_row(row: int, k0: float, k1: float, meas_model: LinearisedMeasurement, u: int) -> Any:
+def _residual_row(
+    row: int, k0: float, k1: float, meas_model: LinearisedMeasurement, u: int
+) -> tuple[float, float]:
     """Return the first two elements of a row of I - K H; the others are those of I."""
     return (
         (1.0 if row == 0 else 0.0) - (k0 * meas_model.A[u, 0, 0] + k1 * meas_model.A[u, 1, 0]),
@@ -172,7 +185,7 @@ def _residual_row(row: int, k0: float, k1: float, meas_model: LinearisedMeasurem
 @inlined
 def _add_noise_term(
     total: float, k0: float, k1: float, meas_model: LinearisedMeasurement, u: int, l0: float, l1: float
-) -> Any:
+) -> float:
     """Add an element of K R K' to `total`, from two rows of K."""
     r = meas_model.noise
     return total + k0 * r[u, 0, 0] * l0 + k0 * r[u, 0, 1] * l1 + k1 * r[u, 1, 0] * l0 + k1 * r[u, 1, 1] * l1
@@ -246,8 +259,8 @@ def update_track(
 def _update_tracks(
     mean: FloatArray,
     cov: FloatArray,
-    parent: Any,
-    meas: Any,
+    parent: IntArray,
+    meas: IntArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
     mean_out: FloatArray,
@@ -261,8 +274,8 @@ def _update_tracks(
 def update_tracks(
     mean: FloatArray,
     cov: FloatArray,
-    parent: Any,
-    meas: Any,
+    parent: IntArray,
+    meas: IntArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
 ) -> tuple[FloatArray, FloatArray]:

@@ -19,7 +19,7 @@ first track in the order of the hypotheses.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,13 +29,15 @@ from gcs.tracking.numerics.fast_math import exp_into
 from gcs.tracking.numerics.sorting import head
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray
+    from gcs.model import FloatArray, IntArray
 
 _TAIL = 1e-15
 
 
 @inlined
-def _representative_hypothesis(clusters: Clusters, g: int, track_label: Any, existence: FloatArray) -> Any:
+def _representative_hypothesis(
+    clusters: Clusters, g: int, track_label: IntArray, existence: FloatArray
+) -> int:
     """Return the most probable hypothesis of cluster g with the most likely labels (existence > 1/2).
 
     One hypothesis is used for all labels. The best track of each label by itself would put two labels at one
@@ -68,7 +70,7 @@ def _cardinality_weights(clusters: Clusters, g: int, hyp_probability: FloatArray
 
 
 @inlined
-def _map_hypothesis(clusters: Clusters, g: int, weight: FloatArray, max_size: int) -> Any:
+def _map_hypothesis(clusters: Clusters, g: int, weight: FloatArray, max_size: int) -> int:
     """Return the best hypothesis with the most probable number of objects of cluster g."""
     size = 0
     for k in range(1, max_size + 1):
@@ -107,22 +109,22 @@ def _convolve(
 class Marginals(NamedTuple):
     """Marginals of labels and tracks (see the table above)."""
 
-    existence: Any
-    representative: Any
-    estimated: Any
-    cardinality: Any
-    probability: Any
+    existence: FloatArray
+    representative: IntArray
+    estimated: IntArray
+    cardinality: FloatArray
+    probability: FloatArray
 
 
 @leaf
 def _accumulate_marginals(
     clusters: Clusters,
-    track_label: Any,
+    track_label: IntArray,
     weight: FloatArray,
     other: FloatArray,
-    hyp_probability: Any,
+    hyp_probability: FloatArray,
     out: Marginals,
-) -> Any:
+) -> int:
     """Fill `out`; return the number of estimated tracks.
 
     `weight` (L + 1,) and `other` (L + 1,) are 0 before; `other` alternates with `out.cardinality`.
@@ -174,7 +176,7 @@ def _accumulate_marginals(
 
 
 @inlined
-def compute_marginals(clusters: Clusters, track_label: Any, n_labels: int) -> Marginals:
+def compute_marginals(clusters: Clusters, track_label: IntArray, n_labels: int) -> Marginals:
     """Return the marginals of the clusters."""
     existence, probability = np.zeros(n_labels), np.zeros(track_label.size)
     representative, estimated = np.empty(n_labels, np.int64), np.empty(n_labels, np.int64)
@@ -189,7 +191,7 @@ def compute_marginals(clusters: Clusters, track_label: Any, n_labels: int) -> Ma
 
 
 @kernel
-def track_probabilities(clusters: Clusters, n_tracks: int) -> Any:
+def track_probabilities(clusters: Clusters, n_tracks: int) -> FloatArray:
     """Return the probability of each track (n,): that of the hypotheses that hold it."""
     probability, hyp_probability = np.zeros(n_tracks), np.empty(clusters.logw.size)
     exp_into(clusters.logw, hyp_probability)
@@ -200,7 +202,7 @@ def track_probabilities(clusters: Clusters, n_tracks: int) -> Any:
 
 
 @kernel
-def map_tracks(clusters: Clusters) -> Any:
+def map_tracks(clusters: Clusters) -> IntArray:
     """Return the tracks of the best hypothesis with the most probable cardinality of each cluster."""
     chosen, n = np.empty(clusters.items.size, np.int64), ZERO
     weight, hyp_probability = np.zeros(clusters.items.size + 1), np.empty(clusters.logw.size)

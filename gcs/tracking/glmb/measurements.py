@@ -12,7 +12,7 @@ rows (ordered)       (m,)           int64    row of each usable detection in the
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from gcs.tracking.models import sensors
 from gcs.tracking.numerics.sorting import head
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray, Sensor
+    from gcs.model import FloatArray, IntArray, Sensor
 
 _MIN_CLUTTER_PER_M2 = 1e-15
 
@@ -38,10 +38,10 @@ class Measurements(NamedTuple):
 class OrderedMeasurements(NamedTuple):
     """The usable detections of a scan, in the order of `gating.sort_into_strips`."""
 
-    z: Any
-    position_m: Any
-    log_clutter: Any
-    rows: Any
+    z: FloatArray
+    position_m: FloatArray
+    log_clutter: FloatArray
+    rows: IntArray
 
 
 def scan_measurements(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArray | None) -> Measurements:

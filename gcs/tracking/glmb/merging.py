@@ -9,7 +9,7 @@ tracks become one. Existence and cardinality do not change.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from gcs.tracking.numerics.sorting import (
 )
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray
+    from gcs.model import BoolArray, FloatArray, IntArray
 
 
 @inlined
@@ -92,15 +92,15 @@ def _find_representatives(
     clusters: Clusters,
     mean: FloatArray,
     cov: FloatArray,
-    track_label: Any,
+    track_label: IntArray,
     max_distance2: float,
     hyp_probability: FloatArray,
     track_probability: FloatArray,
     cholesky: FloatArray,
-    is_factored: Any,
+    is_factored: BoolArray,
     order: SortBuffers,
-    representative: Any,
-    representatives: Any,
+    representative: IntArray,
+    representatives: IntArray,
 ) -> None:
     """Fill `representative`: of each track, itself or a more probable similar track of its label.
 
@@ -142,7 +142,7 @@ def _find_representatives(
 
 
 @leaf
-def _number_mixtures(representative: Any, mixture: Any) -> int:
+def _number_mixtures(representative: IntArray, mixture: IntArray) -> int:
     """Number the tracks that represent others in `mixture` (n,), -1 elsewhere; return how many."""
     count = 0
     mixture[:] = -1
@@ -158,8 +158,8 @@ def _moment_match(
     mean: FloatArray,
     cov: FloatArray,
     track_probability: FloatArray,
-    representative: Any,
-    mixture: Any,
+    representative: IntArray,
+    mixture: IntArray,
     total: FloatArray,
     centre: FloatArray,
     spread: FloatArray,
@@ -206,7 +206,11 @@ def _max_cluster_hypotheses(clusters: Clusters) -> int:
 
 @leaf
 def _merge_hypotheses(
-    clusters: Clusters, hyp_probability: FloatArray, representative: Any, unique: UniqueBuffers, out: Clusters
+    clusters: Clusters,
+    hyp_probability: FloatArray,
+    representative: IntArray,
+    unique: UniqueBuffers,
+    out: Clusters,
 ) -> None:
     """Replace tracks by their representatives and merge hypotheses that become equal."""
     first, start, items = clusters.first, clusters.start, clusters.items
@@ -237,7 +241,7 @@ def _merge_hypotheses(
 
 @kernel
 def merge_similar_tracks(
-    clusters: Clusters, mean: FloatArray, cov: FloatArray, track_label: Any, max_distance2: float
+    clusters: Clusters, mean: FloatArray, cov: FloatArray, track_label: IntArray, max_distance2: float
 ) -> Clusters:
     """Merge tracks of one label within `max_distance2`; `mean` and `cov` change in place.
 

@@ -27,11 +27,12 @@ visited          (power of two,)     uint64   hash table of the Gibbs states
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, spliced
+from gcs.model import BoolArray, FloatArray, IntArray, KeyArray
 from gcs.tracking.glmb.hypotheses import (
     AssociationOptions,
     Clusters,
@@ -48,8 +49,40 @@ _FEW_JOINT_OPTIONS = 1000
 _LOSS_BINS = 16
 
 
+class _Bounds(NamedTuple):
+    """Bounds of the search (see the table above)."""
+
+    n_joint: FloatArray
+    best_logw: FloatArray
+    capacity: IntArray
+    max_size: IntArray
+
+
+class _Scratch(NamedTuple):
+    """Scratch of the search in one hypothesis (see the table above)."""
+
+    is_assigned: BoolArray
+    assignment: IntArray
+    partial_logw: FloatArray
+    best_remaining: FloatArray
+    loss_histogram: FloatArray
+    visited: KeyArray
+    order: SortBuffers
+
+
+class _Search(NamedTuple):
+    """Search in one cluster."""
+
+    pool: HypothesisPool
+    capacity: int
+    slots: int
+    options: AssociationOptions
+    limits: Limits
+    scratch: _Scratch
+
+
 @inlined
-def _random_uniform(rng: Any) -> float:
+def _random_uniform(rng: KeyArray) -> float:
     """Return a uniform number in [0, 1); `rng` (1,) is the state of a SplitMix64 generator."""
     rng[0] = rng[0] + np.uint64(0x9E3779B97F4A7C15)
     return float(mix64(rng[0]) >> np.uint64(11)) * 2.0**-53
@@ -57,25 +90,16 @@ def _random_uniform(rng: Any) -> float:
 
 @inlined
 def _branch_and_bound(
-    pool: HypothesisPool,
-    capacity: int,
-    slots: int,
-    count: int,
-    floor: float,
-    parent_logw: float,
-    tracks: Any,
-    options: AssociationOptions,
-    is_assigned: Any,
-    limits: Limits,
-    assignment: Any,
-    total: Any,
-    best_remaining: Any,
-) -> Any:
+    search: _Search, count: int, floor: float, parent_logw: float, tracks: IntArray
+) -> tuple[int, float]:
     """Add every component of a hypothesis above the floor: depth first, best options first.
 
     The bound gives the remaining tracks their best options as if no other track competed for them.
     """
+    pool, capacity, slots, options, limits, scratch = search
     start, meas, logw = options.start, options.meas, options.logw
+    is_assigned, assignment = scratch.is_assigned, scratch.assignment
+    total, best_remaining = scratch.partial_logw, scratch.best_remaining
     n = tracks.size
     best_remaining[n], total[0] = 0.0, parent_logw
     for d in range(n - 1, -1, -1):
@@ -109,7 +133,9 @@ def _branch_and_bound(
 
 
 @inlined
-def _assign_greedily(tracks: Any, options: AssociationOptions, is_assigned: Any, assignment: Any) -> float:
+def _assign_greedily(
+    tracks: IntArray, options: AssociationOptions, is_assigned: BoolArray, assignment: IntArray
+) -> float:
     """Give each track in turn its best free option; return their log-weight."""
     start, meas = options.start, options.meas
     total = 0.0
@@ -125,7 +151,9 @@ def _assign_greedily(tracks: Any, options: AssociationOptions, is_assigned: Any,
 
 
 @inlined
-def _release_detections(tracks: Any, options: AssociationOptions, is_assigned: Any, assignment: Any) -> None:
+def _release_detections(
+    tracks: IntArray, options: AssociationOptions, is_assigned: BoolArray, assignment: IntArray
+) -> None:
     """Mark the detections of an assignment as free."""
     for i in range(tracks.size):
         if options.meas[assignment[i]] >= 0:
@@ -133,7 +161,9 @@ def _release_detections(tracks: Any, options: AssociationOptions, is_assigned: A
 
 
 @inlined
-def _count_assignments(tracks: Any, options: AssociationOptions, slack: float, count: Any) -> float:
+def _count_assignments(
+    tracks: IntArray, options: AssociationOptions, slack: float, count: FloatArray
+) -> float:
     """Estimate how many joint options lose less than `slack` against the best of each track.
 
     Conflicts are ignored, and losses are counted in the bins of `count`, rounded down: the result is an upper
@@ -160,7 +190,9 @@ def _count_assignments(tracks: Any, options: AssociationOptions, slack: float, c
 
 
 @inlined
-def _gibbs_draw(first: int, end: int, options: AssociationOptions, is_assigned: Any, rng: Any) -> int:
+def _gibbs_draw(
+    first: int, end: int, options: AssociationOptions, is_assigned: BoolArray, rng: KeyArray
+) -> int:
     """Draw one of the free options of a track in proportion to its weight."""
     meas, logw = options.meas, options.logw
     while meas[first] >= 0 and is_assigned[meas[first]]:
@@ -181,22 +213,17 @@ def _gibbs_draw(first: int, end: int, options: AssociationOptions, is_assigned: 
 
 @inlined
 def _gibbs_sample(
-    pool: HypothesisPool,
-    capacity: int,
-    slots: int,
+    search: _Search,
     count: int,
     floor: float,
     parent_logw: float,
-    tracks: Any,
-    options: AssociationOptions,
-    is_assigned: Any,
-    limits: Limits,
-    assignment: Any,
+    tracks: IntArray,
     gibbs_sweeps: int,
-    visited: Any,
-    rng: Any,
-) -> Any:
+    rng: KeyArray,
+) -> tuple[int, float]:
     """Add the distinct components that the Gibbs sampler visits, from the greedy one on."""
+    pool, capacity, slots, options, limits, scratch = search
+    is_assigned, assignment, visited = scratch.is_assigned, scratch.assignment, scratch.visited
     start, meas = options.start, options.meas
     n = tracks.size
     _assign_greedily(tracks, options, is_assigned, assignment)
@@ -229,31 +256,10 @@ def _gibbs_sample(
     return count, floor
 
 
-class _Bounds(NamedTuple):
-    """Bounds of the search (see the table above)."""
-
-    n_joint: Any
-    best_logw: Any
-    capacity: Any
-    max_size: Any
-
-
-class _Scratch(NamedTuple):
-    """Scratch of the search in one hypothesis (see the table above)."""
-
-    is_assigned: Any
-    assignment: Any
-    partial_logw: Any
-    best_remaining: Any
-    loss_histogram: Any
-    visited: Any
-    order: SortBuffers
-
-
 @leaf
 def _compute_bounds(
     clusters: Clusters, options: AssociationOptions, max_hypotheses: int, bounds: _Bounds
-) -> Any:
+) -> tuple[int, int, int, int, int]:
     """Fill the bounds.
 
     Returns the most tracks of a cluster, its largest capacity, the bounds on hypotheses and items of the
@@ -289,12 +295,13 @@ def _fill_pool(
     bound: _Bounds,
     pool: HypothesisPool,
     scratch: _Scratch,
-    rng: Any,
-) -> Any:
+    rng: KeyArray,
+) -> int:
     """Put the posterior components of cluster g into the pool; return their number."""
     capacity, slots = bound.capacity[g], power_of_two(2 * bound.capacity[g])
     for i in range(slots):
         pool.slot[i] = -1
+    search = _Search(pool, capacity, slots, options, limits, scratch)
     count, floor = ZERO, -np.inf
     argsort_descending(bound.best_logw, clusters.first[g], clusters.first[g + 1], scratch.order)
     for k in range(clusters.first[g + 1] - clusters.first[g]):
@@ -312,16 +319,10 @@ def _fill_pool(
                 n_assignments, _count_assignments(tracks, options, slack, scratch.loss_histogram)
             )
         if n_assignments <= limits.max_enumerated:
-            count, floor = _branch_and_bound(
-                pool, capacity, slots, count, floor, parent_logw, tracks, options,
-                scratch.is_assigned, limits, scratch.assignment, scratch.partial_logw, scratch.best_remaining,
-            )  # fmt: skip
+            count, floor = _branch_and_bound(search, count, floor, parent_logw, tracks)
         else:
             gibbs_sweeps = math.ceil(limits.gibbs_sweeps * math.exp(parent_logw)) + 8
-            count, floor = _gibbs_sample(
-                pool, capacity, slots, count, floor, parent_logw, tracks, options,
-                scratch.is_assigned, limits, scratch.assignment, gibbs_sweeps, scratch.visited, rng,
-            )  # fmt: skip
+            count, floor = _gibbs_sample(search, count, floor, parent_logw, tracks, gibbs_sweeps, rng)
     return count
 
 
@@ -333,9 +334,9 @@ def _update_clusters(
     bound: _Bounds,
     pool: HypothesisPool,
     scratch: _Scratch,
-    rng: Any,
+    rng: KeyArray,
     out: Clusters,
-) -> Any:
+) -> int:
     """Fill `out` with the posterior components of all clusters; return their number."""
     n, logw = 0, out.logw
     out.first[0] = out.start[0] = 0
@@ -361,8 +362,8 @@ def _update_clusters(
 
 @kernel
 def update_clusters(
-    clusters: Clusters, options: AssociationOptions, n_detections: int, limits: Limits, rng: Any
-) -> Any:
+    clusters: Clusters, options: AssociationOptions, n_detections: int, limits: Limits, rng: KeyArray
+) -> Clusters:
     """Return the posterior components of clusters with several labels; their items are options.
 
     `rng` (1,) uint64 advances.

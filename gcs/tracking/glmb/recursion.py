@@ -51,11 +51,12 @@ Steps of a scan: predict and add births (`kalman`), order detections (`measureme
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from gcs.jit import Call, kernel, leaf
+from gcs.model import BoolArray, FloatArray, IntArray, KeyArray
 from gcs.tracking.clusters.factorisation import renumber, split_clusters
 from gcs.tracking.clusters.merging import merge_clusters
 from gcs.tracking.clusters.singleton import DetectionMarginals, update_singletons
@@ -90,12 +91,12 @@ class Posterior(NamedTuple):
     """
 
     clusters: Clusters
-    track_label: Any
-    labels: Any
-    mean: Any
-    cov: Any
-    turn: Any
-    is_certain: Any
+    track_label: IntArray
+    labels: IntArray
+    mean: FloatArray
+    cov: FloatArray
+    turn: FloatArray
+    is_certain: BoolArray
 
     @classmethod
     def empty(cls) -> Posterior:
@@ -116,7 +117,7 @@ class Interval(NamedTuple):
     """The time since the last scan: motion, survival and births."""
 
     dt_s: float
-    Q: Any
+    Q: FloatArray
     """(4, 4) process noise (see `constant_velocity`)."""
     survival: Survival
     scan: int
@@ -127,7 +128,7 @@ class Interval(NamedTuple):
 class DetectionSummary(NamedTuple):
     """What the tracks explain of a scan, for adaptive births and sensor estimation."""
 
-    explained: Any
+    explained: FloatArray
     """(m,) float64, probability that a track made each detection; 1 for an unusable detection."""
     detected: float
     """Expected number of detected objects, among those that certainly existed and were in view."""
@@ -152,22 +153,22 @@ class UpdateResult(NamedTuple):
     posterior: Posterior
     summary: DetectionSummary
     n_unusable: int
-    parent: Any
-    meas: Any
-    logw: Any
-    position_m: Any
+    parent: IntArray
+    meas: IntArray
+    logw: FloatArray
+    position_m: FloatArray
 
 
 @leaf
 def _summarise_detections(
-    is_certain: Any,
-    track_label: Any,
-    p_in_fov: Any,
-    label_in_fov: Any,
+    is_certain: BoolArray,
+    track_label: IntArray,
+    p_in_fov: FloatArray,
+    label_in_fov: FloatArray,
     marginals: DetectionMarginals,
-    rows: Any,
-    explained: Any,
-) -> Any:
+    rows: IntArray,
+    explained: FloatArray,
+) -> tuple[float, float]:
     """Fill `explained`; return the detected and the in-view number of the `is_certain` labels."""
     label_in_fov[:] = 1.0
     for t in range(track_label.size):
@@ -185,7 +186,11 @@ def _summarise_detections(
 
 @leaf
 def _gather_outputs(
-    updated: PosteriorTracks, options: AssociationOptions, labels: Any, p_exists: Any, out: Any
+    updated: PosteriorTracks,
+    options: AssociationOptions,
+    labels: IntArray,
+    p_exists: FloatArray,
+    out: tuple[IntArray, FloatArray, IntArray, BoolArray],
 ) -> None:
     """Fill detection and weight of each track, and the labels that are kept with their certainty."""
     meas, logw, labels_out, is_certain = out
@@ -207,7 +212,7 @@ def update_step(
     limits: Limits,
     turns: TurnModel,
     is_summarised: bool,
-    rng: Any,
+    rng: KeyArray,
 ) -> UpdateResult:
     """Predict and update the posterior with one scan; `rng` (1,) uint64 advances."""
     mean, cov, turn, dt_s, Q = prior.mean, prior.cov, prior.turn, interval.dt_s, interval.Q

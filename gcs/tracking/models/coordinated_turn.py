@@ -18,12 +18,12 @@ covariance with w is limited to keep the joint covariance positive definite.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from gcs.jit import inlined, kernel, leaf
-from gcs.model import FloatArray
+from gcs.jit import Call, inlined, kernel, leaf
+from gcs.model import FloatArray, IntArray
 from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
 
 _SMALL_ANGLE = 1e-4
@@ -41,7 +41,7 @@ class TurnModel(NamedTuple):
 
 
 @inlined
-def _arc(w: float, dt: float) -> Any:
+def _arc(w: float, dt: float) -> tuple[float, float, float, float]:
     """Return sin(w dt)/w, (1 - cos(w dt))/w, and their derivatives by w."""
     a = w * dt
     if abs(a) < _SMALL_ANGLE:
@@ -94,7 +94,7 @@ def predict(
     dt: float,
     rate_std_rad_s: float,
     rate_time_s: float,
-) -> Any:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Predict every track: means (n, 4), covariances (n, 4, 4), turns (n, 6).
 
     `Q` is that of `constant_velocity`.
@@ -147,11 +147,11 @@ def predict(
 def update(
     cov: FloatArray,
     turn: FloatArray,
-    parent: Any,
-    meas: Any,
+    parent: IntArray,
+    meas: IntArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
-) -> Any:
+) -> FloatArray:
     """Return the turns (n, 6) of the updates in `kalman.update_tracks`; `cov` and `turn` are predicted."""
     n = parent.size
     out = np.empty((n, 6))
@@ -186,7 +186,7 @@ def update(
 
 
 @kernel
-def jacobians(mean: FloatArray, dt: FloatArray, rate_time_s: float) -> Any:
+def jacobians(mean: FloatArray, dt: FloatArray, rate_time_s: float) -> FloatArray:
     """Return the Jacobians (n, 5, 5) of [p, v, w] over each `dt` (n,) at `mean` (n, 5)."""
     out = np.zeros((mean.shape[0], 5, 5))
     F, g = np.eye(4), np.empty(4)
@@ -217,6 +217,6 @@ def append_births(turn: FloatArray, n: int, rate_std_rad_s: float) -> FloatArray
     return out
 
 
-def warm_up_calls() -> list[tuple[Any, ...]]:
+def warm_up_calls() -> list[Call]:
     """Return one call of every kernel that Python calls, with the types of a tracker."""
     return [(jacobians, np.zeros((1, 5)), np.ones(1), 5.0)]

@@ -29,7 +29,7 @@ has_bearing            bool                         True if the second coordinat
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -71,7 +71,7 @@ class LinearisedMeasurement(NamedTuple):
 
 
 @inlined
-def wrap_angle(angle_rad: Any) -> Any:
+def wrap_angle(angle_rad: float) -> float:
     """Return the same angle in [-pi, pi]."""
     return angle_rad - _TWO_PI * np.rint(angle_rad / _TWO_PI)
 
@@ -86,7 +86,9 @@ def _probability_between(centre: float, std: float, low: float, high: float) -> 
 
 
 @leaf
-def _fill_positions(mean: FloatArray, cov: FloatArray, fov: FloatArray, z_hat: Any, p_in_fov: Any) -> None:
+def _fill_positions(
+    mean: FloatArray, cov: FloatArray, fov: FloatArray, z_hat: FloatArray, p_in_fov: FloatArray
+) -> None:
     everywhere = True
     for i in range(2):
         everywhere &= fov[i, 0] == -np.inf and fov[i, 1] == np.inf
@@ -98,7 +100,7 @@ def _fill_positions(mean: FloatArray, cov: FloatArray, fov: FloatArray, z_hat: A
 
 
 @called
-def _position(mean: FloatArray, cov: FloatArray, fov: FloatArray) -> Any:
+def _position(mean: FloatArray, cov: FloatArray, fov: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return expected measurements of a position sensor, and the probability to be in `fov`."""
     z_hat, p_in_fov = np.empty((mean.shape[0], 2)), np.empty(mean.shape[0])
     _fill_positions(mean, cov, fov, z_hat, p_in_fov)
@@ -108,7 +110,7 @@ def _position(mean: FloatArray, cov: FloatArray, fov: FloatArray) -> Any:
 @called
 def _range_bearing(
     mean: FloatArray, cov: FloatArray, place: FloatArray, R: FloatArray, fov: FloatArray, centre_rad: float
-) -> Any:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the unscented model of each track; `fov` bounds range and relative bearing."""
     n = mean.shape[0]
     z_hat, A, noise, p_in_fov = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty((n, 2, 2)), np.empty(n)

@@ -15,6 +15,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from gcs.jit import leaf
+from gcs.model import FloatArray
 
 _PER_LN2 = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
@@ -27,7 +28,7 @@ _MIN_NORMAL = 2.2250738585072014e-308
 """Smallest normal float64."""
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]
 def _float_to_bits(typing: Any, x: Any) -> Any:  # noqa: ARG001  numba's signature
     """Return the bits of a float64 as an integer."""
 
@@ -37,7 +38,7 @@ def _float_to_bits(typing: Any, x: Any) -> Any:  # noqa: ARG001  numba's signatu
     return types.int64(types.float64), code
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]
 def _bits_to_float(typing: Any, bits: Any) -> Any:  # noqa: ARG001  numba's signature
     """Return the float64 with these bits."""
 
@@ -48,7 +49,7 @@ def _bits_to_float(typing: Any, bits: Any) -> Any:  # noqa: ARG001  numba's sign
 
 
 @leaf
-def exp_into(x: Any, out: Any) -> None:
+def exp_into(x: FloatArray, out: FloatArray) -> None:
     """Fill `out` with e^x for x (n,), clipped to -708 ... 709."""
     for i in range(x.size):
         at = min(max(x[i], -708.0), 709.0)
@@ -70,7 +71,7 @@ def exp_into(x: Any, out: Any) -> None:
 
 
 @leaf
-def log_in_place(x: Any) -> None:
+def log_in_place(x: FloatArray) -> None:
     """Replace x (n,), positive, by its natural logarithms; -708 below 2e-308."""
     for i in range(x.size):
         bits = _float_to_bits(max(x[i], _MIN_NORMAL))

@@ -6,19 +6,23 @@ These functions are compiled into kernels of other files (see `gcs.jit` about th
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from gcs.jit import ZERO, called, inlined, leaf, spliced
+from gcs.jit import ZERO, called, inlined, int64, leaf, spliced
+from gcs.model import FloatArray, IntArray, KeyArray
+
+ArrayT = TypeVar("ArrayT", bound=npt.NDArray[Any])
 
 _MAX_INSERTION = 8
 
 
 @called
-def head(array: Any, n: int) -> Any:
+def head(array: ArrayT, n: int) -> ArrayT:
     """Return the first n elements."""
-    return array[:n]
+    return array[:n]  # type: ignore[return-value]
 
 
 class SortBuffers(NamedTuple):
@@ -31,9 +35,9 @@ class SortBuffers(NamedTuple):
     ======  =======  ============================
     """
 
-    index: Any
-    other: Any
-    begin: Any
+    index: IntArray  # type: ignore[assignment]  # tuple.index
+    other: IntArray
+    begin: IntArray
 
 
 @inlined
@@ -43,7 +47,7 @@ def allocate_sort(n: int) -> SortBuffers:
 
 
 @inlined
-def _insertion_sort(value: Any, n: int, order: Any) -> None:
+def _insertion_sort(value: FloatArray | IntArray, n: int, order: IntArray) -> None:
     """Sort n indices by insertion: fast if all are near their places."""
     for i in range(1, n):
         x, j = order[i], i
@@ -54,7 +58,7 @@ def _insertion_sort(value: Any, n: int, order: Any) -> None:
 
 
 @leaf
-def _merge_sort(value: Any, n: int, to: SortBuffers) -> None:
+def _merge_sort(value: FloatArray | IntArray, n: int, to: SortBuffers) -> None:
     """Sort n indices by merging runs."""
     order, merged, run = to.index, to.other, 1
     while run < n:
@@ -79,7 +83,9 @@ def _merge_sort(value: Any, n: int, to: SortBuffers) -> None:
 
 
 @inlined
-def _bucket_sort(value: Any, first: int, n: int, least: float, most: float, to: SortBuffers) -> bool:
+def _bucket_sort(
+    value: FloatArray | IntArray, first: int, n: int, least: float, most: float, to: SortBuffers
+) -> bool:
     """Distribute n indices over even steps from the greatest value to the least.
 
     Returns True if no step has more than a few values.
@@ -101,7 +107,7 @@ def _bucket_sort(value: Any, first: int, n: int, least: float, most: float, to: 
 
 
 @leaf
-def _argsort_many(value: Any, first: int, n: int, to: SortBuffers) -> None:
+def _argsort_many(value: FloatArray | IntArray, first: int, n: int, to: SortBuffers) -> None:
     """Sort n indices from `first` on."""
     least = most = value[first]
     for i in range(n):
@@ -114,7 +120,7 @@ def _argsort_many(value: Any, first: int, n: int, to: SortBuffers) -> None:
 
 
 @spliced
-def argsort_descending(value: Any, first: int, end: int, to: SortBuffers) -> None:
+def argsort_descending(value: FloatArray | IntArray, first: int, end: int, to: SortBuffers) -> None:
     """Sort the indices `first` to `end` - 1 by value: greatest first, stable.
 
     Few values are sorted by insertion. More are first distributed over even steps, which leaves little to do
@@ -152,13 +158,13 @@ class UniqueBuffers(NamedTuple):
     =======  ===============  =======  ======================================================
     """
 
-    key: Any
-    slot: Any
+    key: KeyArray
+    slot: IntArray
     order: SortBuffers
-    weight: Any
-    example: Any
-    which: Any
-    logw: Any
+    weight: FloatArray
+    example: IntArray
+    which: IntArray
+    logw: FloatArray
 
 
 @inlined
@@ -187,14 +193,14 @@ def rank_by_weight(count: int, to: UniqueBuffers) -> None:
 
 
 @leaf
-def unique_hypotheses(n: int, weight: Any, first: int, to: UniqueBuffers) -> int:
+def unique_hypotheses(n: int, weight: FloatArray, first: int, to: UniqueBuffers) -> int:
     """Merge hypotheses with equal keys among n from `first` on; return how many are distinct."""
     slots = power_of_two(2 * n)
     for i in range(slots):
         to.slot[i] = -1
     count, mask = ZERO, slots - 1
     for h in range(n):
-        at = np.int64(to.key[h] & np.uint64(mask))
+        at = int64(to.key[h] & np.uint64(mask))
         while to.slot[at] >= 0 and to.key[to.example[to.slot[at]] - first] != to.key[h]:
             at = (at + 1) & mask
         if to.slot[at] < 0:

@@ -20,7 +20,7 @@ n_free        (1,)         int64
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from gcs.jit import inlined, kernel, leaf
 from gcs.tracking.glmb.marginals import map_tracks
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray
+    from gcs.model import FloatArray, IntArray
     from gcs.tracking.glmb.recursion import Posterior
 
 NO_NODE: Final = -1
@@ -37,15 +37,15 @@ NO_NODE: Final = -1
 class HistoryTree(NamedTuple):
     """Nodes, used and free (see the table above)."""
 
-    references: Any
-    parent: Any
-    scan: Any
-    birth: Any
-    meas: Any
-    z_m: Any
-    logw: Any
-    free: Any
-    n_free: Any
+    references: IntArray
+    parent: IntArray
+    scan: IntArray
+    birth: IntArray
+    meas: IntArray
+    z_m: FloatArray
+    logw: FloatArray
+    free: IntArray
+    n_free: IntArray
 
     @classmethod
     def allocate(cls, n: int) -> HistoryTree:
@@ -76,7 +76,7 @@ def _release_chain(tree: HistoryTree, node: int) -> None:
 
 
 @leaf
-def _release_nodes(tree: HistoryTree, nodes: Any) -> None:
+def _release_nodes(tree: HistoryTree, nodes: IntArray) -> None:
     for i in range(nodes.size):
         _release_chain(tree, nodes[i])
 
@@ -84,13 +84,13 @@ def _release_nodes(tree: HistoryTree, nodes: Any) -> None:
 @leaf
 def _fill_nodes(
     tree: HistoryTree,
-    nodes_before: Any,
+    nodes_before: IntArray,
     scan: int,
-    parent: Any,
-    meas: Any,
+    parent: IntArray,
+    meas: IntArray,
     logw: FloatArray,
     position_m: FloatArray,
-    to: Any,
+    to: IntArray,
 ) -> None:
     """Fill `to` with the nodes of new tracks."""
     tree.n_free[0] -= to.size
@@ -108,7 +108,12 @@ def _fill_nodes(
 
 @leaf
 def _record_estimated(
-    tree: HistoryTree, nodes_before: Any, tracks: Any, posterior: Posterior, labels: Any, nodes: Any
+    tree: HistoryTree,
+    nodes_before: IntArray,
+    tracks: IntArray,
+    posterior: Posterior,
+    labels: IntArray,
+    nodes: IntArray,
 ) -> None:
     """Fill label and node of each estimated track, and add a reference to the node."""
     for i in range(tracks.size):
@@ -120,14 +125,14 @@ def _record_estimated(
 @kernel
 def extend_tree(
     tree: HistoryTree,
-    nodes_before: Any,
+    nodes_before: IntArray,
     scan: int,
     posterior: Posterior,
-    parent: Any,
-    meas: Any,
+    parent: IntArray,
+    meas: IntArray,
     logw: FloatArray,
     position_m: FloatArray,
-) -> Any:
+) -> tuple[IntArray, IntArray, IntArray]:
     """Replace the nodes `nodes_before` of the tracks by those after a scan; enough nodes must be free.
 
     Each track (n,) comes from the track `parent`, or from a birth numbered behind these, with the detection
@@ -144,6 +149,6 @@ def extend_tree(
 
 
 @kernel
-def release_nodes(tree: HistoryTree, nodes: Any) -> None:
+def release_nodes(tree: HistoryTree, nodes: IntArray) -> None:
     """Drop a reference to each of the nodes."""
     _release_nodes(tree, nodes)

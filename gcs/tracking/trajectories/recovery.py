@@ -24,13 +24,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs.jit import Call
-from gcs.model import FloatArray, Label, Sensor, read_only
+from gcs.model import BoolArray, FloatArray, IntArray, Label, Sensor, read_only
 from gcs.tracking.glmb.recursion import Interval, Posterior, UpdateResult
 from gcs.tracking.models import constant_velocity
 from gcs.tracking.models.coordinated_turn import TurnModel
@@ -41,9 +40,6 @@ from gcs.tracking.trajectories.rts import FilterStep, run_filter, smooth_states
 
 if TYPE_CHECKING:
     from gcs.tracking.glmb.params import Birth
-
-IntArray: TypeAlias = npt.NDArray[np.int64]
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 _MIN_REMEMBERED_SCANS = 64
 """Scans that are kept before the unused ones are removed."""

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, Call, kernel, leaf
-from gcs.model import FloatArray, Sensor
+from gcs.model import FloatArray, IntArray, Sensor
 from gcs.tracking.glmb.kalman import predict_track, update_track
 from gcs.tracking.models import coordinated_turn, measurement
 from gcs.tracking.models.coordinated_turn import TurnModel
@@ -58,7 +58,7 @@ class FilterResult(NamedTuple):
 
 @leaf
 def _store(
-    mean: FloatArray, cov: FloatArray, turn: FloatArray, at: int, k: int, means: Any, covs: Any
+    mean: FloatArray, cov: FloatArray, turn: FloatArray, at: int, k: int, means: FloatArray, covs: FloatArray
 ) -> None:
     """Write a state, with its turn rate if there is a fifth element."""
     for i in range(4):
@@ -78,10 +78,10 @@ def filter_path(
     dt_s: FloatArray,
     Q: FloatArray,
     z: FloatArray,
-    sensor_index: Any,
+    sensor_index: IntArray,
     sensors: Any,
     turns: TurnModel,
-) -> Any:
+) -> tuple[FloatArray, FloatArray]:
     """Return the states before and after each of n scans: means (2, n, d), covariances (2, n, d, d).
 
     `dt_s` (n,) is the time since the last scan, `Q` (n, 4, 4) its process noise, and `z` (n, 2) the
