@@ -1,4 +1,4 @@
-"""Tracking of recorded detections: tracked, scored, written and drawn.
+"""`gcs track`: tracking of recorded detections, scores, output files and picture.
 
 The estimators use the same filter. "filtered" is the estimate at each scan. "recovered" are whole paths from
 the association histories, each state from the detections up to it. "smoothed" are these paths from all
@@ -279,13 +279,13 @@ def score(detections: Detections, tracked: Tracked) -> tuple[Scores, FloatArray]
     """Return the scores, and for each scan with ground truth OSPA (m), found and true number (n, 3)."""
     times = tracked.scan_ms or [0.0]
     speed = (float(np.mean(times)), float(np.percentile(times, 99)))
-    judged = [k for k in tracked.states if k in detections.truth]
-    if not judged:
+    scored = [k for k in tracked.states if k in detections.truth]
+    if not scored:
         return Scores(len(tracked.states), None, None, None, None, None, *speed), np.empty((0, 3))
-    found = [{label: state[:2] for label, state in tracked.states[k].items()} for k in judged]
-    true = [detections.truth[k] for k in judged]
+    found = [{label: state[:2] for label, state in tracked.states[k].items()} for k in scored]
+    true = [detections.truth[k] for k in scored]
     near = [ospa(_points(x), _points(y)).total_m for x, y in zip(found, true, strict=True)]
-    windows = [slice(max(0, k - OSPA2_WINDOW_SCANS + 1), k + 1) for k in range(len(judged))]
+    windows = [slice(max(0, k - OSPA2_WINDOW_SCANS + 1), k + 1) for k in range(len(scored))]
     scores = Scores(
         len(tracked.states),
         float(np.mean(near)),
