@@ -80,8 +80,6 @@ class Engine:
 
     Parameters
     ----------
-    config : Config
-        The mission.
     seed : int
         Seed of the map's random obstacles.
     """

@@ -45,13 +45,7 @@ _FAR_M: Final = 1e9
 
 
 class Restart:
-    """Collects the state to persist, and restores it.
-
-    Parameters
-    ----------
-    fleet, tasking, replanner, orders, agent_status, trackers, external_uploads, onboard_audit
-        Stages of the engine with persisted state.
-    """
+    """Collects the state to persist, and restores it."""
 
     def __init__(
         self,

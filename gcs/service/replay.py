@@ -73,7 +73,6 @@ class Replay:
         self.t_ns = 0
         self._records = records
         self._window = window
-        self._shown = False
 
     @property
     def duration_s(self) -> float:
@@ -113,7 +112,6 @@ class Replay:
         self.t_ns = max(self.t_ns, event.t_ns)
         self.events += 1
         self.effects += len(effects)
-        self._shown = shown
         for watcher in self.watchers:
             watcher.event(number, event.t_ns, effects, judged=shown)
         if shown:

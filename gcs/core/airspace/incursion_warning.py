@@ -49,13 +49,7 @@ class Incursion:
 
 
 class IncursionWarnings:
-    """Predicts incursions of onboard missions.
-
-    Parameters
-    ----------
-    tasking : UploadManager
-        Onboard missions.
-    """
+    """Predicts incursions of onboard missions."""
 
     def __init__(self, tasking: UploadManager) -> None:
         self._tasking = tasking

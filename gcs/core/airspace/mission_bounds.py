@@ -24,15 +24,7 @@ _RELATIVE: Final = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLO
 
 
 class MissionBoundsCheck:
-    """Checks the positions of mission items.
-
-    Parameters
-    ----------
-    config : Config
-        The mission: its frame and fence.
-    grid : Grid
-        Its map; only the extent counts.
-    """
+    """Checks the positions of mission items."""
 
     def __init__(self, config: Config, grid: Grid) -> None:
         self._frame, self._grid = config.local_frame, grid

@@ -17,11 +17,6 @@ _MAX_ZONES = 100
 class NoFlyZones:
     """Closed zones, and the map with them.
 
-    Parameters
-    ----------
-    grid : Grid
-        The mission's own map.
-
     Attributes
     ----------
     areas : dict of str to NoFlyZone

@@ -24,17 +24,7 @@ _MAX_SPEED_M_S: Final = 2.0
 
 
 class DisarmedInAuto:
-    """Sets disarmed vehicles in AUTO to LOITER.
-
-    Parameters
-    ----------
-    fleet : Fleet
-        States and addresses of vehicles.
-    tasking : UploadManager
-        Onboard missions, and uploads in progress.
-    orders : Orders
-        Vehicles that may fly their onboard mission.
-    """
+    """Sets disarmed vehicles in AUTO to LOITER."""
 
     def __init__(self, fleet: Fleet, tasking: UploadManager, orders: Orders) -> None:
         self._fleet, self._tasking, self._orders = fleet, tasking, orders

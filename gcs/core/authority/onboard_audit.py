@@ -54,13 +54,7 @@ class _Audit:
 
 
 class OnboardAudit:
-    """Audits in progress.
-
-    Parameters
-    ----------
-    fleet, tasking, replanner, orders
-        Stages of the engine that the results change.
-    """
+    """Audits in progress."""
 
     def __init__(self, fleet: Fleet, tasking: UploadManager, replanner: Replanner, orders: Orders) -> None:
         self._fleet, self._tasking, self._replanner, self._orders = fleet, tasking, replanner, orders

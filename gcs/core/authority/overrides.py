@@ -28,15 +28,7 @@ _COMPLETION_NS: Final = 3 * NS_PER_S
 
 
 class Overrides:
-    """Control authority over all vehicles.
-
-    Parameters
-    ----------
-    fleet : Fleet
-        Links and firmwares of vehicles.
-    onboard : OnboardMissions
-        Verified missions of vehicles.
-    """
+    """Control authority over all vehicles."""
 
     def __init__(self, fleet: Fleet, onboard: OnboardMissions) -> None:
         self._fleet, self._onboard = fleet, onboard

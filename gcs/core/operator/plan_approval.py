@@ -44,15 +44,7 @@ RENEWAL_S = 5.0
 
 
 class PlanApproval:
-    """The proposal that waits, and its confirmations in progress.
-
-    Parameters
-    ----------
-    config : Config
-        The mission.
-    replanner : Replanner
-        Flown and proposed routes.
-    """
+    """The proposal that waits, and its confirmations in progress."""
 
     def __init__(self, config: Config, replanner: Replanner) -> None:
         self.pending: Proposal | None = None

@@ -25,13 +25,7 @@ _HALVINGS = 6
 
 
 class PlanFigures:
-    """Lengths, times, separations and clearances of proposed routes.
-
-    Parameters
-    ----------
-    config : Config
-        The mission: airspeeds, separation and clearance.
-    """
+    """Lengths, times, separations and clearances of proposed routes."""
 
     def __init__(self, config: Config) -> None:
         self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from gcs.core.authority.taskability import Taskability
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.perception.agent_status import AgentStatusMonitor
@@ -19,57 +21,43 @@ from gcs.planning.route_progress import CORRIDOR_M, remaining_length_m
 _MIN_SPEED_M_S = 1.0
 
 
+@dataclass(frozen=True, slots=True)
 class StatusReport:
-    """Collects the status.
+    """Collects the status."""
 
-    Parameters
-    ----------
-    fleet, trackers, association, agent_status, position_integrity, sensor_watchdog, replanner, approval,
-    tasking, taskability
-        Stages of the engine.
-    """
-
-    def __init__(
-        self,
-        fleet: Fleet,
-        trackers: MultiSensorTracker,
-        association: TrackVehicleAssociation,
-        agent_status: AgentStatusMonitor,
-        position_integrity: PositionIntegrityMonitor,
-        sensor_watchdog: SensorWatchdog,
-        replanner: Replanner,
-        approval: PlanApproval,
-        tasking: UploadManager,
-        taskability: Taskability,
-    ) -> None:
-        self._fleet, self._trackers, self._association = fleet, trackers, association
-        self._agent_status, self._position_integrity = agent_status, position_integrity
-        self._sensor_watchdog, self._replanner, self._approval = sensor_watchdog, replanner, approval
-        self._tasking, self._taskability = tasking, taskability
+    fleet: Fleet
+    trackers: MultiSensorTracker
+    association: TrackVehicleAssociation
+    agent_status: AgentStatusMonitor
+    position_integrity: PositionIntegrityMonitor
+    sensor_watchdog: SensorWatchdog
+    replanner: Replanner
+    approval: PlanApproval
+    tasking: UploadManager
+    taskability: Taskability
 
     def build(self, t_ns: int, order_id: str = "", *, has_ended: bool) -> SwarmStatus:
         """Return the status now, as the answer to an order."""
-        reasons = self._taskability.without_missions()
-        pending = self._approval.pending
+        reasons = self.taskability.without_missions()
+        pending = self.approval.pending
         return SwarmStatus(
             t_ns,
             order_id,
             agents=tuple(
-                self._agent(health, reasons.get(health.system_id, ""), t_ns)
-                for health in self._fleet.health()
+                self._agent(health, reasons.get(health.system_id, ""), t_ns) for health in self.fleet.health()
             ),
             targets=self._targets(),
-            sensors=self._sensor_watchdog.records(t_ns),
+            sensors=self.sensor_watchdog.records(t_ns),
             plan_id=None if pending is None else pending.plan_id,
             has_ended=has_ended,
         )
 
     def _agent(self, health: Health, reason: str, t_ns: int) -> AgentRecord:
         vehicle = health.system_id
-        state, status = self._fleet.state(vehicle), self._agent_status.by_vehicle[vehicle]
-        label = self._association.labels.get(vehicle)
-        track = None if label is None else self._trackers.agents.confirmation.tracks.get(label)
-        route, proposed = self._replanner.routes.get(vehicle), self._replanner.proposed.get(vehicle)
+        state, status = self.fleet.state(vehicle), self.agent_status.by_vehicle[vehicle]
+        label = self.association.labels.get(vehicle)
+        track = None if label is None else self.trackers.agents.confirmation.tracks.get(label)
+        route, proposed = self.replanner.routes.get(vehicle), self.replanner.proposed.get(vehicle)
         to_go_m = eta_s = position_m = None
         if state is not None:
             position_m = (state.east_m, state.north_m)
@@ -79,7 +67,7 @@ class StatusReport:
         return AgentRecord(
             vehicle=vehicle,
             status=status.status,
-            authority=self._taskability.authority(vehicle),
+            authority=self.taskability.authority(vehicle),
             reason=reason,
             heard_age_s=(t_ns - health.heard_t_ns) / NS_PER_S if health.frames else None,
             loss=health.lost / max(1, health.frames + health.lost),
@@ -88,22 +76,22 @@ class StatusReport:
             battery_percent=health.battery_percent,
             fix_type=health.fix_type,
             position_m=position_m,
-            alt_rel_m=None if state is None else self._tasking.height_m(state),
+            alt_rel_m=None if state is None else self.tasking.height_m(state),
             ground_speed_m_s=None if state is None else state.ground_speed_m_s,
-            is_position_doubted=vehicle in self._position_integrity.alarmed(),
+            is_position_doubted=vehicle in self.position_integrity.alarmed(),
             track=label,
             existence=0.0 if track is None else track.existence,
-            layer=self._replanner.layer(vehicle),
+            layer=self.replanner.layer(vehicle),
             target=status.target if route is None else route.target,
             to_go_m=to_go_m,
             eta_s=eta_s,
-            upload=self._tasking.stages.get(vehicle, ""),
-            is_verified=self._tasking.onboard(vehicle) is not None,
+            upload=self.tasking.stages.get(vehicle, ""),
+            is_verified=self.tasking.onboard(vehicle) is not None,
             proposed_target=None if proposed is None else proposed.target,
         )
 
     def _targets(self) -> tuple[TargetRecord, ...]:
-        statuses, routes = self._agent_status.by_vehicle.values(), self._replanner.routes
+        statuses, routes = self.agent_status.by_vehicle.values(), self.replanner.routes
 
         def reached_by(label: Label) -> tuple[int, ...]:
             return tuple(s.vehicle for s in statuses if s.status == "arrived" and s.target == label)
@@ -117,5 +105,5 @@ class StatusReport:
                 agents=tuple(vehicle for vehicle, route in sorted(routes.items()) if route.target == label),
                 reached_by=reached_by(label),
             )
-            for label, track in sorted(self._trackers.targets.confirmation.tracks.items())
+            for label, track in sorted(self.trackers.targets.confirmation.tracks.items())
         )

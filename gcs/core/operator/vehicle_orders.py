@@ -53,16 +53,6 @@ class Orders:
 
     Parameters
     ----------
-    fleet : Fleet
-        Addresses and states of vehicles.
-    tasking : UploadManager
-        Onboard missions; an order ends an upload.
-    replanner : Replanner
-        Routes of vehicles.
-    takeoff_sequence : TakeoffSequence
-        Vehicles that block a take-off.
-    return_heights : ReturnHeightMonitor
-        Vehicles that return at one height.
     outlook : callable
         Returns what a released vehicle in LOITER can expect, in words.
     """

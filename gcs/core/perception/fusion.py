@@ -148,13 +148,7 @@ class ClassTracker:
 
 
 class MultiSensorTracker:
-    """Filters of agents and targets.
-
-    Parameters
-    ----------
-    config : Config
-        The mission: models, starts of agents, birth components of targets.
-    """
+    """Filters of agents and targets."""
 
     def __init__(self, config: Config) -> None:
         tracking = config.tracking

@@ -58,13 +58,7 @@ class _Test:
 
 
 class PositionIntegrityMonitor:
-    """CUSUM tests of all vehicles.
-
-    Parameters
-    ----------
-    telemetry : TelemetryTable
-        Noise and maximum age of reports.
-    """
+    """CUSUM tests of all vehicles."""
 
     def __init__(self, telemetry: TelemetryTable) -> None:
         self._report_variance_m2 = telemetry.noise_std_m**2

@@ -49,8 +49,6 @@ def rehearse(
 
     Parameters
     ----------
-    config : Config
-        The mission.
     seed : int
         Seed of the random obstacles of its map.
     positions_m : mapping of int to (float, float)

@@ -85,13 +85,6 @@ class ReturnHeightMonitor:
 
     Nothing is requested from a vehicle in flight. Parameters are heard when `gcs preflight`, `gcs param` or
     another ground station requests them through the service.
-
-    Parameters
-    ----------
-    config : Config
-        The mission: its rally points, and the step between its altitude layers.
-    fleet : Fleet
-        Firmwares and states of vehicles.
     """
 
     def __init__(self, config: Config, fleet: Fleet) -> None:

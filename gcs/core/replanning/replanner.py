@@ -409,8 +409,6 @@ def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None) -> bool:
 
     Parameters
     ----------
-    closed : Grid
-        Blocks the closed cells.
     route_m : ndarray, shape (k, 2)
         East and north of the route.
     place : tuple of float or None

@@ -48,17 +48,6 @@ class CurrentRoutes:
 class Triggers:
     """Compares routes with the picture.
 
-    Parameters
-    ----------
-    config : Config
-        The mission.
-    plan_targets : PlanTargets
-        Demands of targets, and tolerances of routes.
-    routes : CurrentRoutes
-        The routes; the replanner changes them.
-    grid : Grid
-        The current map.
-
     Attributes
     ----------
     grid : Grid

@@ -29,15 +29,6 @@ _REMEDY = "lower takeoff.altitude_rel_m, or take off from elsewhere or in anothe
 class Climbs:
     """Climbs of vehicles on the ground, or in their take-off.
 
-    Parameters
-    ----------
-    config : Config
-        The mission: climb and clearance.
-    grid : Grid
-        Its map.
-    fleet : Fleet
-        States of vehicles.
-
     Attributes
     ----------
     grid : Grid

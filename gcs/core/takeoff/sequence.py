@@ -32,17 +32,7 @@ _PERIOD_NS: Final = ns(1.0)
 
 
 class TakeoffSequence:
-    """Separation of take-offs.
-
-    Parameters
-    ----------
-    config : Config
-        The mission: altitude layers, climbs and separation.
-    fleet : Fleet
-        States of vehicles.
-    tasking : UploadManager
-        Mission phases of vehicles, and uploads in progress.
-    """
+    """Separation of take-offs."""
 
     def __init__(self, config: Config, fleet: Fleet, tasking: UploadManager) -> None:
         self._config, self._fleet, self._tasking = config, fleet, tasking

@@ -39,16 +39,6 @@ class ActiveUploads:
 
     Parameters
     ----------
-    fleet : Fleet
-        Addresses and links of vehicles.
-    onboard : OnboardMissions
-        Verified missions, updated by results.
-    overrides : Overrides
-        Control authority over vehicles.
-    first_legs : FirstLegs
-        Monitor of the first leg of each new mission.
-    queue : UploadQueue
-        Receives results, for its retry policy.
     max_parallel : int
         Maximum number of uploads at a time over one link.
 

@@ -53,13 +53,7 @@ class _Leg:
 
 
 class FirstLegs:
-    """Monitor of first legs.
-
-    Parameters
-    ----------
-    fleet : Fleet
-        Positions and addresses of vehicles.
-    """
+    """Monitor of first legs."""
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet = fleet

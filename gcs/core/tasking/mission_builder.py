@@ -23,10 +23,6 @@ class MissionBuilder:
     ----------
     table : MissionTable
         Altitude and minimum acceptance radius of waypoints.
-    airframe : AirframeTable
-        Turn radius and lag of vehicles, for acceptance radii.
-    frame : LocalFrame
-        Frame of routes.
     """
 
     def __init__(self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame) -> None:

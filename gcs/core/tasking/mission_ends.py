@@ -33,8 +33,6 @@ class MissionEnds:
 
     Parameters
     ----------
-    tasking : UploadManager
-        Onboard missions, and the progress of vehicles in them.
     capture_radius_m : float
         Distance at which a vehicle has reached its target.
     """

@@ -56,8 +56,6 @@ class OnboardMissions:
 
     Parameters
     ----------
-    fleet : Fleet
-        Positions, modes and current items of vehicles.
     stays : bool
         True if missions end with a loiter circle without a time limit.
     """

@@ -39,12 +39,6 @@ class UploadManager:
     ----------
     table : MissionTable
         Altitudes, acceptance radii and the uploader.
-    airframe : AirframeTable
-        Turn radius and lag, for acceptance radii.
-    frame : LocalFrame
-        Frame of routes; its origin is the home of a vehicle that has not reported its own.
-    fleet : Fleet
-        Addresses and states of vehicles.
     max_parallel : int
         Maximum number of uploads at a time over one link.
     return_routes : ReturnRoutes or None

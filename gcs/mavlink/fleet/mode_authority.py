@@ -1,4 +1,4 @@
-"""Control authority over one vehicle: ours, or overridden by an operator's mode change.
+"""Control authority over one vehicle: ours, or overridden by a pilot, a failsafe or another station.
 
 A mode alone does not tell who chose it. Each change of mode is classified:
 
