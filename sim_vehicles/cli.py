@@ -6,6 +6,7 @@ import json
 import os
 import selectors
 import signal
+import socket
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -81,9 +82,9 @@ def run(
     with exit_on_error():
         firmware = dict(parse_sitl(text) for text in sitl or [])
         loaded = load(scenario)
-    plan = SimulationPlan(
-        loaded, seed, speed, gcs, zenoh, zenoh_role, pack, loss, not start_at_once, firmware, sitl_folder
-    )
+    waits = not start_at_once
+    connections = _address(gcs), zenoh, zenoh_role
+    plan = SimulationPlan(loaded, seed, speed, *connections, pack, loss, waits, firmware, sitl_folder)
     _supervise(plan, as_json, sys.stdin.fileno() if until_stdin_closes else None)
 
 
@@ -113,8 +114,17 @@ def world(
 
     with exit_on_error():
         loaded = load(scenario)
-    plan = SimulationPlan(loaded, seed, 1.0, "", zenoh, zenoh_role, truth_links=link)
+    plan = SimulationPlan(loaded, seed, 1.0, ("", 0), zenoh, zenoh_role, truth_links=link)
     _supervise(plan, as_json)
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, separator, port = text.rpartition(":")
+    try:
+        return socket.gethostbyname(host), int(port)
+    except (OSError, ValueError):
+        problem = "no such host" if separator and port.isdigit() else "expected HOST:PORT"
+        raise typer.BadParameter(f"{problem}: {text!r}", param_hint="--gcs") from None
 
 
 def _supervise(plan: SimulationPlan, as_json: bool, stdin: int | None = None) -> None:

@@ -1,21 +1,14 @@
-"""Process of one or more simulated vehicles: their sockets and clock.
+"""Process of one or more simulated vehicles: their sockets and clock (arguments: `VehicleArguments`).
 
-``python -m sim_vehicles.process --frame-json ... --spec-json ... [--spec-json ...] --gcs 127.0.0.1:14550``
-prints ``ready``, reads one JSON line ``{"epoch_ns": ..., "start_t_ns": ..., "speed": ...}`` and flies: at the
-Unix time `epoch_ns` the run time is `start_t_ns`, and it advances at `speed`. It ends when standard input
-closes, and on SIGTERM or SIGINT.
-
-Each vehicle has its own UDP socket and exchanges datagrams with the ground station's address only. With
-``--truth`` it sends its true state to the simulated world ten times a second of run time: SYSTEM_TIME and
-SIM_STATE in one datagram, and a HEARTBEAT after ground contact. ``--loss`` drops datagrams of the ground
-station at random, each way.
+Each vehicle has its own UDP socket and exchanges datagrams with the ground station's address only. It sends
+its true state to the simulated world ten times a second of run time: SYSTEM_TIME and SIM_STATE in one
+datagram, and a HEARTBEAT after ground contact. Datagrams of the ground station are dropped at random, each
+way. The process also ends on SIGTERM or SIGINT.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import json
 import os
 import selectors
 import signal
@@ -28,16 +21,14 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
 from gcs.io.signing.keystore import read_keys
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.missions import NEVER_NS
 from sim_vehicles.error_output import print_message
+from sim_vehicles.process_start import Address, VehicleArguments, await_clock, read_arguments
 from sim_vehicles.vehicle.frames import Outbox
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
-
-Address = tuple[str, int]
 
 GROUND_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
     mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
@@ -142,44 +133,6 @@ def fly(hosts: list[Host], clock: RunClock) -> None:
                 print_message(f"vehicle {names}: {late_s:.1f} s of run time behind the clock")
 
 
-def address_of(text: str) -> Address:
-    """Read HOST:PORT."""
-    host, separator, port = text.rpartition(":")
-    if not separator or not port.isdigit():
-        raise argparse.ArgumentTypeError(f"expected host:port, got {text!r}")
-    return socket.gethostbyname(host), int(port)
-
-
-def _probability(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"expected a probability, got {text}")
-    return value
-
-
-def add_vehicle_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of each process with vehicles."""
-    parser.add_argument(
-        "--frame-json", required=True, help="lat_deg, lon_deg, alt_msl_m of the local frame's origin"
-    )
-    parser.add_argument(
-        "--spec-json",
-        required=True,
-        action="append",
-        type=VehicleSpec.from_json,
-        help="one vehicle; repeatable",
-    )
-    parser.add_argument("--gcs", required=True, type=address_of, help="host:port of the ground station")
-    parser.add_argument("--truth", type=address_of, help="host:port of the simulated world")
-    parser.add_argument("--loss", type=_probability, default=0.0, help="fraction of datagrams lost, each way")
-
-
-def clock_of(line: bytes) -> RunClock:
-    """Read the run's clock, one JSON line."""
-    raw = json.loads(line)
-    return RunClock(int(raw["epoch_ns"]), int(raw["start_t_ns"]), float(raw["speed"]))
-
-
 def _key(spec: VehicleSpec) -> bytes | None:
     """Return the signing key of a vehicle: its own, or the default."""
     if not spec.key_file:
@@ -188,33 +141,26 @@ def _key(spec: VehicleSpec) -> bytes | None:
     return keys.vehicles.get(spec.system_id, keys.default)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run until standard input closes or a signal comes."""
-    parser = argparse.ArgumentParser(prog="python -m sim_vehicles.process", description=__doc__)
-    add_vehicle_arguments(parser)
-    arguments = parser.parse_args(argv)
-    frame = LocalFrame(**json.loads(arguments.frame_json))
+def main() -> None:
+    """Fly until standard input closes or a signal comes."""
+    arguments = read_arguments(VehicleArguments)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: sys.exit(0))
     # Build one vehicle first: lazy imports and tables are ready when the clock starts.
-    SimVehicle(arguments.spec_json[0], frame, 0).advance(0)
-    keys = {spec.system_id: _key(spec) for spec in arguments.spec_json}
-    sys.stdout.write("ready\n")
-    sys.stdout.flush()
-    line = sys.stdin.buffer.readline()
-    if not line.strip():
-        return 0
-    clock = clock_of(line)
+    SimVehicle(arguments.specs[0], arguments.frame, 0).advance(0)
+    keys = {spec.system_id: _key(spec) for spec in arguments.specs}
+    clock = await_clock()
+    if clock is None:
+        return
     with contextlib.ExitStack() as stack:
         hosts = []
-        for spec in arguments.spec_json:
-            vehicle = SimVehicle(spec, frame, clock.start_t_ns, keys.get(spec.system_id))
+        for spec in arguments.specs:
+            vehicle = SimVehicle(spec, arguments.frame, clock.start_t_ns, keys.get(spec.system_id))
             host = Host(vehicle, clock.start_t_ns, arguments.gcs, arguments.truth, arguments.loss)
             stack.enter_context(host.socket)
             hosts.append(host)
         fly(hosts, clock)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

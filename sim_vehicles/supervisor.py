@@ -11,16 +11,24 @@ import json
 import os
 import selectors
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from gcs.errors import SimulationError
 from gcs.model import NS_PER_S
+from sim_vehicles.process_start import (
+    Address,
+    Firmware,
+    FirmwareArguments,
+    TruthLinkArguments,
+    VehicleArguments,
+    WorldArguments,
+    process_command,
+)
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import Scenario
 from sim_vehicles.world.specs import vehicle_specs
@@ -49,16 +57,16 @@ class SimulationPlan:
     scenario: Scenario
     seed: int
     speed: float
-    gcs: str
-    """host:port of the ground station."""
+    gcs: Address
+    """Ground station."""
     zenoh: str
     """Endpoint of the world."""
-    zenoh_role: str
+    zenoh_role: Literal["listen", "connect"]
     pack: int = 1
     loss: float = 0.0
     waits_for_ground: bool = False
     """True if targets and losses start when a ground station is heard."""
-    sitl: Mapping[str, Path] = field(default_factory=dict)
+    sitl: Mapping[Firmware, Path] = field(default_factory=dict)
     """Programs of real firmware by name; empty for simulated autopilots."""
     folder: Path | None = None
     """Folder for the firmware's files; None: a temporary one."""
@@ -89,59 +97,44 @@ class Supervisor:
         SimulationError
             When a process does not start; its messages are on standard error.
         """
-        world = self._spawn("world.process", self._world_arguments())
-        truth_port = self._await_ready(world).split()[1]
-        specs = [
-            replace(spec, waits_for_ground=self.plan.waits_for_ground)
-            for spec in vehicle_specs(self.plan.scenario, self.plan.seed)
-        ]
-        if self.plan.truth_links:
-            for link in self.plan.truth_links:
-                arguments = ["--link", link, "--truth", f"127.0.0.1:{truth_port}"]
-                self._spawn("world.truth_link", arguments)
-        elif self.plan.sitl:
-            self._spawn_firmware(specs, truth_port)
+        plan, scenario = self.plan, self.plan.scenario
+        waits = plan.waits_for_ground
+        arguments = WorldArguments(scenario.source, plan.seed, plan.zenoh, plan.zenoh_role, waits)
+        world = self._spawn("world.process", arguments)
+        truth = "127.0.0.1", int(self._await_ready(world).split()[1])
+        specs = [replace(spec, waits_for_ground=waits) for spec in vehicle_specs(scenario, plan.seed)]
+        if plan.truth_links:
+            for link in plan.truth_links:
+                self._spawn("world.truth_link", TruthLinkArguments(link, truth))
+        elif plan.sitl:
+            self._spawn_firmware(specs, truth)
         else:
-            packs = [specs[i : i + self.plan.pack] for i in range(0, len(specs), self.plan.pack)]
-            for pack in packs:
-                arguments = self._vehicle_arguments(truth_port, pack)
-                self._spawn("process", arguments, tuple(spec.system_id for spec in pack))
+            for i in range(0, len(specs), plan.pack):
+                pack = specs[i : i + plan.pack]
+                vehicles = VehicleArguments(scenario.frame, pack, plan.gcs, truth, plan.loss)
+                self._spawn("process", vehicles, tuple(spec.system_id for spec in pack))
         for child in self.children[1:]:
-            self._await_ready(child, _AIRBORNE_TIMEOUT_S if self.plan.sitl else _READY_TIMEOUT_S)
+            self._await_ready(child, _AIRBORNE_TIMEOUT_S if plan.sitl else _READY_TIMEOUT_S)
             for system_id in child.system_ids:
                 self.report({"event": "vehicle", "system_id": system_id, "pid": child.process.pid})
         self._send_clock()
 
-    def _vehicle_arguments(self, truth_port: str, specs: Sequence[VehicleSpec]) -> list[str]:
-        arguments = ["--gcs", self.plan.gcs, "--truth", f"127.0.0.1:{truth_port}"]
-        arguments += ["--frame-json", json.dumps(_frame(self.plan.scenario)), "--loss", str(self.plan.loss)]
-        for spec in specs:
-            arguments += ["--spec-json", spec.to_json()]
-        return arguments
-
-    def _spawn_firmware(self, specs: Sequence[VehicleSpec], truth_port: str) -> None:
-        sitl = self.plan.sitl
-        folder = self.plan.folder or Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+    def _spawn_firmware(self, specs: Sequence[VehicleSpec], truth: Address) -> None:
+        plan, sitl = self.plan, self.plan.sitl
+        folder = plan.folder or Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         for instance, spec in enumerate(specs):
-            name = "px4" if spec.autopilot == "px4" else "arduplane"
+            name: Firmware = "px4" if spec.autopilot == "px4" else "arduplane"
             if name not in sitl:
                 (name,) = sitl
             spec = replace(spec, autopilot="px4" if name == "px4" else "ardupilot")
-            arguments = self._vehicle_arguments(truth_port, [spec])
-            arguments += ["--firmware", name, "--binary", str(sitl[name]), "--instance", str(instance)]
-            own_folder = folder / f"{name}-{spec.system_id}"
-            arguments += ["--speed", str(self.plan.speed), "--folder", str(own_folder)]
+            vehicle = VehicleArguments(plan.scenario.frame, [spec], plan.gcs, truth, plan.loss)
+            own_folder = str(folder / f"{name}-{spec.system_id}")
+            arguments = FirmwareArguments(vehicle, name, str(sitl[name]), instance, plan.speed, own_folder)
             self._spawn("autopilots.firmware_process", arguments, (spec.system_id,))
 
-    def _world_arguments(self) -> list[str]:
-        plan = self.plan
-        arguments = ["--scenario", plan.scenario.source, "--seed", str(plan.seed)]
-        arguments += ["--zenoh", plan.zenoh, "--zenoh-role", plan.zenoh_role]
-        return [*arguments, *(["--wait-for-ground"] if plan.waits_for_ground else [])]
-
-    def _spawn(self, module: str, arguments: list[str], system_ids: tuple[int, ...] = ()) -> Child:
+    def _spawn(self, module: str, arguments: object, system_ids: tuple[int, ...] = ()) -> Child:
         process = subprocess.Popen(  # noqa: S603  our own modules, no shell
-            [sys.executable, "-P", "-m", f"sim_vehicles.{module}", *arguments],
+            process_command(module, arguments),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -199,8 +192,3 @@ class Supervisor:
                 os.killpg(child.process.pid, 9)
                 child.process.wait()
         self._stack.close()
-
-
-def _frame(scenario: Scenario) -> dict[str, float]:
-    frame = scenario.frame
-    return {"lat_deg": frame.lat_deg, "lon_deg": frame.lon_deg, "alt_msl_m": frame.alt_msl_m}

@@ -16,7 +16,7 @@ import os
 from dataclasses import dataclass
 from enum import Enum, auto
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -26,7 +26,9 @@ from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.personality import PERSONALITIES, Mode
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
-FIRMWARES: Final = ("arduplane", "px4")
+if TYPE_CHECKING:
+    from sim_vehicles.process_start import Firmware
+
 LAUNCH_SPEED: Final = 10.0
 """Speed of ArduPlane's simulation while vehicles are brought into the air."""
 _AGAIN_NS: Final = NS_PER_S
@@ -41,7 +43,7 @@ _STREAMS_HZ: Final = {
 }
 
 
-def parse_sitl(text: str) -> tuple[str, Path]:
+def parse_sitl(text: str) -> tuple[Firmware, Path]:
     """Read ``arduplane=PATH`` or ``px4=PATH``.
 
     Raises
@@ -50,12 +52,12 @@ def parse_sitl(text: str) -> tuple[str, Path]:
         The text has another form, or there is no program at that path.
     """
     name, separator, path = text.partition("=")
-    if not separator or name not in FIRMWARES or not path:
+    if not separator or name not in ("arduplane", "px4") or not path:
         raise SimulationError(f"--sitl: expected arduplane=PATH or px4=PATH, got {text!r}")
     binary = Path(path).expanduser().resolve()
     if not binary.is_file() or not os.access(binary, os.X_OK):
         raise SimulationError(f"--sitl: {binary} is not a program that can be started")
-    return name, binary
+    return cast("Firmware", name), binary
 
 
 @dataclass(frozen=True, slots=True)

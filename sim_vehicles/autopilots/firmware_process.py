@@ -1,10 +1,8 @@
 """Process around one real firmware: starts and launches it, and forwards its frames.
 
-``python -m sim_vehicles.autopilots.firmware_process --firmware arduplane --binary PATH --instance 0 --folder
-DIR --frame-json ... --spec-json ... --gcs 127.0.0.1:14550 --truth 127.0.0.1:PORT`` starts the firmware in
-`DIR` and brings the vehicle into LOITER above its start. Then it behaves as `sim_vehicles.process`: one UDP
-socket to the ground station, and the true state to the simulated world. The firmware of a lost vehicle is
-killed.
+With `FirmwareArguments` it starts the firmware in a folder and brings the vehicle into LOITER above its
+start. Then it behaves as `sim_vehicles.process`: one UDP socket to the ground station, and the true state to
+the simulated world. The firmware of a lost vehicle is killed.
 
 A firmware that is slower than nine tenths of the run's speed causes a warning on standard error: results of
 such a run are not valid.
@@ -12,10 +10,8 @@ such a run are not valid.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import ctypes
-import json
 import os
 import select
 import selectors
@@ -31,11 +27,9 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import SimulationError
-from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.firmware import (
-    FIRMWARES,
     Launch,
     Ports,
     Stage,
@@ -45,9 +39,9 @@ from sim_vehicles.autopilots.firmware import (
     truth_messages,
 )
 from sim_vehicles.error_output import print_message
-from sim_vehicles.process import GROUND_HEARTBEAT, Address, add_vehicle_arguments, clock_of
+from sim_vehicles.process import GROUND_HEARTBEAT
+from sim_vehicles.process_start import Address, FirmwareArguments, await_clock, read_arguments
 from sim_vehicles.vehicle.frames import FrameReader, Outbox
-from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.ground import GroundContact
 
 _LAUNCH_WITHIN_S = 150.0
@@ -96,21 +90,21 @@ class _Port:
 class FirmwareHost:
     """One firmware, its two ports, and the sockets to the ground station and the world."""
 
-    def __init__(self, arguments: argparse.Namespace, spec: VehicleSpec) -> None:
-        self.spec = spec
-        self.frame = LocalFrame(**json.loads(arguments.frame_json))
-        self.launch = Launch(spec, self.frame)
-        folder: Path = arguments.folder
+    def __init__(self, arguments: FirmwareArguments) -> None:
+        vehicle, folder, binary = arguments.vehicle, Path(arguments.folder), Path(arguments.binary)
+        (self.spec,), frame = vehicle.specs, vehicle.frame
+        spec = self.spec
+        self.launch = Launch(spec, frame)
         folder.mkdir(parents=True, exist_ok=True)
         environment: dict[str, str] = {}
         if arguments.firmware == "px4":
             at = arguments.instance
             self._ground = self._truth_port = _Port(14540 + at, ("127.0.0.1", 14580 + at))
-            command, environment = px4_command(arguments.binary, spec, self.frame, at, arguments.speed)
+            command, environment = px4_command(binary, spec, frame, at, arguments.speed)
         else:
             self._ground, self._truth_port = _Port(), _Port()
             ports = Ports(self._ground.port, self._truth_port.port)
-            command = arduplane_command(arguments.binary, spec, self.frame, ports, arguments.instance, folder)
+            command = arduplane_command(binary, spec, frame, ports, arguments.instance, folder)
         self._log = (folder / "firmware.log").open("wb")
         self.process = subprocess.Popen(  # noqa: S603  the program that the user named, no shell
             command, cwd=folder, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT,
@@ -122,7 +116,8 @@ class FirmwareHost:
         self._truths = Outbox(spec.system_id)
         self._towards_gcs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._towards_gcs.setblocking(False)
-        self._gcs, self._world, self._loss = arguments.gcs, arguments.truth, arguments.loss
+        assert vehicle.truth is not None
+        self._gcs, self._world, self._loss = vehicle.gcs, vehicle.truth, vehicle.loss
         self._rng = np.random.default_rng([spec.seed, spec.system_id])
         self._death_rng = np.random.default_rng([spec.seed, zlib.crc32(b"death"), spec.system_id])
         self._ground_contact = GroundContact()
@@ -289,38 +284,20 @@ def fly(host: FirmwareHost, clock: RunClock) -> None:
             host.work(clock.now_ns())
 
 
-def main(argv: list[str] | None = None) -> int:
+def main() -> int:
     """Run until standard input closes or a signal comes."""
-    parser = argparse.ArgumentParser(
-        prog="python -m sim_vehicles.autopilots.firmware_process", description=__doc__
-    )
-    add_vehicle_arguments(parser)
-    parser.add_argument("--firmware", choices=FIRMWARES, required=True)
-    parser.add_argument("--binary", type=Path, required=True, help="the firmware's program")
-    parser.add_argument("--instance", type=int, required=True, help="number; sets the ports")
-    parser.add_argument("--speed", type=float, required=True, help="run time per wall time")
-    parser.add_argument("--folder", type=Path, required=True, help="folder for its files")
-    arguments = parser.parse_args(argv)
+    arguments = read_arguments(FirmwareArguments)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: sys.exit(0))
-    (spec,) = arguments.spec_json
-    host = FirmwareHost(arguments, spec)
+    host = FirmwareHost(arguments)
     try:
-        try:
-            if not host.bring_up():
-                return 0
-        except SimulationError as error:
-            sys.stderr.write(f"vehicle {spec.system_id}: {error}\n")
-            return 1
-        sys.stdout.write("ready\n")
-        sys.stdout.flush()
-        line = sys.stdin.buffer.readline()
-        if not line.strip():
-            return 0
-        clock = clock_of(line)
-        host.set_speed(clock.speed)
-        host.begin(clock.start_t_ns)
-        fly(host, clock)
+        if host.bring_up() and (clock := await_clock()) is not None:
+            host.set_speed(clock.speed)
+            host.begin(clock.start_t_ns)
+            fly(host, clock)
+    except SimulationError as error:
+        sys.stderr.write(f"vehicle {host.spec.system_id}: {error}\n")
+        return 1
     finally:
         host.stop()
     return 0

@@ -8,9 +8,8 @@ survival probability: it sends no telemetry and no answers, and its position sta
 
 from __future__ import annotations
 
-import json
 import zlib
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -73,15 +72,6 @@ class VehicleSpec:
     """File of signing keys; empty for none."""
     parameters: dict[str, float] = field(default_factory=dict)
     """Values other than the defaults."""
-
-    def to_json(self) -> str:
-        """Return one line of JSON."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> VehicleSpec:
-        """Return the specification in a JSON object; raises TypeError or ValueError for another text."""
-        return cls(**json.loads(text))
 
 
 def _generator(spec: VehicleSpec, purpose: str) -> np.random.Generator:

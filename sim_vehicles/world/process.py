@@ -4,18 +4,13 @@ Vehicles send their true state ten times a second of run time (SYSTEM_TIME and S
 At each scan time the world waits for the states of all living agents, interpolates, and publishes. An agent
 without further states is lost, by the scenario or since its process was killed.
 
-With ``--wait-for-ground`` targets stand until a vehicle has ground contact, shown by a HEARTBEAT beside its
-true state.
-
-``python -m sim_vehicles.world.process`` prints ``ready PORT`` (of the true states), reads the clock as one
-JSON line, and ends when its standard input closes.
+With `waits_for_ground` targets stand until a vehicle has ground contact, shown by a HEARTBEAT beside its true
+state. The line ``ready PORT`` has the port of the true states.
 """
 
 from __future__ import annotations
 
-import argparse
 import heapq
-import json
 import os
 import select
 import socket
@@ -34,6 +29,7 @@ from gcs.io.zenoh.scans import encode_scan
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import Scan, TruthObject
 from sim_vehicles.autopilots.missions import NEVER_NS
+from sim_vehicles.process_start import WorldArguments, await_clock, read_arguments
 from sim_vehicles.world.scenario import Scenario, load
 from sim_vehicles.world.world import World
 
@@ -165,24 +161,14 @@ def fly(world: World, receiver: TruthReceiver, bus: ZenohSession, clock: RunCloc
 
 def main() -> None:
     """Run the world until standard input closes."""
-    parser = argparse.ArgumentParser(prog="sim_vehicles.world.process", description=__doc__)
-    parser.add_argument("--scenario", required=True)
-    parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--zenoh", required=True, help="endpoint, such as tcp/127.0.0.1:7447")
-    parser.add_argument("--zenoh-role", choices=["listen", "connect"], required=True)
-    parser.add_argument("--wait-for-ground", action="store_true", help="targets stand until ground contact")
-    arguments = parser.parse_args()
+    arguments = read_arguments(WorldArguments)
     scenario = load(arguments.scenario)
     receiver = TruthReceiver(scenario)
     with ZenohSession(**{arguments.zenoh_role: arguments.zenoh}) as bus:
-        print(f"ready {receiver.port}", flush=True)  # noqa: T201  the supervisor reads it
-        line = sys.stdin.readline()
-        if not line:
-            return
-        raw = json.loads(line)
-        clock = RunClock(raw["epoch_ns"], raw["start_t_ns"], raw["speed"])
-        moves_from_t_ns = NEVER_NS if arguments.wait_for_ground else clock.start_t_ns
-        fly(World(scenario, arguments.seed, clock.start_t_ns, moves_from_t_ns), receiver, bus, clock)
+        clock = await_clock(f"ready {receiver.port}")
+        if clock is not None:
+            moves_from_t_ns = NEVER_NS if arguments.waits_for_ground else clock.start_t_ns
+            fly(World(scenario, arguments.seed, clock.start_t_ns, moves_from_t_ns), receiver, bus, clock)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
 """True positions of running vehicles, from a link to their simulation, for the simulated world.
 
-``python -m sim_vehicles.world.truth_link --link tcp:127.0.0.1:5762 --truth 127.0.0.1:PORT`` requests SIMSTATE
-(ArduPilot's SITL) and HIL_STATE_QUATERNION (PX4) from each vehicle on the endpoint, and sends the true
-positions to the world process. It prints ``ready``, reads the clock as one JSON line, and ends when standard
-input closes. It sends no heartbeat, so that vehicles do not treat it as a ground station.
+It requests SIMSTATE (ArduPilot's SITL) and HIL_STATE_QUATERNION (PX4) from each vehicle on the endpoint, and
+sends the true positions to the world process. It sends no heartbeat, so that vehicles do not treat it as a
+ground station.
 
 If a vehicle sends no true position within some seconds, its reported one (GLOBAL_POSITION_INT) is used, with
 a line on standard error.
@@ -11,7 +10,6 @@ a line on standard error.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import select
@@ -28,7 +26,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.io.clock import RunClock
 from sim_vehicles.autopilots.firmware import true_place, truth_messages
 from sim_vehicles.error_output import print_message
-from sim_vehicles.process import Address, address_of, clock_of
+from sim_vehicles.process_start import Address, TruthLinkArguments, await_clock, read_arguments
 from sim_vehicles.vehicle.frames import Outbox
 
 _POLL_S = 0.01
@@ -110,12 +108,9 @@ def forward_truth(link: Any, clock: RunClock, world: Address) -> None:
                     towards_world.sendto(data, world)
 
 
-def main(argv: list[str] | None = None) -> int:
+def main() -> int:
     """Run until standard input closes."""
-    parser = argparse.ArgumentParser(prog="python -m sim_vehicles.world.truth_link", description=__doc__)
-    parser.add_argument("--link", required=True, help="MAVLink endpoint, such as tcp:127.0.0.1:5762")
-    parser.add_argument("--truth", required=True, type=address_of, help="host:port of the simulated world")
-    arguments = parser.parse_args(argv)
+    arguments = read_arguments(TruthLinkArguments)
     endpoint = arguments.link.removeprefix("serial:")
     baud = 57600
     if endpoint != arguments.link:
@@ -129,12 +124,10 @@ def main(argv: list[str] | None = None) -> int:
     except OSError as error:
         sys.stderr.write(f"{arguments.link}: {error.strerror or error}; is the simulation running?\n")
         return 1
-    sys.stdout.write("ready\n")
-    sys.stdout.flush()
-    line = sys.stdin.buffer.readline()
-    if line.strip():
+    clock = await_clock()
+    if clock is not None:
         with contextlib.redirect_stdout(sys.stderr):
-            forward_truth(link, clock_of(line), arguments.truth)
+            forward_truth(link, clock, arguments.truth)
     return 0
 
 

@@ -16,6 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
+from sim_vehicles.process_start import VehicleArguments, process_command
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -129,17 +130,15 @@ def start_process() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     def start(
         port: int,
         *specs: VehicleSpec,
-        options: tuple[str, ...] = (),
+        truth_port: int = 0,
+        loss: float = 0.0,
         speed: float = 1.0,
         stderr: int | None = None,
     ) -> subprocess.Popen[str]:
-        frame = {"lat_deg": FRAME.lat_deg, "lon_deg": FRAME.lon_deg, "alt_msl_m": FRAME.alt_msl_m}
-        arguments = [sys.executable, "-P", "-m", "sim_vehicles.process", "--frame-json", json.dumps(frame)]
-        arguments += ["--gcs", f"127.0.0.1:{port}", *options]
-        for spec in specs:
-            arguments += ["--spec-json", spec.to_json()]
-        pipe = subprocess.PIPE
-        process = subprocess.Popen(arguments, stdin=pipe, stdout=pipe, stderr=stderr, text=True)
+        truth = ("127.0.0.1", truth_port) if truth_port else None
+        arguments = VehicleArguments(FRAME, list(specs), ("127.0.0.1", port), truth, loss)
+        command, pipe = process_command("process", arguments), subprocess.PIPE
+        process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=stderr, text=True)
         running.append(process)
         assert process.stdin is not None
         assert process.stdout is not None

@@ -99,7 +99,7 @@ def test_a_pack_of_vehicles_has_a_socket_each(start_process, port):
 
 
 def test_truth_comes_ten_times_a_second_of_run_time_with_its_time(start_process, port, world):
-    start_process(port.number, spec(), options=("--truth", f"127.0.0.1:{world.number}"), speed=8.0)
+    start_process(port.number, spec(), truth_port=world.number, speed=8.0)
     times, places = [], []
     while len(times) < 40:
         clock, state = world.until(kind("SIM_STATE"))
@@ -112,7 +112,7 @@ def test_truth_comes_ten_times_a_second_of_run_time_with_its_time(start_process,
 
 
 def test_the_world_is_told_when_a_ground_station_has_come_to_stay(start_process, port, world):
-    start_process(port.number, spec(), options=("--truth", f"127.0.0.1:{world.number}"), speed=20.0)
+    start_process(port.number, spec(), truth_port=world.number, speed=20.0)
     port.until(kind("HEARTBEAT"))
     first = world.until(kind("SIM_STATE"))
     assert not any(m.get_type() == "HEARTBEAT" for m in first)
@@ -124,8 +124,8 @@ def test_the_world_is_told_when_a_ground_station_has_come_to_stay(start_process,
 
 
 def test_a_dead_vehicle_says_nothing_more_and_its_process_stays(start_process, port, world):
-    options = ("--truth", f"127.0.0.1:{world.number}")
-    process = start_process(port.number, spec(1, dies_at_s=4.0), spec(2), options=options, speed=8.0)
+    specs = spec(1, dies_at_s=4.0), spec(2)
+    process = start_process(port.number, *specs, truth_port=world.number, speed=8.0)
     last_us = {1: 0, 2: 0}
     while last_us[2] < last_us[1] + 4_000_000:
         messages = world.until(lambda m: m.get_type() == "SIM_STATE")
@@ -153,7 +153,7 @@ def test_a_late_vehicle_flies_on_though_nobody_reads_its_terminal(start_process,
 
 
 def test_lost_datagrams_do_not_stop_it(start_process, port):
-    start_process(port.number, spec(), options=("--loss", "0.5"), speed=20.0)
+    start_process(port.number, spec(), loss=0.5, speed=20.0)
     port.until(kind("HEARTBEAT"))
     deadline = time.monotonic() + 20
     answered = False

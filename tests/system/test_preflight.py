@@ -21,6 +21,7 @@ from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.io.zenoh.discovery import running_services
 from gcs.io.zenoh.session import free_endpoint
+from sim_vehicles.process_start import VehicleArguments, process_command
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 FENCE = 'fence.areas=[{kind="exclusion", circle=[33.2, -87.57, 50.0]}]'
@@ -50,23 +51,13 @@ def field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     text = text[: text.index("[simulation]")]
     path = tmp_path / "field.toml"
     path.write_text(text)
-    frame = parse(text, "field").frame
-    arguments = [
-        sys.executable,
-        "-P",
-        "-m",
-        "sim_vehicles.process",
-        "--gcs",
-        f"127.0.0.1:{port}",
-        "--frame-json",
-    ]
-    arguments += [
-        json.dumps({"lat_deg": frame.lat_deg, "lon_deg": frame.lon_deg, "alt_msl_m": frame.alt_msl_m})
-    ]
+    specs = []
     for system_id, north_m, more in ((1, 200.0, {}), (2, 720.0, {"FS_LONG_ACTN": 2.0})):
         spec = VehicleSpec(system_id, 120.0, north_m, math.pi / 2, 100.0, 15.0, parameters=READY | more)
-        arguments += ["--spec-json", spec.to_json()]
-    process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        specs.append(spec)
+    arguments = VehicleArguments(parse(text, "field").local_frame, specs, ("127.0.0.1", port))
+    command = process_command("process", arguments)
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None
     assert process.stdout is not None
     with selectors.DefaultSelector() as selector:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -13,8 +12,10 @@ import pytest
 from typer.testing import CliRunner
 
 from gcs.cli import app
+from gcs.geo import LocalFrame
 from gcs.io.signing.keystore import read_keys
 from gcs.mavlink.frames.signing import fingerprint, passphrase_key
+from sim_vehicles.process_start import VehicleArguments, process_command
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 
@@ -33,9 +34,8 @@ def plane():
     """A vehicle on the ground in a process of its own; gives the endpoint where it is heard."""
     port = free_port()
     spec = VehicleSpec(3, 0.0, 0.0, 0.0, 0.0, 15.0, airborne=False)
-    frame = json.dumps({"lat_deg": 33.2, "lon_deg": -87.6, "alt_msl_m": 70.0})
-    command = [sys.executable, "-P", "-m", "sim_vehicles.process", "--frame-json", frame]
-    command += ["--spec-json", spec.to_json(), "--gcs", f"127.0.0.1:{port}"]
+    arguments = VehicleArguments(LocalFrame(33.2, -87.6, 70.0), [spec], ("127.0.0.1", port))
+    command = process_command("process", arguments)
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin is not None
         assert process.stdout is not None

@@ -1,0 +1,100 @@
+"""Start of the processes of a simulated world: their arguments as JSON, and the common clock.
+
+The supervisor runs ``python -m MODULE JSON``, with the JSON of a class below. The process prints ``ready``,
+reads the clock as one JSON line, and ends when its standard input closes.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, TypeVar
+
+import msgspec
+
+from gcs.geo import LocalFrame
+from gcs.io.clock import RunClock
+from sim_vehicles.vehicle.vehicle import VehicleSpec
+
+Address: TypeAlias = tuple[str, int]
+"""Host and UDP port."""
+Firmware: TypeAlias = Literal["arduplane", "px4"]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleArguments:
+    """Arguments of a process with vehicles."""
+
+    frame: LocalFrame
+    specs: list[VehicleSpec]
+    gcs: Address
+    """Ground station."""
+    truth: Address | None = None
+    """Receiver of true states: the simulated world."""
+    loss: float = 0.0
+    """Fraction of datagrams lost, each way."""
+
+
+@dataclass(frozen=True, slots=True)
+class FirmwareArguments:
+    """Arguments of the process of one real firmware."""
+
+    vehicle: VehicleArguments
+    firmware: Firmware
+    binary: str
+    instance: int
+    """Number that sets the ports."""
+    speed: float
+    folder: str
+
+
+@dataclass(frozen=True, slots=True)
+class WorldArguments:
+    """Arguments of the process of the world."""
+
+    scenario: str
+    seed: int
+    zenoh: str
+    zenoh_role: Literal["listen", "connect"]
+    waits_for_ground: bool
+    """True if targets stand until ground contact."""
+
+
+@dataclass(frozen=True, slots=True)
+class TruthLinkArguments:
+    """Arguments of a link to the simulation of running vehicles."""
+
+    link: str
+    truth: Address
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Run time `start_t_ns` at the Unix time `epoch_ns`, advancing at `speed`."""
+
+    epoch_ns: int
+    start_t_ns: int
+    speed: float
+
+
+def process_command(module: str, arguments: object) -> list[str]:
+    """Return the command line of a process of `sim_vehicles`."""
+    encoded = msgspec.json.encode(arguments).decode()
+    return [sys.executable, "-P", "-m", f"sim_vehicles.{module}", encoded]
+
+
+def read_arguments(arguments_type: type[T]) -> T:
+    """Return the arguments of this process."""
+    return msgspec.json.decode(sys.argv[1], type=arguments_type)
+
+
+def await_clock(ready: str = "ready") -> RunClock | None:
+    """Report that this process is ready, and return the clock; None if standard input closed."""
+    sys.stdout.write(f"{ready}\n")
+    sys.stdout.flush()
+    line = sys.stdin.buffer.readline()
+    if not line.strip():
+        return None
+    clock = msgspec.json.decode(line, type=Clock)
+    return RunClock(clock.epoch_ns, clock.start_t_ns, clock.speed)
