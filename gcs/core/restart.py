@@ -193,8 +193,8 @@ class Restart:
             label: self._expected_labels[label[1]] for label in targets if label[1] in self._expected_labels
         }
         then_t_ns, tracks = self._expected
-        predict_targets = self._trackers.predict_targets(tracks, (t_ns - then_t_ns) / NS_PER_S)
-        expected = [track for track in predict_targets if track.label not in former.values()]
+        predicted = self._trackers.predict_targets(tracks, (t_ns - then_t_ns) / NS_PER_S)
+        expected = [track for track in predicted if track.label not in former.values()]
         seen = [track for label, track in sorted(targets.items()) if label not in former]
         if expected and seen:
             offset = np.array([[e.mean[:2] - s.mean[:2] for s in seen] for e in expected])

@@ -65,7 +65,7 @@ class ReferenceGlmb:
                 used_detections = [used for used, _, _ in choice if used >= 0]
                 if len(used_detections) == len(set(used_detections)):
                     child = frozenset(track for _, _, track in choice if track is not None)
-                    weights[child] += weight * math.prod(cholesky4 for _, cholesky4, _ in choice)
+                    weights[child] += weight * math.prod(share for _, share, _ in choice)
         total = sum(weights.values())
         self.weights = {child: weight / total for child, weight in weights.items() if weight > 0.0}
         self._scans += 1
@@ -130,22 +130,22 @@ def ranked_assignments(cost: FloatArray) -> Iterator[tuple[float, tuple[int, ...
     count = itertools.count()
     waiting: list[tuple[float, int, tuple[int, ...], int, FloatArray]] = []
 
-    def add_candidate(split_clusters: FloatArray, agreed: int) -> None:
+    def add_candidate(cost: FloatArray, agreed: int) -> None:
         try:
-            _, columns = linear_sum_assignment(split_clusters)
+            _, columns = linear_sum_assignment(cost)
         except ValueError:  # nothing in this part is allowed
             return
-        total = float(split_clusters[np.arange(len(split_clusters)), columns].sum())
-        heapq.heappush(waiting, (total, next(count), tuple(columns.tolist()), agreed, split_clusters))
+        total = float(cost[np.arange(len(cost)), columns].sum())
+        heapq.heappush(waiting, (total, next(count), tuple(columns.tolist()), agreed, cost))
 
     add_candidate(np.array(cost, dtype=np.float64), 0)
     while waiting:
-        total, _, columns, agreed, split_clusters = heapq.heappop(waiting)
+        total, _, columns, agreed, cost = heapq.heappop(waiting)
         yield total, columns
-        for row in range(agreed, len(split_clusters)):
-            other = split_clusters.copy()
+        for row in range(agreed, len(cost)):
+            other = cost.copy()
             other[row, columns[row]] = np.inf
             add_candidate(other, row)
-            keep = split_clusters[row, columns[row]]
-            split_clusters[row] = np.inf
-            split_clusters[row, columns[row]] = keep
+            keep = cost[row, columns[row]]
+            cost[row] = np.inf
+            cost[row, columns[row]] = keep

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs.errors import ConfigError
 from gcs.io.detections.tables import DETECTION_TITLES, ORIGIN, SENSOR, Table, title_error
-from gcs.model import FloatArray, Sensor
+from gcs.model import BoolArray, FloatArray, IntArray, Sensor
 from gcs.tracking.models.sensors import map_coordinates
 
 _BEARING_UNIT_RAD: Final = {"bearing_deg": math.pi / 180.0, "bearing_rad": 1.0}
@@ -32,7 +31,7 @@ class Columns:
     bearing_unit_rad: float
     origin: int | None
 
-    def is_detection(self, rows: FloatArray) -> npt.NDArray[np.bool_]:
+    def is_detection(self, rows: FloatArray) -> BoolArray:
         """Return True for each row (n,) with a detection; others are empty scans."""
         pairs = [rows[:, pair] for pair in (self.position, self.polar) if pair is not None]
         return np.asarray(~np.isnan(np.hstack(pairs)).all(axis=1))
@@ -69,7 +68,7 @@ def find_columns(table: Table) -> Columns:
     return Columns(table.titles[0], sensor, position, polar, unit_rad, origin)
 
 
-def sensor_of_rows(table: Table, columns: Columns, sensors: tuple[Sensor, ...]) -> npt.NDArray[np.int64]:
+def sensor_of_rows(table: Table, columns: Columns, sensors: tuple[Sensor, ...]) -> IntArray:
     """Return the number of the sensor of each row (n,).
 
     Raises

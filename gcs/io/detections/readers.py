@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs.config import parse
 from gcs.config.tables import AnywhereTable
@@ -47,7 +46,7 @@ from gcs.io.detections.tables import (
 )
 from gcs.io.detections.truth import TruthRows, read_truth, truth_by_scan, truth_rows
 from gcs.io.zenoh.scans import MAX_DETECTIONS
-from gcs.model import NS_PER_S, FloatArray, Scan, Sensor, Truth, read_only
+from gcs.model import NS_PER_S, BoolArray, FloatArray, IntArray, Scan, Sensor, Truth, read_only
 from gcs.tracking.glmb.filter import Birth, GlmbParams
 from gcs.tracking.metrics import Tracks
 
@@ -164,16 +163,16 @@ class _Rows(NamedTuple):
     path: Path
     first: FloatArray
     """(n,) scan number or time."""
-    sensor: npt.NDArray[np.int64]
+    sensor: IntArray
     """(n,) number of the sensor."""
     z_m: FloatArray
     """(n, 2) east/north."""
-    is_detection: npt.NDArray[np.bool_]
+    is_detection: BoolArray
     """(n,) False in a row that means an empty scan."""
     origin: FloatArray | None
     """(n,) number of the true object."""
 
-    def scan(self, t_ns: int, sensor: Sensor, rows: npt.NDArray[np.int64]) -> SensorScan:
+    def scan(self, t_ns: int, sensor: Sensor, rows: IntArray) -> SensorScan:
         """Return the scan of some rows."""
         rows = rows[self.is_detection[rows]]
         origin = None if self.origin is None else read_only(self.origin[rows])

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs.errors import ConfigError
 from gcs.io.detections.model_file import MAX_SCANS
@@ -27,7 +26,7 @@ from gcs.io.detections.tables import (
     read_npz,
     title_error,
 )
-from gcs.model import FloatArray, read_only
+from gcs.model import FloatArray, IntArray, read_only
 from gcs.tracking.metrics import Tracks
 
 _TITLES: Final = "k, t_s or t_ns first; id or label; x and y, or px and py"
@@ -51,7 +50,7 @@ class TruthRows:
     """(n, 2) east, north."""
 
     @property
-    def scans(self) -> npt.NDArray[np.int64]:
+    def scans(self) -> IntArray:
         """Scan numbers of the rows, in order; none if they have times."""
         numbers = self.first if self.title == "k" else np.empty(0)
         return np.unique(numbers.astype(np.int64))

@@ -15,13 +15,9 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from gcs.model import NS_PER_S, FloatArray, Sensor
+from gcs.model import NS_PER_S, BoolArray, FloatArray, IntArray, Sensor
 from gcs.tracking.models import constant_velocity, sensors
-
-Ints = npt.NDArray[np.intp]
-Flags = npt.NDArray[np.bool_]
 
 _PERSISTENT_SCORE: Final = 25.0
 _MAX_SCORE: Final = 35.0
@@ -86,7 +82,7 @@ class PersistentDetections:
         self._mean = self._mean @ F.T
         self._cov = F @ self._cov @ F.T + Q
 
-    def _associate(self, z: FloatArray, noise: FloatArray, clutter: FloatArray, sensor: Sensor) -> Flags:
+    def _associate(self, z: FloatArray, noise: FloatArray, clutter: FloatArray, sensor: Sensor) -> BoolArray:
         """Update each chain with its likeliest detection, unless a chain with a greater score has it.
 
         Returns True for each detection that was used.
@@ -111,7 +107,7 @@ class PersistentDetections:
         self._score[missed] += math.log1p(-detected)
         return is_assigned
 
-    def _pairs(self, z: FloatArray, noise: FloatArray) -> tuple[Ints, Ints, FloatArray, FloatArray]:
+    def _pairs(self, z: FloatArray, noise: FloatArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
         """Return chain, detection, innovation and its covariance of all pairs that may be in a gate."""
         spread_m2 = np.trace(self._cov[:, :2, :2], axis1=1, axis2=2)[:, None]
         innovation = z[None] - self._mean[:, None, :2]
@@ -119,7 +115,7 @@ class PersistentDetections:
         chain, detection = np.nonzero((innovation**2).sum(axis=2) <= reach_m2)
         return chain, detection, innovation[chain, detection], self._cov[chain, :2, :2] + noise[detection]
 
-    def _keep(self, kept: Flags) -> None:
+    def _keep(self, kept: BoolArray) -> None:
         self._mean, self._cov = self._mean[kept], self._cov[kept]
         self._score, self._found = self._score[kept], self._found[kept]
 
@@ -136,7 +132,7 @@ class PersistentDetections:
         self._found = np.concatenate([self._found, np.zeros(n, np.bool_)])
 
 
-def _first_of_each(pair: Ints, of: Ints) -> Ints:
+def _first_of_each(pair: IntArray, of: IntArray) -> IntArray:
     """Return the first pair of each chain, or of each detection."""
     _, first = np.unique(of[pair], return_index=True)
     return pair[np.sort(first)]

@@ -117,11 +117,11 @@ class SensorEstimation:
     def corrected(self, sensor: Sensor) -> Sensor:
         """Return the sensor with the estimated clutter rate and detection probability."""
         announced = expected_clutter(sensor)
-        cholesky4 = 1.0
+        clutter_factor = 1.0
         if math.isfinite(announced) and announced > 0.0:
             n = self._clutter.n
             seen = (_PRIOR_SCANS * announced + n * self._clutter.value) / (_PRIOR_SCANS + n)
-            cholesky4 = float(
+            clutter_factor = float(
                 np.clip(seen / announced, 1.0 / _MAX_CLUTTER_CORRECTION, _MAX_CLUTTER_CORRECTION)
             )
         n = self._detected.n
@@ -130,11 +130,11 @@ class SensorEstimation:
         )
         polar = sensor.polar
         if polar is not None:
-            polar = replace(polar, clutter_per_m_rad=polar.clutter_per_m_rad * cholesky4)
+            polar = replace(polar, clutter_per_m_rad=polar.clutter_per_m_rad * clutter_factor)
         return replace(
             sensor,
             detection_probability=float(np.clip(p_d, _MIN_DETECTION, _MAX_DETECTION)),
-            clutter_density_per_m2=sensor.clutter_density_per_m2 * cholesky4,
+            clutter_density_per_m2=sensor.clutter_density_per_m2 * clutter_factor,
             polar=polar,
         )
 

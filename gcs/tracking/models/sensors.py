@@ -8,14 +8,10 @@ north).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.model import FloatArray, Polar, Sensor, read_only
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
+from gcs.model import BoolArray, FloatArray, Polar, Sensor, read_only
 
 MAX_DETECTION_PROBABILITY = 0.999
 """Cap of the announced detection probability: a single miss must not end a track."""
@@ -128,7 +124,7 @@ def noise_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
     )
 
 
-def covers(sensor: Sensor, places_m: FloatArray) -> npt.NDArray[np.bool_]:
+def covers(sensor: Sensor, places_m: FloatArray) -> BoolArray:
     """Return True for each position (n, 2) in the field of view."""
     if sensor.polar is None:
         (west, east), (south, north) = field_bounds_m(sensor)
