@@ -45,7 +45,7 @@ def picture(*tracks: Track, t_s: float | None = None, kind: Kind = "agents") -> 
     return Picture(at(t_s), at(t_s), kind, ordered, read_only([1.0]))
 
 
-def believed(*tracks: Track, lost_existence: float = 0.01) -> TrackConfirmation:
+def confirmed(*tracks: Track, lost_existence: float = 0.01) -> TrackConfirmation:
     """Beliefs that hold exactly these tracks."""
     confirmation = TrackConfirmation(lost_existence)
     for _ in range(3):

@@ -136,7 +136,7 @@ def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) ->
     assert changed > 4
 
 
-def test_a_dead_vehicle_gets_no_more_missions(flight: Flight) -> None:
+def test_a_lost_vehicle_gets_no_more_missions(flight: Flight) -> None:
     death = next(i for i, e in enumerate(flight.effects) if isinstance(e, AgentStatus) and e.status == "lost")
     dead = flight.effects[death].vehicle
     told = {m.target_system for _, m in messages(flight.effects[death:]) if m.get_type() in MISSION_MESSAGES}
@@ -395,7 +395,7 @@ def test_a_vehicle_that_does_not_take_its_mission_is_told_of_and_given_a_new_one
     assert any(m.get_type() == "MISSION_COUNT" for _, m in messages(later))
 
 
-def test_a_transfer_to_a_vehicle_that_dies_is_given_up_without_a_word_more() -> None:
+def test_a_upload_to_a_vehicle_that_is_lost_is_given_up_without_a_word_more() -> None:
     scene = Scene()
     scene.fly(8.0)
     assert scene.command.tasking.stages == {1: "upload"}
@@ -424,21 +424,21 @@ def test_an_agent_at_its_target_has_arrived_and_the_mission_ends_once_for_good()
         scene.plane.place = (100.0 + 15.0 * step, 200.0)
         scene.fly(1.0)
     scene.fly(20.0)
-    (fate,) = scene.all(AgentStatus)
+    (status,) = scene.all(AgentStatus)
     (ended,) = scene.all(MissionEnded)
-    assert (fate.vehicle, fate.status, fate.target) == (1, "arrived", (0, 0))
+    assert (status.vehicle, status.status, status.target) == (1, "arrived", (0, 0))
     assert (ended.arrived, ended.lost) == ((1,), ())
     assert all(plan.t_ns <= ended.t_ns for plan in scene.all(Plan))
 
 
-def test_an_agent_that_comes_back_from_the_dead_flies_again() -> None:
+def test_an_agent_that_is_found_again_flies_again() -> None:
     scene = Scene()
     scene.fly(8.0)
     plane, scene.plane = scene.plane, None
     scene.fly(8.0)
     scene.plane = plane
     scene.fly(12.0)
-    assert [fate.status for fate in scene.all(AgentStatus)] == ["lost", "active"]
+    assert [status.status for status in scene.all(AgentStatus)] == ["lost", "active"]
     assert scene.command.association.labels.keys() == {1}
 
 
@@ -457,7 +457,7 @@ def test_a_target_that_was_reached_gets_nobody_else(flight: Flight) -> None:
     assert len(reached) == 3
 
 
-def test_an_agent_that_arrived_or_died_is_in_no_later_plan(flight: Flight) -> None:
+def test_an_agent_that_arrived_or_was_lost_is_in_no_later_plan(flight: Flight) -> None:
     out: set[int] = set()
     for effect in flight.effects:
         if isinstance(effect, AgentStatus):

@@ -223,7 +223,7 @@ def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_told():
 
 
 @pytest.mark.parametrize("setting", ["mission.layers=5", "mission.layers=3", "mission.layer_step_m=0"])
-def test_the_lanes_told_before_the_flight_are_those_that_are_flown(setting):
+def test_the_layers_told_before_the_flight_are_those_that_are_flown(setting):
     config = mission(setting, "planning.shape=pulled")
     rehearsal = rehearse(config, 1, {})
     starts = {agent.vehicle: (agent.east_m, agent.north_m) for agent in config.agents}

@@ -86,7 +86,7 @@ def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: f
     flight = flight_with_a_restart(at_s, 4.0, 300.0, loss=loss)
     (ended,) = flight.all(MissionEnded)
     assert (ended.arrived, ended.lost) == ((1, 3, 4), (2,))
-    reached = [fate.target for fate in flight.all(AgentStatus) if fate.status == "arrived"]
+    reached = [status.target for status in flight.all(AgentStatus) if status.status == "arrived"]
     assert len(reached) == 3
     taken_up = [plan for plan in flight.all(Plan) if "taken up again" in plan.reason]
     assert len(taken_up) == 1
@@ -157,7 +157,7 @@ def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
     assert not any(effect.changed for effect in effects if isinstance(effect, Plan))
 
 
-def test_the_dead_stay_dead_and_the_arrived_are_not_sent_again() -> None:
+def test_the_lost_stay_lost_and_the_arrived_are_not_sent_again() -> None:
     flight = flight_with_a_restart(138.0, 4.0, 400.0)
     before = {f.vehicle: f.status for f in flight.all(AgentStatus) if f.t_ns < START_T_NS + 138 * S}
     assert before[2] == "lost"
@@ -165,7 +165,7 @@ def test_the_dead_stay_dead_and_the_arrived_are_not_sent_again() -> None:
     plans = [plan for plan in flight.all(Plan) if plan.t_ns > START_T_NS + 142 * S]
     assert plans
     assert not any(route.vehicle in before for plan in plans for route in plan.routes)
-    targets = [fate.target for fate in flight.all(AgentStatus) if fate.status == "arrived"]
+    targets = [status.target for status in flight.all(AgentStatus) if status.status == "arrived"]
     assert len(targets) == 3
 
 
@@ -198,7 +198,7 @@ def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_
         assert "left alone" in run.command.untaskable()[vehicle]
 
 
-def test_a_mix_that_was_left_behind_is_cleared_after_a_restart_though_nobody_has_a_route_for_it() -> None:
+def test_an_inconsistent_mission_is_cleared_after_a_restart_though_no_route_waits() -> None:
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(30.0)

@@ -14,8 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from gcs.core.perception.confirmation import TrackConfirmation
-from gcs.core.perception.epochs import ConsecutiveEpochs
+from gcs.core.perception.confirmation import ConsecutiveEpochs, TrackConfirmation
 from gcs.model import NS_PER_S, AgentStatus, Label, Track
 
 REVIVE_EXISTENCE = 0.9

@@ -22,8 +22,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gcs.core.perception.confirmation import TrackConfirmation
-from gcs.core.perception.epochs import ConsecutiveEpochs
+from gcs.core.perception.confirmation import ConsecutiveEpochs, TrackConfirmation
 from gcs.core.perception.fusion import at_time, squared_distances
 from gcs.model import NS_PER_S, FloatArray, Label, Track, VehicleState
 

@@ -214,7 +214,7 @@ def closing(at_s: float, area: NoFlyZone) -> Callable[[int, Effect], Order | Non
 CORRIDOR = NoFlyZone("fire", None, ((650.0, 420.0), (760.0, 420.0), (700.0, 660.0)))
 
 
-def test_a_keep_out_changes_the_plan_at_once_and_nobody_is_led_through_it() -> None:
+def test_a_no_fly_zone_changes_the_plan_at_once_and_nobody_is_led_through_it() -> None:
     free = Flight(silent, "auto").fly(30.0).run.command
     flight = Flight(closing(20.0, CORRIDOR), "auto").fly(30.0)
     command = flight.run.command
@@ -233,7 +233,7 @@ def test_a_keep_out_changes_the_plan_at_once_and_nobody_is_led_through_it() -> N
     assert through
 
 
-def test_a_keep_out_is_opened_by_its_name_and_an_unknown_one_is_refused() -> None:
+def test_a_no_fly_zone_is_opened_by_its_name_and_an_unknown_one_is_refused() -> None:
     run = VirtualRun(scenario("auto"), SEED)
     before = run.command.grid.blocked
     order = Order(START_T_NS, "1", "no-fly-zone", None, None, CORRIDOR)
@@ -247,7 +247,7 @@ def test_a_keep_out_is_opened_by_its_name_and_an_unknown_one_is_refused() -> Non
     assert (answer.state, answer.detail) == ("refused", "it lies outside the map")
 
 
-def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_mission_is_touched() -> None:
+def test_a_no_fly_zone_without_a_way_around_is_told_with_time_and_place_and_no_mission_is_touched() -> None:
     wall = NoFlyZone("wall", None, ((800.0, -50.0), (860.0, -50.0), (860.0, 2050.0), (800.0, 2050.0)))
     flight = Flight(closing(20.0, wall), "auto").fly(60.0)
     alarms = [n for n in flight.all(Notice) if n.level == "alarm"]
@@ -278,9 +278,9 @@ def test_a_keep_out_without_a_way_around_is_told_with_time_and_place_and_no_miss
 
 
 @pytest.mark.parametrize("loss_of", [2])
-def test_who_dies_is_taken_out_of_the_plan_that_waits(loss_of: int) -> None:
+def test_who_is_lost_is_taken_out_of_the_plan_that_waits(loss_of: int) -> None:
     flight = Flight(silent).fly(70.0)
-    (death,) = [fate for fate in flight.all(AgentStatus) if fate.status == "lost"]
+    (death,) = [status for status in flight.all(AgentStatus) if status.status == "lost"]
     assert death.vehicle == loss_of
     last = [proposal for proposal in flight.all(Proposal) if proposal.t_ns >= death.t_ns]
     assert last

@@ -96,7 +96,7 @@ def test_return_brings_all_home_over_a_lossy_link_and_nobody_is_tasked_again() -
     assert not any(plan.changed for plan in flight.all(Plan) if plan.t_ns > START_T_NS + 30 * S)
 
 
-def test_a_hold_in_the_middle_of_a_transfer_leaves_no_mix_to_be_flown() -> None:
+def test_a_hold_in_the_middle_of_a_upload_leaves_no_inconsistent_mission_to_be_flown() -> None:
     first = fly([], 20.0, loss=0.4)
     (plan,) = first.all(Plan)[:1]
     at_s = (plan.t_ns - START_T_NS) / S + 0.6

@@ -2,7 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from staging import at, believed, picture, track
+from staging import at, confirmed, picture, track
 
 from gcs.core.perception.agent_status import NEVER_SEEN_S, UNSEEN_S, AgentStatusMonitor
 from gcs.core.perception.confirmation import TrackConfirmation
@@ -20,17 +20,17 @@ class Scene:
         self.monitor = AgentStatusMonitor(vehicles, RADIUS_M)
         self.t_s = 0
 
-    def look(self, agent=None, target=None, *, tied=True, reporting=True, tasked=True, again=False):
+    def look(self, agent=None, target=None, *, associated=True, reporting=True, tasked=True, again=False):
         """Judge a scan with this agent's and this target's track; return (vehicle, status) that changed."""
         self.t_s += not again
-        agents = believed(agent) if agent else NOBODY
-        targets = believed(target) if target else NOBODY
+        agents = confirmed(agent) if agent else NOBODY
+        targets = confirmed(target) if target else NOBODY
         changed = self.monitor.update(
             at(self.t_s),
             at(self.t_s),
             agents,
             targets,
-            {1: AGENT} if tied else {},
+            {1: AGENT} if associated else {},
             {1: TARGET} if tasked else {},
             {1} if reporting else set(),
         )
@@ -50,7 +50,7 @@ def goal(place=HERE):
     return track(TARGET, place)
 
 
-def test_an_agent_whose_track_is_gone_is_dead_and_its_last_place_is_known():
+def test_an_agent_whose_track_is_gone_is_lost_and_its_last_place_is_known():
     scene = Scene()
     assert scene.look(flying((300.0, 40.0)), goal()) == []
     assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
@@ -61,7 +61,7 @@ def test_an_agent_whose_track_is_gone_is_dead_and_its_last_place_is_known():
 def test_an_agent_whose_track_was_only_missed_flies_on():
     scene = Scene()
     scene.look(flying(), goal())
-    doubted = believed(flying())
+    doubted = confirmed(flying())
     for _ in range(6):
         scene.t_s += 1
         doubted.update(picture(flying(existence=0.3, estimated=False)))
@@ -73,32 +73,32 @@ def test_an_agent_whose_track_was_only_missed_flies_on():
 def test_the_last_place_known_is_one_where_it_was_seen():
     scene = Scene()
     scene.look(flying((300.0, 40.0)), goal())
-    coasted = believed(flying((300.0, 40.0)))
+    coasted = confirmed(flying((300.0, 40.0)))
     coasted.update(picture(flying((390.0, 40.0), existence=0.2, estimated=False)))
     scene.monitor.update(at(2), at(2), coasted, NOBODY, {1: AGENT}, {}, set())
     scene.look(None, goal(), reporting=False)
     assert scene.status.position_m == (300.0, 40.0)
 
 
-def test_a_clutter_point_beside_a_dead_agent_does_not_revive_it():
+def test_a_clutter_point_beside_a_lost_agent_does_not_revive_it():
     scene = Scene()
     scene.look(flying(), goal())
     scene.look(None, goal(), reporting=False)
     for _ in range(5):
         assert scene.look(flying(), goal(), reporting=False) == []
-        assert scene.look(None, goal(), tied=False, reporting=False) == []
+        assert scene.look(None, goal(), associated=False, reporting=False) == []
     assert scene.status.status == "lost"
 
 
-def test_a_dead_agent_lives_again_only_with_a_report_and_a_sure_track_tied_to_it():
+def test_a_lost_agent_is_active_again_only_with_a_report_and_a_sure_track_associated_to_it():
     def dead():
         scene = Scene()
         scene.look(flying(), goal())
         assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
         return scene
 
-    assert dead().look(None, goal(), tied=False, reporting=True) == []
-    assert dead().look(flying(), goal(), tied=False, reporting=True) == []
+    assert dead().look(None, goal(), associated=False, reporting=True) == []
+    assert dead().look(flying(), goal(), associated=False, reporting=True) == []
     assert dead().look(flying(existence=0.89), goal(), reporting=True) == []
     scene = dead()
     assert scene.look(flying(existence=0.9), goal(), reporting=True) == [(1, "active")]
@@ -124,7 +124,7 @@ def test_arrival_takes_two_scans_in_a_row():
     assert scene.monitor.at_targets() == {TARGET: 1}
 
 
-def test_two_sensors_that_see_an_agent_at_its_target_at_one_moment_are_not_two_scans_in_a_row():
+def test_two_sensors_that_see_an_agent_at_its_target_at_one_epoch_are_not_two_scans_in_a_row():
     scene = Scene()
     assert [scene.look(flying(HERE), goal(), again=again) for again in (False, True, True)] == [[]] * 3
     assert scene.look(flying(HERE), goal()) == [(1, "arrived")]
@@ -137,7 +137,7 @@ def test_a_second_sensor_that_sees_the_agent_elsewhere_at_that_moment_breaks_the
     assert scene.look(flying(HERE), goal()) == []
 
 
-def test_an_agent_that_dies_on_its_last_metres_has_not_arrived():
+def test_an_agent_that_is_lost_on_its_last_metres_has_not_arrived():
     scene = Scene()
     scene.look(flying(HERE), goal())
     assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
@@ -146,11 +146,11 @@ def test_an_agent_that_dies_on_its_last_metres_has_not_arrived():
 
 def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():
     scene = Scene()
-    agents = believed(flying(HERE))
+    agents = confirmed(flying(HERE))
     agents.update(picture(flying(HERE, existence=0.4, estimated=False)))
     for t_s in range(1, 5):
         changed = scene.monitor.update(
-            at(t_s), at(t_s), agents, believed(goal()), {1: AGENT}, {1: TARGET}, {1}
+            at(t_s), at(t_s), agents, confirmed(goal()), {1: AGENT}, {1: TARGET}, {1}
         )
         assert changed == []
 
@@ -168,41 +168,45 @@ def test_arrival_is_for_good():
     arrived = scene.status
     scene.look(None, None, reporting=False)
     for _ in range(30):
-        assert scene.look(None, None, tied=False, reporting=False, tasked=False) == []
+        assert scene.look(None, None, associated=False, reporting=False, tasked=False) == []
     assert scene.status == arrived
 
 
-def test_a_vehicle_that_never_shows_up_is_dead_after_twenty_seconds():
+def test_a_vehicle_that_never_shows_up_is_lost_after_twenty_seconds():
     scene = Scene()
-    unseen = [scene.look(None, goal(), tied=False, reporting=False) for _ in range(int(NEVER_SEEN_S) + 1)]
+    unseen = [
+        scene.look(None, goal(), associated=False, reporting=False) for _ in range(int(NEVER_SEEN_S) + 1)
+    ]
     assert unseen == [[]] * 21
-    assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "lost")]
+    assert scene.look(None, goal(), associated=False, reporting=False) == [(1, "lost")]
     assert scene.status.position_m is None
 
 
-def test_a_vehicle_that_reported_and_was_never_tied_is_dead_after_five_seconds_of_silence():
+def test_a_vehicle_that_reported_and_was_never_associated_is_lost_after_five_seconds_of_silence():
     scene = Scene()
-    assert scene.look(None, goal(), tied=False, reporting=True) == []
-    silent = [scene.look(None, goal(), tied=False, reporting=False) for _ in range(int(UNSEEN_S))]
+    assert scene.look(None, goal(), associated=False, reporting=True) == []
+    silent = [scene.look(None, goal(), associated=False, reporting=False) for _ in range(int(UNSEEN_S))]
     assert silent == [[]] * 5
-    assert scene.look(None, goal(), tied=False, reporting=False) == [(1, "lost")]
+    assert scene.look(None, goal(), associated=False, reporting=False) == [(1, "lost")]
 
 
-def test_a_report_or_a_tie_within_five_seconds_keeps_an_agent_alive():
-    by_reports, by_ties = Scene(), Scene()
+def test_a_report_or_an_association_within_five_seconds_keeps_an_agent_alive():
+    by_reports, by_association = Scene(), Scene()
     for second in range(1, 80):
         now = second % 5 == 0
-        assert by_reports.look(None, goal(), tied=False, reporting=now) == []
-        assert by_ties.look(flying() if now else None, goal(), tied=now, reporting=False) == []
+        assert by_reports.look(None, goal(), associated=False, reporting=now) == []
+        assert by_association.look(flying() if now else None, goal(), associated=now, reporting=False) == []
 
 
 @given(st.lists(st.tuples(*[st.booleans()] * 5), max_size=40))
 def test_fates_only_change_in_ways_that_can_be_told(scans):
     """Flying to dead or arrived, dead to flying, arrived never; each change is told once."""
     scene, told = Scene(vehicles=(1, 2)), {1: "active", 2: "active"}
-    for seen, near, tied, reporting, tasked in scans:
+    for seen, near, associated, reporting, tasked in scans:
         agent = flying(HERE if near else FAR) if seen else None
-        for vehicle, status in scene.look(agent, goal(), tied=tied, reporting=reporting, tasked=tasked):
+        for vehicle, status in scene.look(
+            agent, goal(), associated=associated, reporting=reporting, tasked=tasked
+        ):
             assert (told[vehicle], status) in {("active", "lost"), ("active", "arrived"), ("lost", "active")}
             told[vehicle] = status
     assert told == {vehicle: status.status for vehicle, status in scene.monitor.by_vehicle.items()}

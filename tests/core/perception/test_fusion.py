@@ -66,7 +66,7 @@ def test_an_agent_that_loiters_where_targets_are_born_is_no_target(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_an_agent_that_dies_beside_its_target_does_not_live_on_in_the_targets_detections(seed):
+def test_an_agent_that_is_lost_beside_its_target_does_not_stay_in_the_targets_detections(seed):
     target = (300.0, 200.0)
     sky = Sky(mission(agents=[START], births=[target]), seed)
     for t_s in range(14):
@@ -114,7 +114,7 @@ def test_an_agent_without_radio_is_kept_by_the_sensor():
     assert near(sky.agents, (START[0] + 15.0 * 29, START[1]), 10.0)
 
 
-def test_an_agent_that_falls_silent_and_unseen_is_dead_within_three_scans():
+def test_an_agent_that_falls_silent_and_unseen_is_lost_within_three_scans():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(8):
         place = (START[0] + 15.0 * t_s, START[1])
@@ -175,7 +175,9 @@ def test_clutter_at_a_place_that_has_given_its_target_is_no_second_one():
         return sum(one.estimated for one in targets.tracks) - (before > 0)
 
     assert seen_as_two(before=40) == 0
-    sky = Sky(mission(agents=[START], births=[GOAL]))  # a place that has given nothing yet is believed sooner
+    sky = Sky(
+        mission(agents=[START], births=[GOAL])
+    )  # a place that has given nothing yet is confirmed sooner
     _, targets = sky.look(0, clutter=[GOAL])
     assert sum(one.estimated for one in targets.tracks) == 1
 

@@ -32,12 +32,12 @@ def track(label, east_m, north_m=1000.0):
 
 def told(detections, *, seconds=10, seer=None, armed=True, agents=None, targets=(), reports=None):
     """Notices with their times; `detections` takes the second and returns places."""
-    witness, notices = PositionIntegrityMonitor(TelemetryTable()), []
+    monitor, notices = PositionIntegrityMonitor(TelemetryTable()), []
     for t_s in range(seconds):
         z = np.reshape(detections(t_s), (-1, 2))
         scan = Scan(t_s * S, t_s * S, seer or sensor(), read_only(z))
         states = [state(t_s - 0.1, *([] if reports is None else [reports(t_s)]), armed=armed)]
-        found = witness.update(scan, states, {1: (0, 1)}, agents or {}, targets)
+        found = monitor.update(scan, states, {1: (0, 1)}, agents or {}, targets)
         notices += [(t_s, notice.level, notice.text) for notice in found]
     return notices
 

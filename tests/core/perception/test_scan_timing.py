@@ -54,7 +54,7 @@ def test_old_scans_that_arrive_all_at_once_are_refused() -> None:
     assert all(timing.corrected(one)[1] for one in backlog)
 
 
-def test_a_jumping_clock_is_never_believed() -> None:
+def test_a_jumping_clock_is_never_confirmed() -> None:
     assert run(ScanTiming(), [100.0 * (k % 7 + 1) for k in range(50)]) == [None] * 50
 
 

@@ -35,7 +35,7 @@ def test_one_report_says_nothing_of_a_turn():
 
 
 @pytest.mark.parametrize("wrong", [{"now_s": 4.5}, {"seen_at": (300.0, 300.0)}], ids=["old", "elsewhere"])
-def test_reports_that_are_old_or_far_from_the_track_are_not_believed(wrong):
+def test_reports_that_are_old_or_far_from_the_track_are_not_used(wrong):
     motion = after(3, **wrong)
     assert (motion.speed_m_s, motion.turn_rate_rad_s) == (5.0, 0.0)
     assert motion.course_rad == pytest.approx(math.atan2(3.0, 4.0))

@@ -19,7 +19,7 @@ CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 
 
 class Desk:
-    """A planner's desk: who flies where, which targets are believed; looks at times a test chooses."""
+    """A planner's desk: who flies where, which targets are confirmed; looks at times a test chooses."""
 
     def __init__(self, agents, targets, *, tables="", expected_targets=None):
         count = len(targets) if expected_targets is None else expected_targets
@@ -137,7 +137,7 @@ def test_nothing_new_is_no_new_plan():
 # ---------------------------------------------------------------- what makes a plan
 
 
-def test_a_dead_agents_target_goes_to_the_survivor_for_whom_it_is_better():
+def test_a_lost_agents_target_goes_to_the_survivor_for_whom_it_is_better():
     desk = Desk(
         {1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1000.0, 200.0), B: (1900.0, 200.0)}, expected_targets=2
     )
@@ -154,7 +154,7 @@ def test_a_dead_agents_target_goes_to_the_survivor_for_whom_it_is_better():
     assert desk.look(10.0) is None
 
 
-def test_a_death_is_told_though_nobodys_route_changes():
+def test_a_loss_is_told_though_nobodys_route_changes():
     desk = pair()
     desk.die(1)
     plan = desk.look(5.0)
@@ -388,7 +388,7 @@ def test_obstacles_placed_by_hand_are_on_the_map_where_the_file_says():
     assert not grid.blocked[grid.node_of((400.0, 1000.0))]
 
 
-def test_agent_and_target_are_both_taken_to_the_moment_at_which_the_route_is_taken_up():
+def test_agent_and_target_are_both_taken_to_the_time_at_which_the_route_is_taken_up():
     """The agent flies towards the target, which flies across: what is flown meets it, not where it was."""
     config = mission(
         agents=[(100.0, 200.0)],

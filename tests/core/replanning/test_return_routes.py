@@ -61,9 +61,9 @@ def test_who_would_land_through_a_closed_area_gets_another_way_home():
 def test_who_is_on_the_way_home_already_is_named():
     flight = Flight()
     flown_s = flight.run.run(20.0)
-    while not (fates := [fate for fate in flight.all(AgentStatus) if fate.status == "arrived"]):
+    while not (statuses := [status for status in flight.all(AgentStatus) if status.status == "arrived"]):
         flown_s = flight.run.run(flown_s + 5.0)
-    vehicle = fates[0].vehicle
+    vehicle = statuses[0].vehicle
     flight.close(before_home(flight.ways()[vehicle], 250.0))
     flight.run.ended = False
     flight.run.run(flown_s + 1.0)

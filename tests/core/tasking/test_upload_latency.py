@@ -23,7 +23,7 @@ def test_the_time_is_learnt_from_missions_that_arrived_and_forgotten_when_the_li
     assert delays.late_s(1) < 0.2
 
 
-def test_a_transfer_that_was_given_up_says_only_that_it_takes_longer() -> None:
+def test_a_upload_that_was_given_up_says_only_that_it_takes_longer() -> None:
     delays = UploadLatency()
     delays.note_failure(1, 0.3)
     assert delays.late_s(1) == 0.0

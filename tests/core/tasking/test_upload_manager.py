@@ -61,7 +61,7 @@ class Swarm:
         return [effect for effect in self.effects if isinstance(effect, UploadReport)]
 
 
-def test_transfers_wait_for_room_on_their_link_and_all_are_delivered():
+def test_uploads_wait_for_room_on_their_link_and_all_are_delivered():
     swarm = Swarm(12, most=3)
     for plane in swarm.planes.values():
         plane.ignores.add("MISSION_REQUEST_LIST")  # so that they last
@@ -89,7 +89,7 @@ def test_an_operators_loiter_is_told_and_kept_until_an_order():
     assert swarm.tasking.overrides.untaskable() == {}
 
 
-def test_a_vehicle_taken_for_dead_in_mid_transfer_is_cleared_when_it_is_heard():
+def test_a_vehicle_counted_as_lost_in_mid_upload_is_cleared_when_it_is_heard():
     swarm = Swarm(1)
     swarm.task(1)
     swarm.run(5.0)
@@ -116,7 +116,7 @@ def test_a_firmware_that_is_not_known_gets_no_mission():
     assert swarm.planes[1].store == []
 
 
-def test_a_reboot_in_mid_transfer_starts_the_transfer_again():
+def test_a_reboot_in_mid_upload_starts_the_upload_again():
     swarm = Swarm(1)
     plane = swarm.planes[1]
     plane.ignores.add("MISSION_ITEM_INT")
@@ -155,7 +155,7 @@ def holds_in_flight():
     return len(holds)
 
 
-def test_on_a_lossy_link_a_transfer_is_let_end_though_ever_newer_routes_come(monkeypatch):
+def test_on_a_lossy_link_a_upload_is_let_end_though_ever_newer_routes_come(monkeypatch):
     """A vehicle would circle for minutes over transfers that all give way to the next one."""
     delivered = sum(report.ok for report in re_tasked_on_a_bad_link().reports())
     monkeypatch.setattr("gcs.core.tasking.upload_queue._SUPERSEDE_NS", 10**12)
