@@ -213,7 +213,7 @@ class TrueAssociationTracker(_Baseline):
         """Process a scan of detections (m, 2); `origin` (m,) numbers their true objects, 0 for clutter."""
         if t_ns < self._t_ns:
             return
-        is_own = np.isfinite(z_m).all(axis=1) & (origin > 0)
+        is_own = np.isfinite(z_m).all(axis=1) & np.isfinite(origin) & (origin > 0)
         R = noise_m2(sensor, z_m)
         motion, scan = self._predict(t_ns), self.scans - 1
         row_of = {int(origin[i]): int(i) for i in np.flatnonzero(is_own)}

@@ -78,6 +78,13 @@ def test_true_association_follows_objects_that_cross():
         assert np.abs(path.mean[:, :2] - [xy[i] for xy in true]).max() < 3.0
 
 
+def test_origins_that_are_no_numbers_are_clutter():
+    tracker = scans(
+        TrueAssociationTracker(STILL, 5.0), *[[(0, 0), (1, 1), (2, 2)]] * 3, origins=[(np.inf, np.nan, 4)] * 3
+    )
+    assert [path.label[1] for path in tracker.paths()] == [4]
+
+
 @pytest.mark.parametrize("dt_s", [0.0, 0.3])
 def test_sensors_of_one_epoch_and_irregular_scans_are_filtered(dt_s):
     tracker = NearestNeighbourTracker(STILL)
