@@ -141,6 +141,7 @@ def _detections(table: Table, model: ModelTable, truth: TruthRows | None) -> Det
     if most > MAX_DETECTIONS:
         problem = f"expected scans of at most {MAX_DETECTIONS} detections, found one of {most}"
         raise ConfigError(str(table.path), columns.time, problem)
+    seen_m = [z_m[rows.is_detection & (sensor == i)] for i in range(len(sensors))]
     params, births = _motion(model)
     true, remarks = ({}, ()) if truth is None else truth_by_scan(truth, numbers)
     return Detections(
@@ -153,7 +154,7 @@ def _detections(table: Table, model: ModelTable, truth: TruthRows | None) -> Det
         true,
         is_unix_time=columns.time == "t_ns",
         has_times=has_times,
-        remarks=(*table.remarks, *sanity_warnings(model, sensors, scans), *remarks),
+        remarks=(*table.remarks, *sanity_warnings(model, sensors, seen_m), *remarks),
     )
 
 

@@ -6,7 +6,7 @@ No cell of such a file is wrong, and a poor result would be blamed on the tracke
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -20,20 +20,15 @@ _SMALL_SHARE: Final = 0.01
 """Share of a region's sides that uniform clutter exceeds."""
 
 
-class _Scan(Protocol):
-    @property
-    def sensor(self) -> Sensor: ...
-    @property
-    def z_m(self) -> FloatArray: ...
+def sanity_warnings(model: ModelTable, sensors: Sequence[Sensor], z_m: Sequence[FloatArray]) -> list[str]:
+    """Return a warning for each sensor with most detections outside its field, or all within a hundredth.
+
+    `z_m` has the detections (m, 2) of each sensor.
+    """
+    return [text for i in range(len(sensors)) for text in _warnings(model, i, sensors[i], z_m[i])]
 
 
-def sanity_warnings(model: ModelTable, sensors: Sequence[Sensor], scans: Sequence[_Scan]) -> tuple[str, ...]:
-    """Return a warning for each sensor with most detections outside its field, or all within a hundredth."""
-    return tuple(text for i in range(len(sensors)) for text in _warnings(model, i, sensors[i], scans))
-
-
-def _warnings(model: ModelTable, i: int, sensor: Sensor, scans: Sequence[_Scan]) -> Iterator[str]:
-    z_m = np.concatenate([np.empty((0, 2)), *(scan.z_m for scan in scans if scan.sensor is sensor)])
+def _warnings(model: ModelTable, i: int, sensor: Sensor, z_m: FloatArray) -> Iterator[str]:
     z_m = z_m[np.isfinite(z_m).all(axis=1)]
     if len(z_m) < _MIN_DETECTIONS:
         return
