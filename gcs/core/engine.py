@@ -14,48 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_PARAM_VALUE
-
-from gcs.config import Config
-from gcs.core.airspace.incursion_warning import IncursionWarnings
-from gcs.core.airspace.mission_bounds import MissionBoundsCheck
-from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.authority.disarmed_in_auto import DisarmedInAuto
-from gcs.core.authority.external_uploads import ExternalUploads
-from gcs.core.authority.onboard_audit import OnboardAudit
-from gcs.core.authority.override_notices import OverrideNotices, UnattendedTargets, overridden_text
-from gcs.core.authority.taskability import Taskability
-from gcs.core.operator.no_fly_zone_orders import NoFlyZoneOrders
-from gcs.core.operator.plan_approval import PlanApproval
+from gcs.core.authority.override_notices import overridden_text
 from gcs.core.operator.replies import OrderInProgress
-from gcs.core.operator.status_report import StatusReport
-from gcs.core.operator.vehicle_orders import Orders
-from gcs.core.perception.agent_status import AgentStatusMonitor
-from gcs.core.perception.fusion import MultiSensorTracker
-from gcs.core.perception.input_errors import InputErrors
-from gcs.core.perception.never_heard import NeverHeardCheck
-from gcs.core.perception.oosm_buffer import OutOfSequenceBuffer
-from gcs.core.perception.position_integrity import PositionIntegrityMonitor
-from gcs.core.perception.report_history import ReportHistory
-from gcs.core.perception.scan_timing import ScanTiming
-from gcs.core.perception.sensor_watchdog import SensorWatchdog
-from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
-from gcs.core.perception.vehicle_kinematics import VehicleKinematics
-from gcs.core.preflight.return_heights import ReturnHeightMonitor
-from gcs.core.replanning.input_builder import PlanningInputBuilder
-from gcs.core.replanning.replanner import Replanner
-from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.restart import Restart
-from gcs.core.takeoff.climbs import Climbs
-from gcs.core.takeoff.sequence import TakeoffSequence
-from gcs.core.tasking.dispatch import Dispatch
-from gcs.core.tasking.mission_ends import MissionEnds
-from gcs.core.tasking.upload_latency import UploadLatency
-from gcs.core.tasking.upload_manager import UploadManager
-from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
+from gcs.core.stages import Stages
 from gcs.model import (
-    NS_PER_S,
     AgentStatus,
     BadInput,
     ClockStep,
@@ -72,148 +34,10 @@ from gcs.model import (
     Tick,
     UploadAnswer,
 )
-from gcs.planning.map.grid import Grid
 
 
-class Engine:
-    """The whole state of central command.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the map's random obstacles.
-    """
-
-    def __init__(self, config: Config, seed: int) -> None:
-        vehicles = [agent.vehicle for agent in config.agents]
-        tracking, telemetry, links = config.tracking, config.telemetry, config.mavlink_links
-        self._needs_approval = config.planning.retask == "confirm"
-        grid = mission_grid(config, seed)
-        self.no_fly_zones = NoFlyZones(grid)
-        self.fleet = Fleet(
-            vehicles,
-            config.local_frame,
-            FleetSettings(
-                position_rate_hz=telemetry.rate_hz,
-                max_speed_m_s=config.airframe.max_ground_speed_m_s,
-                checks_signatures=bool(config.links.keys),
-            ),
-            links=[link for link in links if link.role == "vehicles"],
-            extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE],
-        )
-        self.external_uploads = ExternalUploads(links, vehicles, self.fleet.is_atomic)
-        # Perception
-        self.scan_timing = ScanTiming()
-        self.oosm_buffer = OutOfSequenceBuffer(tracking.reorder_window_s)
-        self.report_history = ReportHistory()
-        self.trackers = MultiSensorTracker(config)
-        self.association = TrackVehicleAssociation(
-            tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s
-        )
-        self.position_integrity = PositionIntegrityMonitor(telemetry)
-        self.kinematics = VehicleKinematics(telemetry.max_age_s)
-        self.agent_status = AgentStatusMonitor(vehicles, config.planning.capture_radius_m)
-        self.sensor_watchdog, self.input_errors = SensorWatchdog(), InputErrors()
-        self.never_heard = NeverHeardCheck(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
-        # Planning and tasking
-        self.replanner, self.return_routes = Replanner(config, grid), ReturnRoutes(config, grid)
-        self.climbs = Climbs(config, grid, self.fleet)
-        self.tasking = UploadManager(
-            config.mission,
-            config.airframe,
-            config.local_frame,
-            self.fleet,
-            config.links.max_parallel_uploads,
-            self.return_routes,
-            self.climbs,
-            MissionBoundsCheck(config, grid),
-            lambda vehicle: self.takeoff_sequence.holds_back(vehicle, self.orders.launching()),
-        )
-        self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking)
-        self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
-        self.upload_latency = UploadLatency()
-        self.approval = PlanApproval(config, self.replanner)
-        self.dispatch = Dispatch(
-            self.replanner, self.approval, self.tasking, self.upload_latency, self.external_uploads
-        )
-        # Orders and control authority
-        self.return_heights = ReturnHeightMonitor(config, self.fleet)
-        self.orders = Orders(
-            self.fleet,
-            self.tasking,
-            self.replanner,
-            self.takeoff_sequence,
-            self.return_heights,
-            self._outlook,
-        )
-        self.incursions = IncursionWarnings(self.tasking)
-        self.no_fly_zone_orders = NoFlyZoneOrders(
-            self.no_fly_zones,
-            self.fleet,
-            self.replanner,
-            self.return_routes,
-            self.climbs,
-            self.agent_status,
-            self.incursions,
-            self._needs_approval,
-        )
-        self.disarmed_in_auto = DisarmedInAuto(self.fleet, self.tasking, self.orders)
-        self.onboard_audit = OnboardAudit(self.fleet, self.tasking, self.replanner, self.orders)
-        self.override_notices, self.unattended_targets = OverrideNotices(), UnattendedTargets()
-        self.taskability = Taskability(
-            self.fleet,
-            self.tasking,
-            self.orders,
-            self.external_uploads,
-            self.onboard_audit,
-            self.mission_ends,
-            self.climbs,
-        )
-        self.restart = Restart(
-            self.fleet,
-            self.tasking,
-            self.replanner,
-            self.orders,
-            self.agent_status,
-            self.trackers,
-            self.external_uploads,
-            self.onboard_audit,
-        )
-        self.planning_inputs = PlanningInputBuilder(
-            config.local_frame,
-            self.fleet,
-            self.trackers,
-            self.association,
-            self.kinematics,
-            self.agent_status,
-            self.taskability,
-            self.tasking,
-            self.upload_latency,
-            self.mission_ends,
-            self.replanner,
-            self.restart,
-        )
-        self.status_report = StatusReport(
-            self.fleet,
-            self.trackers,
-            self.association,
-            self.agent_status,
-            self.position_integrity,
-            self.sensor_watchdog,
-            self.replanner,
-            self.approval,
-            self.tasking,
-            self.taskability,
-        )
-        self._expected_targets = len(config.births)
-        self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
-        self._ended = False
-        self._measured_t_ns = 0
-
-    @property
-    def grid(self) -> Grid:
-        """The current map, with closed no-fly zones."""
-        return self.no_fly_zones.grid
+class Engine(Stages):
+    """The whole state of central command, made from a mission and the seed of its map."""
 
     def step(self, event: Event) -> list[Effect]:
         """Process one event; return its effects."""
@@ -317,15 +141,6 @@ class Engine:
         if self.sensor_watchdog.scan_t_ns is not None:
             effects += self._plan(t_ns, self._measured_t_ns, urgent)
         return effects
-
-    def _outlook(self, vehicle: int) -> str:
-        """Return what a released vehicle in LOITER can expect, in words."""
-        match self.agent_status.by_vehicle[vehicle].status:
-            case "arrived":
-                return "has reached its target and gets no other"
-            case "lost":
-                return "is lost; it gets a mission when it is tracked again"
-        return "gets no mission, since the mission has ended" if self._ended else "waits for its next mission"
 
     def _release(self, vehicle: int) -> None:
         """Take control of a vehicle back on an operator's order, whatever mission it stores."""
