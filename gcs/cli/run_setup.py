@@ -1,4 +1,4 @@
-"""What `gcs demo`, `gcs run` and `gcs replay` set up: display, recorder, compiled kernels."""
+"""Set-up of `gcs demo`, `gcs run` and `gcs replay`: display, recorder, compiled kernels."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def open_recorder(
     """
     folder = out if out is not None else new_folder(Path("runs"), name)
     if _remove_empty(folder):
-        text = f"{folder} held an empty recording, of a run that was killed at its start: replaced"
+        text = f"{folder} had an empty recording of a run that was killed at its start; it was replaced"
         console_for(stderr=True).print(text, highlight=False, markup=False, soft_wrap=True)
     budget = DiskBudget(int(table.rotate_mb * 1e6), table.max_gb * 1e9, table.min_free_mb * 1e6)
     return RecorderThread(Recorder(folder, config_text, versions(), run, budget))

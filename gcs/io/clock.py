@@ -17,7 +17,7 @@ slewing."""
 
 
 def unix_ns() -> int:
-    """Return the Unix time, for what is kept between runs."""
+    """Return the Unix time, for data kept between runs."""
     return time.time_ns()
 
 

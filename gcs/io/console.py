@@ -14,7 +14,7 @@ from rich.segment import Segment
 from gcs.safe_text import printable
 
 ERRORS: Final = "gcs.ascii"
-"""Name of the error handler that writes in ASCII what an encoding lacks."""
+"""Name of the error handler that replaces characters by ASCII."""
 _ASCII: Final = {
     "→": "->", "–": "-", "—": "-", "…": "...", "·": ".", "▒": "#", "◆": "*", "✗": "x", "×": "x", "°": " deg",
     "²": "2", "±": "+/-", "≥": ">=", "≤": "<=", "σ": "sigma", "µ": "u",

@@ -112,8 +112,8 @@ class Writer:
             return None
         self._is_stuck_reported = not self._is_stuck_reported
         if self._is_stuck_reported:
-            return self._level, f"takes nothing for {stuck_s:.0f} s: what is written waits, then is lost"
-        return "info", f"takes what is written again; {self.dropped} pieces were lost so far"
+            return self._level, f"accepts no output for {stuck_s:.0f} s: output is queued, then dropped"
+        return "info", f"accepts output again; {self.dropped} pieces were dropped so far"
 
     def _work(self) -> None:
         while True:

@@ -104,12 +104,12 @@ def encode(record: Recordable) -> bytes:
 
 
 def decode(source: str, payload: bytes, record_type: type[RecordT]) -> RecordT:
-    """Return the record of `gcs.model` that a JSON text holds.
+    """Return the record of `gcs.model` in a JSON text.
 
     Raises
     ------
     WireError
-        If the payload is not the JSON of such a record; `source` says where it came from.
+        If the payload is not the JSON of such a record; `source` is its origin.
     """
     record = decode_json(source, payload, _decoders[record_type])
     if isinstance(record, Scan) and record.z_m.size == 0:  # JSON has no (0, 2)
@@ -143,7 +143,7 @@ def decode_json(source: str, payload: bytes, decoder: msgspec.json.Decoder[Recor
 
 
 def _plain(problem: str) -> str:
-    """Turn msgspec's wording into "field: what was expected"."""
+    """Return msgspec's message in the form "field: expected ..."."""
     problem, _, path = problem.partition(" - at `")
     problem = re.sub(r"Object missing required field `(\w+)`", r"the field `\1` is missing", problem)
     problem = (

@@ -213,7 +213,7 @@ def test_a_live_view_that_nobody_reads_does_not_delay_ticks(service: Service) ->
             assert not view.writer.is_idle
             threading.Thread(target=read_all, args=(ours,), daemon=True).start()
     assert ticks.max_gap_s() < 0.6
-    assert ["view: takes nothing for" in text for text in ticks.texts("warning")] == [True]
+    assert ["view: accepts no output for" in text for text in ticks.texts("warning")] == [True]
 
 
 def read_all(descriptor: int) -> None:
@@ -261,7 +261,7 @@ def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_fligh
     ticks = serve(service, 3.0)
     released.set()
     recorder.close()
-    assert [("the disk takes nothing" in text, "unrecorded" in text) for text in ticks.texts("alarm")] == [
+    assert [("the disk blocks" in text, "unrecorded" in text) for text in ticks.texts("alarm")] == [
         (True, True)
     ]
     assert ticks.max_gap_s() < 0.6
@@ -274,7 +274,7 @@ def test_a_subscriber_that_takes_nothing_does_not_delay_ticks(
     monkeypatch.setattr(ZenohSession, "publish", slow(1.5))
     ticks = serve(service, 2.5)
     assert ticks.max_gap_s() < 0.6
-    assert [text for text in ticks.texts("warning") if text.startswith("zenoh: takes nothing for")]
+    assert [text for text in ticks.texts("warning") if text.startswith("zenoh: accepts no output for")]
 
 
 def test_after_a_crash_at_most_a_second_is_missing(tmp_path: Path) -> None:

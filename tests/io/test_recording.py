@@ -57,7 +57,7 @@ def test_a_recording_that_does_not_know_its_seed_says_none(recording: tuple[Path
 
 def test_a_flight_is_never_overwritten(recording: tuple[Path, list[Recordable]]) -> None:
     folder, values = recording
-    with pytest.raises(RecordingError, match="holds a recording already"):
+    with pytest.raises(RecordingError, match="has a recording already"):
         Recorder(folder, CONFIG, VERSIONS)
     assert len(list(read(folder))) == len(values)
 

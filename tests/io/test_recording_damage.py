@@ -90,7 +90,7 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, content: bytes)
     path.write_bytes(content)
     with pytest.raises(RecordingError, match="is no recording"):
         list(read(path))
-    with pytest.raises(RecordingError, match="holds no recording"):
+    with pytest.raises(RecordingError, match="has no recording"):
         list(read(tmp_path))
 
 

@@ -61,5 +61,5 @@ def test_a_part_that_is_missing_or_damaged_ends_the_reading_and_is_named(tmp_pat
     parts[0].unlink()
     with pytest.raises(RecordingError, match=r"run\.mcap: cannot be read"):
         list(read(tmp_path / "run"))
-    with pytest.raises(RecordingError, match="holds a recording already"):
+    with pytest.raises(RecordingError, match="has a recording already"):
         Recorder(tmp_path / "run", CONFIG, VERSIONS)

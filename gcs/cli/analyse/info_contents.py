@@ -136,7 +136,7 @@ def _damage(contents: dict[str, Any], console: Console) -> None:
         _print(console, f"frames of unknown message ids: {ids}", "yellow")
     if contents.get("clock_jumps"):
         stamped = contents["timed_by"] == "stamps"
-        what = "its clock was set" if stamped else "a vehicle was booted anew"
+        what = "its clock was set" if stamped else "a vehicle was rebooted"
         jumps = contents["clock_jumps"]
         _print(console, f"{what} {'once' if jumps == 1 else f'{jumps} times'} while it was written", "yellow")
     for remark in contents.get("remarks", ()):

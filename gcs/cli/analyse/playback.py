@@ -100,7 +100,7 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     wall_s = time.perf_counter() - started
     if replay.events == 0 and not interrupted:
         why = "" if replay.damage is None else f": {replay.damage.problem}"
-        raise RecordingError(str(options.file.path), f"holds no events to replay{why}")
+        raise RecordingError(str(options.file.path), f"has no events to replay{why}")
     summary = _summary(replay, options.file.path, wall_s)
     _print_summary(replay, summary, console)
     if options.verify:

@@ -223,8 +223,8 @@ def _key_of(keys: KeyFile, vehicle: int, endpoint: str) -> bytes:
 
 def _confirm(console: Console, endpoint: str, *, yes: bool) -> None:
     console.print(
-        f"[bold yellow]The key goes over {escape(endpoint)} in the clear.[/] Anybody who hears it can "
-        "command the vehicle. Use a cable, or a network that nobody else hears.",
+        f"[bold yellow]The key goes over {escape(endpoint)} in the clear.[/] Any listener can then "
+        "command the vehicle. Use a cable, or a network without other listeners.",
         highlight=False,
     )
     if yes:

@@ -46,7 +46,7 @@ def write_mission_file(
     out: Path | None,
     force: bool,
 ) -> None:
-    """Write a valid mission file from a file or from what is heard on an endpoint.
+    """Write a valid mission file from a file or from the vehicles on an endpoint.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def _text_from_file(source: Path, name: str, console: Console) -> str:
 
 
 def _sketch_text(sketch: Sketch, name: str, of: str, console: Console, link: str = _LINK) -> str:
-    """Return the text of the mission file, and print what was left out of it."""
+    """Return the text of the mission file, and print the notes."""
     for note in sketch.notes:
         console.print(f"note: {note}", style="yellow", highlight=False, markup=False)
     return mission_text(sketch, name, of, link)

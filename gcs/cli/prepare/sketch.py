@@ -1,4 +1,4 @@
-"""A sketch of a mission: what `gcs init` reads from a source."""
+"""Sketch of a mission, read from a source by `gcs init`."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Sketch:
     extent: list[Place] = field(default_factory=list)
     """Other positions that the map must contain."""
     notes: list[str] = field(default_factory=list)
-    """What the mission file leaves out, and why."""
+    """Parts of the source that are left out, with reasons."""
 
 
 def is_place(lat_deg: float, lon_deg: float) -> bool:

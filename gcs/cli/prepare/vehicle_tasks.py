@@ -1,4 +1,4 @@
-"""What `gcs fence` and `gcs param` share: choose vehicles, ask, run a task on each, print the results."""
+"""Common part of `gcs fence` and `gcs param`: select vehicles, confirm, run tasks, print the results."""
 
 from __future__ import annotations
 

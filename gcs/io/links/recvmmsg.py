@@ -75,7 +75,7 @@ class Reader(Protocol):
     def read(self, source: socket.socket) -> tuple[int, PeerData]:
         """Read up to `SLOTS` datagrams from a non-blocking socket.
 
-        Returns their number, and what is to be delivered.
+        Returns their number, and the data to deliver.
         """
 
 

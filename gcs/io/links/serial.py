@@ -86,7 +86,7 @@ class SerialPort:
             listener.heard(self._endpoint.remote, whole)
 
     def send(self, peer: str, data: bytes) -> None:  # noqa: ARG002  there is but one
-        """Send what the port takes, buffer a little, and drop whole frames beyond that."""
+        """Send or buffer frames; drop them beyond the bound."""
         if self._device is None or len(self._unsent) + len(data) > _MAX_UNSENT_BYTES:
             self.refused += 1
             return

@@ -29,7 +29,7 @@ class Listener(Protocol):
 
 
 class Transport(Protocol):
-    """One endpoint. It never blocks the loop; what cannot be sent is dropped and counted."""
+    """One endpoint. It never blocks the loop; data that cannot be sent is dropped and counted."""
 
     port: int
     """Listening port; 0 if there is none."""

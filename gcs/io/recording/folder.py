@@ -1,4 +1,4 @@
-"""Layout of a recording's folder: file names, parts, and what the files say of the run.
+"""Layout of a recording's folder: file names, parts, and metadata of the run.
 
 A recording is a folder::
 

@@ -357,7 +357,7 @@ def mcap_paths(path: Path) -> list[Path]:
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
     if path.is_dir() and len(paths) == 1 and not paths[0].exists():
-        raise RecordingError(str(path), f"holds no recording: there is no {MCAP_NAME} in it")
+        raise RecordingError(str(path), f"has no recording: there is no {MCAP_NAME} in it")
     return paths
 
 

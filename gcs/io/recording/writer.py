@@ -65,7 +65,7 @@ class Recorder:
     Parameters
     ----------
     folder : Path
-        Created if it does not exist. A folder that holds a recording is refused.
+        Created if it does not exist. A folder with a recording is refused.
     config_text : str
         The mission file.
     versions : mapping
@@ -78,8 +78,8 @@ class Recorder:
     Raises
     ------
     RecordingError
-        If the folder cannot be written; also by every method, such as on a full disk. What was flushed
-        before stays readable.
+        If the folder cannot be written; also by every method, such as on a full disk. Flushed records
+        stay readable.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Recorder:
             self._part = self._next_part()
         except FileExistsError:
             raise RecordingError(
-                str(folder), "holds a recording already; choose another folder or move it away"
+                str(folder), "has a recording already; choose another folder or move it away"
             ) from None
         except OSError as error:
             raise RecordingError(
@@ -208,7 +208,7 @@ class Recorder:
             why = f"it has {used / 1e9:.2f} GB (recording.max_gb)"
             if free < budget.min_free_bytes:
                 why = f"its disk has {free / 1e6:.0f} MB left (recording.min_free_mb)"
-            raise RecordingError(str(self.folder), f"ended: {why}; what was recorded is complete")
+            raise RecordingError(str(self.folder), f"ended: {why}; the recording is complete")
         is_low = used >= _LOW_SPACE_FRACTION * budget.max_bytes or free < budget.min_free_bytes / (
             1.0 - _LOW_SPACE_FRACTION
         )
@@ -280,7 +280,7 @@ class Recorder:
         self._part.abandon()
         return RecordingError(
             str(self.folder),
-            f"cannot be written any further ({error.strerror}); what was recorded before stays readable",
+            f"cannot be written any further ({error.strerror}); earlier records stay readable",
         )
 
     def __enter__(self) -> Self:

@@ -100,7 +100,7 @@ class RecorderThread:
             )
 
     def _disk_stuck_error(self) -> RecordingError:
-        return RecordingError(str(self.folder), "cannot be written any further (the disk takes nothing)")
+        return RecordingError(str(self.folder), "cannot be written any further (the disk blocks)")
 
     def _write(self, batch: list[tuple[Callable[..., None], tuple[Any, ...]]]) -> None:
         for record, arguments in batch:

@@ -37,7 +37,7 @@ class Result:
     ok: bool
     detail: str
     sent: bool
-    """True if the key was sent: the vehicle may have it, whatever it answered."""
+    """True if the key was sent: the vehicle may have it, with any answer."""
 
 
 def install(

@@ -82,7 +82,7 @@ class FenceTask:
             result = task.result
             name = LIST_NAMES[task.mission_type]
             if result is None:
-                rows.append((name, False, "not finished in time: what it holds is not known"))
+                rows.append((name, False, "not finished in time: the stored list is unknown"))
             else:
                 rows.append((name, result.ok, f"{result.detail}{_described(task, result.items)}"))
         if self._ceiling is not None:

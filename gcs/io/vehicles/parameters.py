@@ -63,7 +63,7 @@ class ParameterTask:
         if self._refusal:
             return [(name, False, None, self._refusal) for name in self._names]
         if self._setting is not None and (self._setting.outcome is None or not self._setting.outcome[0]):
-            _, why = self._setting.outcome or (False, "not finished in time: what it holds is not known")
+            _, why = self._setting.outcome or (False, "not finished in time: its value is unknown")
             return [(name, False, values.get(name), why) for name in self._names]
         if self._reading is None or not self._reading.is_done:
             return [(name, False, None, "not finished in time") for name in self._names]
@@ -90,7 +90,7 @@ class ParameterTask:
                 self._refusal = "armed: land and disarm it first, or say --armed"
                 return []
             return self._setting.poll(t_ns)
-        if self._reading is None:  # what is set counts when it is read back anew
+        if self._reading is None:  # A new value counts after a read-back.
             names = [(name,) for name in self._names]
             self._reading = ParameterReader(self.vehicle, names, self._bytewise, self._encode)
         return self._reading.poll(t_ns)

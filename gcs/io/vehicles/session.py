@@ -43,7 +43,7 @@ class VehicleSession:
     Parameters
     ----------
     source : str
-        Path of the mission file; keys are beside it.
+        Path of the mission file, for its key file.
     extra_ids : iterable of int
         Message ids that the tasks need besides the fleet's.
     link : str or None

@@ -1,4 +1,4 @@
-"""Fields of an autopilot profile, and what follows from them for every firmware.
+"""Fields of an autopilot profile, and the items of a mission.
 
 Items of a mission, in order::
 
@@ -8,7 +8,7 @@ Items of a mission, in order::
 * take-off: if the vehicle is on the ground. Its position is the end of the climb along the runway: ArduPlane
   ignores it and holds the runway's heading, PX4 flies towards it.
 * end: an unlimited loiter at the last waypoint ("loiter"), since a fixed wing without items would return or
-  circle where nobody planned; or the waypoints of the return route, an approach and a landing ("land").
+  circle off the planned route; or the waypoints of the return route, an approach and a landing ("land").
 
 Source: https://mavlink.io/en/services/mission.html and MAV_CMD in
 https://mavlink.io/en/messages/common.html.
@@ -90,7 +90,7 @@ class WantedParameter:
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """Performance that a mission asks of its vehicles."""
+    """Performance that a mission requires of its vehicles."""
 
     speed_m_s: float
     bank_deg: float
@@ -141,7 +141,7 @@ class AutopilotProfile:
     split_mode: Callable[[int], tuple[int, int]]
     """Returns a heartbeat's custom_mode as (main, sub)."""
     stored: Callable[[Item], Item]
-    """Returns what the firmware keeps of an item, besides what `normalised` does for all."""
+    """Returns the item as the firmware keeps it, in addition to `normalised`."""
     parameters: tuple[WantedParameter, ...]
     fits: Callable[[Envelope], tuple[WantedParameter, ...]]
     """Returns the parameters that must fit the mission."""

@@ -58,9 +58,7 @@ _PARAMETERS: Final = (
     WantedParameter(
         ("COM_DL_LOSS_T",), 5, 300, "the link is given up sooner than it can recover", must=False
     ),
-    WantedParameter(
-        ("RTL_RETURN_ALT",), 30, 500, "the way home may be lower than what stands there", must=False
-    ),
+    WantedParameter(("RTL_RETURN_ALT",), 30, 500, "the return height may be below obstacles", must=False),
     WantedParameter(("GF_ACTION",), 1, 5, "nothing stops a vehicle that leaves the area", must=False),
     WantedParameter(
         ("FW_LND_ANG",), 3.5, 15, "the approach of a mission that ends in a landing is refused", must=False

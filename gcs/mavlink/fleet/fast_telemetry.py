@@ -115,7 +115,7 @@ def _signed(data: Bytes, begin: int, offset: int, size: int, width: int) -> int:
 def _is_near(lat: int, lon: int, origin: FloatArray) -> bool:
     """Return True if a position (1e-7 degrees) is well within reach (`position_checks.distance_m`).
 
-    The sum of the way along the meridian and along the equator is an upper bound that mostly suffices.
+    The sum of the distances along the meridian and along the equator is an upper bound that mostly suffices.
     """
     around = math.radians(abs(lat * 1e-7 - origin[0]) + abs(lon * 1e-7 - origin[1]))
     if _EARTH_RADIUS_M * around < _SURE_FRACTION * origin[2]:

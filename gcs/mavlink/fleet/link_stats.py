@@ -15,7 +15,7 @@ class LinkCounters:
     datagrams: int = 0
     bytes: int = 0
     frames: int = 0
-    """Frames whose checksum holds."""
+    """Frames with a valid checksum."""
     bad_bytes: int = 0
     """Bytes that belong to no frame."""
     crc_errors: int = 0

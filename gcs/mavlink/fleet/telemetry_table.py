@@ -15,7 +15,7 @@ VehicleRecord = npt.NDArray[np.int64]
 """Integers of one vehicle, by the columns below."""
 
 (
-    ADDRESS,  # number of its address while it is alive, else NO_ADDRESS
+    ADDRESS,  # number of its address while it is heard, else NO_ADDRESS
     HEARD_NS,
     LAST_SEQUENCE,  # NONE before its first frame, after a reboot or a link loss
     FRAMES,

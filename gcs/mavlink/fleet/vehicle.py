@@ -331,7 +331,7 @@ class Vehicle:
         return position_problem(lat_deg, lon_deg, alt_msl_m, self._frame, self._max_distance_m)
 
     def _reboot(self, notify: Notify) -> None:
-        """Reset what a boot changes; mode and arming come with the next heartbeat."""
+        """Reset the state after a boot; mode and arming come with the next heartbeat."""
         self.boots += 1
         self._mission_seq, self.home = -1, None
         self.record[BEST_FIX] = self.record[LAST_SEQUENCE] = self.record[HEARTBEAT_KEY] = NONE

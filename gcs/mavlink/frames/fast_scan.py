@@ -95,7 +95,7 @@ def _crc(data: Bytes, begin: int, end: int, extra: int) -> int:
 def frame_at(data: Bytes, at: int, end: int, extras: Int16Array, frames: Int32Array, row: int) -> int:
     """Put the frame that may start at `at` into `frames[row]`.
 
-    Returns its length; 0 when there is none to be told apart, and less than 0 when its checksum does not
+    Returns its length; 0 if there is no frame, and less than 0 if its checksum does not
     hold. What it writes then is of no meaning.
     """
     if data[at] == 0xFD:

@@ -70,7 +70,7 @@ def first_item_difference(
     Parameters
     ----------
     normalised : callable
-        Item to what the autopilot stores of it.
+        From an item to its stored form.
     skip : int
         Items at the beginning that are not compared: the vehicle's home.
     """

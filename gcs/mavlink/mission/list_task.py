@@ -140,7 +140,7 @@ class ListTask:
 
     def _retry_upload(self, reason: str, t_ns: int) -> None:
         if self._uploads >= _MAX_UPLOADS:
-            self._end(False, f"{reason}, {self._uploads} uploads tried; what it holds now is not known")
+            self._end(False, f"{reason}, {self._uploads} uploads failed; the stored list is unknown")
         else:
             self._rtt.retransmissions += 1
             cancelled = dialect.MAV_MISSION_OPERATION_CANCELLED  # PX4 refuses a COUNT during a transfer.
@@ -186,7 +186,7 @@ class ListTask:
             entry = dialect.enums["MAV_MISSION_RESULT"].get(message.type)
             said = str(message.type) if entry is None else entry.name.removeprefix("MAV_MISSION_")
             if message.type in _UNSUPPORTED:
-                self._end(False, f"the vehicle does not take it: {said}")
+                self._end(False, f"the vehicle does not support it: {said}")
             else:
                 self._pending_failure = (t_ns + ns(_SETTLE_S), f"the vehicle answered {said}")
 

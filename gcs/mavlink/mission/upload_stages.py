@@ -25,5 +25,5 @@ class UploadResult:
     was_held: bool
     """True if the vehicle was put into LOITER. It then flies its mission only if `ok`."""
     selected: bool
-    """True if the vehicle flies what it stores. Before its first item is selected it flies an item of the
+    """True if the vehicle flies its stored mission. Before its first item is selected it flies an item of the
     mission before, and counts on from that number."""

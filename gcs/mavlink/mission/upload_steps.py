@@ -1,4 +1,4 @@
-"""Single steps of a mission upload: what each sends, and the state they share.
+"""Steps of a mission upload, and their common state.
 
 `gcs.mavlink.mission.upload_task` decides which step comes when.
 """
@@ -55,7 +55,7 @@ class UploadSteps:
     current : int, optional
         Current item.
     time_to_next_s : callable
-        Time (ns) to the least number of seconds before the vehicle takes its next item: 0 if unknown,
+        Time (ns) to the least number of seconds before the vehicle reaches its next item: 0 if unknown,
         infinite if it flies no mission.
     first_item : callable, optional
         Returns the item to begin with, called after verification: the vehicle has moved meanwhile.
@@ -135,7 +135,7 @@ class UploadSteps:
         """True if a whole mission is stored that must not be flown: it reads back differently, or the
         vehicle's navigator rejects it."""
         self._has_no_mission = False
-        """True if the last MISSION_CURRENT said that there is no valid mission."""
+        """True if the last MISSION_CURRENT reported no valid mission."""
         self._unexplained_mode_t_ns: int | None = None
         """Time of a mode change that is either an operator's override or follows from a rejected mission."""
         self._loiter_t_ns: int | None = None

@@ -68,7 +68,7 @@ class UploadTask(UploadSteps):
     def start_clearing(self, t_ns: int) -> list[bytes]:
         """Start without an upload: remove a possibly inconsistent mission."""
         self._began_t_ns = t_ns
-        self._reason = "what the vehicle stored was not known to be whole"
+        self._reason = "the onboard mission may be inconsistent"
         self._hold_and_clear(t_ns)
         return self._take_due_frames(t_ns)
 
@@ -125,7 +125,7 @@ class UploadTask(UploadSteps):
     def abandon(self, reason: str, t_ns: int) -> list[bytes]:
         """Stop the upload safely: the vehicle keeps a whole mission, or holds and is cleared.
 
-        The caller decides what the vehicle does next: nothing is started here.
+        Nothing is started here.
         """
         self._may_resume = False
         if self.stage in ("upload", "verify"):
@@ -226,7 +226,7 @@ class UploadTask(UploadSteps):
                 self._finish(ok=False, t_ns=t_ns)
 
     def _guard_next_item(self, t_ns: int) -> None:
-        """Command LOITER before the vehicle takes its next item of the wrong mission."""
+        """Command LOITER before the vehicle flies to the next item of the wrong mission."""
         is_inconsistent = self.is_inconsistent and self.stage in ("upload", "verify", "clear")
         unselected = self.stage == "select" and not self._selected
         if not (is_inconsistent or unselected) or self._authority.mode != AUTO:
@@ -253,7 +253,7 @@ class UploadTask(UploadSteps):
         if self.stage != "upload":
             asks_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
             if asks_late and self.stage in ("verify", "select", "mode"):
-                self._retry_upload("the vehicle asks for items again", t_ns)
+                self._retry_upload("the vehicle requests items again", t_ns)
             return
         if self._is_pausing():
             return

@@ -1,1 +1,1 @@
-"""Routes between vehicles and other ground stations (`router`), and what those may send (`access_policy`)."""
+"""Routes between vehicles and other ground stations (`router`), and their access (`access_policy`)."""

@@ -1,4 +1,4 @@
-"""What other ground stations may send to a vehicle, by the access of their endpoint.
+"""Frames that other ground stations may send to a vehicle, by the access of their endpoint.
 
 =============  ===============================================================================================
 full           everything but a mission message without a target (ArduPilot takes a MISSION_COUNT for

@@ -110,7 +110,7 @@ class CommandSender:
             nothing = f"{self._rejection or 'no answer'} to {self._timer.sent} commands"
             self.outcome = (False, self._statustext or nothing)
             return []
-        # A mode that is shown once already is not asked for again before the next heartbeat.
+        # A mode shown once is not commanded again before the next heartbeat.
         return (
             [self._encode(self._timer.request)]
             if not self._confirmations and self._timer.start_try(t_ns)

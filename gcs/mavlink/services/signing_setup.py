@@ -74,12 +74,12 @@ class SigningSetup:
         elif message is not None and name == "STATUSTEXT" and "sign" in message.text.lower():
             self.detail = f"said: {printable(message.text)}"
         elif message is not None and name == "COMMAND_ACK" and self._holds_new and self._has_requested:
-            self.outcome, self.detail = "done", "signs with the key, and obeys what is signed with it"
+            self.outcome, self.detail = "done", "signs with the key, and accepts frames signed with it"
 
     def _on_heartbeat(self, *, armed: bool) -> None:
         if armed and not self._holds_new:
             self.outcome = "failed"
-            self.detail = "is armed: an autopilot takes a key on the ground alone; disarm it, then try again"
+            self.detail = "is armed: an autopilot accepts a key on the ground only; disarm it, then try again"
             return
         if not self._heard:
             self._heard, self.detail = True, "did not begin to sign with the key"
@@ -96,7 +96,7 @@ class SigningSetup:
         self._due_ns = t_ns + _RETRY_NS
         if self._holds_new:
             self._has_requested = True
-            self.detail = "signs with the key, but did not answer what was signed with it"
+            self.detail = "signs with the key, but did not answer frames signed with it"
             return [self._signed(self._request(), self._key, t_ns)]
         self.sent += 1
         setup = dialect.MAVLink_setup_signing_message(

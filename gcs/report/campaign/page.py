@@ -36,11 +36,11 @@ class Metric:
 METRICS: Final = (
     Metric("success", "complete, %", 100.0),
     Metric("duration_s", "mission, s"),
-    Metric("extra_time", "longer than with the truth, %", 100.0),
+    Metric("extra_time", "extra time, %", 100.0),
     Metric("ospa_agents_m", "OSPA of agents, m", digits=2),
     Metric("ospa_targets_m", "OSPA of targets, m", digits=2),
-    Metric("death_seen_after_s", "deaths seen after, s", digits=2),
-    Metric("false_deaths_per_h", "false deaths an agent-hour", digits=2),
+    Metric("death_seen_after_s", "losses detected after, s", digits=2),
+    Metric("false_deaths_per_h", "false losses per agent-hour", digits=2),
     Metric("retasks", "re-tasks"),
 )
 _PLAIN: Final = (
@@ -55,8 +55,8 @@ def metric_of(group: Group, metric: Metric) -> IntervalEstimate:
     return IntervalEstimate(*(metric.scale * part for part in (estimate.value, estimate.low, estimate.high)))
 
 
-def words(estimate: IntervalEstimate, digits: int) -> str:
-    """Return a value with its interval as text, such as ``2.0 (1.8–2.3)``."""
+def with_interval(estimate: IntervalEstimate, digits: int) -> str:
+    """Return a value with its interval, such as ``2.0 (1.8–2.3)``."""
     if not math.isfinite(estimate.value):
         return NONE
     middle = number(estimate.value, digits)
@@ -81,10 +81,10 @@ def _overview(
     title: str, key: str, named: Sequence[tuple[str, Group]], best: Mapping[tuple[str, str], Group]
 ) -> Table:
     rows: list[tuple[str, ...]] = [("missions", *(str(group.missions) for _, group in named))]
-    rows += [(m.title, *(words(metric_of(group, m), m.digits) for _, group in named)) for m in METRICS]
+    rows += [(m.title, *(with_interval(metric_of(g, m), m.digits) for _, g in named)) for m in METRICS]
     if best:
         times = [best[g.scenario, g.value].duration_s for _, g in named]
-        rows.insert(4, ("mission with the truth, s", *(words(time, 1) for time in times)))
+        rows.insert(4, ("mission with ground truth, s", *(with_interval(time, 1) for time in times)))
     columns = (key, *(name for name, _ in named))
     return Table(title, columns, tuple(rows), frozenset({key}), "with 95 % confidence intervals")
 
@@ -98,15 +98,15 @@ def deaths(groups: Sequence[Group], key: str) -> Table:
         for rule, delay, false_deaths, revivals in _PLAIN:
             rows.append((
                 group.scenario, *([group.value] if key else []), rule, str(group.deaths),
-                words(getattr(group, delay), 2), words(getattr(group, false_deaths), 2),
+                with_interval(getattr(group, delay), 2), with_interval(getattr(group, false_deaths), 2),
                 str(getattr(group, revivals)),
             ))  # fmt: skip
     columns = (
-        "scenario", *([key] if key else []), "rule", "deaths", "seen after, s", "false deaths an agent-hour",
-        "dead called alive again",
+        "scenario", *([key] if key else []), "rule", "losses", "detected after, s",
+        "false losses per agent-hour", "lost agents active again",
     )  # fmt: skip
-    note = "plain threshold: dead while the existence probability of the agent's track is below 0.5"
-    return Table("How deaths are seen", columns, tuple(rows), frozenset({"scenario", "rule"}), note)
+    note = "plain threshold: lost while the existence probability of the agent's track is below 0.5"
+    return Table("Detection of losses", columns, tuple(rows), frozenset({"scenario", "rule"}), note)
 
 
 def failures(rows: Sequence[Row], key: str) -> Table:
@@ -116,7 +116,7 @@ def failures(rows: Sequence[Row], key: str) -> Table:
         for row in rows
         if row.outcome != "complete"
     )
-    columns = ("scenario", *([key] if key else []), "planned on", "seed", "what was wrong")
+    columns = ("scenario", *([key] if key else []), "input of the planner", "seed", "reason")
     return Table("Missions that were not complete", columns, found, frozenset({*columns} - {"seed"}))
 
 
@@ -144,7 +144,7 @@ def write_report(
         facts=_facts(own),
         sections=(
             Section("Figures", pictures=tuple(pictures), tables=tuple(overviews(groups, key))),
-            Section("Deaths", tables=(deaths(groups, key),)),
+            Section("Losses", tables=(deaths(groups, key),)),
             Section("Failures", tables=(failures(rows, key),)),
         ),
     )
@@ -162,9 +162,14 @@ def _facts(own: Sequence[Group]) -> tuple[Fact, ...]:
     least = min((100.0 * group.success.value for group in own), default=math.nan)
     return (
         Fact("complete, at least", number(least), "%"),
-        Fact("longer than with the truth, at most", number(worst["extra_time"]), "%", "mean of a scenario"),
-        Fact("deaths seen after, at most", number(worst["death_seen_after_s"], 2), "s", "mean of a scenario"),
-        Fact("false deaths", str(round(sum(_count(group) for group in own))), "", "in all missions"),
+        Fact("extra time, at most", number(worst["extra_time"]), "%", "mean of a scenario"),
+        Fact(
+            "losses detected after, at most",
+            number(worst["death_seen_after_s"], 2),
+            "s",
+            "mean of a scenario",
+        ),
+        Fact("false losses", str(round(sum(_count(group) for group in own))), "", "in all missions"),
     )
 
 
@@ -242,8 +247,8 @@ def _times(rows: Sequence[Row], folder: Path) -> Picture:
             ends = (pairs.min(), pairs.max())
             axes.plot(ends, ends, color="#a0aec0", lw=1.0, zorder=1)
             axes.scatter(pairs[:, 0], pairs[:, 1], s=12, color=AGENTS[0], alpha=0.6, lw=0)
-            axes.set_xlabel("given the truth, s")
-            axes.set_ylabel("on the trackers' picture, s")
+            axes.set_xlabel("with ground truth, s")
+            axes.set_ylabel("with tracks, s")
         elif not own:
             say(axes, "no mission was complete")
         else:
@@ -251,13 +256,10 @@ def _times(rows: Sequence[Row], folder: Path) -> Picture:
             axes.set_xlabel("mission, s")
             axes.set_ylabel("missions")
         tidy(axes)
-    caption = "Complete missions: how long each took" + (
-        ", against the same world with a planner that is given the truth; equal on the line."
-        if paired
-        else "."
-    )
+    caption = "Durations of complete missions"
+    caption += ", and with a planner that has the ground truth; equal on the line." if paired else "."
     return save_figure(figure, folder, "times", caption)
 
 
 def _planner(planner: str) -> str:
-    return "the truth" if planner == "truth" else "the trackers' picture"
+    return "ground truth" if planner == "truth" else "tracks"

@@ -1,1 +1,1 @@
-"""The paper's claims and figures, held against runs."""
+"""Claims and figures of the paper, checked by runs."""

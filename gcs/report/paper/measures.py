@@ -88,10 +88,10 @@ def _handover(timeline: Timeline, lost: int, new: int, decision: Decision, died_
 
 
 def spurious(flown: Flown) -> tuple[int, int, int]:
-    """Count revivals: (scans, longest run of scans, scans before the first) of estimates of a dead agent.
+    """Count revivals: (scans, longest run of scans, scans before the first) of estimates of a lost agent.
 
-    An estimate counts if it lies within `NEAR_M` of where the agent died and no living agent does. The third
-    number is the delay until the death is detected; the first two count what follows.
+    An estimate counts if it lies within `NEAR_M` of the position of the loss, and no active agent does. The
+    third number is the delay until the death is detected; the first two count what follows.
     """
     again = longest = waiting = 0
     for path in flown.timeline.paths["agents"].values():

@@ -1,1 +1,1 @@
-"""What a stream of MAVLink frames says of its vehicles."""
+"""Vehicles of a stream of MAVLink frames."""

@@ -164,7 +164,7 @@ class Traffic:
             and not known.seen
             and (known.items, known.mission_type) == (items, mission_type)
         ):
-            return  # said again
+            return  # Repeated.
         transfer = _Transfer(t_ns, giver, taker, items, mission_type)
         self._under_way[giver, taker] = transfer
         if len(self._transfers) < _MAX_LISTED:

@@ -277,7 +277,7 @@ def test_mistakes_are_named(flight: Path, tmp_path: Path) -> None:
     tlog = flight / "link.tlog"
     for arguments, expected in [
         ((tmp_path / "nothing",), "No such file"),
-        ((tmp_path / "empty",), "holds no recording"),
+        ((tmp_path / "empty",), "has no recording"),
         ((tmp_path / "text.txt",), "no MAVLink frame"),
         ((tmp_path / "text.txt", "--config", "prescribed"), "no recording"),
         ((tmp_path / "text.txt", "--headless"), "no MAVLink frame"),

@@ -244,7 +244,7 @@ def test_a_folder_without_a_recording_and_a_missing_file_are_refused(tmp_path: P
         for command in (("report", path, "-o", tmp_path / "out"), ("info", path), ("replay", path)):
             code, text, _ = run(*command)
             assert code == 2
-            assert ("holds no recording" if path.is_dir() else "cannot be read") in text
+            assert ("has no recording" if path.is_dir() else "cannot be read") in text
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data are not here")

@@ -60,21 +60,21 @@ def test_what_was_recorded_stays_although_the_run_was_killed(tmp_path: Path) -> 
     whole = (tmp_path / "run.mcap").read_bytes()
     for content in (whole, whole[: len(whole) // 2], b"damaged" + whole[7:]):
         (tmp_path / "run.mcap").write_bytes(content)
-        with pytest.raises(RecordingError, match="holds a recording already"):
+        with pytest.raises(RecordingError, match="has a recording already"):
             start_in(tmp_path)
         assert (tmp_path / "run.mcap").read_bytes() == content
 
 
 def test_mavlink_that_was_logged_stays(killed: Path) -> None:
     (killed / "link.tlog").write_bytes(b"x")
-    with pytest.raises(RecordingError, match="holds a recording already"):
+    with pytest.raises(RecordingError, match="has a recording already"):
         start_in(killed)
 
 
 def test_a_recording_that_somebody_has_just_begun_is_not_replaced(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run", CONFIG, VERSIONS) as other:
         assert not remove_empty(tmp_path / "run")
-        with pytest.raises(RecordingError, match="holds a recording already"):
+        with pytest.raises(RecordingError, match="has a recording already"):
             start_in(tmp_path / "run")
         other.record_event(Tick(1))
     assert [record.value for record in read(tmp_path / "run")] == [Tick(1)]

@@ -107,7 +107,7 @@ def test_a_vehicle_without_fences_or_without_an_answer_is_told_as_that():
     refusal = dialect.MAVLink_mission_ack_message(0, 0, dialect.MAV_MISSION_UNSUPPORTED, FENCE)
     task = begin(plane, FENCE, ITEMS)
     result = talk(task, plane, change=lambda _: [decode(own(refusal))[0][0]])
-    assert (result.ok, result.detail) == (False, "the vehicle does not take it: UNSUPPORTED")
+    assert (result.ok, result.detail) == (False, "the vehicle does not support it: UNSUPPORTED")
     silent = talk(begin(plane, FENCE, ITEMS), plane, change=lambda _: [])
     assert not silent.ok
     assert "no answer" in silent.detail
