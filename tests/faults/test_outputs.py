@@ -77,7 +77,7 @@ def service() -> Iterator[Service]:
 
 @pytest.fixture
 def tells_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have an output that takes nothing be told after a second."""
+    """Have an output that accepts no output be told after a second."""
     monkeypatch.setattr("gcs.io.output._STUCK_S", 1.0)
 
 
@@ -156,7 +156,7 @@ def test_a_terminal_that_nobody_reads_loses_frames_and_nothing_else(tmp_path: Pa
         os.close(ours)
         os.close(theirs)
     (said,) = assert_flown(tmp_path / "run", code)
-    assert said.startswith("warning: view: takes nothing")
+    assert said.startswith("warning: view: accepts no output")
 
 
 def test_a_pipe_that_is_closed_is_an_alarm_and_the_mission_is_flown_to_its_end(tmp_path: Path) -> None:
@@ -243,8 +243,8 @@ def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
         ticks = serve(service, 2.5)
     assert ticks.max_gap_s() < 0.6
     assert {text.partition(" for ")[0] for text in ticks.texts("alarm")} >= {
-        "recording: takes nothing",
-        "journal: takes nothing",
+        "recording: accepts no output",
+        "journal: accepts no output",
     }
     recorded = [record.value for record in read(tmp_path / "run")]
     assert [value.t_ns for value in recorded if isinstance(value, Tick)] == ticks.t_ns

@@ -44,7 +44,7 @@ def test_a_run_killed_at_its_start_does_not_block_the_next(
 ) -> None:
     start_in(killed)
     assert [record.value for record in read(killed)] == [Tick(7)]
-    assert "held an empty recording" in capsys.readouterr().err
+    assert "had an empty recording" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("length", [0, 5, 12, 40])
