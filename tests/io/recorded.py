@@ -31,6 +31,7 @@ from gcs.model import (
     Route,
     Scan,
     Send,
+    SwarmStatus,
     Sensor,
     Tick,
     Track,
@@ -87,6 +88,7 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         memory = PersistedVehicle(AgentStatus(t_ns, 1, "active"), "hold", None, ((16.0, None),), 1, False)
         yield t_ns, Resumed(t_ns, PersistedState(t_ns, 3, second, False, (memory,), (), (area,)))
         yield t_ns, OrderAnswer(t_ns, f"o-{second}", "no-fly-zone", "done", "so it is", None, ())
+        yield t_ns, SwarmStatus(t_ns, f"s-{second}", (), (), (), None, False)
         yield t_ns, Proposal(t_ns, second + 1, (Route(1, (0, 1), read_only([[1.0, 2.0]]), 3.0),), "why")
         yield t_ns, AgentStatus(t_ns, 1, "lost", None, (1.0, 2.0))
     yield t_ns, MissionEnded(t_ns, (1,), (2,))
