@@ -61,7 +61,7 @@ class Engine(Stages):
             case Resumed():
                 return self._resume(event)
 
-    def memory(self, t_ns: int) -> PersistedState:
+    def persisted_state(self, t_ns: int) -> PersistedState:
         """Return the state that a restarted service needs (`Resumed`)."""
         return PersistedState(
             t_ns=t_ns,

@@ -116,18 +116,18 @@ class Restart:
 
     def begin(self, event: Resumed) -> list[Effect]:
         """Restore persisted state; return notices."""
-        memory, t_ns = event.state, event.t_ns
-        age_s = max(0.0, (t_ns - memory.t_ns) / NS_PER_S)
-        self._expected_labels = self._trackers.expect(memory.targets, age_s)
-        self._expected = memory.t_ns, memory.targets
-        self._tasking.mission_count = memory.mission_count
+        state, t_ns = event.state, event.t_ns
+        age_s = max(0.0, (t_ns - state.t_ns) / NS_PER_S)
+        self._expected_labels = self._trackers.expect(state.targets, age_s)
+        self._expected = state.t_ns, state.targets
+        self._tasking.mission_count = state.mission_count
         self._until_t_ns = t_ns + round(_MAX_WAIT_S * NS_PER_S)
         effects: list[Effect] = []
         known = set(self._agent_status.by_vehicle)
-        text = f"continues from its state {age_s:.0f} s ago: {_contents(memory, known)}"
+        text = f"continues from its state {age_s:.0f} s ago: {_contents(state, known)}"
         text += "; for a new flight, end the service and start it with --no-resume"
         effects.append(Notice(t_ns, "warning", text))
-        for one in memory.vehicles:
+        for one in state.vehicles:
             vehicle = one.status.vehicle
             if vehicle not in known:
                 continue
@@ -151,7 +151,7 @@ class Restart:
                 onboard = OnboardMission(one.route, tuple(_item(row) for row in one.items), one.first_point)
                 if not one.is_obsolete:
                     self._audited.add(vehicle)
-                self._onboard_audit.begin(onboard, t_ns, self._note_verified, known_t_ns=memory.t_ns)
+                self._onboard_audit.begin(onboard, t_ns, self._note_verified, known_t_ns=state.t_ns)
         return effects
 
     @property
@@ -238,9 +238,9 @@ class Restart:
         return state is not None and state.mode == AUTO and vehicle not in self._orders.commanded
 
 
-def _contents(memory: PersistedState, known: Container[int]) -> str:
+def _contents(state: PersistedState, known: Container[int]) -> str:
     """Return the persisted state of this mission's vehicles, in words."""
-    vehicles = [one for one in memory.vehicles if one.status.vehicle in known]
+    vehicles = [one for one in state.vehicles if one.status.vehicle in known]
     groups = {
         "missions of {}": [
             one for one in vehicles if one.route is not None and one.status.status == "active"
@@ -252,9 +252,9 @@ def _contents(memory: PersistedState, known: Container[int]) -> str:
         "{} suspended": [one for one in vehicles if one.suspension is not None],
     }
     parts = [text.format(named(o.status.vehicle for o in ones)) for text, ones in groups.items() if ones]
-    parts.append(f"{len(memory.targets)} targets")
-    if memory.no_fly_zones:
-        parts.append("closed areas " + ", ".join(area.name for area in memory.no_fly_zones))
+    parts.append(f"{len(state.targets)} targets")
+    if state.no_fly_zones:
+        parts.append("closed areas " + ", ".join(area.name for area in state.no_fly_zones))
     return "; ".join(parts)
 
 

@@ -5,8 +5,8 @@ epoch, and always an argument. Arrays are float64 and read-only; tuples of track
 State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 
 Events go into `gcs.core`, effects come out. Both are plain data, so a recording is a list of them. In reading
-order: `basics` (labels, time), `scans`, `picture` (tracks, vehicle states), `plans`, `orders`, `memory`
-(persisted state), `status` (of the swarm), `events`, `effects`, `truth` (simulations), `names`.
+order: `basics` (labels, time), `scans`, `picture` (tracks, vehicle states), `plans`, `orders`,
+`persisted_state`, `status` (of the swarm), `events`, `effects`, `truth` (simulations), `names`.
 """
 
 from gcs.model.basics import (
@@ -27,9 +27,15 @@ from gcs.model.basics import (
 )
 from gcs.model.effects import AgentStatus, Effect, MissionEnded, Notice, Send, Upload, UploadReport
 from gcs.model.events import BadInput, ClockStep, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
-from gcs.model.memory import ExternalMission, PersistedAuthority, PersistedState, PersistedVehicle, Suspension
 from gcs.model.names import network_of, system_of, target_name, vehicle_id, vehicle_name, vehicle_of
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
+from gcs.model.persisted_state import (
+    ExternalMission,
+    PersistedAuthority,
+    PersistedState,
+    PersistedVehicle,
+    Suspension,
+)
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
 from gcs.model.scans import Polar, Scan, Sensor

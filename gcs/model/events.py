@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from gcs.model.basics import Level
-from gcs.model.memory import PersistedState
 from gcs.model.orders import Order
+from gcs.model.persisted_state import PersistedState
 from gcs.model.scans import Scan
 from gcs.safe_text import printable
 

@@ -57,13 +57,13 @@ class Journal:
         self.path = path
         self._mission, self._belongs_to = mission, belongs_to
 
-    def write(self, memory: PersistedState) -> None:
+    def write(self, state: PersistedState) -> None:
         """Replace the journal: `encode` and `store`."""
-        self.store(self.encode(memory))
+        self.store(self.encode(state))
 
-    def encode(self, memory: PersistedState) -> bytes:
+    def encode(self, state: PersistedState) -> bytes:
         """Return the content of the file for a state."""
-        body = encode(Resumed(memory.t_ns, memory))
+        body = encode(Resumed(state.t_ns, state))
         head = _Head(
             journal=VERSION,
             mission=self._mission,

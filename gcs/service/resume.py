@@ -36,7 +36,9 @@ def default_path(mission: str) -> Path:
     return Path("runs") / f"{mission}.journal"
 
 
-def take_up(service: Service, journal: Journal, resume: bool | None, now_ns: int, console: Console) -> None:
+def resume_from_journal(
+    service: Service, journal: Journal, resume: bool | None, now_ns: int, console: Console
+) -> None:
     """Give a service the state of the one before it, if there is a valid journal.
 
     Parameters
@@ -52,7 +54,7 @@ def take_up(service: Service, journal: Journal, resume: bool | None, now_ns: int
     if resume is False:
         return
     try:
-        memory = journal.read()
+        state = journal.read()
     except JournalError as error:
         if resume:
             problem = f"{error.problem}; to begin clean, start with --no-resume"
@@ -60,12 +62,12 @@ def take_up(service: Service, journal: Journal, resume: bool | None, now_ns: int
         text = f"{error}; the service starts without the state of the previous flight"
         service.on_link_news("journal", "alarm", text)
         return
-    if memory is None or memory.ended:
+    if state is None or state.ended:
         if resume:
-            problem = "there is none to resume from" if memory is None else "its mission has ended"
+            problem = "there is none to resume from" if state is None else "its mission has ended"
             raise JournalError(str(journal.path), problem)
         return
-    age_s = (now_ns - memory.t_ns) / NS_PER_S
+    age_s = (now_ns - state.t_ns) / NS_PER_S
     if resume is None and not -_STALE_S < age_s < _STALE_S:
         console.print(
             f"[yellow]journal {journal.path} is {age_s / 60:.0f} minutes old and not used "
@@ -74,7 +76,7 @@ def take_up(service: Service, journal: Journal, resume: bool | None, now_ns: int
             soft_wrap=True,
         )
         return
-    service.resume(memory)
+    service.resume(state)
     console.print(
         f"resuming from {journal.path}, written {age_s:.0f} s ago (start with --no-resume to ignore it)",
         markup=False,
@@ -121,7 +123,7 @@ class JournalSink:
     def write(self, t_ns: int) -> None:
         """Queue the state for the writer; a failure becomes an alarm and is tried again."""
         self._written_t_ns = t_ns
-        data = self._journal.encode(self._command.memory(t_ns))
+        data = self._journal.encode(self._command.persisted_state(t_ns))
         self._is_changed = not self.writer.put(partial(self._store, data))
 
     def close(self) -> None:

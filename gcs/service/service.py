@@ -137,7 +137,7 @@ class Service:
         self._garbage = GarbageFilter()
         self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
         self._orders = OrderInbox(config.local_frame)
-        self._memory: PersistedState | None = None
+        self._resumed_state: PersistedState | None = None
         self._tick_waits = False
         self._lag_warned = False
         self._keyless: set[int] = set()
@@ -147,9 +147,9 @@ class Service:
                 self._send_for_uploader, self._put, self._on_uploader_error, lambda: self.clock.now_ns()
             )
 
-    def resume(self, memory: PersistedState) -> None:
+    def resume(self, state: PersistedState) -> None:
         """Continue from the state of an earlier service; call this before `run`."""
-        self._memory = memory
+        self._resumed_state = state
 
     async def run(
         self,
@@ -171,8 +171,8 @@ class Service:
         self.clock = clock
         failure: GcsError | None = None
         loop = asyncio.get_running_loop()
-        if self._memory is not None:  # before anything else is heard
-            self._put(Resumed(clock.now_ns(), self._memory))
+        if self._resumed_state is not None:  # before anything else is heard
+            self._put(Resumed(clock.now_ns(), self._resumed_state))
         self.links.start(loop, self, lambda vehicle: vehicle in self.command.tasking.stages)
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),

@@ -128,9 +128,9 @@ class VirtualRun:
             self.t_ns += STEP_NS
         return (self.t_ns - START_T_NS) / NS_PER_S
 
-    def restart(self, outage_s: float, memory: PersistedState | None = None) -> None:
+    def restart(self, outage_s: float, state: PersistedState | None = None) -> None:
         """Kill central command, fly on without it, and restart it from its persisted state."""
-        memory = memory or self.command.memory(self.t_ns)
+        state = state or self.command.persisted_state(self.t_ns)
         self._to_vehicles.clear()
         self._delayed.clear()
         end_ns = self.t_ns + int(outage_s * NS_PER_S)
@@ -142,7 +142,7 @@ class VirtualRun:
         while self._world.scan_t_ns(self._scan_index) < self.t_ns:
             self._scan_index += 1
         self.command = Engine(self.scenario.config, self.seed)
-        self._step(Resumed(self.t_ns, memory))
+        self._step(Resumed(self.t_ns, state))
 
     def _move_vehicles(self) -> None:
         for _ in range(len(self._to_vehicles)):

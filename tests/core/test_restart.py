@@ -38,8 +38,8 @@ from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
 
 
-def through_the_journal(memory: PersistedState) -> PersistedState:
-    return decode("journal", encode(Resumed(0, memory)), Resumed).state
+def through_the_journal(persisted: PersistedState) -> PersistedState:
+    return decode("journal", encode(Resumed(0, persisted)), Resumed).state
 
 
 def flight_with_a_restart(
@@ -59,9 +59,9 @@ def flight_with_a_restart(
         loss=loss, orders=orders,
     )  # fmt: skip
     run.run(at_s)
-    memory = through_the_journal(run.command.memory(run.t_ns))
+    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
     meanwhile(run)
-    run.restart(outage_s, memory)
+    run.restart(outage_s, persisted)
     run.run(end_s)
     return Flight(run, events, effects)
 
@@ -146,11 +146,11 @@ def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
 def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
     run = VirtualRun(standing(), SEED)
     run.run(40.0)
-    run.restart(3.0, through_the_journal(run.command.memory(run.t_ns)))
+    run.restart(3.0, through_the_journal(run.command.persisted_state(run.t_ns)))
     run.run(44.2)
     effects: list[Effect] = []
     run.on_effect = lambda _t_ns, effect: effects.append(effect)
-    run.restart(3.0, through_the_journal(run.command.memory(run.t_ns)))
+    run.restart(3.0, through_the_journal(run.command.persisted_state(run.t_ns)))
     run.run(400.0)
     (ended,) = [effect for effect in effects if isinstance(effect, MissionEnded)]
     assert ended.arrived == (1, 2, 3, 4)
@@ -187,9 +187,9 @@ def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_
     run.run(30.0)
     run.vehicles["vehicle:2"].autopilot.set_mode(Mode.LOITER)
     run.run(33.0)
-    memory = through_the_journal(run.command.memory(run.t_ns))
+    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
     run.vehicles["vehicle:3"].autopilot.set_mode(Mode.LOITER)
-    run.restart(3.0, memory)
+    run.restart(3.0, persisted)
     run.run(70.0)
     flight = Flight(run, events, [])
     assert set(run.command.untaskable()) == {2, 3}
@@ -206,9 +206,9 @@ def test_an_inconsistent_mission_is_cleared_after_a_restart_though_no_route_wait
     run.run(33.0)
     run.command.replanner.drop(4)
     run.command.tasking.mark_inconsistent(4)
-    memory = through_the_journal(run.command.memory(run.t_ns))
-    assert next(one for one in memory.vehicles if one.status.vehicle == 4).route is None
-    run.restart(3.0, memory)
+    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
+    assert next(one for one in persisted.vehicles if one.status.vehicle == 4).route is None
+    run.restart(3.0, persisted)
     assert len(run.vehicles["vehicle:4"].autopilot.mission) > 1
     run.run(50.0)
     assert len(run.vehicles["vehicle:4"].autopilot.mission) <= 1
@@ -223,13 +223,13 @@ def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_i
     write = Encoder(254, 190)(dialect.MAVLink_mission_count_message(1, 1, 3, 0))
     before.step(Datagram(t_ns, "udpin:0.0.0.0:14551", "10.0.0.5:50", write))
     after = Engine(mission, 1)
-    effects = after.step(Resumed(t_ns + S, through_the_journal(before.memory(t_ns))))
+    effects = after.step(Resumed(t_ns + S, through_the_journal(before.persisted_state(t_ns))))
     assert "system 254/190 at 10.0.0.5:50" in after.untaskable()[1]
     assert any("stays overridden" in e.text for e in effects if isinstance(e, Notice))
     assert "broke off" not in str(after.step(Tick(t_ns + 10 * S)))
     assert "broke off" in str(after.step(Tick(t_ns + 12 * S)))
     again = Engine(mission, 1)
-    again.step(Resumed(t_ns + 13 * S, through_the_journal(after.memory(t_ns + 12 * S))))
+    again.step(Resumed(t_ns + 13 * S, through_the_journal(after.persisted_state(t_ns + 12 * S))))
     assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "told once"
     heartbeat = Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
     again.step(Datagram(t_ns + 61 * S, "udpin:0.0.0.0:14550", "10.0.0.1:5", heartbeat))
@@ -268,9 +268,9 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
     run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(30.0)
     run.command.replanner.drop(3)
-    memory = through_the_journal(run.command.memory(run.t_ns))
+    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
     give_another(run, 3)
-    run.restart(3.0, memory)
+    run.restart(3.0, persisted)
     stored = list(run.vehicles["vehicle:3"].autopilot.mission)
     run.run(60.0)
     assert any("its onboard mission is not the one it was given" in text for text in alarms(effects, 3))
@@ -307,12 +307,12 @@ def test_a_vehicle_that_does_not_tell_what_it_holds_is_left_alone_until_it_does_
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(30.0)
-    memory = through_the_journal(run.command.memory(run.t_ns))
+    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
     dumb = [run.vehicles[f"vehicle:{n}"] for n in (1, 4)]
     given = [vehicle._link._missions._list for vehicle in dumb]
     for vehicle in dumb:
         vehicle._link._missions._list = lambda *_: None
-    run.restart(3.0, memory)
+    run.restart(3.0, persisted)
     run.run(65.0)
     for number in (1, 4):
         assert "does not answer the download of its onboard mission" in run.command.untaskable()[number]

@@ -27,7 +27,7 @@ from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import NS_PER_S, Datagram, LinkNews, PersistedState, Tick
 from gcs.service.journal import Journal
-from gcs.service.resume import take_up
+from gcs.service.resume import resume_from_journal
 from gcs.service.service import Service
 
 MEMORY = PersistedState(1, 0, 0, False, (), (), ())
@@ -215,10 +215,10 @@ def test_a_damaged_journal_is_an_alarm_or_says_how_to_begin_clean(tmp_path: Path
         def on_link_news(self, link: str, level: str, text: str) -> None:
             news.append(LinkNews(0, link, level, text))  # type: ignore[arg-type]
 
-    take_up(Started(), journal, None, 0, Console(quiet=True))  # type: ignore[arg-type]
+    resume_from_journal(Started(), journal, None, 0, Console(quiet=True))  # type: ignore[arg-type]
     (told,) = news
     assert (told.link, told.level) == ("journal", "alarm")
     assert "damaged" in told.text
     assert "starts without the state of the previous flight" in told.text
     with pytest.raises(JournalError, match=r"damaged.*--no-resume"):
-        take_up(Started(), journal, True, 0, Console(quiet=True))  # type: ignore[arg-type]
+        resume_from_journal(Started(), journal, True, 0, Console(quiet=True))  # type: ignore[arg-type]

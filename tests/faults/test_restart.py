@@ -11,25 +11,25 @@ from sim_vehicles.world.scenario import load
 SEED, LOST, AT_S = 1, 1, 30.0
 
 
-def restarted(change=lambda memory: memory) -> tuple[VirtualRun, list[Effect]]:
-    """Fly, kill the service, start it from a changed memory, and fly on."""
+def restarted(change=lambda persisted: persisted) -> tuple[VirtualRun, list[Effect]]:
+    """Fly, kill the service, start it from changed persisted state, and fly on."""
     effects: list[Effect] = []
     run = VirtualRun(load("prescribed"), SEED, lambda _: None, lambda _, effect: effects.append(effect))
     run.run(AT_S)
-    memory = change(run.command.memory(run.t_ns))
+    persisted = change(run.command.persisted_state(run.t_ns))
     effects.clear()
-    run.restart(4.0, memory)
+    run.restart(4.0, persisted)
     return run, effects
 
 
-def lost(memory: PersistedState) -> PersistedState:
+def lost(persisted: PersistedState) -> PersistedState:
     vehicles = tuple(
         replace(one, status=replace(one.status, status="lost"), route=None, items=())
         if one.status.vehicle == LOST
         else one
-        for one in memory.vehicles
+        for one in persisted.vehicles
     )
-    return replace(memory, vehicles=vehicles, no_fly_zones=(NoFlyZone("fire", (500.0, 900.0, 60.0)),))
+    return replace(persisted, vehicles=vehicles, no_fly_zones=(NoFlyZone("fire", (500.0, 900.0, 60.0)),))
 
 
 def test_the_notice_says_what_was_taken_up_and_how_to_begin_clean():

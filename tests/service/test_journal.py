@@ -24,7 +24,7 @@ from gcs.model import (
 from gcs.service.journal import Journal, fingerprint
 
 MINE = fingerprint("name = 'm'", 1)
-MEMORY = PersistedState(
+PERSISTED = PersistedState(
     7,
     4,
     2,
@@ -55,11 +55,11 @@ def same(a: PersistedState, b: PersistedState) -> bool:
 
 def test_what_was_written_is_read_and_nothing_else_lies_about(journal: Journal) -> None:
     assert journal.read() is None
-    journal.write(MEMORY)
-    journal.write(MEMORY)
-    memory = journal.read()
-    assert memory is not None
-    assert same(memory, MEMORY)
+    journal.write(PERSISTED)
+    journal.write(PERSISTED)
+    persisted = journal.read()
+    assert persisted is not None
+    assert same(persisted, PERSISTED)
     assert [path.name for path in journal.path.parent.iterdir()] == ["m.journal"]
 
 
@@ -76,7 +76,7 @@ def test_what_was_written_is_read_and_nothing_else_lies_about(journal: Journal) 
     ],
 )
 def test_damage_is_named(journal: Journal, spoil, words: str) -> None:
-    journal.write(MEMORY)
+    journal.write(PERSISTED)
     journal.path.write_bytes(spoil(journal.path.read_bytes()))
     with pytest.raises(JournalError, match=words):
         journal.read()
@@ -94,7 +94,7 @@ def test_a_journal_with_a_right_checksum_may_still_make_no_sense(journal: Journa
 
 
 def test_another_mission_file_or_seed_is_told(journal: Journal) -> None:
-    journal.write(MEMORY)
+    journal.write(PERSISTED)
     other = Journal(journal.path, "m", fingerprint("name = 'm'", 2))
     with pytest.raises(JournalError, match="another mission file or seed"):
         other.read()
@@ -103,7 +103,7 @@ def test_another_mission_file_or_seed_is_told(journal: Journal) -> None:
 def test_a_journal_that_cannot_be_written_is_an_error_and_the_old_one_stays(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(JournalError, match="cannot be written"):
-        Journal(tmp_path / "file" / "m.journal", "m", MINE).write(MEMORY)
+        Journal(tmp_path / "file" / "m.journal", "m", MINE).write(PERSISTED)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
@@ -111,13 +111,13 @@ def test_a_journal_that_cannot_be_written_is_an_error_and_the_old_one_stays(tmp_
 def test_any_change_of_bytes_is_an_error_of_ours_or_changes_nothing(
     journal: Journal, place: int, junk: bytes
 ) -> None:
-    journal.write(MEMORY)
+    journal.write(PERSISTED)
     data = journal.path.read_bytes()
     place %= len(data)
     journal.path.write_bytes(data[:place] + junk + data[place + len(junk) :])
     try:
-        memory = journal.read()
+        persisted = journal.read()
     except JournalError:
         return
-    assert memory is not None
-    assert same(memory, MEMORY)
+    assert persisted is not None
+    assert same(persisted, PERSISTED)

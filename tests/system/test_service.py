@@ -106,9 +106,9 @@ def test_a_journal_that_cannot_be_written_is_told_once_and_tried_again(service, 
     keeper.close()
     assert [(name, level) for name, level, _ in told] == [("journal", "alarm"), ("journal", "info")]
     assert "older state" in told[0][2]
-    memory = journal.read()
-    assert memory is not None
-    assert memory.t_ns == 3
+    persisted = journal.read()
+    assert persisted is not None
+    assert persisted.t_ns == 3
 
 
 @pytest.mark.parametrize("patience", [True, False])

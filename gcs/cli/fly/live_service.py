@@ -20,7 +20,7 @@ from gcs.io.signing.gate import Signing
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.session import service_bus
 from gcs.service.journal import Journal, fingerprint
-from gcs.service.resume import JournalSink, default_path, take_up
+from gcs.service.resume import JournalSink, default_path, resume_from_journal
 from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
 
 
@@ -82,7 +82,7 @@ async def _serve(
         announced(config.name, zenoh_endpoint),
     ):
         service = Service(config, seed, links, bus)
-        take_up(service, journal, resume, clock.now_ns(), console)
+        resume_from_journal(service, journal, resume, clock.now_ns(), console)
         keeper = JournalSink(service, journal)
         service.recorder = recorder
         service.outputs += [view.writer, recorder.writer, keeper.writer]

@@ -27,10 +27,10 @@ def flown(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[Virtua
     run = VirtualRun(standing(), SEED)
     run.run(40.0)
     run.on_effect = lambda _t_ns, effect: effects.append(effect)
-    memory = through_the_journal(run.command.memory(run.t_ns))
+    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
     then(run)
     if restarts:
-        run.restart(4.0, memory)
+        run.restart(4.0, persisted)
     run.run(80.0)
     return run, [effect for effect in effects if getattr(effect, "vehicle", None) == 3]
 
