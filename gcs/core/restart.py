@@ -225,7 +225,7 @@ class Restart:
         for vehicle, route in routes.items():
             onboard = self._tasking.onboard(vehicle)
             if onboard is not None:
-                self._tasking.note_onboard(replace(onboard, route=route))
+                self._tasking.onboard_missions.note(replace(onboard, route=route))
         for vehicle in [vehicle for vehicle in routes if vehicle in self._orders.suspensions]:
             self._orders.suspended_routes[vehicle] = routes.pop(vehicle)
         for vehicle in [vehicle for vehicle in routes if not self._is_flown(vehicle)]:

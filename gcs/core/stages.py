@@ -120,7 +120,7 @@ class Stages:
             self.return_heights,
             self._outlook,
         )
-        self.incursions = IncursionWarnings(self.tasking)
+        self.incursions = IncursionWarnings(self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(
             self.no_fly_zones,
             self.fleet,

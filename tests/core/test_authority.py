@@ -242,7 +242,7 @@ def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
     planned = MissionBuilder(config.mission, config.airframe, config.local_frame).of(route, 1, None)
     items = profile.items(planned, Home(33.0, -87.0, 70.0))
-    stage.command.tasking.note_onboard(OnboardMission(route, items, profile.home_items))
+    stage.command.tasking.onboard_missions.note(OnboardMission(route, items, profile.home_items))
     stage.hear(dialect.MAVLink_mission_current_message(len(items) - 2))
     stage.wait(1.0)
     assert stage.command.untaskable() == {}

@@ -132,7 +132,7 @@ def test_a_vehicle_clear_of_all_areas_is_looked_at_once(monkeypatch):
     from gcs.model import VehicleState
     from gcs.planning.map.grid import Grid
 
-    class UploadManager:
+    class OnboardMissions:
         def points_ahead(self, _vehicle: int) -> tuple[tuple[float, float], ...]:
             return ((900.0, 5.0), (900.0, 900.0))
 
@@ -142,7 +142,7 @@ def test_a_vehicle_clear_of_all_areas_is_looked_at_once(monkeypatch):
         one = blocked.copy()
         one[60 + number % 5, 10] = True
         areas[f"a{number}"] = Grid((0.0, 0.0), 10.0, one)
-    trespass = IncursionWarnings(UploadManager())  # type: ignore[arg-type]
+    trespass = IncursionWarnings(OnboardMissions())  # type: ignore[arg-type]
     looks = []
     entry = trespass._entry
     monkeypatch.setattr(trespass, "_entry", lambda *a: looks.append(a) or entry(*a))

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gcs.core.tasking.upload_manager import UploadManager
+from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.model import Notice, VehicleState
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -51,8 +51,8 @@ class Incursion:
 class IncursionWarnings:
     """Predicts incursions of onboard missions."""
 
-    def __init__(self, tasking: UploadManager) -> None:
-        self._tasking = tasking
+    def __init__(self, onboard_missions: OnboardMissions) -> None:
+        self._onboard_missions = onboard_missions
         self._warned: dict[tuple[int, str], float] = {}
         """Time to each incursion at the last check, by vehicle and zone."""
 
@@ -83,7 +83,7 @@ class IncursionWarnings:
         return notices
 
     def _entry(self, state: VehicleState, name: str, closed: Grid) -> Incursion | None:
-        position, points = (state.east_m, state.north_m), self._tasking.points_ahead(state.system_id)
+        position, points = (state.east_m, state.north_m), self._onboard_missions.points_ahead(state.system_id)
         if not line_of_sight(closed, position, position):
             return Incursion(state.system_id, name, state.mission_seq, 0.0)
         flown_m = 0.0

@@ -166,7 +166,7 @@ class OnboardAudit:
             self._tasking.forget_onboard(vehicle)
             text = f"its onboard mission is not the one it was given ({difference}): left alone "
             return [Notice(t_ns, "alarm", text + _until(vehicle), vehicle)]
-        self._tasking.note_onboard(audit.mission)
+        self._tasking.onboard_missions.note(audit.mission)
         audit.then(audit.mission)
         return [Notice(t_ns, "info", "its onboard mission is verified", vehicle)]
 

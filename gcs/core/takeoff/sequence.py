@@ -115,14 +115,14 @@ class TakeoffSequence:
         return self._check_waiting(t_ns, starting) + self._check_climbs(t_ns)
 
     def _check_waiting(self, t_ns: int, starting: Container[int]) -> list[Effect]:
-        held = {
-            vehicle: why
+        delayed = {
+            vehicle: reason
             for vehicle, stage in self._tasking.stages.items()
-            if stage == "waiting" and (why := self.holds_back(vehicle, starting))
+            if stage == "waiting" and (reason := self.holds_back(vehicle, starting))
         }
-        new = held.keys() - self._waiting
-        self._waiting = set(held)
-        return [Notice(t_ns, "warning", f"its take-off waits: {held[v]}", v) for v in sorted(new)]
+        new = delayed.keys() - self._waiting
+        self._waiting = set(delayed)
+        return [Notice(t_ns, "warning", f"its take-off waits: {delayed[v]}", v) for v in sorted(new)]
 
     def _check_climbs(self, t_ns: int) -> list[Effect]:
         climbing = []

@@ -54,6 +54,8 @@ class UploadManager:
     ----------
     mission_count : int
         Number of missions made so far.
+    onboard_missions : OnboardMissions
+        Verified missions of vehicles.
     overrides : Overrides
         Control authority over vehicles.
     """
@@ -75,12 +77,12 @@ class UploadManager:
         self._bounds, self._holds_back, self._fleet = bounds, holds_back, fleet
         self._missions = MissionBuilder(table, airframe, frame)
         self._default_home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
-        self._onboard = OnboardMissions(fleet, stays=table.end == "loiter")
-        self.overrides = Overrides(fleet, self._onboard)
+        self.onboard_missions = OnboardMissions(fleet, stays=table.end == "loiter")
+        self.overrides = Overrides(fleet, self.onboard_missions)
         self._first_legs = FirstLegs(fleet)
         self._queue = UploadQueue(self._item_wait_s)
         self._active = ActiveUploads(
-            fleet, self._onboard, self.overrides, self._first_legs, self._queue, max_parallel
+            fleet, self.onboard_missions, self.overrides, self._first_legs, self._queue, max_parallel
         )
         self._paused: set[int] = set()
         """Vehicles whose onboard mission is being audited."""
@@ -119,34 +121,34 @@ class UploadManager:
 
     def onboard(self, vehicle: int) -> OnboardMission | None:
         """Return the onboard mission of a vehicle, by the last read-back."""
-        return self._onboard.of(vehicle)
+        return self.onboard_missions.of(vehicle)
 
     def forward_simulation(self, vehicle: int, t_ns: int) -> RemainingMission:
         """Return what a vehicle flies until it gets another mission, and when that upload may begin."""
         wait_s = 0.0 if vehicle in self._active else self._item_wait_s(vehicle, t_ns)
-        return self._onboard.forward_simulation(vehicle, wait_s, t_ns)
+        return self.onboard_missions.forward_simulation(vehicle, wait_s, t_ns)
 
     def climb(self, vehicle: int, layer: int) -> Climb | None:
         """Return the climb before a vehicle's route; None in flight."""
         if self._climbs is None:
             return None
-        return self._climbs.climb(vehicle, layer, in_takeoff=self._onboard.is_in_takeoff(vehicle))
+        return self._climbs.climb(vehicle, layer, in_takeoff=self.onboard_missions.is_in_takeoff(vehicle))
 
     def has_passed_route_end(self, vehicle: int) -> bool:
         """Return True if a vehicle has passed the last point of its route, on a loiter circle elsewhere."""
-        return self._onboard.has_passed_route_end(vehicle)
+        return self.onboard_missions.has_passed_route_end(vehicle)
 
     def terminal_phase(self, vehicle: int) -> TerminalPhase:
         """Return the phase of a mission behind the last point of its route; empty before that."""
-        return "return" if self.overrides.has_completed(vehicle) else self._onboard.terminal_phase(vehicle)
+        return (
+            "return"
+            if self.overrides.has_completed(vehicle)
+            else self.onboard_missions.terminal_phase(vehicle)
+        )
 
     def is_in_takeoff(self, vehicle: int) -> bool:
         """Return True if a vehicle in AUTO flies to its take-off item."""
-        return self._onboard.is_in_takeoff(vehicle)
-
-    def points_ahead(self, vehicle: int) -> tuple[tuple[float, float], ...]:
-        """Return the remaining route points of the onboard mission, the next one first; none but in AUTO."""
-        return self._onboard.points_ahead(vehicle)
+        return self.onboard_missions.is_in_takeoff(vehicle)
 
     @property
     def altitude_rel_m(self) -> float:
@@ -159,14 +161,10 @@ class UploadManager:
 
     # ------------------------------------------------------------ onboard missions and authority
 
-    def note_onboard(self, mission: OnboardMission) -> None:
-        """Note that a vehicle was found to store a mission."""
-        self._onboard.note(mission)
-
     def forget_onboard(self, vehicle: int) -> None:
         """Note that the onboard mission of a vehicle is unknown."""
         self._first_legs.end(vehicle)
-        self._onboard.forget(vehicle)
+        self.onboard_missions.forget(vehicle)
         self._active.inconsistent.discard(vehicle)
 
     def mark_inconsistent(self, vehicle: int) -> None:
@@ -256,7 +254,7 @@ class UploadManager:
             is_changing = is_uploading or vehicle in self._active.inconsistent
             self.overrides.observe_completion(vehicle, profile, message, t_ns, is_changing=is_changing)
             if self.overrides.observe_rejection(vehicle, profile, message, is_uploading=is_uploading):
-                self._onboard.forget(vehicle)
+                self.onboard_missions.forget(vehicle)
                 text = "its navigator rejects its onboard mission (no valid mission): it waits in Hold"
                 return [Notice(t_ns, "alarm", text, vehicle), *self._not_begun(vehicle, text, t_ns)]
         if message.get_type() != "HEARTBEAT":
@@ -281,22 +279,24 @@ class UploadManager:
         self._boots[vehicle] = self._fleet.boots(vehicle)
         self.overrides.of(vehicle).note_reboot()
         self._first_legs.end(vehicle)
-        onboard, is_uploading = self._onboard.of(vehicle), vehicle in self._active
+        onboard, is_uploading = self.onboard_missions.of(vehicle), vehicle in self._active
         if onboard is not None and not is_uploading:
             self._before_boot[vehicle] = onboard
-        self._onboard.forget(vehicle)
-        self._onboard.select(vehicle)
+        self.onboard_missions.forget(vehicle)
+        self.onboard_missions.select(vehicle)
         return self._active.restart(vehicle, t_ns) if is_uploading else []
 
     def _item_wait_s(self, vehicle: int, t_ns: int) -> float:
         """Return how long to wait until a vehicle has passed an item; 0 with an inconsistent mission."""
-        return 0.0 if vehicle in self._active.inconsistent else self._onboard.item_wait_s(vehicle, t_ns)
+        return (
+            0.0 if vehicle in self._active.inconsistent else self.onboard_missions.item_wait_s(vehicle, t_ns)
+        )
 
     def _is_climbing(self, vehicle: int) -> bool:
         """Return True if a vehicle is in the air in its take-off: a new mission would turn it at once."""
         state = self._fleet.state(vehicle)
         in_air = not is_on_ground(state, self._fleet.home(vehicle))
-        return in_air and self._onboard.is_in_takeoff(vehicle)
+        return in_air and self.onboard_missions.is_in_takeoff(vehicle)
 
     def _start_due(self, t_ns: int) -> list[Effect]:
         """Start the uploads that need not wait any longer."""
@@ -328,7 +328,7 @@ class UploadManager:
         return_route = None if routes is None else routes.plan(route, state, home[:2])
         mission = self._missions.of(route, self.mission_count, state, return_route, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
-        old, link = self._onboard.of(vehicle), fleet.link(vehicle)
+        old, link = self.onboard_missions.of(vehicle), fleet.link(vehicle)
         round_trip_s = self._active.round_trip_s(link) or fleet.round_trip_s(vehicle)
         task = UploadTask(
             mission,
@@ -339,7 +339,7 @@ class UploadManager:
             old=None if old is None else old.items,
             inconsistent=vehicle in self._active.inconsistent,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
-            time_to_next_s=lambda now_ns: self._onboard.time_to_next_s(vehicle, now_ns),
+            time_to_next_s=lambda now_ns: self.onboard_missions.time_to_next_s(vehicle, now_ns),
             first_item=lambda: profile.first_flown(
                 points_passed(route, planned_t_ns, fleet.state(vehicle)),
                 from_ground=from_ground,
