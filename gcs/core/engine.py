@@ -69,7 +69,7 @@ class Engine(Stages):
             plan_count=self.approval.count,
             ended=self._ended,
             vehicles=self.restart.vehicles(),
-            targets=self.restart.targets(t_ns, self.trackers.targets.confirmation.tracks),
+            trackers=self.trackers.persisted(),
             no_fly_zones=tuple(self.no_fly_zones.areas.values()),
         )
 
@@ -248,7 +248,7 @@ class Engine(Stages):
 
     def _plan(self, t_ns: int, picture_t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
         targets = self.trackers.targets.confirmation.tracks
-        if self._ended or self.restart.is_waiting(t_ns, self.association.labels, targets):
+        if self._ended or self.restart.is_waiting(t_ns, targets):
             return []
         if not self.replanner.is_due(t_ns):
             return []

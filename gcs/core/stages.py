@@ -150,6 +150,7 @@ class Stages:
             self.orders,
             self.agent_status,
             self.trackers,
+            self.association,
             self.external_uploads,
             self.onboard_audit,
         )
@@ -165,7 +166,6 @@ class Stages:
             self.upload_latency,
             self.mission_ends,
             self.replanner,
-            self.restart,
         )
         self.status_report = StatusReport(
             self.fleet,

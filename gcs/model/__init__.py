@@ -30,9 +30,13 @@ from gcs.model.events import BadInput, ClockStep, Datagram, Event, LinkNews, Res
 from gcs.model.names import network_of, system_of, target_name, vehicle_id, vehicle_name, vehicle_of
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.persisted_state import (
+    Confirmation,
     ExternalMission,
     PersistedAuthority,
+    PersistedFilter,
     PersistedState,
+    PersistedTracker,
+    PersistedTrackers,
     PersistedVehicle,
     Suspension,
 )
@@ -55,6 +59,7 @@ __all__ = [
     "ByteArray",
     "Cause",
     "ClockStep",
+    "Confirmation",
     "Datagram",
     "Effect",
     "Event",
@@ -75,7 +80,10 @@ __all__ = [
     "Order",
     "OrderAnswer",
     "PersistedAuthority",
+    "PersistedFilter",
     "PersistedState",
+    "PersistedTracker",
+    "PersistedTrackers",
     "PersistedVehicle",
     "Picture",
     "Plan",

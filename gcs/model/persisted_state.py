@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from gcs.model.basics import FloatArray, Label
 from gcs.model.effects import AgentStatus
 from gcs.model.orders import NoFlyZone
-from gcs.model.picture import Track
 from gcs.model.plans import Route
 
 Suspension: TypeAlias = Literal["hold", "return", "found"]
@@ -54,8 +54,63 @@ class PersistedVehicle:
     authority: PersistedAuthority | None = None
     external_mission: ExternalMission | None = None
     """The mission of another ground station that it holds; None: it holds ours."""
+    track: Label | None = None
+    """Label of its track."""
     is_obsolete: bool = False
     """True if the vehicle stores the route, and was not to fly it any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class PersistedFilter:
+    """Posterior of a GLMB filter; the arrays are those of `gcs.tracking.glmb.recursion.Posterior`."""
+
+    t_ns: int | None
+    """Time of the last scan; None before the first."""
+    scans: int
+    rng: int
+    """State of the Gibbs sampler's random generator."""
+    first: tuple[int, ...]
+    start: tuple[int, ...]
+    items: tuple[int, ...]
+    logw: FloatArray
+    track_label: tuple[int, ...]
+    labels: tuple[Label, ...]
+    mean: FloatArray
+    cov: FloatArray
+    turn: FloatArray
+    is_certain: tuple[bool, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Confirmation:
+    """Confirmation of one label."""
+
+    label: Label
+    count: int
+    """Consecutive epochs in the estimate; negative: out of it."""
+    is_confirmed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PersistedTracker:
+    """Tracker of one kind."""
+
+    filter: PersistedFilter
+    birth_probabilities: tuple[float, ...]
+    """Probability of each birth component of the mission."""
+    confirmations: tuple[Confirmation, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PersistedTrackers:
+    """Trackers of agents and targets after the last scan."""
+
+    agents: PersistedTracker
+    targets: PersistedTracker
+    measured_t_ns: int
+    """Time of the last scan; older scans are refused."""
+    sensors: tuple[str, ...]
+    """Sensors with a scan of that time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +124,5 @@ class PersistedState:
     """Number of the last plan that was proposed to an operator."""
     ended: bool
     vehicles: tuple[PersistedVehicle, ...]
-    targets: tuple[Track, ...]
-    """Confirmed tracks."""
+    trackers: PersistedTrackers
     no_fly_zones: tuple[NoFlyZone, ...]

@@ -20,7 +20,7 @@ from gcs.io.private_files import make_private, private
 from gcs.io.records import decode, encode
 from gcs.model import PersistedState, Resumed
 
-VERSION = 2
+VERSION = 3
 _MAX_BYTES = 64 * 1024 * 1024
 
 

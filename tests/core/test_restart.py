@@ -238,11 +238,11 @@ def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_i
 
 
 def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_flies_on() -> None:
-    orders = (order(20.0, "hold", 2), order(36.0, "resume", 2))
+    orders = (order(20.0, "hold", 2), order(35.2, "resume", 2))
     flight = flight_with_a_restart(30.0, 4.0, 400.0, orders=orders, scenario=standing())
     again = next(plan for plan in flight.all(Plan) if "taken up again" in plan.reason)
-    assert again.t_ns > START_T_NS + 36.0 * S
-    assert flight.answers("resume-36.0") == [("accepted", None), ("done", 2)]
+    assert again.t_ns > START_T_NS + 35.2 * S
+    assert flight.answers("resume-35.2") == [("accepted", None), ("done", 2)]
     (ended,) = flight.all(MissionEnded)
     assert ended.arrived == (1, 2, 3, 4)
 
@@ -321,3 +321,53 @@ def test_a_vehicle_that_does_not_tell_what_it_holds_is_left_alone_until_it_does_
     dumb[0]._link._missions._list = given[0]
     run.run(75.0)
     assert not {1, 4} & set(run.command.untaskable())
+
+
+# ---------------------------------------------------------------- tracks
+
+
+@pytest.mark.parametrize("at_s", [20.0, 45.0, 75.0])
+def test_tracks_keep_their_labels_over_a_restart(at_s: float) -> None:
+    run = VirtualRun(load("random-targets"), SEED)
+    run.run(at_s)
+    before = run.command
+    run.restart(3.0, through_the_journal(before.persisted_state(run.t_ns)))
+    run.run(at_s + 5.0)
+    targets = before.trackers.targets.confirmation.tracks
+    assert len(targets) >= 2
+    assert targets.keys() <= run.command.trackers.targets.confirmation.tracks.keys()
+    assert run.command.association.labels == before.association.labels
+    assert run.command.agent_status.active() == before.agent_status.active()
+
+
+@pytest.mark.parametrize("outage_s", [15.0, 60.0])
+def test_agents_that_turned_in_a_long_outage_are_not_called_lost(outage_s: float) -> None:
+    flight = flight_with_a_restart(30.0, outage_s, 60.0 + outage_s, scenario=standing())
+    assert not [one for one in flight.all(AgentStatus) if one.status == "lost"]
+    assert set(flight.run.command.association.labels) == {1, 2, 3, 4}
+
+
+def test_a_vehicle_lost_in_the_outage_does_not_keep_the_others_waiting() -> None:
+    def shot_down(run: VirtualRun) -> None:
+        run.kills[3] = 30.0
+
+    flight = flight_with_a_restart(30.0, 2.0, 60.0, scenario=standing(), meanwhile=shot_down)
+    (again,) = [plan for plan in flight.all(Plan) if "taken up again" in plan.reason]
+    assert again.t_ns <= START_T_NS + 41 * S
+    assert sorted(route.vehicle for route in again.routes) == [1, 2, 4]
+    assert [(one.vehicle, one.status) for one in flight.all(AgentStatus)] == [(3, "lost")]
+
+
+def test_damaged_tracks_cost_an_alarm_and_new_labels_but_no_restart() -> None:
+    run = VirtualRun(standing(), SEED)
+    run.run(30.0)
+    state = run.command.persisted_state(run.t_ns)
+    tracker = state.trackers.targets
+    damaged = replace(tracker, filter=replace(tracker.filter, items=(10**6, *tracker.filter.items[1:])))
+    effects: list[Effect] = []
+    run.on_effect = lambda _t_ns, effect: effects.append(effect)
+    run.restart(2.0, replace(state, trackers=replace(state.trackers, targets=damaged)))
+    run.run(50.0)
+    told = [effect.text for effect in effects if isinstance(effect, Notice) and effect.level == "alarm"]
+    assert told[0] == "tracker state: items is not valid: tracks start again, and targets get new labels"
+    assert len(run.command.trackers.targets.confirmation.tracks) == 4

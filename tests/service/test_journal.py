@@ -9,6 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from gcs.config import load
+from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.errors import JournalError
 from gcs.io.records import encode
 from gcs.model import (
@@ -18,7 +20,6 @@ from gcs.model import (
     PersistedVehicle,
     Resumed,
     Route,
-    Track,
     read_only,
 )
 from gcs.service.journal import Journal, fingerprint
@@ -39,7 +40,7 @@ PERSISTED = PersistedState(
             False,
         ),
     ),
-    (Track((3, 4), read_only([1.0, 2.0, 0.1, 0.2]), read_only([[1.0] * 4] * 4), 0.99, True),),
+    MultiSensorTracker(load("prescribed")).persisted(),
     (NoFlyZone("fire", (1.0, 2.0, 3.0)),),
 )
 
@@ -70,7 +71,7 @@ def test_what_was_written_is_read_and_nothing_else_lies_about(journal: Journal) 
         (lambda d: d[: len(d) // 2], "checksum"),
         (lambda d: d[:-3], "checksum"),
         (lambda d: d.replace(b'"hold"', b'"help"'), "checksum"),
-        (lambda d: d.replace(b'"journal":2', b'"journal":3'), "version 3"),
+        (lambda d: d.replace(b'"journal":3', b'"journal":2'), "version 2"),
         (lambda d: b"[" * 100_000, "damaged"),
         (lambda d: b"\xff\xfe" + d, "damaged"),
     ],
@@ -86,7 +87,7 @@ def test_a_journal_with_a_right_checksum_may_still_make_no_sense(journal: Journa
     import hashlib
 
     body = json.dumps({"t_ns": 1, "memory": {"t_ns": "late"}}).encode()
-    head = {"journal": 2, "mission": "m", "fingerprint": MINE, "checksum": hashlib.sha256(body).hexdigest()}
+    head = {"journal": 3, "mission": "m", "fingerprint": MINE, "checksum": hashlib.sha256(body).hexdigest()}
     journal.path.parent.mkdir()
     journal.path.write_bytes(json.dumps(head).encode() + b"\n" + body + b"\n")
     with pytest.raises(JournalError, match="makes no sense"):

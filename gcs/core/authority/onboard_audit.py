@@ -63,9 +63,9 @@ class OnboardAudit:
         self._heard_t_ns: dict[int, int] = {}
 
     @property
-    def is_awaiting(self) -> bool:
-        """True if an audit has not timed out yet."""
-        return any(not audit.is_late for audit in self._audits.values())
+    def awaited(self) -> list[int]:
+        """Vehicles whose audit has not timed out yet."""
+        return [vehicle for vehicle, audit in self._audits.items() if not audit.is_late]
 
     def expected(self, vehicle: int) -> OnboardMission | None:
         """Return the mission that an audited vehicle should store; None for others."""

@@ -9,11 +9,11 @@ Only epochs count at which a sensor covered the track. Sensors that measure at t
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 
-from gcs.model import Label, Picture, Sensor, Track
+from gcs.model import Confirmation, Label, Picture, Sensor, Track
 from gcs.tracking.models.sensors import covers
 
 CONFIRMATION_EPOCHS = 3
@@ -59,6 +59,23 @@ class TrackConfirmation:
         }
         self._existing = {track.label: track for track in tracks if track.existence >= self._lost_existence}
         self._tracks = {track.label: track for track in tracks if self._is_confirmed(track)}
+
+    def persisted(self) -> tuple[Confirmation, ...]:
+        """Return the confirmation of each label, for `restore`."""
+        return tuple(
+            Confirmation(label, count, label in self._tracks) for label, count in sorted(self._counts.items())
+        )
+
+    def restore(self, confirmations: Iterable[Confirmation], picture: Picture) -> None:
+        """Continue from persisted confirmations, with the tracks of a restored filter."""
+        tracks = {track.label: track for track in picture.tracks}
+        known = [one for one in confirmations if one.label in tracks]
+        self._t_ns = picture.scan_t_ns
+        self._counts = self._counts_before = {one.label: one.count for one in known}
+        self._existing = {
+            label: track for label, track in tracks.items() if track.existence >= self._lost_existence
+        }
+        self._tracks = {one.label: tracks[one.label] for one in known if one.is_confirmed}
 
     def _next_count(self, track: Track) -> int:
         before = self._counts_before.get(track.label, 0)

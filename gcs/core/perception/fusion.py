@@ -30,14 +30,24 @@ from gcs.config.tables import KindTracking
 from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.tracking_model import (
     BIRTH_AGAIN_PROBABILITY,
-    BIRTH_PROBABILITY,
     agent_births,
     birth,
     glmb_params,
     target_births,
 )
 from gcs.core.perception.untracked_detections import UntrackedDetections
-from gcs.model import NS_PER_S, FloatArray, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
+from gcs.model import (
+    NS_PER_S,
+    FloatArray,
+    Kind,
+    PersistedTracker,
+    PersistedTrackers,
+    Picture,
+    Scan,
+    Sensor,
+    VehicleState,
+    read_only,
+)
 from gcs.tracking.glmb.filter import Birth, DetectionSummary, Glmb
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 from gcs.tracking.models.clutter import intensity_per_m2
@@ -107,6 +117,29 @@ class ClassTracker:
             for birth, open_now in zip(self.births, is_open, strict=True)
         ]
 
+    def persisted(self) -> PersistedTracker:
+        """Return the state after the last scan, for `restore`."""
+        probabilities = tuple(one.probability for one in self.births)
+        return PersistedTracker(self._filter.persisted(), probabilities, self.confirmation.persisted())
+
+    def restore(self, state: PersistedTracker) -> None:
+        """Continue from persisted state.
+
+        Raises
+        ------
+        ValueError
+            If the state is damaged.
+        """
+        probabilities = state.birth_probabilities
+        if len(probabilities) != len(self.births) or not all(0.0 <= p <= 1.0 for p in probabilities):
+            raise ValueError("tracker state: birth_probabilities is not valid")
+        self._filter.restore(state.filter)
+        self.births = [replace(one, probability=p) for one, p in zip(self.births, probabilities, strict=True)]
+        if state.filter.t_ns is not None:
+            self._born_t_ns = state.filter.t_ns
+            self.picture = self._filter.picture(state.filter.t_ns)
+            self.confirmation.restore(state.confirmations, self.picture)
+
     def update_again(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> None:
         """Process another sensor's scan of the same epoch, without births."""
         self._filter.update(t_ns, z_m, sensor)
@@ -153,7 +186,6 @@ class MultiSensorTracker:
     def __init__(self, config: Config) -> None:
         tracking = config.tracking
         self._telemetry = config.telemetry
-        self._target_table = tracking.targets
         self._measured_t_ns = -1
         self._sensors_at_epoch: set[str] = set()
         self._reports_t_ns = -1
@@ -165,30 +197,27 @@ class MultiSensorTracker:
         self.agents = ClassTracker("agents", config, tracking.agents, agent_births(config), 0)
         self.targets = ClassTracker("targets", config, tracking.targets, target_births(config), 1)
 
-    def expect(self, targets: Sequence[Track], age_s: float) -> dict[int, Label]:
-        """Expect targets that were confirmed `age_s` ago, before the first scan.
-
-        Returns the former label of each, by the second part of its future label.
-        """
-        tracker = self.targets
-        gave_birth = {index for _, index in (track.label for track in targets)}
-        tracker.births = [
-            replace(one, probability=BIRTH_AGAIN_PROBABILITY) if index in gave_birth else one
-            for index, one in enumerate(tracker.births)
-        ]
-        first = len(tracker.births)
-        tracker.births += [
-            Birth(track.mean, track.cov, BIRTH_PROBABILITY) for track in self.predict_targets(targets, age_s)
-        ]
-        return {first + number: track.label for number, track in enumerate(targets)}
-
-    def predict_targets(self, targets: Sequence[Track], age_s: float) -> tuple[Track, ...]:
-        """Return targets predicted by `age_s`."""
-        F, Q = transition(age_s), process_noise(age_s, math.sqrt(self._target_table.accel_psd_m2_s3))
-        return tuple(
-            replace(track, mean=read_only(F @ track.mean), cov=read_only(F @ track.cov @ F.T + Q))
-            for track in targets
+    def persisted(self) -> PersistedTrackers:
+        """Return the state after the last scan, for `restore`."""
+        return PersistedTrackers(
+            self.agents.persisted(),
+            self.targets.persisted(),
+            self._measured_t_ns,
+            tuple(sorted(self._sensors_at_epoch)),
         )
+
+    def restore(self, state: PersistedTrackers, *, with_agents: bool) -> None:
+        """Continue from persisted state; without agents their tracks start again at their reports.
+
+        Raises
+        ------
+        ValueError
+            If the state is damaged.
+        """
+        if with_agents:
+            self.agents.restore(state.agents)
+        self.targets.restore(state.targets)
+        self._measured_t_ns, self._sensors_at_epoch = state.measured_t_ns, set(state.sensors)
 
     def refusal(self, scan: Scan) -> str:
         """Return why a scan cannot be processed; empty if it can."""

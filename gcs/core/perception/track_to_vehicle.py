@@ -74,6 +74,10 @@ class TrackVehicleAssociation:
         """Track label of each associated vehicle."""
         return self._labels
 
+    def restore(self, labels: Mapping[int, Label]) -> None:
+        """Continue with the labels from before a restart."""
+        self._labels = dict(labels)
+
     def update(self, confirmation: TrackConfirmation, t_ns: int, states: Sequence[VehicleState]) -> None:
         """Check all associations at `t_ns`, end those that fail, and associate the other vehicles."""
         tracks = confirmation.tracks

@@ -12,7 +12,6 @@ from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 from gcs.core.perception.vehicle_kinematics import VehicleKinematics
 from gcs.core.replanning.inputs import OtherVehicle, PlanningInputs
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.restart import Restart
 from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.upload_latency import UploadLatency
 from gcs.core.tasking.upload_manager import UploadManager
@@ -39,7 +38,6 @@ class PlanningInputBuilder:
     latency: UploadLatency
     mission_ends: MissionEnds
     replanner: Replanner
-    restart: Restart
 
     def build(self, t_ns: int, picture_t_ns: int) -> PlanningInputs:
         """Return the inputs of a plan at `t_ns`, with tracks as of `picture_t_ns`."""
@@ -75,7 +73,7 @@ class PlanningInputBuilder:
         return {
             label: track
             for label, track in self.trackers.targets.confirmation.tracks.items()
-            if at_targets.get(label, 0) < needed(label) and not self.restart.is_reached(label)
+            if at_targets.get(label, 0) < needed(label)
         }
 
     def climbs(self, vehicles: Iterable[int]) -> dict[int, Climb]:

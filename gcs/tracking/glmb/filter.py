@@ -19,8 +19,8 @@ from functools import lru_cache
 import numpy as np
 
 from gcs import jit
-from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
-from gcs.tracking.glmb import extraction, kalman, recursion
+from gcs.model import NS_PER_S, FloatArray, Kind, PersistedFilter, Picture, Sensor, Track
+from gcs.tracking.glmb import extraction, kalman, persistence, recursion
 from gcs.tracking.glmb.extraction import Estimates
 from gcs.tracking.glmb.measurements import scan_measurements
 from gcs.tracking.glmb.params import SURE, Birth, BirthComponents, GlmbParams
@@ -143,6 +143,22 @@ class Glmb:
                 measured_t_ns, sensor, self._births, self._survival_probability(dt_s), interval, result
             )
         self.scans += 1
+
+    def persisted(self) -> PersistedFilter:
+        """Return the posterior, for `restore`; association histories are not part of it."""
+        return persistence.persisted(self._t_ns, self.scans, int(self._rng[0]), self._posterior)
+
+    def restore(self, state: PersistedFilter) -> None:
+        """Continue from a posterior that `persisted` returned, with the same parameters.
+
+        Raises
+        ------
+        ValueError
+            If the state is damaged.
+        """
+        self._posterior = persistence.posterior(state, has_turns=self.params.turn_rate_std_rad_s > 0.0)
+        self._t_ns, self.scans = state.t_ns, state.scans
+        self._rng = np.array([state.rng], dtype=np.uint64)
 
     def picture(self, t_ns: int) -> Picture:
         """Return all labels with an existence of at least `min_reported_existence`, as of the last scan.

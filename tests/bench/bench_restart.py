@@ -1,0 +1,104 @@
+"""Kill central command at random moments, restart it, and compare with the same flight without a restart.
+
+``python tests/bench/bench_restart.py [--runs 200] [--outage 2]`` flies missions of the paper on virtual time.
+The restarted service continues from the journal's state, up to 0.5 s old. Some seconds later labels of
+confirmed targets, agent statuses, targets of routes and authorities are compared with those of the
+uninterrupted flight, and uploads of missions that the vehicle stores already are counted.
+"""
+
+import argparse
+import itertools
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from gcs.io.records import decode, encode
+from gcs.model import NS_PER_S, Effect, PersistedState, Resumed, UploadReport
+from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
+from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
+from sim_vehicles.world.scenario import Scenario, load
+
+SCENARIOS = ("prescribed", "random-obstacles", "random-targets", "radars")
+SETTLE_S = 6.0
+JOURNAL_AGE_S = 0.5
+
+
+def picture(run: VirtualRun) -> dict[str, object]:
+    """What must be the same with and without a restart."""
+    command = run.command
+    return {
+        "target labels": sorted(command.trackers.targets.confirmation.tracks),
+        "statuses": {v: one.status for v, one in command.agent_status.by_vehicle.items()},
+        "targets of agents": {v: route.target for v, route in sorted(command.replanner.routes.items())},
+        "authorities": {v: command.taskability.authority(v) for v in command.agent_status.by_vehicle},
+    }
+
+
+def journal(run: VirtualRun) -> PersistedState:
+    """Return the state as the journal keeps it."""
+    return decode("journal", encode(Resumed(0, run.command.persisted_state(run.t_ns))), Resumed).state
+
+
+def fly(scenario: Scenario, seed: int, at_s: float, outage_s: float | None, end_s: float):
+    """Fly to `end_s`; return the run, and the uploads from `at_s` on of a mission that was stored already."""
+    stored: dict[int, tuple] = {}
+    repeated = 0
+
+    def on_effect(t_ns: int, effect: Effect) -> None:
+        nonlocal repeated
+        if not isinstance(effect, UploadReport) or not effect.ok:
+            return
+        mission = tuple(run.vehicles[f"vehicle:{effect.vehicle}"].autopilot.mission)
+        repeated += t_ns > START_T_NS + at_s * NS_PER_S and stored.get(effect.vehicle) == mission
+        stored[effect.vehicle] = mission
+
+    run = VirtualRun(scenario, seed, on_effect=on_effect)
+    if outage_s is not None:
+        run.run(at_s - JOURNAL_AGE_S)
+        state = journal(run)
+        run.run(at_s)
+        if not run.ended:
+            run.restart(outage_s, state)
+    run.run(end_s)
+    return run, repeated
+
+
+def compare(runs: int, outage_s: float, seed: int = 1) -> tuple[dict[str, int], int, int, int]:
+    """Return the equal pictures by part, the flights compared, repeated uploads, and their number without."""
+    rng = np.random.default_rng(seed)
+    scenarios = {name: load(name) for name in SCENARIOS}
+    equal: dict[str, int] = {}
+    compared = repeated = without = 0
+    for n, name in zip(range(runs), itertools.cycle(SCENARIOS)):
+        at_s = float(rng.uniform(8.0, 110.0))
+        end_s = at_s + outage_s + SETTLE_S
+        whole, before = fly(scenarios[name], 1 + n // 4, at_s, None, end_s)
+        broken, after = fly(scenarios[name], 1 + n // 4, at_s, outage_s, end_s)
+        if whole.ended or broken.ended:
+            continue
+        compared, repeated, without = compared + 1, repeated + after, without + before
+        expected, found = picture(whole), picture(broken)
+        for part, value in expected.items():
+            equal[part] = equal.get(part, 0) + (found[part] == value)
+    return equal, compared, repeated, without
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--outage", type=float, default=2.0, help="seconds without central command")
+    options = parser.parse_args()
+    warm_up_tracking()
+    warm_up_planning()
+    equal, compared, repeated, without = compare(options.runs, options.outage)
+    table = Table("part", "equal", title=f"{compared} restarts after {options.outage:g} s")
+    for part, count in equal.items():
+        table.add_row(part, f"{count} ({100.0 * count / max(1, compared):.1f} %)")
+    Console(width=100).print(table)
+    print(f"uploads of a mission that the vehicle stored already: {repeated} ({without} without restarts)")
+
+
+if __name__ == "__main__":
+    main()
